@@ -90,14 +90,6 @@ def lammps_forces(
         )
         if created != n:
             raise ValueError(f"LAMMPS took {created} of {n} beads")
-        lmp.commands_list(
-            [
-                *pair_style,
-                *pair_coeff,
-                "thermo_style custom step pe ke press",
-                "thermo_modify norm no",
-                "run 0 post no",
-            ]
-        )
+        lmp.commands_list([*pair_style, *pair_coeff, "thermo_style custom step pe ke press", "thermo_modify norm no", "run 0 post no"])
         forces = np.array(lmp.gather_atoms("f", 1, 3), dtype=float).reshape(n, 3)  # sorted by id
         return LammpsForces(forces, *(float(lmp.get_thermo(word)) for word in ("pe", "ke", "press")))

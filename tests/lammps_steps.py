@@ -74,14 +74,7 @@ def peer_box() -> np.ndarray:
 
 
 def run(
-    atom_style: str,
-    x,
-    v,
-    types,
-    type_masses,
-    commands: Sequence[str],
-    steps: int,
-    measure: dict[str, str] | None = None,
+    atom_style: str, x, v, types, type_masses, commands: Sequence[str], steps: int, measure: dict[str, str] | None = None
 ) -> LammpsState:
     """Put beads into a fresh LAMMPS (lj units), obey ``commands``, run, and read them back.
 

@@ -25,10 +25,7 @@ LUCY = Kernel(
     lambda r, h: -315.0 / (4.0 * np.pi * h**5) * r * (1.0 - r / h) ** 2,
 )
 # (15/(2 pi h^3)) (1 - r/h)^2 and its slope -(15/(pi h^4)) (1 - r/h)
-WARREN = Kernel(
-    lambda r, h: 15.0 / (2.0 * np.pi * h**3) * (1.0 - r / h) ** 2,
-    lambda r, h: -15.0 / (np.pi * h**4) * (1.0 - r / h),
-)
+WARREN = Kernel(lambda r, h: 15.0 / (2.0 * np.pi * h**3) * (1.0 - r / h) ** 2, lambda r, h: -15.0 / (np.pi * h**4) * (1.0 - r / h))
 
 
 def local_density(x, types, cutoff, box, kernel: Kernel = WARREN, masses=None) -> np.ndarray:

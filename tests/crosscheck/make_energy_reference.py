@@ -91,23 +91,12 @@ JOBS: dict[str, Job] = {
     "in.dpde-shardlow": Job(12, (*START, *INNER, *PRESSURE), nrun=100_000, discard=10_000, stationary=True, conserved=("v_totEnergy",)),
     "in.dpdp-shardlow": Job(12, (*START, *PRESSURE), columns=("f_move",)),
     "in.dpdh-shardlow": Job(
-        12,
-        (*START, *INNER, *PRESSURE),
-        nrun=20_000,
-        discard=10_000,
-        conserved=("v_energy", "f_move"),
-        columns=("f_move",),
+        12, (*START, *INNER, *PRESSURE), nrun=20_000, discard=10_000, conserved=("v_energy", "f_move"), columns=("f_move",)
     ),
     "in.dpde-table": Job(12, (*START, *INNER, *PRESSURE), nrun=20_000, discard=10_000, conserved=("v_totEnergy",)),
     "in.edpd": Job(3, MOTION, profile={"c_heat": (0.01, continuum(1e5 * 1.41e-5, 4.0, 1.58)), "density/number": (0, 0)}),
     "in.tdpd": Job(
-        3,
-        MOTION,
-        profile={
-            "c_c1": (0.01, continuum(1.0, 4.0, 1.58)),
-            "c_c2": (-0.01, continuum(3.0, 4.0, 1.58)),
-            "density/number": (0, 0),
-        },
+        3, MOTION, profile={"c_c1": (0.01, continuum(1.0, 4.0, 1.58)), "c_c2": (-0.01, continuum(3.0, 4.0, 1.58)), "density/number": (0, 0)}
     ),
     "in.mdpd": Job(3, START, windows=((0, 100), (100, 500), (500, 1000), (1000, 2000), (2000, 4000))),
 }

@@ -74,11 +74,7 @@ def _relaxed(scene: dpd.Scene, steps: int = 400) -> dpd.Scene:
     simulation = built.simulation()
     simulation.step(steps)
     state = simulation.context.getState(positions=True, velocities=True)
-    return replace(
-        scene,
-        positions=state.getPositions(asNumpy=True)._value,
-        velocities=state.getVelocities(asNumpy=True)._value,
-    )
+    return replace(scene, positions=state.getPositions(asNumpy=True)._value, velocities=state.getVelocities(asNumpy=True)._value)
 
 
 def _warm(name: str) -> dpd.Scene:

@@ -44,11 +44,7 @@ def _atoms():
     modeller.add(water.topology, [p + openmm.Vec3(1.3, 1.3, 1.3) * unit.nanometer for p in water.positions])
     modeller.topology.setUnitCellDimensions(openmm.Vec3(EDGE, EDGE, EDGE) * unit.nanometer)
     system = field.createSystem(
-        modeller.topology,
-        nonbondedMethod=app.PME,
-        nonbondedCutoff=0.9 * unit.nanometer,
-        constraints=app.HBonds,
-        removeCMMotion=False,
+        modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.9 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
     )
     (nonbonded,) = [force for force in system.getForces() if isinstance(force, openmm.NonbondedForce)]
     nonbonded.setUseDispersionCorrection(False)

@@ -58,8 +58,7 @@ def test_recommended_step_of_a_sum_is_right(name, seed):
 @pytest.mark.slow
 @any_seed(4)
 @pytest.mark.parametrize(
-    ("name", "longer"),
-    [("chains, k 100", 1.6), ("FENE chains with repulsion 1 of range 0.5", 2.2), ("chains, k 100, angles k 50", 1.6)],
+    ("name", "longer"), [("chains, k 100", 1.6), ("FENE chains with repulsion 1 of range 0.5", 2.2), ("chains, k 100, angles k 50", 1.6)]
 )
 def test_recommended_step_of_chains_is_neither_too_long_nor_too_short(name, longer, seed):
     """Asked for 1 %: within 1.5 % and four standard errors; at a step so much longer the run stops or is off by more than 1.5 % (k = 100

@@ -387,12 +387,7 @@ def umbrella(pairs: int, stiffness: float, centre: float, kind: str) -> openmm.F
 @any_seed(9)
 @pytest.mark.parametrize(
     "way, scheme, kind, group",
-    [
-        ("build", "middle", "bond", 0),
-        ("build", "aboba", "cv", 30),
-        ("build", "bababo", "bond", 7),
-        ("add_thermostat", "middle", "cv", 31),
-    ],
+    [("build", "middle", "bond", 0), ("build", "aboba", "cv", 30), ("build", "bababo", "bond", 7), ("add_thermostat", "middle", "cv", 31)],
 )
 def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
     """Reweighted distances of free pairs: -2 kT ln r, within 0.1 kT and not worse than four standard errors over the pairs."""

@@ -400,10 +400,7 @@ def test_after_energies_were_set(scheme, change):
     follows(simulation, "energies", scheme)
 
 
-@pytest.mark.parametrize(
-    "scheme",
-    SCHEMES,
-)
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_after_another_step_size(scheme):
     simulation = started("dpd", scheme)
     simulation.integrator.setStepSize(0.5 * DT)

@@ -199,10 +199,7 @@ def test_structure_factor_of_an_ideal_gas():
 def test_chunks_are_the_same_as_the_whole():
     trajectory = random_trajectory(8, 50, 23, TILTED, ["A"] * 20 + ["B"] * 30, masses=[1.0] * 20 + [3.0] * 30)
     trajectory.xyz[:, :20] *= 0.4
-    for analyse in (
-        lambda t: structure_factor(t, "A", "B", q_max=5.0),
-        lambda t: density_profile(t, centre="A", n_bins=17)["B"],
-    ):
+    for analyse in (lambda t: structure_factor(t, "A", "B", q_max=5.0), lambda t: density_profile(t, centre="A", n_bins=17)["B"]):
         whole, parts = analyse(trajectory), analyse(chunks(trajectory, 5))
         for name in ("x", "y", "sem"):
             np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))

@@ -12,14 +12,7 @@ import openmm_dpd as dpd
 from openmm_dpd import ParameterError
 from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.molecules import Molecule, Spring, linear, pack
-from openmm_dpd.parameters import (
-    Estimate,
-    ExcessChemicalPotential,
-    chi_from_log_p,
-    excess_chemical_potential,
-    log_p,
-    repulsion_from_log_p,
-)
+from openmm_dpd.parameters import Estimate, ExcessChemicalPotential, chi_from_log_p, excess_chemical_potential, log_p, repulsion_from_log_p
 from openmm_dpd.parameters.insertion import weights
 from openmm_dpd.parameters.insertion_scene import insertion, lattice_points
 

@@ -63,10 +63,7 @@ def openmm_forces(name, types, factors, periodic):
     table = resolved(name)
     expression = resolved_kind(table).potential(table, NAMES)
     kept = {pair: factor for pair, factor in factors.items() if factor}
-    return [
-        nonbonded_force(expression, types, sorted(factors), periodic, listed=False),
-        exception_force(expression, types, kept, periodic),
-    ]
+    return [nonbonded_force(expression, types, sorted(factors), periodic, listed=False), exception_force(expression, types, kept, periodic)]
 
 
 @EVERY_TABLE

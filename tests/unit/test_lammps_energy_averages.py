@@ -179,10 +179,7 @@ def test_lattice_units_are_the_default(tmp_path):
     assert (slicing.thickness, slicing.origin) == (2.0, -2.0)
 
 
-@pytest.mark.parametrize(
-    ("options", "low", "high"),
-    [("", 0, 0), (" discard no", 1, 3), (" discard yes", 0, 0), (" discard mixed", 0, 0)],
-)
+@pytest.mark.parametrize(("options", "low", "high"), [("", 0, 0), (" discard no", 1, 3), (" discard yes", 0, 0), (" discard mixed", 0, 0)])
 def test_beads_beyond_the_bounds(tmp_path, options, low, high):
     request = request_of(tmp_path, PLAIN.replace("x lower 1.0", "x lower 1.0 bound x 0 3" + options))
     x, number = request.state.atoms.positions[:, 0], context_of(request).bead_compute("ch", None)

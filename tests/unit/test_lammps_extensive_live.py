@@ -48,10 +48,7 @@ thermo_modify format float %.12g {norm}
 thermo 5
 run 5
 """
-UNITS = {
-    "lj": {"lattice": 0.8, "cutoff": 1.2, "sigma": 0.9, "dt": 0.001},
-    "real": {"lattice": 3.0, "cutoff": 4.0, "sigma": 3.0, "dt": 0.1},
-}
+UNITS = {"lj": {"lattice": 0.8, "cutoff": 1.2, "sigma": 0.9, "dt": 0.001}, "real": {"lattice": 3.0, "cutoff": 4.0, "sigma": 3.0, "dt": 0.1}}
 
 
 @pytest.mark.parametrize("norm", ["", "norm no", "norm yes"])

@@ -116,11 +116,7 @@ REFUSED = {
         "p p p",
         "fix 2: fix shardlow moves beads regardless of their force",
     ),
-    "setforce beside nph": (
-        "fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n",
-        "p p p",
-        "fix 2: beside fix nph",
-    ),
+    "setforce beside nph": ("fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n", "p p p", "fix 2: beside fix nph"),
     "periodic wall": (NVE + "fix 2 all wall/reflect zlo EDGE\n", "p p p", "boundary p p f"),
     "moving wall": ("variable p equal 2\n" + NVE + "fix 2 all wall/reflect zlo v_p\n", "p p f", "walls that move"),
     "outside": (NVE + "fix 2 all wall/reflect zlo 0.5 units box\n", "p p f", "outside the box"),

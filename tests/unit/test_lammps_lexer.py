@@ -45,11 +45,7 @@ def test_a_byte_order_mark_is_left_aside(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "line"),
-    [
-        (b"units lj\nprint \xc5ngstrom\n", 2),
-        (b'units lj\n\nprint "# \xc5ngstrom"\n', 3),
-        (b"units lj \xc5 # \xc5ngstrom\n", 1),
-    ],
+    [(b"units lj\nprint \xc5ngstrom\n", 2), (b'units lj\n\nprint "# \xc5ngstrom"\n', 3), (b"units lj \xc5 # \xc5ngstrom\n", 1)],
 )
 def test_other_encodings_are_named_with_their_line(tmp_path, text, line):
     (tmp_path / "deck").write_bytes(text)

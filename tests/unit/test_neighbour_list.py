@@ -68,10 +68,7 @@ def scene(pairs, seed: int = 7) -> dpd.Scene:
 TABLES = {
     "DPD": {("A", "A"): dpd.DPD(A=25, gamma=4.5, cutoff=1.8)},
     "DPD without friction": {("A", "A"): dpd.DPD(A=25, cutoff=1.8)},
-    "tabulated": [
-        {("A", "A"): dpd.DPD(gamma=4.5, cutoff=1.0)},
-        {("A", "A"): dpd.TabulatedPair(SOFT, 20 * (1 - SOFT / 1.8) ** 2)},
-    ],
+    "tabulated": [{("A", "A"): dpd.DPD(gamma=4.5, cutoff=1.0)}, {("A", "A"): dpd.TabulatedPair(SOFT, 20 * (1 - SOFT / 1.8) ** 2)}],
 }
 
 

@@ -40,11 +40,7 @@ def topology_of(molecules: list[tuple[str, np.ndarray, bool]], box) -> tuple[app
     return topology, np.concatenate([x for _, x, _ in molecules])
 
 
-BOXES = {
-    "none": None,
-    "orthorhombic": np.diag([3.0, 3.2, 3.4]),
-    "triclinic": np.array([[3.0, 0, 0], [1.2, 3.0, 0], [-1.1, 1.3, 3.0]]),
-}
+BOXES = {"none": None, "orthorhombic": np.diag([3.0, 3.2, 3.4]), "triclinic": np.array([[3.0, 0, 0], [1.2, 3.0, 0], [-1.1, 1.3, 3.0]])}
 
 
 def ten_rings(box: np.ndarray | None, shift: np.ndarray, seed: int):

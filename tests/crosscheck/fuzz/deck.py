@@ -33,11 +33,7 @@ class Units:
         return self.force * (self.length / self.velocity) ** 0.5
 
 
-UNITS = (
-    Units("lj"),
-    Units("real", 5.0, 1.0, 50.0, 0.003, 10.0, 300.0),
-    Units("metal", 5.0, 0.05, 50.0, 3.0, 0.01, 300.0),
-)
+UNITS = (Units("lj"), Units("real", 5.0, 1.0, 50.0, 0.003, 10.0, 300.0), Units("metal", 5.0, 0.05, 50.0, 3.0, 0.01, 300.0))
 
 
 @dataclass

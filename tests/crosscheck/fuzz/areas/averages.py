@@ -38,13 +38,7 @@ class Values:
             group, words = "all", draw.pick([[], [], ["pair"], ["bond"], ["pair", "bond"]])
         elif style == "pressure":
             size = 6
-            group, words = (
-                "all",
-                [
-                    draw.pick(["thermo_temp", *self.temperatures]),
-                    *draw.pick([[], [], ["virial"], ["ke"]]),
-                ],
-            )
+            group, words = ("all", [draw.pick(["thermo_temp", *self.temperatures]), *draw.pick([[], [], ["virial"], ["ke"]])])
         elif style in ("com", "momentum"):
             scalar, size = False, 3
         elif style == "gyration":
