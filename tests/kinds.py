@@ -49,8 +49,7 @@ def plain(table=EXTENDED, box=SMALL, **options) -> dpd.Scene:
 
 def walled(kind_x: str | None, kind_z: str, **options) -> dpd.Scene:
     """Walls across z (and x): beads between 0.9 and 3.5."""
-    scene = plain()
-    x = scene.positions.copy()
+    x = plain().positions.copy()
     planes = [dpd.Wall("z", 0.7, "above", kind_z), dpd.Wall("z", 3.3, "below", kind_z)]
     x[:, 2] = 0.75 + (x[:, 2] % 3.8) / 3.8 * 2.5
     if kind_x:
@@ -66,8 +65,7 @@ def chains(*, box=SMALL, bodies=True, electric=False, formulas=False, **options)
     edges = np.diag([3.6] * 3) if box is None else box
     steps = np.array([[0.0, 0.1, 0.6], [0.1, 0.0, 0.65], [0.0, -0.1, 0.6]])
     x = np.concatenate([np.cumsum(np.vstack([c @ edges, steps]), axis=0) for c in start]) + rng.normal(size=(48, 3)) * 0.03
-    loose = (rng.random((12, 3)) * [1, 1, 0.15]) @ edges
-    x = np.concatenate([x, loose])
+    x = np.concatenate([x, (rng.random((12, 3)) * [1, 1, 0.15]) @ edges])
     first = 4 * np.arange(12)
     bonds = [
         dpd.HarmonicBonds(np.stack([first, first + 1], axis=1), 60.0, 0.6),
@@ -100,8 +98,7 @@ def chains(*, box=SMALL, bodies=True, electric=False, formulas=False, **options)
 
 
 def energies(eos, **options) -> dpd.Scene:
-    theta = np.random.default_rng(5).uniform(0.7, 1.4, N)
-    return plain(ENERGY, internal=dpd.InternalEnergy(eos, theta), **options)
+    return plain(ENERGY, internal=dpd.InternalEnergy(eos, np.random.default_rng(5).uniform(0.7, 1.4, N)), **options)
 
 
 def _warm(**options) -> dpd.Scene:

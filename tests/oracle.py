@@ -92,8 +92,7 @@ def minimum_image(dr: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         return dr - box * np.round(dr / box)
     if box.shape != (3, 3) or np.any(np.triu(box, 1)):
         raise ValueError("box must be None, (3,) edges or (3, 3) rows a, b, c of a lower-triangular cell")
-    near = dr - np.round(dr @ np.linalg.inv(box)) @ box
-    images = near[..., None, :] + _IMAGES @ box
+    images = (dr - np.round(dr @ np.linalg.inv(box)) @ box)[..., None, :] + _IMAGES @ box
     best = np.argmin(np.sum(images**2, axis=-1), axis=-1)
     return np.take_along_axis(images, best[..., None, None], axis=-2)[..., 0, :]
 

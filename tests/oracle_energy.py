@@ -286,8 +286,7 @@ def shardlow_energy_sweep(
         u_cond[i] += heat
         u_cond[j] -= heat
         before = _kinetic(masses[i], v[i], masses[j], v[j])
-        gamma = sigma[a, b] ** 2 / (2.0 * k_B * harmonic_mean(theta[i], theta[j]))
-        G = 0.5 * gamma * w**2 * dt
+        G = 0.5 * (sigma[a, b] ** 2 / (2.0 * k_B * harmonic_mean(theta[i], theta[j]))) * w**2 * dt
         S = 0.5 * sigma[a, b] * w * np.sqrt(dt) * xi[i, j]
         mu = 1.0 / masses[i] + 1.0 / masses[j]
         dp = 2.0 * (S - G * np.dot(e, v[i] - v[j])) / (1.0 + mu * G)

@@ -308,8 +308,7 @@ def static_energies() -> dict[str, dict[str, object]]:
         lmp.commands_string(deck)
         lmp.commands_string("fix 1 all nve\nthermo_style custom step pe press\nrun 0")
         natoms = lmp.get_natoms()
-        pe = lmp.extract_compute("thermo_pe", 0, 0)
-        entry = {"natoms": natoms, "pe_per_bead": pe / natoms}
+        entry = {"natoms": natoms, "pe_per_bead": lmp.extract_compute("thermo_pe", 0, 0) / natoms}
         if name.startswith("fcc"):
             entry["press"] = lmp.get_thermo("press")
             a = (4.0 / 3.0) ** (1.0 / 3.0)  # twelve neighbours at a/sqrt(2), half a bond each

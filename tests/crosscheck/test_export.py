@@ -136,8 +136,7 @@ def _compare(name: str, steps: int, folder, seed: int) -> None:
         assert 0 < error < 0.1 * abs(average.mean), (word, error)
         assert abs(average.mean - other.mean) < 4 * error, (word, average, other)
     frames = read_lammps_dump(written.dump, scene)
-    last = scene_from_data(written.final, scene)
-    np.testing.assert_allclose(last.positions, frames.scene().positions, atol=1e-12)
+    np.testing.assert_allclose(scene_from_data(written.final, scene).positions, frames.scene().positions, atol=1e-12)
     assert frames.trajectory(dt=0.01).n_frames == len(frames) == steps // 10 + 1
 
 
@@ -173,13 +172,10 @@ def test_shardlow_heats_and_conserves_as_here(tmp_path):
 def test_ramps_begin_and_end_where_the_scene_says(tmp_path, seed):
     from dataclasses import replace
 
-    base = _relaxed(_warm("fluid"))
-    scene = replace(base, kT=dpd.TemperatureRamp(1.0, 3.0, 100, 500))
-    written = export_lammps(scene, tmp_path, "ramp", dt=0.01, steps=600, seed=seed, every=10)
-    text = written.deck.read_text()
+    scene = replace(_relaxed(_warm("fluid")), kT=dpd.TemperatureRamp(1.0, 3.0, 100, 500))
+    text = export_lammps(scene, tmp_path, "ramp", dt=0.01, steps=600, seed=seed, every=10).deck.read_text()
     assert "run 100\n" in text and "run 400 start 100 stop 500\n" in text and text.count("\nrun ") == 3
-    log = exported.run_lammps(tmp_path, "ramp")
-    last = exported.thermo(log)
+    last = exported.thermo(exported.run_lammps(tmp_path, "ramp"))
     assert last["Step"][0] == 500 and last["Step"][-1] == 600
     assert last["Temp"].mean() == pytest.approx(3.0, abs=4 * 3.0 * np.sqrt(2 / (3 * 375)))
 
@@ -189,8 +185,7 @@ def test_walls_of_frozen_beads_move_by_their_velocities_only_as_seen(tmp_path):
 
     base = _relaxed(_warm("fluid"))
     frozen = base.positions[:, 2] % 5.0 < 1.0
-    velocities = np.where(frozen[:, None], [10.0, 0.0, 0.0], base.velocities)
-    scene = replace(base, mobile=~frozen, velocities=velocities)
+    scene = replace(base, mobile=~frozen, velocities=np.where(frozen[:, None], [10.0, 0.0, 0.0], base.velocities))
     for scheme in ("mvv", "shardlow"):
         written = export_lammps(scene, tmp_path, scheme, dt=0.01, steps=50, seed=3, scheme=scheme)
         exported.run_lammps(tmp_path, scheme)

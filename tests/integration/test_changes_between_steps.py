@@ -182,8 +182,7 @@ def test_barostat_moves(choices, conservative):
         simulation.step(1)
         volumes.append(context.getState().getPeriodicBoxVolume().value_in_unit(unit.nanometer**3))
         drawn.append(context.getParameter(COUNTER))
-    accepted = np.diff([4.0**3, *volumes]) != 0
-    assert 5 < accepted.sum() < 58
+    assert 5 < (np.diff([4.0**3, *volumes]) != 0).sum() < 58
     assert np.array_equal(drawn, np.arange(1, 61))
 
 
@@ -245,8 +244,7 @@ def test_reporters_do_not_disturb(choices, conservative, tmp_path):
 @SCHEME
 def test_two_runs_after_resetting_the_step_count_draw_different_noise(choices):
     """Reset_timestep: same positions and velocities, step and time back to 0, other noise; with the noise count put back as well, the same."""
-    scene = fluid(EXTENDED, BOXES["ortho"], n=60, seed=2)
-    simulation = started(REFERENCE, scene, steps=0, **choices)
+    simulation = started(REFERENCE, fluid(EXTENDED, BOXES["ortho"], n=60, seed=2), steps=0, **choices)
     start = state_of(simulation.context)
     ends = []
     for _ in range(3):
@@ -269,8 +267,7 @@ def test_two_runs_after_resetting_the_step_count_draw_different_noise(choices):
 @pytest.mark.parametrize("count", [2**24, 2**52])
 def test_the_noise_count_may_be_large(device, count):
     """It is a whole number in a double on every platform; beyond 2^24 single precision would not count on."""
-    table = {("W", "W"): D(gamma=4.5)}
-    simulation = run_of(beads(table=table), device, dt=0.04, scheme="middle")
+    simulation = run_of(beads(table={("W", "W"): D(gamma=4.5)}), device, dt=0.04, scheme="middle")
     simulation.context.setParameter(COUNTER, float(count))
     before = state_of(simulation.context)[1]
     changes = []

@@ -18,16 +18,14 @@ EDGE = 4.0
 
 def scene_of(distance, *, box=True, kT=1.0, table=EXTENDED, n=60, **options):
     """A fluid with coincident pairs inside, a threesome, one on a corner and one across a face."""
-    rng = np.random.default_rng(7)
-    x = rng.random((n, 3)) * EDGE
+    x = np.random.default_rng(7).random((n, 3)) * EDGE
     types = ["A", "B"] * (n // 2)
     for first, second in ((0, 1), (2, 5), (7, 8), (7, 10), (20, 40)):
         x[second] = x[first] + [0.0, distance, 0.0]
     x[50], x[51] = 0.0, EDGE if box else 0.0  # the corner of the box, from either end
     x[52] = [EDGE, 1.0, 1.0]
     x[53] = [distance, 1.0, 1.0]
-    masses = {"A": 1.0, "B": 2.7}
-    return dpd.Scene(masses, types, x, table, kT, box=[EDGE] * 3 if box else None, **options)
+    return dpd.Scene({"A": 1.0, "B": 2.7}, types, x, table, kT, box=[EDGE] * 3 if box else None, **options)
 
 
 PAIRS = [(0, 1), (2, 5), (7, 8), (7, 10), (8, 10), (20, 40), (50, 51), (52, 53)]

@@ -345,8 +345,7 @@ def test_volume_moves_conserve_enthalpy_and_hold_the_pressure(seed):
     rows = []
     for _ in range(600):
         simulation.step(10)
-        sample = observer.sample(simulation.context)
-        rows.append(sample.pressure(False))
+        rows.append(observer.sample(simulation.context).pressure(False))
     # the virial pressure of aboba's hot velocities: 1 % of kinetic pressure 3 is allowed beside the statistical error
     judge(rows, pressure, error=0.1, beside=0.05)
 

@@ -77,8 +77,7 @@ def test_peptide(tmp_path, monkeypatch):
     """Momentum stays at zero but for the rounding of the PME forces, and the temperature is about right from the start."""
     friction = dpd.DPD(gamma=5 * unit.dalton / unit.picosecond, cutoff=0.5 * unit.nanometer)
     shorter = {"PLATFORM": "CPU", "EDGE": 1.9, "EQUILIBRATION": 100, "STEPS": 100, "EVERY": 10, "FRICTION": friction}
-    module = example("03_thermostat_peptide", monkeypatch, **shorter)
-    found = module.main(tmp_path)
+    found = example("03_thermostat_peptide", monkeypatch, **shorter).main(tmp_path)
     thermal = np.sqrt(3900 * 2.494)  # of one component of the total momentum, for a box of this mass
     assert found["pairwise friction: momentum"] < 0.05 * thermal
     assert found["Langevin, 5/ps: momentum"] > 0.2 * thermal
@@ -113,8 +112,7 @@ def test_polymers(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_heat_conduction(tmp_path, monkeypatch, seed):
     """The fitted diffusivity beside the continuum formula."""
-    shorter = {"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2}
-    module = example("06_heat_conduction", monkeypatch, seed, **shorter)
+    module = example("06_heat_conduction", monkeypatch, seed, **{"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2})
     found = module.main(tmp_path)
     assert found["D_formula"] == pytest.approx(1.1077, abs=1e-3)
     # such runs scatter by at most 0.013 (8 seeds, of a narrower box); the range of the heat exchange and the wandering beads change D by 0.012 at most
@@ -139,8 +137,7 @@ def test_droplet(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_electrolyte(tmp_path, monkeypatch, seed):
     """Unlike ions gather, like ions keep apart, and far away both distributions are close to 1."""
-    module = example("08_electrolyte", monkeypatch, seed, STEPS=3000)
-    found = module.main(tmp_path)
+    found = example("08_electrolyte", monkeypatch, seed, STEPS=3000).main(tmp_path)
     # mean and standard deviation of runs of this length with seeds 1 to 40 (PME's own threads make every run another one)
     measured = {
         "unlike_at_contact": (1.755, 0.031),
@@ -160,8 +157,7 @@ def test_electrolyte(tmp_path, monkeypatch, seed):
 def test_lipids_assemble(tmp_path, monkeypatch, seed):
     """A smaller box: a bilayer without water inside, as thick as one put together by hand, and as thick as the tensionless one."""
     shorter = {"BOX": (6.0, 6.0, 10.0), "LIPIDS": 51, "STEPS": 4000, "EVERY": 20, "PROFILE_FROM": 0.7, "SEED": 1}
-    module = example("09_lipid_bilayer", monkeypatch, seed, **shorter)
-    found = module.main(tmp_path)
+    found = example("09_lipid_bilayer", monkeypatch, seed, **shorter).main(tmp_path)
     # twenty seeds of such runs: 0.069 (standard deviation 0.028) and 0.852 (0.016)
     assert found["order_at_start"] < 0.25 and found["order_at_end"] > 0.76
     assert found["water_inside"] < 0.1
@@ -236,8 +232,7 @@ def test_reverse_poiseuille(tmp_path, monkeypatch, seed):
 
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
-    module = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50)
-    found = module.main()
+    found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()
     assert found["energy of the walks"] > 1e6
     assert found["largest overlap after the soft start"] < 0.25
     assert found["energy after minimising from there"] < found["energy after the soft start"] < 0
@@ -248,8 +243,7 @@ def test_dense_melt(monkeypatch):
 @pytest.mark.slow
 def test_peptides_in_water(monkeypatch):
     """Two peptides in less water."""
-    module = example("13_peptides_in_water", monkeypatch, COPIES=2, WATERS=300, EDGE=2.3, STEPS=100)
-    found = module.main()
+    found = example("13_peptides_in_water", monkeypatch, COPIES=2, WATERS=300, EDGE=2.3, STEPS=100).main()
     assert found["energy after minimising from there"] < found["energy after the soft start"] < 1e-3 * found["energy of the random places"]
     assert found["energy after minimising from there"] < -30 * 300
     assert found["bonds through rings at the end"] == 0

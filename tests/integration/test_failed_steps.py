@@ -218,8 +218,7 @@ def test_minimizing_and_energies_after_a_failure(host):
 # -- runs that fly apart -----------------------------------------------------------------------------------------------------------------
 def violent(scheme: str, platform: str, dt: float, kind: str) -> Run:
     """Beads that repel each other so strongly that the step below throws them out."""
-    rng = np.random.default_rng(2)
-    v = rng.normal(size=(81, 3))
+    v = np.random.default_rng(2).normal(size=(81, 3))
     v -= v.mean(axis=0)
     if kind == "energies":
         internal = dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)

@@ -72,8 +72,7 @@ def test_energy_equals_the_oracle(device, conservative):
 @CONSERVATIVE
 def test_boxes_and_tables_on_reference(box, table, conservative):
     scene = fluid(table, BOXES[box], kT=KT)
-    built = dpd.build(scene, dt=DT, platform="Reference", conservative=conservative, seed=9)
-    terms = dpd.force_terms(built)
+    terms = dpd.force_terms(dpd.build(scene, dt=DT, platform="Reference", conservative=conservative, seed=9))
     params, x, types = oracle_params(scene), scene.positions, scene.type_ids
     assert relative_rms(terms["conservative"], oracle.conservative(x, types, params, scene.box).forces) < EXACT
     assert relative_rms(terms["dissipative"], oracle.dissipative(x, scene.velocities, types, params, scene.box).forces) < EXACT

@@ -343,8 +343,7 @@ def test_virtual_sites_act_or_are_refused(scheme, platform, conservative):
 @CONSERVATIVE
 def test_a_force_on_a_constrained_pair_moves_both_or_is_refused(scheme, platform, conservative):
     """Constraint and force together: the pair keeps its distance and takes up all of the impulse."""
-    cell = Cell("constraint", 0, scheme, platform, conservative, "build", "after", "app")
-    case = cells.beads(cell)
+    case = cells.beads(Cell("constraint", 0, scheme, platform, conservative, "build", "after", "app"))
     cells.add_constraint(case, 0)
     force = openmm.CustomExternalForce(f"-{FORCE}*x")
     force.addParticle(case.free[0])

@@ -254,8 +254,7 @@ def test_local_density_is_a_measured_quantity(device):
     simulation.step(3)
     density = read_fields(simulation.context, simulation.built.plan)["density"]
     x, _ = state_of(simulation.context)
-    d = oracle.minimum_image(x[:, None] - x[None], BOXES["ortho"])
-    r = np.linalg.norm(d, axis=2) + 9 * np.eye(len(x))
+    r = np.linalg.norm(oracle.minimum_image(x[:, None] - x[None], BOXES["ortho"]), axis=2) + 9 * np.eye(len(x))
     expected = np.sum(np.where(r < 0.75, 15 / (2 * np.pi * 0.75**3) * (1 - r / 0.75) ** 2, 0), axis=1)
     np.testing.assert_allclose(density, expected, rtol=1e-10)
 

@@ -64,8 +64,7 @@ def classes(topology: app.Topology) -> list[str | None]:
 
 def beads(x: np.ndarray, n: int = 190, close: float | None = None, **changes) -> dpd.Scene:
     """Soft beads of two types, a few of them bonded and without repulsion between bonded neighbours; not on top of the atoms at x."""
-    rng = np.random.default_rng(5)
-    positions = rng.random((4 * n, 3)) * EDGE
+    positions = np.random.default_rng(5).random((4 * n, 3)) * EDGE
     d = positions[:, None] - x[None]
     d -= EDGE * np.rint(d / EDGE)
     positions = positions[np.linalg.norm(d, axis=2).min(axis=1) > 0.25][:n]
@@ -177,8 +176,7 @@ def test_custom_nonbonded_forces_of_the_atoms_leave_beads_out(platform, groups):
     )
     alone = context_of(system, x, platform)
     context = context_of(whole.system, np.concatenate([x, scene.positions]), platform)
-    mine = {force.getForceGroup() for force in system.getForces()}
-    found = forces(context, mine)
+    found = forces(context, {force.getForceGroup() for force in system.getForces()})
     reference = forces(alone)
     np.testing.assert_allclose(found[: len(x)], reference, atol=1e-6 * np.abs(reference).max() if platform == "Reference" else 2e-2)
     np.testing.assert_array_equal(found[len(x) :], 0)
@@ -361,8 +359,7 @@ def test_saved_and_read_back():
 def test_barostat():
     """Volume moves scale beads and molecules; the box of the run changes and the constraints hold."""
     topology, system, x = atoms()
-    barostat = openmm.MonteCarloBarostat(200 * unit.bar, 300 * unit.kelvin, 5)
-    system.addForce(barostat)
+    system.addForce(openmm.MonteCarloBarostat(200 * unit.bar, 300 * unit.kelvin, 5))
     whole = dpd.create_mixed_system(
         beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="CPU", seed=3
     )

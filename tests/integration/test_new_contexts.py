@@ -56,8 +56,7 @@ def test_no_acceleration_is_taken_over(scheme, conservative, asked):
 
 @pytest.mark.parametrize("seed", [None, 3])
 def test_noise_is_new_unless_a_seed_was_given(seed):
-    made = built(seed=seed)
-    simulation = made.simulation()
+    simulation = built(seed=seed).simulation()
     x, v = state_of(simulation.context)
     ends, seeds = [], []
     for _ in range(3):
@@ -136,8 +135,7 @@ def test_ctrl_c_is_a_keyboard_interrupt(monkeypatch):
     """Also where it comes inside a force, and the step is taken back."""
     from openmm_dpd.kernels import engine
 
-    made = built("middle")
-    simulation = made.simulation()
+    simulation = built("middle").simulation()
     simulation.step(10)
     before, sweep = state_of(simulation.context), engine.PairEngine.swept
 

@@ -130,8 +130,7 @@ def test_positions_must_fit(wrong):
 
 
 def test_a_bare_temperature_is_kelvin_and_kT_an_energy():
-    built = thermostat()
-    context = built.simulation().context
+    context = thermostat().simulation().context
     dpd.set_temperature(context, 310)
     assert context.getParameter("dpd_kT") == pytest.approx(310 * BOLTZMANN)
     dpd.set_kT(context, 2.0)

@@ -32,8 +32,7 @@ def page(name: str) -> str:
 def test_it_is_short_and_begins_with_two_lines_for_each_purpose():
     assert len(README.splitlines()) <= 95
     assert len(RUN) == len(TEST) == 2
-    headings = re.findall(r"^## (.*)", README, flags=re.MULTILINE)
-    assert headings[0] == "Quick start"
+    assert re.findall(r"^## (.*)", README, flags=re.MULTILINE)[0] == "Quick start"
     assert len(re.findall(r"^- ", README.partition("## What there is")[2].partition("\n## ")[0], flags=re.MULTILINE)) == 5
 
 

@@ -120,8 +120,7 @@ def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str,
         if not (out / "checkpoint" / "latest").exists():
             continue
         begun += 1
-        resumed = ["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]
-        assert main(resumed) == 0
+        assert main(["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]) == 0
         found = contents(out)
         assert sorted(found) == sorted(expected), (k, call)
         differing = [name for name in expected if found[name] != expected[name]]

@@ -256,8 +256,7 @@ def test_equal_replicas_with_seeds_of_their_own_part(way, seed):
 @WAY
 def test_equal_replicas_without_seeds_of_their_own_do_not_part(way):
     """docs/howto/sampling.md says why states need a seed."""
-    states = [{"temperature": UNIT * KELVIN} for _ in range(2)]
-    one, two = velocities(replicas(states, fluid(way), 50, 2))
+    one, two = velocities(replicas([{"temperature": UNIT * KELVIN} for _ in range(2)], fluid(way), 50, 2))
     assert np.abs(one - two).max() < 1e-9
 
 

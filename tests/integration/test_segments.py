@@ -123,16 +123,14 @@ def test_some_bonds_only():
 
 
 def test_what_is_measured():
-    scene = melt()
-    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    built = dpd.build(melt(), dt=0.01, platform="Reference", seed=1)
     observer, simulation = dpd.Observer(built), built.simulation()
     sample = observer.sample(simulation.context)
     without = dpd.build(melt(table={("W", "W"): dpd.NONE}), dt=0.01, platform="Reference").simulation()
     alone = segment_state(without.context)[0]
     assert sample.pair > alone > 100
     assert "segmental repulsion" in observer.no_laplacian and sample.laplacian is None
-    text = built.explain()
-    assert "segmental repulsion between the midpoints of 100 bonds: A = 80, cutoff 0.9 nm" in text
+    assert "segmental repulsion between the midpoints of 100 bonds: A = 80, cutoff 0.9 nm" in built.explain()
 
 
 def test_beside_a_repulsion_that_depends_on_temperatures():

@@ -95,8 +95,7 @@ def test_as_low_as_openmms():
     assert energies[1] - start < 0.9 * (energies[0] - start)
     x = ours.context.getState(positions=True).getPositions(asNumpy=True)._value
     tied = [system.getConstraintParameters(k) for k in range(system.getNumConstraints())]
-    lengths = [np.linalg.norm(x[i] - x[j]) / length._value for i, j, length in tied]
-    np.testing.assert_allclose(lengths, 1, atol=2e-5)
+    np.testing.assert_allclose([np.linalg.norm(x[i] - x[j]) / length._value for i, j, length in tied], 1, atol=2e-5)
     ours.context.computeVirtualSites()
     np.testing.assert_allclose(ours.context.getState(positions=True).getPositions(asNumpy=True)._value, x, atol=1e-6)
 

@@ -282,12 +282,10 @@ def test_one_angle_by_hand():
     angle = dpd.HarmonicAngles([(0, 1, 2)], 3.0, 2.0)
     slope = 2 * 3.0 * (np.pi / 2 - 2.0)
     (part,) = stress_parts(dpd.make_plan(beads(3, positions=x, edge=9.0, angles=[angle]), dt=0.01, seed=1))
-    found = part(x, np.eye(3) * 9)
-    np.testing.assert_allclose(found, [0, 0, 0, slope, 0, 0], atol=1e-14)
+    np.testing.assert_allclose(part(x, np.eye(3) * 9), [0, 0, 0, slope, 0, 0], atol=1e-14)
     straight = np.array([[1.0, 1, 1], [2.0, 1, 1], [3.0, 1, 1]])
     for kind in (dpd.CosineAngles([(0, 1, 2)], 4.0), dpd.HarmonicAngles([(0, 1, 2)], 4.0, np.pi)):
-        plan = dpd.make_plan(beads(3, positions=straight, edge=9.0, angles=[kind]), dt=0.01, seed=1)
-        (part,) = stress_parts(plan)
+        (part,) = stress_parts(dpd.make_plan(beads(3, positions=straight, edge=9.0, angles=[kind]), dt=0.01, seed=1))
         np.testing.assert_allclose(part(straight, np.eye(3) * 9), 0, atol=1e-12)
 
 

@@ -48,8 +48,7 @@ def test_temperature_of_every_step_of_a_ramp(choices, begin, end):
 
 
 def test_ramp_does_not_depend_on_how_the_run_is_cut_up_or_on_the_step_count():
-    scene = beads(kT=dpd.TemperatureRamp(1.0, 3.0, 0, 20))
-    simulation = run_of(scene, REFERENCE, dt=0.02, scheme="middle")
+    simulation = run_of(beads(kT=dpd.TemperatureRamp(1.0, 3.0, 0, 20)), REFERENCE, dt=0.02, scheme="middle")
     simulation.step(7)
     simulation.context.setStepCount(0)
     simulation.step(3)

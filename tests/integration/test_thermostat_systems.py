@@ -32,8 +32,7 @@ def script(path: str):
 @cache
 def solvated(model: str):
     """Topology, positions and XML of the System of alanine dipeptide in a small box of rigid water, PME, constraints, a barostat."""
-    peptide = script("examples/03_thermostat_peptide.py").PEPTIDE
-    pdb = app.PDBFile(StringIO(peptide))
+    pdb = app.PDBFile(StringIO(script("examples/03_thermostat_peptide.py").PEPTIDE))
     field = app.ForceField("amber14-all.xml", f"amber14/{model}.xml")
     modeller = app.Modeller(pdb.topology, pdb.positions)
     random.seed(1)  # hydrogens start at random places
@@ -42,8 +41,7 @@ def solvated(model: str):
     system = field.createSystem(
         modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.8 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
     )
-    barostat = openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 10)
-    system.addForce(barostat)
+    system.addForce(openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 10))
     return modeller.topology, modeller.positions, openmm.XmlSerializer.serialize(system)
 
 
@@ -247,8 +245,7 @@ def test_equal_thermalisation():
     """The friction coefficient that the comparison uses gives the rate it claims: relaxation of the kinetic energy without forces."""
     measure = script("docs/measure/hydrodynamics.py")
     x = measure.lattice()
-    gamma = measure.gamma_for(1.0, [x])
-    for name, make in measure.integrators(1.0, gamma).items():
+    for name, make in measure.integrators(1.0, measure.gamma_for(1.0, [x])).items():
         system = measure.argon()
         for k in range(len(x)):
             system.getForce(0).setParticleParameters(k, 0, 0.34, 0)

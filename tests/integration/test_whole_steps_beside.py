@@ -69,8 +69,7 @@ FORCES = {"external": external, "compound bond": bonded, "python": python, "coll
 
 def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: str = "dpd", **choices):
     """Momentum that a run gains, and its Context; ``how`` says where the force comes in and who steps."""
-    loop = how != "loop=False"
-    built = made(kind, scheme, "CPU", loop=loop, **choices)
+    built = made(kind, scheme, "CPU", loop=how != "loop=False", **choices)
     force = made_force(N)
     force.setForceGroup(group)
     if how != "reinitialized":
@@ -215,8 +214,7 @@ def test_a_force_of_the_users_sees_the_right_time(scheme):
     assert context.getStepCount() == 25 and context.getTime()._value == times[25]
     _, _, other = clocked(scheme, "loop", 1)
     assert not same(everything(context, built), everything(other, built))
-    mass = built.plan.scene.bead_masses
-    momentum = (mass @ (state_of(context)[1] - built.velocities._value))[0]
+    momentum = (built.plan.scene.bead_masses @ (state_of(context)[1] - built.velocities._value))[0]
     lag = built.plan.options.scheme.lag
     impulse = N * DT * (np.cos(20 * times[:25]).sum() * (0.5 + lag) + np.cos(20 * times[1:]).sum() * (0.5 - lag))
     assert momentum == pytest.approx(impulse, abs=1e-9)
@@ -309,8 +307,7 @@ def minimise(simulation):
 
 def set_box(simulation):
     x, _ = state_of(simulation.context)
-    box = simulation.built.plan.scene.box * 1.03
-    simulation.context.setPeriodicBoxVectors(*box)
+    simulation.context.setPeriodicBoxVectors(*simulation.built.plan.scene.box * 1.03)
     simulation.context.setPositions(x * 1.03)
 
 
@@ -378,8 +375,7 @@ def test_a_step_without_the_subclass_after_a_look(loop):
     """A System and an integrator from XML do the same."""
     ends = []
     for look in (True, False):
-        built = made("dpd", "shardlow", "CPU", loop=loop)
-        context = plain_context(built, "CPU")
+        context = plain_context(made("dpd", "shardlow", "CPU", loop=loop), "CPU")
         context.getIntegrator().step(3)
         x, _ = state_of(context)
         context.setPositions(x + 0.05 * np.sin(np.arange(3 * N)).reshape(-1, 3))
@@ -460,8 +456,7 @@ def test_two_contexts_of_one_system_interleaved(kind, scheme):
     """Each goes its own way, as if it were alone."""
     ends = []
     for order in ((0, 1, 0, 1, 1, 0), (0, 0, 0), (1, 1, 1)):
-        built = made(kind, scheme, "CPU")
-        contexts = _two(built, scheme, kind)
+        contexts = _two(made(kind, scheme, "CPU"), scheme, kind)
         for k in order:
             contexts[k].getIntegrator().step(4)
         ends.append([state_of(context) for context in contexts])
@@ -486,8 +481,7 @@ def test_two_contexts_that_are_looked_at(scheme):
     """Energies are asked for between the steps of the other."""
     ends = []
     for look in (True, False):
-        built = made("dpd", scheme, "CPU")
-        contexts = _two(built, scheme, "dpd")
+        contexts = _two(made("dpd", scheme, "CPU"), scheme, "dpd")
         for _ in range(3):
             for context in contexts:
                 if look:
@@ -502,8 +496,7 @@ def test_two_contexts_that_are_looked_at(scheme):
 def test_two_contexts_of_one_system_in_two_threads(scheme):
     ends = []
     for threads in (True, False):
-        built = made("bonded", scheme, "CPU")
-        contexts = _two(built, scheme, "bonded")
+        contexts = _two(made("bonded", scheme, "CPU"), scheme, "bonded")
         jobs = [threading.Thread(target=context.getIntegrator().step, args=(30,)) for context in contexts]
         for job in jobs:
             job.start() if threads else job.run()
@@ -618,8 +611,7 @@ def test_after_an_accepted_volume_move_the_run_is_as_a_fresh_one(scheme):
         other.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
         other.step(1)
         simulation.step(1)
-        difference = np.abs(state_of(other.context)[1] - state_of(simulation.context)[1]).max()
-        assert difference < 1e-9
+        assert np.abs(state_of(other.context)[1] - state_of(simulation.context)[1]).max() < 1e-9
         simulation.step(2)
     assert accepted > 2
 
@@ -650,8 +642,7 @@ def test_molecules_move_as_wholes(scheme):
     dpd.add_barostat(built, 5.0, interval=1)
     simulation = running(built, "CPU")
     context, chain = simulation.context, np.arange(48).reshape(12, 4)
-    molecules = [sorted(molecule) for molecule in context.getMolecules()]
-    assert sorted(map(len, molecules)) == [1] * 12 + [4] * 12
+    assert sorted(map(len, [sorted(molecule) for molecule in context.getMolecules()])) == [1] * 12 + [4] * 12
     barostat = next(force for force in built.system.getForces() if isinstance(force, openmm.MonteCarloBarostat))
     assert barostat.getFrequency() == 1
     for _ in range(40):

@@ -264,8 +264,7 @@ def test_a_force_of_the_users_that_raises(kind, scheme):
 def torn(speed: float):
     """Two beads that fly apart on a weak FENE bond, among others: it breaks in step 7 at speed 1."""
     n, dt = 40, 0.02
-    rng = np.random.default_rng(2)
-    x = rng.random((n, 3)) * 4.0
+    x = np.random.default_rng(2).random((n, 3)) * 4.0
     x[0], x[1] = [1.0, 1.0, 1.0], [1.75, 1.0, 1.0]
     v = np.zeros((n, 3))
     v[0, 0], v[1, 0] = -speed, speed
@@ -279,8 +278,7 @@ def torn(speed: float):
 def test_a_bond_that_breaks(scheme):
     """The bond is too long in the seventh of ten steps: no step is left, six can be done, and the step is named."""
     scene, dt = torn(1.0)
-    built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=3)
-    simulation = running(built, "CPU")
+    simulation = running(dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=3), "CPU")
     before = all_of(simulation)
     with pytest.raises(openmm.OpenMMException, match=r"FENE.*0 and 1|bond.*0.*1") as found:
         simulation.integrator.step(10)

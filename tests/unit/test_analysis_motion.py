@@ -133,8 +133,7 @@ def test_folded_paths_are_unwrapped(box):
         results.append(mean_squared_displacement(chunks(trajectory, 9), interval=1, drift=True))
     for found in results[1:]:
         np.testing.assert_allclose(found.y, results[0].y, rtol=1e-4)
-    still = mean_squared_displacement(trajectory, interval=1)
-    assert still.y[-1] < 0.5 * results[0].y[-1], "the drift is gone"
+    assert mean_squared_displacement(trajectory, interval=1).y[-1] < 0.5 * results[0].y[-1], "the drift is gone"
 
 
 def test_unwrapping_in_a_box_that_changes():
@@ -143,8 +142,7 @@ def test_unwrapping_in_a_box_that_changes():
     x = np.random.default_rng(2).random((20, 3)) * 0.9 + np.array([4.5, 1, 2])
     frames = [x - np.floor(x / edge) * edge for edge in edges]
     trajectory = trajectory_of(frames, ["A"] * 20, np.array([np.eye(3) * edge for edge in edges]))
-    found = mean_squared_displacement(trajectory, interval=1, drift=True)
-    assert 0 < found.y.max() < 3 * 0.05**2
+    assert 0 < mean_squared_displacement(trajectory, interval=1, drift=True).y.max() < 3 * 0.05**2
 
 
 def test_reporters_that_fold_and_that_do_not(tmp_path):
@@ -306,8 +304,7 @@ def test_straight_chains(box):
     np.testing.assert_allclose(ends.values, b * (n - 1), rtol=1e-5)
     assert ends.mean_square.mean == pytest.approx((b * (n - 1)) ** 2, rel=1e-5)
     assert size.mean.mean == pytest.approx(b * np.sqrt((n**2 - 1) / 12), rel=1e-5)
-    half = end_to_end_distance(trajectory, [[place[0], place[5]]])
-    np.testing.assert_allclose(half.values, 5 * b, rtol=1e-5)
+    np.testing.assert_allclose(end_to_end_distance(trajectory, [[place[0], place[5]]]).values, 5 * b, rtol=1e-5)
 
 
 def test_sizes_of_unlike_molecules():

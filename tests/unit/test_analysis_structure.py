@@ -236,8 +236,7 @@ def test_films_are_centred_across_the_boundary():
         solvent = rng.uniform(0, edge, 200)
         com = (light.sum() + 3 * heavy.sum()) / 1600
         z = np.concatenate([light - com, heavy - com, solvent]) + 0.7 * k
-        x = np.column_stack([rng.uniform(0, 4, 1000), rng.uniform(0, 4, 1000), z % edge])
-        frames.append(x)
+        frames.append(np.column_stack([rng.uniform(0, 4, 1000), rng.uniform(0, 4, 1000), z % edge]))
         boxes.append(np.diag([4, 4, edge]))
     trajectory = trajectory_of(
         frames, ["A"] * 400 + ["B"] * 400 + ["W"] * 200, np.array(boxes), masses=[1.0] * 400 + [3.0] * 400 + [1.0] * 200
@@ -332,8 +331,7 @@ def test_clusters_of_molecules():
 
 
 def test_clusters_equal_a_naive_search():
-    rng = np.random.default_rng(11)
-    x = rng.random((150, 3)) @ TILTED
+    x = np.random.default_rng(11).random((150, 3)) @ TILTED
     labels = cluster_labels(x, 0.75, TILTED)
     near = shortest(x[:, None] - x[None], TILTED) < 0.75
     own = np.arange(150)
@@ -342,8 +340,7 @@ def test_clusters_equal_a_naive_search():
     assert len(np.unique(labels)) == len(np.unique(own)) > 5
     np.testing.assert_array_equal(labels[:, None] == labels[None], own[:, None] == own[None])
     assert np.all(np.diff(np.bincount(labels)) <= 0)
-    free = cluster_labels(x, 0.75)
-    assert len(np.unique(free)) > len(np.unique(labels))
+    assert len(np.unique(cluster_labels(x, 0.75))) > len(np.unique(labels))
 
 
 # -- bad input -----------------------------------------------------------------------------------------------------------------

@@ -64,8 +64,7 @@ def test_laplacians_and_virials_by_finite_differences():
             step[bead, axis] = h
             second += (energy(x + step) - 2 * energy(x) + energy(x - step)) / h**2
     assert laplacian == pytest.approx(second, rel=1e-5)
-    stretched = (energy(x * (1 + 1e-5)) - energy(x * (1 - 1e-5))) / 2e-5
-    assert virial == pytest.approx(-stretched, rel=1e-7)
+    assert virial == pytest.approx(-((energy(x * (1 + 1e-5)) - energy(x * (1 - 1e-5))) / 2e-5), rel=1e-7)
 
 
 def test_units():

@@ -121,8 +121,7 @@ def test_tilted_box_and_tight_tolerance(device):
     """A tilted box; the tolerance is kept when it is smaller, as far as the precision goes."""
     box = np.array([[6.0, 0, 0], [1.0, 5.5, 0], [-0.8, 1.2, 6.5]])
     x, q = electrolyte(60, 5.0, 20)
-    electrostatics = charges_of("slater", 0.25, tolerance=1e-6)
-    energy, forces, virial = evaluate(scene(x, q, electrostatics, box), device)
+    energy, forces, virial = evaluate(scene(x, q, charges_of("slater", 0.25, tolerance=1e-6), box), device)
     exact_energy, exact, exact_virial = lattice_sum(x, q, box, slater_tail, 0.25)
     double = device.platform == "Reference" or device.precision == "double"
     assert np.sqrt(np.sum((forces - exact) ** 2) / np.sum(exact**2)) < (1e-6 if double else 1e-4)

@@ -226,8 +226,7 @@ def test_programs_with_walls(scheme, kind, thermostat):
     options = ProgramOptions(
         scheme=SCHEMES[scheme], dt=0.02, kT=1.0, seed=1, walls=kind, thermostat=thermostat, execution=Execution(conservative="kernel")
     )
-    program = make_program(options)
-    text = program.describe()
+    text = make_program(options).describe()
     assert ("dot(" in text) == (kind != "specular")
     assert text.count("reflect at the walls") == (1 if scheme in ("mvv", "shardlow") or (scheme == "middle" and not thermostat) else 2)
     assert not any(phase in text for phase in ("FORCE_SEEN", "SWEEP_SEEN"))

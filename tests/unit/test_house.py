@@ -77,8 +77,7 @@ def test_names_stand_for_one_thing():
         for node in tree.body:
             if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and not node.name.startswith("_"):
                 found[node.name].add(PATHS[module])
-    twice = {name: sorted(files) for name, files in found.items() if len(files) > 1}
-    assert not twice
+    assert not {name: sorted(files) for name, files in found.items() if len(files) > 1}
 
 
 def test_files_are_short():

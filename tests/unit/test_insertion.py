@@ -52,13 +52,11 @@ def test_the_energy_is_what_its_factor_scales(pairs):
 
 def test_copies_are_molecules_held_by_the_middle():
     made = insertion(CHAIN, solvent(), np.array([0.2, 0.5, 0.9]), 1)
-    held = np.flatnonzero(made.scene.immobile) - made.solvent
-    assert held.tolist() == [1, 5, 9]
+    assert (np.flatnonzero(made.scene.immobile) - made.solvent).tolist() == [1, 5, 9]
     assert made.scene.bead_masses[made.solvent :].tolist() == [2.0, 2.0, 1.0, 2.0] * 3
     bonds = made.scene.bond_pairs
     assert len(bonds) == 60 + 9 and np.all((bonds < made.solvent).all(axis=1) | (bonds >= made.solvent).all(axis=1))
-    points = made.scene.positions[made.scene.immobile]
-    assert np.allclose(points, lattice_points(3, made.scene.box))
+    assert np.allclose(made.scene.positions[made.scene.immobile], lattice_points(3, made.scene.box))
 
 
 @pytest.mark.parametrize("count, least", [(2, 27**0.5), (3, 12**0.5), (6, 3.0), (8, 3.0), (12, 2.4)])
@@ -92,8 +90,7 @@ def made_up(density: float = 1.0) -> ExcessChemicalPotential:
 def test_values_errors_and_units():
     found = made_up()
     expected = math.sqrt(np.sum((0.5 * np.polynomial.legendre.leggauss(5)[1]) ** 2) / 4000)
-    layers = 0.001 * 9
-    assert found.error == pytest.approx(math.hypot(expected, layers), rel=0.1)
+    assert found.error == pytest.approx(math.hypot(expected, 0.001 * 9), rel=0.1)
     assert abs(found.value - 8.0) < 4 * expected
     assert found.molar_energy.value_in_unit(unit.kilojoule_per_mole) == pytest.approx(2 * found.value)
     assert abs(found.at(0.5).value - 4.5) < 4 * found.at(0.5).error

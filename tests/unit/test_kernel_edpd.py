@@ -231,8 +231,7 @@ def test_noise_of_the_heat_is_cut_at_five(stream, counter):
     assert abs(xi) > 5.05
     scene = pair_of_beads(compat="lammps" if stream == 0 else "consistent")
     _, force, _, heat = evaluate(scene, RANDOM, v=np.zeros((2, 3)), counter=counter)
-    amplitude = np.sqrt(2 * 2 * 5 * 0.7 * 1.25**2 / DT) * 0.5
-    close(heat, amplitude * np.sign(xi) * 5 * np.array([1, -1]))
+    close(heat, np.sqrt(2 * 2 * 5 * 0.7 * 1.25**2 / DT) * 0.5 * np.sign(xi) * 5 * np.array([1, -1]))
     if stream == 0:
         theta = 2 / (1 / 0.8 + 1 / 1.7)
         assert np.linalg.norm(force[0]) == pytest.approx(np.sqrt(2 * 4.5 * theta * 0.5**1.4 / DT) * abs(xi), rel=1e-12)

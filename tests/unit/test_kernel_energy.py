@@ -149,8 +149,7 @@ def test_small_steps_of_both_forms_agree():
 # -- what the exact update samples -----------------------------------------------------------------------------------------------------
 def cluster(eos, n=6, kappa=0.5, **options):
     """Beads of two masses, all within reach of each other and at rest in space: only the sweep acts."""
-    rng = np.random.default_rng(3)
-    x = rng.uniform(0, 0.5, (n, 3))
+    x = np.random.default_rng(3).uniform(0, 0.5, (n, 3))
     table = {("*", "*"): EnergyDPD(sigma=2.0, kappa=kappa, cutoff=1.5)}
     return dpd.Scene(
         MASSES, ["A", "B"] * (n // 2), x, table, 1.0, internal=InternalEnergy(eos, 1.0), velocities=np.zeros((n, 3)), **options

@@ -38,8 +38,7 @@ EVERY_FORCE = pytest.mark.parametrize("name", FORCES)
 
 def grid_scene(name, box, n=200):
     """Positions that OpenMM's expressions, which round the place of a pattern to 2^-20 nm, take as they are."""
-    scene = fluid(box=BOXES[box], n=n, positions=None)
-    x = np.round(scene.positions * 2.0**20) / 2.0**20
+    x = np.round(fluid(box=BOXES[box], n=n, positions=None).positions * 2.0**20) / 2.0**20
     return fluid(box=BOXES[box], n=n, positions=x, body_forces=[FORCES[name](n)]), x
 
 

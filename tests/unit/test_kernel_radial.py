@@ -117,8 +117,7 @@ def test_forces_are_the_gradient_and_sum_up_to_nothing(name, box):
 @EVERY_TABLE
 def test_pickled_copies_do_the_same(name):
     x, types, factors = lattice(BOXES["tilted"])
-    terms = [radial_terms(resolved(name), types, NAMES, factors)]
-    check.check_pickle(terms, x, BOXES["tilted"])
+    check.check_pickle([radial_terms(resolved(name), types, NAMES, factors)], x, BOXES["tilted"])
 
 
 def two(name, distance):

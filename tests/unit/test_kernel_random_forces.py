@@ -77,8 +77,7 @@ def test_mean_and_variance(samples, part, error):
 
 def test_variance_of_near_and_far_pairs_apart(samples):
     """The weight w^s is right at every distance: the tenths of the pairs by distance, 20,000 radial numbers each, error 1 %."""
-    by_distance = np.argsort(R).reshape(10, -1)
-    for pairs in by_distance:
+    for pairs in np.argsort(R).reshape(10, -1):
         assert abs(variance_in_errors(samples[:, pairs, 0])) < 4
         assert abs(variance_in_errors(samples[:, pairs, 1:])) < 4
 

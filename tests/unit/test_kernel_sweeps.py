@@ -142,8 +142,7 @@ def test_maxwell_distribution_is_left_unchanged(scheme, dt):
     table = {("*", "*"): D(gamma=40.5, gamma_perp=3.0, exponent_perp=0.5, cutoff=1.0)}
     m = np.repeat([1.0, 2.7], pairs)
     v = rng.normal(size=(2 * pairs, 3)) * np.sqrt(KT / m)[:, None]
-    scene = dpd.Scene(masses, ["A"] * pairs + ["B"] * pairs, x, table, KT, velocities=v)
-    engine = prepared(scene, scheme)
+    engine = prepared(dpd.Scene(masses, ["A"] * pairs + ["B"] * pairs, x, table, KT, velocities=v), scheme)
     start, radial, transverse = v.copy(), [], []
     for counter in range(12):
         v = v + engine.sweep(v, KT, dt, SEED, counter)
@@ -155,8 +154,7 @@ def test_maxwell_distribution_is_left_unchanged(scheme, dt):
     for values, error in ((radial, np.sqrt(2 / pairs)), (transverse, np.sqrt(1 / pairs))):
         assert abs(np.mean(values[6:]) / scale - 1) < 4 * error
         assert abs(values[-1] / scale - 1) < 4 * error
-    centre = (v[:pairs] + 2.7 * v[pairs:]) - (start[:pairs] + 2.7 * start[pairs:])
-    assert np.abs(centre).max() < 1e-12
+    assert np.abs((v[:pairs] + 2.7 * v[pairs:]) - (start[:pairs] + 2.7 * start[pairs:])).max() < 1e-12
 
 
 @UPDATE

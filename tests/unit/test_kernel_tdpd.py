@@ -48,8 +48,7 @@ def prepared(scene, dt=DT) -> PairEngine:
 def evaluate(scene, which, counter=COUNTER, kT=KT, engine=None):
     """Energy, forces, virial and fluxes (N, K) of each bead."""
     engine = engine or prepared(scene)
-    result = engine.forces(which, scene.velocities, kT, DT, SEED, counter, scene.internal.values)
-    return *result, engine.rates.copy()
+    return *engine.forces(which, scene.velocities, kT, DT, SEED, counter, scene.internal.values), engine.rates.copy()
 
 
 @compiled
@@ -168,8 +167,7 @@ def test_laplacian_counts_the_range_of_the_forces_only():
     zero = np.zeros((2, 2))
     params = plain_oracle.PairParams(coefficient(scene, "A"), zero, zero, zero + 1, zero + 1, coefficient(scene, "cutoff"))
     expected = plain_oracle.conservative(scene.positions, scene.type_ids, params, scene.box).laplacian
-    engine = prepared(scene)
-    assert engine.laplacian() == pytest.approx(expected, rel=1e-11)
+    assert prepared(scene).laplacian() == pytest.approx(expected, rel=1e-11)
     # immobile beads do not count, a factor does
     whole, half = pair_of_beads(), pair_of_beads(0.5)
     assert prepared(half).laplacian() == pytest.approx(0.5 * prepared(whole).laplacian(), rel=1e-12)
@@ -177,8 +175,7 @@ def test_laplacian_counts_the_range_of_the_forces_only():
 
 def test_walls_and_chains_keep_species():
     """Fluxes of bonded and immobile beads sum to zero as well: what walls get is the program's affair."""
-    scene = solution(make=chains, mobile=np.arange(100) % 3 > 0)
-    rates = evaluate(scene, sum(PARTS))[3]
+    rates = evaluate(solution(make=chains, mobile=np.arange(100) % 3 > 0), sum(PARTS))[3]
     assert np.abs(rates.sum(axis=0)).max() < 1e-12 * np.abs(rates).sum()
     assert np.abs(rates).max() > 1
 
@@ -213,8 +210,7 @@ def test_noise_of_species_is_cut_at_five_and_that_of_the_motion_is_not():
         xi, xi_C = noise_matrices(2, 1, counter)
         drawn = (xi, *xi_C)[stream][0, 1]
         assert abs(drawn) > 5.05
-        scene = pair_of_beads(n_species=1)
-        _, force, _, rates = evaluate(scene, RANDOM, counter=counter)
+        _, force, _, rates = evaluate(pair_of_beads(n_species=1), RANDOM, counter=counter)
         if stream == 0:
             assert np.linalg.norm(force[0]) == pytest.approx(np.sqrt(2 * KT * 4.5 * 0.5**1.4 / DT) * abs(drawn), rel=1e-12)
         else:

@@ -27,8 +27,7 @@ LJ = {"units": "lj", "edge": 6, "charge": 0.0}
 
 
 def scene(tmp_path, styles, **settings):
-    values = {**LJ, **settings}
-    text = DECK.format(styles=styles, **values)
+    text = DECK.format(styles=styles, **{**LJ, **settings})
     # half of the second kind is positive, half negative
     text = text.replace("set type 2 charge 0.0", "set atom 21*30 charge 1.0\nset atom 31*40 charge -1.0")
     (tmp_path / "in.deck").write_text(text)

@@ -50,8 +50,7 @@ def deck(folder, text: str, **options):
 def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
     section = f"Atoms # {style}" if hint else "Atoms"
     write(tmp_path, HEADER + f"\n{section}\n\n" + "\n".join(ATOMS[style]) + "\n")
-    state = deck(tmp_path, f"atom_style {style}{' 2' if style == 'tdpd' else ''}\nread_data data")
-    atoms = state.atoms
+    atoms = deck(tmp_path, f"atom_style {style}{' 2' if style == 'tdpd' else ''}\nread_data data").atoms
     assert atoms.ids.tolist() == [2, 5, 7]
     assert atoms.types.tolist() == [1, 1, 2]
     np.testing.assert_allclose(atoms.positions, [[1, 2, 4], [2, 3, 5], [0, 1, 3]])

@@ -125,8 +125,7 @@ def test_tdpd_coefficients(tmp_path):
 
 
 def test_mdpd_and_rhosum_become_one_table(tmp_path):
-    scene = scene_of(tmp_path, MDPD_BOX + MANY + "pair_coeff 1 2 mdpd/rhosum 0.6\nfix 1 all mvv/dpd\n")
-    (table,) = scene.tables
+    (table,) = scene_of(tmp_path, MDPD_BOX + MANY + "pair_coeff 1 2 mdpd/rhosum 0.6\nfix 1 all mvv/dpd\n").tables
     expected = {pair: MDPD(-40, 25, 18, 1.0, 0.75, 0.6 if pair == ("1", "2") else 0.7, kernel="lucy") for pair in table.entries}
     assert table.entries == expected and len(expected) == 3
 
@@ -310,8 +309,7 @@ def run(tmp_path, text: str, **options):
     path = tmp_path / "in.run"
     path.write_text(text)
     runner = DeckRunner(RunOptions(platform="Reference", threads=1, **options))
-    state = read_deck(path, run_callback=runner, output=tmp_path)
-    return state, runner
+    return read_deck(path, run_callback=runner, output=tmp_path), runner
 
 
 @pytest.mark.parametrize("fixes", [SHARDLOW, "fix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n"])

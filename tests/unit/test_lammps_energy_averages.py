@@ -189,8 +189,7 @@ def test_beads_beyond_the_bounds(tmp_path, options, low, high):
 
 def test_a_box_that_has_grown_gets_more_slices(tmp_path):
     request = request_of(tmp_path, PLAIN)
-    box = np.diag([7.5, 5.0, 6.0])
-    context = context_of(request, box=box)
+    context = context_of(request, box=np.diag([7.5, 5.0, 6.0]))
     assert request.state.computes["ch"].settings.bins(context.box).count == 8
 
 

@@ -123,8 +123,7 @@ def test_an_exported_deck_keeps_its_corner(tmp_path):
 def test_numbers_keep_all_of_their_digits(tmp_path):
     scene = fluid()
     written = export_lammps(scene, tmp_path, "x", dt=0.1 / 3, steps=1)
-    found = deck_scene(written.deck)
-    np.testing.assert_array_equal(found.velocities, scene.velocities)
+    np.testing.assert_array_equal(deck_scene(written.deck).velocities, scene.velocities)
     state = read_lammps_data(written.data, scene)
     np.testing.assert_allclose(state.unwrapped[0], scene.positions, rtol=0, atol=4e-15)
     assert np.any(state.images)
@@ -180,8 +179,7 @@ def test_ramps_in_one_go_and_in_parts(tmp_path):
 
     written = runs(-50, 100, 80)
     assert words(written, "run") == ["80 start 0 stop 150"] and words(written, "reset_timestep") == ["50"]
-    found = deck_scene(written.deck)
-    assert found.kT == dpd.TemperatureRamp(1.0, 2.0, -50, 100)
+    assert deck_scene(written.deck).kT == dpd.TemperatureRamp(1.0, 2.0, -50, 100)
     assert words(runs(10, 40, 100), "run") == ["10", "30 start 10 stop 40", "60"]
     assert words(runs(200, 300, 100), "run") == ["100"]
     with pytest.raises(dpd.ParameterError, match="fixed sigma while the temperature changes"):
@@ -422,12 +420,10 @@ def test_missing_columns_and_wrong_scenes(tmp_path):
 
 def test_internal_temperatures_come_from_the_computes(tmp_path):
     scene = pair_scene(pairs={("A", "A"): dpd.EnergyDPD(A=25, sigma=3)}, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(10.0), 1.0))
-    columns = "id x y z vx vy vz c_a[1] c_a[2] c_a[4]"
-    path = dump(tmp_path, columns, "1 0 0 0 0 0 0 5 15 2\n2 0 0 0 0 0 0 -5 35 3\n")
+    path = dump(tmp_path, "id x y z vx vy vz c_a[1] c_a[2] c_a[4]", "1 0 0 0 0 0 0 5 15 2\n2 0 0 0 0 0 0 -5 35 3\n")
     with pytest.raises(dpd.ParameterError, match="no internal temperatures"):
         read_lammps_dump(path, scene).scene()
-    names = {"c_a[1]": "u_cond", "c_a[2]": "u_mech", "c_a[4]": "theta"}
-    found = read_lammps_dump(path, scene, names=names).scene()
+    found = read_lammps_dump(path, scene, names={"c_a[1]": "u_cond", "c_a[2]": "u_mech", "c_a[4]": "theta"}).scene()
     np.testing.assert_allclose(found.internal.energies(found.type_ids, found.type_names), [[5, 15], [-5, 35]])
 
 

@@ -14,8 +14,7 @@ def lines(text: str) -> list[tuple[int, str]]:
 
 
 def test_numbers_of_lines_are_those_of_the_first_physical_line():
-    text = "units lj\n\n# only a comment\npair_coeff 1 1 &\n   25 &\n 4.5 # why\nrun 10\n"
-    found = lines(text)
+    found = lines("units lj\n\n# only a comment\npair_coeff 1 1 &\n   25 &\n 4.5 # why\nrun 10\n")
     assert [number for number, _ in found] == [1, 4, 7]
     assert split_words(found[1][1]) == ["pair_coeff", "1", "1", "25", "4.5"]
 

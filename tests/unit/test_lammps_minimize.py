@@ -87,8 +87,7 @@ def test_when_it_stops(tmp_path, numbers, reason):
     assert any(reason in line for line in lines)
     steps = int(reason.split()[-2])
     assert [row[0] for row in rows] == [0, steps, steps]
-    frames = (tmp_path / "d.txt").read_text().count("TIMESTEP")
-    assert frames == (2 if steps else 1)
+    assert (tmp_path / "d.txt").read_text().count("TIMESTEP") == (2 if steps else 1)
 
 
 def test_held_beads_stay_and_velocities_do_not_change(tmp_path):

@@ -60,8 +60,7 @@ pair_coeff 2 1 none
     ],
 )
 def test_every_style_of_the_family(tmp_path, style, coefficients, term):
-    text = f"pair_style {style}\npair_coeff 1 1 {coefficients}\n"
-    state = state_of(tmp_path, text, types=1)
+    state = state_of(tmp_path, f"pair_style {style}\npair_coeff 1 1 {coefficients}\n", types=1)
     scene = state.first_run.scene()
     assert scene.pairs[0].resolve(["1"]) == {("1", "1"): term}
     assert scene.kT == 2.0
@@ -135,8 +134,7 @@ pair_modify pair lj/cut shift yes
 
 
 def test_a_pair_set_to_none_can_be_set_again(tmp_path):
-    text = "pair_style dpd 1 1 1\npair_coeff * * none\npair_coeff 1 1 25 4.5\n"
-    (table,) = tables_of(tmp_path, text, types=2)
+    (table,) = tables_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * none\npair_coeff 1 1 25 4.5\n", types=2)
     assert dpd_values(table) == {11: (25, 4.5, 1), 12: None, 22: None}
 
 

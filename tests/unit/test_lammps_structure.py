@@ -58,13 +58,11 @@ def test_rdf_in_averages(tmp_path):
 
 # -- msd and gyration ----------------------------------------------------------------------------------------------------------
 def test_displacements_count_from_where_the_compute_stands(tmp_path):
-    text = "compute m all msd\ncompute c two msd com yes\ncompute g two gyration\n"
-    request = request_of(tmp_path, DECK + text)
+    request = request_of(tmp_path, DECK + "compute m all msd\ncompute c two msd com yes\ncompute g two gyration\n")
     moved = context_of(request, shift=(-18.0, 3.0, 0.5))
     assert [moved.compute("m", k) for k in (1, 2, 3, 4)] == pytest.approx([324, 9, 0.25, 333.25])
     assert [moved.compute("c", k) for k in (1, 2, 3, 4)] == pytest.approx([0, 0, 0, 0], abs=1e-12)
-    x = request.state.atoms.positions[60:]
-    tensor = np.cov(x.T, bias=True)
+    tensor = np.cov(request.state.atoms.positions[60:].T, bias=True)
     assert moved.compute("g", None) == pytest.approx(np.sqrt(tensor.trace()))
     assert [moved.compute("g", k) for k in range(1, 7)] == pytest.approx(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 

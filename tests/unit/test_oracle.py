@@ -54,8 +54,7 @@ XI, XI_T = np.array([[0, 0.6], [0.6, 0]]), np.array([[0, -1.5], [1.5, 0]])
     ],
 )
 def test_triclinic_minimum_image_is_the_nearest_of_all_images(box):
-    rng = np.random.default_rng(3)
-    dr = rng.uniform(-1.5, 1.5, (500, 3)) @ box
+    dr = np.random.default_rng(3).uniform(-1.5, 1.5, (500, 3)) @ box
     images = np.array(list(itertools.product(range(-5, 6), repeat=3))) @ box
     nearest = np.min(np.linalg.norm(dr[:, None, :] + images, axis=2), axis=1)
     found = oracle.minimum_image(dr, box)

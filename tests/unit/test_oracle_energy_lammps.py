@@ -96,8 +96,7 @@ def test_shardlow_sweep_without_noise_equals_lammps(live_lammps):
     """Separate pairs, so that the order does not matter; one step; noise scaled away as above."""
     scale, dt, cv, n = 1e-16, 0.05, 2.5e16, 16
     rng = np.random.default_rng(3)
-    corners = 2.0 + 3.0 * np.array(np.unravel_index(np.arange(n // 2), (2, 2, 2))).T
-    x = np.repeat(corners, 2, axis=0)
+    x = np.repeat(2.0 + 3.0 * np.array(np.unravel_index(np.arange(n // 2), (2, 2, 2))).T, 2, axis=0)
     x[1::2] += rng.uniform(0.15, 0.45, (n // 2, 3))
     v, types, theta = rng.normal(size=(n, 3)), rng.integers(0, 2, n), scale * rng.uniform(0.7, 1.8, n)
     masses, box = TYPE_MASSES[types], lammps_steps.peer_box()

@@ -186,9 +186,7 @@ def test_instructions_do_what_loops_do():
 
     with advised(LLVMLITE, "the instructions of llvmlite"):
         sums, moved, counts = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES, np.uint32)
-        found = numba.njit(all_of_them)(a, b, sums, moved, counts, bits)
-        in_order = 0.0 + sum(a[1:].tolist(), a[0])
-        assert found == (in_order, 3, 2)
+        assert numba.njit(all_of_them)(a, b, sums, moved, counts, bits) == (0.0 + sum(a[1:].tolist(), a[0]), 3, 2)
         assert np.array_equal(sums, np.floor(a + b) * 2 - a) and np.array_equal(moved, a + 0.5)
         assert np.array_equal(counts, np.arange(7, 7 + LANES))
 

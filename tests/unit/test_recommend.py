@@ -104,8 +104,7 @@ def test_a_table_without_a_plane_is_refused():
 
 @pytest.mark.parametrize("change", [{"gamma": 500.0}, {"a": 26.0}, {"a": 0.5}, {"rho": 9.0}, {"mass": 200.0}, {"s": 2.0}, {"cv": 0.5}])
 def test_beyond_the_table_is_said(table, change):
-    at = Groups(**({"gamma": 4.5, "a": 25.0} | change))
-    (text,) = table.outside(at)
+    (text,) = table.outside(Groups(**({"gamma": 4.5, "a": 25.0} | change)))
     assert "the table has it" in text
 
 
@@ -291,8 +290,7 @@ def test_only_beads_that_are_there_and_move_count():
     common, other = dpd.DPD(A=5, gamma=2), dpd.DPD(A=20, gamma=8)
     (at,), _ = groups(mixture(common, other, other, types=("A",)))
     assert (at.gamma, at.a) == (pytest.approx(2), 5)
-    walls = mixture(common, common, other, mobile=np.arange(80) % 2 == 0)
-    (at,), _ = groups(walls)
+    (at,), _ = groups(mixture(common, common, other, mobile=np.arange(80) % 2 == 0))
     assert (at.gamma, at.a) == (pytest.approx(2), 5)
 
 

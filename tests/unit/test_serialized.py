@@ -58,8 +58,7 @@ def test_forces_of_this_package_are_read(tmp_path, platform, more):
     built = build(platform, **{key: value for key, value in more.items() if value is not None})
     path = tmp_path / "system.xml"
     path.write_text(openmm.XmlSerializer.serialize(built.system))
-    system = dpd.load_xml(path)
-    assert openmm.XmlSerializer.serialize(system) == path.read_text()
+    assert openmm.XmlSerializer.serialize(dpd.load_xml(path)) == path.read_text()
     with open(path) as file:
         assert dpd.load_xml(file).getNumParticles() == N
 

@@ -36,8 +36,7 @@ def scene(beads: int, seed: int = 11):
     masses = np.array([MASS[name] for name in names])
     charges = rng.integers(-2, 3, beads) * 0.25
     first = np.arange(0, beads - 3, 8)
-    bonds = np.concatenate([np.stack([first + k, first + k + 1], axis=1) for k in range(3)])
-    return names, masses, charges, bonds
+    return names, masses, charges, np.concatenate([np.stack([first + k, first + k + 1], axis=1) for k in range(3)])
 
 
 @pytest.fixture
@@ -49,8 +48,7 @@ def psf(tmp_path):
 
 @pytest.fixture
 def trajectory(psf):
-    rng = np.random.default_rng(5)
-    xyz = rng.uniform(-3, 12, (6, 48, 3)).astype(np.float32)
+    xyz = np.random.default_rng(5).uniform(-3, 12, (6, 48, 3)).astype(np.float32)
     return md.Trajectory(xyz, load_topology(psf), unitcell_lengths=np.full((6, 3), 9.0), unitcell_angles=np.full((6, 3), 90.0))
 
 
@@ -68,8 +66,7 @@ def test_everything_comes_back(tmp_path, beads):
     assert [(a.index, b.index) for a, b in topology.bonds] == [tuple(pair) for pair in bonds.tolist()]
     assert [atom.index for atom in topology.atoms] == list(range(beads))
     assert topology.n_residues == beads - len(bonds)  # chains and single beads, no rings
-    beads_read = read_psf(tmp_path / "top.psf")
-    assert np.array_equal(beads_read.bonds, bonds)
+    assert np.array_equal(read_psf(tmp_path / "top.psf").bonds, bonds)
 
 
 def test_centre_of_mass_and_inertia(trajectory):

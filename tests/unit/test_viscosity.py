@@ -157,8 +157,7 @@ def profile(function, bins: int = 20, length: float = 10.0, noise: float = 0.02,
     """Slabs that average a function exactly, with noise."""
     width = length / bins
     edges = np.arange(bins + 1) * width
-    fine = edges[:-1, None] + (np.arange(1000) + 0.5) * width / 1000
-    mean = function(fine).mean(axis=1)
+    mean = function(edges[:-1, None] + (np.arange(1000) + 0.5) * width / 1000).mean(axis=1)
     rows = mean + noise * np.random.default_rng(seed).normal(size=(n, bins))
     centres = edges[:-1] + width / 2
     return VelocityProfile(
