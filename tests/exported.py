@@ -46,8 +46,7 @@ def _beads(n: int = 240, edge: float = 4.5, seed: int = 5) -> dict:
     return {
         "masses": {"A": 1.0, "B": 2.0},
         "types": ["A" if k % 3 else "B" for k in range(n)],
-        # some outside the box: image flags
-        "positions": rng.random((n, 3)) * edge * 2 - edge,
+        "positions": rng.random((n, 3)) * edge * 2 - edge,  # some outside the box: image flags
         "velocities": rng.normal(size=(n, 3)),
         "kT": 0.0,
         "box": [edge, edge + 0.5, edge + 1.0],
@@ -96,8 +95,7 @@ def _segments(distance: str, compat: str = "consistent") -> dpd.Scene:
 
 
 def _overlay() -> dpd.Scene:
-    # no close pairs and no curvature at the end: there tables are interpolated differently
-    beads = _beads()
+    beads = _beads()  # no close pairs and no curvature at the end: there tables are interpolated differently
     grid = np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:240]
     beads["positions"] = (grid + 0.5 * np.random.default_rng(3).random((240, 3))) * np.array(beads["box"]) / 7
     r = np.linspace(0.0, 1.2, 400)
@@ -187,8 +185,7 @@ def _driven() -> dpd.Scene:
     return dpd.Scene(pairs=TWO, body_forces=forces, walls=walls, **beads)
 
 
-#: Scenes by name; what is exported and read back must have the same forces.
-SCENES = {
+SCENES = {  # Scenes by name; what is exported and read back must have the same forces.
     "fluid": lambda: dpd.Scene(pairs=TWO, **_beads()),
     "chains": _chain_terms,
     "segments": lambda: _segments("mid"),

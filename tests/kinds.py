@@ -118,8 +118,7 @@ def _many_body(kernel: str) -> dpd.Scene:
 
 
 def _patterned() -> dpd.Scene:
-    # far from the planes where a sign changes rounding decides nothing; sines are rounded wherever a bead is
-    bodies = [
+    bodies = [  # far from the planes where a sign changes rounding decides nothing; sines are rounded wherever a bead is
         dpd.BodyForce((0.5, 0, 0), pattern="halves", axis="z", origin=0.137),
         dpd.BodyForce((0, 0.4, 0), pattern="sine", axis="x", origin=0.3, types="A"),
     ]
@@ -128,8 +127,7 @@ def _patterned() -> dpd.Scene:
 
 SOLID = np.arange(N) % 5 > 0
 
-#: Name -> scene.
-KINDS = {
+KINDS = {  # Name -> scene.
     "dpd": plain,
     "no box": lambda: plain(box=None),
     "tilted": lambda: plain(box=TILTED),
@@ -161,10 +159,8 @@ KINDS = {
     "formulas": lambda: chains(formulas=True),
 }
 
-#: Those whose rates have no pair-by-pair updates.
-MVV_ONLY = ("edpd", "tdpd")
-#: Forces that stay OpenMM's, which rounds them in its own way.
-BESIDE = ("charged", "formulas")
+MVV_ONLY = ("edpd", "tdpd")  # Those whose rates have no pair-by-pair updates.
+BESIDE = ("charged", "formulas")  # Forces that stay OpenMM's, which rounds them in its own way.
 NAMED = ("mvv", "mvv-0.65", "shardlow", "middle", "aboba", "bababo")
 WORDS = ("B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2", "A/4 O/2 A/4 B/3 S/2 A/2 2B/3")
 
@@ -189,8 +185,7 @@ def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.0
     options = {"lam": float(lam)} if lam else {}
     choices = {"seed": SEED, "conservative": conservative, **options, **choices}
     plan = make_plan(KINDS[kind](), dt=dt, scheme=name, platform=platform, loop=loop, **choices)
-    # these charges are there as a force that stays OpenMM's
-    return build_plan(charges_left(plan))
+    return build_plan(charges_left(plan))  # these charges are there as a force that stays OpenMM's
 
 
 def running(built: dpd.BuiltSystem, platform: str = "Reference"):

@@ -19,8 +19,7 @@ class Kernel(NamedTuple):
     slope: Callable[[float, float], float]
 
 
-# (105/(16 pi h^3)) (1 + 3 r/h)(1 - r/h)^3 and its slope -(315/(4 pi h^5)) r (1 - r/h)^2
-LUCY = Kernel(
+LUCY = Kernel(  # (105/(16 pi h^3)) (1 + 3 r/h)(1 - r/h)^3 and its slope -(315/(4 pi h^5)) r (1 - r/h)^2
     lambda r, h: 105.0 / (16.0 * np.pi * h**3) * (1.0 + 3.0 * r / h) * (1.0 - r / h) ** 3,
     lambda r, h: -315.0 / (4.0 * np.pi * h**5) * r * (1.0 - r / h) ** 2,
 )

@@ -15,14 +15,12 @@ D = dpd.DPD
 
 #: One cutoff, exponent 1, radial terms only.
 PLAIN = {("A", "A"): D(A=25, gamma=4.5), ("A", "B"): D(A=31, gamma=2), ("B", "B"): D(A=18, gamma=9)}
-#: Everything differs.
-EXTENDED = {
+EXTENDED = {  # Everything differs.
     ("A", "A"): D(A=25, gamma=4.5, gamma_perp=1.5, exponent_perp=0.6, cutoff=1.0),
     ("A", "B"): D(A=31, gamma=2, gamma_perp=3, exponent=0.5, cutoff=1.2),
     ("B", "B"): D(A=18, gamma=9, gamma_perp=0.7, exponent=0.8, exponent_perp=1.3, cutoff=0.9),
 }
-#: Exponents that some transverse and radial terms lack altogether.
-PARTIAL = {
+PARTIAL = {  # Exponents that some transverse and radial terms lack altogether.
     ("A", "A"): D(A=25, gamma_perp=3, exponent_perp=0.0, cutoff=1.1),
     ("A", "B"): D(gamma=4.5, exponent=2.0, cutoff=0.7),
     ("B", "B"): dpd.NONE,

@@ -31,8 +31,7 @@ def run(steps: int, every: int = 20) -> str:
         for line in (DECKS / "in.electrolyte").read_text().splitlines():
             if line.startswith("run"):
                 lmp.command("thermo_modify format float %.12g")
-            # the data file lies beside the deck
-            lmp.command(line.replace("data.electrolyte", str(DECKS / "data.electrolyte")))
+            lmp.command(line.replace("data.electrolyte", str(DECKS / "data.electrolyte")))  # the data file lies beside the deck
         lmp.close()
         return log.read_text()
 

@@ -95,8 +95,7 @@ JOBS: dict[str, Job] = {
     "in.standard_fluid": Job(nrun=3_000, discard=200, deterministic=THERMAL, folder=ROOT / "benchmarks"),
 }
 
-# Header of a thermo column -> word of thermo_style (v_ and c_ columns are headed by the word itself).
-WORDS = {
+WORDS = {  # Header of a thermo column -> word of thermo_style (v_ and c_ columns are headed by the word itself).
     "Step": "step", "Time": "time", "Temp": "temp", "Press": "press", "PotEng": "pe", "KinEng": "ke",
     "TotEng": "etotal", "E_vdwl": "evdwl", "E_coul": "ecoul", "E_long": "elong", "E_mol": "emol",
     "E_bond": "ebond", "E_angle": "eangle", "E_pair": "epair", "Enthalpy": "enthalpy", "Volume": "vol", "Atoms": "atoms",

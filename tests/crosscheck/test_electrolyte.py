@@ -143,5 +143,4 @@ def test_ion_pairs_do_not_collapse(device, seed):
         kT.append(sample.kT)
         energy.append(sample.coulomb_real + sample.coulomb_reciprocal)
     judge(kT, 1.0, error=0.01, beside=0.01)
-    # no lower than every ion in the middle of an opposite one
-    assert min(energy) > -6.0 * ions / 0.25 * 1.2 and max(energy) < 0
+    assert min(energy) > -6.0 * ions / 0.25 * 1.2 and max(energy) < 0  # no lower than every ion in the middle of an opposite one

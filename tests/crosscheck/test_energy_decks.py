@@ -45,8 +45,7 @@ def students_t(values: np.ndarray, reference: dict, n: int) -> float:
     return float((values.mean() - reference["mean"]) / np.sqrt(pooled * (1 / m + 1 / n)))
 
 
-#: deck -> step of the comparison, replicates here and in LAMMPS, words
-REPLICATES = {
+REPLICATES = {  # deck -> step of the comparison, replicates here and in LAMMPS, words
     "in.dpde-vv": (200, 6, 12, ("temp", "press", "pe", "c_inner[2]", "c_inner[4]")),
     "in.dpde-table": (200, 6, 12, ("temp", "press", "pe", "c_inner[4]", "c_innerl[4]", "c_innerr[4]")),
     "in.mdpd": (100, 5, 3, ("temp", "press", "pe")),
@@ -79,11 +78,9 @@ def test_decks_at_no_pressure_run(deck, tmp_path):
         assert thermo["v_energy"]["last"] == pytest.approx(thermo["v_energy"]["first"], rel=3e-6)
 
 
-#: Time step of both decks, and the time at which their second run begins.
-DT, SECOND_RUN = 0.01, 5.0
+DT, SECOND_RUN = 0.01, 5.0  # Time step of both decks, and the time at which their second run begins.
 
-#: What LAMMPS's heat noise carries along y (see test_profiles), measured in three runs of each program.
-CARRIED = {"c_heat": 2e-4}
+CARRIED = {"c_heat": 2e-4}  # What LAMMPS's heat noise carries along y (see test_profiles), measured in three runs of each program.
 
 
 def never_put_in(y: np.ndarray, window: tuple[float, float], diffusivity: float, source: float) -> np.ndarray:

@@ -11,8 +11,7 @@ from fuzz.interruptions import Interruptions
 from fuzz.trial import FAILURES, Trial
 from lammps_peer import why_missing
 
-#: Decks of an area of weight 1.
-DECKS = 120
+DECKS = 120  # Decks of an area of weight 1.
 
 
 @pytest.fixture(scope="module")

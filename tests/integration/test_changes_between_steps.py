@@ -80,8 +80,7 @@ def test_another_temperature(host, choices):
     simulation = started(host, scene(1.0), **choices)
     dpd.set_kT(simulation.context, 2.5)
     same_from_here(simulation, fresh_copy(simulation, host, scene(2.5), **choices))
-    # and by the name of the parameter, without the function
-    simulation.context.setParameter(KT, 0.4)
+    simulation.context.setParameter(KT, 0.4)  # and by the name of the parameter, without the function
     same_from_here(simulation, fresh_copy(simulation, host, scene(0.4), **choices))
 
 

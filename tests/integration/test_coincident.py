@@ -79,8 +79,7 @@ def test_many_beads_at_one_point(conservative):
         simulation = run_of(beads(60, positions=x), DEVICES[0], dt=0.005, scheme=scheme, conservative=conservative)
         forces = simulation.context.getState(forces=True).getForces(asNumpy=True)
         assert np.all(np.isfinite(forces))
-        # each feels the thirty others outside, and nothing from its companions
-        assert np.allclose(forces[:30], forces[0])
+        assert np.allclose(forces[:30], forces[0])  # each feels the thirty others outside, and nothing from its companions
         simulation.step(100)
         assert np.all(np.isfinite(state_of(simulation.context)[0]))
 

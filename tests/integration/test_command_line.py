@@ -63,8 +63,7 @@ def test_run_writes_everything(deck, tmp_path, capsys):
         assert (out / name).stat().st_size > 0
     printed = capsys.readouterr().out.splitlines()
     assert sum("Step" in line and "v_twice" in line for line in printed) == 2
-    # everything is in the log as well, and what it took
-    assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == printed[:-1]
+    assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == printed[:-1]  # everything is in the log as well, and what it took
     speeds = [
         re.fullmatch(r"Loop time of \S+ s for (\d+) steps of 192 beads \(run (\d)\): (\S+) steps/s, (\S+) bead-steps/s", line)
         for line in printed

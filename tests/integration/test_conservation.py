@@ -32,8 +32,7 @@ def test_momentum_after_2000_steps(host, choices):
     scene = chains(BOXES["ortho"], n=110, table=EXTENDED, k=20.0)
     simulation = run_of(scene, host, dt=0.02, conservative="kernel", **choices)
     simulation.step(2000 if host.platform == "CPU" and choices["scheme"] in ("mvv", "middle") else 200)
-    # OpenMM's own bond force on the CPU platform is double precision
-    assert momentum_per_bead(simulation, scene.bead_masses) < 1e-13
+    assert momentum_per_bead(simulation, scene.bead_masses) < 1e-13  # OpenMM's own bond force on the CPU platform is double precision
 
 
 @pytest.mark.parametrize("device", [d for d in DEVICES if d.precision in ("single", "mixed")], indirect=True, ids=str)

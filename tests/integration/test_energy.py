@@ -38,8 +38,7 @@ def energy_scene(box=BOXES["ortho"], *, make=fluid, n=90, **options) -> dpd.Scen
 
 def with_walls() -> dpd.Scene:
     n = 90
-    # single precision knows positions far outside the box badly
-    return energy_scene(mobile=np.arange(n) % 6 > 0, spread=0)
+    return energy_scene(mobile=np.arange(n) % 6 > 0, spread=0)  # single precision knows positions far outside the box badly
 
 
 def fields_of(simulation) -> np.ndarray:

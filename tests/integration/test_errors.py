@@ -37,8 +37,7 @@ def with_value(value):
 BOND = np.array([[0, 1]])
 TWO = dict(masses={"A": 1.0, "B": 1.0}, types=["A", "B"] * (N // 2))
 
-#: What is wrong -> what makes it, and what the message has to say.
-WRONG = {
+WRONG = {  # What is wrong -> what makes it, and what the message has to say.
     "NaN position": (lambda: scene(positions=with_value(np.nan)), r"positions.*nan.*\(7, 1\)"),
     "infinite position": (lambda: scene(positions=with_value(np.inf)), r"positions.*inf.*\(7, 1\)"),
     "NaN velocity": (lambda: scene(velocities=with_value(np.nan)), r"velocities.*nan.*\(7, 1\)"),

@@ -138,8 +138,7 @@ def test_droplet(tmp_path, monkeypatch, seed):
 def test_electrolyte(tmp_path, monkeypatch, seed):
     """Unlike ions gather, like ions keep apart, and far away both distributions are close to 1."""
     found = example("08_electrolyte", monkeypatch, seed, STEPS=3000).main(tmp_path)
-    # mean and standard deviation of runs of this length with seeds 1 to 40 (PME's own threads make every run another one)
-    measured = {
+    measured = {  # mean and standard deviation of runs of this length with seeds 1 to 40 (PME's own threads make every run another one)
         "unlike_at_contact": (1.755, 0.031),
         "like_at_contact": (0.615, 0.023),
         "unlike_far": (0.985, 0.0044),
@@ -168,8 +167,7 @@ def test_lipids_assemble(tmp_path, monkeypatch, seed):
     # across takes 0.1 off at most
     assert found["thickness_assembled"] == pytest.approx(3.519, abs=4 * 0.032)
     assert found["thickness_prepared"] == pytest.approx(3.548, abs=0.1)
-    # peaks 3.582 (0.064), farther apart than the mean heights
-    assert found["peak_to_peak"] == pytest.approx(3.582, abs=4 * 0.064)
+    assert found["peak_to_peak"] == pytest.approx(3.582, abs=4 * 0.064)  # peaks 3.582 (0.064), farther apart than the mean heights
     assert found["peak_to_peak"] - found["thickness_assembled"] == pytest.approx(0.030, abs=4 * 0.060 * np.sqrt(1 + 1 / 6))
     topology = load(tmp_path / "assembled.dcd", tmp_path / "assembled.psf").topology
     assert [residue.name for residue in topology.residues][:2] == ["H3T8"] * 2 and topology.n_bonds == 510
@@ -184,8 +182,7 @@ def test_tensionless_bilayer_and_vesicle(tmp_path, monkeypatch, seed):
     found = example("14_tensionless_bilayer", monkeypatch, seed, **shorter).main(tmp_path)
     # 240 units of time: the area fluctuates by 2.8 % (modulus 20) and forgets itself in 20 units, so the error of its mean is 0.016
     assert found["area_per_lipid"] == pytest.approx(1.406, abs=4 * 0.016)
-    # lipids keep their volume
-    assert found["thickness"] == pytest.approx(3.586, abs=4 * 0.016 / 1.406 * 3.586)
+    assert found["thickness"] == pytest.approx(3.586, abs=4 * 0.016 / 1.406 * 3.586)  # lipids keep their volume
     # waves of this box are in the range where the long run has 3.0 to 3.1
     assert found["bending_modulus"] == pytest.approx(3.05, abs=4 * found["bending_modulus_error"]) and found["bending_modulus_error"] < 0.6
     assert found["water_inside"] == found["water_packed_inside"] > 40

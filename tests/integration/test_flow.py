@@ -66,8 +66,7 @@ def test_ideal_gas_between_walls_is_uniform_and_maxwellian(kind, seed):
         state = simulation.context.getState(positions=True, velocities=True)
         z.append(state.getPositions(asNumpy=True)._value[:, 2])
         v.append(state.getVelocities(asNumpy=True)._value)
-    # a bead leaves a sixth of the channel in about a unit of time, which is the time between samples
-    for layer in range(6):
+    for layer in range(6):  # a bead leaves a sixth of the channel in about a unit of time, which is the time between samples
         judge((np.floor((np.array(z) - LOW) / (HIGH - LOW) * 6) == layer).mean(axis=1), 1 / 6, error=0.006)
     judge(np.mean(np.square(v), axis=(1, 2)), 1.0, error=0.01)
 

@@ -16,8 +16,7 @@ DEVICE_IDS = {"indirect": ["device"], "ids": lambda value: str(value)}
 CONSERVATIVE = pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 KT, DT = 1.3, 0.02
 
-#: Relative RMS error of conservative forces: double precision, single precision.
-EXACT, FLOAT = 1e-12, 1e-5
+EXACT, FLOAT = 1e-12, 1e-5  # Relative RMS error of conservative forces: double precision, single precision.
 
 
 def tolerance(device, conservative: str) -> float:

@@ -81,8 +81,7 @@ def test_a_repulsion_from_log_p_gives_that_log_p(seed):
     assert 30 < A.value < 45 and A.error < 0.7
     found = log_p(pair, octanol, water(A.value), time=80.0, settle=15.0, copies=5, seed=seed + 20)
     assert found.error < 0.08
-    # both runs have this error
-    assert abs(found.value - 2.0) < 4 * math.sqrt(2) * found.error
+    assert abs(found.value - 2.0) < 4 * math.sqrt(2) * found.error  # both runs have this error
 
 
 @any_seed(1)

@@ -18,8 +18,7 @@ from openmm_dpd import trajectory
 from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import RunOptions, run_deck
 
-#: Rows, a dump and an average every ten steps.
-WRITING = FLUID.replace(
+WRITING = FLUID.replace(  # Rows, a dump and an average every ten steps.
     "run 50\nrun 30\n", "dump d all atom 10 dump.d\nfix mean all ave/time 5 2 10 c_thermo_temp file mean.txt\nrun 200\n"
 )
 
@@ -58,8 +57,7 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
     ]
     report = json.loads((deck.parent / "report.json").read_text())
     frames = trajectory.load(out / "trajectory.dcd", out / "topology.psf")
-    # the row of a step comes before its frame
-    assert report["steps"] // 2 == len(frames) > 5
+    assert report["steps"] // 2 == len(frames) > 5  # the row of a step comes before its frame
     assert no_traces(deck.parent)
 
 

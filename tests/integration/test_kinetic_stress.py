@@ -58,8 +58,7 @@ def test_openmms_integrator_keeps_velocities_half_a_kick_behind():
     simulation.step(1)
     moved = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[1, 0] - 1.3
     assert moved == pytest.approx((0.5 + built.plan.options.scheme.lag) * 25 * 0.7 * DT**2, rel=1e-6)
-    # twice the kick of half a step, against a force that has become less
-    sample = dpd.Observer(built).sample(simulation.context)
+    sample = dpd.Observer(built).sample(simulation.context)  # twice the kick of half a step, against a force that has become less
     assert sample.kinetic_on_step == pytest.approx((25 * 0.7 * DT + 0.5 * DT * 25 * (0.7 - 2 * moved)) ** 2, rel=1e-6)
 
 
@@ -88,8 +87,7 @@ def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder, seed):
     pressing, on_step = np.array(rows).T * 2 / sample.dof
     judge(pressing, 1.0, error=0.006)
     assert np.mean(pressing - on_step) == pytest.approx(colder, abs=0.003)
-    # about a mean velocity that is measured: N - 1 of N
-    assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < bounded(pressing)[2]
+    assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < bounded(pressing)[2]  # about a mean velocity that is measured: N - 1 of N
 
 
 DECK = """units lj

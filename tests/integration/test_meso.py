@@ -27,8 +27,7 @@ SPECIES = {
     ("A", "B"): dpd.TDPD(A=15, gamma=3.0, kappa=(0.5, 1.0, 1.0, 0.1), cutoff_c=1.2, exponent_c=(2, 1, 2, 3)),
     ("B", "B"): dpd.TDPD(A=22, gamma=6.0, kappa=(2.0, 2.0, 2.0, 2.0), epsilon=(0.0, 0.1, 0.0, 0.0), cutoff=0.9),
 }
-#: The lower corner of the box is not 0: places are meant in these coordinates.
-CORNER = (-1.5, -2.0, -2.5)
+CORNER = (-1.5, -2.0, -2.5)  # The lower corner of the box is not 0: places are meant in these coordinates.
 
 
 def heat_scene(lammps=False, frozen=True, **options) -> dpd.Scene:
@@ -78,8 +77,7 @@ class Rates:
     """Forces and rates at given positions, velocities and fields, from the kernel (which has tests of its own) and from sources done here."""
 
     def __init__(self, scene, built):
-        # the engine's own sources are replaced by an independent sum
-        spec = built.plan.spec
+        spec = built.plan.spec  # the engine's own sources are replaced by an independent sum
         self.spec = replace(spec, fields=replace(spec.fields, sources=()))
         self.scene, self.engine, self.counter = scene, PairEngine(self.spec), -1
         self.mobile = self.spec.inv_mass > 0
@@ -146,8 +144,7 @@ def test_sources_act_on_beads_that_crossed_the_box():
     simulation = running(scene, DEVICES[1], dt=0.001)
     simulation.step(4000)  # ten times through the box
     temperature = read_fields(simulation.context, simulation.built.plan)["theta"]
-    # half of the time in the source, to a step or two at its faces
-    np.testing.assert_allclose(temperature, 1.0 + 4.0 / 2, atol=0.02)
+    np.testing.assert_allclose(temperature, 1.0 + 4.0 / 2, atol=0.02)  # half of the time in the source, to a step or two at its faces
 
 
 def test_setting_values_acts_at_once():

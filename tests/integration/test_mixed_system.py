@@ -26,8 +26,7 @@ END
 """
 PLATFORMS = ["Reference", "CPU"]
 FRICTION = {"gamma": 60.0, "cutoff": 0.65}
-#: Among beads: their kinetic energy forgets with 13/ps.
-STRONG = {"gamma": 600.0, "cutoff": 0.65}
+STRONG = {"gamma": 600.0, "cutoff": 0.65}  # Among beads: their kinetic energy forgets with 13/ps.
 
 
 @cache
@@ -492,8 +491,7 @@ def test_without_a_box(method, overlay):
         found.append(forces(simulation.context))
         simulation.step(2)
     np.testing.assert_allclose(found[0], found[1], atol=1e-4)
-    # bead 0 by the other bead and by both atoms
-    away = np.array([[-0.4, 0, 0], [0.5, 0, 0], [0.5, -0.33, 0]])
+    away = np.array([[-0.4, 0, 0], [0.5, 0, 0], [0.5, -0.33, 0]])  # bead 0 by the other bead and by both atoms
     r = np.linalg.norm(away, axis=1)[:, None]
     expected = 10.0 * (1 - r / 0.8) * away / r
     if overlay:

@@ -93,8 +93,7 @@ def test_restart_on_gpu_platforms(tmp_path, device, scheme):
         getattr(second, load)(str(tmp_path / ("state.xml" if load == "loadState" else "checkpoint")))
         assert second.context.getParameter(COUNTER) == counter
         second.step(3)
-        # one and the same noise: the history was not drawn anew
-        assert second.context.getParameter(COUNTER) == counter + 3
+        assert second.context.getParameter(COUNTER) == counter + 3  # one and the same noise: the history was not drawn anew
         limit = device.choose(0.0, 1e-6, 2e-4)
         assert np.abs(state_of(second.context)[1] - expected[1]).max() <= limit
 

@@ -18,8 +18,7 @@ SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 WAYS = ("State", "Checkpoint")
 HOW = pytest.mark.parametrize("how", WAYS)
 PLATFORMS = ("Reference", "CPU")
-#: Every scheme, from a state and from a checkpoint, on both platforms by turns.
-RUN = pytest.mark.parametrize(
+RUN = pytest.mark.parametrize(  # Every scheme, from a state and from a checkpoint, on both platforms by turns.
     ("platform", "how", "scheme"), [(PLATFORMS[(k + n) % 2], how, scheme) for k, scheme in enumerate(SCHEMES) for n, how in enumerate(WAYS)]
 )
 REFUSED = (dpd.DPDError, openmm.OpenMMException)

@@ -175,8 +175,7 @@ def test_ten_interruptions_of_one_run_change_nothing(deck, platform):
     interrupt_again_and_again(deck, platform, 10, "--checkpoint", "5", seed=3)
 
 
-#: Example decks with few beads: what is changed of them.
-SMALL = {
+SMALL = {  # Example decks with few beads: what is changed of them.
     "in.edpd": {"-10 10 -10 10 -5 5 units": "-3 3 -3 3 -3 3 units", "random 16000": "random 400"},
     "in.dpdh-pressure": {"0 9 0 9 0 10": "0 4 0 4 0 4"},
     "in.mdpd": {"-20 20 -7.5 7.5 -2 2 units": "-4 4 -4 4 -2 2 units"},
@@ -257,8 +256,7 @@ class Forgetful:
             self.kept = 1j
 
 
-# as if it were one of the classes that checkpoints hold
-Forgetful.__module__ = "openmm_dpd.lammps.values.computes"
+Forgetful.__module__ = "openmm_dpd.lammps.values.computes"  # as if it were one of the classes that checkpoints hold
 
 
 @pytest.mark.parametrize("calls", [0, 4])

@@ -14,8 +14,7 @@ from scenes import fluid
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
 
-#: What makes a library choose functions that another processor has, or another version; they differ in their last bits.
-OTHER = {
+OTHER = {  # What makes a library choose functions that another processor has, or another version; they differ in their last bits.
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4",
     "OPENBLAS_CORETYPE": "Prescott",
     "NPY_DISABLE_CPU_FEATURES": "AVX512_SPR AVX512_ICL AVX512_SKX X86_V4 AVX2 FMA3 X86_V3",

@@ -131,8 +131,7 @@ def test_a_temperature_in_kelvin_is_the_same_run(scheme, platform, how):
         simulation.step(2)
     SET[how](first.context, 2.0)
     first.step(1)
-    # the noise depends on every bit of kT
-    kT = first.context.getParameter("dpd_kT")
+    kT = first.context.getParameter("dpd_kT")  # the noise depends on every bit of kT
     assert kT == pytest.approx(2.0, rel=1e-12)
     second.context.setParameter("dpd_kT", kT)
     second.step(1)
@@ -227,8 +226,7 @@ def test_noise_is_a_function_of_seed_counter_and_temperature(way, scheme, platfo
         "seed": kick(way, scheme, platform, 1.0, seed=5),
         "counter": kick(way, scheme, platform, 1.0, counter=7),
     }
-    # momentum is zero in each direction
-    limit = 4 / math.sqrt(len(one) - 3)
+    limit = 4 / math.sqrt(len(one) - 3)  # momentum is zero in each direction
     found = {name: float(np.corrcoef(one, other)[0, 1]) for name, other in others.items()}
     assert all(abs(value) < limit for value in found.values()), found
 

@@ -152,8 +152,7 @@ def test_an_ideal_gas_whose_beads_cross_the_box_in_a_step_keeps_its_temperature(
     scene = dpd.Scene({"W": 1.0}, ["W"] * 81, x, {("W", "W"): dpd.DPD(gamma=4.5)}, kT=1.0, box=[3.0] * 3)
 
     built = dpd.build(scene, dt=2.0, scheme="middle", platform=device.platform, seed=seed)
-    # 240 degrees of freedom: 9.1 % for one sample
-    judge(kinetic(built, device.properties, 300), 1.0, error=0.01)
+    judge(kinetic(built, device.properties, 300), 1.0, error=0.01)  # 240 degrees of freedom: 9.1 % for one sample
 
 
 def test_a_start_from_overlapping_points_is_no_failure():

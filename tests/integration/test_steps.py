@@ -104,8 +104,7 @@ def compare(scene, device, name, conservative, limits) -> None:
         moving = slice(None) if mobile is None else mobile
         assert np.abs(v - expected.v)[moving].max() < limit
         if mobile is not None:
-            # the platforms keep a frozen bead's position to the bit
-            assert np.array_equal(x[~mobile], start[0][~mobile])
+            assert np.array_equal(x[~mobile], start[0][~mobile])  # the platforms keep a frozen bead's position to the bit
     assert np.abs(expected.v - scene.velocities).max() > 0.5  # a lot happened
     assert simulation.context.getParameter(COUNTER) == expected.counter
 

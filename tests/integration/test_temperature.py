@@ -85,8 +85,7 @@ def test_a_ramp_reaches_its_targets(start_stop, seed):
     table = {("A", "A"): D(A=25, gamma=20), ("A", "B"): D(A=25, sigma=6.0), ("B", "B"): D(A=25, gamma=20)}
     scene = fluid(table, np.diag([4.0] * 3), 3.0, kT=dpd.TemperatureRamp(start, stop, 0, 500))
     values = temperatures(scene, dt=0.01, start=0, steps=5000, scheme="middle", seed=seed)
-    # halfway through the ramp it is on its way
-    assert min(start, stop) + 0.3 < np.mean(values[40:60]) < max(start, stop) - 0.3
+    assert min(start, stop) + 0.3 < np.mean(values[40:60]) < max(start, stop) - 0.3  # halfway through the ramp it is on its way
     judge(values[120:], stop, error=0.02 * stop)
 
 
@@ -138,8 +137,7 @@ def test_moving_walls_drag_the_fluid_along():
     simulation.step(800)
     x, v = state_of(simulation.context)
     flow = np.average(v[mobile], axis=0, weights=scene.bead_masses[mobile])
-    # the mean velocity of 150 beads fluctuates by sqrt(kT/M) = 0.02
-    np.testing.assert_allclose(flow, [2.0, 0.0, 0.0], atol=0.08)
+    np.testing.assert_allclose(flow, [2.0, 0.0, 0.0], atol=0.08)  # the mean velocity of 150 beads fluctuates by sqrt(kT/M) = 0.02
     assert np.array_equal(x[~mobile], scene.positions[~mobile])
 
 

@@ -54,8 +54,7 @@ def test_momentum_of_the_pair_terms():
     topology, positions, system = water()
     while system.getNumForces():
         system.removeForce(0)
-    # a System without periodic forces is not periodic: keep one that does nothing
-    silent = openmm.HarmonicBondForce()
+    silent = openmm.HarmonicBondForce()  # a System without periodic forces is not periodic: keep one that does nothing
     silent.setUsesPeriodicBoundaryConditions(True)
     system.addForce(silent)
     integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, gamma_perp=1, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2).integrator
@@ -90,8 +89,7 @@ def test_temperature_of_rigid_water(model, seed):
         simulation.step(5)
         kinetic = simulation.context.getState(energy=True).getKineticEnergy().value_in_unit(unit.kilojoule_per_mole)
         rows.append(2 * kinetic / dof / dpd.units.BOLTZMANN)
-    # 0.5 % for the first-order error of pair updates under constraints
-    judge(rows, 300.0, error=3.0, beside=1.5)
+    judge(rows, 300.0, error=3.0, beside=1.5)  # 0.5 % for the first-order error of pair updates under constraints
 
 
 def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:

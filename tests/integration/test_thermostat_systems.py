@@ -142,8 +142,7 @@ def test_temperature_and_momentum_at_constant_pressure(model, seed):
     assert context.getState().getPeriodicBoxVolume()._value != before
     mass = masses_of(system)
     thermal = np.sqrt(mass.sum() * 300 * dpd.units.BOLTZMANN)
-    # zero but for the rounding of the PME forces
-    assert np.abs(mass @ velocities_of(context)).max() < 0.1 * thermal
+    assert np.abs(mass @ velocities_of(context)).max() < 0.1 * thermal  # zero but for the rounding of the PME forces
 
 
 # -- a coarse-grained System ---------------------------------------------------------------------------------------------------------

@@ -22,8 +22,7 @@ from openmm_dpd.plan.plan import make_plan
 
 PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])
 EVERY = [(kind, scheme) for kind in KINDS for scheme in schemes_of(kind)]
-#: Every kind with three schemes, and every scheme with many kinds.
-SOME = [
+SOME = [  # Every kind with three schemes, and every scheme with many kinds.
     (kind, scheme)
     for number, kind in enumerate(KINDS)
     for scheme in {schemes_of(kind)[(4 * number + 3 * k) % len(schemes_of(kind))]: None for k in range(3)}

@@ -30,8 +30,7 @@ def add_force(built) -> None:
     built.system.addForce(force)
 
 
-#: Name -> kind, scheme, and what is added.  In the first ones nothing but the kernel acts, and nothing else hears of steps.
-ALONE = {
+ALONE = {  # Name -> kind, scheme, and what is added.  In the first ones nothing but the kernel acts, and nothing else hears of steps.
     "middle": ("dpd", "middle", None),
     "mvv": ("dpd", "mvv", None),
     "ramp": ("ramp", "mvv-0.65", None),
@@ -130,8 +129,7 @@ CALLS = [
     (motion, "move"), (motion, "move_accelerated"), (motion, "accelerate"),
 ]  # fmt: skip
 
-#: What a scheme does not call.
-UNUSED = {("swept", "mvv"), ("move", "mvv"), ("keep", "middle")} | {
+UNUSED = {("swept", "mvv"), ("move", "mvv"), ("keep", "middle")} | {  # What a scheme does not call.
     (name, case) for name in ("move_accelerated", "accelerate") for case in ("middle", "energies", "force")
 }
 ERRORS = [RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]

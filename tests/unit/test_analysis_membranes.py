@@ -123,8 +123,7 @@ def test_scatter_is_taken_off():
     trajectory, _, _ = membrane(3, 500, (14.0, 14.0, 9.0), scatter=0.5, most=0)
     curve = height_spectrum(trajectory, "H", "T", q_max=1.0).curve
     assert np.all(np.abs(curve.y) < 4 * curve.sem)
-    # what a lipid's scatter alone would be taken for: A s^2/N
-    assert 196 * 0.5**2 / 200 > 10 * curve.sem.max()
+    assert 196 * 0.5**2 / 200 > 10 * curve.sem.max()  # what a lipid's scatter alone would be taken for: A s^2/N
 
 
 def test_any_axis_and_lipids_without_bonds():

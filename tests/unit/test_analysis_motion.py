@@ -292,8 +292,7 @@ def test_straight_chains(box):
         direction = rng.normal(0, 1, (chains, 1, 3))
         direction /= np.linalg.norm(direction, axis=2, keepdims=True)
         x.append((rng.random((chains, 1, 3)) * 5 + b * np.arange(n)[:, None] * direction).reshape(-1, 3))
-    # beads of a chain are numbered in any order, and the chains are mixed
-    place = rng.permutation(chains * n)
+    place = rng.permutation(chains * n)  # beads of a chain are numbered in any order, and the chains are mixed
     mixed = np.empty((5, chains * n, 3))
     mixed[:, place] = x
     bonds = [(place[n * c + k], place[n * c + k + 1]) for c in range(chains) for k in range(n - 1)]

@@ -62,8 +62,7 @@ def shortest(d: np.ndarray, box: np.ndarray) -> np.ndarray:
 def test_pairs_equal_naive_loops(box):
     vectors = None if box is None else BOXES[box]
     rng = np.random.default_rng(3)
-    # unfolded positions
-    x, y = rng.random((60, 3)) * 6, rng.random((41, 3)) * 18 - 6
+    x, y = rng.random((60, 3)) * 6, rng.random((41, 3)) * 18 - 6  # unfolded positions
     reach = 2.1
     for other in (None, y):
         i, j, r = pairs_within(x, other, vectors, reach)
@@ -83,8 +82,7 @@ def test_pairs_beyond_half_the_box():
     assert len(pairs_within(x, None, TILTED, 2.2)[0]) == 1
     with pytest.raises(ParameterError, match="a distance of 2.6 is more than half the smallest width"):
         pairs_within(x, None, BOXES["edges"], 2.6)
-    # 210 / |a x c|
-    with pytest.raises(ParameterError, match="smallest width of the box, 4.8076"):
+    with pytest.raises(ParameterError, match="smallest width of the box, 4.8076"):  # 210 / |a x c|
         pairs_within(x, None, TILTED, 2.45)
 
 
@@ -124,8 +122,7 @@ def test_radial_distribution_equals_mdtraj(box):
         x, g = mdtraj.compute_rdf(trajectory, pairs, r_range=(0.0, 2.0), n_bins=10)
         found = radial_distribution(chunks(trajectory, 4), first, second, r_max=2.0, n_bins=10)
         np.testing.assert_allclose(found.x, x, rtol=1e-6)
-        # distances in single precision may fall into the next bin
-        np.testing.assert_allclose(found.y, g, rtol=0.01)
+        np.testing.assert_allclose(found.y, g, rtol=0.01)  # distances in single precision may fall into the next bin
 
 
 def test_an_ideal_gas_has_no_structure():
@@ -277,8 +274,7 @@ def bilayer(seed: int, frames: int, thickness: float = 4.0, edge: float = 10.0, 
 def test_planted_bilayer():
     trajectory = bilayer(1, 400)
     thickness = bilayer_thickness(chunks(trajectory, 7), "H", "T")
-    # the difference of two means of 100 heads each, 400 times
-    error = 0.3 * np.sqrt(2 / 100 / 400)
+    error = 0.3 * np.sqrt(2 / 100 / 400)  # the difference of two means of 100 heads each, 400 times
     assert abs(thickness.mean - 4.0) < 4 * error
     assert thickness.sem == pytest.approx(error, rel=0.5)
     assert bilayer_thickness(trajectory, "H").mean == pytest.approx(thickness.mean, abs=1e-9)

@@ -8,8 +8,7 @@ from openmm_dpd.model.schemes import SCHEMES, scheme_of
 from openmm_dpd.simulation.advice.bonded_modes import bonded_modes
 from openmm_dpd.simulation.advice.mode_errors import largest_stable, mode_errors, tabulated_errors
 
-#: McLachlan's order with three forces.
-BAB3 = "3B/25 3A/10 19B/50 2A/5 19B/50 3A/10 3B/25 O"
+BAB3 = "3B/25 3A/10 19B/50 2A/5 19B/50 3A/10 3B/25 O"  # McLachlan's order with three forces.
 
 
 # -- a mode under a word ---------------------------------------------------------------------------------------------------------

@@ -15,8 +15,7 @@ import openmm_dpd as dpd
 
 mpmath = pytest.importorskip("mpmath")
 
-#: Coulomb constant 1.
-ONE = {"permittivity": COULOMB}
+ONE = {"permittivity": COULOMB}  # Coulomb constant 1.
 KINDS = {"slater": (dpd.SlaterCharges, "lamda", slater_tail), "gaussian": (dpd.GaussianCharges, "width", gaussian_tail)}
 
 
@@ -253,8 +252,7 @@ def test_units():
     assert (charges.lamda, charges.bjerrum_length) == pytest.approx((0.25, 0.7))
     assert charges.coulomb(2.5) == pytest.approx(1.75)
     assert dpd.GaussianCharges(width=0.1, permittivity=78.0).coulomb(2.5) == pytest.approx(COULOMB / 78)
-    # water at 300 K: the Bjerrum length is 0.714 nm
-    assert COULOMB / 78 / (dpd.units.BOLTZMANN * 300) == pytest.approx(0.714, abs=1e-3)
+    assert COULOMB / 78 / (dpd.units.BOLTZMANN * 300) == pytest.approx(0.714, abs=1e-3)  # water at 300 K: the Bjerrum length is 0.714 nm
 
 
 BAD = [

@@ -16,8 +16,7 @@ from openmm_dpd.simulation.build import build_plan
 
 SOURCES = {path: (ROOT / path).read_text(encoding="utf-8") for path in PATHS.values()}
 
-#: Parts of a scene, and where it has them.
-PARTS = {
+PARTS = {  # Parts of a scene, and where it has them.
     "bonds": lambda plan: plan.scene.bonds,
     "angles": lambda plan: plan.scene.angles,
     "overlays": lambda plan: plan.overlays,

@@ -48,8 +48,7 @@ def test_what_came_after_a_checkpoint_is_taken_back(tmp_path):
         "whole": "two",
     }
     assert killed.lengths().keys() == lengths.keys()
-    # and once more, with nothing in between
-    ledger_of(tmp_path).put_back(killed.lengths())
+    ledger_of(tmp_path).put_back(killed.lengths())  # and once more, with nothing in between
     assert (tmp_path / "grows").read_text(encoding="utf-8") == "one\n"
 
 

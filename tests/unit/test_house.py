@@ -13,11 +13,9 @@ LAMMPS = {module for module in TREES if module.startswith("openmm_dpd.lammps")}
 HOME = ("openmm_dpd.model", "openmm_dpd.kernels", "openmm_dpd.plan.kinds")
 
 
-#: Classes of per-bead fields.
-FIELDS = {"InternalEnergy", "BeadTemperatures", "Concentrations"}
+FIELDS = {"InternalEnergy", "BeadTemperatures", "Concentrations"}  # Classes of per-bead fields.
 
-#: Files over 400 lines.
-LONG = {"energy.py"}
+LONG = {"energy.py"}  # Files over 400 lines.
 
 
 def _coefficients_and_tables() -> set[str]:

@@ -67,8 +67,7 @@ def test_lattice_keeps_points_apart(count, least):
     i, j = np.triu_indices(count, 1)
     apart = np.linalg.norm(minimum_images(points[i] - points[j], box), axis=1).min()
     assert apart >= least - 1e-9
-    # no lattice is denser than fcc
-    assert apart <= 2 ** (1 / 6) * (216 / count) ** (1 / 3) + 1e-9
+    assert apart <= 2 ** (1 / 6) * (216 / count) ** (1 / 3) + 1e-9  # no lattice is denser than fcc
 
 
 # -- integral ---------------------------------------------------------------------------------------------------------------------

@@ -23,8 +23,7 @@ def spread_values(low, high, count):
     return np.random.default_rng(count).uniform(low, high, count)
 
 
-#: Kind -> terms for the bonds (B, 2) or angles (K, 3) of a chain.
-KINDS = {
+KINDS = {  # Kind -> terms for the bonds (B, 2) or angles (K, 3) of a chain.
     "harmonic": lambda b, a: {"bonds": [dpd.HarmonicBonds(b, spread_values(10, 60, len(b)), spread_values(0, 1, len(b)))]},
     "fene": lambda b, a: {"bonds": [dpd.FENEBonds(b, spread_values(10, 60, len(b)), spread_values(1.2, 2, len(b)))]},
     "fene with repulsion": lambda b, a: {

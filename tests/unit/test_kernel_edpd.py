@@ -116,8 +116,7 @@ def test_forces_and_heat_equal_the_oracle(box, compat):
     assert not got[CONSERVATIVE][3].any()
     close(got[DISSIPATIVE][3], expected.q_conductive + expected.q_viscous_deterministic)
     close(got[RANDOM][3], expected.q_random + expected.q_viscous_random)
-    # all at once
-    _, force, _, heat = evaluate(scene, sum(PARTS), engine=engine)
+    _, force, _, heat = evaluate(scene, sum(PARTS), engine=engine)  # all at once
     close(force, terms.forces)
     close(heat, expected.q)
 
@@ -214,8 +213,7 @@ def test_noise_has_the_right_variance_and_heat_is_independent_of_motion():
         assert abs(values.mean()) < 4 * np.sqrt(variance / n)
     for first, second in ((force, heat), (heat[1:], heat[:-1]), (force[1:], heat[:-1]), (heat[:, 1:], heat[:, :-1])):
         assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 4 / np.sqrt(first.size)
-    # no hidden dependence of the amplitudes either
-    assert abs(np.corrcoef(force.ravel() ** 2, heat.ravel() ** 2)[0, 1]) < 4 / np.sqrt(n)
+    assert abs(np.corrcoef(force.ravel() ** 2, heat.ravel() ** 2)[0, 1]) < 4 / np.sqrt(n)  # no hidden dependence of the amplitudes either
 
 
 def test_lammps_uses_the_noise_of_the_motion_for_the_heat():

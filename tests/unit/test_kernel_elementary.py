@@ -10,8 +10,7 @@ from openmm_dpd.kernels.elementary import erfc, exp, log, power, sine
 
 _RNG = np.random.default_rng(1)
 _WIDE = _RNG.uniform(-700, 700, 3000)
-#: Function, mpmath's, arguments, and the largest error: in units of the last place, or absolute.
-CASES = {
+CASES = {  # Function, mpmath's, arguments, and the largest error: in units of the last place, or absolute.
     "exp": (exp, mpmath.exp, np.concatenate([_RNG.uniform(-1, 1, 3000), _WIDE]), 1.0, None),
     "log": (log, mpmath.log, np.concatenate([_RNG.uniform(0.5, 2, 3000), 1 + 1e-3 * _RNG.normal(size=2000), np.exp(_WIDE)]), 1.0, None),
     "sine": (sine, lambda x: mpmath.sin(2 * mpmath.pi * x), np.concatenate([_RNG.uniform(-3, 3, 2000), np.arange(-8, 9) / 8]), None, 6e-16),

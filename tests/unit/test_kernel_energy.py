@@ -208,8 +208,7 @@ def test_exact_sweep_with_a_table():
     for weight in (table, constant, constant):
         rest = np.convolve(rest, weight)[: len(grid)]
         rest = rest / rest.max()
-    # grid points are cells: the total of four cells lies two cells below the sum of their upper ends
-    density = table[:-4] * rest[::-1][4:]
+    density = table[:-4] * rest[::-1][4:]  # grid points are cells: the total of four cells lies two cells below the sum of their upper ends
     cdf = np.cumsum(density) / density.sum()
     p = stats.kstest(u[::4], lambda value: np.interp(value, grid[:-4], cdf)).pvalue
     assert p > 6e-5, p

@@ -126,14 +126,12 @@ def test_sigma_fixed_and_gamma_fixed():
     by_gamma, by_sigma = D(gamma=4.5), D(sigma=3.0)
     np.testing.assert_allclose(forces(by_gamma, 1.0), forces(by_sigma, 1.0), rtol=1e-14)
     drag, noise = forces(by_sigma, 1.0)
-    # another temperature draws other numbers
-    cold, hot = (noise_of(2, SEED, COUNTER, kT)(0, 1, 0) for kT in (1.0, 4.0))
+    cold, hot = (noise_of(2, SEED, COUNTER, kT)(0, 1, 0) for kT in (1.0, 4.0))  # another temperature draws other numbers
     assert cold != hot
     np.testing.assert_allclose(forces(by_sigma, 4.0), [drag / 4, noise * hot / cold], rtol=1e-14)
     np.testing.assert_allclose(forces(by_gamma, 4.0), [drag, 2 * noise * hot / cold], rtol=1e-14)
     assert drag == pytest.approx(-4.5 * 0.75**2)
-    # e points from bead 1 to bead 0, along -x
-    assert noise == pytest.approx(-3.0 * 0.75 / np.sqrt(DT) * cold)
+    assert noise == pytest.approx(-3.0 * 0.75 / np.sqrt(DT) * cold)  # e points from bead 1 to bead 0, along -x
 
 
 def test_no_noise_at_zero_temperature():

@@ -31,8 +31,7 @@ def _dimers(seed=3):
 
 
 X, INDEX, E, R = _dimers()
-# two directions normal to e
-NORMALS = np.linalg.svd(E[:, None, :])[2][:, 1:]
+NORMALS = np.linalg.svd(E[:, None, :])[2][:, 1:]  # two directions normal to e
 
 
 def normalised(seeds=(7,) * CALLS, counters=tuple(range(CALLS)), kT=KT, factor=1.0, coefficient=COEFFICIENT):
@@ -103,8 +102,7 @@ def test_no_correlation_between_components_steps_and_pairs(samples):
     for name, (a, b) in couples.items():
         assert abs(correlation_in_errors(a, b)) < 4, name
         assert abs(correlation_in_errors(a**2 - 1, b**2 - 1)) < 4 * 2, name
-    # the check sees a correlation of 2 %: it is nine standard errors
-    assert abs(correlation_in_errors(radial, first + 0.02 * radial)) > 4
+    assert abs(correlation_in_errors(radial, first + 0.02 * radial)) > 4  # the check sees a correlation of 2 %: it is nine standard errors
 
 
 def test_no_correlation_between_seeds(samples):

@@ -122,8 +122,7 @@ def test_forces_and_fluxes_equal_the_oracle(box, n_species):
     _, force, _, rates = evaluate(scene, sum(PARTS), engine=engine)
     close(force, terms.forces)
     close(rates, expected.Q)
-    # nothing is lost
-    for part in (got[DISSIPATIVE][3], got[RANDOM][3]):
+    for part in (got[DISSIPATIVE][3], got[RANDOM][3]):  # nothing is lost
         assert np.abs(part.sum(axis=0)).max() < 1e-12 * np.abs(part).sum()
     for which in PARTS:
         assert np.abs(got[which][1].sum(axis=0)).max() < 1e-12 * np.abs(got[which][1]).sum()
@@ -144,8 +143,7 @@ def test_the_noise_of_species_does_not_depend_on_the_temperature_of_the_forces()
     scene = pair_of_beads(n_species=1)
     cold, warm = evaluate(scene, RANDOM, kT=0.0), evaluate(scene, RANDOM)
     assert not cold[1].any() and np.abs(warm[1]).max() > 1
-    # another temperature draws other numbers, of the same amplitude
-    numbers = [noise_matrices(2, 1, kT=kT)[1][0] for kT in (0.0, KT)]
+    numbers = [noise_matrices(2, 1, kT=kT)[1][0] for kT in (0.0, KT)]  # another temperature draws other numbers, of the same amplitude
     close(cold[3][:, 0] * numbers[1][0, 1], warm[3][:, 0] * numbers[0][0, 1])
 
 
@@ -168,8 +166,7 @@ def test_laplacian_counts_the_range_of_the_forces_only():
     params = plain_oracle.PairParams(coefficient(scene, "A"), zero, zero, zero + 1, zero + 1, coefficient(scene, "cutoff"))
     expected = plain_oracle.conservative(scene.positions, scene.type_ids, params, scene.box).laplacian
     assert prepared(scene).laplacian() == pytest.approx(expected, rel=1e-11)
-    # immobile beads do not count, a factor does
-    whole, half = pair_of_beads(), pair_of_beads(0.5)
+    whole, half = pair_of_beads(), pair_of_beads(0.5)  # immobile beads do not count, a factor does
     assert prepared(half).laplacian() == pytest.approx(0.5 * prepared(whole).laplacian(), rel=1e-12)
 
 

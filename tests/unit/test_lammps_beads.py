@@ -216,8 +216,7 @@ def test_velocity_create(tmp_path, units, options):
     # equipartition between the types: the ratio of mean m v^2 has a relative standard error of sqrt(2/1800 + 2/1200) at most
     energy = masses * np.sum(v**2, axis=1)
     assert abs(energy[masses > 1].mean() / energy[masses == 1].mean() - 1) < 4 * np.sqrt(2 / 1800 + 2 / 1200)
-    # fourth moment distinguishes the distributions: 3 for Gaussian, 9/5 for uniform
-    reduced = (v * np.sqrt(masses)[:, None]).ravel()
+    reduced = (v * np.sqrt(masses)[:, None]).ravel()  # fourth moment distinguishes the distributions: 3 for Gaussian, 9/5 for uniform
     kurtosis = np.mean(reduced**4) / np.mean(reduced**2) ** 2
     assert abs(kurtosis - (3 if "gaussian" in options else 1.8)) < 4 * (np.sqrt(24 / 3000) if "gaussian" in options else 0.02)
 
@@ -238,8 +237,7 @@ def test_sum_adds_to_what_is_there(tmp_path):
 
 
 def test_loop_all_goes_by_id_and_loop_geom_by_position(tmp_path):
-    # the same beads in two orders of creation
-    ends = "velocity all create 1.0 5 loop {}\n"
+    ends = "velocity all create 1.0 5 loop {}\n"  # the same beads in two orders of creation
     box = "region b block 0 9 0 9 0 9 units box\ncreate_box 1 b\nmass 1 1\n"
     points = [f"create_atoms 1 single {x} 1 2\n" for x in (1, 2, 4, 8)]
     for loop, by_position in (("all", False), ("geom", True)):

@@ -43,8 +43,7 @@ def test_what_a_deck_says(units, length, constant, tmp_path):
     charges = scene(tmp_path, styles, units=units, edge=edge).electrostatics
     assert (charges.lamda, charges.cutoff, charges.tolerance, charges.alpha) == pytest.approx((0.25, 2.0, 1e-5, 1.5))
     assert charges.grid == (24, 24, 32)
-    # the constants of real and metal are older than OpenMM's
-    assert charges.coulomb(1.0) == pytest.approx(constant / 2, rel=1e-6)
+    assert charges.coulomb(1.0) == pytest.approx(constant / 2, rel=1e-6)  # the constants of real and metal are older than OpenMM's
 
 
 SLATER = STYLES.format(one=1.0, lamda=0.25, cutoff=2.0)

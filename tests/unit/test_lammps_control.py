@@ -76,8 +76,7 @@ def test_what_is_printed(tmp_path, monkeypatch, name):
         assert said(tmp_path / "theirs") == expected
 
 
-#: Each as LAMMPS has it; the fuzzer compares random ones.
-CONDITIONS = {
+CONDITIONS = {  # Each as LAMMPS has it; the fuzzer compares random ones.
     "1 < 2": True,
     "0": False,
     "0.5": True,

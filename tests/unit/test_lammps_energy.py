@@ -57,8 +57,7 @@ def test_theta_from_a_variable_and_from_velocities(tmp_path):
     text = METAL + "variable a equal 310\nvariable b equal -1\nset type 1 dpd/theta v_a\nvelocity all set 1 0 0\nset type 2 dpd/theta v_b\n"
     thetas = state_of(tmp_path, text).atoms.thetas
     assert thetas[:30].tolist() == [310] * 30
-    # m v^2 / (3 k_B) with 1 g/mol and 1 A/ps
-    np.testing.assert_allclose(thetas[30:], 1.0364269e-4 / (3 * KB))
+    np.testing.assert_allclose(thetas[30:], 1.0364269e-4 / (3 * KB))  # m v^2 / (3 k_B) with 1 g/mol and 1 A/ps
 
 
 @pytest.mark.parametrize(
@@ -320,8 +319,7 @@ def test_a_second_run_goes_on_with_the_energies(tmp_path, fixes):
     assert atoms.u_cond.sum() == pytest.approx(0, abs=1e-9) and np.abs(atoms.u_cond).max() > 1e-3
     np.testing.assert_allclose(atoms.thetas * 0.005 * EV, atoms.u_cond + atoms.u_mech, rtol=1e-12)
     again, runner = run(tmp_path, start + "run 20\nrun 0\n")
-    # everything is booked as mechanical energy then
-    np.testing.assert_array_equal(again.atoms.u_cond, 0)
+    np.testing.assert_array_equal(again.atoms.u_cond, 0)  # everything is booked as mechanical energy then
     np.testing.assert_allclose(again.atoms.u_mech, atoms.u_cond + atoms.u_mech, rtol=1e-12)
     totals = [result.rows["etotal"][-1] for result in runner.results]
     assert totals[0] == pytest.approx(totals[1], rel=1e-9)

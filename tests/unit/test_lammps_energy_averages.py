@@ -87,8 +87,7 @@ def test_when_samples_are_taken():
     assert due_steps(Schedule(2, 3, 10, 0), 0, 20) == [(6, False), (8, False), (10, True), (16, False), (18, False), (20, True)]
     # with one sample a window is that step alone, the present one included
     assert due_steps(Schedule(10, 1, 10, 30), 30, 50) == [(30, True), (40, True), (50, True)]
-    # a window that has begun is left out
-    assert due_steps(Schedule(1, 10, 10, 5), 5, 20)[0] == (11, False)
+    assert due_steps(Schedule(1, 10, 10, 5), 5, 20)[0] == (11, False)  # a window that has begun is left out
     assert due_steps(Schedule(5, 2, 20, 15), 15, 20) == [(15, False), (20, True)]
     assert due_steps(Schedule(5, 2, 20, 0, start=50), 0, 60) == [(55, False), (60, True)]
 
@@ -146,8 +145,7 @@ def test_reduce(tmp_path):
     energy = 0.5 * 2.5 * np.sum(atoms.velocities[30:] ** 2)
     np.testing.assert_allclose([context.compute("r", k) for k in (1, 2, 3)], [energy, sum(range(31, 51)), atoms.velocities[30:, 0].sum()])
     assert context.compute("a", None) == 2.5
-    # sums are extensive, means and maxima are not
-    values = request.thermo.values(context.sample)
+    values = request.thermo.values(context.sample)  # sums are extensive, means and maxima are not
     assert values == pytest.approx({"c_m": 50, "c_a": 2.5, "c_r[2]": sum(range(31, 51)) / 50})
 
 

@@ -156,8 +156,7 @@ FORCES = {
     "frozen": "velocity low set 0 0 0\nunfix 1\ngroup rest subtract all low\nfix 1 rest nve\nfix 2 low setforce 5 0 0\nfix 3 all addforce 1 1 1\n",
 }
 
-#: Those that set forces, and with them total forces before a fix.
-SET = [name for name, text in FORCES.items() if "setforce" in text]
+SET = [name for name, text in FORCES.items() if "setforce" in text]  # Those that set forces, and with them total forces before a fix.
 
 
 def last_frame(path: Path, n: int) -> np.ndarray:

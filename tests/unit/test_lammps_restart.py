@@ -9,8 +9,7 @@ from test_lammps_moving import chains
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 
-#: How beads are made and what moves them, which a restart file does not hold.
-SYSTEMS = {
+SYSTEMS = {  # How beads are made and what moves them, which a restart file does not hold.
     "dpd": (
         "units real\nregion b prism 0 20 1 21 0 22 3 0 2 units box\ncreate_box 2 b\ncreate_atoms 1 random 60 5 NULL\n"
         "create_atoms 2 random 30 6 NULL\nmass 1 40\nmass 2 60\ngroup ga id 1:20\n"

@@ -211,8 +211,7 @@ def test_a_file_that_includes_itself_is_an_error(tmp_path):
     (tmp_path / "two").write_text("include one\n")
     with pytest.raises(DeckError, match=r"two:1: include 'one': this file is being read already"):
         requests_of(tmp_path, "include one\n")
-    # the same file twice in a row is fine
-    (tmp_path / "two").write_text("thermo 7\n")
+    (tmp_path / "two").write_text("thermo 7\n")  # the same file twice in a row is fine
     requests_of(tmp_path, "include one\ninclude one\nfix 1 all nve\nrun 1\n")
 
 

@@ -52,8 +52,7 @@ def test_rdf_in_averages(tmp_path):
     assert averages[1].value(4) == pytest.approx(column[1, 3])
     assert averages[2].value(1) == pytest.approx(column[1, 2])
     assert averages[2].value(3) == pytest.approx(averages[1].value(4))
-    # the longest cutoff of the pair forces is 1
-    assert averages[0].value(5, 1) == pytest.approx(0.9)
+    assert averages[0].value(5, 1) == pytest.approx(0.9)  # the longest cutoff of the pair forces is 1
 
 
 # -- msd and gyration ----------------------------------------------------------------------------------------------------------
@@ -97,8 +96,7 @@ def test_values_equal_naive_loops(tmp_path):
 def test_mean_positions_are_taken_once_a_step(tmp_path):
     request = request_of(tmp_path, DECK + "compute m all msd average yes\n")
     first = context_of(request, 1, shift=(1.0, 0, 0))
-    # the mean of the origin and these positions is 1/2
-    assert [first.compute("m", 1) for _ in range(3)] == pytest.approx([0.25] * 3)
+    assert [first.compute("m", 1) for _ in range(3)] == pytest.approx([0.25] * 3)  # the mean of the origin and these positions is 1/2
     assert context_of(request, 2, shift=(4.0, 0, 0)).compute("m", 4) == pytest.approx((4 - 5 / 3) ** 2)
 
 

@@ -17,8 +17,7 @@ from openmm_dpd.lammps.styles.writing import Differences, PairExport
 
 HERE = Line("", "in.deck", 1)
 
-#: Words after the name of each style, and those of a coefficient: # is a number, [#] a cutoff that may be left out.
-WORDS = {
+WORDS = {  # Words after the name of each style, and those of a coefficient: # is a number, [#] a cutoff that may be left out.
     "dpd": ("1.0 1.5 7", "# # [#]"),
     "dpd/tstat": ("1.0 2.0 1.5 7", "# [#]"),
     "dpd/ext": ("1.0 1.5 7", "# # # # # [#]"),
@@ -105,8 +104,7 @@ TERMS = {
 }
 
 
-#: LAMMPS has these in lj units only.
-REDUCED = (dpd.EDPD, dpd.TDPD, dpd.MDPD)
+REDUCED = (dpd.EDPD, dpd.TDPD, dpd.MDPD)  # LAMMPS has these in lj units only.
 
 
 @pytest.mark.parametrize(

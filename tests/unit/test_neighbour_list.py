@@ -56,8 +56,7 @@ def test_boxes_without_tilt_and_wide_ones_keep_their_list():
     assert not may_miss_pairs(np.diag([2.0, 2.0, 2.0]), 1.0)
     assert not may_miss_pairs(BOX, 0.9)
     assert may_miss_pairs(BOX, 1.8)
-    # a shift of a whole box, b_x - c_x
-    assert may_miss_pairs(np.array([[40.0, 0, 0], [20.0, 40.0, 0], [-20.0, 0, 40.0]]), 1.0)
+    assert may_miss_pairs(np.array([[40.0, 0, 0], [20.0, 40.0, 0], [-20.0, 0, 40.0]]), 1.0)  # a shift of a whole box, b_x - c_x
 
 
 def scene(pairs, seed: int = 7) -> dpd.Scene:

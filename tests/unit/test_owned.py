@@ -48,8 +48,7 @@ def dihedrals(*coefficients: str) -> dict:
     return {"quads": np.array([[0, 1, 2, 3]]), **{name: np.array([1.0]) for name in coefficients}}
 
 
-#: For each class that takes arrays, sequences or mappings, arguments made anew.
-EXAMPLES = {
+EXAMPLES = {  # For each class that takes arrays, sequences or mappings, arguments made anew.
     dpd.Scene: scene_arguments,
     dpd.HarmonicBonds: lambda: bonds(k=1.0, r0=1.0),
     dpd.FENEBonds: lambda: bonds(k=1.0, R0=1.0, epsilon=1.0, sigma=1.0),
@@ -80,8 +79,7 @@ EXAMPLES = {
     dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
 }
 
-#: Only numbers, text and other frozen classes in them.
-SCALARS = {
+SCALARS = {  # Only numbers, text and other frozen classes in them.
     "ConstantHeatCapacity",
     "DPD",
     "EnergyDPD",

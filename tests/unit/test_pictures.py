@@ -42,8 +42,7 @@ def test_panels_labels_and_legend(tmp_path, drawn):
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["kinetic", "configurational", "set"]
     assert len(figure.axes[1].get_legend().get_texts()) == 2
     assert figure.axes[2].get_legend() is None
-    # rows and mean of two runs, and the line between them
-    data = [line.get_xdata() for line in figure.axes[2].lines]
+    data = [line.get_xdata() for line in figure.axes[2].lines]  # rows and mean of two runs, and the line between them
     assert [(float(x[0]), float(x[-1])) for x in data] == [(0.0, 49.5), (0.0, 49.5), (50.0, 99.5), (50.0, 99.5), (50.0, 50.0)]
 
 

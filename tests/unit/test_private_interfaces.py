@@ -22,8 +22,7 @@ NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.open
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
 MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc": OPENMM}
 
-#: The same for attributes of objects of other libraries, and for options by name.
-ATTRIBUTES = {
+ATTRIBUTES = {  # The same for attributes of objects of other libraries, and for options by name.
     "_value": OPENMM,
     "_getNumParticles": OPENMM,
     "_getVectorAsNumpy": OPENMM,

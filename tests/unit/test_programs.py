@@ -22,8 +22,7 @@ RAMP = TemperatureRamp(1.0, 2.0, 10, 110)
 KERNEL = Execution(conservative="kernel")
 LOOP = Execution(steps="loop", conservative="kernel")
 
-#: Name of a variant -> what differs from BASE.
-VARIANTS = {
+VARIANTS = {  # Name of a variant -> what differs from BASE.
     "kernel": dict(execution=KERNEL, settable=True),
     "looped": dict(execution=LOOP),
     "openmm": dict(),
@@ -56,8 +55,7 @@ CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
 CASE = pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
 
 
-#: The case whose listing is kept with its comments.
-COMMENTED = "middle_openmm"
+COMMENTED = "middle_openmm"  # The case whose listing is kept with its comments.
 
 
 def without_comments(listing: str) -> str:
@@ -118,8 +116,7 @@ def test_every_variable_is_used(options):
     text = " ".join(f"{step.target} {step.expression}" for step in program.steps)
     for name in (*program.globals_, *program.per_dof):
         assert name in re.findall(r"[A-Za-z_]\w*", text), name
-        # where the walls are never changes
-        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS, name
+        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS, name  # where the walls are never changes
 
 
 @CASE

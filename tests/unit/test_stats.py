@@ -35,8 +35,7 @@ def test_error_of_ar1_series(phi, rows):
     assert np.all((ratio > 0.5) & (ratio < 2.0))
     assert all(average.converged for average in averages)
     z = np.array([average.mean for average in averages]) / np.array([average.sem for average in averages])
-    # standard error of the spread of 100 unit normals: 0.07
-    assert 0.65 < z.std() < 1.3
+    assert 0.65 < z.std() < 1.3  # standard error of the spread of 100 unit normals: 0.07
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])
@@ -118,8 +117,7 @@ def test_error_of_a_ratio():
     averages = [ratio_average(3 + u + v / 2, 2 + u / 2) for u, v in zip(x, y, strict=True)]
     ratios = np.array([average.mean for average in averages])
     reported = np.mean([average.sem for average in averages])
-    # the spread over 300 series is known to 4 %; the method's bias is up to 8 %
-    assert 0.85 < reported / ratios.std(ddof=1) < 1.2
+    assert 0.85 < reported / ratios.std(ddof=1) < 1.2  # the spread over 300 series is known to 4 %; the method's bias is up to 8 %
     assert abs(ratios.mean() - 1.5) < 4 * ratios.std(ddof=1) / np.sqrt(len(ratios))
 
 

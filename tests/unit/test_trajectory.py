@@ -80,8 +80,7 @@ def test_centre_of_mass_and_inertia(trajectory):
     inertia = np.einsum("i,fi,ab->fab", masses, square, np.eye(3)) - np.einsum("i,fia,fib->fab", masses, moved, moved)
     assert np.allclose(md.compute_inertia_tensor(trajectory), inertia, rtol=1e-5)
     assert np.allclose(compute_rg(trajectory), np.sqrt((masses * square).sum(axis=1) / masses.sum()), rtol=1e-12)
-    # mdtraj's own Rg takes the distances from the geometric centre
-    about = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)
+    about = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)  # mdtraj's own Rg takes the distances from the geometric centre
     expected = np.sqrt((masses * about).sum(axis=1) / masses.sum())
     assert np.allclose(md.compute_rg(trajectory, masses=bead_masses(trajectory.topology)), expected, rtol=1e-5)
 

@@ -35,8 +35,7 @@ def test_stress_of_pairs(which):
             if distance >= 1.0:
                 continue
             if which == RANDOM:
-                # the force of one pair: that of the engine for these two beads alone, the others out of the way
-                spec = engine.spec
+                spec = engine.spec  # the force of one pair: that of the engine for these two beads alone, the others out of the way
                 alone = PairEngine(
                     type(spec)(np.where(np.isin(np.arange(40), [i, j]), types, -1).astype(np.int32), spec.inv_mass, spec.terms)
                 )

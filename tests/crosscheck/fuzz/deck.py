@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 
 from .draw import Draw
 
-#: Printed before every run: thermo output is looked for behind it.
-MARK = "=== run"
+MARK = "=== run"  # Printed before every run: thermo output is looked for behind it.
 
 
 @dataclass(frozen=True)

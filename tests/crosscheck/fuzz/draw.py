@@ -6,8 +6,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-#: One number in so many is spelled in another way than the shortest.
-SPELLED = 0.02
+SPELLED = 0.02  # One number in so many is spelled in another way than the shortest.
 
 
 class Draw(random.Random):
@@ -62,8 +61,7 @@ class Draw(random.Random):
         )
 
 
-#: What becomes of a number in the area of mistakes: none of these is one, or it is a number that is out of bounds.
-SPOILED = (
+SPOILED = (  # What becomes of a number in the area of mistakes: none of these is one, or it is a number that is out of bounds.
     "{}_0",
     "1_{}",
     "{}e",

@@ -5,8 +5,7 @@ from ..draw import Draw
 from .interactions import interactions
 from .scene import beads, conservative, draw_box, dump, groups, head, movers, thermo, timestep
 
-#: Values of single beads.
-_BEAD_WORDS = ("x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz")
+_BEAD_WORDS = ("x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz")  # Values of single beads.
 
 
 class Values:

@@ -33,8 +33,7 @@ def _chains(deck: Deck) -> tuple[np.ndarray, list[list[int]], list[list[int]], l
     for _ in range(draw.whole(0, 6)):
         places.append(np.array([draw.random() for _ in range(3)]) @ box_vectors(deck) + np.array(deck.low))
         molecules.append(0)
-    # every type has to be there, since the header counts the types that are
-    bonds[0][0] = 2
+    bonds[0][0] = 2  # every type has to be there, since the header counts the types that are
     if angles:
         angles[0][0] = 2
     return np.round(places, 9), bonds, angles, molecules

@@ -33,8 +33,7 @@ def charges(draw: Draw) -> Deck:
     groups(deck)
     deck.add("fix", 1, "all", "nve")
     timestep(deck)
-    # how the energy is split into a short part and a lattice sum is each program's own choice
-    deck.add("thermo", 1)
+    deck.add("thermo", 1)  # how the energy is split into a short part and a lattice sum is each program's own choice
     deck.add("thermo_style", "custom", "step", "temp", "press", "pe", "etotal", "fnorm")
     deck.add("thermo_modify", "format", "float", "%.15g")
     dump(deck)

@@ -83,8 +83,7 @@ class _Script(Deck):
         self.add("next", *names)
         self.add("jump", "SELF", label)
         self.add("label", f"{label}_out")
-        # those that have come to an end are gone
-        for name in names:
+        for name in names:  # those that have come to an end are gone
             (self.texts_of if name in self.texts_of else self.numbers).remove(name)
             self.add("variable", name, "delete")
 

@@ -16,8 +16,7 @@ def meso(draw: Draw) -> Deck:
     head(deck, style, ("lj", "lj", "real") if style == "dpd" else ("lj",), species if style == "tdpd" else 0)
     natural = deck.units
     sweeps = style == "dpd" and draw.chance(0.4)
-    # LAMMPS has no neighbour lists for fix shardlow in tilted boxes
-    draw_box(deck, 2.7, 4.0, 0.0 if sweeps else 0.35)
+    draw_box(deck, 2.7, 4.0, 0.0 if sweeps else 0.35)  # LAMMPS has no neighbour lists for fix shardlow in tilted boxes
     deck.types = draw.whole(1, 2)
     count = draw.whole(2, 25)
     carried: dict[str, list[float]] = {

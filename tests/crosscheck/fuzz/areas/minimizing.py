@@ -7,8 +7,7 @@ from ..draw import Draw
 from .interactions import interactions
 from .scene import beads, conservative, draw_box, dump, groups, head, thermo, timestep
 
-#: How far a minimum is known: forces are below 1e-7 of a natural unit, energies depend on their square.
-MINIMUM = 1e-5
+MINIMUM = 1e-5  # How far a minimum is known: forces are below 1e-7 of a natural unit, energies depend on their square.
 
 
 def minimizing(draw: Draw) -> Deck:
@@ -84,8 +83,7 @@ def _down(deck: Deck) -> None:
     deck.add("pair_style", "zero", 0.5 * natural.length)
     deck.add("pair_coeff", "*", "*")
     deck.add("comm_modify", "cutoff", 3.0 * natural.length)
-    # LAMMPS's cg goes to and fro about some minima until its iterations are used up
-    deck.add("min_style", draw.pick(["fire", "hftn"]))
+    deck.add("min_style", draw.pick(["fire", "hftn"]))  # LAMMPS's cg goes to and fro about some minima until its iterations are used up
     held = draw.chance(0.4)
     if held:
         deck.add("group", "held", "id", draw.whole(1, count))

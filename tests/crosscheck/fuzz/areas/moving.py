@@ -49,8 +49,7 @@ def moving(draw: Draw) -> Deck:
     deck = Deck(draw)
     style = draw.pick(["atomic", "atomic", "bond"])
     head(deck, style, ("lj", "lj", "real"))
-    # then beads stay in the order in which they came, and commands that give new ids may come after runs
-    ordered = draw.chance(0.25)
+    ordered = draw.chance(0.25)  # then beads stay in the order in which they came, and commands that give new ids may come after runs
     if ordered:
         deck.add("atom_modify", "sort", 0, 0.0)
     draw_box(deck)

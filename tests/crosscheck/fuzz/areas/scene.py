@@ -5,8 +5,7 @@ import numpy as np
 from ..deck import Deck
 from .lattices import units
 
-#: Columns of a bead in a data file, before its coordinates, by atom style.
-_BEFORE = {
+_BEFORE = {  # Columns of a bead in a data file, before its coordinates, by atom style.
     "atomic": "type", "charge": "type q", "bond": "mol type", "angle": "mol type", "molecular": "mol type", "full": "mol type q",
     "dpd": "type theta", "mdpd": "type rho", "edpd": "type temp cv", "tdpd": "type",
 }  # fmt: skip
@@ -135,14 +134,12 @@ def movers(deck: Deck, partial: float = 0.2) -> None:
         deck.add("compute", "movers", group, "temp")
 
 
-#: Thermo words that need nothing but beads.
-WORDS = (
+WORDS = (  # Thermo words that need nothing but beads.
     "temp press pe ke etotal enthalpy evdwl ecoul epair ebond eangle edihed eimp emol elong etail vol density lx ly lz xlo xhi ylo yhi zlo zhi "
     "xy xz yz cella cellb cellc cellalpha cellbeta cellgamma fmax fnorm elapsed elaplong dt time atoms bonds angles"
 ).split()
 
-#: The pressure tensor, which is not known of beads with fields.
-TENSOR = "pxx pyy pzz pxy pxz pyz".split()
+TENSOR = "pxx pyy pzz pxy pxz pyz".split()  # The pressure tensor, which is not known of beads with fields.
 _WITH_FIELDS = ("dpd", "edpd", "tdpd")
 
 

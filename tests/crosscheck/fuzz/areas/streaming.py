@@ -77,8 +77,7 @@ def _correlate(deck: Deck, values: Values) -> None:
         options += ["start", draw.whole(0, 8)]
     if draw.chance(0.3):
         options += ["prefactor", draw.real(-2, 2)]
-    # LAMMPS leaves titles of the types with lower out
-    options += ["title3", '"# rows"'] if kind.endswith("lower") else []
+    options += ["title3", '"# rows"'] if kind.endswith("lower") else []  # LAMMPS leaves titles of the types with lower out
     deck.add(
         "fix", name, "all", "ave/correlate", every, repeat, every * (repeat + draw.whole(0, 2)), *words, *options, "file", f"{name}.corr"
     )
