@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 
 import pytest
+from cases import cases
 from fuzz.areas import AREAS
 from fuzz.command_line import table
 from fuzz.compare import differences
@@ -53,20 +54,18 @@ def test_random_decks_that_are_interrupted_go_on_bit_for_bit(tmp_path):
     assert sum(outcome.kind == "agree" for outcome in found) >= 12, table(found)
 
 
-@pytest.mark.parametrize(
-    ("lammps", "ours", "differs"),
-    [
-        ("1 2.5", "1 2.5", False),
-        ("1 2.5", "1 2.5000000001", False),
-        ("1 2.5", "1 2.50000003", True),
-        ("0 1e-13", "0 0", False),
-        ("0 1e-6", "0 0", True),
-        ("Step Temp", "Step temp", True),
-        ("1 2\n3 4", "1 2", True),
-        ("1 2", "1 2 3", True),
-        ("nan", "nan", False),
-        ("nan", "1", True),
-    ],
+@cases(
+    "lammps, ours, differs",
+    ("1 2.5", "1 2.5", False),
+    ("1 2.5", "1 2.5000000001", False),
+    ("1 2.5", "1 2.50000003", True),
+    ("0 1e-13", "0 0", False),
+    ("0 1e-6", "0 0", True),
+    ("Step Temp", "Step temp", True),
+    ("1 2\n3 4", "1 2", True),
+    ("1 2", "1 2 3", True),
+    ("nan", "nan", False),
+    ("nan", "1", True),
 )
 def test_texts_differ_where_words_or_numbers_do(lammps, ours, differs):
     assert bool(differences(lammps, ours)) == differs

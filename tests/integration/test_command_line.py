@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from fluid_deck import FLUID
 from openmm_dpd.trajectory import load
 
@@ -114,15 +115,13 @@ def test_frames_at_chosen_steps(deck, tmp_path, form):
         np.testing.assert_allclose(frames.time, [0.0, 0.25, 0.5, 0.75], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--steps", "-4"], "--steps must be at least 0, but is -4"),
-        (["--checkpoint", "0"], "--checkpoint must be at least 1, but is 0"),
-        (["--every", "0"], "--every must be at least 1, but is 0"),
-        (["--dt", "nan"], "--dt must be > 0, but is nan"),
-        (["--restart", "nowhere"], "--restart: there is no checkpoint in nowhere; give the --out folder of the interrupted run"),
-    ],
+@cases(
+    "words, message",
+    (["--steps", "-4"], "--steps must be at least 0, but is -4"),
+    (["--checkpoint", "0"], "--checkpoint must be at least 1, but is 0"),
+    (["--every", "0"], "--every must be at least 1, but is 0"),
+    (["--dt", "nan"], "--dt must be > 0, but is nan"),
+    (["--restart", "nowhere"], "--restart: there is no checkpoint in nowhere; give the --out folder of the interrupted run"),
 )
 def test_wrong_options_are_named(deck, capsys, words, message):
     assert main(["run", str(deck), "--out", str(deck.parent / "out"), *words]) == 1
@@ -178,26 +177,24 @@ def test_explain_shows_plan_program_and_notes(deck):
         assert part in text
 
 
-@pytest.mark.parametrize(
-    ("edit", "message"),
-    [
-        (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for the type pair 1 2"),
-        (("1 2 30.0 4.5", "1 2 30.0 -4.5"), "in.fluid:13: pair style dpd, types 1 2: gamma must be >= 0, but is -4.5"),
-        (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 is over half the box"),
-        (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
-        (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
-        (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
-        (
-            ("pair_style dpd 1.0 1.0 34387\npair_coeff 1 1 25.0 4.5\npair_coeff 1 2 30.0 4.5\npair_coeff 2 2 25.0 4.5\n", ""),
-            "needs a pair_style",
-        ),
-        (("2*temp", "c_none[1]"), "variable twice: there is no compute 'none'"),
-        (("2*temp", "1e308*10"), "in.fluid:21: thermo output v_twice is inf at step 0"),
-        (("timestep", "dump d all custom 10 ../in.fluid/d id\ntimestep"), "in.fluid:17: the file '../in.fluid/d' would lie outside of"),
-        (("timestep", "print hello file a/../../b\ntimestep"), "in.fluid:17: the file 'a/../../b' would lie outside of"),
-        (("timestep", "fix a all ave/time 1 1 1 c_thermo_temp file ../b\ntimestep"), "in.fluid:17: the file '../b' would lie outside of"),
-        (("25.0 4.5\npair_coeff 1 2", "nan 4.5\npair_coeff 1 2"), "in.fluid:12:"),
-    ],
+@cases(
+    "edit, message",
+    (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for the type pair 1 2"),
+    (("1 2 30.0 4.5", "1 2 30.0 -4.5"), "in.fluid:13: pair style dpd, types 1 2: gamma must be >= 0, but is -4.5"),
+    (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 is over half the box"),
+    (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
+    (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
+    (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
+    (
+        ("pair_style dpd 1.0 1.0 34387\npair_coeff 1 1 25.0 4.5\npair_coeff 1 2 30.0 4.5\npair_coeff 2 2 25.0 4.5\n", ""),
+        "needs a pair_style",
+    ),
+    (("2*temp", "c_none[1]"), "variable twice: there is no compute 'none'"),
+    (("2*temp", "1e308*10"), "in.fluid:21: thermo output v_twice is inf at step 0"),
+    (("timestep", "dump d all custom 10 ../in.fluid/d id\ntimestep"), "in.fluid:17: the file '../in.fluid/d' would lie outside of"),
+    (("timestep", "print hello file a/../../b\ntimestep"), "in.fluid:17: the file 'a/../../b' would lie outside of"),
+    (("timestep", "fix a all ave/time 1 1 1 c_thermo_temp file ../b\ntimestep"), "in.fluid:17: the file '../b' would lie outside of"),
+    (("25.0 4.5\npair_coeff 1 2", "nan 4.5\npair_coeff 1 2"), "in.fluid:12:"),
 )
 def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
     text = FLUID.replace(*edit)
@@ -209,17 +206,15 @@ def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
     assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("command", "option", "target"),
-    [
-        ("run", "--json", "folder"),
-        ("run", "--json", "file/x.json"),
-        ("run", "--json", "/proc/x.json"),
-        ("run", "--out", "file"),
-        ("run", "--out", "file/x"),
-        ("forces", "--json", "folder"),
-        ("forces", "--json", "file/x.json"),
-    ],
+@cases(
+    "command, option, target",
+    ("run", "--json", "folder"),
+    ("run", "--json", "file/x.json"),
+    ("run", "--json", "/proc/x.json"),
+    ("run", "--out", "file"),
+    ("run", "--out", "file/x"),
+    ("forces", "--json", "folder"),
+    ("forces", "--json", "file/x.json"),
 )
 def test_places_that_cannot_be_written_are_found_before_anything_is_computed(deck, capsys, monkeypatch, command, option, target):
     monkeypatch.chdir(deck.parent)
@@ -344,19 +339,17 @@ def test_every_example_deck_runs(deck_name, tmp_path):
     assert all(np.isfinite(run["thermo"]["temp"]["last"]) for run in report["runs"])
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("recommend DECK --error 3", "--error must be a fraction of the temperature from 0.0001 to 0.1"),
-        ("recommend DECK --scheme fast", "--scheme: unknown scheme 'fast'"),
-        ("explain DECK --dt -1", "--dt must be > 0"),
-        ("explain DECK --seed 2147483648", "--seed must be less than 2^31"),
-        ("run DECK --platform Abacus --out OUT", "--platform: there is no platform 'Abacus' here"),
-        ("run DECK --threads 0 --out OUT", "--threads must be at least 1"),
-        ("export DECK OUT --dt -1", "--dt must be > 0"),
-        ("export DECK OUT --every -1", "--every must be at least 1"),
-        ("export DECK OUT --seed -1", "--seed must be"),
-    ],
+@cases(
+    "words, message",
+    ("recommend DECK --error 3", "--error must be a fraction of the temperature from 0.0001 to 0.1"),
+    ("recommend DECK --scheme fast", "--scheme: unknown scheme 'fast'"),
+    ("explain DECK --dt -1", "--dt must be > 0"),
+    ("explain DECK --seed 2147483648", "--seed must be less than 2^31"),
+    ("run DECK --platform Abacus --out OUT", "--platform: there is no platform 'Abacus' here"),
+    ("run DECK --threads 0 --out OUT", "--threads must be at least 1"),
+    ("export DECK OUT --dt -1", "--dt must be > 0"),
+    ("export DECK OUT --every -1", "--every must be at least 1"),
+    ("export DECK OUT --seed -1", "--seed must be"),
 )
 def test_errors_name_options_as_they_are_written(deck, tmp_path, capsys, words, message):
     places = {"DECK": str(deck), "OUT": str(tmp_path / "out")}

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from fluid_deck import FLUID
 from full_disk import file_limit, small_disk
 
@@ -61,18 +62,16 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
     assert no_traces(deck.parent)
 
 
-@pytest.mark.parametrize(
-    ("name", "line", "steps", "what"),
-    [
-        ("dump.d", 23, None, "the run stopped: the file of dump d, {out}/dump.d cannot be written (Is a directory)"),
-        ("mean.txt", 22, None, "the file of averages {out}/mean.txt cannot be written (Is a directory)"),
-        ("said", 24, 20, "the file of print {out}/said cannot be written (Is a directory)"),
-        ("data", 25, 20, "the data file {out}/data cannot be written (Is a directory)"),
-        ("trajectory.dcd", 23, None, "the run stopped: the trajectory {out}/trajectory.dcd cannot be written (Is a directory)"),
-        ("topology.psf", 23, None, "the run stopped: the topology {out}/topology.psf cannot be written (Is a directory)"),
-        ("final_state.xml", 23, 20, "the run stopped: the state {out}/final_state.xml cannot be written (Is a directory)"),
-        ("thermo.png", None, 20, "the picture {out}/thermo.png cannot be written (Is a directory)"),
-    ],
+@cases(
+    "name, line, steps, what",
+    ("dump.d", 23, None, "the run stopped: the file of dump d, {out}/dump.d cannot be written (Is a directory)"),
+    ("mean.txt", 22, None, "the file of averages {out}/mean.txt cannot be written (Is a directory)"),
+    ("said", 24, 20, "the file of print {out}/said cannot be written (Is a directory)"),
+    ("data", 25, 20, "the data file {out}/data cannot be written (Is a directory)"),
+    ("trajectory.dcd", 23, None, "the run stopped: the trajectory {out}/trajectory.dcd cannot be written (Is a directory)"),
+    ("topology.psf", 23, None, "the run stopped: the topology {out}/topology.psf cannot be written (Is a directory)"),
+    ("final_state.xml", 23, 20, "the run stopped: the state {out}/final_state.xml cannot be written (Is a directory)"),
+    ("thermo.png", None, 20, "the picture {out}/thermo.png cannot be written (Is a directory)"),
 )
 def test_each_file_that_cannot_be_written_has_one_line(deck, capsys, name, line, steps, what):
     deck.write_text(WRITING.replace("run 200", "run 20\nprint done file said\nwrite_data data"))

@@ -6,6 +6,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
+from cases import cases
 from judged import any_seed, judge
 from kinds import everything, made, running, same
 from openmm import unit
@@ -225,10 +226,7 @@ def _few_beads(tied: str, seed: int = 3) -> dpd.BuiltSystem:
     return built
 
 
-@pytest.mark.parametrize(
-    ("tied", "dof"),
-    [("nothing", 21), ("constant", 21), ("frozen", 21), ("specular", 22), ("bounce-back", 24), ("place", 22), ("theirs", 24)],
-)
+@cases("tied, dof", ("nothing", 21), ("constant", 21), ("frozen", 21), ("specular", 22), ("bounce-back", 24), ("place", 22), ("theirs", 24))
 def test_degrees_of_freedom_know_what_takes_up_momentum(tied, dof):
     """One less for each component of the momentum that is conserved; a frozen bead has none, and no other is taken off then."""
     built = _few_beads(tied)
@@ -267,13 +265,11 @@ def test_bonds_fit_into_the_box():
     dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, bonds=[bonds])
 
 
-@pytest.mark.parametrize(
-    ("kind", "scheme"),
-    [
-        *(("dpd", scheme) for scheme in ("mvv", "middle", "bababo")),
-        *(("mdpd", "mvv"), ("energies", "mvv"), ("edpd", "mvv-0.65"), ("tdpd", "mvv"), ("sigma", "aboba"), ("patterns", "mvv")),
-        *(("bonded", "middle"), ("bonded", "mvv"), ("ramp", "mvv"), ("charged", "mvv")),
-    ],
+@cases(
+    "kind, scheme",
+    *(("dpd", scheme) for scheme in ("mvv", "middle", "bababo")),
+    *(("mdpd", "mvv"), ("energies", "mvv"), ("edpd", "mvv-0.65"), ("tdpd", "mvv"), ("sigma", "aboba"), ("patterns", "mvv")),
+    *(("bonded", "middle"), ("bonded", "mvv"), ("ramp", "mvv"), ("charged", "mvv")),
 )
 def test_samples_share_the_engine_of_the_run(kind, scheme):
     """A run that is measured in every step keeps its bits; its samples are those of a run that goes step by step, with an engine apart."""

@@ -7,6 +7,7 @@ import openmm
 import oracle
 import oracle_meso
 import pytest
+from cases import cases
 from devices import DEVICES
 from judged import any_seed
 from scenes import BOXES, MASSES, fluid, state_of
@@ -283,16 +284,14 @@ def test_schemes_and_places_that_do_not_fit():
         dpd.build(density_scene(), dt=DT, scheme="native", platform="CPU")
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"internal": dpd.BeadTemperatures(0.0, 1.0)}, "temperature of bead 0 is 0; it must be > 0"),
-        ({"internal": dpd.BeadTemperatures(1.0, -1.0)}, "heat capacity of bead 0 is -1; it must be > 0"),
-        ({"internal": dpd.Concentrations(np.ones(N))}, "need internal=BeadTemperatures"),
-        ({"sources": [dpd.Source(dpd.Sphere((50, 0, 0), 1.0), 1.0)]}, "lies outside the box"),
-        ({"sources": [dpd.Source(dpd.Sphere((1, 0, 0), 1.0), 1.0, species=1)]}, "names species 1, but there are 1"),
-        ({"compat": "LAMMPS"}, "compat must be"),
-    ],
+@cases(
+    "change, message",
+    ({"internal": dpd.BeadTemperatures(0.0, 1.0)}, "temperature of bead 0 is 0; it must be > 0"),
+    ({"internal": dpd.BeadTemperatures(1.0, -1.0)}, "heat capacity of bead 0 is -1; it must be > 0"),
+    ({"internal": dpd.Concentrations(np.ones(N))}, "need internal=BeadTemperatures"),
+    ({"sources": [dpd.Source(dpd.Sphere((50, 0, 0), 1.0), 1.0)]}, "lies outside the box"),
+    ({"sources": [dpd.Source(dpd.Sphere((1, 0, 0), 1.0), 1.0, species=1)]}, "names species 1, but there are 1"),
+    ({"compat": "LAMMPS"}, "compat must be"),
 )
 def test_bad_input(change, message):
     good = {"internal": dpd.BeadTemperatures(1.0, 1.0)}

@@ -8,6 +8,7 @@ from io import StringIO
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from judged import any_seed
 from openmm import app, unit
 
@@ -413,32 +414,30 @@ def test_beads_that_interact_with_atoms_only():
         whole.simulation("Reference"), whole.simulation("Reference")
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"scene": "no scene"}, dpd.ParameterError, "expected a Scene"),
-        ({"positions": np.zeros((2, 3))}, dpd.ParameterError, r"positions must have shape \(\d+, 3\)"),
-        ({"topology": app.Topology()}, dpd.ParameterError, "Topology must have the .* but it has 0 atoms"),
-        ({"atoms": ["solute"]}, dpd.ParameterError, "atoms names the classes of 1 particles"),
-        ({"atoms": "solute"}, dpd.ParameterError, "atoms must name the class of each particle"),
-        ({"rename": "W"}, dpd.ParameterError, "'W' is a bead type of the scene"),
-        ({"rename": 3}, dpd.ParameterError, "`atoms` has 3"),
-        ({"cross": {("solute", "W"): dpd.DPD(A=1)}}, dpd.ParameterError, r"no cross terms for \(solute, V\), \(water, W\)"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "X"): dpd.NONE}}, dpd.ParameterError, r"no class of atoms or bead type 'X'"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1), ("W", "V"): dpd.DPD(A=1)}}, dpd.ParameterError, "both are bead types"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "water"): dpd.DPD(A=1)}}, dpd.ParameterError, "only friction"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1, cutoff=2)}}, dpd.ParameterError, "over half the box"),
-        ({"cross": 3}, dpd.ParameterError, "cross must be a table.*3"),
-        ({"platform": "cpu"}, dpd.ParameterError, "platform must be the name.*'cpu'"),
-        ({"scheme": "native"}, dpd.PlanError, "scheme='middle'"),
-        ({"scheme": "mvv"}, dpd.PlanError, "use scheme='middle'"),
-        ({"edge": 3.0}, dpd.ParameterError, "the box of the atoms, .* is not that of the scene"),
-        ({"scene_box": None}, dpd.PlanError, "the scene has no box"),
-        ({"force": openmm.GBSAOBCForce()}, dpd.PlanError, "GBSAOBCForce, which needs parameters for every particle"),
-        ({"force": openmm.CMMotionRemover()}, dpd.PlanError, "removeCMMotion=False"),
-        ({"walls": True}, dpd.PlanError, "`walls` cannot be put beside atoms"),
-        ({"body": True}, dpd.PlanError, "`body_forces` cannot be put beside atoms"),
-    ],
+@cases(
+    "changes, error, message",
+    ({"scene": "no scene"}, dpd.ParameterError, "expected a Scene"),
+    ({"positions": np.zeros((2, 3))}, dpd.ParameterError, r"positions must have shape \(\d+, 3\)"),
+    ({"topology": app.Topology()}, dpd.ParameterError, "Topology must have the .* but it has 0 atoms"),
+    ({"atoms": ["solute"]}, dpd.ParameterError, "atoms names the classes of 1 particles"),
+    ({"atoms": "solute"}, dpd.ParameterError, "atoms must name the class of each particle"),
+    ({"rename": "W"}, dpd.ParameterError, "'W' is a bead type of the scene"),
+    ({"rename": 3}, dpd.ParameterError, "`atoms` has 3"),
+    ({"cross": {("solute", "W"): dpd.DPD(A=1)}}, dpd.ParameterError, r"no cross terms for \(solute, V\), \(water, W\)"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "X"): dpd.NONE}}, dpd.ParameterError, r"no class of atoms or bead type 'X'"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1), ("W", "V"): dpd.DPD(A=1)}}, dpd.ParameterError, "both are bead types"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "water"): dpd.DPD(A=1)}}, dpd.ParameterError, "only friction"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1, cutoff=2)}}, dpd.ParameterError, "over half the box"),
+    ({"cross": 3}, dpd.ParameterError, "cross must be a table.*3"),
+    ({"platform": "cpu"}, dpd.ParameterError, "platform must be the name.*'cpu'"),
+    ({"scheme": "native"}, dpd.PlanError, "scheme='middle'"),
+    ({"scheme": "mvv"}, dpd.PlanError, "use scheme='middle'"),
+    ({"edge": 3.0}, dpd.ParameterError, "the box of the atoms, .* is not that of the scene"),
+    ({"scene_box": None}, dpd.PlanError, "the scene has no box"),
+    ({"force": openmm.GBSAOBCForce()}, dpd.PlanError, "GBSAOBCForce, which needs parameters for every particle"),
+    ({"force": openmm.CMMotionRemover()}, dpd.PlanError, "removeCMMotion=False"),
+    ({"walls": True}, dpd.PlanError, "`walls` cannot be put beside atoms"),
+    ({"body": True}, dpd.PlanError, "`body_forces` cannot be put beside atoms"),
 )
 def test_bad_input(changes, error, message):
     topology, system, x = atoms()

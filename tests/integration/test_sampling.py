@@ -11,6 +11,7 @@ import foreign_forces
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from judged import any_seed, with_seeds
 from openmm import app, unit
 from openmm_dpd.stats import block_average
@@ -282,16 +283,14 @@ def holds(samples: list[float], kT: float) -> None:
 
 @pytest.mark.slow
 @any_seed(4)
-@pytest.mark.parametrize(
+@cases(
     "method, way, keys",
-    [
-        ("SimulatedTempering", "build", "temperature"),
-        ("SimulatedTempering", "add_thermostat", "temperature"),
-        ("ExpandedEnsembleSampler", "build", "with dpd_kT"),
-        ("ExpandedEnsembleSampler", "add_thermostat", "temperature"),
-        ("ReplicaExchangeSampler", "build", "with dpd_seed"),
-        ("ReplicaExchangeSampler", "add_thermostat", "temperature"),
-    ],
+    ("SimulatedTempering", "build", "temperature"),
+    ("SimulatedTempering", "add_thermostat", "temperature"),
+    ("ExpandedEnsembleSampler", "build", "with dpd_kT"),
+    ("ExpandedEnsembleSampler", "add_thermostat", "temperature"),
+    ("ReplicaExchangeSampler", "build", "with dpd_seed"),
+    ("ReplicaExchangeSampler", "add_thermostat", "temperature"),
 )
 def test_states_have_their_temperatures(method, way, keys, seed):
     """Particles with friction alone have no energy to be compared: all changes are accepted, however far apart the temperatures are."""

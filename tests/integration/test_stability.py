@@ -3,6 +3,7 @@
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from devices import DEVICES
 from judged import any_seed, bounded, judge, ratios
 
@@ -84,9 +85,7 @@ def test_two_forces_to_a_sweep_at_a_step_where_all_others_fail(gamma, seed):
     judge(configurational, 1.0, error=0.01, beside=0.01)
 
 
-@pytest.mark.parametrize(
-    ("scheme", "dt"), [("mvv", 0.06), ("mvv", 0.3), ("shardlow", 0.3), ("middle", 0.4), ("aboba", 0.4), ("bababo", 0.4)]
-)
+@cases("scheme, dt", ("mvv", 0.06), ("mvv", 0.3), ("shardlow", 0.3), ("middle", 0.4), ("aboba", 0.4), ("bababo", 0.4))
 def test_every_scheme_that_blows_up_says_so(scheme, dt):
     """Soft beads never become NaN: without a check this would run on at a million times the temperature."""
     made, _ = simulation(fluid(40.5), scheme, dt)

@@ -3,6 +3,7 @@
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from judged import any_seed, judge
 from openmm import app, unit
 
@@ -103,37 +104,35 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
     return system
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"friction": dpd.DPD(A=1, gamma=1)}, dpd.ParameterError, "a thermostat has no repulsion"),
-        ({"friction": dpd.DPD(gamma=1, cutoff=2)}, dpd.ParameterError, "over half the box"),
-        (
-            {"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]},
-            dpd.ParameterError,
-            r"no pair coefficients for types \(A, B\)",
-        ),
-        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
-        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
-        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", 1, "A", "A"]}, dpd.ParameterError, "types must hold the name.*1"),
-        ({"friction": dpd.DPD(cutoff=1.0)}, dpd.ParameterError, "no pair of types has any friction"),
-        ({"friction": 5}, dpd.ParameterError, "friction must be a DPD.*5"),
-        ({"friction": dpd.LennardJones(1, 1, 1)}, dpd.ParameterError, "friction must be a DPD"),
-        ({"temperature": -3}, dpd.ParameterError, r"temperature must be a single number >= 0, but is -3\.0 K"),
-        ({"temperature": None}, dpd.ParameterError, "temperature must be a number.*None"),
-        (
-            {"friction": dpd.DPD(gamma=1, sigma=2), "temperature": dpd.TemperatureRamp(2.0, 3.0, 0, 9)},
-            dpd.ParameterError,
-            "contradict the temperature.*kT = 3",
-        ),
-        ({"friction": dpd.DPD(sigma=2), "temperature": dpd.TemperatureRamp(2.0, 0.0, 0, 9)}, dpd.ParameterError, "temperature of 0"),
-        ({"scheme": "mvv", "lam": 5}, dpd.ParameterError, "lam.*between 0 and 1.*5"),
-        ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
-        ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
-        ({"dt": 0}, dpd.ParameterError, "dt must be > 0, but is 0"),
-        ({"scheme": "native"}, dpd.ParameterError, "OpenMM's own thermostat; make a DPDIntegrator"),
-        ({"scheme": "verlet"}, dpd.ParameterError, "unknown scheme 'verlet'.*or a word"),
-    ],
+@cases(
+    "arguments, error, message",
+    ({"friction": dpd.DPD(A=1, gamma=1)}, dpd.ParameterError, "a thermostat has no repulsion"),
+    ({"friction": dpd.DPD(gamma=1, cutoff=2)}, dpd.ParameterError, "over half the box"),
+    (
+        {"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]},
+        dpd.ParameterError,
+        r"no pair coefficients for types \(A, B\)",
+    ),
+    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
+    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
+    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", 1, "A", "A"]}, dpd.ParameterError, "types must hold the name.*1"),
+    ({"friction": dpd.DPD(cutoff=1.0)}, dpd.ParameterError, "no pair of types has any friction"),
+    ({"friction": 5}, dpd.ParameterError, "friction must be a DPD.*5"),
+    ({"friction": dpd.LennardJones(1, 1, 1)}, dpd.ParameterError, "friction must be a DPD"),
+    ({"temperature": -3}, dpd.ParameterError, r"temperature must be a single number >= 0, but is -3\.0 K"),
+    ({"temperature": None}, dpd.ParameterError, "temperature must be a number.*None"),
+    (
+        {"friction": dpd.DPD(gamma=1, sigma=2), "temperature": dpd.TemperatureRamp(2.0, 3.0, 0, 9)},
+        dpd.ParameterError,
+        "contradict the temperature.*kT = 3",
+    ),
+    ({"friction": dpd.DPD(sigma=2), "temperature": dpd.TemperatureRamp(2.0, 0.0, 0, 9)}, dpd.ParameterError, "temperature of 0"),
+    ({"scheme": "mvv", "lam": 5}, dpd.ParameterError, "lam.*between 0 and 1.*5"),
+    ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
+    ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
+    ({"dt": 0}, dpd.ParameterError, "dt must be > 0, but is 0"),
+    ({"scheme": "native"}, dpd.ParameterError, "OpenMM's own thermostat; make a DPDIntegrator"),
+    ({"scheme": "verlet"}, dpd.ParameterError, "unknown scheme 'verlet'.*or a word"),
 )
 def test_bad_input(arguments, error, message):
     settings = {"friction": dpd.DPD(gamma=1), "temperature": 300, "dt": 0.002} | arguments

@@ -9,6 +9,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
+from cases import cases
 from judged import any_seed
 from kinds import BESIDE, KINDS, NAMED, WORDS, differences, everything, made, plain_context, running, same, schemes_of
 from openmm_dpd.stats import block_average, ratio_average
@@ -186,15 +187,13 @@ def test_very_many_words(word):
     agrees_with_letters(word, LOOP, *PROGRAMS)
 
 
-@pytest.mark.parametrize(
-    ("word", "conservative"),
-    [
-        ("O/2 A/2 O/2 B A/2", "kernel"),
-        ("O/2 A/2 O/2 B A/2", "openmm"),
-        ("S/2 A/2 O/2 A/2 B", "kernel"),
-        ("B O/2 A/2 O/2 A/2", "openmm"),
-        ("B/2 O/2 B/2 A/2 O/2 A/2", "openmm"),
-    ],
+@cases(
+    "word, conservative",
+    ("O/2 A/2 O/2 B A/2", "kernel"),
+    ("O/2 A/2 O/2 B A/2", "openmm"),
+    ("S/2 A/2 O/2 A/2 B", "kernel"),
+    ("B O/2 A/2 O/2 A/2", "openmm"),
+    ("B/2 O/2 B/2 A/2 O/2 A/2", "openmm"),
 )
 def test_programs_with_a_drift_between_two_sweeps(word, conservative):
     """... as loop=False, other platforms, add_thermostat and create_mixed_system run them."""

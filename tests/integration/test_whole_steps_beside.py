@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from devices import Device
 from judged import any_seed, bounded, judge
 from kinds import N, differences, everything, hand_over, made, plain_context, running, same, schemes_of
@@ -524,9 +525,7 @@ def test_a_context_that_changes_threads():
 
 
 # -- reporters ---------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("kind", "scheme"), [("charged", "middle"), *((kind, scheme) for kind in ("dpd", "energies", "bonded", "ramp") for scheme in SCHEMES)]
-)
+@cases("kind, scheme", ("charged", "middle"), *((kind, scheme) for kind in ("dpd", "energies", "bonded", "ramp") for scheme in SCHEMES))
 def test_reporters_do_not_change_a_run(kind, scheme, tmp_path):
     """Every step, every ten, every seven and never."""
     ends, times = [], []

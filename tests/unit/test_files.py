@@ -5,6 +5,7 @@ import struct
 import mdtraj
 import numpy as np
 import pytest
+from cases import cases
 from full_disk import file_limit
 
 import openmm_dpd as dpd
@@ -53,9 +54,7 @@ def test_blocks_are_whole(tmp_path):
     assert path.read_text() == "e"
 
 
-@pytest.mark.parametrize(
-    "box", [np.diag([3.0, 4.0, 5.0]), np.array([[4.0, 0, 0], [1.5, 4.0, 0], [-1.0, 0.7, 4.5]])], ids=["ortho", "tilted"]
-)
+@cases("box", np.diag([3.0, 4.0, 5.0]), np.array([[4.0, 0, 0], [1.5, 4.0, 0], [-1.0, 0.7, 4.5]]), ids=["ortho", "tilted"])
 def test_trajectories_are_those_of_mdtraj_and_whole_after_a_failure(tmp_path, box):
     frames = np.random.default_rng(3).random((4, 50, 3)) * 30
     writer = DCDWriter(tmp_path / "ours.dcd", 50, "the trajectory")

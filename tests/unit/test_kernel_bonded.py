@@ -4,6 +4,7 @@ import chains_of_beads as chains
 import numpy as np
 import pytest
 import reference_forces as check
+from cases import cases
 from reference_forces import BOXES
 from scenes import beads
 
@@ -114,9 +115,7 @@ def test_beads_at_the_same_point(rest):
         assert energy == pytest.approx(expected, rel=1e-14, abs=1e-14) and not force.any() and not expected_force.any()
 
 
-@pytest.mark.parametrize(
-    "kind", [lambda t: dpd.HarmonicAngles(t, 6.0, 1.9), lambda t: dpd.CosineAngles(t, 4.0)], ids=["harmonic", "cosine"]
-)
+@cases("kind", lambda t: dpd.HarmonicAngles(t, 6.0, 1.9), lambda t: dpd.CosineAngles(t, 4.0), ids=["harmonic", "cosine"])
 def test_angles_of_beads_in_line(kind):
     """Straight, folded back, and with an arm of no length: finite, and as OpenMM wherever it has a number."""
     for places in ([0.0, 1.0, 2.5], [0.0, 1.0, 0.5]):

@@ -3,6 +3,7 @@
 import numpy as np
 import oracle_energy as oracle
 import pytest
+from cases import cases
 from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
 from scipy import stats
 
@@ -266,14 +267,12 @@ def test_energy_out_of_range_names_the_bead():
         engine.sweep(scene.velocities, 1.0, 5.0, SEED, COUNTER, u)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"internal": None}, "need internal=InternalEnergy"),
-        ({"internal": InternalEnergy(EOS, 0.0)}, "bead 0 is 0; it must be > 0"),
-        ({"internal": InternalEnergy({"A": EOS["A"]}, 1.0)}, "no equation of state for bead type B"),
-        ({"internal": InternalEnergy(TabulatedEOS([1, 2], [1, 2]), 3.0)}, "3 of bead 0 is outside its equation of state"),
-    ],
+@cases(
+    "change, message",
+    ({"internal": None}, "need internal=InternalEnergy"),
+    ({"internal": InternalEnergy(EOS, 0.0)}, "bead 0 is 0; it must be > 0"),
+    ({"internal": InternalEnergy({"A": EOS["A"]}, 1.0)}, "no equation of state for bead type B"),
+    ({"internal": InternalEnergy(TabulatedEOS([1, 2], [1, 2]), 3.0)}, "3 of bead 0 is outside its equation of state"),
 )
 def test_bad_internal_energies(change, message):
     with pytest.raises(ParameterError, match=message):

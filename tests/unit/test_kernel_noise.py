@@ -5,6 +5,7 @@ Seeds are fixed, so every statistical check gives the same number each time; bou
 
 import numpy as np
 import pytest
+from cases import cases
 from scipy import special, stats
 
 from openmm_dpd.kernels import noise
@@ -108,19 +109,17 @@ def test_the_outermost_numbers_are_finite():
     assert extremes[1] < -8 and extremes[5] > 8
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        pytest.param((5, 1, 0), (5, 2, 0), id="steps"),
-        pytest.param((5, 1, 0), (5, 2**31, 0), id="steps far apart"),
-        pytest.param((5, 1, 0), (6, 1, 0), id="seeds"),
-        pytest.param((5, 2, 0), (6, 1, 0), id="seed and step exchanged"),
-        pytest.param((0, 1, 0), (1, 0, 0), id="seed 0"),
-        pytest.param((5, 1, 0), (5, 1, 1), id="components 0 1"),
-        pytest.param((5, 1, 1), (5, 1, 2), id="components 1 2"),
-        pytest.param((5, 1, 1), (5, 1, 3), id="components 1 3"),
-        pytest.param((5, 1, 2), (5, 1, 3), id="components 2 3"),
-    ],
+@cases(
+    "first, second",
+    pytest.param((5, 1, 0), (5, 2, 0), id="steps"),
+    pytest.param((5, 1, 0), (5, 2**31, 0), id="steps far apart"),
+    pytest.param((5, 1, 0), (6, 1, 0), id="seeds"),
+    pytest.param((5, 2, 0), (6, 1, 0), id="seed and step exchanged"),
+    pytest.param((0, 1, 0), (1, 0, 0), id="seed 0"),
+    pytest.param((5, 1, 0), (5, 1, 1), id="components 0 1"),
+    pytest.param((5, 1, 1), (5, 1, 2), id="components 1 2"),
+    pytest.param((5, 1, 1), (5, 1, 3), id="components 1 3"),
+    pytest.param((5, 1, 2), (5, 1, 3), id="components 2 3"),
 )
 def test_no_correlation(first, second):
     """Correlations of x, x^2 and |x| with y, of 10^6 numbers of two streams: |r| < 4/sqrt(M) = 0.004."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
@@ -154,16 +155,14 @@ def test_ids_without_gaps(tmp_path, command):
 RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (RUN + "reset_atoms id\n", "reset_atoms id: the new ids that LAMMPS gives after a run depend on how it has sorted"),
-        (RUN + "group few id 1\ndelete_atoms group few\n", "keep the ids with 'compress no'"),
-        ("reset_atoms id sort yes\n", "sort yes is not supported"),
-        ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
-        ("reset_atoms image\n", "reset_atoms image is not supported"),
-        ("compute m all msd\nreset_atoms id\n", "define it afterwards"),
-    ],
+@cases(
+    "text, message",
+    (RUN + "reset_atoms id\n", "reset_atoms id: the new ids that LAMMPS gives after a run depend on how it has sorted"),
+    (RUN + "group few id 1\ndelete_atoms group few\n", "keep the ids with 'compress no'"),
+    ("reset_atoms id sort yes\n", "sort yes is not supported"),
+    ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
+    ("reset_atoms image\n", "reset_atoms image is not supported"),
+    ("compute m all msd\nreset_atoms id\n", "define it afterwards"),
 )
 def test_ids_that_lammps_would_give_otherwise(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(TWENTY + text)
@@ -271,66 +270,63 @@ velocity all set 1.0 0.5 NULL units box sum yes
     np.testing.assert_allclose(state.atoms.velocities, 0, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("boundary p p s", "boundaries are periodic .p. or, behind fix wall/reflect, fixed .f., not .p p s."),
-        ("dimension 2", "only three dimensions"),
-        ("units si", "units must be one of lj, real, metal, not 'si'"),
-        ("atom_style sphere", "the atom style must be one of atomic,"),
-        ("lattice sc -1", "the scale of the lattice must be > 0"),
-        ("lattice square 1", "the lattice style must be one of"),
-        ("region b block 0 1 0 1 0", "region style block needs 6 values, but 5 follow"),
-        ("region b block 0 1 2 1 0 1", "the region's lower y, 2, is above its upper one, 1"),
-        ("region b block 0 1 0 EDGE 0 1", "is EDGE, but there is no box yet"),
-        ("region b cone 0", "the region style must be one of"),
-        ("region b union 2 a c", "there is no region 'a'; defined so far: none"),
-        ("create_box 1 b", "there is no region 'b'"),
-        ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
-        ("region b cylinder z 1 1 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
-        ("create_atoms 1 box", "create_atoms needs a simulation box"),
-        ("mass 1 1.0", "mass needs a simulation box"),
-        (TWENTY + "create_atoms 1 box", "need a lattice"),
-        (TWENTY + "create_atoms 4 box", "atom type 4 is out of range: there are 3"),
-        (
-            TWENTY + "region up block INF INF 1e3 INF INF INF\ncreate_atoms 1 random 10 1 up",
-            "region 'up' and the box have no volume in common",
-        ),
-        (TWENTY + "create_atoms 1 random 10", "create_atoms random needs 3 values, but 1 follow"),
-        (TWENTY + "create_atoms 1 random 10 5 nowhere", "there is no region 'nowhere'"),
-        (TWENTY + "create_atoms 1 mesh x", "the style of create_atoms must be one of"),
-        (TWENTY + "mass 1 0", "the mass must be > 0, but is 0"),
-        (TWENTY + "mass 4 1", "atom type 4 is out of range: there are 3"),
-        (TWENTY + "mass 1 nan", "the mass must be finite, but is nan"),
-        (TWENTY + "group g cluster 1", "group style 'cluster' is not supported"),
-        (TWENTY + "group g type x", "expected a whole number for an atom type, not 'x'"),
-        (TWENTY + "group g union h", "there is no group 'h'; defined so far: all"),
-        (TWENTY + "group all type 1", "group all is fixed"),
-        (TWENTY + "set atom 1 mass 2", "has one mass per type; use the mass command"),
-        (TWENTY + "set atom 1 charge 2", "atom_style atomic has no charges"),
-        (TWENTY + "set atom 1 type 4", "atom type 4 is out of range"),
-        (TWENTY + "set atom 1 shape 1 1 1", "set has no option 'shape' here"),
-        (TWENTY + "velocity all create 1.0", "velocity create needs 2 values, but 1 follow"),
-        (TWENTY + "velocity all create -1.0 5", "the temperature must be >= 0"),
-        (TWENTY + "velocity all create 1.0 5 dist odd", "dist must be one of uniform, gaussian, not 'odd'"),
-        (TWENTY + "velocity all create 1.0 5 mom maybe", "expected yes or no for mom, not 'maybe'"),
-        (
-            TWENTY + "mass * 1\ndelete_atoms group all\ncreate_atoms 1 single 0 0 0\nset atom 1 x 1\n"
-            "create_atoms 1 random 2147483648 5 NULL",
-            "create_atoms random: 2147483648 beads are too many",
-        ),
-        (TWENTY + "velocity all scale 1.0", "cannot be scaled to a temperature: it is 0"),
-        (TWENTY + "velocity none create 1.0 5", "there is no group 'none'"),
-        (TWENTY + "units real", "units must come before the simulation box"),
-        (
-            "region b block 0 1 0 1 0 1\ncreate_box 1 b\ncreate_atoms 1 single 0 0 0\nvelocity all set 0 0 0\nvelocity all create 1 1",
-            "no mass is set for atom type 1",
-        ),
-        ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
-        ("run_style respa 2 2", "only run_style verlet"),
-        ("atom_modify id no", "atom_modify id is not supported"),
-        ("restart 100", r"expected 'restart N file \[file\]'"),
-    ],
+@cases(
+    "text, message",
+    ("boundary p p s", "boundaries are periodic .p. or, behind fix wall/reflect, fixed .f., not .p p s."),
+    ("dimension 2", "only three dimensions"),
+    ("units si", "units must be one of lj, real, metal, not 'si'"),
+    ("atom_style sphere", "the atom style must be one of atomic,"),
+    ("lattice sc -1", "the scale of the lattice must be > 0"),
+    ("lattice square 1", "the lattice style must be one of"),
+    ("region b block 0 1 0 1 0", "region style block needs 6 values, but 5 follow"),
+    ("region b block 0 1 2 1 0 1", "the region's lower y, 2, is above its upper one, 1"),
+    ("region b block 0 1 0 EDGE 0 1", "is EDGE, but there is no box yet"),
+    ("region b cone 0", "the region style must be one of"),
+    ("region b union 2 a c", "there is no region 'a'; defined so far: none"),
+    ("create_box 1 b", "there is no region 'b'"),
+    ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
+    ("region b cylinder z 1 1 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
+    ("create_atoms 1 box", "create_atoms needs a simulation box"),
+    ("mass 1 1.0", "mass needs a simulation box"),
+    (TWENTY + "create_atoms 1 box", "need a lattice"),
+    (TWENTY + "create_atoms 4 box", "atom type 4 is out of range: there are 3"),
+    (
+        TWENTY + "region up block INF INF 1e3 INF INF INF\ncreate_atoms 1 random 10 1 up",
+        "region 'up' and the box have no volume in common",
+    ),
+    (TWENTY + "create_atoms 1 random 10", "create_atoms random needs 3 values, but 1 follow"),
+    (TWENTY + "create_atoms 1 random 10 5 nowhere", "there is no region 'nowhere'"),
+    (TWENTY + "create_atoms 1 mesh x", "the style of create_atoms must be one of"),
+    (TWENTY + "mass 1 0", "the mass must be > 0, but is 0"),
+    (TWENTY + "mass 4 1", "atom type 4 is out of range: there are 3"),
+    (TWENTY + "mass 1 nan", "the mass must be finite, but is nan"),
+    (TWENTY + "group g cluster 1", "group style 'cluster' is not supported"),
+    (TWENTY + "group g type x", "expected a whole number for an atom type, not 'x'"),
+    (TWENTY + "group g union h", "there is no group 'h'; defined so far: all"),
+    (TWENTY + "group all type 1", "group all is fixed"),
+    (TWENTY + "set atom 1 mass 2", "has one mass per type; use the mass command"),
+    (TWENTY + "set atom 1 charge 2", "atom_style atomic has no charges"),
+    (TWENTY + "set atom 1 type 4", "atom type 4 is out of range"),
+    (TWENTY + "set atom 1 shape 1 1 1", "set has no option 'shape' here"),
+    (TWENTY + "velocity all create 1.0", "velocity create needs 2 values, but 1 follow"),
+    (TWENTY + "velocity all create -1.0 5", "the temperature must be >= 0"),
+    (TWENTY + "velocity all create 1.0 5 dist odd", "dist must be one of uniform, gaussian, not 'odd'"),
+    (TWENTY + "velocity all create 1.0 5 mom maybe", "expected yes or no for mom, not 'maybe'"),
+    (
+        TWENTY + "mass * 1\ndelete_atoms group all\ncreate_atoms 1 single 0 0 0\nset atom 1 x 1\ncreate_atoms 1 random 2147483648 5 NULL",
+        "create_atoms random: 2147483648 beads are too many",
+    ),
+    (TWENTY + "velocity all scale 1.0", "cannot be scaled to a temperature: it is 0"),
+    (TWENTY + "velocity none create 1.0 5", "there is no group 'none'"),
+    (TWENTY + "units real", "units must come before the simulation box"),
+    (
+        "region b block 0 1 0 1 0 1\ncreate_box 1 b\ncreate_atoms 1 single 0 0 0\nvelocity all set 0 0 0\nvelocity all create 1 1",
+        "no mass is set for atom type 1",
+    ),
+    ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
+    ("run_style respa 2 2", "only run_style verlet"),
+    ("atom_modify id no", "atom_modify id is not supported"),
+    ("restart 100", r"expected 'restart N file \[file\]'"),
 )
 def test_errors(tmp_path, text, message):
     with pytest.raises(DeckError, match=message) as caught:

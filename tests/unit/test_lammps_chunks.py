@@ -8,6 +8,7 @@ from pathlib import Path
 import lammps_steps
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -169,30 +170,28 @@ def test_report_has_the_last_averages_of_each_run(tmp_path):
     assert report["averages"]["v"]["step"] == 20 and len(report["averages"]["v"]["c_m"]) == 3
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("compute x all chunk/atom bin/2d x lower 1 x lower 1\n", "every axis can be cut once only, not x, x"),
-        ("compute x all chunk/atom bin/3d x lower 1 y lower 1\n", "found 7 arguments"),
-        ("compute x all chunk/atom bin/2d x lower 1 y lower 1 bound z 0 1\n", "bound z, but the slices are along x, y"),
-        ("compute x all chunk/atom bin/3d x lower .001 y lower .001 z lower .001\n", "bins are too many"),
-        # each would give other profiles than LAMMPS if it were passed over
-        ("compute x all chunk/atom bin/1d x lower 1 ids once\n", "ids once is not supported"),
-        ("compute x all chunk/atom bin/1d x lower 1 ids nfreq\n", "ids nfreq is not supported"),
-        ("compute x all property/atom rho\n", "property/atom rho needs atom_style mdpd"),
-        ("variable a atom vx/0\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", r"in.deck:\d+: variable a: .* divide by zero"),
-        ("variable a atom v_a\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "refers to itself"),
-        ("variable a atom c_q[3]\ncompute q all property/atom x y\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "has 2 values per bead"),
-        ("variable a equal 1\nfix f all ave/chunk 1 1 1 ch v_a\n", "variable a is equal-style; only atom-style ones"),
-        ("variable a atom vx\nfix f all ave/time 1 1 1 v_a\n", "variable a is atom-style; only equal-style ones"),
-        ("variable a atom vx\nprint ${{a}}\n", "atom-style: it has a value for every bead"),
-        ("variable a atom random(0,1,5)\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "random is supported in equal-style"),
-        ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k has not several values"),
-        ("compute t all temp\nfix f all ave/time 1 1 1 c_t[7*]\n", "out of range: there are 6"),
-        ("compute t all temp\ncompute m all momentum\nfix f all ave/time 1 1 1 c_t c_m mode vector\n", "c_t c_m have different lengths"),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1]\n", "f_f: the fix has 3 columns; use f_f.row..column."),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1][4]\n", "the fix has 3 columns"),
-    ],
+@cases(
+    "text, message",
+    ("compute x all chunk/atom bin/2d x lower 1 x lower 1\n", "every axis can be cut once only, not x, x"),
+    ("compute x all chunk/atom bin/3d x lower 1 y lower 1\n", "found 7 arguments"),
+    ("compute x all chunk/atom bin/2d x lower 1 y lower 1 bound z 0 1\n", "bound z, but the slices are along x, y"),
+    ("compute x all chunk/atom bin/3d x lower .001 y lower .001 z lower .001\n", "bins are too many"),
+    # each would give other profiles than LAMMPS if it were passed over
+    ("compute x all chunk/atom bin/1d x lower 1 ids once\n", "ids once is not supported"),
+    ("compute x all chunk/atom bin/1d x lower 1 ids nfreq\n", "ids nfreq is not supported"),
+    ("compute x all property/atom rho\n", "property/atom rho needs atom_style mdpd"),
+    ("variable a atom vx/0\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", r"in.deck:\d+: variable a: .* divide by zero"),
+    ("variable a atom v_a\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "refers to itself"),
+    ("variable a atom c_q[3]\ncompute q all property/atom x y\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "has 2 values per bead"),
+    ("variable a equal 1\nfix f all ave/chunk 1 1 1 ch v_a\n", "variable a is equal-style; only atom-style ones"),
+    ("variable a atom vx\nfix f all ave/time 1 1 1 v_a\n", "variable a is atom-style; only equal-style ones"),
+    ("variable a atom vx\nprint ${{a}}\n", "atom-style: it has a value for every bead"),
+    ("variable a atom random(0,1,5)\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "random is supported in equal-style"),
+    ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k has not several values"),
+    ("compute t all temp\nfix f all ave/time 1 1 1 c_t[7*]\n", "out of range: there are 6"),
+    ("compute t all temp\ncompute m all momentum\nfix f all ave/time 1 1 1 c_t c_m mode vector\n", "c_t c_m have different lengths"),
+    ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1]\n", "f_f: the fix has 3 columns; use f_f.row..column."),
+    ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1][4]\n", "the fix has 3 columns"),
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(DECK + "compute ch all chunk/atom bin/1d x lower 1.0\n" + text.replace("{{", "{").replace("}}", "}"))

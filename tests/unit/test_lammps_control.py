@@ -4,6 +4,7 @@ from pathlib import Path
 
 import lammps_peer
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
@@ -101,9 +102,7 @@ def test_conditions(text):
     assert condition_holds(text) is CONDITIONS[text]
 
 
-@pytest.mark.parametrize(
-    "text", ["", "a", "a < b", "1 == a", "!a", "1 1", "1 = 1", "1 &", "+1", "(1", "1 +1", "1 ! 1", "a.b == a.b", "1 && a"]
-)
+@cases("text", "", "a", "a < b", "1 == a", "!a", "1 1", "1 = 1", "1 &", "+1", "(1", "1 +1", "1 ! 1", "a.b == a.b", "1 && a")
 def test_what_is_no_condition(text):
     with pytest.raises(ParameterError, match="cannot evaluate the condition"):
         condition_holds(text)

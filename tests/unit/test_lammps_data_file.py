@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
@@ -202,32 +203,30 @@ fix 1 all nve
 GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomic"]) + "\n"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("2 1 1 2 4", "2 1 1 nan 4", r"data:18: a value of atom 2 is not finite: '2 1 1 nan 4'"),
-        ("2 1 1 2 4", "2 1 1 inf 4", r"data:18: a value of atom 2 is not finite"),
-        ("2 1 1 2 4", "2 1 1 2", r"data:18: expected an atom of atom_style atomic: id type x y z \[ix iy iz\], not '2 1 1 2'"),
-        ("2 1 1 2 4", "2 3 1 2 4", r"data:18: the atom type is out of range; there are 2"),
-        ("2 1 1 2 4", "7 1 1 2 4", r"data:18: atom id 7 appears twice"),
-        ("2 1 1 2 4", "2.5 1 1 2 4", r"data:18: the id of an atom must be a whole number, not 2.5"),
-        ("2 1 1 2 4", "0 1 1 2 4", r"data:18: atom ids start at 1"),
-        ("2 1 1 2 4", "2 1 1 x 4", r"data:18: expected an atom"),
-        ("2 1 1 2 4", "2 1 1 2 4 0 0 0.5", r"data:18: expected three image flags"),
-        ("2 1 1 2 4", "99999999999999999999 1 1 2 4", r"data:18: the id of an atom must be a whole number up to 2147483647, not 1e\+20"),
-        ("2 1 1 2 4", "2 1 1 2 4 0 0 99999999999999999999", r"data:18: an image flag of atom 2 is beyond 2147483647"),
-        ("3 atoms", "3.5 atoms", r"data:3: expected a whole number >= 0 before 'atoms', not '3.5'"),
-        ("3 atoms", "3 atoms\n5 impropers", r"data:4: impropers are not supported, but the header announces 5"),
-        ("3 atoms", "4 atoms", r"data:15: section Atoms has 3 lines, but the header announces 4"),
-        ("Masses", "Impropers", r"data:10: section or header line 'Impropers' is not supported"),
-        ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),
-        ("-1 3 xlo", "3 -1 xlo", r"the box must have a positive length along x, not -4"),
-        ("-1 3 xlo xhi\n", "", r"the header has no line 'xlo xhi'"),
-        ("-1 3 xlo", "-1 x xlo", r"data:6: expected numbers before 'xlo xhi'"),
-        ("1 1.0", "1 -1.0", r"data:12: the mass of type 1 must be > 0, but is -1"),
-        ("1 1.0", "3 1.0", r"data:12: atom type 3 is out of range; there are 2"),
-        ("Masses", "Velocities", r"data:10: section Velocities has 2 lines, but the header announces 3"),
-    ],
+@cases(
+    "old, new, message",
+    ("2 1 1 2 4", "2 1 1 nan 4", r"data:18: a value of atom 2 is not finite: '2 1 1 nan 4'"),
+    ("2 1 1 2 4", "2 1 1 inf 4", r"data:18: a value of atom 2 is not finite"),
+    ("2 1 1 2 4", "2 1 1 2", r"data:18: expected an atom of atom_style atomic: id type x y z \[ix iy iz\], not '2 1 1 2'"),
+    ("2 1 1 2 4", "2 3 1 2 4", r"data:18: the atom type is out of range; there are 2"),
+    ("2 1 1 2 4", "7 1 1 2 4", r"data:18: atom id 7 appears twice"),
+    ("2 1 1 2 4", "2.5 1 1 2 4", r"data:18: the id of an atom must be a whole number, not 2.5"),
+    ("2 1 1 2 4", "0 1 1 2 4", r"data:18: atom ids start at 1"),
+    ("2 1 1 2 4", "2 1 1 x 4", r"data:18: expected an atom"),
+    ("2 1 1 2 4", "2 1 1 2 4 0 0 0.5", r"data:18: expected three image flags"),
+    ("2 1 1 2 4", "99999999999999999999 1 1 2 4", r"data:18: the id of an atom must be a whole number up to 2147483647, not 1e\+20"),
+    ("2 1 1 2 4", "2 1 1 2 4 0 0 99999999999999999999", r"data:18: an image flag of atom 2 is beyond 2147483647"),
+    ("3 atoms", "3.5 atoms", r"data:3: expected a whole number >= 0 before 'atoms', not '3.5'"),
+    ("3 atoms", "3 atoms\n5 impropers", r"data:4: impropers are not supported, but the header announces 5"),
+    ("3 atoms", "4 atoms", r"data:15: section Atoms has 3 lines, but the header announces 4"),
+    ("Masses", "Impropers", r"data:10: section or header line 'Impropers' is not supported"),
+    ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),
+    ("-1 3 xlo", "3 -1 xlo", r"the box must have a positive length along x, not -4"),
+    ("-1 3 xlo xhi\n", "", r"the header has no line 'xlo xhi'"),
+    ("-1 3 xlo", "-1 x xlo", r"data:6: expected numbers before 'xlo xhi'"),
+    ("1 1.0", "1 -1.0", r"data:12: the mass of type 1 must be > 0, but is -1"),
+    ("1 1.0", "3 1.0", r"data:12: atom type 3 is out of range; there are 2"),
+    ("Masses", "Velocities", r"data:10: section Velocities has 2 lines, but the header announces 3"),
 )
 def test_errors_name_file_and_line(tmp_path, old, new, message):
     assert old in GOOD

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, read_deck
@@ -60,14 +61,12 @@ def test_theta_from_a_variable_and_from_velocities(tmp_path):
     np.testing.assert_allclose(thetas[30:], 1.0364269e-4 / (3 * KB))  # m v^2 / (3 k_B) with 1 g/mol and 1 A/ps
 
 
-@pytest.mark.parametrize(
-    ("start", "extra"),
-    [
-        (EDPD_BOX, "set type 1 edpd/temp 1.25\nset type 2 edpd/cv 300\n"),
-        (TDPD_BOX, "set type 1 cc 1 0.1\nset atom 3 cc 2 -7\n"),
-        (MDPD_BOX, ""),
-        (METAL, "set type 2 dpd/theta 280.5\n"),
-    ],
+@cases(
+    "start, extra",
+    (EDPD_BOX, "set type 1 edpd/temp 1.25\nset type 2 edpd/cv 300\n"),
+    (TDPD_BOX, "set type 1 cc 1 0.1\nset atom 3 cc 2 -7\n"),
+    (MDPD_BOX, ""),
+    (METAL, "set type 2 dpd/theta 280.5\n"),
 )
 def test_written_files_read_back_the_same(tmp_path, start, extra):
     state = state_of(tmp_path, start + extra)
@@ -133,16 +132,14 @@ def test_mdpd_and_rhosum_become_one_table(tmp_path):
 SHARDLOW = "fix 1 all shardlow\nfix 2 all nve\nfix 3 all eos/cv 0.005\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "scheme", "weight"),
-    [
-        (METAL + ENERGY + "fix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n", "mvv", 0.5),
-        (METAL + ENERGY + SHARDLOW, "shardlow", 0.5),
-        (EDPD_BOX + HEAT + "fix 1 all mvv/edpd 0.7\n", "mvv", 0.7),
-        (TDPD_BOX + TRANSPORT + "fix 1 all mvv/tdpd 0.6\n", "mvv", 0.6),
-        (MDPD_BOX + MANY + "fix 1 all mvv/dpd\n", "mvv", 0.5),
-        (MDPD_BOX + MANY + "fix 1 all nve\n", "mvv", 0.5),
-    ],
+@cases(
+    "text, scheme, weight",
+    (METAL + ENERGY + "fix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n", "mvv", 0.5),
+    (METAL + ENERGY + SHARDLOW, "shardlow", 0.5),
+    (EDPD_BOX + HEAT + "fix 1 all mvv/edpd 0.7\n", "mvv", 0.7),
+    (TDPD_BOX + TRANSPORT + "fix 1 all mvv/tdpd 0.6\n", "mvv", 0.6),
+    (MDPD_BOX + MANY + "fix 1 all mvv/dpd\n", "mvv", 0.5),
+    (MDPD_BOX + MANY + "fix 1 all nve\n", "mvv", 0.5),
 )
 def test_schemes(tmp_path, text, scheme, weight):
     request = state_of(tmp_path, text).first_run
@@ -166,18 +163,16 @@ def test_equations_of_state_by_type(tmp_path):
     np.testing.assert_allclose(scene.internal.energies(scene.type_ids, ["1", "2"])[30:, 1], 0.4 * EV)
 
 
-@pytest.mark.parametrize(
-    ("text", "keyword", "message"),
-    [
-        (TABLE.partition("\n")[2], "THIRD", r"eos: there is no equation of state THIRD in it; found FIRST, SECOND"),
-        ("A\nM 3\n1 1 1\n", "A", r"eos:2: expected 'N rows' with at least 2 rows after 'A', not 'M 3'"),
-        ("A\nN 3\n1 1 1\n2 2 2\n", "A", r"eos:2: equation of state A announces 3 rows, but has 2"),
-        ("A\nN 2\n1 1 1\n2 2 x\n", "A", r"eos:4: expected 'index T U', not '2 2 x'"),
-        ("A\nN 2\n1 0 1\n2 2 2\n", "A", r"eos:3: the temperatures of equation of state A must be > 0"),
-        ("A\nN 2\n1 1 1\n2 2 nan\n", "A", r"eos:4: a value of equation of state A is not finite"),
-        ("A\nN 3\n1 1 1\n\n2 2 2\n3 2 3\n", "A", r"eos:6: the temperatures of equation of state A must increase, but 2 follows 2"),
-        ("A\nN 3\n1 1 1\n2 2 0.5\n3 3 3\n", "A", r"eos:4: the energies of equation of state A must increase, but 0.5 follows 1"),
-    ],
+@cases(
+    "text, keyword, message",
+    (TABLE.partition("\n")[2], "THIRD", r"eos: there is no equation of state THIRD in it; found FIRST, SECOND"),
+    ("A\nM 3\n1 1 1\n", "A", r"eos:2: expected 'N rows' with at least 2 rows after 'A', not 'M 3'"),
+    ("A\nN 3\n1 1 1\n2 2 2\n", "A", r"eos:2: equation of state A announces 3 rows, but has 2"),
+    ("A\nN 2\n1 1 1\n2 2 x\n", "A", r"eos:4: expected 'index T U', not '2 2 x'"),
+    ("A\nN 2\n1 0 1\n2 2 2\n", "A", r"eos:3: the temperatures of equation of state A must be > 0"),
+    ("A\nN 2\n1 1 1\n2 2 nan\n", "A", r"eos:4: a value of equation of state A is not finite"),
+    ("A\nN 3\n1 1 1\n\n2 2 2\n3 2 3\n", "A", r"eos:6: the temperatures of equation of state A must increase, but 2 follows 2"),
+    ("A\nN 3\n1 1 1\n2 2 0.5\n3 3 3\n", "A", r"eos:4: the energies of equation of state A must increase, but 0.5 follows 1"),
 )
 def test_files_of_equations_of_state(tmp_path, text, keyword, message):
     (tmp_path / "eos").write_text(text)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -150,19 +151,17 @@ def test_reduce(tmp_path):
 
 
 # -- slices ------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("bins", "start", "count", "volume"),
-    [
-        ("x lower 1.0", -2.0, 6, 30.0),
-        ("x lower 4.0", -2.0, 2, 120.0),  # the last slice reaches beyond the box
-        ("x upper 4.0", -4.0, 2, 120.0),
-        ("x center 4.0", -3.0, 2, 120.0),
-        ("x 10.5 1.0", -2.5, 7, 30.0),
-        ("z -0.5 2.0", -0.5 + 0.0, 4, 60.0),
-        ("y lower 0.1", 0.0, 50, 3.6),  # 5/0.1 is not exactly 50
-        ("y lower 0.25 units reduced", 0.0, 4, 45.0),
-        ("x lower 1.0 bound x 0 3.5", 0.0, 4, 30.0),
-    ],
+@cases(
+    "bins, start, count, volume",
+    ("x lower 1.0", -2.0, 6, 30.0),
+    ("x lower 4.0", -2.0, 2, 120.0),  # the last slice reaches beyond the box
+    ("x upper 4.0", -4.0, 2, 120.0),
+    ("x center 4.0", -3.0, 2, 120.0),
+    ("x 10.5 1.0", -2.5, 7, 30.0),
+    ("z -0.5 2.0", -0.5 + 0.0, 4, 60.0),
+    ("y lower 0.1", 0.0, 50, 3.6),  # 5/0.1 is not exactly 50
+    ("y lower 0.25 units reduced", 0.0, 4, 45.0),
+    ("x lower 1.0 bound x 0 3.5", 0.0, 4, 30.0),
 )
 def test_slices(tmp_path, bins, start, count, volume):
     request = request_of(tmp_path, PLAIN.replace("x lower 1.0", bins))
@@ -285,35 +284,33 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
 
 
 # -- what is refused ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("compute x all chunk/atom bin/sphere 1 1 1 0 1 2\n", "only styles bin/1d, bin/2d, bin/3d are supported"),
-        ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
-        ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
-        ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),
-        ("compute x all chunk/atom bin/1d x lower 1 bound x 3 1\n", "the lower bound 3 is not below the upper one, 1"),
-        ("compute x all chunk/atom bin/1d x lower 1e-9\n", "a thickness of 1e-09 gives 6e\\+09 slices"),
-        ("compute x all chunk/atom bin/1d x lower 1 region r\n", "there is no region 'r'"),
-        ("compute x all dpd/atom\n", "compute dpd/atom needs atom_style dpd, but the deck has atom_style atomic"),
-        ("compute x all edpd/temp/atom\n", "compute edpd/temp/atom needs atom_style edpd"),
-        ("compute x all tdpd/cc/atom 1\n", "compute tdpd/cc/atom needs atom_style tdpd"),
-        ("compute x all reduce sum c_y\n", "there is no compute 'y'"),
-        ("compute x all reduce sum c_ch[1]\n", "compute ch .style chunk/atom. has one value per bead; use c_ch"),
-        ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
-        ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute ch .style chunk/atom. has values of single beads"),
-        ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
-        ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
-        ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),
-        ("fix f all ave/chunk 10 10 50 ch vx\n", "Nfreq must be a multiple of Nevery, at least Nrepeat.Nevery"),
-        ("fix f all ave/chunk 3 1 10 ch vx\n", "Nfreq must be a multiple of Nevery"),
-        ("fix f all ave/chunk 1 1 1 ch vx ave window\n", "needs 2 values"),
-        ("fix f all ave/time 1 1 1 v_no\n", "there is no variable 'no'"),
-        ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "off 3, but the fix averages 1"),
-        ("fix f all ave/time 1 1 1 c_thermo_temp\nreset_timestep 10\n", "reset_timestep is not possible while fix f counts steps"),
-        ("fix f all ave/time 1 1 1 c_thermo_temp\nthermo_style custom f_f[1]\n", "f_f: the fix averages 1 value; use f_f"),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "f_f: the fix has 3 columns; use f_f.row..column."),
-    ],
+@cases(
+    "text, message",
+    ("compute x all chunk/atom bin/sphere 1 1 1 0 1 2\n", "only styles bin/1d, bin/2d, bin/3d are supported"),
+    ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
+    ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
+    ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),
+    ("compute x all chunk/atom bin/1d x lower 1 bound x 3 1\n", "the lower bound 3 is not below the upper one, 1"),
+    ("compute x all chunk/atom bin/1d x lower 1e-9\n", "a thickness of 1e-09 gives 6e\\+09 slices"),
+    ("compute x all chunk/atom bin/1d x lower 1 region r\n", "there is no region 'r'"),
+    ("compute x all dpd/atom\n", "compute dpd/atom needs atom_style dpd, but the deck has atom_style atomic"),
+    ("compute x all edpd/temp/atom\n", "compute edpd/temp/atom needs atom_style edpd"),
+    ("compute x all tdpd/cc/atom 1\n", "compute tdpd/cc/atom needs atom_style tdpd"),
+    ("compute x all reduce sum c_y\n", "there is no compute 'y'"),
+    ("compute x all reduce sum c_ch[1]\n", "compute ch .style chunk/atom. has one value per bead; use c_ch"),
+    ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
+    ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute ch .style chunk/atom. has values of single beads"),
+    ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
+    ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
+    ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),
+    ("fix f all ave/chunk 10 10 50 ch vx\n", "Nfreq must be a multiple of Nevery, at least Nrepeat.Nevery"),
+    ("fix f all ave/chunk 3 1 10 ch vx\n", "Nfreq must be a multiple of Nevery"),
+    ("fix f all ave/chunk 1 1 1 ch vx ave window\n", "needs 2 values"),
+    ("fix f all ave/time 1 1 1 v_no\n", "there is no variable 'no'"),
+    ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "off 3, but the fix averages 1"),
+    ("fix f all ave/time 1 1 1 c_thermo_temp\nreset_timestep 10\n", "reset_timestep is not possible while fix f counts steps"),
+    ("fix f all ave/time 1 1 1 c_thermo_temp\nthermo_style custom f_f[1]\n", "f_f: the fix averages 1 value; use f_f"),
+    ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "f_f: the fix has 3 columns; use f_f.row..column."),
 )
 def test_errors(tmp_path, text, message):
     with pytest.raises(DeckError, match=r"in.deck:\d+: .*" + message):

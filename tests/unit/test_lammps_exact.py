@@ -3,6 +3,7 @@
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.base.errors import DeckError
@@ -202,15 +203,13 @@ def test_new_ids_after_a_run_are_an_error(tmp_path):
     same_beads(tmp_path, text.replace("group d\nrun", "group d compress no\nrun"))
 
 
-@pytest.mark.parametrize(
-    ("prepare", "count"),
-    [
-        ("create_atoms 1 box ratio 0.77 5", "all"),
-        ("create_atoms 1 box ratio 0.5 5", "all"),
-        ("create_atoms 1 box\nset type 1 type/ratio 2 0.35 77", "t"),
-        ("create_atoms 1 region c\nset group all type/ratio 2 0.5 7", "t"),
-        ("create_atoms 1 box\nset type 1 type/ratio 2 0.999 77", "t"),
-    ],
+@cases(
+    "prepare, count",
+    ("create_atoms 1 box ratio 0.77 5", "all"),
+    ("create_atoms 1 box ratio 0.5 5", "all"),
+    ("create_atoms 1 box\nset type 1 type/ratio 2 0.35 77", "t"),
+    ("create_atoms 1 region c\nset group all type/ratio 2 0.5 7", "t"),
+    ("create_atoms 1 box\nset type 1 type/ratio 2 0.999 77", "t"),
 )
 def test_fractions_of_beads(tmp_path, prepare, count):
     text = f"lattice sc 1.0\nregion b block 0 3 0 3 0 3\ncreate_box 2 b\nregion c block 0 2 0 2 0 1\n{prepare}\ngroup t type 2\n{FINISH}"

@@ -8,6 +8,7 @@ import warnings
 import exported
 import numpy as np
 import pytest
+from cases import cases
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
@@ -146,15 +147,13 @@ def test_a_plan_brings_its_choices(tmp_path):
     assert not written.differences
 
 
-@pytest.mark.parametrize(
-    ("term", "expected"),
-    [
-        (dpd.DPD(A=25, gamma=4.5), "dpd 1.0 1.0 1"),
-        (dpd.DPD(gamma=4.5), "dpd/tstat 1.0 1.0 1.0 1"),
-        (dpd.DPD(A=25, sigma=3.0), "dpd/fdt 1.0 1.0 1"),
-        (dpd.DPD(A=25, gamma=4.5, exponent=0.5), "dpd/ext 1.0 1.0 1"),
-        (dpd.DPD(gamma=4.5, gamma_perp=1.0), "dpd/ext/tstat 1.0 1.0 1.0 1"),
-    ],
+@cases(
+    "term, expected",
+    (dpd.DPD(A=25, gamma=4.5), "dpd 1.0 1.0 1"),
+    (dpd.DPD(gamma=4.5), "dpd/tstat 1.0 1.0 1.0 1"),
+    (dpd.DPD(A=25, sigma=3.0), "dpd/fdt 1.0 1.0 1"),
+    (dpd.DPD(A=25, gamma=4.5, exponent=0.5), "dpd/ext 1.0 1.0 1"),
+    (dpd.DPD(gamma=4.5, gamma_perp=1.0), "dpd/ext/tstat 1.0 1.0 1.0 1"),
 )
 def test_the_plainest_style_is_taken(term, expected, tmp_path):
     written = export_lammps(fluid(pairs={("*", "*"): term}), tmp_path, "x", dt=0.01, steps=1, seed=1)
@@ -244,20 +243,18 @@ def test_nothing_is_said_where_nothing_differs(tmp_path):
 
 
 # -- errors -------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("choices", "message"),
-    [
-        ({"dt": None}, "dt, the step size, is missing"),
-        ({"dt": -1.0}, "dt must be one time > 0"),
-        ({"scheme": "leapfrog"}, "unknown scheme 'leapfrog'; it must be one of mvv"),
-        ({"units": "si"}, "unknown units 'si'"),
-        ({"name": "a b"}, "the name of an export"),
-        ({"name": "../x"}, "the name of an export"),
-        ({"steps": 1.5}, "steps must be a whole number"),
-        ({"lam": 2.0}, "between 0 and 1"),
-        ({"every": 0}, "every must be at least 1"),
-        ({"corner": [1.0]}, "corner must be three lengths"),
-    ],
+@cases(
+    "choices, message",
+    ({"dt": None}, "dt, the step size, is missing"),
+    ({"dt": -1.0}, "dt must be one time > 0"),
+    ({"scheme": "leapfrog"}, "unknown scheme 'leapfrog'; it must be one of mvv"),
+    ({"units": "si"}, "unknown units 'si'"),
+    ({"name": "a b"}, "the name of an export"),
+    ({"name": "../x"}, "the name of an export"),
+    ({"steps": 1.5}, "steps must be a whole number"),
+    ({"lam": 2.0}, "between 0 and 1"),
+    ({"every": 0}, "every must be at least 1"),
+    ({"corner": [1.0]}, "corner must be three lengths"),
 )
 def test_bad_choices(choices, message, tmp_path):
     arguments = {"dt": 0.01, "name": "x", **choices}
@@ -352,14 +349,12 @@ def test_ids_images_and_units(tmp_path):
     np.testing.assert_allclose(trajectory.unitcell_lengths, 4)
 
 
-@pytest.mark.parametrize(
-    ("columns", "row"),
-    [
-        ("xu yu zu", "-3 0 7"),
-        ("xs ys zs ix iy iz", "0.75 0 0.75 -1 0 1"),
-        ("xsu ysu zsu", "-0.25 0 1.75"),
-        ("x y z ix iy iz", "1 0 3 -1 0 1"),
-    ],
+@cases(
+    "columns, row",
+    ("xu yu zu", "-3 0 7"),
+    ("xs ys zs ix iy iz", "0.75 0 0.75 -1 0 1"),
+    ("xsu ysu zsu", "-0.25 0 1.75"),
+    ("x y z ix iy iz", "1 0 3 -1 0 1"),
 )
 def test_every_kind_of_position(columns, row, tmp_path):
     path = dump(tmp_path, f"id {columns}", f"1 {row}\n2 {row}\n")
@@ -379,18 +374,16 @@ def test_tilted_boxes_of_dumps(tmp_path):
         read_lammps_dump(path, units="real")
 
 
-@pytest.mark.parametrize(
-    ("columns", "rows", "message"),
-    [
-        ("type x y z", ["1 1 1 1\n1 1 1 1\n"], "no column id"),
-        ("id vx vy vz", ["1 1 1 1\n2 1 1 1\n"], "no positions in it"),
-        ("id x y z", ["1 1 1 1\n"], "cut off"),
-        ("id x y z", ["1 1 1 1\n2 1 1\n"], r"x.dump:11: expected 4 values"),
-        ("id x y z", ["1 1 1 1\n2 1 1 a\n"], r"x.dump:11: expected a number in column z"),
-        ("id x y z", ["1 1 1 1\n1 1 1 1\n"], "id 1 appears twice"),
-        ("id x y z", ["1 1 1 1\n2 1 1 1\n", "1 1 1 1\n3 1 1 1\n"], "step 10 holds other beads than step 0"),
-        ("id x y z", ["1 1 1 1\n2 1 1 1\nrubbish\n"], "expected a line 'ITEM"),
-    ],
+@cases(
+    "columns, rows, message",
+    ("type x y z", ["1 1 1 1\n1 1 1 1\n"], "no column id"),
+    ("id vx vy vz", ["1 1 1 1\n2 1 1 1\n"], "no positions in it"),
+    ("id x y z", ["1 1 1 1\n"], "cut off"),
+    ("id x y z", ["1 1 1 1\n2 1 1\n"], r"x.dump:11: expected 4 values"),
+    ("id x y z", ["1 1 1 1\n2 1 1 a\n"], r"x.dump:11: expected a number in column z"),
+    ("id x y z", ["1 1 1 1\n1 1 1 1\n"], "id 1 appears twice"),
+    ("id x y z", ["1 1 1 1\n2 1 1 1\n", "1 1 1 1\n3 1 1 1\n"], "step 10 holds other beads than step 0"),
+    ("id x y z", ["1 1 1 1\n2 1 1 1\nrubbish\n"], "expected a line 'ITEM"),
 )
 def test_broken_dumps(columns, rows, message, tmp_path):
     with pytest.raises(dpd.DeckError, match=message):

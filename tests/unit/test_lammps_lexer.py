@@ -1,6 +1,7 @@
 """Text of a deck to words: continuation, comments, quotes, substitution, variables."""
 
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps.language.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute
@@ -19,14 +20,12 @@ def test_numbers_of_lines_are_those_of_the_first_physical_line():
     assert split_words(found[1][1]) == ["pair_coeff", "1", "1", "25", "4.5"]
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        # LAMMPS joins lines before it looks for comments
-        ("variable q equal 1 # text &\nvariable r equal 2\nrun 1", [(1, "variable q equal 1"), (3, "run 1")]),
-        ("run 10 &", [(1, "run 10")]),
-        ("# one page\f the next\nrun\f10", [(2, "run\f10")]),
-    ],
+@cases(
+    "text, found",
+    # LAMMPS joins lines before it looks for comments
+    ("variable q equal 1 # text &\nvariable r equal 2\nrun 1", [(1, "variable q equal 1"), (3, "run 1")]),
+    ("run 10 &", [(1, "run 10")]),
+    ("# one page\f the next\nrun\f10", [(2, "run\f10")]),
 )
 def test_comments_and_marks_of_lines(text, found):
     assert lines(text) == found
@@ -42,9 +41,8 @@ def test_a_byte_order_mark_is_left_aside(tmp_path):
     assert lines(read_text(tmp_path / "deck")) == [(1, "units lj")]
 
 
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [(b"units lj\nprint \xc5ngstrom\n", 2), (b'units lj\n\nprint "# \xc5ngstrom"\n', 3), (b"units lj \xc5 # \xc5ngstrom\n", 1)],
+@cases(
+    "text, line", (b"units lj\nprint \xc5ngstrom\n", 2), (b'units lj\n\nprint "# \xc5ngstrom"\n', 3), (b"units lj \xc5 # \xc5ngstrom\n", 1)
 )
 def test_other_encodings_are_named_with_their_line(tmp_path, text, line):
     (tmp_path / "deck").write_bytes(text)
@@ -67,14 +65,12 @@ def test_other_encodings_are_read_in_comments(tmp_path):
         read_text(tmp_path / "data")
 
 
-@pytest.mark.parametrize(
-    ("text", "kept"),
-    [
-        ("run 1 # 2", "run 1 "),
-        ('print "a # b" # c', 'print "a # b" '),
-        ("print 'a \" # b'", "print 'a \" # b'"),
-        ('print """x "y" # z""" # w', 'print """x "y" # z""" '),
-    ],
+@cases(
+    "text, kept",
+    ("run 1 # 2", "run 1 "),
+    ('print "a # b" # c', 'print "a # b" '),
+    ("print 'a \" # b'", "print 'a \" # b'"),
+    ('print """x "y" # z""" # w', 'print """x "y" # z""" '),
 )
 def test_comments_end_lines_outside_quotes_only(text, kept):
     assert strip_comment(text) == kept
@@ -99,16 +95,14 @@ def expand(text: str) -> str:
     return substitute(text, {"T": "1.5", "name": "value"}.__getitem__, lambda formula: {"1/3": 1 / 3, "sqrt(2)*(1+1)": 2.5}[formula])
 
 
-@pytest.mark.parametrize(
-    ("text", "result"),
-    [
-        ("dpd ${T} $T 1.0", "dpd 1.5 1.5 1.0"),
-        ("a${name}b", "avalueb"),
-        ("$(1/3)", "0.33333333333333331483"),
-        ("$(1/3:%.3f)x", "0.333x"),
-        ("$(sqrt(2)*(1+1))", "2.5"),
-        ("print '$T ${name}' $T", "print '$T ${name}' 1.5"),
-    ],
+@cases(
+    "text, result",
+    ("dpd ${T} $T 1.0", "dpd 1.5 1.5 1.0"),
+    ("a${name}b", "avalueb"),
+    ("$(1/3)", "0.33333333333333331483"),
+    ("$(1/3:%.3f)x", "0.333x"),
+    ("$(sqrt(2)*(1+1))", "2.5"),
+    ("print '$T ${name}' $T", "print '$T ${name}' 1.5"),
 )
 def test_substitution(text, result):
     assert expand(text) == result
@@ -155,15 +149,13 @@ def test_delete_forgets_a_variable():
     assert value(variables, "a") == "b"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("a equal 1 + 2", "put a formula with blanks into quotes"),
-        ("a python f", "variable style 'python' is not supported"),
-        ("a-b equal 1", "letters, digits and underscores"),
-        ("a equal", "expected one value"),
-        ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),
-    ],
+@cases(
+    "text, message",
+    ("a equal 1 + 2", "put a formula with blanks into quotes"),
+    ("a python f", "variable style 'python' is not supported"),
+    ("a-b equal 1", "letters, digits and underscores"),
+    ("a equal", "expected one value"),
+    ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),
 )
 def test_variables_that_cannot_be_defined(text, message):
     with pytest.raises(ParameterError, match=message):

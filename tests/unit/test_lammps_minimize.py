@@ -5,6 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError
@@ -69,16 +70,14 @@ def test_the_minimum_is_lammps_s(tmp_path, monkeypatch, start, words, style):
     assert rows[0][1] > rows[1][1]
 
 
-@pytest.mark.parametrize(
-    ("numbers", "reason"),
-    [
-        ("0 0 5 1000", "max iterations after 5 iterations"),
-        ("0 0 1000 4", "max force evaluations after 4 iterations"),
-        ("0 0 0 9", "max iterations after 0 iterations"),
-        ("0.5 0 100 100", "energy tolerance after 1 iterations"),
-        ("0 1e9 100 100", "force tolerance after 1 iterations"),
-        ("0 0 100 0", "max force evaluations after 1 iterations"),
-    ],
+@cases(
+    "numbers, reason",
+    ("0 0 5 1000", "max iterations after 5 iterations"),
+    ("0 0 1000 4", "max force evaluations after 4 iterations"),
+    ("0 0 0 9", "max iterations after 0 iterations"),
+    ("0.5 0 100 100", "energy tolerance after 1 iterations"),
+    ("0 1e9 100 100", "force tolerance after 1 iterations"),
+    ("0 0 100 0", "max force evaluations after 1 iterations"),
 )
 def test_when_it_stops(tmp_path, numbers, reason):
     """The step has advanced by the iterations, and dumps have beginning and end."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm_dpd.units import METAL, REAL
 
 from openmm_dpd.base.errors import DeckError
@@ -49,15 +50,13 @@ pair_coeff 2 1 none
     assert dpd_values(table) == {11: (25, 4.5, 1), 12: None, 13: (32, 7, 1.5), 22: (34, 9, 1), 23: (34, 9, 1), 33: (33, 8, 1)}
 
 
-@pytest.mark.parametrize(
-    ("style", "coefficients", "term"),
-    [
-        ("dpd 2.0 1.5 7", "25 4.5 1.2", DPD(A=25, gamma=4.5, cutoff=1.2)),
-        ("dpd/tstat 2.0 2.0 1.5 7", "4.5", DPD(gamma=4.5, cutoff=1.5)),
-        ("dpd/ext 2.0 1.5 7", "25 4.5 3.5 0.5 0.25", DPD(A=25, gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1.5)),
-        ("dpd/ext/tstat 2.0 2.0 1.5 7", "4.5 3.5 0.5 0.25 1", DPD(gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1)),
-        ("dpd/fdt 2.0 1.5 7", "25 3.0", DPD(A=25, sigma=3.0, cutoff=1.5)),
-    ],
+@cases(
+    "style, coefficients, term",
+    ("dpd 2.0 1.5 7", "25 4.5 1.2", DPD(A=25, gamma=4.5, cutoff=1.2)),
+    ("dpd/tstat 2.0 2.0 1.5 7", "4.5", DPD(gamma=4.5, cutoff=1.5)),
+    ("dpd/ext 2.0 1.5 7", "25 4.5 3.5 0.5 0.25", DPD(A=25, gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1.5)),
+    ("dpd/ext/tstat 2.0 2.0 1.5 7", "4.5 3.5 0.5 0.25 1", DPD(gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1)),
+    ("dpd/fdt 2.0 1.5 7", "25 3.0", DPD(A=25, sigma=3.0, cutoff=1.5)),
 )
 def test_every_style_of_the_family(tmp_path, style, coefficients, term):
     state = state_of(tmp_path, f"pair_style {style}\npair_coeff 1 1 {coefficients}\n", types=1)
@@ -183,17 +182,15 @@ def test_none_at_all(tmp_path):
     assert set(table.values()) == {NONE}
 
 
-@pytest.mark.parametrize(
-    ("text", "factors"),
-    [
-        ("", (0, 0, 0)),
-        ("special_bonds lj/coul 0.5 1.0 0.25", (0.5, 1, 0.25)),
-        ("special_bonds lj 0.5 1.0 0.25 coul 0 0 0", (0.5, 1, 0.25)),
-        ("special_bonds lj 1 1 1\nspecial_bonds coul 0 0 0.5", (0, 0, 0)),  # each command starts from the defaults
-        ("special_bonds fene", (0, 1, 1)),
-        ("special_bonds amber", (0, 0, 0.5)),
-        ("special_bonds dreiding angle no", (0, 0, 1)),
-    ],
+@cases(
+    "text, factors",
+    ("", (0, 0, 0)),
+    ("special_bonds lj/coul 0.5 1.0 0.25", (0.5, 1, 0.25)),
+    ("special_bonds lj 0.5 1.0 0.25 coul 0 0 0", (0.5, 1, 0.25)),
+    ("special_bonds lj 1 1 1\nspecial_bonds coul 0 0 0.5", (0, 0, 0)),  # each command starts from the defaults
+    ("special_bonds fene", (0, 1, 1)),
+    ("special_bonds amber", (0, 0, 0.5)),
+    ("special_bonds dreiding angle no", (0, 0, 1)),
 )
 def test_special_bonds(tmp_path, text, factors):
     assert state_of(tmp_path, text + "\n").special == factors
@@ -221,50 +218,48 @@ def test_special_factors_have_no_meaning_without_bonds(tmp_path):
     assert scene.bonded_factors == (1, 1, 1)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("pair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\n", "no pair coefficients for the type pairs 1 2, 2 2"),
-        ("pair_style dpd 1.0 1.0 7\npair_coeff * * 25 -4.5\n", r"in.deck:9: pair style dpd, types \* \*: gamma must be >= 0, but is -4.5"),
-        ("pair_style dpd -1.0 1.0 7\n", "in.deck:8: the temperature of dpd must be >= 0, but is -1.0"),
-        ("pair_style dpd 1.0 0 7\n", "the cutoff of dpd must be > 0"),
-        ("pair_style dpd 1.0 1.0 0\n", "the seed of dpd must be at least 1"),
-        ("pair_style dpd 1.0 1.0\n", "expected 'dpd T cutoff seed', but found 2 arguments"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 1 25\n", r"expected 'A gamma \[cutoff\]', but found 1 argument"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 4 25 4.5\n", "atom type 4 is out of range: there are 2"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 0 25 4.5\n", "atom type 0 is out of range"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 x 25 4.5\n", "expected atom type as a number or a range such as 1\\*3, not 'x'"),
-        ("pair_style dpd 1 1 1\npair_coeff 2* 1 25 4.5\n", "names no pair of types with i <= j"),
-        ("pair_style dpd 1 1 1\npair_coeff * * 25 4.5 11\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box, 10"),
-        ("pair_style dpd 1 11 1\npair_coeff * * 25 4.5\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box"),
-        ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "asks for infinite friction"),
-        ("pair_style dpd/ext 1 1 1\npair_coeff * * 25 4.5 4.5 -0.5 0.5\n", "exponent must be >= 0"),
-        ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),
-        ("pair_style hybrid/overlay dpd 1 1 1 coul/long 10\n", "pair style 'coul/long' is not supported"),
-        ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * dpd 25 4.5\n", "pair style lj/cut is used by no type pair"),
-        (
-            "pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * 25 4.5\n",
-            "expected one of the styles dpd, lj/cut or none, not '25'",
-        ),
-        (
-            "pair_style hybrid/overlay dpd 1 1 1 dpd 1 1 1\npair_coeff * * dpd 25 4.5\n",
-            "expected a whole number for which of the 2 styles|there is no number 25",
-        ),
-        (
-            "pair_style hybrid/overlay dpd 1 1 1 dpd/tstat 1 2 1 3\npair_coeff * * dpd 25 4.5\npair_coeff * * dpd/tstat 4.5\n",
-            "pair styles dpd and dpd/tstat have different temperatures",
-        ),
-        ("pair_coeff 1 1 25 4.5\n", "pair_coeff needs a pair_style before it"),
-        ("pair_modify shift yes\n", "pair_modify needs a pair_style before it"),
-        ("pair_style lj/cut 2\npair_modify tail yes\n", "pair_modify tail yes is not supported"),
-        ("pair_style table quick 100\n", "the table style must be one of lookup, linear, spline, bitmap"),
-        ("pair_style table linear 100\npair_coeff * * nofile KEY\n", "there is no file 'nofile'"),
-        ("special_bonds lj 0.5 2.0 1.0\n", "must be between 0 and 1"),
-        ("bond_style quartic\n", "the bond style must be one of none, harmonic, fene, morse, zero, hybrid, not 'quartic'"),
-        ("bond_coeff 1 1 1\n", "bond_coeff needs a bond_style before it, such as 'bond_style harmonic'"),
-        ("bond_style harmonic\nbond_coeff 3 1 1\n", "bond type 3 is out of range: there are 2"),
-        ("bond_style harmonic\nbond_coeff 1 -1 1\n", "K must be >= 0, but is -1"),
-    ],
+@cases(
+    "text, message",
+    ("pair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\n", "no pair coefficients for the type pairs 1 2, 2 2"),
+    ("pair_style dpd 1.0 1.0 7\npair_coeff * * 25 -4.5\n", r"in.deck:9: pair style dpd, types \* \*: gamma must be >= 0, but is -4.5"),
+    ("pair_style dpd -1.0 1.0 7\n", "in.deck:8: the temperature of dpd must be >= 0, but is -1.0"),
+    ("pair_style dpd 1.0 0 7\n", "the cutoff of dpd must be > 0"),
+    ("pair_style dpd 1.0 1.0 0\n", "the seed of dpd must be at least 1"),
+    ("pair_style dpd 1.0 1.0\n", "expected 'dpd T cutoff seed', but found 2 arguments"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 1 25\n", r"expected 'A gamma \[cutoff\]', but found 1 argument"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 4 25 4.5\n", "atom type 4 is out of range: there are 2"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 0 25 4.5\n", "atom type 0 is out of range"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 x 25 4.5\n", "expected atom type as a number or a range such as 1\\*3, not 'x'"),
+    ("pair_style dpd 1 1 1\npair_coeff 2* 1 25 4.5\n", "names no pair of types with i <= j"),
+    ("pair_style dpd 1 1 1\npair_coeff * * 25 4.5 11\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box, 10"),
+    ("pair_style dpd 1 11 1\npair_coeff * * 25 4.5\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box"),
+    ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "asks for infinite friction"),
+    ("pair_style dpd/ext 1 1 1\npair_coeff * * 25 4.5 4.5 -0.5 0.5\n", "exponent must be >= 0"),
+    ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),
+    ("pair_style hybrid/overlay dpd 1 1 1 coul/long 10\n", "pair style 'coul/long' is not supported"),
+    ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * dpd 25 4.5\n", "pair style lj/cut is used by no type pair"),
+    (
+        "pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * 25 4.5\n",
+        "expected one of the styles dpd, lj/cut or none, not '25'",
+    ),
+    (
+        "pair_style hybrid/overlay dpd 1 1 1 dpd 1 1 1\npair_coeff * * dpd 25 4.5\n",
+        "expected a whole number for which of the 2 styles|there is no number 25",
+    ),
+    (
+        "pair_style hybrid/overlay dpd 1 1 1 dpd/tstat 1 2 1 3\npair_coeff * * dpd 25 4.5\npair_coeff * * dpd/tstat 4.5\n",
+        "pair styles dpd and dpd/tstat have different temperatures",
+    ),
+    ("pair_coeff 1 1 25 4.5\n", "pair_coeff needs a pair_style before it"),
+    ("pair_modify shift yes\n", "pair_modify needs a pair_style before it"),
+    ("pair_style lj/cut 2\npair_modify tail yes\n", "pair_modify tail yes is not supported"),
+    ("pair_style table quick 100\n", "the table style must be one of lookup, linear, spline, bitmap"),
+    ("pair_style table linear 100\npair_coeff * * nofile KEY\n", "there is no file 'nofile'"),
+    ("special_bonds lj 0.5 2.0 1.0\n", "must be between 0 and 1"),
+    ("bond_style quartic\n", "the bond style must be one of none, harmonic, fene, morse, zero, hybrid, not 'quartic'"),
+    ("bond_coeff 1 1 1\n", "bond_coeff needs a bond_style before it, such as 'bond_style harmonic'"),
+    ("bond_style harmonic\nbond_coeff 3 1 1\n", "bond type 3 is out of range: there are 2"),
+    ("bond_style harmonic\nbond_coeff 1 -1 1\n", "K must be >= 0, but is -1"),
 )
 def test_errors(tmp_path, text, message):
     with pytest.raises(DeckError, match=message) as caught:

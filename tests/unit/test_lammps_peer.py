@@ -6,6 +6,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -196,9 +197,7 @@ run 0 start 20 stop 60
     return prepare, both
 
 
-@pytest.mark.parametrize(
-    ("units", "norm", "scale"), [("lj", "", 1.0), ("lj", "norm no", 1.0), ("real", "", 4.0), ("metal", "norm yes", 4.0)]
-)
+@cases("units, norm, scale", ("lj", "", 1.0), ("lj", "norm no", 1.0), ("real", "", 4.0), ("metal", "norm yes", 4.0))
 def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
     """LAMMPS's energies, virial and forces are put in; every word and formula made of them must come out the same."""
     prepare, both = thermo_deck(units, norm, scale)

@@ -3,6 +3,7 @@
 import lammps_steps
 import numpy as np
 import pytest
+from cases import cases
 from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, beside_lammps, context_of, request_of
 
 from openmm_dpd.analysis import radial_distribution
@@ -112,26 +113,24 @@ def test_mean_positions_do_not_depend_on_who_reads_them(tmp_path):
     assert found[0] == found[1] and len(found[0]) == 7 and float(found[0][-1].split()[1]) > 0
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("compute r all rdf 0\n", "number of bins"),
-        ("compute r all rdf 10 1\n", "pairs of types"),
-        ("compute r all rdf 10 1 3\n", "atom type 3 is out of range"),
-        ("compute r all rdf 10 cutoff\n", "one value after cutoff"),
-        ("compute r all rdf 10 cutoff 2.6\nfix a all ave/time 1 1 1 c_r[2] mode vector\nrun 1\n", "more than half the smallest width"),
-        ("compute r all rdf 10\nthermo_style custom c_r[2]\n", r"table of values; use c_r\[row\]\[column\]"),
-        ("compute r all rdf 10\nthermo_style custom c_r[11][2]\n", "has 10 rows and 3 columns"),
-        ("compute r all rdf 10\nthermo_style custom c_r[*]\n", "table of values"),
-        ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r mode vector\n", "table of values"),
-        ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r[4] mode vector\n", "has 10 rows and 3 columns"),
-        ("compute t all temp\nthermo_style custom c_t[1][1]\n", "has no table of values"),
-        ("compute t all temp\nvariable a equal c_t[1][1]\nthermo_style custom v_a\nrun 1\n", "has no table of values"),
-        ("compute m all msd com maybe\n", "com"),
-        ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
-        ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
-        ("compute g all gyration x\n", "and no more"),
-    ],
+@cases(
+    "text, message",
+    ("compute r all rdf 0\n", "number of bins"),
+    ("compute r all rdf 10 1\n", "pairs of types"),
+    ("compute r all rdf 10 1 3\n", "atom type 3 is out of range"),
+    ("compute r all rdf 10 cutoff\n", "one value after cutoff"),
+    ("compute r all rdf 10 cutoff 2.6\nfix a all ave/time 1 1 1 c_r[2] mode vector\nrun 1\n", "more than half the smallest width"),
+    ("compute r all rdf 10\nthermo_style custom c_r[2]\n", r"table of values; use c_r\[row\]\[column\]"),
+    ("compute r all rdf 10\nthermo_style custom c_r[11][2]\n", "has 10 rows and 3 columns"),
+    ("compute r all rdf 10\nthermo_style custom c_r[*]\n", "table of values"),
+    ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r mode vector\n", "table of values"),
+    ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r[4] mode vector\n", "has 10 rows and 3 columns"),
+    ("compute t all temp\nthermo_style custom c_t[1][1]\n", "has no table of values"),
+    ("compute t all temp\nvariable a equal c_t[1][1]\nthermo_style custom v_a\nrun 1\n", "has no table of values"),
+    ("compute m all msd com maybe\n", "com"),
+    ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
+    ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
+    ("compute g all gyration x\n", "and no more"),
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(DECK + text)
@@ -166,11 +165,7 @@ run 20
 """
 
 
-@pytest.mark.parametrize(
-    ("region", "moving", "temperature"),
-    [(BLOCK, FLUID, 1.0), (BLOCK, FREE, 2000.0), (PRISM, FREE, 1000.0)],
-    ids=["fluid", "free", "tilted"],
-)
+@cases("region, moving, temperature", (BLOCK, FLUID, 1.0), (BLOCK, FREE, 2000.0), (PRISM, FREE, 1000.0), ids=["fluid", "free", "tilted"])
 def test_files_equal_lammps(tmp_path, region, moving, temperature):
     """With ``average yes`` LAMMPS 2025 finds beads of a tilted box that have not moved at all displaced: left out there."""
     reason = lammps_steps.why_missing([("pair", "dpd"), ("compute", "rdf"), ("compute", "msd"), ("fix", "ave/time")])

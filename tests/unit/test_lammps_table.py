@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm_dpd.units import LJ, REAL
 from scipy.interpolate import CubicSpline
 
@@ -81,12 +82,10 @@ def test_forces_with_kinks_are_kept(table):
     np.testing.assert_allclose(pair.forces, read_table(table, "NOISY").forces)
 
 
-@pytest.mark.parametrize(
-    ("keyword", "message"),
-    [
-        ("NONE", r"there is no table NONE in it; found FIRST, EVEN, COLUMN, BARE, SQUARE, NOISY, BITS, SHORT"),
-        ("BITS", r"table BITS is stored as BITMAP, which is not supported"),
-    ],
+@cases(
+    "keyword, message",
+    ("NONE", r"there is no table NONE in it; found FIRST, EVEN, COLUMN, BARE, SQUARE, NOISY, BITS, SHORT"),
+    ("BITS", r"table BITS is stored as BITMAP, which is not supported"),
 )
 def test_missing_and_unsupported(table, keyword, message):
     with pytest.raises(DeckError, match=message):

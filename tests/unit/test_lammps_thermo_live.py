@@ -5,6 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, read_deck
@@ -72,19 +73,17 @@ variable ce equal c_thermo_pe+c_pp
 FULL = "thermo_style custom step temp press ke enthalpy c_thermo_temp c_thermo_press v_ct v_cp v_ce c_pp c_pq c_pv c_ta\n"
 
 
-@pytest.mark.parametrize(
+@cases(
     "text",
-    [
-        FULL,
-        FULL + "thermo_modify temp ta\n",
-        FULL + "thermo_modify press pp\n",
-        FULL + "thermo_modify temp ta press pq\n",
-        FULL + "thermo_modify press pq temp ta\n",
-        "thermo_style custom step temp c_thermo_temp v_cp ke\nthermo_modify temp ta\n",
-        FULL + "thermo_modify temp ta\n" + FULL,
-        "thermo_modify temp ta\n" + FULL,
-        FULL + "thermo_modify temp ta\nthermo_modify temp thermo_temp\n",
-    ],
+    FULL,
+    FULL + "thermo_modify temp ta\n",
+    FULL + "thermo_modify press pp\n",
+    FULL + "thermo_modify temp ta press pq\n",
+    FULL + "thermo_modify press pq temp ta\n",
+    "thermo_style custom step temp c_thermo_temp v_cp ke\nthermo_modify temp ta\n",
+    FULL + "thermo_modify temp ta\n" + FULL,
+    "thermo_modify temp ta\n" + FULL,
+    FULL + "thermo_modify temp ta\nthermo_modify temp thermo_temp\n",
 )
 def test_built_in_computes_beside_thermo_modify(tmp_path, text):
     average = "fix a all ave/time 1 1 1 c_thermo_temp c_thermo_press c_pp c_pq v_ct v_cp file f.ave\n"
@@ -94,17 +93,15 @@ def test_built_in_computes_beside_thermo_modify(tmp_path, text):
 
 
 # -- layouts ------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
+@cases(
     "text",
-    [
-        "thermo_style multi",
-        "thermo_style multi\nthermo_modify format float %12.3e",
-        "thermo_style custom step temp pe press lx cella cellb cellc cellalpha atoms\nthermo_modify line multi",
-        "thermo_style custom step temp pe press cella atoms\nthermo_modify line multi format float %10.3f format int %5d format 2 %9.1f",
-        "thermo_style custom step temp pe press atoms\nthermo_modify format float %10.3f\nthermo_modify line multi",
-        'thermo_style custom step temp pe press\nthermo_modify line multi format line "%d %g %8.3f %12.5e"',
-        "thermo_style custom step temp cella press\nthermo_modify line one",
-    ],
+    "thermo_style multi",
+    "thermo_style multi\nthermo_modify format float %12.3e",
+    "thermo_style custom step temp pe press lx cella cellb cellc cellalpha atoms\nthermo_modify line multi",
+    "thermo_style custom step temp pe press cella atoms\nthermo_modify line multi format float %10.3f format int %5d format 2 %9.1f",
+    "thermo_style custom step temp pe press atoms\nthermo_modify format float %10.3f\nthermo_modify line multi",
+    'thermo_style custom step temp pe press\nthermo_modify line multi format line "%d %g %8.3f %12.5e"',
+    "thermo_style custom step temp cella press\nthermo_modify line one",
 )
 def test_layouts(tmp_path, text):
     theirs, ours = both(tmp_path, CHOICES + text + "\nrun 0\n")
@@ -275,15 +272,13 @@ def test_steps_of_averages(tmp_path, begin):
 
 
 # -- one temperature ---------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("styles", "coefficients", "temperature"),
-    [
-        ("dpd/ext 1.0 1.0 35 dpd/tstat 3.0 3.0 1.0 36", ("dpd/ext 25 0 4.5 1 1", "dpd/tstat 0.05"), None),
-        ("dpd 0.0 1.0 35 dpd/ext/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/ext/tstat 0 4.5 1 1"), 1.0),
-        ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 0", "dpd/tstat 4.5"), 1.0),
-        ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 3", "dpd/tstat 4.5"), None),
-        ("dpd 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/tstat 0"), 2.0),
-    ],
+@cases(
+    "styles, coefficients, temperature",
+    ("dpd/ext 1.0 1.0 35 dpd/tstat 3.0 3.0 1.0 36", ("dpd/ext 25 0 4.5 1 1", "dpd/tstat 0.05"), None),
+    ("dpd 0.0 1.0 35 dpd/ext/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/ext/tstat 0 4.5 1 1"), 1.0),
+    ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 0", "dpd/tstat 4.5"), 1.0),
+    ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 3", "dpd/tstat 4.5"), None),
+    ("dpd 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/tstat 0"), 2.0),
 )
 def test_the_temperature_is_that_of_the_styles_with_friction(tmp_path, styles, coefficients, temperature):
     lines = "".join(f"pair_coeff * * {words}\n" for words in coefficients)

@@ -3,6 +3,7 @@
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
@@ -44,14 +45,12 @@ def test_velocities_of_variables(tmp_path, text):
     np.testing.assert_allclose(state.atoms.velocities, expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("variable s string 3\nvelocity all set v_s 0 0", "velocity set: variable s is string-style"),
-        ("velocity all set v_none 0 0", "none"),
-        ("variable t equal temp\nvelocity all set v_t 0 0", "needs a run"),
-        ("variable q equal 1/(count(some)-5)\nvelocity all set v_q 0 0", "division by zero|1/"),
-    ],
+@cases(
+    "text, message",
+    ("variable s string 3\nvelocity all set v_s 0 0", "velocity set: variable s is string-style"),
+    ("velocity all set v_none 0 0", "none"),
+    ("variable t equal temp\nvelocity all set v_t 0 0", "needs a run"),
+    ("variable q equal 1/(count(some)-5)\nvelocity all set v_q 0 0", "division by zero|1/"),
 )
 def test_other_variables_are_refused(tmp_path, text, message):
     path = tmp_path / "in.deck"

@@ -8,6 +8,7 @@ import oracle_density
 import oracle_energy
 import oracle_meso
 import pytest
+from cases import cases
 from scipy.integrate import solve_ivp
 
 
@@ -45,13 +46,11 @@ X2, V2, CUBE = np.array([[0.25, 1, 1], [2.75, 1, 1]]), np.array([[1.5, 1, -1], [
 XI, XI_T = np.array([[0, 0.6], [0.6, 0]]), np.array([[0, -1.5], [1.5, 0]])
 
 
-@pytest.mark.parametrize(
+@cases(
     "box",
-    [
-        np.array([[3.2, 0, 0], [1.5, 3.1, 0], [-1.4, 1.3, 3.4]]),
-        np.array([[4.0, 0, 0], [2.0, 4.0, 0], [-2.0, 2.0, 4.0]]),  # as tilted as a reduced cell can be
-        np.array([[3.0, 0, 0], [0.2, 5.0, 0], [1.4, -2.4, 7.0]]),
-    ],
+    np.array([[3.2, 0, 0], [1.5, 3.1, 0], [-1.4, 1.3, 3.4]]),
+    np.array([[4.0, 0, 0], [2.0, 4.0, 0], [-2.0, 2.0, 4.0]]),  # as tilted as a reduced cell can be
+    np.array([[3.0, 0, 0], [0.2, 5.0, 0], [1.4, -2.4, 7.0]]),
 )
 def test_triclinic_minimum_image_is_the_nearest_of_all_images(box):
     dr = np.random.default_rng(3).uniform(-1.5, 1.5, (500, 3)) @ box

@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from cases import cases
 from matplotlib.figure import Figure
 
 from openmm_dpd.base.errors import ParameterError
@@ -104,20 +105,18 @@ def test_the_start_neither_scales_the_axes_nor_has_a_mean(tmp_path, drawn):
     assert (shade.get_x(), shade.get_x() + shade.get_width()) == pytest.approx((time[0], time[30])) and "grey" in figure.get_supxlabel()
 
 
-@pytest.mark.parametrize(
-    ("columns", "options", "message"),
-    [
-        ({"temp": [1.0]}, {}, "no column 'time' to draw against; there are temp"),
-        (None, {}, "a mapping of words to rows, not None"),
-        ({"time": [0.0], "vol": [1.0]}, {}, "nothing to draw: none of temp, "),
-        ({"time": [], "temp": []}, {}, "no rows to draw"),
-        ({"time": [0.0, 1.0], "temp": [1.0]}, {}, r"'temp' has the shape \(1,\)"),
-        ({"time": [0.0, 2.0, 1.0], "temp": [1.0, 1.0, 1.0]}, {"runs": [1.0]}, r"goes back \(from 2 to 1 in row 2\)"),
-        ({"time": [0.0, 1.0], "temp": [1.0, 1.0]}, {"target": [1.0, 1.0, 1.0]}, r"target has the shape \(3,\)"),
-        ({"time": [1, 2], "temp": ["a", "b"]}, {}, "the column 'temp' must be numbers.*'a'"),
-        ({"time": [1, 2], "temp": [1, 2]}, {"target": "warm"}, "target must be numbers.*'warm'"),
-        ({"time": [1, 2], "temp": [1, 2]}, {"counted": [True]}, r"counted has the shape \(1,\)"),
-    ],
+@cases(
+    "columns, options, message",
+    ({"temp": [1.0]}, {}, "no column 'time' to draw against; there are temp"),
+    (None, {}, "a mapping of words to rows, not None"),
+    ({"time": [0.0], "vol": [1.0]}, {}, "nothing to draw: none of temp, "),
+    ({"time": [], "temp": []}, {}, "no rows to draw"),
+    ({"time": [0.0, 1.0], "temp": [1.0]}, {}, r"'temp' has the shape \(1,\)"),
+    ({"time": [0.0, 2.0, 1.0], "temp": [1.0, 1.0, 1.0]}, {"runs": [1.0]}, r"goes back \(from 2 to 1 in row 2\)"),
+    ({"time": [0.0, 1.0], "temp": [1.0, 1.0]}, {"target": [1.0, 1.0, 1.0]}, r"target has the shape \(3,\)"),
+    ({"time": [1, 2], "temp": ["a", "b"]}, {}, "the column 'temp' must be numbers.*'a'"),
+    ({"time": [1, 2], "temp": [1, 2]}, {"target": "warm"}, "target must be numbers.*'warm'"),
+    ({"time": [1, 2], "temp": [1, 2]}, {"counted": [True]}, r"counted has the shape \(1,\)"),
 )
 def test_what_cannot_be_drawn(tmp_path, columns, options, message):
     with pytest.raises(ParameterError, match=message):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import openmm
 import pytest
+from cases import cases
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
 from openmm_dpd.base.names import AHEAD, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
@@ -216,25 +217,23 @@ def test_a_good_program_passes():
     p.check()
 
 
-@pytest.mark.parametrize(
-    ("kind", "target", "expression", "message"),
-    [
-        ("each", "v", "v+dt*acel/m", "unknown name acel"),
-        ("each", "v", "v+dt*F/m", "unknown name F"),
-        ("set", "k", "k+dpd_KT", "unknown name dpd_KT"),
-        ("each", "v", "sqr(v)", "unknown name sqr"),
-        ("each", "v", "v+f32", "unknown name f32"),
-        ("each", "vel", "v", "'vel' was not declared"),
-        ("set", "v", "1", "'v' was not declared"),
-        ("set", "dt", "1", "'dt' was not declared"),
-        ("each", "k", "v", "'k' was not declared"),
-        ("each", "f", "v", "'f' was not declared"),
-        ("each", "v", "f+f31", "one force group"),
-        ("each", "v", "f1/m+f2/m", "one force group"),
-        ("set", "k", "energy+energy31", "one force group"),
-        ("set", "k", "a+1", "'a'"),
-        ("set", "k", "x*2", "'x'"),
-    ],
+@cases(
+    "kind, target, expression, message",
+    ("each", "v", "v+dt*acel/m", "unknown name acel"),
+    ("each", "v", "v+dt*F/m", "unknown name F"),
+    ("set", "k", "k+dpd_KT", "unknown name dpd_KT"),
+    ("each", "v", "sqr(v)", "unknown name sqr"),
+    ("each", "v", "v+f32", "unknown name f32"),
+    ("each", "vel", "v", "'vel' was not declared"),
+    ("set", "v", "1", "'v' was not declared"),
+    ("set", "dt", "1", "'dt' was not declared"),
+    ("each", "k", "v", "'k' was not declared"),
+    ("each", "f", "v", "'f' was not declared"),
+    ("each", "v", "f+f31", "one force group"),
+    ("each", "v", "f1/m+f2/m", "one force group"),
+    ("set", "k", "energy+energy31", "one force group"),
+    ("set", "k", "a+1", "'a'"),
+    ("set", "k", "x*2", "'x'"),
 )
 def test_mistakes_that_openmm_would_not_report(kind, target, expression, message):
     p = program()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -191,16 +192,14 @@ def test_atoms_beside_beads_are_refused():
         recommend(whole)
 
 
-@pytest.mark.parametrize(
-    ("other", "words"),
-    [
-        (scene(gamma=4000), "friction"),
-        (scene(A=100), "repulsion"),
-        (scene(pairs={("W", "W"): dpd.LennardJones(epsilon=1, sigma=0.3, cutoff=1)}), "LennardJones"),
-        (scene(pairs={("W", "W"): dpd.DPD(A=-3, gamma=4.5)}), "attraction"),
-        (scene(gamma=0.0), "no friction"),
-        (scene(kT=0.0), "temperature"),
-    ],
+@cases(
+    "other, words",
+    (scene(gamma=4000), "friction"),
+    (scene(A=100), "repulsion"),
+    (scene(pairs={("W", "W"): dpd.LennardJones(epsilon=1, sigma=0.3, cutoff=1)}), "LennardJones"),
+    (scene(pairs={("W", "W"): dpd.DPD(A=-3, gamma=4.5)}), "attraction"),
+    (scene(gamma=0.0), "no friction"),
+    (scene(kT=0.0), "temperature"),
 )
 def test_no_recommendation_outside_of_the_table(table, other, words):
     found = recommend(other, table=table)
@@ -221,15 +220,13 @@ def mixture(aa, ab, bb, types=("A", "B"), **more) -> dpd.Scene:
     return dpd.Scene({"A": 1.0, "B": 1.0}, list(types) * (80 // len(types)), x, pairs, kT=1.0, box=[3.0] * 3, **more)
 
 
-@pytest.mark.parametrize(
+@cases(
     "layers",
-    [
-        [one(A=20), one(gamma=9)],
-        [one(gamma=9), one(A=20)],
-        [one(A=10, gamma=4.5)] * 2,
-        [one(A=20, gamma=3), one(sigma=12**0.5)],
-        [one(A=25, gamma=4.5), one(A=-5, gamma=4.5)],
-    ],
+    [one(A=20), one(gamma=9)],
+    [one(gamma=9), one(A=20)],
+    [one(A=10, gamma=4.5)] * 2,
+    [one(A=20, gamma=3), one(sigma=12**0.5)],
+    [one(A=25, gamma=4.5), one(A=-5, gamma=4.5)],
 )
 def test_layers_are_one_entry_with_the_sum(table, layers):
     """Groups, recommendation and prediction are those of A = 20, gamma = 9, however these are spread."""

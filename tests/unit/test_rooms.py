@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from cases import cases
 from import_graph import GRAPH, PACKAGE, PATHS, ROOT, TREES
 
 import openmm_dpd
@@ -43,13 +44,11 @@ def test_imports_go_one_way():
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize(
-    ("room", "unknown"),
-    [
-        ("kernels", ("openmm", "openmm_dpd.model")),
-        ("model", ("openmm_dpd.kernels",)),
-        ("analysis", ("openmm", "openmm_dpd.model", "openmm_dpd.plan")),
-    ],
+@cases(
+    "room, unknown",
+    ("kernels", ("openmm", "openmm_dpd.model")),
+    ("model", ("openmm_dpd.kernels",)),
+    ("analysis", ("openmm", "openmm_dpd.model", "openmm_dpd.plan")),
 )
 def test_what_a_room_does_not_know(room, unknown):
     """Neither OpenMM nor the model in kernels, no kernels in the model, no Contexts in the analysis of trajectories."""

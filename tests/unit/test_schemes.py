@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from devices import Device
 from scenes import beads, run_of, state_of
 
@@ -58,48 +59,44 @@ def still(n: int = 81, **options) -> dpd.Scene:
 
 
 # -- reading and spelling ------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("text", "letters"),
-    [
-        ("A B O", [("A", 1), ("B", 1), ("O", 1)]),
-        ("B/2 A/2 O A/2 B/2", [("B", HALF), ("A", HALF), ("O", 1), ("A", HALF), ("B", HALF)]),
-        ("3B/5 A 2B/5 S", [("B", Fraction(3, 5)), ("A", 1), ("B", Fraction(2, 5)), ("S", 1)]),
-        ("1A/1 2B/2 O/2 S/2", [("A", 1), ("B", 1), ("O", HALF), ("S", HALF)]),
-        ("  B\t A/2\n O A/2  ", [("B", 1), ("A", HALF), ("O", 1), ("A", HALF)]),
-        ("118880B/1000000 A 881120B/1000000 O", [("B", Fraction(1486, 12500)), ("A", 1), ("B", Fraction(11014, 12500)), ("O", 1)]),
-    ],
+@cases(
+    "text, letters",
+    ("A B O", [("A", 1), ("B", 1), ("O", 1)]),
+    ("B/2 A/2 O A/2 B/2", [("B", HALF), ("A", HALF), ("O", 1), ("A", HALF), ("B", HALF)]),
+    ("3B/5 A 2B/5 S", [("B", Fraction(3, 5)), ("A", 1), ("B", Fraction(2, 5)), ("S", 1)]),
+    ("1A/1 2B/2 O/2 S/2", [("A", 1), ("B", 1), ("O", HALF), ("S", HALF)]),
+    ("  B\t A/2\n O A/2  ", [("B", 1), ("A", HALF), ("O", 1), ("A", HALF)]),
+    ("118880B/1000000 A 881120B/1000000 O", [("B", Fraction(1486, 12500)), ("A", 1), ("B", Fraction(11014, 12500)), ("O", 1)]),
 )
 def test_words_are_read(text, letters):
     assert read_word(text) == tuple((name, Fraction(part)) for name, part in letters)
     assert scheme_of(text).letters == read_word(text)
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("B/2 A/2 X A/2 B/2", r"'X' is no part of a step .*A \(drift\), B \(kick\), O .*, S "),
-        ("b/2 A O B/2", "'b/2' is no part|unknown scheme 'b/2"),
-        ("B/2 a O B/2", "'a' is no part"),
-        ("B A/2 o A/2", "'o' is no part"),
-        ("B-A-O", "'B-A-O' is no part"),
-        ("BAOAB", "'BAOAB' is no part"),
-        ("B/2A/2 O A/2 B/2", "'B/2A/2' is no part"),
-        ("-A 2A B O", "'-A' is no part"),
-        ("0.5B A O B/2", "'0.5B' is no part"),
-        ("B/2/2 A O", "'B/2/2' is no part"),
-        ("B/ A O", "'B/' is no part"),
-        ("A/0 B O", "'A/0' .* a number in it is 0"),
-        ("A 0B B O", "'0B' .* a number in it is 0"),
-        ("A B 0O/3 O", "'0O/3' .* a number in it is 0"),
-        ("A/2 B O", "drifts A .* add up to 1/2 of a step, not to 1"),
-        ("A A B O", "drifts A .* add up to 2 of"),
-        ("A B/3 B/3 O", "kicks B .* add up to 2/3"),
-        ("A B", "sweeps O and S .* add up to 0"),
-        ("A B O S", "sweeps O and S .* add up to 2"),
-        ("A B O/2 S/3", "sweeps O and S .* add up to 5/6"),
-        ("B O", "drifts A .* add up to 0"),
-        ("O", "drifts A"),
-    ],
+@cases(
+    "text, reason",
+    ("B/2 A/2 X A/2 B/2", r"'X' is no part of a step .*A \(drift\), B \(kick\), O .*, S "),
+    ("b/2 A O B/2", "'b/2' is no part|unknown scheme 'b/2"),
+    ("B/2 a O B/2", "'a' is no part"),
+    ("B A/2 o A/2", "'o' is no part"),
+    ("B-A-O", "'B-A-O' is no part"),
+    ("BAOAB", "'BAOAB' is no part"),
+    ("B/2A/2 O A/2 B/2", "'B/2A/2' is no part"),
+    ("-A 2A B O", "'-A' is no part"),
+    ("0.5B A O B/2", "'0.5B' is no part"),
+    ("B/2/2 A O", "'B/2/2' is no part"),
+    ("B/ A O", "'B/' is no part"),
+    ("A/0 B O", "'A/0' .* a number in it is 0"),
+    ("A 0B B O", "'0B' .* a number in it is 0"),
+    ("A B 0O/3 O", "'0O/3' .* a number in it is 0"),
+    ("A/2 B O", "drifts A .* add up to 1/2 of a step, not to 1"),
+    ("A A B O", "drifts A .* add up to 2 of"),
+    ("A B/3 B/3 O", "kicks B .* add up to 2/3"),
+    ("A B", "sweeps O and S .* add up to 0"),
+    ("A B O S", "sweeps O and S .* add up to 2"),
+    ("A B O/2 S/3", "sweeps O and S .* add up to 5/6"),
+    ("B O", "drifts A .* add up to 0"),
+    ("O", "drifts A"),
 )
 def test_words_are_refused_with_the_reason(text, reason):
     with pytest.raises(ParameterError, match=reason):
@@ -108,9 +105,7 @@ def test_words_are_refused_with_the_reason(text, reason):
         dpd.build(beads(), dt=0.02, scheme=text, platform="Reference")
 
 
-@pytest.mark.parametrize(
-    "text", ["", "  ", None, 3, 0.5, b"A B O", ["A", "B", "O"], ("middle",), True, "verlet", "Middle ", "MVV", "leap frog"]
-)
+@cases("text", "", "  ", None, 3, 0.5, b"A B O", ["A", "B", "O"], ("middle",), True, "verlet", "Middle ", "MVV", "leap frog")
 def test_what_is_no_word_is_an_unknown_scheme(text):
     with pytest.raises(ParameterError, match="unknown scheme .*mvv, shardlow, middle, aboba, bababo, native, or a word such as"):
         scheme_of(text)
@@ -151,22 +146,20 @@ def test_a_run_by_the_word_is_the_run_by_the_name(scheme):
 
 
 # -- what a word says about itself ---------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("text", "lag"),
-    [
-        ("middle", 0.5),
-        ("aboba", 0.0),
-        ("bababo", 0.0),
-        ("shardlow", 0.0),
-        ("mvv", 0.0),
-        ("native", 0.5),
-        (BAOAB, 0.0),
-        ("B A O", 0.5),
-        ("A B O", -0.5),
-        ("B/5 A 4B/5 O", -0.3),
-        ("A/2 O/2 B O/2 A/2", 0.0),
-        ("B/4 A/2 B/4 A/2 B/2 O", -0.125),
-    ],
+@cases(
+    "text, lag",
+    ("middle", 0.5),
+    ("aboba", 0.0),
+    ("bababo", 0.0),
+    ("shardlow", 0.0),
+    ("mvv", 0.0),
+    ("native", 0.5),
+    (BAOAB, 0.0),
+    ("B A O", 0.5),
+    ("A B O", -0.5),
+    ("B/5 A 4B/5 O", -0.3),
+    ("A/2 O/2 B O/2 A/2", 0.0),
+    ("B/4 A/2 B/4 A/2 B/2 O", -0.125),
 )
 def test_lag_of_the_velocities(text, lag):
     """By how much of a kick velocities are behind."""
@@ -180,19 +173,17 @@ def moments(scheme: Scheme) -> Fraction:
     return acts - HALF
 
 
-@pytest.mark.parametrize(
+@cases(
     "text",
-    [
-        *(scheme.name for scheme in NAMED),
-        BAOAB,
-        "A B O",
-        "B/5 A 4B/5 O",
-        "A/3 B/2 A/3 O B/2 A/3",
-        "A/4 S A/4 B A/2",
-        "A/3 B 2A/3 O",
-        "3A/4 B O A/4",
-        "B/4 A/4 B/2 3A/4 B/4 O",
-    ],
+    *(scheme.name for scheme in NAMED),
+    BAOAB,
+    "A B O",
+    "B/5 A 4B/5 O",
+    "A/3 B/2 A/3 O B/2 A/3",
+    "A/4 S A/4 B A/2",
+    "A/3 B 2A/3 O",
+    "3A/4 B O A/4",
+    "B/4 A/4 B/2 3A/4 B/4 O",
 )
 def test_lag_is_that_of_a_constant_field(text):
     """With v + lag f dt/m for v the positions are x + v dt + f dt^2/2m."""
@@ -235,17 +226,15 @@ def test_the_kinetic_part_of_a_harmonic_bond_is_right(text, deficit, friction):
     assert abs(errors[0]) < 2e-4 and abs(errors[1]) < 2e-4 / 15, errors
 
 
-@pytest.mark.parametrize(
-    ("text", "left"),
-    [
-        ("middle", "B A"),
-        ("shardlow", "B/2 A B/2"),
-        ("aboba", "A/2 B A/2"),
-        ("bababo", "B/5 A/2 3B/5 A/2 B/5"),
-        ("mvv", "B/2 A B/2"),
-        (BAOAB, "B/2 A B/2"),
-        ("B/2 O/2 B/2 A/2 S/2 A/2", "B A"),
-    ],
+@cases(
+    "text, left",
+    ("middle", "B A"),
+    ("shardlow", "B/2 A B/2"),
+    ("aboba", "A/2 B A/2"),
+    ("bababo", "B/5 A/2 3B/5 A/2 B/5"),
+    ("mvv", "B/2 A B/2"),
+    (BAOAB, "B/2 A B/2"),
+    ("B/2 O/2 B/2 A/2 S/2 A/2", "B A"),
 )
 def test_without_friction_sweeps_are_dropped(text, left):
     """... and what follows each other is one."""

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 
 import openmm_dpd as dpd
 
@@ -45,13 +46,11 @@ def system_with(computation) -> str:
 
 
 @pytest.mark.parametrize("platform", ["CPU", "Reference"])
-@pytest.mark.parametrize(
+@cases(
     "more",
-    [
-        {},
-        {"bonds": [dpd.FENEBonds([[0, 1], [1, 2]], k=30.0, R0=6.0)], "segments": dpd.SegmentalRepulsion(A=100.0, cutoff=0.5)},
-        {"body_forces": [dpd.BodyForce([1.0, 0, 0])], "walls": None},
-    ],
+    {},
+    {"bonds": [dpd.FENEBonds([[0, 1], [1, 2]], k=30.0, R0=6.0)], "segments": dpd.SegmentalRepulsion(A=100.0, cutoff=0.5)},
+    {"body_forces": [dpd.BodyForce([1.0, 0, 0])], "walls": None},
     ids=["plain", "bonded", "pushed"],
 )
 def test_forces_of_this_package_are_read(tmp_path, platform, more):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average
 
 from openmm_dpd.base.errors import ParameterError
@@ -65,15 +66,13 @@ def test_errors_of_series_that_are_long_enough(times):
     assert np.mean([abs(average.mean) < 2 * average.sem for average in chosen]) > 0.85
 
 
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ([], Average(None, None, 0, None)),
-        ([2.5], Average(2.5, None, 0, None)),
-        ([1.0, 2.0], Average(1.5, None, 0, None)),
-        ([1.0, 2.0, 3.0, 6.0], Average(3.0, None, 0, None)),
-        ([0.1] * 7, Average(0.1, 0.0, 7, None, True)),
-    ],
+@cases(
+    "values, expected",
+    ([], Average(None, None, 0, None)),
+    ([2.5], Average(2.5, None, 0, None)),
+    ([1.0, 2.0], Average(1.5, None, 0, None)),
+    ([1.0, 2.0, 3.0, 6.0], Average(3.0, None, 0, None)),
+    ([0.1] * 7, Average(0.1, 0.0, 7, None, True)),
 )
 def test_short_series(values, expected):
     assert block_average(values) == expected

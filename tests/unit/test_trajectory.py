@@ -9,6 +9,7 @@ import mdtraj as md
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from mdtraj.core.element import Element
 from openmm import app, unit
 from openmm_dpd.trajectory import (
@@ -192,22 +193,20 @@ def test_units_of_masses(tmp_path):
     assert bead_masses(load_topology(tmp_path / "top.psf")).tolist() == [2.0]
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"names": ["A", "B C"]}, "'B C' cannot be in a PSF file"),
-        ({"names": ["A", ""]}, "'' cannot be"),
-        ({"masses": [1.0]}, "masses must have one entry for each of the 2 names"),
-        ({"masses": [1.0, -2.0]}, "bead 1 has the mass -2"),
-        ({"masses": [1.0, np.nan]}, "masses holds nan"),
-        ({"charges": [1.0, 2.0, 3.0]}, "charges must have one entry"),
-        ({"bonds": [(0, 2)]}, r"bond 0 is \[0, 2\]"),
-        ({"bonds": [(0, 1), (1, 1)]}, r"bond 1 is \[1, 1\]"),
-        ({"bonds": [0, 1]}, "pairs of bead indices"),
-        ({"bonds": [(0, 1), (1,)]}, "differ in length"),
-        ({"molecules": [1, -1]}, "bead 1 has the molecule number -1"),
-        ({"molecules": [0.5, 1.0]}, "one integer"),
-    ],
+@cases(
+    "change, message",
+    ({"names": ["A", "B C"]}, "'B C' cannot be in a PSF file"),
+    ({"names": ["A", ""]}, "'' cannot be"),
+    ({"masses": [1.0]}, "masses must have one entry for each of the 2 names"),
+    ({"masses": [1.0, -2.0]}, "bead 1 has the mass -2"),
+    ({"masses": [1.0, np.nan]}, "masses holds nan"),
+    ({"charges": [1.0, 2.0, 3.0]}, "charges must have one entry"),
+    ({"bonds": [(0, 2)]}, r"bond 0 is \[0, 2\]"),
+    ({"bonds": [(0, 1), (1, 1)]}, r"bond 1 is \[1, 1\]"),
+    ({"bonds": [0, 1]}, "pairs of bead indices"),
+    ({"bonds": [(0, 1), (1,)]}, "differ in length"),
+    ({"molecules": [1, -1]}, "bead 1 has the molecule number -1"),
+    ({"molecules": [0.5, 1.0]}, "one integer"),
 )
 def test_what_cannot_be_written(tmp_path, change, message):
     with pytest.raises(ParameterError, match=message):

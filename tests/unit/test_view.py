@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm import unit
 from openmm_dpd.view import view
 
@@ -57,13 +58,11 @@ def test_radii(nglview):
     assert view(scene(), radii=0.1).shown[0] == ("spacefill", "@0,1", 1.0)
 
 
-@pytest.mark.parametrize(
-    ("radii", "message"),
-    [
-        ({"W": 1.0}, "radii must have one entry for each of the types oil_drop, W; oil_drop is missing or unknown"),
-        (-1.0, "the radius of type 'oil_drop' must be >= 0, but is -1"),
-        (np.nan, "must be finite"),
-    ],
+@cases(
+    "radii, message",
+    ({"W": 1.0}, "radii must have one entry for each of the types oil_drop, W; oil_drop is missing or unknown"),
+    (-1.0, "the radius of type 'oil_drop' must be >= 0, but is -1"),
+    (np.nan, "must be finite"),
 )
 def test_bad_radii(nglview, radii, message):
     with pytest.raises(ParameterError, match=message):

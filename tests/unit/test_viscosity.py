@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm import unit
 from scenes import beads, chains, fluid
 
@@ -191,13 +192,11 @@ def test_channel_fit():
     assert np.isnan(found.fitted[[0, 1, 2, 3]]).all() and np.isfinite(found.fitted[4:16]).all()
 
 
-@pytest.mark.parametrize(
+@cases(
     "make, message",
-    [
-        (lambda p: poiseuille_viscosity(p, 0), "other than 0"),
-        (lambda p: poiseuille_viscosity(p, -0.05), "does not flow along"),
-        (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are left"),
-    ],
+    (lambda p: poiseuille_viscosity(p, 0), "other than 0"),
+    (lambda p: poiseuille_viscosity(p, -0.05), "does not flow along"),
+    (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are left"),
 )
 def test_refused_profiles(make, message):
     with pytest.raises(dpd.ParameterError, match=message):
