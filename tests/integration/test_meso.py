@@ -10,6 +10,7 @@ import pytest
 from cases import cases
 from devices import DEVICES
 from judged import any_seed
+from raising import raises
 from scenes import BOXES, MASSES, fluid, state_of
 
 import openmm_dpd as dpd
@@ -153,11 +154,9 @@ def test_setting_values_acts_at_once():
     simulation.step(3)
     write_fields(simulation.context, simulation.built.plan, theta=1.0)
     assert np.all(read_fields(simulation.context, simulation.built.plan)["theta"] == 1.0)
-    with pytest.raises(ParameterError, match="it must be > 0"):
-        write_fields(simulation.context, simulation.built.plan, theta=np.zeros(N))
+    raises(ParameterError, "it must be > 0", lambda: write_fields(simulation.context, simulation.built.plan, theta=np.zeros(N)))
     species = running(species_scene(), DEVICES[1])
-    with pytest.raises(ParameterError, match=r"shape \(90, 4\)"):
-        write_fields(species.context, species.built.plan, concentrations=np.zeros(N))
+    raises(ParameterError, r"shape \(90, 4\)", lambda: write_fields(species.context, species.built.plan, concentrations=np.zeros(N)))
     write_fields(species.context, species.built.plan, concentrations=np.full((N, 4), 2.0))
     assert np.all(read_fields(species.context, species.built.plan)["concentrations"] == 2.0)
 
@@ -278,10 +277,8 @@ def test_schemes_and_places_that_do_not_fit():
             dpd.build(make(), dt=DT, scheme="middle", platform="CPU")
     with pytest.raises(PlanError, match="depends on the temperatures"):
         dpd.build(heat_scene(), dt=DT, scheme="mvv", conservative="openmm", platform="CPU")
-    with pytest.raises(PlanError, match="derives from no potential"):
-        dpd.build(density_scene("lucy"), dt=DT, conservative="openmm", platform="CPU")
-    with pytest.raises(PlanError, match="it knows isothermal DPD only, not MDPD"):
-        dpd.build(density_scene(), dt=DT, scheme="native", platform="CPU")
+    raises(PlanError, "derives from no potential", lambda: dpd.build(density_scene("lucy"), dt=DT, conservative="openmm", platform="CPU"))
+    raises(PlanError, "it knows isothermal DPD only, not MDPD", lambda: dpd.build(density_scene(), dt=DT, scheme="native", platform="CPU"))
 
 
 @cases(
@@ -295,8 +292,7 @@ def test_schemes_and_places_that_do_not_fit():
 )
 def test_bad_input(change, message):
     good = {"internal": dpd.BeadTemperatures(1.0, 1.0)}
-    with pytest.raises(ParameterError, match=message):
-        fluid(HEAT, BOXES["ortho"], n=N, **{**good, **change})
+    raises(ParameterError, message, lambda: fluid(HEAT, BOXES["ortho"], n=N, **{**good, **change}))
 
 
 def test_species_must_match():

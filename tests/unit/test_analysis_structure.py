@@ -4,6 +4,7 @@ import mdtraj
 import numpy as np
 import pytest
 from openmm_dpd.trajectory import bead_element
+from raising import raises
 
 from openmm_dpd import ParameterError
 from openmm_dpd.analysis import (
@@ -80,8 +81,7 @@ def test_pairs_equal_naive_loops(box):
 def test_pairs_beyond_half_the_box():
     x = np.zeros((2, 3))
     assert len(pairs_within(x, None, TILTED, 2.2)[0]) == 1
-    with pytest.raises(ParameterError, match="a distance of 2.6 is more than half the smallest width"):
-        pairs_within(x, None, BOXES["edges"], 2.6)
+    raises(ParameterError, "a distance of 2.6 is more than half the smallest width", lambda: pairs_within(x, None, BOXES["edges"], 2.6))
     with pytest.raises(ParameterError, match="smallest width of the box, 4.8076"):  # 210 / |a x c|
         pairs_within(x, None, TILTED, 2.45)
 
@@ -286,8 +286,7 @@ def test_planted_bilayer():
 
 def test_thick_bilayers_need_their_tails():
     """Heads half a box apart do not show which side is inside; with the tails they do, also when the water is thinner than the bilayer."""
-    with pytest.raises(ParameterError, match="spread evenly"):
-        bilayer_thickness(bilayer(2, 3, thickness=5.0), "H")
+    raises(ParameterError, "spread evenly", lambda: bilayer_thickness(bilayer(2, 3, thickness=5.0), "H"))
     assert bilayer_thickness(bilayer(2, 20, thickness=7.0), "H", "T").mean == pytest.approx(7.0, abs=0.1)
     assert bilayer_thickness(bilayer(2, 20, thickness=7.0), "H").mean == pytest.approx(3.0, abs=0.1)
 
@@ -379,5 +378,4 @@ def test_errors():
             call()
     broken = random_trajectory(1, 10, 3, box)
     broken.xyz[2, 4, 1] = np.nan
-    with pytest.raises(ParameterError, match="frame 2 .* is not finite"):
-        density_profile(chunks(broken, 1))
+    raises(ParameterError, "frame 2 .* is not finite", lambda: density_profile(chunks(broken, 1)))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cases import cases
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
@@ -231,8 +232,7 @@ GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomi
 def test_errors_name_file_and_line(tmp_path, old, new, message):
     assert old in GOOD
     path = write(tmp_path, GOOD.replace(old, new, 1))
-    with pytest.raises(DeckError, match=message):
-        read_data_file(path, "atomic")
+    raises(DeckError, message, lambda: read_data_file(path, "atomic"))
 
 
 def test_the_good_file_is_good(tmp_path):
@@ -241,14 +241,12 @@ def test_the_good_file_is_good(tmp_path):
 
 def test_bonds_need_a_style_that_has_them(tmp_path):
     path = write(tmp_path, GOOD.replace("2 atom types", "2 atom types\n1 bonds\n1 bond types") + "\nBonds\n\n1 1 2 5\n")
-    with pytest.raises(DeckError, match=r"data:23: atom_style atomic has no bonds"):
-        read_data_file(path, "atomic")
+    raises(DeckError, r"data:23: atom_style atomic has no bonds", lambda: read_data_file(path, "atomic"))
 
 
 def test_theta_must_be_positive(tmp_path):
     text = HEADER + "\nAtoms\n\n" + "\n".join(ATOMS["dpd"]).replace("300", "0") + "\n"
-    with pytest.raises(DeckError, match=r"data:13: the internal temperature \(theta\) must be > 0"):
-        read_data_file(write(tmp_path, text), "dpd")
+    raises(DeckError, r"data:13: the internal temperature \(theta\) must be > 0", lambda: read_data_file(write(tmp_path, text), "dpd"))
 
 
 def test_a_different_style_hint_is_noted(tmp_path):

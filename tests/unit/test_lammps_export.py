@@ -9,6 +9,7 @@ import exported
 import numpy as np
 import pytest
 from cases import cases
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
@@ -258,20 +259,17 @@ def test_nothing_is_said_where_nothing_differs(tmp_path):
 )
 def test_bad_choices(choices, message, tmp_path):
     arguments = {"dt": 0.01, "name": "x", **choices}
-    with pytest.raises(dpd.ParameterError, match=message):
-        export_lammps(fluid(), tmp_path, arguments.pop("name"), **arguments)
+    raises(dpd.ParameterError, message, lambda: export_lammps(fluid(), tmp_path, arguments.pop("name"), **arguments))
 
 
 def test_what_is_no_scene_and_what_is_no_folder(tmp_path):
-    with pytest.raises(dpd.ParameterError, match="expected a Scene"):
-        export_lammps("scene", tmp_path, "x", dt=0.01)
+    raises(dpd.ParameterError, "expected a Scene", lambda: export_lammps("scene", tmp_path, "x", dt=0.01))
     (tmp_path / "file").write_text("")
     with pytest.raises(dpd.OutputError, match="the folder .*file.* cannot be written .*write elsewhere"):
         export_lammps(fluid(), tmp_path / "file", "x", dt=0.01)
     if os.getuid():
         (tmp_path / "closed").mkdir(mode=0o500)
-        with pytest.raises(dpd.ParameterError, match="cannot be written"):
-            export_lammps(fluid(), tmp_path / "closed", "x", dt=0.01)
+        raises(dpd.ParameterError, "cannot be written", lambda: export_lammps(fluid(), tmp_path / "closed", "x", dt=0.01))
 
 
 def test_a_part_of_a_scene_that_is_not_known_is_an_error(tmp_path, monkeypatch):
@@ -290,8 +288,7 @@ def test_edpd_that_lammps_computes_wrongly(tmp_path):
     with pytest.raises(dpd.ParameterError, match="the last pair_coeff line only"):
         export_lammps(dataclasses.replace(beads, pairs=pairs), tmp_path, "x", dt=0.01)
     short = {("*", "*"): dpd.EDPD(A=18, gamma=1.0, kappa=0.1, cutoff_T=0.5)}
-    with pytest.raises(dpd.ParameterError, match="stale values"):
-        export_lammps(dataclasses.replace(beads, pairs=short), tmp_path, "x", dt=0.01)
+    raises(dpd.ParameterError, "stale values", lambda: export_lammps(dataclasses.replace(beads, pairs=short), tmp_path, "x", dt=0.01))
 
 
 # -- the command line ---------------------------------------------------------------------------------------------------------
@@ -341,8 +338,7 @@ def test_ids_images_and_units(tmp_path):
     real = read_lammps_dump(path, units="real")
     np.testing.assert_allclose(real.unwrapped, frames.unwrapped * 0.1)
     np.testing.assert_allclose(real.velocities, frames.velocities * 100)
-    with pytest.raises(dpd.ParameterError, match="give the units of the file"):
-        read_lammps_dump(path, pair_scene(box=[40.0, 40, 40]))
+    raises(dpd.ParameterError, "give the units of the file", lambda: read_lammps_dump(path, pair_scene(box=[40.0, 40, 40])))
     trajectory = frames.trajectory(dt=0.5, unwrap=True)
     np.testing.assert_allclose(trajectory.xyz[0], [[5, 1, 1], [3, -2, 3]])  # from the corner of the box
     np.testing.assert_allclose(trajectory.time, [0, 5])
@@ -370,8 +366,7 @@ def test_tilted_boxes_of_dumps(tmp_path):
     frames = read_lammps_dump(path)
     np.testing.assert_allclose(frames.boxes[0], [[4, 0, 0], [1, 4, 0], [-0.5, 0.5, 4]])
     np.testing.assert_allclose(frames.unwrapped[0], [[-0.5, 0.5, 4], [3, 4, 0]])
-    with pytest.raises(dpd.ParameterError, match="its units are lj, not real"):
-        read_lammps_dump(path, units="real")
+    raises(dpd.ParameterError, "its units are lj, not real", lambda: read_lammps_dump(path, units="real"))
 
 
 @cases(
@@ -386,36 +381,27 @@ def test_tilted_boxes_of_dumps(tmp_path):
     ("id x y z", ["1 1 1 1\n2 1 1 1\nrubbish\n"], "expected a line 'ITEM"),
 )
 def test_broken_dumps(columns, rows, message, tmp_path):
-    with pytest.raises(dpd.DeckError, match=message):
-        read_lammps_dump(dump(tmp_path, columns, *rows))
+    raises(dpd.DeckError, message, lambda: read_lammps_dump(dump(tmp_path, columns, *rows)))
 
 
 def test_missing_columns_and_wrong_scenes(tmp_path):
     path = dump(tmp_path, "id type x y z", "1 1 1 1 1\n2 1 1 1 1\n")
     frames = read_lammps_dump(path, pair_scene())
-    with pytest.raises(dpd.ParameterError, match="has no velocities; let LAMMPS write the columns vx vy vz"):
-        frames.scene()
-    with pytest.raises(dpd.ParameterError, match="ix iy iz, or xu yu zu"):
-        frames.trajectory(unwrap=True)
+    raises(dpd.ParameterError, "has no velocities; let LAMMPS write the columns vx vy vz", frames.scene)
+    raises(dpd.ParameterError, "ix iy iz, or xu yu zu", lambda: frames.trajectory(unwrap=True))
     assert frames.trajectory().n_atoms == 2
-    with pytest.raises(dpd.ParameterError, match="give the scene"):
-        read_lammps_dump(path).scene()
-    with pytest.raises(dpd.ParameterError, match="2 beads, but the scene has 240"):
-        read_lammps_dump(path, fluid())
-    with pytest.raises(dpd.ParameterError, match="there is no frame 3"):
-        frames.scene(3)
+    raises(dpd.ParameterError, "give the scene", lambda: read_lammps_dump(path).scene())
+    raises(dpd.ParameterError, "2 beads, but the scene has 240", lambda: read_lammps_dump(path, fluid()))
+    raises(dpd.ParameterError, "there is no frame 3", lambda: frames.scene(3))
     two = pair_scene(masses={"A": 1.0, "B": 1.0}, types=["A", "B"], pairs={("*", "*"): dpd.DPD(A=25)})
-    with pytest.raises(dpd.ParameterError, match="id 2 has the type 1, but bead 1 of the scene is 'B', type 2"):
-        read_lammps_dump(path, two)
-    with pytest.raises(dpd.DeckError, match="cannot read the file"):
-        read_lammps_dump(tmp_path / "nothing")
+    raises(dpd.ParameterError, "id 2 has the type 1, but bead 1 of the scene is 'B', type 2", lambda: read_lammps_dump(path, two))
+    raises(dpd.DeckError, "cannot read the file", lambda: read_lammps_dump(tmp_path / "nothing"))
 
 
 def test_internal_temperatures_come_from_the_computes(tmp_path):
     scene = pair_scene(pairs={("A", "A"): dpd.EnergyDPD(A=25, sigma=3)}, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(10.0), 1.0))
     path = dump(tmp_path, "id x y z vx vy vz c_a[1] c_a[2] c_a[4]", "1 0 0 0 0 0 0 5 15 2\n2 0 0 0 0 0 0 -5 35 3\n")
-    with pytest.raises(dpd.ParameterError, match="no internal temperatures"):
-        read_lammps_dump(path, scene).scene()
+    raises(dpd.ParameterError, "no internal temperatures", lambda: read_lammps_dump(path, scene).scene())
     found = read_lammps_dump(path, scene, names={"c_a[1]": "u_cond", "c_a[2]": "u_mech", "c_a[4]": "theta"}).scene()
     np.testing.assert_allclose(found.internal.energies(found.type_ids, found.type_names), [[5, 15], [-5, 35]])
 
@@ -431,13 +417,9 @@ def test_broken_data_files(tmp_path):
         written.data.write_text(text.replace(old, new, 1))
         return scene_from_data(written.data, scene)
 
-    with pytest.raises(dpd.DeckError, match="section Atoms has 240 lines, but the header announces 241"):
-        broken("240 atoms", "241 atoms")
+    raises(dpd.DeckError, "section Atoms has 240 lines, but the header announces 241", lambda: broken("240 atoms", "241 atoms"))
     with pytest.raises(dpd.DeckError, match="expected an atom of atom_style atomic: id type x y z"):
         broken("Atoms # atomic\n\n1 ", "Atoms # atomic\n\nx ")
-    with pytest.raises(dpd.ParameterError, match="no velocities"):
-        broken("Velocities", "Speeds")
-    with pytest.raises(dpd.DeckError, match="has no line 'xlo xhi'"):
-        broken("xlo xhi", "xlow xhigh")
-    with pytest.raises(dpd.ParameterError, match="its units are lj, not real"):
-        scene_from_data(written.data, scene, units="real")
+    raises(dpd.ParameterError, "no velocities", lambda: broken("Velocities", "Speeds"))
+    raises(dpd.DeckError, "has no line 'xlo xhi'", lambda: broken("xlo xhi", "xlow xhigh"))
+    raises(dpd.ParameterError, "its units are lj, not real", lambda: scene_from_data(written.data, scene, units="real"))

@@ -2,6 +2,7 @@
 
 import pytest
 from cases import cases
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps.language.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute
@@ -46,14 +47,12 @@ def test_a_byte_order_mark_is_left_aside(tmp_path):
 )
 def test_other_encodings_are_named_with_their_line(tmp_path, text, line):
     (tmp_path / "deck").write_bytes(text)
-    with pytest.raises(DeckError, match=rf"deck:{line}: the file is not UTF-8 text \(byte 0xc5\)"):
-        read_text(tmp_path / "deck")
+    raises(DeckError, rf"deck:{line}: the file is not UTF-8 text \(byte 0xc5\)", lambda: read_text(tmp_path / "deck"))
 
 
 def test_other_encodings_in_a_text_of_several_lines_are_an_error(tmp_path):
     (tmp_path / "deck").write_bytes(b'units lj\nprint """one\n# \xc5ngstrom"""\n')
-    with pytest.raises(DeckError, match="deck:2: the text of several lines that begins here is not UTF-8"):
-        lines(read_text(tmp_path / "deck"))
+    raises(DeckError, "deck:2: the text of several lines that begins here is not UTF-8", lambda: lines(read_text(tmp_path / "deck")))
 
 
 def test_other_encodings_are_read_in_comments(tmp_path):
@@ -61,8 +60,7 @@ def test_other_encodings_are_read_in_comments(tmp_path):
     assert lines(read_text(tmp_path / "deck")) == [(1, "units lj"), (3, "run 10")]
     (tmp_path / "data").write_bytes(b"M\xfcller's beads\n\n5 atoms\n")
     assert read_text(tmp_path / "data", title=True).split("\n")[2] == "5 atoms"
-    with pytest.raises(DeckError, match="data:1: .*0xfc"):
-        read_text(tmp_path / "data")
+    raises(DeckError, "data:1: .*0xfc", lambda: read_text(tmp_path / "data"))
 
 
 @cases(
@@ -87,8 +85,7 @@ def test_triple_quotes_reach_over_lines():
 
 
 def test_an_open_quote_is_an_error_with_its_line():
-    with pytest.raises(DeckError, match=r'deck:2: unbalanced quotes: " is never closed'):
-        lines('run 1\nprint "open\nrun 2')
+    raises(DeckError, r'deck:2: unbalanced quotes: " is never closed', lambda: lines('run 1\nprint "open\nrun 2'))
 
 
 def expand(text: str) -> str:
@@ -158,10 +155,8 @@ def test_delete_forgets_a_variable():
     ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),
 )
 def test_variables_that_cannot_be_defined(text, message):
-    with pytest.raises(ParameterError, match=message):
-        define(Variables({"outer": "1"}), text)
+    raises(ParameterError, message, lambda: define(Variables({"outer": "1"}), text))
 
 
 def test_an_unknown_variable_is_named_with_the_known_ones():
-    with pytest.raises(ParameterError, match="no variable 'b'; defined so far: a"):
-        Variables({"a": "1"}).get("b")
+    raises(ParameterError, "no variable 'b'; defined so far: a", lambda: Variables({"a": "1"}).get("b"))

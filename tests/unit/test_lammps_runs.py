@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import cases
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunRequest, read_deck
@@ -145,8 +146,7 @@ def test_an_energy_of_a_run_that_is_over_is_not_current(tmp_path):
     def callback(request):
         request.finish(request.scene().positions, request.scene().velocities, sample=sample_of(request, request.last_step))
 
-    with pytest.raises(DeckError, match=r"in.deck:16: a value that needs a run"):
-        requests_of(tmp_path, text, callback)
+    raises(DeckError, r"in.deck:16: a value that needs a run", lambda: requests_of(tmp_path, text, callback))
 
 
 def test_overrides(tmp_path):
@@ -165,24 +165,21 @@ def test_stopping_before_the_first_run(tmp_path):
 
 
 def test_a_deck_without_run_is_an_error(tmp_path):
-    with pytest.raises(DeckError, match="the deck has no run command"):
-        requests_of(tmp_path, "fix 1 all nve\n")
+    raises(DeckError, "the deck has no run command", lambda: requests_of(tmp_path, "fix 1 all nve\n"))
 
 
 def test_errors_of_the_simulation_are_located_at_the_run(tmp_path):
     def callback(request):
         raise ParameterError("something about the scene")
 
-    with pytest.raises(DeckError, match=r"in.deck:14: something about the scene"):
-        requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback)
+    raises(DeckError, r"in.deck:14: something about the scene", lambda: requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback))
 
 
 def test_bugs_are_not_dressed_up_as_deck_errors(tmp_path):
     def callback(request):
         raise ValueError("a bug")
 
-    with pytest.raises(ValueError, match="^a bug$"):
-        requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback)
+    raises(ValueError, "^a bug$", lambda: requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback))
 
 
 def test_include_quit_and_notes(tmp_path):
@@ -196,8 +193,7 @@ def test_include_quit_and_notes(tmp_path):
 
 def test_an_error_in_an_included_file_is_located_there(tmp_path):
     (tmp_path / "part").write_text("thermo 5\nnonsense\n")
-    with pytest.raises(DeckError, match=r"part:2: unknown or unsupported command 'nonsense'"):
-        requests_of(tmp_path, "include part\n")
+    raises(DeckError, r"part:2: unknown or unsupported command 'nonsense'", lambda: requests_of(tmp_path, "include part\n"))
 
 
 def test_includes_that_never_seem_to_end_are_an_error(tmp_path):
@@ -210,24 +206,21 @@ def test_includes_that_never_seem_to_end_are_an_error(tmp_path):
 def test_a_file_that_includes_itself_is_an_error(tmp_path):
     (tmp_path / "one").write_text("thermo 5\ninclude two\n")
     (tmp_path / "two").write_text("include one\n")
-    with pytest.raises(DeckError, match=r"two:1: include 'one': this file is being read already"):
-        requests_of(tmp_path, "include one\n")
+    raises(DeckError, r"two:1: include 'one': this file is being read already", lambda: requests_of(tmp_path, "include one\n"))
     (tmp_path / "two").write_text("thermo 7\n")  # the same file twice in a row is fine
     requests_of(tmp_path, "include one\ninclude one\nfix 1 all nve\nrun 1\n")
 
 
 def test_a_deck_without_a_box_has_nothing_to_look_at(tmp_path):
     (tmp_path / "in.empty").write_text("units lj\n")
-    with pytest.raises(DeckError, match="in.empty: the deck makes no simulation box"):
-        read_deck(tmp_path / "in.empty", stop_before_first_run=True)
+    raises(DeckError, "in.empty: the deck makes no simulation box", lambda: read_deck(tmp_path / "in.empty", stop_before_first_run=True))
 
 
 def test_a_run_needs_a_pair_style_even_if_it_is_none(tmp_path):
     beads = START.format(units="lj").replace("pair_style dpd 1.0 1.0 77\npair_coeff * * 25 4.5\n", "{}") + "fix 1 all nve\nrun 1\n"
     path = tmp_path / "in.deck"
     path.write_text(beads.format(""))
-    with pytest.raises(DeckError, match=r"in.deck:12: run needs a pair_style before it; .* 'pair_style none'"):
-        read_deck(path)
+    raises(DeckError, r"in.deck:12: run needs a pair_style before it; .* 'pair_style none'", lambda: read_deck(path))
     path.write_text(beads.format("pair_style none\n"))
     assert read_deck(path).runs == 1
 
@@ -391,8 +384,7 @@ def test_no_fix_at_all_is_said(tmp_path):
     ("print ${b}\n", "in.deck:13: there is no variable 'b'"),
 )
 def test_errors(tmp_path, text, message):
-    with pytest.raises(DeckError, match=message):
-        requests_of(tmp_path, text)
+    raises(DeckError, message, lambda: requests_of(tmp_path, text))
 
 
 # -- thermo output -----------------------------------------------------------------------------------------------------------

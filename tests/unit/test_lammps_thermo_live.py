@@ -6,6 +6,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, read_deck
@@ -213,8 +214,7 @@ def test_formulas_that_both_refuse(tmp_path, formula):
         lmp.commands_string(text)
     path = tmp_path / "in.ours"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(DeckError, match=r"in.ours:16: .*formula|in.ours:16: '\$\(' is never closed"):
-        read_deck(path)
+    raises(DeckError, r"in.ours:16: .*formula|in.ours:16: '\$\(' is never closed", lambda: read_deck(path))
 
 
 @pytest.mark.parametrize("number", ["2_5", "٢٥", "2e1_0", "nan", "inf", "1d2", "0x19"])
@@ -224,8 +224,7 @@ def test_numbers_that_both_refuse(tmp_path, number):
         lmp.commands_string(text)
     path = tmp_path / "in.ours"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(DeckError, match="in.ours:3: .*mass"):
-        read_deck(path)
+    raises(DeckError, "in.ours:3: .*mass", lambda: read_deck(path))
     for place in (f"1 1 1 {number} 1", f"1 {number} 1 1 1", f"{number} 1 1 1 1"):
         data = tmp_path / "data"
         data.write_text(
@@ -288,8 +287,7 @@ def test_the_temperature_is_that_of_the_styles_with_friction(tmp_path, styles, c
         + "fix 1 all nve\nrun 0\n"
     )
     if temperature is None:
-        with pytest.raises(DeckError, match="in.ours:.*have different temperatures"):
-            read_deck(path)
+        raises(DeckError, "in.ours:.*have different temperatures", lambda: read_deck(path))
         return
     assert read_deck(path, stop_before_first_run=True).first_run.scene().kT == temperature
 

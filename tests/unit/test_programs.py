@@ -8,6 +8,7 @@ from pathlib import Path
 import openmm
 import pytest
 from cases import cases
+from raising import raises
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
 from openmm_dpd.base.names import AHEAD, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
@@ -240,8 +241,7 @@ def test_mistakes_that_openmm_would_not_report(kind, target, expression, message
     p.declare("k", 1.0, "a number")
     p.declare_per_dof("a", "something")
     getattr(p, kind)(target, expression)
-    with pytest.raises(ProgramError, match=message):
-        p.check()
+    raises(ProgramError, message, p.check)
 
 
 @pytest.mark.parametrize("name", ["x", "v", "f", "m", "dt", "energy", "f7", "energy31", "gaussian", "sqrt", *PARAMETERS])
@@ -249,32 +249,26 @@ def test_mistakes_that_openmm_would_not_report(kind, target, expression, message
 def test_a_variable_must_not_shadow_a_reserved_name(name, per_dof):
     p = program()
     p.declare_per_dof(name, "") if per_dof else p.declare(name, 0.0, "")
-    with pytest.raises(ProgramError, match=f"'{name}' shadows"):
-        p.check()
+    raises(ProgramError, f"'{name}' shadows", p.check)
 
 
 def test_parameters_of_the_kernel_are_unknown_without_one():
     p = Program("test", "nowhere", replace(BASE, thermostat=False))
     p.begin()
     p.set(COUNTER, f"{COUNTER}+1")
-    with pytest.raises(ProgramError, match=COUNTER):
-        p.check()
+    raises(ProgramError, COUNTER, p.check)
 
 
 def test_blocks_and_updates_are_counted():
     p = program()
     p.if_changed().__enter__()
-    with pytest.raises(ProgramError, match="fingerprint|not closed"):
-        p.check()
+    raises(ProgramError, "fingerprint|not closed", p.check)
     p = program()
     p.begin()
-    with pytest.raises(ProgramError, match="exactly once"):
-        p.check()
-    with pytest.raises(ProgramError, match="exactly once"):
-        Program("test", "nowhere", BASE).check()
+    raises(ProgramError, "exactly once", p.check)
+    raises(ProgramError, "exactly once", lambda: Program("test", "nowhere", BASE).check())
 
 
 @pytest.mark.parametrize("name", [name for name in WORDS if name != "middle"])
 def test_constraints_need_a_scheme_that_keeps_them(name):
-    with pytest.raises(PlanError, match=f"{re.escape(WORDS[name].name)}.*middle"):
-        make_program(replace(BASE, scheme=WORDS[name], constraints=True))
+    raises(PlanError, f"{re.escape(WORDS[name].name)}.*middle", lambda: make_program(replace(BASE, scheme=WORDS[name], constraints=True)))

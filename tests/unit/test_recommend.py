@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cases import cases
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -99,8 +100,7 @@ def test_missing_points_take_their_neighbours_in_friction():
 
 def test_a_table_without_a_plane_is_refused():
     data = made_up(power, repulsions=(25.0,))
-    with pytest.raises(ParameterError, match="two repulsions"):
-        StabilityTable(data)
+    raises(ParameterError, "two repulsions", lambda: StabilityTable(data))
 
 
 @pytest.mark.parametrize("change", [{"gamma": 500.0}, {"a": 26.0}, {"a": 0.5}, {"rho": 9.0}, {"mass": 200.0}, {"s": 2.0}, {"cv": 0.5}])
@@ -188,8 +188,7 @@ def test_stiff_bonds_are_in_the_sentence(table):
 def test_atoms_beside_beads_are_refused():
     """Also with a table: the step is that of the atoms."""
     whole = dpd.MixedSystem(*[None] * 7)
-    with pytest.raises(ParameterError, match="step and scheme of the atoms"):
-        recommend(whole)
+    raises(ParameterError, "step and scheme of the atoms", lambda: recommend(whole))
 
 
 @cases(
@@ -309,13 +308,11 @@ def test_energy_conserving_beads_have_a_heat_capacity():
 
 @pytest.mark.parametrize("error", [0.0, -0.01, 0.2, "much", None])
 def test_errors_out_of_bounds_are_refused(table, error):
-    with pytest.raises(ParameterError, match="error"):
-        recommend(scene(), error, table=table)
+    raises(ParameterError, "error", lambda: recommend(scene(), error, table=table))
 
 
 def test_something_else_is_refused():
-    with pytest.raises(ParameterError, match="Scene"):
-        recommend("fluid")
+    raises(ParameterError, "Scene", lambda: recommend("fluid"))
 
 
 # -- the sentence ----------------------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import openmm
 import pytest
 from cases import cases
 from devices import Device
+from raising import raises
 from scenes import beads, run_of, state_of
 
 import openmm_dpd as dpd
@@ -99,18 +100,14 @@ def test_words_are_read(text, letters):
     ("O", "drifts A"),
 )
 def test_words_are_refused_with_the_reason(text, reason):
-    with pytest.raises(ParameterError, match=reason):
-        scheme_of(text)
-    with pytest.raises(ParameterError, match=reason):
-        dpd.build(beads(), dt=0.02, scheme=text, platform="Reference")
+    raises(ParameterError, reason, lambda: scheme_of(text))
+    raises(ParameterError, reason, lambda: dpd.build(beads(), dt=0.02, scheme=text, platform="Reference"))
 
 
 @cases("text", "", "  ", None, 3, 0.5, b"A B O", ["A", "B", "O"], ("middle",), True, "verlet", "Middle ", "MVV", "leap frog")
 def test_what_is_no_word_is_an_unknown_scheme(text):
-    with pytest.raises(ParameterError, match="unknown scheme .*mvv, shardlow, middle, aboba, bababo, native, or a word such as"):
-        scheme_of(text)
-    with pytest.raises(ParameterError, match="unknown scheme"):
-        make_plan(beads(), dt=0.02, scheme=text)
+    raises(ParameterError, "unknown scheme .*mvv, shardlow, middle, aboba, bababo, native, or a word such as", lambda: scheme_of(text))
+    raises(ParameterError, "unknown scheme", lambda: make_plan(beads(), dt=0.02, scheme=text))
 
 
 @pytest.mark.parametrize("text", ["A B O", BAOAB, "3B/5 A 2B/5 S", "O/3 B A 2S/3", "A/4 S A/4 B A/2"])
@@ -283,12 +280,10 @@ def test_the_word_of_middle_keeps_constraints():
 
 
 def test_other_parameters_that_do_not_go_with_words():
-    with pytest.raises((ParameterError, PlanError), match="lam"):
-        dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference")
+    raises((ParameterError, PlanError), "lam", lambda: dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference"))
     heat = dpd.BeadTemperatures(1.0, 30.0)
     scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=heat)
-    with pytest.raises(PlanError, match="'mvv'.*B/2 A/2 O A/2 B/2"):
-        dpd.build(scene, dt=0.02, scheme=BAOAB, platform="Reference")
+    raises(PlanError, "'mvv'.*B/2 A/2 O A/2 B/2", lambda: dpd.build(scene, dt=0.02, scheme=BAOAB, platform="Reference"))
 
 
 def test_explanations_name_the_word():

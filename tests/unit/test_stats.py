@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cases import cases
 from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average
+from raising import raises
 
 from openmm_dpd.base.errors import ParameterError
 
@@ -90,23 +91,16 @@ def test_five_rows_have_an_error():
 def test_values_that_are_not_finite_are_named(bad):
     values = np.ones(20)
     values[13] = bad
-    with pytest.raises(ParameterError, match=rf"the pressure is {bad} in row 13 "):
-        block_average(values, name="the pressure")
-    with pytest.raises(ValueError, match="row 13 "):
-        ratio_average(np.ones(20), values)
+    raises(ParameterError, rf"the pressure is {bad} in row 13 ", lambda: block_average(values, name="the pressure"))
+    raises(ValueError, "row 13 ", lambda: ratio_average(np.ones(20), values))
 
 
 def test_arguments_are_checked():
-    with pytest.raises(ParameterError, match=r"shape \(2, 2\)"):
-        block_average(np.ones((2, 2)))
-    with pytest.raises(ParameterError, match="min_blocks is 1"):
-        block_average([1.0, 2.0], min_blocks=1)
-    with pytest.raises(ParameterError, match="3 and 4 rows"):
-        ratio_average(np.ones(3), np.ones(4))
-    with pytest.raises(ParameterError, match="mean 0"):
-        ratio_average(np.ones(6), [1, -1, 1, -1, 1, -1])
-    with pytest.raises(ParameterError, match="sequence of numbers"):
-        block_average(["a"])
+    raises(ParameterError, r"shape \(2, 2\)", lambda: block_average(np.ones((2, 2))))
+    raises(ParameterError, "min_blocks is 1", lambda: block_average([1.0, 2.0], min_blocks=1))
+    raises(ParameterError, "3 and 4 rows", lambda: ratio_average(np.ones(3), np.ones(4)))
+    raises(ParameterError, "mean 0", lambda: ratio_average(np.ones(6), [1, -1, 1, -1, 1, -1]))
+    raises(ParameterError, "sequence of numbers", lambda: block_average(["a"]))
 
 
 def test_error_of_a_ratio():
@@ -163,5 +157,4 @@ def test_what_cannot_be_cut():
     """Constant and short series are left whole; of what drifts to its end half is left out."""
     assert equilibrated(np.ones(100)) == 0 == equilibrated(np.arange(9.0)) == equilibrated([])
     assert equilibrated(np.arange(1000.0)) == 500
-    with pytest.raises(ParameterError, match="is nan in row 1"):
-        equilibrated([1.0, np.nan])
+    raises(ParameterError, "is nan in row 1", lambda: equilibrated([1.0, np.nan]))

@@ -24,6 +24,7 @@ from openmm_dpd.trajectory import (
     short_names,
     write_psf,
 )
+from raising import raises
 
 from openmm_dpd.base.errors import ParameterError
 
@@ -156,10 +157,8 @@ def test_load(trajectory, psf, tmp_path, suffix):
 
 def test_load_says_what_does_not_fit(trajectory, psf, tmp_path):
     trajectory.atom_slice(range(40)).save_dcd(tmp_path / "run.dcd")
-    with pytest.raises(ParameterError, match=r"run\.dcd cannot be read with a topology of 48 beads"):
-        load(tmp_path / "run.dcd", psf)
-    with pytest.raises(ParameterError, match=r"must be a \.dcd or \.xtc file"):
-        load(tmp_path / "run.trr", psf)
+    raises(ParameterError, r"run\.dcd cannot be read with a topology of 48 beads", lambda: load(tmp_path / "run.dcd", psf))
+    raises(ParameterError, r"must be a \.dcd or \.xtc file", lambda: load(tmp_path / "run.trr", psf))
 
 
 def test_saved_pdb_invents_no_element(trajectory, tmp_path):
@@ -209,8 +208,7 @@ def test_units_of_masses(tmp_path):
     ({"molecules": [0.5, 1.0]}, "one integer"),
 )
 def test_what_cannot_be_written(tmp_path, change, message):
-    with pytest.raises(ParameterError, match=message):
-        write_psf(tmp_path / "top.psf", **({"names": ["A", "B"], "masses": [1.0, 1.0]} | change))
+    raises(ParameterError, message, lambda: write_psf(tmp_path / "top.psf", **({"names": ["A", "B"], "masses": [1.0, 1.0]} | change)))
     assert not (tmp_path / "top.psf").exists()
 
 
@@ -223,11 +221,9 @@ def test_broken_files_name_the_line(psf):
     broken = [*lines]
     broken[number + 3] = broken[number + 3][:40]
     psf.write_text("\n".join(broken))
-    with pytest.raises(ParameterError, match=rf"top\.psf:{number + 4}: cannot read bead 3 of 48"):
-        load_topology(psf)
+    raises(ParameterError, rf"top\.psf:{number + 4}: cannot read bead 3 of 48", lambda: load_topology(psf))
     psf.write_text("\n".join(lines[: number + 50]))
-    with pytest.raises(ParameterError, match="no readable !NBOND section"):
-        load_topology(psf)
+    raises(ParameterError, "no readable !NBOND section", lambda: load_topology(psf))
 
 
 # -- OpenMM ------------------------------------------------------------------------------------------------------------------------
@@ -254,8 +250,7 @@ def test_openmm_topology():
     assert openmm_topology(["A"]).getPeriodicBoxVectors() is None
     # molecules are residues, as in PSF files
     assert [residue.id for residue in openmm_topology(["A", "B", "A", "W", "A"], [1, 1, 1, 2, 2]).residues()] == ["1", "2"]
-    with pytest.raises(ParameterError, match=r"bond 0 is \[0, 1\]"):
-        openmm_topology(["A"], bonds=[(0, 1)])
+    raises(ParameterError, r"bond 0 is \[0, 1\]", lambda: openmm_topology(["A"], bonds=[(0, 1)]))
 
 
 def test_reporters_and_pdb(tmp_path):

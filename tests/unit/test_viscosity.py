@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cases import cases
 from openmm import unit
+from raising import raises
 from scenes import beads, chains, fluid
 
 import openmm_dpd as dpd
@@ -91,8 +92,7 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_refused_scenes(name):
     scene, message = REFUSED[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        StressReporter(1, dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference"))
+    raises(dpd.ParameterError, message, lambda: StressReporter(1, dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference")))
 
 
 # -- Green-Kubo ----------------------------------------------------------------------------------------------------------------
@@ -148,8 +148,7 @@ BAD_SERIES = {
 @pytest.mark.parametrize("name", BAD_SERIES)
 def test_refused_series(name):
     make, message = BAD_SERIES[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 # -- Poiseuille ----------------------------------------------------------------------------------------------------------------
@@ -199,8 +198,7 @@ def test_channel_fit():
     (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are left"),
 )
 def test_refused_profiles(make, message):
-    with pytest.raises(dpd.ParameterError, match=message):
-        make(profile(lambda z: np.where(z < 5, 1, -1) * (z % 5) * (5 - z % 5)))
+    raises(dpd.ParameterError, message, lambda: make(profile(lambda z: np.where(z < 5, 1, -1) * (z % 5) * (5 - z % 5))))
 
 
 def test_profile_reporter_counts_and_averages():
