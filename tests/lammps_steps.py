@@ -58,16 +58,6 @@ def lammps_normals(seed: int, count: int) -> list[float]:
     return normals[:count]
 
 
-def why_missing(styles: Sequence[tuple[str, str]]) -> str | None:
-    """None when LAMMPS can be used here and has the styles (category, name), otherwise the reason in words."""
-    reason = lammps_peer.why_missing()
-    if reason is None:
-        with lammps_peer.instance() as lmp:
-            lacking = [name for category, name in styles if not lmp.has_style(category, name)]
-        reason = f"this LAMMPS lacks {', '.join(lacking)}" if lacking else None
-    return reason
-
-
 def peer_box() -> np.ndarray:
     """The periodic box (3, 3) of `run`; beads that stay inside keep their coordinates."""
     return np.diag([_PEER_BOX] * 3)

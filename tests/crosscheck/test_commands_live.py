@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
+import lammps_peer
 import pytest
 from fuzz.deck import Deck
 from fuzz.draw import Draw
 from fuzz.trial import Trial
-from lammps_peer import why_missing
 
 #: Ten beads of two types in a box that does not begin at 0, with a flow along x.
 BEADS = """units {units}
@@ -129,9 +129,7 @@ dump h all xtc 100 h.xtc
 
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory) -> Iterator[Trial]:
-    reason = why_missing()
-    if reason is not None:
-        pytest.skip(reason)
+    lammps_peer.need()
     with Trial(tmp_path_factory.mktemp("commands")) as found:
         yield found
 

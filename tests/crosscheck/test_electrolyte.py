@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from judged import any_seed, judge
-from lammps_peer import instance, why_missing
+from lammps_peer import instance, need
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
@@ -52,8 +52,7 @@ def test_one_configuration(styles, factor):
 
     The bonded beads are near each other: LAMMPS applies no factor to pairs beyond the cutoff.
     """
-    if why_missing() is not None:
-        pytest.skip(why_missing())
+    need()
     bonds = [(1, 16), (2, 17), (3, 4)]
     with instance() as lmp:
         lmp.commands_list([line for line in DECK.format(styles=STYLES[styles], factor=factor).splitlines() if line.strip()])

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 
+import lammps_peer
 import pytest
 from cases import cases
 from fuzz.areas import AREAS
@@ -10,16 +11,13 @@ from fuzz.command_line import table
 from fuzz.compare import differences
 from fuzz.interruptions import Interruptions
 from fuzz.trial import FAILURES, Trial
-from lammps_peer import why_missing
 
 DECKS = 120  # Decks of an area of weight 1.
 
 
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory) -> Iterator[Trial]:
-    reason = why_missing()
-    if reason is not None:
-        pytest.skip(reason)
+    lammps_peer.need()
     with Trial(tmp_path_factory.mktemp("fuzz")) as found:
         yield found
 

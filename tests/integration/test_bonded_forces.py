@@ -12,7 +12,7 @@ import openmm_dpd as dpd
 from openmm_dpd.base.names import BONDED_GROUP
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 
-NO_LAMMPS = lammps_peer.why_missing()
+LAMMPS = lammps_peer.needed()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 KINDS = {
     1: lambda p: dpd.HarmonicBonds(p, 20, 0.7),
@@ -83,7 +83,7 @@ fix 1 all nve
 """
 
 
-@pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+@LAMMPS
 @pytest.mark.parametrize("box", [np.diag([6.2, 5.9, 6.4]), BOX], ids=["orthogonal", "tilted"])
 def test_against_lammps(tmp_path, box, device):
     """Energies, forces and pressure of one configuration with all styles: 1e-9 in double precision, 1e-5 elsewhere."""
@@ -104,7 +104,7 @@ def test_against_lammps(tmp_path, box, device):
         assert found[word] == pytest.approx(value, rel=tolerance), word
 
 
-@pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+@LAMMPS
 def test_a_run_prints_what_lammps_prints(tmp_path):
     """Twenty steps without friction and noise, thermo words of bonds and angles."""
     x, bonds, angles = chains.walks(12, 6, BOX, 6)

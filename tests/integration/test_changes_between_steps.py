@@ -5,27 +5,18 @@ import io
 import numpy as np
 import openmm
 import pytest
-from devices import DEVICES
+from devices import CPU, DEVICES, REFERENCE
+from marks import SCHEME, SCHEMES
 from openmm import app, unit
 from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, same_bits, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT, PHASE, SEED, Phase
 
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 HISTORY = pytest.mark.parametrize(
     "choices", [SCHEMES[k] for k in ("mvv", "mvv-0.65", "shardlow", "bababo")], ids=["mvv", "mvv-0.65", "shardlow", "bababo"]
 )
 DT = 0.03
-REFERENCE, CPU = DEVICES[:2]
 
 
 def started(device, scene=None, dt=DT, steps=4, conservative="kernel", **choices):

@@ -2,22 +2,12 @@
 
 import numpy as np
 import pytest
-from devices import DEVICES
+from devices import CPU, DEVICES, REFERENCE
+from marks import SCHEME, SCHEMES
 from openmm import unit
 from scenes import BOXES, EXTENDED, D, chains, fluid, run_of, state_of
 
 import openmm_dpd as dpd
-
-REFERENCE, CPU = DEVICES[:2]
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 
 
 def momentum_per_bead(simulation, masses) -> float:

@@ -6,22 +6,12 @@ import threading
 import numpy as np
 import openmm
 import pytest
-from devices import DEVICES
+from devices import CPU, DEVICES, REFERENCE
+from marks import SCHEME
 from scenes import BOXES, EXTENDED, beads, chains, fluid, run_of, same_bits, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.threads import set_threads
-
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
-REFERENCE, CPU = DEVICES[:2]
 
 
 def alone(scene, device, steps, **choices):

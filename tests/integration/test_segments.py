@@ -12,8 +12,7 @@ from openmm_dpd.base.names import BONDED_GROUP, SEGMENT_GROUP
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.styles.srp import srp_settings
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 DISTANCE = pytest.mark.parametrize("distance", ["mid", "min"])
 SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])

@@ -17,8 +17,7 @@ from openmm_dpd.lammps import read_deck
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.measure.stress_parts import stress_parts
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 ORTHO, TILTED = np.diag([6.2, 5.9, 6.4]), np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 SHAPES = pytest.mark.parametrize("box", [ORTHO, TILTED], ids=["orthogonal", "tilted"])
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")

@@ -2,23 +2,13 @@
 
 import numpy as np
 import pytest
-from devices import DEVICES
+from devices import CPU, REFERENCE
 from judged import any_seed, judge
+from marks import SCHEME, SCHEMES
 from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import KT
-
-REFERENCE, CPU = DEVICES[:2]
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 
 
 def temperatures(scene, device=CPU, *, dt, steps, start, every=5, **choices):

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import oracle
 import pytest
+from marks import BOX
 from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params
 
 from openmm_dpd import RunError
@@ -14,8 +15,6 @@ from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
-
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 
 
 def engine_of(scene, **choices) -> PairEngine:

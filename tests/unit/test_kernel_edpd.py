@@ -3,6 +3,7 @@
 import numpy as np
 import oracle_meso as oracle
 import pytest
+from marks import BOX
 from scenes import BOXES, MASSES, chains, fluid, noise_of
 
 import openmm_dpd as dpd
@@ -13,7 +14,6 @@ from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 COMPAT = pytest.mark.parametrize("compat", ["consistent", "lammps"])
 DT, SEED, COUNTER = 0.02, 21, 5
 PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)

@@ -4,6 +4,7 @@ import numpy as np
 import oracle_energy as oracle
 import pytest
 from cases import cases
+from marks import BOX
 from raising import raises
 from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
 from scipy import stats
@@ -17,7 +18,6 @@ from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 DT, SEED, COUNTER = 0.02, 21, 5
 TABLE = {
     ("A", "A"): EnergyDPD(A=25, sigma=3, kappa=2.0, cutoff=1.0),

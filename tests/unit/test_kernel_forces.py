@@ -3,6 +3,7 @@
 import numpy as np
 import oracle
 import pytest
+from marks import BOX
 from scenes import BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fluid, noise_of, oracle_params
 
 import openmm_dpd as dpd
@@ -10,7 +11,6 @@ from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEng
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 TABLE = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 KT, DT, SEED, COUNTER = 1.3, 0.02, 21, 5
 

@@ -4,12 +4,14 @@ import pickle
 from dataclasses import replace
 from itertools import combinations
 
+import lammps_peer
 import lammps_steps
 import numpy as np
 import openmm
 import oracle_density as od
 import pytest
 from devices import Device
+from marks import BOX
 from openmm import unit
 from scenes import BOXES, MASSES, noise_of
 
@@ -43,7 +45,6 @@ def coefficients(kernel: str, **changed) -> dict:
 
 TABLES = {"lucy": coefficients("lucy"), "quadratic": coefficients("quadratic"), "NONE": {**coefficients("quadratic"), ("A", "B"): NONE}}
 TABLE = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 QUADRATIC = pytest.mark.parametrize("table", [TABLES["quadratic"], TABLES["NONE"]], ids=["quadratic", "NONE"])
 
 
@@ -346,9 +347,7 @@ def test_what_openmm_forces_cannot_do():
 
 def test_densities_forces_and_energy_equal_lammps():
     """Step 0 at T = 0: conservative forces and drag."""
-    reason = lammps_steps.why_missing([("pair", "mdpd"), ("pair", "mdpd/rhosum")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "mdpd"), ("pair", "mdpd/rhosum"))
     table = TABLES["lucy"]
     fluid = Fluid(table, lammps_steps.peer_box(), n=150)
     fluid.x = np.random.default_rng(12).uniform(4.0, 7.0, (fluid.n, 3))

@@ -3,6 +3,7 @@
 import numpy as np
 import oracle
 import pytest
+from marks import BOX
 from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params
 
 import openmm_dpd as dpd
@@ -11,7 +12,6 @@ from openmm_dpd.kernels.layer import EXACT, SHARDLOW
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 UPDATE = pytest.mark.parametrize("scheme", ["middle", "shardlow"])
 KT, SEED, COUNTER = 1.3, 21, 5
 

@@ -4,6 +4,7 @@ import numpy as np
 import oracle as plain_oracle
 import oracle_meso as oracle
 import pytest
+from marks import BOX
 from scenes import BOXES, MASSES, chains, fluid
 
 import openmm_dpd as dpd
@@ -15,7 +16,6 @@ from openmm_dpd.model.internal import Concentrations
 from openmm_dpd.model.tdpd import TDPD
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 SPECIES = pytest.mark.parametrize("n_species", [1, 3, 4])
 DT, SEED, COUNTER, KT = 0.02, 21, 5, 0.8
 PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import lammps_steps
+import lammps_peer
 import numpy as np
 import pytest
 from cases import cases
@@ -324,17 +324,13 @@ def beside_lammps(tmp_path, start: str, atom_style: str, text: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_files_equal_lammps(tmp_path, name):
     """No noise: friction at temperature 0, or beads that fly freely and cross the box several times."""
-    reason = lammps_steps.why_missing([("pair", "dpd"), ("compute", "chunk/atom"), ("fix", "ave/chunk"), ("fix", "ave/time")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "dpd"), ("compute", "chunk/atom"), ("fix", "ave/chunk"), ("fix", "ave/time"))
     region, moving, temperature, text = CASES[name]
     beside_lammps(tmp_path, BEADS.format(style="atomic", region=region, T=temperature), "atomic", moving + text)
 
 
 def test_densities_of_mdpd_equal_lammps(tmp_path):
-    reason = lammps_steps.why_missing([("pair", "mdpd"), ("pair", "mdpd/rhosum"), ("fix", "mvv/dpd"), ("fix", "ave/chunk")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "mdpd"), ("pair", "mdpd/rhosum"), ("fix", "mvv/dpd"), ("fix", "ave/chunk"))
     text = (
         "pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 7\npair_coeff * * mdpd/rhosum 0.75\n"
         "pair_coeff * * mdpd -40 25 4.5 1.0 0.75\nfix move all mvv/dpd 0.5\ntimestep 0.005\n"

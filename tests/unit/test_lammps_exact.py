@@ -8,8 +8,7 @@ from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.base.errors import DeckError
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 FINISH = "\npair_style zero 1.0\npair_coeff * *\nmass * 1.0\nrun 0\n"
 THREE = """region b block 0 4 0 4 0 4

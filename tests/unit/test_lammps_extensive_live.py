@@ -4,8 +4,7 @@ import lammps_peer
 import pytest
 from test_lammps_thermo_live import both, numbers
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 #: Averages of every kind of value: sums over beads and others, single ones and vectors, of computes, variables and other averages.
 DECK = """units {units}

@@ -12,8 +12,7 @@ from openmm_dpd.lammps.output.data_writer import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.model.flow import SPECULAR, Wall
 
-MISSING = lammps_peer.why_missing()
-live = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+live = lammps_peer.needed()
 
 #: A box that does not begin at 0, and beads of two types and masses that fill it; some of them a box away.
 START = """units {units}

@@ -11,8 +11,7 @@ from test_lammps_moving import chains
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, explain_deck, run_deck
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 
 CRYSTAL = """lattice fcc 1.1
 region b block 0 3 0 3 0 3

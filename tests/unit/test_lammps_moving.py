@@ -11,8 +11,7 @@ from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.lammps.state.records import MomentumRemoval, without_rotation
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 
 CHAINS = """atom_style molecular
 special_bonds lj 0 0.5 1

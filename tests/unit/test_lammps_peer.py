@@ -13,8 +13,7 @@ from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 FINISH = "\npair_style zero 1.0\npair_coeff * *\nmass * 1.0\nrun 0\n"  # LAMMPS wraps beads that were moved when a run begins

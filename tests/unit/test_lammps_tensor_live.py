@@ -10,8 +10,7 @@ from test_lammps_thermo_live import both
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 
-MISSING = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+LAMMPS = lammps_peer.needed()
 
 WORDS = "pxx pyy pzz pxy pxz pyz"
 BEADS = """region box {box}

@@ -12,8 +12,7 @@ from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, read_deck
 from openmm_dpd.lammps.run.runner import DeckRunner
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 
 def both(folder: Path, text: str, platform: str = "Reference") -> tuple[list[str], list[str]]:

@@ -8,7 +8,7 @@ from cases import cases
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 
-MISSING = lammps_peer.why_missing()
+LAMMPS = lammps_peer.needed()
 
 #: The lattice has not the unit as its spacing: numbers are multiplied by it, values of variables are not.
 DECK = """lattice sc 0.5
@@ -32,7 +32,7 @@ COMMANDS = (
 )
 
 
-@pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+@LAMMPS
 @pytest.mark.parametrize("text", COMMANDS)
 def test_velocities_of_variables(tmp_path, text):
     path = tmp_path / "in.deck"

@@ -1,5 +1,6 @@
 """The oracle of beads with an internal energy against a live LAMMPS, noise included."""
 
+import lammps_peer
 import lammps_steps
 import numpy as np
 import oracle_energy as oe
@@ -13,9 +14,7 @@ CUTOFF = np.array([[1.0, 1.2], [1.2, 0.9]])
 
 @pytest.fixture(scope="module")
 def live_lammps():
-    reason = lammps_steps.why_missing([("pair", "dpd/fdt/energy"), ("fix", "shardlow"), ("fix", "eos/cv"), ("fix", "dpd/energy")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "dpd/fdt/energy"), ("fix", "shardlow"), ("fix", "eos/cv"), ("fix", "dpd/energy"))
 
 
 TYPE_MASSES = np.array([1.0, 2.7])

@@ -1,5 +1,6 @@
 """The oracle of beads that carry heat and species against a live LAMMPS, noise included."""
 
+import lammps_peer
 import lammps_steps
 import numpy as np
 import oracle_energy as oe
@@ -21,11 +22,7 @@ POLYNOMIAL = np.array([0.5, -0.3, 0.8, 0.2])
 
 @pytest.fixture(scope="module")
 def live_lammps():
-    reason = lammps_steps.why_missing(
-        [("pair", "edpd"), ("pair", "tdpd"), ("fix", "mvv/edpd"), ("fix", "edpd/source"), ("fix", "tdpd/source")]
-    )
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "edpd"), ("pair", "tdpd"), ("fix", "mvv/edpd"), ("fix", "edpd/source"), ("fix", "tdpd/source"))
 
 
 BOX = lammps_steps.peer_box()
