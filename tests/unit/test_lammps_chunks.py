@@ -52,8 +52,6 @@ def rows_of(path: Path) -> list[list[float]]:
 
 
 # -- bins --------------------------------------------------------------------------------------------------------------------------
-
-
 def test_bounds_hold_for_their_own_axis(tmp_path):
     text = "compute ch all chunk/atom bin/2d x lower 1.0 y lower 1.0 bound x -1 3\ncompute no all chunk/atom bin/2d x lower 1 y lower 1 "
     request = request_of(tmp_path, DECK + text + "bound x -1 3 bound y 1 upper discard no\n")

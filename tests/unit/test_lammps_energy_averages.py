@@ -191,8 +191,6 @@ def test_a_box_that_has_grown_gets_more_slices(tmp_path):
 
 
 # -- averages ----------------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("mode", "expected"), [("one", [1, 2, 3, 4]), ("running", [1, 1.5, 2, 2.5]), ("window 2", [1, 1.5, 2.5, 3.5])])
 def test_how_windows_combine(tmp_path, mode, expected):
     request = request_of(tmp_path, PLAIN + f"variable a equal step/10\nfix t all ave/time 10 1 10 v_a ave {mode} start 10 file t.out\n")
