@@ -83,16 +83,8 @@ def tables(scene: dpd.Scene) -> dict:
 def psf_of(scene: dpd.Scene, path: Path | str) -> None:
     """Write all of a scene that a PSF file has."""
     angles = np.concatenate([np.zeros((0, 3), int), *(group.triples for group in scene.angles)])
-    write_psf(
-        path,
-        names=scene.types,
-        masses=scene.bead_masses,
-        charges=scene.charges,
-        molecules=scene.molecules,
-        residues=scene.residues,
-        bonds=scene.bond_pairs,
-        angles=angles,
-    )
+    rest = {"residues": scene.residues, "bonds": scene.bond_pairs, "angles": angles}
+    write_psf(path, names=scene.types, masses=scene.bead_masses, charges=scene.charges, molecules=scene.molecules, **rest)
 
 
 SEEDS = range(6)

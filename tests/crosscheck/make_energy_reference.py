@@ -144,17 +144,9 @@ def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
         finally:
             os.chdir(home)
     steps = sum(int(n) for n in re.findall(r"^Loop time of .* for (\d+) steps", log, flags=re.M))
-    return Outcome(
-        natoms,
-        units,
-        dt,
-        parse_log(log),
-        seconds,
-        steps,
-        sorted(set(re.findall(r"^WARNING: (.*?)(?: \(src.*)?$", log, flags=re.M))),
-        sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M)),
-        chunks,
-    )
+    warnings = sorted(set(re.findall(r"^WARNING: (.*?)(?: \(src.*)?$", log, flags=re.M)))
+    dangerous = sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M))
+    return Outcome(natoms, units, dt, parse_log(log), seconds, steps, warnings, dangerous, chunks)
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:

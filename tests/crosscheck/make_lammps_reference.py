@@ -173,16 +173,10 @@ def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
             log = Path("log.txt").read_text()
         finally:
             os.chdir(home)
-    outcome = Outcome(
-        natoms=natoms,
-        units=units,
-        norm=units == "lj" and not norm_no,
-        dt=dt,
-        seconds=round(time.perf_counter() - begin, 1),
-        warnings=sorted(set(re.findall(r"^WARNING: (.*)$", log, flags=re.M))),
-        dangerous=sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M)),
-        runs=parse_log(log),
-    )
+    seconds = round(time.perf_counter() - begin, 1)
+    warnings = sorted(set(re.findall(r"^WARNING: (.*)$", log, flags=re.M)))
+    dangerous = sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M))
+    outcome = Outcome(natoms, units, units == "lj" and not norm_no, dt, seconds, warnings, dangerous, parse_log(log))
     for rows in outcome.runs:
         pe = rows["pe"] if "pe" in rows else rows["epair"] + rows["emol"]
         rows["pe_per_bead"] = pe if outcome.norm else pe / natoms

@@ -24,15 +24,9 @@ KINDS = {
 def scene(table=None, **options) -> dpd.Scene:
     """Twelve chains of six with bonds of three kinds and angles of two, beads strewn over images of a tilted box."""
     x, bonds, angles = chains.walks(12, 6, BOX, 5)
-    return beads(
-        len(x),
-        positions=x,
-        table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        box=BOX,
-        bonds=[KINDS[kind](bonds[kind - 1 :: 3]) for kind in KINDS],
-        angles=[dpd.HarmonicAngles(angles[::2], 6, 110 * unit.degree), dpd.CosineAngles(angles[1::2], 4)],
-        **options,
-    )
+    angles = [dpd.HarmonicAngles(angles[::2], 6, 110 * unit.degree), dpd.CosineAngles(angles[1::2], 4)]
+    bonded = {"bonds": [KINDS[kind](bonds[kind - 1 :: 3]) for kind in KINDS], "angles": angles}
+    return beads(len(x), positions=x, table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, box=BOX, **bonded, **options)
 
 
 def energy_of(x, bonds, angles) -> float:
@@ -131,13 +125,9 @@ SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 def test_a_fene_bond_that_breaks_stops_the_run(scheme, conservative):
     """Two beads fly apart: the run ends with the names of the beads before anything is NaN."""
-    made = beads(
-        20,
-        edge=5.0,
-        velocities=np.vstack([[-40.0, 0, 0], [40.0, 0, 0], np.zeros((18, 3))]),
-        positions=np.vstack([[2.0, 2, 2], [2.8, 2, 2], np.random.default_rng(1).random((18, 3)) * 5]),
-        bonds=[dpd.FENEBonds([(0, 1)], 30, 1.5)],
-    )
+    v = np.vstack([[-40.0, 0, 0], [40.0, 0, 0], np.zeros((18, 3))])
+    x = np.vstack([[2.0, 2, 2], [2.8, 2, 2], np.random.default_rng(1).random((18, 3)) * 5])
+    made = beads(20, edge=5.0, velocities=v, positions=x, bonds=[dpd.FENEBonds([(0, 1)], 30, 1.5)])
     simulation = dpd.build(made, dt=0.02, scheme=scheme, conservative=conservative, platform="CPU", seed=1).simulation()
     with pytest.raises(
         openmm.OpenMMException, match=r"the FENE bond between beads 0 and 1 \(counted from 0\) is .* nm long.*R0 of 1.5 nm; the step size"

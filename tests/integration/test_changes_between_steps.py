@@ -205,17 +205,8 @@ def test_reporters_do_not_disturb(choices, conservative, tmp_path):
     built = dpd.build(scene, dt=DT, platform="Reference", conservative=conservative, seed=11, **choices)
     watched = built.simulation()
     lines = io.StringIO()
-    columns = dict(
-        step=True,
-        time=True,
-        potentialEnergy=True,
-        kineticEnergy=True,
-        totalEnergy=True,
-        temperature=True,
-        volume=True,
-        density=True,
-        speed=True,
-    )
+    words = "step time potentialEnergy kineticEnergy totalEnergy temperature volume density speed"
+    columns = dict.fromkeys(words.split(), True)
     watched.reporters.append(app.StateDataReporter(lines, 1, **columns))
     watched.reporters.append(app.DCDReporter(str(tmp_path / "run.dcd"), 1))
     watched.reporters.append(app.CheckpointReporter(str(tmp_path / "run.chk"), 2))

@@ -22,17 +22,9 @@ def channel(
     x = rng.random((81 + solid, 3)) * [3, 3, 3] + [0, 0, LOW]
     x[81:, 2] += HIGH - LOW
     planes = [dpd.Wall("z", LOW, "above", walls), dpd.Wall("z", HIGH, "below", walls)] if walls else []
-    scene = dpd.Scene(
-        {"W": 1.0, "S": 1.0},
-        ["W"] * 81 + ["S"] * solid,
-        x,
-        {("*", "*"): dpd.DPD(A=A, gamma=4.5)},
-        1.0,
-        box=EDGES,
-        mobile=np.arange(81 + solid) < 81,
-        walls=planes,
-        body_forces=[dpd.BodyForce((force, 0, 0), types="W")] if force else [],
-    )
+    types, forces = ["W"] * 81 + ["S"] * solid, [dpd.BodyForce((force, 0, 0), types="W")] if force else []
+    settings = {"box": EDGES, "mobile": np.arange(81 + solid) < 81, "walls": planes, "body_forces": forces}
+    scene = dpd.Scene({"W": 1.0, "S": 1.0}, types, x, {("*", "*"): dpd.DPD(A=A, gamma=4.5)}, 1.0, **settings)
     built = dpd.build(scene, dt=dt, scheme=scheme, seed=seed, platform="CPU")
     return built, built.simulation(properties={"Threads": "1"})
 
@@ -114,16 +106,9 @@ def test_walls_and_body_forces_on_platforms(device):
     """A room across the boundary of the box, beads strewn over many boxes: none leaves it, and reverse flow pushes as it should."""
     edges, rng = np.array([4.0, 4.0, 6.0]), np.random.default_rng(2)
     x = rng.random((192, 3)) * [4, 4, 4] + [0, 0, 4] + rng.integers(-2, 3, (192, 3)) * edges
-    scene = dpd.Scene(
-        {"W": 1.0},
-        ["W"] * 192,
-        x,
-        {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        1.0,
-        box=edges,
-        walls=[dpd.Wall("z", 4.0, "above"), dpd.Wall("z", 2.0, "below")],
-        body_forces=[dpd.BodyForce((0.1, 0, 0), pattern="halves", axis="y")],
-    )
+    walls, push = [dpd.Wall("z", 4.0, "above"), dpd.Wall("z", 2.0, "below")], dpd.BodyForce((0.1, 0, 0), pattern="halves", axis="y")
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 192, x, table, 1.0, box=edges, walls=walls, body_forces=[push])
     built = dpd.build(scene, dt=0.02, seed=3, platform=device.platform)
     simulation = built.simulation(properties=device.properties)
     push = dpd.force_terms(built, properties=device.properties)["external"]

@@ -215,14 +215,8 @@ def test_a_bond_is_a_bond_whoever_makes_it(scheme, platform, conservative, group
 
 def _openmm_constant(k: float) -> float:
     """The constant of OpenMM's HarmonicBondForce for the energy of this package's bond."""
-    scene = dpd.Scene(
-        {"W": 1.0},
-        ["W"] * 2,
-        [[0, 0, 0], [1.0, 0, 0]],
-        {("W", "W"): dpd.DPD(gamma=1)},
-        1.0,
-        bonds=[dpd.HarmonicBonds([(0, 1)], k=k, r0=0.0)],
-    )
+    bonds = [dpd.HarmonicBonds([(0, 1)], k=k, r0=0.0)]
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 2, [[0, 0, 0], [1.0, 0, 0]], {("W", "W"): dpd.DPD(gamma=1)}, 1.0, bonds=bonds)
     context = dpd.build(scene, dt=DT, platform="Reference", seed=1).simulation().context
     return 2 * context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
 

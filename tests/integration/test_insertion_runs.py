@@ -90,14 +90,9 @@ def test_units_make_no_difference(seed):
     water = water_mapping(3)
     A, edge = water.coefficient(25.0, gamma=4.5), 5.0
     plain = solvent(25.0, 25.0, edge=edge)
-    real = dpd.Scene(
-        {"W": water.mass * unit.dalton, "A": water.mass * unit.dalton},
-        plain.types,
-        plain.positions * water.cutoff * unit.nanometer,
-        {("*", "*"): A},
-        kT=water.temperature * unit.kelvin,
-        box=np.full(3, edge * water.cutoff) * unit.nanometer,
-    )
+    mass, kT, edges = water.mass * unit.dalton, water.temperature * unit.kelvin, np.full(3, edge * water.cutoff) * unit.nanometer
+    x = plain.positions * water.cutoff * unit.nanometer
+    real = dpd.Scene({"W": mass, "A": mass}, plain.types, x, {("*", "*"): A}, kT=kT, box=edges)
     options = {"time": 20.0, "settle": 3.0, "copies": 3, "seed": seed}
     one, other = (excess_chemical_potential(BEAD, scene, **options) for scene in (plain, real))
     assert abs(one.value - other.value) < 4 * math.hypot(one.error, other.error)

@@ -30,13 +30,9 @@ def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:
 
 
 def oracle_parameters() -> oracle.PairParams:
-    return oracle.PairParams.build(
-        2,
-        A=np.array([[25, 31], [31, 18.0]]),
-        gamma=np.array([[4.5, 6], [6, 3.0]]),
-        gamma_perp=np.array([[0, 0], [0, 2.0]]),
-        cutoff=np.array([[1, 1.3], [1.3, 1.0]]),
-    )
+    A, gamma = np.array([[25, 31], [31, 18.0]]), np.array([[4.5, 6], [6, 3.0]])
+    across = np.array([[0, 0], [0, 2.0]])
+    return oracle.PairParams.build(2, A=A, gamma=gamma, gamma_perp=across, cutoff=np.array([[1, 1.3], [1.3, 1.0]]))
 
 
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
@@ -63,15 +59,9 @@ def test_sample_against_the_oracle(conservative):
 
 
 def test_bond_sums_by_finite_differences():
-    scene = dpd.Scene(
-        {"A": 1.0},
-        ["A"] * 4,
-        [[0.1, 0.2, 0.3], [0.9, 0.4, 0.1], [3.9, 0.3, 0.2], [2.0, 2.0, 2.0]],
-        {("A", "A"): dpd.NONE},
-        kT=0,
-        box=[4, 4, 4],
-        bonds=[dpd.HarmonicBonds(np.array([[0, 1], [0, 2]]), [10.0, 20.0], [0.5, 0.2])],
-    )
+    x = [[0.1, 0.2, 0.3], [0.9, 0.4, 0.1], [3.9, 0.3, 0.2], [2.0, 2.0, 2.0]]
+    bonds = [dpd.HarmonicBonds(np.array([[0, 1], [0, 2]]), [10.0, 20.0], [0.5, 0.2])]
+    scene = dpd.Scene({"A": 1.0}, ["A"] * 4, x, {("A", "A"): dpd.NONE}, kT=0, box=[4, 4, 4], bonds=bonds)
     plan = dpd.make_plan(scene, dt=0.01, platform="Reference")
     x, box, all_move = scene.positions, scene.box, np.ones(4, bool)
     energy, laplacian = bond_sums(plan, x, box, all_move)

@@ -40,17 +40,8 @@ def heat_scene(lammps=False, frozen=True, **options) -> dpd.Scene:
     ]
     internal = dpd.BeadTemperatures(rng.uniform(0.8, 1.2, N), rng.uniform(20, 60, N))
     mobile = np.arange(N) % 6 > 0 if frozen else None
-    return fluid(
-        HEAT,
-        BOXES["ortho"],
-        n=N,
-        spread=0,
-        internal=internal,
-        sources=sources,
-        mobile=mobile,
-        compat="lammps" if lammps else "consistent",
-        **options,
-    )
+    choices = {"sources": sources, "mobile": mobile, "compat": "lammps" if lammps else "consistent"}
+    return fluid(HEAT, BOXES["ortho"], n=N, spread=0, internal=internal, **choices, **options)
 
 
 def species_scene() -> dpd.Scene:

@@ -89,20 +89,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 
 
 def arguments(deck: Path, out: Path, platform: str, *more: str) -> list[str]:
-    return [
-        "run",
-        str(deck),
-        "--platform",
-        platform,
-        "--threads",
-        "1",
-        "--out",
-        str(out),
-        "--json",
-        str(out / "report.json"),
-        "--quiet",
-        *more,
-    ]
+    where = ["--out", str(out), "--json", str(out / "report.json")]
+    return ["run", str(deck), "--platform", platform, "--threads", "1", *where, "--quiet", *more]
 
 
 def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str, seed: int = 1, first: float = 0.1) -> None:
@@ -316,20 +304,7 @@ def test_volume_moves_of_openmm_are_refused(capsys, tmp_path):
 
 
 def test_forces_of_openmm_on_the_cpu_platform_are_not_bit_for_bit(deck, capsys):
-    words = [
-        "run",
-        str(deck),
-        "--platform",
-        "CPU",
-        "--threads",
-        "1",
-        "--out",
-        str(deck.parent / "out"),
-        "--steps",
-        "2",
-        "--checkpoint",
-        "1",
-    ]
+    words = ["run", str(deck), "--out", str(deck.parent / "out"), *"--platform CPU --threads 1 --steps 2 --checkpoint 1".split()]
     for more, said in (([], False), (["--conservative", "openmm"], True)):
         assert main([*words, *more]) == 0
         assert ("not bit for bit" in capsys.readouterr().out) == said

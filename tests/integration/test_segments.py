@@ -21,15 +21,9 @@ SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba
 def melt(distance="mid", *, spread=1, seed=5, table=None, bonds=None, **options) -> dpd.Scene:
     """Twenty chains of six in a tilted box."""
     x, pairs, _ = chains.walks(20, 6, BOX, seed, step=0.8, spread=spread)
-    return beads(
-        len(x),
-        positions=x,
-        table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        box=BOX,
-        bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)],
-        segments=dpd.SegmentalRepulsion(A=80, cutoff=0.9, distance=distance, bonds=bonds),
-        **options,
-    )
+    segments = dpd.SegmentalRepulsion(A=80, cutoff=0.9, distance=distance, bonds=bonds)
+    table = table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    return beads(len(x), positions=x, table=table, box=BOX, bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)], segments=segments, **options)
 
 
 def segment_state(context):
@@ -65,16 +59,9 @@ def crossed(segments, distance="mid") -> dpd.Scene:
     v = np.zeros((2 * n, 3))
     v[:n, 2], v[n:, 2] = -1.0, 1.0
     pairs = np.array([(c * n + k, c * n + k + 1) for c in range(2) for k in range(n - 1)])
-    return beads(
-        2 * n,
-        positions=x,
-        velocities=v,
-        edge=12.0,
-        table={("W", "W"): dpd.DPD(A=4.0)},
-        kT=0.0,
-        bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)],
-        segments=dpd.SegmentalRepulsion(100.0, 0.8, distance) if segments else None,
-    )
+    bonded = {"bonds": [dpd.HarmonicBonds(pairs, 100, 0.8)]}
+    bonded["segments"] = dpd.SegmentalRepulsion(100.0, 0.8, distance) if segments else None
+    return beads(2 * n, positions=x, velocities=v, edge=12.0, table={("W", "W"): dpd.DPD(A=4.0)}, kT=0.0, **bonded)
 
 
 def gap(simulation) -> float:
@@ -233,13 +220,8 @@ def test_notes_of_a_deck(tmp_path):
 def test_settings_of_the_style():
     found = srp_settings("0.8 2 min exclude yes bptype 3".split())
     assert found == {"cutoff": 0.8, "bond_type": 2, "distance": "min", "exclude": True, "bptype": 3}
-    assert srp_settings("0.8 * mid exclude no".split()) == {
-        "cutoff": 0.8,
-        "bond_type": None,
-        "distance": "mid",
-        "exclude": False,
-        "bptype": None,
-    }
+    expected = {"cutoff": 0.8, "bond_type": None, "distance": "mid", "exclude": False, "bptype": None}
+    assert srp_settings("0.8 * mid exclude no".split()) == expected
 
 
 SRP = "hybrid/overlay dpd 1 1 3 srp "

@@ -155,16 +155,9 @@ def test_charges_against_lammps():
         lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=3.7, tolerance=1e-5, bonded_factors=(0.5, 1.0, 1.0)
     )
     bonds = [dpd.HarmonicBonds([(0, 15), (1, 16)], 0.0, 0.0)]
-    scene = beads(
-        60,
-        positions=x.reshape(-1, 3),
-        table={("W", "W"): dpd.DPD(A=25.0)},
-        box=box,
-        velocities=np.zeros((60, 3)),
-        charges=q,
-        bonds=bonds,
-        electrostatics=charges,
-    )
+    charged = {"charges": q, "bonds": bonds, "electrostatics": charges}
+    x = x.reshape(-1, 3)
+    scene = beads(60, positions=x, table={("W", "W"): dpd.DPD(A=25.0)}, box=box, velocities=np.zeros((60, 3)), **charged)
     agree(stress_of(scene), box, theirs, 2e-5)
 
 
@@ -332,12 +325,8 @@ def test_a_reporter_does_not_disturb_the_run(name, scheme, platform):
 @any_seed(2)
 def test_tension_and_viscosity_take_what_it_records(seed):
     """A run with bonds, and edges of a box that a barostat changes."""
-    scene = beads(
-        192,
-        edge=4.0,
-        positions=np.random.default_rng(4).random((192, 3)) * 4,
-        bonds=[dpd.HarmonicBonds(np.arange(60).reshape(-1, 2), 20.0, 0.6)],
-    )
+    bonds = [dpd.HarmonicBonds(np.arange(60).reshape(-1, 2), 20.0, 0.6)]
+    scene = beads(192, edge=4.0, positions=np.random.default_rng(4).random((192, 3)) * 4, bonds=bonds)
     built = dpd.build(scene, dt=0.02, platform="CPU", seed=seed)
     built.system.addForce(openmm.MonteCarloBarostat(23.0 * 16.605, 120.27, 5))
     simulation = built.simulation()

@@ -17,20 +17,12 @@ from openmm_dpd.plan.plan import make_plan
 COMPAT = pytest.mark.parametrize("compat", ["consistent", "lammps"])
 DT, SEED, COUNTER = 0.02, 21, 5
 PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)
+_POLYNOMIALS = {"exponent_polynomial": (0.5, -0.3, 0.8, 0.2), "kappa_polynomial": (0.5, -0.3, 0.2, 0.1)}
+_WIDE = {"cutoff": 1.2, "cutoff_T": 0.8, "exponent": 0.41, "exponent_T": 1.0, "exponent_polynomial": (-3.0, 0, 0, 0)}
 #: Conduction reaches further than the forces, less far, and as far; the exponent of AB falls to its smallest value where it is warm.
 TABLE = {
-    ("A", "A"): EDPD(
-        A=25,
-        gamma=4.5,
-        kappa=0.7,
-        cutoff=1.0,
-        cutoff_T=1.2,
-        exponent_polynomial=(0.5, -0.3, 0.8, 0.2),
-        kappa_polynomial=(0.5, -0.3, 0.2, 0.1),
-    ),
-    ("A", "B"): EDPD(
-        A=31, gamma=2, kappa=0.2, cutoff=1.2, cutoff_T=0.8, exponent=0.41, exponent_T=1.0, exponent_polynomial=(-3.0, 0, 0, 0)
-    ),
+    ("A", "A"): EDPD(A=25, gamma=4.5, kappa=0.7, cutoff=1.0, cutoff_T=1.2, **_POLYNOMIALS),
+    ("A", "B"): EDPD(A=31, gamma=2, kappa=0.2, **_WIDE),
     ("B", "B"): EDPD(A=18, gamma=9, kappa=1.3, cutoff=0.9, exponent=1.2, exponent_T=3.0, kappa_polynomial=(-0.2, 0.4, 0, 0.3)),
 }
 
@@ -182,17 +174,8 @@ def many_pairs(compat="consistent", n=5000) -> dpd.Scene:
     x = np.concatenate([corner, corner + [0.27, 0.0, 0.36]])
     internal = BeadTemperatures(1.2, np.repeat([2.0, 3.0], n))
     table = {("*", "*"): EDPD(A=0, gamma=4.5, kappa=0.7, exponent=1.4, exponent_T=2.0, cutoff_T=0.9)}
-    return dpd.Scene(
-        MASSES,
-        ["A"] * n + ["B"] * n,
-        x,
-        table,
-        1.2,
-        box=[100.0, 80.0, 40.0],
-        internal=internal,
-        velocities=np.zeros((2 * n, 3)),
-        compat=compat,
-    )
+    options = {"internal": internal, "velocities": np.zeros((2 * n, 3)), "compat": compat}
+    return dpd.Scene(MASSES, ["A"] * n + ["B"] * n, x, table, 1.2, box=[100.0, 80.0, 40.0], **options)
 
 
 def drawn_noise(scene, calls=20):

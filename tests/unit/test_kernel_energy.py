@@ -70,19 +70,8 @@ def test_forces_and_heat_equal_the_oracle(box):
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     theta = u.sum(axis=1) / np.array([EOS[t].capacity for t in scene.types])
     motion, heat = noise_matrices(n)
-    expected = oracle.dpde_rates(
-        scene.positions,
-        scene.velocities,
-        theta,
-        scene.type_ids,
-        scene.bead_masses,
-        **matrices(scene),
-        box=box,
-        k_B=1.0,
-        dt=DT,
-        xi=motion,
-        xi_q=heat,
-    )
+    noise, state = {"xi": motion, "xi_q": heat}, (scene.positions, scene.velocities, theta, scene.type_ids, scene.bead_masses)
+    expected = oracle.dpde_rates(*state, **matrices(scene), box=box, k_B=1.0, dt=DT, **noise)
     parts = {}
     for which in (CONSERVATIVE, DISSIPATIVE, RANDOM):
         energy, force, virial = engine.forces(which, scene.velocities, 1.0, DT, SEED, COUNTER, u)

@@ -72,12 +72,8 @@ run 0
 run 70 start 0 stop 5000
 """
     first, second, third, fourth = requests_of(tmp_path, text)
-    assert [(r.first_step, r.steps, r.last_step) for r in (first, second, third, fourth)] == [
-        (0, 100, 100),
-        (100, 200, 300),
-        (1000, 0, 1000),
-        (1000, 70, 1070),
-    ]
+    expected = [(0, 100, 100), (100, 200, 300), (1000, 0, 1000), (1000, 70, 1070)]
+    assert [(r.first_step, r.steps, r.last_step) for r in (first, second, third, fourth)] == expected
     assert [r.dt for r in (first, second)] == [0.01, 0.02]
     assert [(r.scheme, r.lambda_) for r in (first, second)] == [("mvv", 0.5), ("mvv", 0.65)]
     assert (fourth.window.begin, fourth.window.end) == (0, 5000)

@@ -238,12 +238,8 @@ def test_short_names_stay_different():
 
 def test_openmm_topology():
     topology = openmm_topology(["A", "B", "B", "W"], [3, 3, 4, 4], [(1, 0), (2, 3)], [5.0, 6.0, 7.0])
-    assert [(atom.name, atom.element, atom.residue.id) for atom in topology.atoms()] == [
-        ("A", None, "3"),
-        ("B", None, "3"),
-        ("B", None, "4"),
-        ("W", None, "4"),
-    ]
+    expected = [("A", None, "3"), ("B", None, "3"), ("B", None, "4"), ("W", None, "4")]
+    assert [(atom.name, atom.element, atom.residue.id) for atom in topology.atoms()] == expected
     assert [residue.id for residue in topology.residues()] == ["3", "4"]
     assert [(a.index, b.index) for a, b in topology.bonds()] == [(1, 0), (2, 3)]
     assert topology.getUnitCellDimensions().value_in_unit(unit.nanometer) == openmm.Vec3(5, 6, 7)
