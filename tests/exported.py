@@ -114,12 +114,9 @@ def _energy() -> dpd.Scene:
     beads = _beads()
     n = len(beads["types"])
     table = dpd.TabulatedEOS(np.array([0.5, 1.0, 2.0, 3.0]), np.array([10.0, 30.0, 80.0, 120.0]))
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.EnergyDPD(A=25)},
-        internal=dpd.InternalEnergy({"A": dpd.ConstantHeatCapacity(50.0), "B": table}, 1 + np.random.default_rng(1).random(n)),
-        mobile=np.arange(n) > 40,
-        **beads,
-    )
+    eos = {"A": dpd.ConstantHeatCapacity(50.0), "B": table}
+    internal = dpd.InternalEnergy(eos, 1 + np.random.default_rng(1).random(n))
+    return dpd.Scene(pairs={("*", "*"): dpd.EnergyDPD(A=25)}, internal=internal, mobile=np.arange(n) > 40, **beads)
 
 
 def _heat() -> dpd.Scene:
@@ -139,22 +136,16 @@ def _heat() -> dpd.Scene:
 
 def _species() -> dpd.Scene:
     beads = _beads()
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.TDPD(A=18, gamma=4.5, kappa=(1.0, 2.0))},
-        internal=dpd.Concentrations(np.random.default_rng(1).random((len(beads["types"]), 2))),
-        sources=[dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1, 1)],
-        **beads,
-    )
+    species = dpd.Concentrations(np.random.default_rng(1).random((len(beads["types"]), 2)))
+    sources = [dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1, 1)]
+    return dpd.Scene(pairs={("*", "*"): dpd.TDPD(A=18, gamma=4.5, kappa=(1.0, 2.0))}, internal=species, sources=sources, **beads)
 
 
 def _energy_chains() -> dpd.Scene:
     beads, bonds, _ = chains()
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.EnergyDPD(A=25)},
-        internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(50.0), 1.0),
-        bonds=[dpd.HarmonicBonds(bonds, 100.0, 0.7)],
-        **beads,
-    )
+    internal = dpd.InternalEnergy(dpd.ConstantHeatCapacity(50.0), 1.0)
+    bonds = [dpd.HarmonicBonds(bonds, 100.0, 0.7)]
+    return dpd.Scene(pairs={("*", "*"): dpd.EnergyDPD(A=25)}, internal=internal, bonds=bonds, **beads)
 
 
 def _frozen() -> dpd.Scene:

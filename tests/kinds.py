@@ -218,9 +218,9 @@ def everything(context: openmm.Context, built: dpd.BuiltSystem) -> dict[str, np.
 
 def sizes(found: dict, dt: float) -> dict[str, float]:
     """What is typical: of positions, how far they go in a step."""
-    return {"x": dt * max(1.0, np.abs(found["v"]).max()) + 1e-3 * np.abs(found["x"]).max(), "v": max(1.0, np.abs(found["v"]).max())} | (
-        {"fields": np.abs(found["fields"]).max()} if "fields" in found else {}
-    )
+    found_sizes = {"fields": np.abs(found["fields"]).max()} if "fields" in found else {}
+    v = max(1.0, np.abs(found["v"]).max())
+    return {"x": dt * v + 1e-3 * np.abs(found["x"]).max(), "v": v} | found_sizes
 
 
 def differences(found: dict, expected: dict, dt: float) -> dict[str, float]:

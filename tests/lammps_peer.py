@@ -94,13 +94,8 @@ def lammps_forces(
             + [f"create_box {len(masses)} box"]
             + [f"mass {k} {float(mass)!r}" for k, mass in enumerate(masses, start=1)]
         )
-        created = lmp.create_atoms(
-            n,
-            list(range(1, n + 1)),
-            [int(t) + 1 for t in types],
-            positions.ravel().tolist(),
-            np.asarray(velocities, dtype=float).ravel().tolist(),
-        )
+        kept = [int(t) + 1 for t in types], positions.ravel().tolist(), np.asarray(velocities, dtype=float).ravel().tolist()
+        created = lmp.create_atoms(n, list(range(1, n + 1)), *kept)
         if created != n:
             raise ValueError(f"LAMMPS took {created} of {n} beads")
         lmp.commands_list([*pair_style, *pair_coeff, "thermo_style custom step pe ke press", "thermo_modify norm no", "run 0 post no"])

@@ -35,18 +35,9 @@ def random_scene(seed: int) -> dpd.Scene:
     pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     # bonds are short, so that no FENE bond is too long in any image
     x = np.cumsum(rng.normal(scale=0.3, size=(n, 3)), axis=0) + rng.integers(-2, 3, (1, 3)) @ box
-    arrays = BeadArrays(
-        types=types,
-        positions=x,
-        source="the test",
-        masses=MASSES,
-        box=box,
-        velocities=rng.normal(size=(n, 3)),
-        charges=rng.integers(-2, 3, n) * 0.25,
-        molecules=np.array(molecules),
-        residues=residues,
-        bonds=pairs,
-    )
+    drawn = {"velocities": rng.normal(size=(n, 3)), "charges": rng.integers(-2, 3, n) * 0.25}
+    known = {"molecules": np.array(molecules), "residues": residues, "bonds": pairs}
+    arrays = BeadArrays(types=types, positions=x, source="the test", masses=MASSES, box=box, **drawn, **known)
     table = {key: bend for key, bend in BENDS.items() if len(pairs)}
     ends = set(pairs[:, 0]) & set(pairs[:, 1])
     return scene_from_beads(arrays, pairs=PAIRS, kT=1.0, bonds=SPRINGS if len(pairs) else None, angles=table if ends else None)

@@ -72,9 +72,8 @@ def chains(box=BOXES["ortho"], *, n=100, bonded_factors=(0.0, 0.5, 0.25), k=0.0,
     x = fluid(box=box, n=n, seed=12).positions.copy()
     for (i, j), step in zip(bonds, np.random.default_rng(13).normal(size=(len(bonds), 3)), strict=True):
         x[j] = x[i] + 0.4 * step / np.linalg.norm(step)
-    return fluid(
-        box=box, n=n, seed=12, positions=x, bonds=[dpd.HarmonicBonds(np.array(bonds), k, 0.5)], bonded_factors=bonded_factors, **options
-    )
+    bonds = [dpd.HarmonicBonds(np.array(bonds), k, 0.5)]
+    return fluid(box=box, n=n, seed=12, positions=x, bonds=bonds, bonded_factors=bonded_factors, **options)
 
 
 def beads(n: int = 81, *, seed: int = 1, kT: float = 1.0, table=None, edge: float = 3.0, positions=None, **options) -> dpd.Scene:

@@ -191,13 +191,8 @@ def production(rows: dict[str, np.ndarray], discard: int) -> dict[str, object]:
     words = [word for word in rows if word not in ("step", "time")]
     longest = max(correlation_time(rows[word][keep]) for word in words)
     length = block_length(int(keep.sum()), longest)
-    return {
-        "steps": int(step[-1] - step[0]),
-        "sample_every": every,
-        "discard": discard,
-        "samples": int(keep.sum()),
-        "quantities": {word: block_statistics(rows[word][keep], length, every) for word in words},
-    }
+    head = {"steps": int(step[-1] - step[0]), "sample_every": every, "discard": discard, "samples": int(keep.sum())}
+    return {**head, "quantities": {word: block_statistics(rows[word][keep], length, every) for word in words}}
 
 
 def first_row(outcome: Outcome) -> dict[str, float | int]:

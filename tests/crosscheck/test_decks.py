@@ -58,12 +58,9 @@ def test_first_row_shardlow_pressure(tmp_path):
 def test_averages(deck, tmp_path, seed):
     """Averages of T, P and PE per bead within 4 combined standard errors of LAMMPS's."""
     reference = REFERENCE[deck]["production"]
-    report = run_deck(
-        DECKS / deck,
-        RunOptions(platform="CPU", discard=reference["discard"], seed=seed),
-        variables=REFERENCE[deck]["variables"] | {"nrun": str(PRODUCTION[deck])},
-        out=tmp_path,
-    )
+    options = RunOptions(platform="CPU", discard=reference["discard"], seed=seed)
+    variables = REFERENCE[deck]["variables"] | {"nrun": str(PRODUCTION[deck])}
+    report = run_deck(DECKS / deck, options, variables=variables, out=tmp_path)
     thermo = report["thermo"]
     z = {}
     for word in ("temp", "press", "pe"):

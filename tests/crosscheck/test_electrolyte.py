@@ -59,9 +59,8 @@ def test_one_configuration(styles, factor):
         lmp.commands_list([f"create_bonds single/bond 1 {i} {j}" for i, j in bonds])
         lmp.commands_list(["thermo_style custom step pe evdwl ecoul elong press", "thermo_modify norm no", "run 0 post no"])
         theirs = {word: lmp.get_thermo(word) for word in ("pe", "ecoul", "elong", "evdwl", "press")}
-        x, forces, q, types = (
-            np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
-        )
+        kinds = (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
+        x, forces, q, types = (np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in kinds)
     n = len(q)
     scene = dpd.Scene(
         masses={"1": 1.0, "2": 1.0},
@@ -122,16 +121,9 @@ def test_ion_pairs_do_not_collapse(device, seed):
     rng = np.random.default_rng(4)
     q = np.zeros(n)
     q[:ions], q[ions : 2 * ions] = 1.0, -1.0
-    scene = dpd.Scene(
-        masses={"W": 1.0},
-        types=["W"] * n,
-        positions=rng.random((n, 3)) * edge,
-        pairs={("W", "W"): dpd.DPD(A=25.0, gamma=4.5)},
-        kT=1.0,
-        box=[edge] * 3,
-        charges=q,
-        electrostatics=dpd.SlaterCharges(lamda=0.25, bjerrum_length=6.0, cutoff=2.0),
-    )
+    charges = {"charges": q, "electrostatics": dpd.SlaterCharges(lamda=0.25, bjerrum_length=6.0, cutoff=2.0)}
+    table = {("W", "W"): dpd.DPD(A=25.0, gamma=4.5)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, rng.random((n, 3)) * edge, table, kT=1.0, box=[edge] * 3, **charges)
     built = dpd.build(scene, dt=0.01, platform=device, seed=seed)
     simulation, observer = built.simulation(), dpd.Observer(built)
     simulation.step(1000)

@@ -80,12 +80,8 @@ def _relaxed(scene: dpd.Scene, steps: int = 400) -> dpd.Scene:
 def _warm(name: str) -> dpd.Scene:
     n, edge = 375, 5.0
     rng = np.random.default_rng(11)
-    beads = {
-        "masses": {"A": 1.0, "B": 2.0},
-        "types": ["A" if k % 3 else "B" for k in range(n)],
-        "positions": rng.random((n, 3)) * edge,
-        "box": [edge] * 3,
-    }
+    types, x = ["A" if k % 3 else "B" for k in range(n)], rng.random((n, 3)) * edge
+    beads = {"masses": {"A": 1.0, "B": 2.0}, "types": types, "positions": x, "box": [edge] * 3}
     if name == "fluid":
         return dpd.Scene(pairs=exported.TWO, kT=1.0, **beads)
     if name == "chains":
@@ -163,9 +159,8 @@ def test_shardlow_heats_and_conserves_as_here(tmp_path):
     rows = exported.thermo(exported.run_lammps(tmp_path, "sweep"))
     total = rows["TotEng"] + rows["c_sums[1]"] + rows["c_sums[2]"]
     assert np.ptp(total) < 1e-3 * abs(rows["PotEng"][0])
-    assert total[0] == pytest.approx(
-        run_deck(written.deck, RunOptions(platform="Reference", steps=0), out=tmp_path / "out")["thermo"]["etotal"]["first"] + 30 * 375
-    )
+    report = run_deck(written.deck, RunOptions(platform="Reference", steps=0), out=tmp_path / "out")
+    assert total[0] == pytest.approx(report["thermo"]["etotal"]["first"] + 30 * 375)
 
 
 @any_seed(3)

@@ -206,9 +206,8 @@ def with_thermostat(case: Case, cell: Cell) -> None:
     """Add the thermostat."""
     friction = {("Ar", "Ar"): dpd.DPD(gamma=20.0, cutoff=0.9)}
     types = [None, None] + ["Ar"] * (len(case.masses) - 2)
-    case.integrator = dpd.add_thermostat(
-        case.system, friction, 120 * unit.kelvin, case.dt, types=types, scheme=cell.scheme, platform=cell.platform, seed=7
-    ).integrator
+    choices = {"types": types, "scheme": cell.scheme, "platform": cell.platform, "seed": 7}
+    case.integrator = dpd.add_thermostat(case.system, friction, 120 * unit.kelvin, case.dt, **choices).integrator
 
 
 MIXED_EDGE, MIXED_KT = 2.4, 300 * dpd.units.BOLTZMANN

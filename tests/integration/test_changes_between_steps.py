@@ -13,9 +13,8 @@ from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, same_bits, state_of
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT, PHASE, SEED, Phase
 
-HISTORY = pytest.mark.parametrize(
-    "choices", [SCHEMES[k] for k in ("mvv", "mvv-0.65", "shardlow", "bababo")], ids=["mvv", "mvv-0.65", "shardlow", "bababo"]
-)
+_KEPT = ("mvv", "mvv-0.65", "shardlow", "bababo")
+HISTORY = pytest.mark.parametrize("choices", [SCHEMES[k] for k in _KEPT], ids=_KEPT)
 DT = 0.03
 
 

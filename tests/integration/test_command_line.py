@@ -53,10 +53,8 @@ def test_run_writes_everything(deck, tmp_path, capsys):
     printed = capsys.readouterr().out.splitlines()
     assert sum("Step" in line and "v_twice" in line for line in printed) == 2
     assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == printed[:-1]  # everything is in the log as well, and what it took
-    speeds = [
-        re.fullmatch(r"Loop time of \S+ s for (\d+) steps of 192 beads \(run (\d)\): (\S+) steps/s, (\S+) bead-steps/s", line)
-        for line in printed
-    ]
+    loop = r"Loop time of \S+ s for (\d+) steps of 192 beads \(run (\d)\): (\S+) steps/s, (\S+) bead-steps/s"
+    speeds = [re.fullmatch(loop, line) for line in printed]
     assert [(found[2], found[1]) for found in speeds if found] == [("1", "50"), ("2", "30")]
     assert all(float(found[4]) == pytest.approx(192 * float(found[3]), rel=0.01) for found in speeds if found)
     temperature = report["thermo"]["temp"]
@@ -223,10 +221,8 @@ def test_absolute_names_are_taken_as_they_are_and_this_is_said(deck, tmp_path, c
     assert {path.name for path in elsewhere.iterdir()} == {"d.0", "d.10", "hello"}
     assert (out / "inside" / "hello").read_text() == "hello\n"
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: /")]
-    assert said == [
-        f"note: {elsewhere}/{name} is an absolute name: it is written there, and not into the output folder {out}"
-        for name in ("d.*", "hello")
-    ]
+    where = f"is an absolute name: it is written there, and not into the output folder {out}"
+    assert said == [f"note: {elsewhere}/{name} {where}" for name in ("d.*", "hello")]
 
 
 def test_discard_holds_for_each_run_that_is_as_long(deck):

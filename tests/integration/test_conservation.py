@@ -103,9 +103,8 @@ def test_zero_temperature_friction_only_takes_energy_out():
 def test_a_single_bead_flies_straight():
     """No pair, no force, no noise; also without a box."""
     for box in ([4.0] * 3, None):
-        scene = dpd.Scene(
-            {"W": 2.0}, ["W"], [[0.1, 0.2, 0.3]], {("W", "W"): D(A=25, gamma=4.5)}, 1.0, box=box, velocities=[[1.0, -2.0, 0.5]]
-        )
+        table, v = {("W", "W"): D(A=25, gamma=4.5)}, [[1.0, -2.0, 0.5]]
+        scene = dpd.Scene({"W": 2.0}, ["W"], [[0.1, 0.2, 0.3]], table, 1.0, box=box, velocities=v)
         for choices in SCHEMES.values():
             simulation = run_of(scene, REFERENCE, dt=0.05, conservative="kernel", **choices)
             simulation.step(40)

@@ -101,14 +101,8 @@ def test_two_contexts_of_one_system_in_two_python_threads(device):
     built = dpd.build(scene, dt=0.03, platform=device.platform, scheme="mvv", conservative="kernel", seed=11)
     contexts = []
     for shift in (0.0, 0.4):
-        contexts.append(
-            openmm.Context(
-                built.system,
-                openmm.XmlSerializer.clone(built.integrator),
-                openmm.Platform.getPlatformByName(device.platform),
-                device.properties,
-            )
-        )
+        where = openmm.Platform.getPlatformByName(device.platform), device.properties
+        contexts.append(openmm.Context(built.system, openmm.XmlSerializer.clone(built.integrator), *where))
         contexts[-1].setPositions(scene.positions + shift * scene.velocities)
         contexts[-1].setVelocities(scene.velocities)
     in_threads(*(lambda context=context: context.getIntegrator().step(40) for context in contexts))

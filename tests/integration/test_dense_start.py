@@ -140,9 +140,8 @@ def threaded(size: int):
         for one, other in zip(atoms, atoms[1:] + atoms[: int(closed)], strict=False):
             topology.addBond(one, other)
     dense.cube(topology, edge)
-    system = app.ForceField(io.StringIO(dense.UNITED)).createSystem(
-        topology, nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=1.0, constraints=app.AllBonds
-    )
+    choices = {"nonbondedMethod": app.CutoffPeriodic, "nonbondedCutoff": 1.0, "constraints": app.AllBonds}
+    system = app.ForceField(io.StringIO(dense.UNITED)).createSystem(topology, **choices)
     return topology, system, np.concatenate([ring, chain]) + edge / 2
 
 

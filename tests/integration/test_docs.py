@@ -206,9 +206,8 @@ def test_documentation_builds_without_warnings_and_needs_no_network(tmp_path):
     command = [sys.executable, "-m", "sphinx", *options, str(ROOT / "docs"), str(tmp_path / "html")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    pages = {
-        path.relative_to(tmp_path / "html").as_posix(): path.read_text(encoding="utf-8") for path in (tmp_path / "html").rglob("*.html")
-    }
+    html = tmp_path / "html"
+    pages = {path.relative_to(html).as_posix(): path.read_text(encoding="utf-8") for path in html.rglob("*.html")}
     assert {"api/build.html", "search.html", "notebooks/first_fluid.html"} <= set(pages)
     loaded = [source for page in pages.values() for source in re.findall(r"<(?:script|link|img)[^>]* (?:src|href)=\"([^\"]*)\"", page)]
     assert loaded and not [source for source in loaded if source.startswith(("http", "//"))]

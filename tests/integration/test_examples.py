@@ -212,9 +212,8 @@ def test_diblock_melt(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_reverse_poiseuille(tmp_path, monkeypatch, seed):
     """Both viscosities beside each other and beside the published one, of which 3 % are not known."""
-    module = example(
-        "11_reverse_poiseuille", monkeypatch, seed, STEPS=8000, EQUILIBRATION=1000, REST_STEPS=20000, REST_EDGES=(4.0, 4.0, 4.0)
-    )
+    shorter = {"STEPS": 8000, "EQUILIBRATION": 1000, "REST_STEPS": 20000, "REST_EDGES": (4.0, 4.0, 4.0)}
+    module = example("11_reverse_poiseuille", monkeypatch, seed, **shorter)
     found = module.main(tmp_path)
     assert found["flow_error"] < 0.03 and found["rest_error"] < 0.08
     assert found["flow"] == pytest.approx(0.85, abs=4 * found["flow_error"] + 0.03 * 0.85)

@@ -125,16 +125,9 @@ def test_beads_on_which_only_body_forces_act(device, gamma):
     """Along such an axis a bead is accelerated evenly among any neighbours; the others feel it as before."""
     rng, taken = np.random.default_rng(7), np.ones((192, 3), bool)
     taken[:40, 2] = taken[30:50, 0] = False
-    common = {
-        "masses": {"W": 2.0},
-        "types": ["W"] * 192,
-        "positions": rng.random((192, 3)) * 4,
-        "pairs": {("W", "W"): dpd.DPD(A=25, gamma=gamma)},
-        "kT": 1.0 if gamma else 0.0,
-        "box": [4.0] * 3,
-        "velocities": rng.normal(size=(192, 3)),
-        "body_forces": [dpd.BodyForce((0.5, 0, -3.0))],
-    }
+    common = {"masses": {"W": 2.0}, "types": ["W"] * 192, "positions": rng.random((192, 3)) * 4, "box": [4.0] * 3}
+    common |= {"pairs": {("W", "W"): dpd.DPD(A=25, gamma=gamma)}, "kT": 1.0 if gamma else 0.0}
+    common |= {"velocities": rng.normal(size=(192, 3)), "body_forces": [dpd.BodyForce((0.5, 0, -3.0))]}
     scene = dpd.Scene(**common, interacting=taken)
     built = dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform)
     simulation = built.simulation(properties=device.properties)
@@ -146,10 +139,8 @@ def test_beads_on_which_only_body_forces_act(device, gamma):
     assert np.abs((v - expected)[taken]).min() > 1e-5
     # the first step of the others is the one that they take anyway
     free = dpd.build(dpd.Scene(**common), dt=0.01, scheme="mvv", seed=3, platform=device.platform)
-    found = [
-        each.simulation(properties=device.properties)
-        for each in (dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform), free)
-    ]
+    walled = dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform)
+    found = [each.simulation(properties=device.properties) for each in (walled, free)]
     forces = [dpd.Observer(each).sample(one.context).forces for each, one in zip((built, free), (simulation, found[1]), strict=True)]
     assert np.allclose(forces[0][~taken], np.broadcast_to([0.5, 0, -3.0], (192, 3))[~taken], atol=slack)
     for one in found:

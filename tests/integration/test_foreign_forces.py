@@ -191,9 +191,8 @@ def test_a_bond_is_a_bond_whoever_makes_it(scheme, platform, conservative, group
     k, r0, steps = 200.0, 0.6, 5
     found = []
     for bonds in ([dpd.HarmonicBonds(pairs, k=k, r0=r0)], []):
-        built = dpd.build(
-            pushed(bonds=bonds), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3, loop=scheme == "middle"
-        )
+        choices = {"conservative": conservative, "platform": platform, "loop": scheme == "middle"}
+        built = dpd.build(pushed(bonds=bonds), dt=DT, scheme=scheme, seed=3, **choices)
         if not bonds:
             force = openmm.HarmonicBondForce()
             for first, second in pairs.tolist():
@@ -407,9 +406,8 @@ def test_a_force_reaches_every_bead_that_it_names(scheme, platform, conservative
     # beads far from each other in a large box have no neighbours: friction and repulsion are there and do nothing
     x = np.stack(np.meshgrid(*[np.arange(4) * 3.0] * 3), axis=-1).reshape(-1, 3)[:n]
     v *= 0.1
-    scene = dpd.Scene(
-        {"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=[12.0] * 3, bead_masses=masses, velocities=v
-    )
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, table, 1.0, box=[12.0] * 3, bead_masses=masses, velocities=v)
     strengths = np.random.default_rng(4).normal(size=(n, 3))
     built = dpd.build(scene, dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
     force = openmm.CustomExternalForce("-(a*x+b*y+c*z)")

@@ -19,9 +19,8 @@ from openmm_dpd import trajectory
 from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import RunOptions, run_deck
 
-WRITING = FLUID.replace(  # Rows, a dump and an average every ten steps.
-    "run 50\nrun 30\n", "dump d all atom 10 dump.d\nfix mean all ave/time 5 2 10 c_thermo_temp file mean.txt\nrun 200\n"
-)
+_LINES = "dump d all atom 10 dump.d\nfix mean all ave/time 5 2 10 c_thermo_temp file mean.txt\nrun 200\n"
+WRITING = FLUID.replace("run 50\nrun 30\n", _LINES)  # Rows, a dump and an average every ten steps.
 
 
 @pytest.fixture
@@ -48,14 +47,11 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
     with file_limit(30_000):
         assert main(arguments(deck, out)) == 1
     error = capsys.readouterr().err
-    assert (
-        f"openmm-dpd: error: {deck}:23: the run stopped: the trajectory {out}/trajectory.dcd cannot be written (File too large); " in error
-    )
+    said = f"{deck}:23: the run stopped: the trajectory {out}/trajectory.dcd cannot be written (File too large); "
+    assert f"openmm-dpd: error: {said}" in error
     assert error.count("\n") == 1
-    assert [record.getMessage().split(" ", 2)[1] for record in caplog.records if "cannot be written" in record.getMessage()] == [
-        "state",
-        "picture",
-    ]
+    said = [record.getMessage().split(" ", 2)[1] for record in caplog.records if "cannot be written" in record.getMessage()]
+    assert said == ["state", "picture"]
     report = json.loads((deck.parent / "report.json").read_text())
     frames = trajectory.load(out / "trajectory.dcd", out / "topology.psf")
     assert report["steps"] // 2 == len(frames) > 5  # the row of a step comes before its frame
@@ -95,10 +91,8 @@ def test_a_full_disk_is_named(deck, capsys):
         assert main(arguments(deck, out, "--quiet", "--steps", "20")) == 1
         assert (out / "final_state.xml").stat().st_size > 50_000 and no_traces(out)
     error = capsys.readouterr().err
-    assert (
-        error
-        == f"openmm-dpd: error: the picture {out}/thermo.png cannot be written (No space left on device); free some space there, or write elsewhere\n"
-    )
+    reason = "cannot be written (No space left on device); free some space there, or write elsewhere"
+    assert error == f"openmm-dpd: error: the picture {out}/thermo.png {reason}\n"
     report = json.loads((deck.parent / "report.json").read_text())
     assert report["stopped"] is None and report["steps"] == 20
 
@@ -158,10 +152,8 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_there(deck, number, status, sc
     taken = report["steps"]
     text = f"interrupted by {number.name} after step {taken} of 100000000"
     assert report["stopped"] == text and taken >= 100
-    assert (
-        error.splitlines()[-1]
-        == f"openmm-dpd: {text}; what was computed until then is in {out}/; go on with: openmm-dpd run {deck} --restart {out}"
-    )
+    said = f"{text}; what was computed until then is in {out}/; go on with: openmm-dpd run {deck} --restart {out}"
+    assert error.splitlines()[-1] == f"openmm-dpd: {said}"
     dump = (out / "dump.d").read_text().split("ITEM: TIMESTEP\n")[1:]
     assert len(dump) == taken // 10 + 1 and all(len(frame.splitlines()) == 8 + 192 for frame in dump)
     rows = np.loadtxt(out / "mean.txt", ndmin=2)

@@ -248,9 +248,8 @@ def test_bonds_fit_into_the_box():
     x = [[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.5, 0.5, 0.5]]
     bonds = dpd.HarmonicBonds([[0, 1], [1, 2]], k=[10.0, 10.0], r0=[0.5, 2.1])
     pairs = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
-    with pytest.raises(
-        ParameterError, match="beads 1 and 2 .counted from 0. has the rest length 2.1 nm, over half the box, whose width is 4 nm"
-    ):
+    long = "beads 1 and 2 .counted from 0. has the rest length 2.1 nm, over half the box, whose width is 4 nm"
+    with pytest.raises(ParameterError, match=long):
         dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, box=[4, 5, 5], bonds=[bonds])
     dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, bonds=[bonds])
 

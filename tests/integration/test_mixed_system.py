@@ -43,9 +43,8 @@ def _atoms():
     water.delete(list(water.topology.residues())[3:])
     modeller.add(water.topology, [p + openmm.Vec3(1.3, 1.3, 1.3) * unit.nanometer for p in water.positions])
     modeller.topology.setUnitCellDimensions(openmm.Vec3(EDGE, EDGE, EDGE) * unit.nanometer)
-    system = field.createSystem(
-        modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.9 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
-    )
+    choices = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.9 * unit.nanometer, "constraints": app.HBonds}
+    system = field.createSystem(modeller.topology, removeCMMotion=False, **choices)
     (nonbonded,) = [force for force in system.getForces() if isinstance(force, openmm.NonbondedForce)]
     nonbonded.setUseDispersionCorrection(False)
     return modeller.topology, system, np.array(modeller.positions.value_in_unit(unit.nanometer))
@@ -385,12 +384,10 @@ def test_without_a_box_and_with_a_frozen_atom():
         force.addParticle(0, 0.34, 1.0)
     system.addForce(force)
     x = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.4, 0], [0, 0, 0.4]])
-    scene = dpd.Scene(
-        {"W": 36.0}, ["W"] * 20, np.random.default_rng(1).random((20, 3)) + 0.5, {("W", "W"): dpd.DPD(A=60, **FRICTION)}, kT=KT
-    )
-    whole = dpd.create_mixed_system(
-        scene, topology, system, x, atoms=["Ar"] * 4, cross={("Ar", "W"): dpd.DPD(A=60, **FRICTION)}, dt=0.002, seed=1
-    )
+    places, table = np.random.default_rng(1).random((20, 3)) + 0.5, {("W", "W"): dpd.DPD(A=60, **FRICTION)}
+    scene = dpd.Scene({"W": 36.0}, ["W"] * 20, places, table, kT=KT)
+    cross = {("Ar", "W"): dpd.DPD(A=60, **FRICTION)}
+    whole = dpd.create_mixed_system(scene, topology, system, x, atoms=["Ar"] * 4, cross=cross, dt=0.002, seed=1)
     assert dpd.degrees_of_freedom(whole.system) == 3 * 23
     simulation = whole.simulation("Reference")
     simulation.step(50)
@@ -448,14 +445,8 @@ def test_bad_input(changes, error, message):
         own["walls"] = [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", EDGE - 1e-3, "below")]
     if "body" in changes:
         own["body_forces"] = [dpd.BodyForce([1, 0, 0])]
-    arguments = {
-        "scene": beads(x, **own),
-        "topology": topology,
-        "positions": x,
-        "atoms": classes(topology),
-        "cross": REPULSION,
-        "dt": 0.002,
-    }
+    arguments = {"scene": beads(x, **own), "topology": topology, "positions": x, "atoms": classes(topology)}
+    arguments |= {"cross": REPULSION, "dt": 0.002}
     if "edge" in changes:
         system.setDefaultPeriodicBoxVectors(*(changes["edge"] * np.eye(3)))
     if "force" in changes:

@@ -48,9 +48,8 @@ def thermostat(**choices) -> dpd.BuiltSystem:
 def mixed() -> dpd.BuiltSystem:
     topology, system = argon(8)
     cross = {("Ar", "oil"): dpd.DPD(A=50, gamma=20, cutoff=0.6)}
-    return dpd.create_mixed_system(
-        beads(), topology, system, X[:8] + 0.2, atoms=["Ar"] * 8, cross=cross, dt=DT, seed=1, platform="Reference"
-    )
+    choices = {"dt": DT, "seed": 1, "platform": "Reference"}
+    return dpd.create_mixed_system(beads(), topology, system, X[:8] + 0.2, atoms=["Ar"] * 8, cross=cross, **choices)
 
 
 WAYS = {"build": lambda: dpd.build(beads(), dt=DT, seed=1, platform="Reference"), "thermostat": thermostat, "mixed": mixed}

@@ -228,9 +228,8 @@ def test_evaluations_per_step(scheme, conservative, counts):
 
 
 def test_explain_says_what_will_be_built():
-    text = build(
-        chains(mobile=np.arange(100) % 9 > 0, kT=dpd.TemperatureRamp(1, 2, 0, 50)), scheme="mvv", lam=0.65, conservative="kernel"
-    ).explain()
+    scene = chains(mobile=np.arange(100) % 9 > 0, kT=dpd.TemperatureRamp(1, 2, 0, 50))
+    text = build(scene, scheme="mvv", lam=0.65, conservative="kernel").explain()
     for word in ("100 beads of 2 type(s)", "A (mass 1)", "B (mass 2.7)", "lambda = 0.65", "dt = 0.02", "kT from 1 to 2", "between steps 0 and 50",
                  "A - B: DPD(A = 31", "gamma_perp = 3", "pair kernel", "transverse", "37 harmonic bonds", "12 beads do not move", "program mvv"):  # fmt: skip
         assert word in text, word

@@ -104,9 +104,8 @@ def test_speed_is_that_of_the_atlas():
 
     atlas = page("docs/atlas.md")
     gains: dict[tuple[str, str], list[str]] = {}
-    for fluid, beside, _, _, scheme, gain, _ in table(atlas.partition("<!-- begin targets -->")[2].partition("<!-- end targets -->")[0])[
-        2:
-    ]:
+    targets = atlas.partition("<!-- begin targets -->")[2].partition("<!-- end targets -->")[0]
+    for fluid, beside, _, _, scheme, gain, _ in table(targets)[2:]:
         assert scheme == "`bababo`"
         gains.setdefault((fluid, beside), []).append(gain.partition(" (")[0])
     speed = README.partition("**Speed.**")[2].partition("## Limits")[0]

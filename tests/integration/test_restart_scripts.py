@@ -18,9 +18,10 @@ SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 WAYS = ("State", "Checkpoint")
 HOW = pytest.mark.parametrize("how", WAYS)
 PLATFORMS = ("Reference", "CPU")
-RUN = pytest.mark.parametrize(  # Every scheme, from a state and from a checkpoint, on both platforms by turns.
-    ("platform", "how", "scheme"), [(PLATFORMS[(k + n) % 2], how, scheme) for k, scheme in enumerate(SCHEMES) for n, how in enumerate(WAYS)]
-)
+_RUNS = [(PLATFORMS[(k + n) % 2], how, scheme) for k, scheme in enumerate(SCHEMES) for n, how in enumerate(WAYS)]
+RUN = pytest.mark.parametrize(
+    "platform, how, scheme", _RUNS
+)  # Every scheme, from a state and from a checkpoint, on both platforms by turns.
 REFUSED = (dpd.DPDError, openmm.OpenMMException)
 DT, BEFORE, AFTER = 0.02, 7, 10
 

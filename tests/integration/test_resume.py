@@ -207,9 +207,8 @@ def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     out = stopped(deck)
     assert f"; go on with: openmm-dpd run {deck} --restart {out}\n" in capsys.readouterr().err
     again = (str(deck), "--restart", str(out))
-    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in error_of(
-        capsys, *again, "--dt", "0.02"
-    )
+    wrong = error_of(capsys, *again, "--dt", "0.02")
+    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in wrong
     assert "--platform Reference cannot be combined" in error_of(capsys, *again, "--platform", "Reference")
     assert "--var cannot be changed by --restart" in error_of(capsys, *again, "--var", "x", "1")
     assert "cannot be another folder" in error_of(capsys, *again, "--out", str(deck.parent / "elsewhere"))

@@ -89,13 +89,8 @@ def test_runs_have_the_same_bits_on_another_machine(tmp_path, cpu):
     for name, change in (("here", {}), ("there", OTHER | cpu)):
         folder = tmp_path / name
         folder.mkdir()
-        done = subprocess.run(
-            [sys.executable, __file__, str(folder)],
-            env={**os.environ, "PYTHONPATH": paths, **change},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        command, environment = [sys.executable, __file__, str(folder)], {**os.environ, "PYTHONPATH": paths, **change}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         lines[name] = done.stdout.splitlines()
     if lines["here"][0] == lines["there"][0]:

@@ -50,9 +50,8 @@ def fluid(way="build", *, scheme="middle", platform="CPU", kT=1.0, n=81, edge=3.
         topology.addAtom("AR", app.Element.getBySymbol("Ar"), topology.addResidue("AR", chain))
     system.addForce(force)
     temperature = kT if isinstance(kT, dpd.TemperatureRamp) else kT * UNIT * KELVIN
-    integrator = dpd.add_thermostat(
-        system, dpd.DPD(gamma=4.5, cutoff=1.0), temperature, dt, scheme=scheme, platform=platform, seed=seed
-    ).integrator
+    friction, choices = dpd.DPD(gamma=4.5, cutoff=1.0), {"scheme": scheme, "platform": platform, "seed": seed}
+    integrator = dpd.add_thermostat(system, friction, temperature, dt, **choices).integrator
     simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName(platform), properties)
     simulation.context.setPositions(x)
     simulation.context.setVelocities(v)
@@ -312,9 +311,8 @@ def test_states_have_their_temperatures(method, way, keys, seed):
         sampler.simulate(60)
     else:
         if method == "SimulatedTempering":
-            sampler = app.SimulatedTempering(
-                simulation, [s["temperature"] for s in states], weights=[0.0] * 3, tempChangeInterval=length, reportFile=None
-            )
+            choices = {"weights": [0.0] * 3, "tempChangeInterval": length, "reportFile": None}
+            sampler = app.SimulatedTempering(simulation, [s["temperature"] for s in states], **choices)
         else:
             sampler = app.ExpandedEnsembleSampler(states, simulation, length, weights=[0.0] * 3)
         for _ in range(180):
@@ -394,9 +392,8 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
     if way == "build":
         built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=seed)
         built.system.addForce(force)
-        simulation = app.Simulation(
-            built.topology, built.system, built.integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"}
-        )
+        cpu = openmm.Platform.getPlatformByName("CPU")
+        simulation = app.Simulation(built.topology, built.system, built.integrator, cpu, {"Threads": "1"})
     else:
         plain = dpd.build(ghosts(pairs, 175, 5.0), dt=dt, platform="CPU", conservative="openmm", seed=9)
         system = openmm.System()
@@ -404,9 +401,8 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
         for _ in range(scene.n_beads):
             system.addParticle(1.0)
         system.addForce(force)
-        integrator = dpd.add_thermostat(
-            system, dpd.DPD(gamma=4.5, cutoff=1.0), UNIT * KELVIN, dt, scheme=scheme, platform="CPU", seed=seed
-        ).integrator
+        friction, choices = dpd.DPD(gamma=4.5, cutoff=1.0), {"scheme": scheme, "platform": "CPU", "seed": seed}
+        integrator = dpd.add_thermostat(system, friction, UNIT * KELVIN, dt, **choices).integrator
         simulation = app.Simulation(plain.topology, system, integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
     simulation.context.setPositions(scene.positions)
     simulation.context.setVelocitiesToTemperature(UNIT * KELVIN, 3)

@@ -193,13 +193,8 @@ def test_decks_against_lammps(tmp_path, name, box):
     forces = forces[:120]  # then come the placeholders of the bonds
     sample, force = ours(tmp_path, text, compat="lammps")
     np.testing.assert_allclose(force, forces, atol=1e-9 * np.abs(forces).max(), rtol=0)
-    found = {
-        "pe": sample.potential,
-        "ebond": sample.bond,
-        "eangle": sample.angle,
-        "evdwl": sample.pair,
-        "press": (2 * sample.kinetic + sample.virial_conservative) / (3 * sample.volume),
-    }
+    found = {"pe": sample.potential, "ebond": sample.bond, "eangle": sample.angle, "evdwl": sample.pair}
+    found["press"] = (2 * sample.kinetic + sample.virial_conservative) / (3 * sample.volume)
     for word, value in found.items():
         assert value == pytest.approx(expected[word], rel=1e-9), word
     if "min" in name:

@@ -66,9 +66,8 @@ def test_a_thermostat_takes_the_platform_that_build_takes(device):
     """By itself, and where OpenCL is asked for."""
     for platform in (None, "OpenCL"):
         topology, system, x = argon()
-        built = dpd.add_thermostat(
-            system, dpd.DPD(gamma=1.0, cutoff=0.8), 90, 0.002, topology=topology, positions=x, platform=platform, seed=1
-        )
+        choices = {"topology": topology, "positions": x, "platform": platform, "seed": 1}
+        built = dpd.add_thermostat(system, dpd.DPD(gamma=1.0, cutoff=0.8), 90, 0.002, **choices)
         simulation = built.simulation()
         assert simulation.context.getPlatform().getName() == platform_here(platform)
         before = energy_and_velocities(simulation)[0]

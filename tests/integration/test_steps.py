@@ -12,15 +12,8 @@ from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.plan.plan import make_plan
 
 KT, DT, SEED = 1.3, 0.03, 11
-SCHEMES = {
-    "mvv": ("mvv", 0.5),
-    "mvv-0.65": ("mvv", 0.65),
-    "mvv-0": ("mvv", 0.0),
-    "shardlow": ("shardlow", 0.5),
-    "middle": ("middle", 0.5),
-    "aboba": ("aboba", 0.5),
-    "bababo": ("bababo", 0.5),
-}
+_LATE = {"mvv-0.65": ("mvv", 0.65), "mvv-0": ("mvv", 0.0)}
+SCHEMES = {"mvv": ("mvv", 0.5), **_LATE, **{name: (name, 0.5) for name in ("shardlow", "middle", "aboba", "bababo")}}
 
 
 class Oracle:

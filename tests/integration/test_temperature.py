@@ -48,9 +48,8 @@ def test_ramp_does_not_depend_on_how_the_run_is_cut_up_or_on_the_step_count():
 @SCHEME
 def test_a_ramp_step_is_a_step_at_that_temperature(choices):
     """One step of a ramp against a run at the temperature it has reached, from the same state and noise count."""
-    ramp = run_of(
-        fluid(EXTENDED, BOXES["ortho"], n=60, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 2)), REFERENCE, dt=0.02, conservative="kernel", **choices
-    )
+    warming = fluid(EXTENDED, BOXES["ortho"], n=60, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 2))
+    ramp = run_of(warming, REFERENCE, dt=0.02, conservative="kernel", **choices)
     fixed = run_of(fluid(EXTENDED, BOXES["ortho"], n=60, kT=1.0), REFERENCE, dt=0.02, conservative="kernel", **choices)
     ramp.step(1)
     half = state_of(ramp.context)

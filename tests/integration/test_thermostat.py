@@ -17,9 +17,8 @@ def water(model: str = "tip3p", edge: float = 1.9):
     modeller = app.Modeller(app.Topology(), [] * unit.nanometer)
     kind = "tip4pew" if "4" in model else "tip3p"
     modeller.addSolvent(forcefield, boxSize=openmm.Vec3(edge, edge, edge) * unit.nanometer, model=kind)
-    system = forcefield.createSystem(
-        modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.8 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
-    )
+    choices = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.8 * unit.nanometer, "constraints": app.HBonds}
+    system = forcefield.createSystem(modeller.topology, removeCMMotion=False, **choices)
     return modeller.topology, modeller.positions, system
 
 

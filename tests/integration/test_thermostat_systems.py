@@ -38,9 +38,8 @@ def solvated(model: str):
     random.seed(1)  # hydrogens start at random places
     modeller.addHydrogens(field, platform=openmm.Platform.getPlatformByName("Reference"))
     modeller.addSolvent(field, boxSize=openmm.Vec3(1.9, 1.9, 1.9) * unit.nanometer, model=model)
-    system = field.createSystem(
-        modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.8 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
-    )
+    choices = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.8 * unit.nanometer, "constraints": app.HBonds}
+    system = field.createSystem(modeller.topology, removeCMMotion=False, **choices)
     system.addForce(openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 10))
     return modeller.topology, modeller.positions, openmm.XmlSerializer.serialize(system)
 

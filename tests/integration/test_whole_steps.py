@@ -246,9 +246,8 @@ def same_bits_in_every_way(kind: str, scheme: str, platform: str) -> None:
 def test_a_ramp_heats_without_the_subclass(how):
     """From 1 to 4 within 40 steps and as many to settle: beads with friction alone follow at once."""
     v = np.random.default_rng(2).normal(size=(375, 3))
-    scene = beads(
-        375, edge=5.0, kT=dpd.TemperatureRamp(1.0, 4.0, 0, 40), table={("W", "W"): dpd.DPD(gamma=20)}, velocities=v - v.mean(axis=0)
-    )
+    options = {"table": {("W", "W"): dpd.DPD(gamma=20)}, "velocities": v - v.mean(axis=0)}
+    scene = beads(375, edge=5.0, kT=dpd.TemperatureRamp(1.0, 4.0, 0, 40), **options)
     built = dpd.build(scene, dt=0.05, scheme="middle", platform="CPU", seed=1)
     if how == "XML":
         context = plain_context(built, "CPU")

@@ -106,9 +106,8 @@ def test_correction_for_the_size_of_the_box():
     assert found.mean - plain.mean == pytest.approx(2.837297 * 1.3 / (6 * np.pi * 0.85 * 6.0))
     assert found.sem == plain.sem
     kelvin, angstrom = 1.3 / dpd.units.BOLTZMANN * unit.kelvin, 60 * unit.angstrom
-    assert diffusion_coefficient(displacement, (1, 5), kT=kelvin, viscosity=0.85, edge=angstrom).mean == pytest.approx(
-        found.mean, rel=1e-14
-    )
+    corrected = diffusion_coefficient(displacement, (1, 5), kT=kelvin, viscosity=0.85, edge=angstrom)
+    assert corrected.mean == pytest.approx(found.mean, rel=1e-14)
     raises(ParameterError, "needs kT, viscosity and edge", lambda: diffusion_coefficient(displacement, (1, 5), kT=1.0))
     raises(ParameterError, "fit must be two times", lambda: diffusion_coefficient(displacement, (1, 2, 3)))
     raises(ParameterError, "no lag is between 20 and 30 ps", lambda: diffusion_coefficient(displacement, (20, 30)))
@@ -184,9 +183,8 @@ def test_time_that_goes_back_is_refused_by_name():
     once.time = 0.5 * np.arange(1, 13)
     twice = mdtraj.join([once[:9], once[6:]], check_topology=False)
     for trajectory in (twice, [once[:9], once[6:]]):
-        with pytest.raises(
-            ParameterError, match="frame 9: time goes back from 4.5 to 3.5 ps; of frames a restarted run wrote twice keep the last"
-        ):
+        back = "frame 9: time goes back from 4.5 to 3.5 ps; of frames a restarted run wrote twice keep the last"
+        with pytest.raises(ParameterError, match=back):
             mean_squared_displacement(trajectory, interval=0.5)
     kept = twice[sorted({time: frame for frame, time in enumerate(twice.time)}.values())]
     expected = mean_squared_displacement(once, interval=0.5).y
@@ -345,9 +343,8 @@ def test_surface_tension():
     tensor[:, 0, 1] = 99.0
     assert surface_tension(tensor, length).mean == found.mean
     assert surface_tension(np.column_stack([diagonal, tensor[:, 0]]), length).mean == found.mean
-    assert surface_tension(diagonal, 20.0, interfaces=1, axis="x").mean == pytest.approx(
-        20 * (diagonal[:, 0] - diagonal[:, 1:].mean(axis=1)).mean()
-    )
+    expected = 20 * (diagonal[:, 0] - diagonal[:, 1:].mean(axis=1)).mean()
+    assert surface_tension(diagonal, 20.0, interfaces=1, axis="x").mean == pytest.approx(expected)
     for arguments, message in (
         ((diagonal[:, :2], 20.0), "must have shape"),
         ((np.zeros((0, 3)), 20.0), "no row"),

@@ -31,10 +31,8 @@ def trajectory_of(frames, names, boxes=None, bonds=(), masses=None, molecules=No
     masses = np.ones(len(names)) if masses is None else masses
     molecules = range(len(names)) if molecules is None else molecules
     residues = {number: topology.add_residue("MOL", chain, resSeq=int(number)) for number in dict.fromkeys(molecules)}
-    atoms = [
-        topology.add_atom(name, bead_element(name, mass), residues[number])
-        for name, mass, number in zip(names, masses, molecules, strict=True)
-    ]
+    rows = zip(names, masses, molecules, strict=True)
+    atoms = [topology.add_atom(name, bead_element(name, mass), residues[number]) for name, mass, number in rows]
     for i, j in bonds:
         topology.add_bond(atoms[i], atoms[j])
     trajectory = mdtraj.Trajectory(frames, topology)
@@ -235,9 +233,8 @@ def test_films_are_centred_across_the_boundary():
         z = np.concatenate([light - com, heavy - com, solvent]) + 0.7 * k
         frames.append(np.column_stack([rng.uniform(0, 4, 1000), rng.uniform(0, 4, 1000), z % edge]))
         boxes.append(np.diag([4, 4, edge]))
-    trajectory = trajectory_of(
-        frames, ["A"] * 400 + ["B"] * 400 + ["W"] * 200, np.array(boxes), masses=[1.0] * 400 + [3.0] * 400 + [1.0] * 200
-    )
+    names, masses = ["A"] * 400 + ["B"] * 400 + ["W"] * 200, [1.0] * 400 + [3.0] * 400 + [1.0] * 200
+    trajectory = trajectory_of(frames, names, np.array(boxes), masses=masses)
     profiles = density_profile(trajectory, centre=["A", "B"], n_bins=160)
     # centre of mass: (-0.75 + 3 * 0.25) / 4 = 0; the film reaches from -1.5 to 0.5
     filled_a = (profiles["A"].x > -1.4) & (profiles["A"].x < -0.1)
@@ -257,13 +254,8 @@ def bilayer(seed: int, frames: int, thickness: float = 4.0, edge: float = 10.0, 
     heads, tails = 200, 600
     found = []
     for k in range(frames):
-        z = np.concatenate(
-            [
-                thickness / 2 + rng.normal(0, 0.3, heads // 2),
-                -thickness / 2 + rng.normal(0, 0.3, heads // 2),
-                rng.uniform(-thickness / 2, thickness / 2, tails),
-            ]
-        )
+        sheets = [side * thickness / 2 + rng.normal(0, 0.3, heads // 2) for side in (1, -1)]
+        z = np.concatenate([*sheets, rng.uniform(-thickness / 2, thickness / 2, tails)])
         x = np.column_stack([rng.uniform(0, 7, heads + tails), rng.uniform(0, 6, heads + tails), (z + drift * k + 1.0) % edge])
         found.append(x)
     names = ["H"] * heads + ["T"] * tails

@@ -42,14 +42,9 @@ def test_laplacians_and_virials_by_finite_differences():
     """Of all kinds together; half of the beads do not move and are left out."""
     x = np.random.default_rng(3).random((6, 3)) * 0.6 + 1.2
     mobile = np.array([True, False, True, True, False, True])
-    terms = {
-        "bonds": [
-            dpd.HarmonicBonds([(0, 1)], 20, 0.7),
-            dpd.FENEBonds([(1, 2), (3, 4)], 30, 1.5, 0.2, 0.4),
-            dpd.MorseBonds([(4, 5)], 12, 2, 0.6),
-        ],
-        "angles": [dpd.HarmonicAngles([(0, 1, 2), (3, 4, 5)], 6, 1.9), dpd.CosineAngles([(1, 2, 3)], 4)],
-    }
+    fene, morse = dpd.FENEBonds([(1, 2), (3, 4)], 30, 1.5, 0.2, 0.4), dpd.MorseBonds([(4, 5)], 12, 2, 0.6)
+    terms = {"bonds": [dpd.HarmonicBonds([(0, 1)], 20, 0.7), fene, morse]}
+    terms["angles"] = [dpd.HarmonicAngles([(0, 1, 2), (3, 4, 5)], 6, 1.9), dpd.CosineAngles([(1, 2, 3)], 4)]
     plan = dpd.make_plan(beads(6, positions=x, mobile=mobile, **terms), dt=0.01, seed=1)
 
     def energy(y) -> float:

@@ -179,10 +179,8 @@ def test_charges_have_factors_of_their_own():
     """``bonded_factors`` of the charges beside that of the scene."""
     x, q = np.array([[1.0, 1, 1], [1.4, 1, 1]]), np.array([1.0, -1.0])
     bonds = [dpd.HarmonicBonds([(0, 1)], 0.0, 0.0)]
-    found = [
-        evaluate_energy(scene(x, q, charges_of("slater", 0.25, bonded_factors=own), None, bonds=bonds, bonded_factors=(0.25, 1, 1)))
-        for own in (None, (0.5, 1.0, 1.0))
-    ]
+    options, bonded = {"bonds": bonds, "bonded_factors": (0.25, 1, 1)}, (None, (0.5, 1.0, 1.0))
+    found = [evaluate_energy(scene(x, q, charges_of("slater", 0.25, bonded_factors=own), None, **options)) for own in bonded]
     whole = -exact_pair("slater", 0.25, 0.4)[0]
     assert found == pytest.approx([0.25 * whole, 0.5 * whole], rel=1e-9)
 

@@ -179,9 +179,8 @@ def test_solid_in_the_middle_of_the_box():
 def one_step(scheme: str, kind: str, platform: str, box, x, v, walls=None) -> tuple[np.ndarray, np.ndarray]:
     """Free flight of single beads for dt = 0.5 between z = 1 and z = 2."""
     walls = walls or [dpd.Wall("z", 1.0, "above", kind), dpd.Wall("z", 2.0, "below", kind)]
-    scene = dpd.Scene(
-        {"A": 1.0}, ["A"] * len(x), x, {("A", "A"): dpd.DPD(A=0, gamma=1e-12, cutoff=1.0)}, 0.0, box=box, velocities=v, walls=walls
-    )
+    table = {("A", "A"): dpd.DPD(A=0, gamma=1e-12, cutoff=1.0)}
+    scene = dpd.Scene({"A": 1.0}, ["A"] * len(x), x, table, 0.0, box=box, velocities=v, walls=walls)
     simulation = dpd.build(scene, dt=0.5, scheme=scheme, seed=1, platform=platform).simulation()
     simulation.step(1)
     state = simulation.context.getState(positions=True, velocities=True)
@@ -222,9 +221,8 @@ def test_mixed_kinds(platform):
 @pytest.mark.parametrize("thermostat", [True, False])
 def test_programs_with_walls(scheme, kind, thermostat):
     """They pass the checks; only bounce-back needs a vector function; the velocities are shown by trial drifts only."""
-    options = ProgramOptions(
-        scheme=SCHEMES[scheme], dt=0.02, kT=1.0, seed=1, walls=kind, thermostat=thermostat, execution=Execution(conservative="kernel")
-    )
+    choices = {"walls": kind, "thermostat": thermostat, "execution": Execution(conservative="kernel")}
+    options = ProgramOptions(scheme=SCHEMES[scheme], dt=0.02, kT=1.0, seed=1, **choices)
     text = make_program(options).describe()
     assert ("dot(" in text) == (kind != "specular")
     assert text.count("reflect at the walls") == (1 if scheme in ("mvv", "shardlow") or (scheme == "middle" and not thermostat) else 2)

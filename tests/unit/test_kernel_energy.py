@@ -112,9 +112,8 @@ def test_frozen_sweep_equals_the_oracle(box):
 @pytest.mark.parametrize("dt", [1e-4, 0.02, 3.0])
 @BOX
 def test_a_sweep_conserves_energy_and_momentum(box, dt, scheme):
-    scene = energy_fluid(
-        box, table={key: EnergyDPD(A=c.A, sigma=c.sigma, kappa=0.1 * c.kappa, cutoff=c.cutoff) for key, c in TABLE.items()}
-    )
+    table = {key: EnergyDPD(A=c.A, sigma=c.sigma, kappa=0.1 * c.kappa, cutoff=c.cutoff) for key, c in TABLE.items()}
+    scene = energy_fluid(box, table=table)
     engine, v, mass = prepared(scene, scheme, dt), scene.velocities, scene.bead_masses
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     change = engine.sweep(v, 1.0, dt, SEED, COUNTER, u)
@@ -142,9 +141,8 @@ def cluster(eos, n=6, kappa=0.5, **options):
     """Beads of two masses, all within reach of each other and at rest in space: only the sweep acts."""
     x = np.random.default_rng(3).uniform(0, 0.5, (n, 3))
     table = {("*", "*"): EnergyDPD(sigma=2.0, kappa=kappa, cutoff=1.5)}
-    return dpd.Scene(
-        MASSES, ["A", "B"] * (n // 2), x, table, 1.0, internal=InternalEnergy(eos, 1.0), velocities=np.zeros((n, 3)), **options
-    )
+    beads = {"internal": InternalEnergy(eos, 1.0), "velocities": np.zeros((n, 3))}
+    return dpd.Scene(MASSES, ["A", "B"] * (n // 2), x, table, 1.0, **beads, **options)
 
 
 def sampled(scene, scheme, dt, sweeps, thin):

@@ -88,9 +88,8 @@ def test_every_term_conserves_momentum_to_rounding(box):
 def test_overlaid_tables_add_up_and_draw_noise_of_their_own():
     first, second = EXTENDED, {("*", "*"): D(gamma=3.0, gamma_perp=1.0, cutoff=0.8)}
     both = fluid(first, kT=KT)
-    both = dpd.Scene(
-        both.masses, both.types, both.positions, [dpd.PairTable(first), dpd.PairTable(second)], KT, box=both.box, velocities=both.velocities
-    )
+    tables, v = [dpd.PairTable(first), dpd.PairTable(second)], both.velocities
+    both = dpd.Scene(both.masses, both.types, both.positions, tables, KT, box=both.box, velocities=v)
     force = prepared(both).forces(RANDOM, None, KT, DT, SEED, COUNTER)[1]
     x, types, box, n = both.positions, both.type_ids, both.box, both.n_beads
     expected = sum(oracle.random(x, types, oracle_params(both, k), box, KT, DT, noise_of(n, SEED, COUNTER, KT, k)).forces for k in (0, 1))

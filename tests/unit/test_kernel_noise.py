@@ -92,9 +92,8 @@ def test_moments_of_the_cubic_pieces():
     nodes, weights = np.polynomial.legendre.leggauss(12)
     nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
     cells = np.arange(248)[:, None]
-    drawn = from_bits(((cells.astype(np.uint64) << np.uint64(55)) | ((nodes * 2.0**52).astype(np.uint64) << np.uint64(3))).ravel()).reshape(
-        248, 12
-    )
+    bits = (cells.astype(np.uint64) << np.uint64(55)) | ((nodes * 2.0**52).astype(np.uint64) << np.uint64(3))
+    drawn = from_bits(bits.ravel()).reshape(248, 12)
     edge = special.ndtri(0.5 + 248 / 512)
     for k, moment in ((2, 1.0), (4, 3.0), (6, 15.0)):
         beyond = moment * special.gammaincc((k + 1) / 2, edge**2 / 2)

@@ -27,11 +27,8 @@ def test_lattices_fill_the_box_with_the_reduced_density(tmp_path, style, per_cel
 
 
 def test_a_lattice_constant_in_other_units(tmp_path):
-    state = state_of(
-        tmp_path,
-        "units metal\nlattice fcc 3.52 origin 0.25 0 0\nregion b block 0 2 0 2 0 2\ncreate_box 1 b\ncreate_atoms 1 box\n"
-        "mass 1 1\npair_style none\n",
-    )
+    text = "units metal\nlattice fcc 3.52 origin 0.25 0 0\nregion b block 0 2 0 2 0 2\ncreate_box 1 b\ncreate_atoms 1 box\n"
+    state = state_of(tmp_path, text + "mass 1 1\npair_style none\n")
     np.testing.assert_allclose(state.box.edges, 7.04)
     np.testing.assert_allclose(np.diag(state.first_run.scene().box), 0.704)
     assert len(state.atoms) == 32
@@ -128,10 +125,8 @@ def test_set_random_types(tmp_path):
 
 
 def test_theta_of_atom_style_dpd(tmp_path):
-    state = state_of(
-        tmp_path,
-        "units metal\natom_style dpd\n" + TWENTY + "set group all dpd/theta 300\nvelocity all create 250 3\nset atom 2* dpd/theta NULL\n",
-    )
+    text = "set group all dpd/theta 300\nvelocity all create 250 3\nset atom 2* dpd/theta NULL\n"
+    state = state_of(tmp_path, "units metal\natom_style dpd\n" + TWENTY + text)
     assert state.atoms.thetas[0] == 300
     # the kinetic temperature of each bead; over all of them 250 K (57 of 60 degrees of freedom)
     speed2 = np.sum((state.atoms.velocities * state.units.velocity) ** 2, axis=1)
@@ -201,10 +196,8 @@ def kinetic_temperature(state, mask) -> float:
 @pytest.mark.parametrize("options", ["", "dist gaussian", "dist uniform loop geom rot yes", "mom no", "loop local dist gaussian"])
 def test_velocity_create(tmp_path, units, options):
     target = {"lj": 1.3, "real": 300.0, "metal": 250.0}[units]
-    state = state_of(
-        tmp_path,
-        THOUSAND.format(units=units) + f"group two type 2\nvelocity two set 1 2 3 units box\nvelocity all create {target} 87 {options}\n",
-    )
+    text = f"group two type 2\nvelocity two set 1 2 3 units box\nvelocity all create {target} 87 {options}\n"
+    state = state_of(tmp_path, THOUSAND.format(units=units) + text)
     everything = state.group("all")
     masses, v = state.bead_masses(), state.atoms.velocities * state.units.velocity
     assert kinetic_temperature(state, everything) == pytest.approx(target, rel=1e-12)

@@ -74,9 +74,8 @@ def test_profile_along_two_axes(tmp_path):
     atoms = request.state.atoms
     second = (atoms.positions[:, 0] < 1) & (atoms.positions[:, 2] >= 4)
     assert list(average.profile) == ["coord1", "coord2", "ncount", "vx", "density/number"]
-    assert [column[1] for column in average.profile.values()] == pytest.approx(
-        [-0.5, 5.5, second.sum(), atoms.velocities[second, 0].mean(), second.sum() / 45]
-    )
+    expected = [-0.5, 5.5, second.sum(), atoms.velocities[second, 0].mean(), second.sum() / 45]
+    assert [column[1] for column in average.profile.values()] == pytest.approx(expected)
     values = request.thermo.values(context_of(request).sample)
     assert values["v_a"] == pytest.approx(5.5 + 10 * second.sum())
     assert values["f_p[2][4]"] == pytest.approx(atoms.velocities[second, 0].mean())
@@ -85,10 +84,9 @@ def test_profile_along_two_axes(tmp_path):
 
 # -- values of single beads -----------------------------------------------------------------------------------------------------------
 def test_formulas_of_single_beads(tmp_path):
-    text = (
-        "variable k atom 0.5*mass*(vx^2+vy^2+vz^2)\nvariable hot atom v_k>1&&!(type==2)\nvariable f atom ternary(v_hot,fx,-c_p[2])+round(x)\n"
-        "compute p all property/atom id y\ncompute s two reduce sum v_k\nvariable one equal c_s+x[3]+fy[4]\n"
-    )
+    text = "variable k atom 0.5*mass*(vx^2+vy^2+vz^2)\nvariable hot atom v_k>1&&!(type==2)\n"
+    text += "variable f atom ternary(v_hot,fx,-c_p[2])+round(x)\ncompute p all property/atom id y\n"
+    text += "compute s two reduce sum v_k\nvariable one equal c_s+x[3]+fy[4]\n"
     request = request_of(tmp_path, DECK + text)
     atoms = request.state.atoms
     forces = np.arange(300.0).reshape(100, 3)
@@ -105,17 +103,12 @@ def test_formulas_of_single_beads(tmp_path):
 
 
 def test_what_a_formula_of_single_beads_needs(tmp_path):
-    text = (
-        "compute ch all chunk/atom bin/1d x lower 1\nvariable a atom vx*fx\nvariable b atom v_a+pe\n"
-        "fix p all ave/chunk 1 1 1 ch v_b\nfix q all ave/chunk 1 1 1 ch vx\nvariable c equal y[7]\nfix r all ave/time 1 1 1 v_c\n"
-    )
+    text = "compute ch all chunk/atom bin/1d x lower 1\nvariable a atom vx*fx\nvariable b atom v_a+pe\nfix p all ave/chunk 1 1 1 ch v_b\n"
+    text += "fix q all ave/chunk 1 1 1 ch vx\nvariable c equal y[7]\nfix r all ave/time 1 1 1 v_c\n"
     request = request_of(tmp_path, DECK + text)
     needs = [set(average.needs(request.state)) for average in request.averages]
-    assert needs == [
-        {"velocities", "forces", "positions", "pair_energy", "bond_energy", "angle_energy", "dihedral_energy"},
-        {"velocities", "positions"},
-        {"positions"},
-    ]
+    energies = {"velocities", "forces", "positions", "pair_energy", "bond_energy", "angle_energy", "dihedral_energy"}
+    assert needs == [energies, {"velocities", "positions"}, {"positions"}]
 
 
 def test_vector_of_compute_temp(tmp_path):
@@ -140,11 +133,9 @@ def test_values_that_are_not_averaged(tmp_path):
 
 
 def test_vectors_of_averages(tmp_path):
-    text = (
-        "compute m all momentum\nfix v all ave/time 1 1 1 c_m mode vector\nfix two all ave/time 1 1 1 c_m c_m mode vector\n"
-        "fix w all ave/time 1 1 1 f_v mode vector\nfix s all ave/time 1 1 1 f_v[2] c_m[1*2] f_two[3][1]\n"
-        "thermo_style custom f_s[*] f_w[3] f_two[1][2]\n"
-    )
+    text = "compute m all momentum\nfix v all ave/time 1 1 1 c_m mode vector\nfix two all ave/time 1 1 1 c_m c_m mode vector\n"
+    text += "fix w all ave/time 1 1 1 f_v mode vector\nfix s all ave/time 1 1 1 f_v[2] c_m[1*2] f_two[3][1]\n"
+    text += "thermo_style custom f_s[*] f_w[3] f_two[1][2]\n"
     request = request_of(tmp_path, DECK + text)
     assert request.thermo.words == ("f_s[1]", "f_s[2]", "f_s[3]", "f_s[4]", "f_w[3]", "f_two[1][2]")
     assert set(request.thermo.values(context_of(request).sample).values()) == {0.0}
@@ -156,11 +147,9 @@ def test_vectors_of_averages(tmp_path):
 
 
 def test_report_has_the_last_averages_of_each_run(tmp_path):
-    (tmp_path / "in.deck").write_text(
-        DECK
-        + "compute m all momentum\nvariable s equal step\nfix s all ave/time 2 3 10 v_s c_m[1]\nfix v all ave/time 5 1 5 c_m mode vector\n"
-        "run 10\nrun 14\n"
-    )
+    text = "compute m all momentum\nvariable s equal step\nfix s all ave/time 2 3 10 v_s c_m[1]\n"
+    text += "fix v all ave/time 5 1 5 c_m mode vector\nrun 10\nrun 14\n"
+    (tmp_path / "in.deck").write_text(DECK + text)
     report = run_deck(tmp_path / "in.deck", QUICK, out=tmp_path)
     assert report["averages"] == report["runs"][1]["averages"]
     assert (report["averages"]["s"]["step"], report["averages"]["s"]["v_s"]) == (20, 18)
@@ -302,9 +291,8 @@ def beside_lammps(tmp_path, start: str, atom_style: str, text: str) -> None:
     (tmp_path / "ours").mkdir()
     (tmp_path / "in.start").write_text(start + "write_data data.start nocoeff\n")
     read_deck(tmp_path / "in.start", stop_before_first_run=True, output=tmp_path)
-    (tmp_path / "in.deck").write_text(
-        f"atom_style {atom_style}\natom_modify map yes\nread_data data.start\n" + LISTS + text.format(form=FORM)
-    )
+    head = f"atom_style {atom_style}\natom_modify map yes\nread_data data.start\n"
+    (tmp_path / "in.deck").write_text(head + LISTS + text.format(form=FORM))
     run_deck(tmp_path / "in.deck", QUICK, out=tmp_path / "ours")
     subprocess.run([sys.executable, "-c", LIVE], cwd=tmp_path, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
     found = sorted(tmp_path.glob("*.out"))

@@ -66,13 +66,8 @@ def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
 
 
 def test_units_are_converted(tmp_path):
-    write(
-        tmp_path,
-        HEADER
-        + "\nMasses\n\n1 18\n2 3 # comment\n\nAtoms\n\n"
-        + "\n".join(ATOMS["atomic"])
-        + "\n\nVelocities\n\n7 1 0 0\n2 0 2 0\n5 0 0 3\n",
-    )
+    masses, velocities = "\nMasses\n\n1 18\n2 3 # comment\n", "\n\nVelocities\n\n7 1 0 0\n2 0 2 0\n5 0 0 3\n"
+    write(tmp_path, HEADER + masses + "\nAtoms\n\n" + "\n".join(ATOMS["atomic"]) + velocities)
     state = deck(tmp_path, "units real\nread_data data")
     assert state.box.edges.tolist() == [4, 5, 4] and state.atoms.positions[0].tolist() == [1, 2, 4]
     scene = state.first_run.scene()
@@ -133,16 +128,12 @@ def test_coefficients_and_bonds_from_the_file(tmp_path):
         + "\n".join(ATOMS["bond"])
         + "\n\nBonds\n\n1 1 7 2\n2 1 2 5\n",
     )
-    state = deck(
-        tmp_path, "atom_style bond\nbond_style harmonic\npair_style dpd 1 1 1\nread_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve"
-    )
+    styles = "atom_style bond\nbond_style harmonic\npair_style dpd 1 1 1\n"
+    state = deck(tmp_path, styles + "read_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve")
     scene = state.first_run.scene()
     entries = scene.pairs[0].resolve(["1", "2"])
-    assert {key: (term.A, term.gamma, term.cutoff) for key, term in entries.items()} == {
-        ("1", "1"): (25, 4.5, 1.0),
-        ("1", "2"): (30, 4.5, 0.9),
-        ("2", "2"): (20, 9, 1.1),
-    }
+    expected = {("1", "1"): (25, 4.5, 1.0), ("1", "2"): (30, 4.5, 0.9), ("2", "2"): (20, 9, 1.1)}
+    assert {key: (term.A, term.gamma, term.cutoff) for key, term in entries.items()} == expected
     (bonds,) = scene.bonds
     assert bonds.pairs.tolist() == [[2, 0], [0, 1]]  # indices in the order of the ids
     assert bonds.k.tolist() == [50, 50] and bonds.r0.tolist() == [0.8, 0.8]

@@ -44,9 +44,8 @@ def scene_of(tmp_path, text: str):
 
 # -- what beads carry --------------------------------------------------------------------------------------------------------------
 def test_new_beads_and_set(tmp_path):
-    state = state_of(
-        tmp_path, EDPD_BOX + "variable w equal 2*0.6\nset type 2 edpd/temp v_w\nset atom 1*3 edpd/cv 50\nset group all edpd/cv 2e4\n"
-    )
+    text = "variable w equal 2*0.6\nset type 2 edpd/temp v_w\nset atom 1*3 edpd/cv 50\nset group all edpd/cv 2e4\n"
+    state = state_of(tmp_path, EDPD_BOX + text)
     assert state.atoms.temperatures.tolist() == [1.0] * 30 + [1.2] * 20
     assert state.atoms.capacities.tolist() == [2e4] * 50
     state = state_of(tmp_path, TDPD_BOX + "set type 1 cc 2 -0.5\nset atom 1 cc 1 3\n")
@@ -88,9 +87,8 @@ def test_written_coefficients_read_back_the_same(tmp_path):
 
 # -- pair terms --------------------------------------------------------------------------------------------------------------------
 def test_energy_conserving_coefficients_in_metal_units(tmp_path):
-    scene = scene_of(
-        tmp_path, METAL + ENERGY + "pair_coeff 1 2 0.1 0.03 1e-5 9.5\nfix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n"
-    )
+    text = "pair_coeff 1 2 0.1 0.03 1e-5 9.5\nfix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n"
+    scene = scene_of(tmp_path, METAL + ENERGY + text)
     term, mixed = (scene.tables[0].entries[key] for key in (("1", "1"), ("1", "2")))
     assert EV == pytest.approx(96.485, rel=1e-4)
     assert (term.A, term.sigma, term.cutoff) == pytest.approx((0.075 * 10 * EV, 0.022 * 10 * EV, 1.0), rel=1e-12)
@@ -152,9 +150,8 @@ TABLE = "a table\n\nFIRST\nN 2\n\n1 10 0.01\n2 20 0.02\n\n# another\nSECOND\nN 3
 
 def test_equations_of_state_by_type(tmp_path):
     (tmp_path / "eos").write_text(TABLE.partition("\n")[2])
-    text = (
-        "group a type 1\ngroup b type 2\nfix 1 all shardlow\nfix 2 all nve\nfix 3 a eos/cv 0.005\nfix 4 b eos/table linear eos 100 SECOND\n"
-    )
+    text = "group a type 1\ngroup b type 2\nfix 1 all shardlow\nfix 2 all nve\n"
+    text += "fix 3 a eos/cv 0.005\nfix 4 b eos/table linear eos 100 SECOND\n"
     scene = scene_of(tmp_path, METAL + ENERGY + text)
     first, second = scene.internal.eos["1"], scene.internal.eos["2"]
     assert isinstance(first, ConstantHeatCapacity) and isinstance(second, TabulatedEOS)

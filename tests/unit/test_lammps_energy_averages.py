@@ -25,15 +25,10 @@ group two type 2
 compute ch all chunk/atom bin/1d x lower 1.0
 """
 PLAIN = START.format(style="atomic") + "pair_style zero 1.0 nocoeff\npair_coeff * *\nfix move all nve\ntimestep 0.01\n"
-HEAT = (
-    START.format(style="edpd")
-    + "pair_style edpd 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1e-3 2 1.2\nfix move all mvv/edpd\ntimestep 0.01\n"
-)
-SPECIES = (
-    START.format(style="tdpd 2")
-    + "pair_style tdpd 1.0 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1.2 1 0 2 3 0 2\nfix move all mvv/tdpd\ntimestep 0.01\n"
-    + "set type 1 cc 1 2.0\nset type 2 cc 2 -1.0\n"
-)
+_HEAT = "pair_style edpd 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1e-3 2 1.2\nfix move all mvv/edpd\ntimestep 0.01\n"
+HEAT = START.format(style="edpd") + _HEAT
+_SPECIES = "pair_style tdpd 1.0 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1.2 1 0 2 3 0 2\nfix move all mvv/tdpd\ntimestep 0.01\n"
+SPECIES = START.format(style="tdpd 2") + _SPECIES + "set type 1 cc 1 2.0\nset type 2 cc 2 -1.0\n"
 ENERGY = (
     "units metal\n"
     + START.format(style="dpd").replace("-2 4 0 5 1 7", "-20 40 0 50 10 70").replace("x lower 1.0", "x lower 10.0")
@@ -107,17 +102,13 @@ def test_what_beads_carry_comes_from_the_running_scene(tmp_path):
     text = ENERGY + "compute b two dpd/atom\ncompute u two dpd\ncompute s all reduce sum c_b[2]\nthermo_style custom c_u[1]\n"
     request = request_of(tmp_path, text)
     units, n = request.state.units, 50
-    fields = {
-        "u_cond": np.linspace(-1, 1, n) * units.energy,
-        "u_mech": np.linspace(1, 2, n) * units.energy,
-        "theta": np.linspace(200, 500, n) * units.thermal_energy,
-    }
+    fields = {"u_cond": np.linspace(-1, 1, n) * units.energy, "u_mech": np.linspace(1, 2, n) * units.energy}
+    fields["theta"] = np.linspace(200, 500, n) * units.thermal_energy
     context = context_of(request, fields=fields)
     rows = context.bead_compute("b", None)
     assert not rows[:30].any()  # beads outside the group
-    np.testing.assert_allclose(
-        rows[30:, [0, 1, 3]], np.column_stack([np.linspace(-1, 1, n), np.linspace(1, 2, n), np.linspace(200, 500, n)])[30:]
-    )
+    expected = np.column_stack([np.linspace(-1, 1, n), np.linspace(1, 2, n), np.linspace(200, 500, n)])
+    np.testing.assert_allclose(rows[30:, [0, 1, 3]], expected[30:])
     theta = np.linspace(200, 500, n)[30:]
     expected = [np.linspace(-1, 1, n)[30:].sum(), np.linspace(1, 2, n)[30:].sum(), 0.0, 20 / np.sum(1 / theta), 20.0]
     np.testing.assert_allclose([context.compute("u", k) for k in range(1, 6)], expected)
@@ -137,10 +128,9 @@ def test_single_beads_in_formulas(tmp_path):
 
 
 def test_reduce(tmp_path):
-    text = PLAIN + (
-        "compute k all ke/atom\ncompute p all property/atom id mass\ncompute r two reduce sum c_k c_p[1] vx\ncompute a two reduce ave c_p[2]\n"
-        "compute m two reduce max c_p[1]\nthermo_style custom c_m c_a c_r[2]\nthermo_modify norm yes\n"
-    )
+    text = PLAIN + "compute k all ke/atom\ncompute p all property/atom id mass\ncompute r two reduce sum c_k c_p[1] vx\n"
+    text += "compute a two reduce ave c_p[2]\ncompute m two reduce max c_p[1]\n"
+    text += "thermo_style custom c_m c_a c_r[2]\nthermo_modify norm yes\n"
     request = request_of(tmp_path, text)
     context, atoms = context_of(request), request.state.atoms
     energy = 0.5 * 2.5 * np.sum(atoms.velocities[30:] ** 2)
@@ -206,10 +196,8 @@ def test_how_windows_combine(tmp_path, mode, expected):
 
 
 def test_other_averages_in_formulas_and_thermo_output(tmp_path):
-    text = PLAIN + (
-        "variable a equal step\nfix s all ave/time 1 1 1 v_a v_a\nvariable twice equal 2*f_s[1]\nfix t all ave/time 1 2 2 v_twice\n"
-        "thermo_style custom step f_t f_s[2] v_twice\n"
-    )
+    text = PLAIN + "variable a equal step\nfix s all ave/time 1 1 1 v_a v_a\nvariable twice equal 2*f_s[1]\n"
+    text += "fix t all ave/time 1 2 2 v_twice\nthermo_style custom step f_t f_s[2] v_twice\n"
     request = request_of(tmp_path, text)
     assert request.thermo.values(context_of(request).sample)["f_t"] == 0  # before the first window is complete
     for step in (0, 1, 2):
@@ -220,10 +208,8 @@ def test_other_averages_in_formulas_and_thermo_output(tmp_path):
 
 
 def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
-    text = HEAT + (
-        "compute h all edpd/temp/atom\ncompute t two temp\nfix a all ave/chunk 1 1 1 ch c_h\nfix b all ave/chunk 1 1 1 ch temp\n"
-        "fix c all ave/time 1 1 1 c_t\nvariable e equal pe\nfix d all ave/time 1 1 1 v_e\n"
-    )
+    text = HEAT + "compute h all edpd/temp/atom\ncompute t two temp\nfix a all ave/chunk 1 1 1 ch c_h\nfix b all ave/chunk 1 1 1 ch temp\n"
+    text += "fix c all ave/time 1 1 1 c_t\nvariable e equal pe\nfix d all ave/time 1 1 1 v_e\n"
     request = request_of(tmp_path, text)
     needs = [set(average.needs(request.state)) for average in request.averages]
     potential = {"pair_energy", "bond_energy", "angle_energy", "dihedral_energy"}
@@ -232,11 +218,9 @@ def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
 
 # -- in a run -----------------------------------------------------------------------------------------------------------------------
 def test_a_run_takes_every_sample_and_reports_profiles(tmp_path):
-    text = HEAT + (
-        "set type 2 edpd/temp 1.1\ncompute h all edpd/temp/atom\nvariable s equal step\n"
-        "fix p all ave/chunk 2 3 10 ch c_h vx density/number file p.out\nfix t all ave/time 2 3 10 v_s file t.out\n"
-        "thermo 7\nthermo_style custom step f_t\nrun 20\nrun 13\n"
-    )
+    text = HEAT + "set type 2 edpd/temp 1.1\ncompute h all edpd/temp/atom\nvariable s equal step\n"
+    text += "fix p all ave/chunk 2 3 10 ch c_h vx density/number file p.out\nfix t all ave/time 2 3 10 v_s file t.out\n"
+    text += "thermo 7\nthermo_style custom step f_t\nrun 20\nrun 13\n"
     report = run_deck(write(tmp_path, text), QUICK, out=tmp_path)
     json.dumps(report)
     assert [head[0] for head, _ in blocks_of(tmp_path / "p.out")] == [10, 20, 30]
@@ -252,10 +236,9 @@ def test_a_run_takes_every_sample_and_reports_profiles(tmp_path):
 
 
 def test_concentrations_of_a_run_add_up(tmp_path):
-    text = SPECIES + (
-        "compute c1 all tdpd/cc/atom 1\ncompute c2 all tdpd/cc/atom 2\ncompute s1 all reduce sum c_c1\ncompute s2 all reduce sum c_c2\n"
-        "thermo_style custom step c_s1 c_s2\nthermo_modify norm no\ndump d all custom 5 d.out id c_c1 c_c2\nrun 5\n"
-    )
+    text = SPECIES + "compute c1 all tdpd/cc/atom 1\ncompute c2 all tdpd/cc/atom 2\ncompute s1 all reduce sum c_c1\n"
+    text += "compute s2 all reduce sum c_c2\nthermo_style custom step c_s1 c_s2\nthermo_modify norm no\n"
+    text += "dump d all custom 5 d.out id c_c1 c_c2\nrun 5\n"
     thermo = run_deck(write(tmp_path, text), QUICK, out=tmp_path)["thermo"]
     assert thermo["c_s1"]["last"] == pytest.approx(60) and thermo["c_s2"]["last"] == pytest.approx(-20)
     frames = (tmp_path / "d.out").read_text().split("ITEM: ATOMS id c_c1 c_c2\n")[1:]

@@ -159,11 +159,8 @@ def test_random_regions_on_random_lattices(tmp_path, seed):
         centre, radius = rng.integers(-1, 6, 3) / 2, rng.integers(1, 5) / 2
         place = " ".join(f"{value:g}" for value in centre)
         pairs = " ".join(f"{x:g} {x + y:g}" for x, y in zip(a, b, strict=True))
-        text = (
-            f"block {pairs}",
-            f"sphere {place} {radius:g}",
-            f"cylinder {'xyz'[k % 3]} {' '.join(place.split()[:2])} {radius:g} EDGE 1.5",
-        )
+        cylinder = f"cylinder {'xyz'[k % 3]} {' '.join(place.split()[:2])} {radius:g} EDGE 1.5"
+        text = (f"block {pairs}", f"sphere {place} {radius:g}", cylinder)
         lines += [f"region r{k} {text[k % 3]}", f"group g{k} region r{k}"]
     same_beads(tmp_path, "\n".join(lines) + FINISH)
 
@@ -189,9 +186,8 @@ def test_a_bead_that_lammps_loses_is_an_error(tmp_path, place, lost):
         return
     with pytest.raises(Exception, match="Lost atoms"):
         theirs(tmp_path, text)
-    with pytest.raises(
-        DeckError, match=f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"
-    ):
+    lost = f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"
+    with pytest.raises(DeckError, match=lost):
         ours(tmp_path, text)
 
 

@@ -111,10 +111,8 @@ def test_beads_on_which_only_body_forces_act(tmp_path):
 
 def test_an_exported_deck_keeps_its_corner(tmp_path):
     deck = tmp_path / "in.corner"
-    deck.write_text(
-        "units real\nregion b block -7 23 4 37 -2 31 units box\ncreate_box 1 b\ncreate_atoms 1 single 1 5 30\nmass 1 1\n"
-        "pair_style dpd 300 9 1\npair_coeff 1 1 0.5 1\nfix 1 all nve\nrun 1\n"
-    )
+    text = "units real\nregion b block -7 23 4 37 -2 31 units box\ncreate_box 1 b\ncreate_atoms 1 single 1 5 30\nmass 1 1\n"
+    deck.write_text(text + "pair_style dpd 300 9 1\npair_coeff 1 1 0.5 1\nfix 1 all nve\nrun 1\n")
     lines = export_deck(deck, tmp_path / "out").data.read_text().splitlines()
     bounds = {line.split()[2]: [float(word) for word in line.split()[:2]] for line in lines if line.endswith("hi")}
     assert bounds["xlo"] == pytest.approx([-7, 23]) and bounds["ylo"] == pytest.approx([4, 37]) and bounds["zlo"] == pytest.approx([-2, 31])
@@ -321,12 +319,9 @@ def dump(tmp_path, columns: str, *rows: str, header: str = HEADER):
 
 
 def test_ids_images_and_units(tmp_path):
-    path = dump(
-        tmp_path,
-        "id type x y z ix iy iz vx vy vz c_mine",
-        "2 1 1 2 3 0 -1 0 .5 0 0 7\n1 1 -1 1 1 1 0 0 1 0 0 8\n",
-        "1 1 -1 1 1.5 1 0 0 1 0 0 9\n2 1 1 2 3.5 0 -1 0 .5 0 0 10\n",
-    )
+    first = "2 1 1 2 3 0 -1 0 .5 0 0 7\n1 1 -1 1 1 1 0 0 1 0 0 8\n"
+    second = "1 1 -1 1 1.5 1 0 0 1 0 0 9\n2 1 1 2 3.5 0 -1 0 .5 0 0 10\n"
+    path = dump(tmp_path, "id type x y z ix iy iz vx vy vz c_mine", first, second)
     frames = read_lammps_dump(path, pair_scene())
     assert frames.steps.tolist() == [0, 10] and frames.ids.tolist() == [1, 2]
     np.testing.assert_array_equal(frames.positions[0], [[-1, 1, 1], [1, 2, 3]])
@@ -358,10 +353,8 @@ def test_every_kind_of_position(columns, row, tmp_path):
 
 
 def test_tilted_boxes_of_dumps(tmp_path):
-    header = (
-        "ITEM: UNITS\nlj\nITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n2\n"
-        "ITEM: BOX BOUNDS xy xz yz pp pp pp\n-0.5 5.0 1.0\n0.0 4.5 -0.5\n0.0 4.0 0.5\n"
-    )
+    header = "ITEM: UNITS\nlj\nITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n2\n"
+    header += "ITEM: BOX BOUNDS xy xz yz pp pp pp\n-0.5 5.0 1.0\n0.0 4.5 -0.5\n0.0 4.0 0.5\n"
     path = dump(tmp_path, "id xs ys zs ix iy iz", "1 0 0 0 0 0 1\n2 0.5 0 0 0 1 0\n", header=header)
     frames = read_lammps_dump(path)
     np.testing.assert_allclose(frames.boxes[0], [[4, 0, 0], [1, 4, 0], [-0.5, 0.5, 4]])

@@ -85,9 +85,8 @@ def test_setforce_holds_beads_still(tmp_path):
 
 
 def test_walls_at_the_faces(tmp_path):
-    scene = first_scene(
-        tmp_path, deck("fix 1 all nve\nfix 2 all wall/reflect zlo EDGE zhi 7.9 units box\nrun 1\n".replace("7.9", "8.0"), "p p f")
-    )
+    text = "fix 1 all nve\nfix 2 all wall/reflect zlo EDGE zhi 7.9 units box\nrun 1\n".replace("7.9", "8.0")
+    scene = first_scene(tmp_path, deck(text, "p p f"))
     assert scene.walls == (Wall("z", 1.0, "above", SPECULAR), Wall("z", 8.0, "below", SPECULAR))
     assert scene.box[2, 2] == 14 and scene.box[0, 0] == 7  # empty room behind the walls
 

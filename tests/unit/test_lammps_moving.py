@@ -146,14 +146,12 @@ def test_random_displacements_do_not_depend_on_the_group(tmp_path):
     """They lie in the cube that is asked for, and one bead gets the same in any group."""
     found = []
     for group in ("all", "some"):
-        (tmp_path / "in").write_text(
-            FEW + f"displace_atoms {group} random 0.3 0.1 0 5\nwrite_data {group}.data\nfix 1 all nve\nrun 0\n", encoding="utf-8"
-        )
+        text = f"displace_atoms {group} random 0.3 0.1 0 5\nwrite_data {group}.data\nfix 1 all nve\nrun 0\n"
+        (tmp_path / "in").write_text(FEW + text, encoding="utf-8")
         run_deck(tmp_path / "in", RunOptions(platform="Reference"), out=tmp_path)
         lines = (tmp_path / f"{group}.data").read_text().splitlines()
-        rows = np.array(
-            [line.split()[:5] for line in lines[next(k for k, line in enumerate(lines) if line.startswith("Atoms")) + 2 :][:20]], float
-        )
+        start = next(k for k, line in enumerate(lines) if line.startswith("Atoms")) + 2
+        rows = np.array([line.split()[:5] for line in lines[start:][:20]], float)
         found.append(rows[np.argsort(rows[:, 0]), 2:])
     moved = np.any(found[0] != found[1], axis=1)
     assert not moved[:4].any() and moved[4:].all()

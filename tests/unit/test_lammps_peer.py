@@ -269,10 +269,8 @@ pair_coeff 1 2 0.4 1.5 8.0
 write_data data.ours pair ij
 """
     state = ours(tmp_path, text)
-    beads, _ = theirs(
-        tmp_path,
-        "units real\natom_style full\nbond_style harmonic\npair_style dpd 300 9 1\ncomm_modify vel yes\nread_data data.ours\nrun 0\n",
-    )
+    styles = "units real\natom_style full\nbond_style harmonic\npair_style dpd 300 9 1\ncomm_modify vel yes\n"
+    beads, _ = theirs(tmp_path, styles + "read_data data.ours\nrun 0\n")
     np.testing.assert_allclose(beads[:, 2:5], state.atoms.positions, rtol=1e-12)
     np.testing.assert_allclose(beads[:, 8:], state.atoms.velocities, rtol=1e-12)
     assert np.array_equal(beads[:, 5:8], state.atoms.images)

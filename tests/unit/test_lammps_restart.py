@@ -94,9 +94,8 @@ def test_mistakes(tmp_path, text):
     (tmp_path / "text").write_text("no restart\n", encoding="utf-8")
     if lammps_peer.why_missing() is None:
         with lammps_peer.instance() as lmp:
-            lmp.commands_string(
-                f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 1\npair_style zero 1\npair_coeff * *\nwrite_restart {tmp_path}/theirs"
-            )
+            start = "region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 1\npair_style zero 1\npair_coeff * *\n"
+            lmp.commands_string(f"{start}write_restart {tmp_path}/theirs")
     elif "theirs" in text:
         pytest.skip("no LAMMPS to write one")
     (tmp_path / "in.bad").write_text(text, encoding="utf-8")

@@ -86,9 +86,8 @@ def test_the_clock(tmp_path):
     times = []
 
     def callback(request):
-        times.append(
-            [request.thermo.values(sample_of(request, step), ("time",))["time"] for step in (request.first_step, request.last_step)]
-        )
+        steps = (request.first_step, request.last_step)
+        times.append([request.thermo.values(sample_of(request, step), ("time",))["time"] for step in steps])
 
     text = """fix 1 all nve
 timestep 0.01
@@ -111,9 +110,8 @@ run 10
 def test_results_go_back_to_the_deck(tmp_path):
     def callback(request):
         scene = request.scene()
-        request.finish(
-            scene.positions + [7.0, -1.0, 0.0], np.full_like(scene.velocities, 2.0), sample=sample_of(request, request.last_step)
-        )
+        v, sample = np.full_like(scene.velocities, 2.0), sample_of(request, request.last_step)
+        request.finish(scene.positions + [7.0, -1.0, 0.0], v, sample=sample)
 
     text = 'fix 1 all nve\nrun 10\nvariable a equal pe+step\nvariable b equal vcm(all,x)\nprint "${a} ${b}"\nwrite_data out.*\nrun 5\n'
     said: list[str] = []
@@ -180,9 +178,8 @@ def test_bugs_are_not_dressed_up_as_deck_errors(tmp_path):
 
 def test_include_quit_and_notes(tmp_path):
     (tmp_path / "part").write_text("neighbor 0.3 bin\nneighbor 0.4 bin\nthermo ${every}\n")
-    (request,) = requests_of(
-        tmp_path, "include part\nfix 1 all nve\ncomm_modify vel yes\nrun 10\nquit\nnonsense\n", variables={"every": "5"}
-    )
+    text = "include part\nfix 1 all nve\ncomm_modify vel yes\nrun 10\nquit\nnonsense\n"
+    (request,) = requests_of(tmp_path, text, variables={"every": "5"})
     assert request.thermo.every == 5
     assert request.state.notes == ["neighbor has no meaning here and is ignored", "comm_modify has no meaning here and is ignored"]
 
@@ -222,10 +219,8 @@ def test_a_run_needs_a_pair_style_even_if_it_is_none(tmp_path):
 
 
 def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path):
-    (tmp_path / "data").write_text(
-        "two beads\n\n2 atoms\n1 atom types\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\n"
-        "Masses\n\n1 1\n\nAtoms\n\n1 1 1 1 1\n2000000000 1 2 2 2\n"
-    )
+    text = "two beads\n\n2 atoms\n1 atom types\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\n"
+    (tmp_path / "data").write_text(text + "Masses\n\n1 1\n\nAtoms\n\n1 1 1 1 1\n2000000000 1 2 2 2\n")
     path = tmp_path / "in.sparse"
     path.write_text("read_data data\nvelocity all create 1 5\n")
     with pytest.raises(DeckError, match="in.sparse:2: velocity create: 2 beads have ids up to 2000000000, .* use 'loop geom'"):

@@ -36,10 +36,8 @@ def test_rdf_is_that_of_the_analysis(tmp_path):
 
 def test_rdf_in_averages(tmp_path):
     """``mode vector`` takes columns, side by side; ``c_r[*]`` is all of them."""
-    text = (
-        "compute r two rdf 5 2 2\nfix a all ave/time 1 2 10 c_r[*] mode vector\nfix b all ave/time 10 1 10 c_r[2] mode vector\n"
-        "fix c all ave/time 10 1 10 c_r[3][2] f_a[5][3] f_b[4]\nthermo_style custom f_a[3][2] f_c[1]\n"
-    )
+    text = "compute r two rdf 5 2 2\nfix a all ave/time 1 2 10 c_r[*] mode vector\nfix b all ave/time 10 1 10 c_r[2] mode vector\n"
+    text += "fix c all ave/time 10 1 10 c_r[3][2] f_a[5][3] f_b[4]\nthermo_style custom f_a[3][2] f_c[1]\n"
     request = request_of(tmp_path, DECK + text)
     averages = request.averages
     assert averages[0].words == ("c_r[1]", "c_r[2]", "c_r[3]")
@@ -183,10 +181,8 @@ def test_bonded_neighbours_equal_lammps(tmp_path, special):
     atoms = "".join(f"{k + 1} {k // 5 + 1} {k % 2 + 1} {a:.6f} {b:.6f} {c:.6f}\n" for k, (a, b, c) in enumerate(x))
     ends = [(5 * chain + k, 5 * chain + k + 1) for chain in range(12) for k in range(1, 5)]
     bonds = "".join(f"{k} 1 {i} {j}\n" for k, (i, j) in enumerate(ends, start=1))
-    (tmp_path / "chains.data").write_text(
-        "chains\n\n60 atoms\n48 bonds\n2 atom types\n1 bond types\n0 5 xlo xhi\n0 5 ylo yhi\n0 5 zlo zhi\n\n"
-        f"Masses\n\n1 1\n2 1\n\nAtoms # bond\n\n{atoms}\nBonds\n\n{bonds}"
-    )
+    head = "chains\n\n60 atoms\n48 bonds\n2 atom types\n1 bond types\n0 5 xlo xhi\n0 5 ylo yhi\n0 5 zlo zhi\n\nMasses\n\n1 1\n2 1\n\n"
+    (tmp_path / "chains.data").write_text(f"{head}Atoms # bond\n\n{atoms}\nBonds\n\n{bonds}")
     text = (
         f"special_bonds lj/coul {special}\nbond_style harmonic\nbond_coeff 1 10 0.5\n{FLUID}comm_modify cutoff 3.5\n"
         "compute r all rdf 10 1 2 * * cutoff 1.5\ncompute g two gyration\n"

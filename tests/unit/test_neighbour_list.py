@@ -90,15 +90,13 @@ def test_densities_are_left_to_the_kernel():
     assert dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", seed=1).plan.execution.conservative == "kernel"
     with pytest.raises(PlanError, match="conservative='openmm' is not possible: .*tilted.*Reference platform.*CPU"):
         dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", conservative="openmm", seed=1)
-    assert (
-        dpd.build(scene({("A", "A"): term}), dt=0.01, platform="CPU", conservative="openmm", seed=1).plan.execution.conservative == "openmm"
-    )
+    built = dpd.build(scene({("A", "A"): term}), dt=0.01, platform="CPU", conservative="openmm", seed=1)
+    assert built.plan.execution.conservative == "openmm"
 
 
 def test_the_plan_says_so():
-    auto, openmm_force = (
-        dpd.build(scene(TABLES["DPD"]), dt=0.01, platform="Reference", conservative=choice, seed=1) for choice in ("auto", "openmm")
-    )
+    choices = {"dt": 0.01, "platform": "Reference", "seed": 1}
+    auto, openmm_force = (dpd.build(scene(TABLES["DPD"]), conservative=choice, **choices) for choice in ("auto", "openmm"))
     assert auto.plan.execution.conservative == "kernel"
     assert "over all pairs" in openmm_force.explain()
     assert "over all pairs" not in dpd.build(scene(TABLES["DPD"]), dt=0.01, platform="CPU", conservative="openmm", seed=1).explain()

@@ -103,9 +103,8 @@ def test_shardlow_sweep_without_noise_equals_lammps(live_lammps):
     peer = lammps_steps.run("dpd", x, v, types, TYPE_MASSES, dpd_commands(theta, 99, scale, fixes, dt), 1, DPD_COLUMNS)
 
     order = [(k, k + 1) for k in range(0, n, 2)]
-    out = oe.shardlow_energy_sweep(
-        x, v, np.zeros(n), cv * theta, theta, order, types, masses, SIGMA * np.sqrt(scale), KAPPA * scale, CUTOFF, box, 1.0, dt, None, None
-    )
+    pairs = (SIGMA * np.sqrt(scale), KAPPA * scale, CUTOFF)
+    out = oe.shardlow_energy_sweep(x, v, np.zeros(n), cv * theta, theta, order, types, masses, *pairs, box, 1.0, dt, None, None)
 
     def force(x):
         return oe.dpde_rates(x, v, theta, types, masses, A, 0.0, 0.0, CUTOFF, box, 1.0, dt).terms.forces

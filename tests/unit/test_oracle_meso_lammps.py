@@ -147,9 +147,8 @@ def test_tdpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, cutoff_C)
     def at(x, v, C):
         xi, *xi_C = next(noise)
         xi_C = [lammps_steps.two_bead_noise(z, False) for z in xi_C]
-        got = om.tdpd_pair(
-            x, v, C, (0, 1), **options, kT=kT, box=BOX, dt=dt, xi=lammps_steps.two_bead_noise(xi, True), xi_C=xi_C, compat="lammps"
-        )
+        drawn = {"xi": lammps_steps.two_bead_noise(xi, True), "xi_C": xi_C}
+        got = om.tdpd_pair(x, v, C, (0, 1), **options, kT=kT, box=BOX, dt=dt, **drawn, compat="lammps")
         source = om.tdpd_source(om.in_sphere(x, [5, 5, 5], 1.0), 1, 0.3, 2)
         at.terms = got.terms
         return got.terms.forces, got.Q + (source if next(source_on) else 0.0)

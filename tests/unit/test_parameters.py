@@ -35,12 +35,9 @@ def table(name: str) -> dict:
 # -- units ------------------------------------------------------------------------------------------------------------------------
 def test_water_has_the_units_of_the_manual_of_dl_poly():
     """Its page of DPD units: three waters in a bead, at a mass density of 996.95 kg/m^3."""
-    water = water_mapping(
-        3,
-        mass_density=996.95 * unit.kilogram / unit.meter**3,
-        compressibility=4.525e-10 / unit.pascal,
-        diffusion=2.299e-9 * unit.meter**2 / unit.second,
-    )
+    compressibility, diffusion = 4.525e-10 / unit.pascal, 2.299e-9 * unit.meter**2 / unit.second
+    density = 996.95 * unit.kilogram / unit.meter**3
+    water = water_mapping(3, mass_density=density, compressibility=compressibility, diffusion=diffusion)
     assert water.mass == pytest.approx(54.04584)
     assert water.cutoff == pytest.approx(0.646378, rel=1e-5)
     assert water.thermal_energy == pytest.approx(2.478957, rel=1e-6)
@@ -230,6 +227,5 @@ def test_errors_offer_what_can_be_done():
     with pytest.raises(ParameterError) as found:
         friction_for(schmidt=2.0, exponent=3.0)
     assert "exponent = 3 is outside of 0.25 to 1" in str(found.value) and "extrapolate" not in str(found.value)
-    assert inverse_compressibility(25, 1.0, extrapolate=True).value == pytest.approx(
-        1 + 2 * (pressure(25, 1.0, extrapolate=True).value - 1)
-    )
+    expected = 1 + 2 * (pressure(25, 1.0, extrapolate=True).value - 1)
+    assert inverse_compressibility(25, 1.0, extrapolate=True).value == pytest.approx(expected)

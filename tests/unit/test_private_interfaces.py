@@ -211,13 +211,8 @@ def test_quantities_hold_numbers_in_their_units():
     integrator.step(1)
     state = context.getState(energy=True, forces=True)
     energy, force = unit.kilojoule_per_mole, unit.kilojoule_per_mole / unit.nanometer
-    cases = [
-        (integrator.getStepSize(), unit.picosecond),
-        (state.getTime(), unit.picosecond),
-        (state.getPotentialEnergy(), energy),
-        (state.getForces(asNumpy=True), force),
-        (state.getPeriodicBoxVectors(asNumpy=True), unit.nanometer),
-    ]
+    cases = [(integrator.getStepSize(), unit.picosecond), (state.getTime(), unit.picosecond), (state.getPotentialEnergy(), energy)]
+    cases += [(state.getForces(asNumpy=True), force), (state.getPeriodicBoxVectors(asNumpy=True), unit.nanometer)]
     with advised(OPENMM, "Quantity"):
         from openmm_dpd.base.openmm_private import bare
 

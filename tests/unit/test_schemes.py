@@ -325,11 +325,8 @@ def test_the_command_line_takes_a_word(deck, tmp_path, capsys):
 
 @pytest.mark.parametrize(("word", "reason"), [("A B", "add up to 0"), ("baoab", "unknown scheme"), ("", "unknown scheme")])
 def test_the_command_line_refuses_what_is_no_step(deck, tmp_path, capsys, word, reason):
-    for command in (
-        ["run", str(deck), "--quiet", "--out", str(tmp_path / "out")],
-        ["explain", str(deck)],
-        ["export", str(deck), str(tmp_path / "to")],
-    ):
+    run = ["run", str(deck), "--quiet", "--out", str(tmp_path / "out")]
+    for command in (run, ["explain", str(deck)], ["export", str(deck), str(tmp_path / "to")]):
         assert main([*command, "--scheme", word]) == 1
         error = capsys.readouterr().err
         assert reason in error and error.count("\n") == 1
@@ -337,10 +334,8 @@ def test_the_command_line_refuses_what_is_no_step(deck, tmp_path, capsys, word, 
 
 def test_a_deck_runs_as_the_scene_does(deck, tmp_path):
     """A deck's run with a word is that of its name."""
-    runs = [
-        run_deck(deck, RunOptions(scheme=text, platform="CPU", threads=1), out=tmp_path / text[0])["runs"]
-        for text in ("middle", "B A/2 O A/2")
-    ]
+    options = [RunOptions(scheme=text, platform="CPU", threads=1) for text in ("middle", "B A/2 O A/2")]
+    runs = [run_deck(deck, one, out=tmp_path / one.scheme[0])["runs"] for one in options]
     assert runs[0][0]["thermo"]["temp"]["last"] > 0
     assert [run["thermo"] for run in runs[0]] == [run["thermo"] for run in runs[1]]
 

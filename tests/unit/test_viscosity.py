@@ -38,9 +38,8 @@ def test_stress_of_pairs(which):
                 continue
             if which == RANDOM:
                 spec = engine.spec  # the force of one pair: that of the engine for these two beads alone, the others out of the way
-                alone = PairEngine(
-                    type(spec)(np.where(np.isin(np.arange(40), [i, j]), types, -1).astype(np.int32), spec.inv_mass, spec.terms)
-                )
+                kept = np.where(np.isin(np.arange(40), [i, j]), types, -1).astype(np.int32)
+                alone = PairEngine(type(spec)(kept, spec.inv_mass, spec.terms))
                 alone.prepare(scene.positions, scene.box)
                 force = alone.forces(which, scene.velocities, 1.0, 0.01, 3, 5)[1][i]
             else:
@@ -159,9 +158,8 @@ def profile(function, bins: int = 20, length: float = 10.0, noise: float = 0.02,
     mean = function(edges[:-1, None] + (np.arange(1000) + 0.5) * width / 1000).mean(axis=1)
     rows = mean + noise * np.random.default_rng(seed).normal(size=(n, bins))
     centres = edges[:-1] + width / 2
-    return VelocityProfile(
-        centres, width, rows.mean(axis=0), np.full(bins, noise / n**0.5), np.full(bins, 3.0), np.ones(bins), rows, length
-    )
+    errors = np.full(bins, noise / n**0.5), np.full(bins, 3.0)
+    return VelocityProfile(centres, width, rows.mean(axis=0), *errors, np.ones(bins), rows, length)
 
 
 def test_reverse_poiseuille_fit():

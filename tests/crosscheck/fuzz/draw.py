@@ -61,24 +61,6 @@ class Draw(random.Random):
         )
 
 
-SPOILED = (  # What becomes of a number in the area of mistakes: none of these is one, or it is a number that is out of bounds.
-    "{}_0",
-    "1_{}",
-    "{}e",
-    "{}d0",
-    "0x{}",
-    "٣",
-    "１",
-    "{}f",
-    "--{}",
-    "{}.{}.{}",
-    "inf",
-    "nan",
-    "-{}",
-    "1e400",
-    "{}.5",
-    "0",
-    "{}L",
-    "{} {}",
-    "",
-)
+_SPOILED = "{}_0 1_{} {}e {}d0 0x{} ٣ １ {}f --{} {}.{}.{} inf nan -{} 1e400 {}.5 0 {}L"
+#: What becomes of a number in the area of mistakes: none of these is one, or it is a number that is out of bounds.
+SPOILED = (*_SPOILED.split(" "), "{} {}", "")

@@ -25,9 +25,7 @@ class Values:
         """One more compute."""
         deck, draw = self.deck, self.draw
         name, group = deck.name("c"), deck.group()
-        style = draw.pick(
-            ["temp", "ke", "pe", "pressure", "com", "momentum", "gyration", "msd", "rdf", "reduce", "property/atom", "ke/atom"]
-        )
+        style = draw.pick("temp ke pe pressure com momentum gyration msd rdf reduce property/atom ke/atom".split())
         scalar, size = True, 0
         words: list[object] = []
         if style == "temp":
@@ -114,12 +112,8 @@ class Values:
         if draw.chance(0.25):
             k = "xyz".index(axes[0])
             edge, low = (1.0, 0.0) if reduced else (deck.edges[k], deck.low[k])
-            words += [
-                "bound",
-                axes[0],
-                draw.pick(["lower", float(f"{low + 0.2 * edge:.4g}")]),
-                draw.pick(["upper", float(f"{low + 0.85 * edge:.4g}")]),
-            ]
+            words += ["bound", axes[0], draw.pick(["lower", float(f"{low + 0.2 * edge:.4g}")])]
+            words.append(draw.pick(["upper", float(f"{low + 0.85 * edge:.4g}")]))
         deck.add("compute", name, deck.group(), "chunk/atom", f"bin/{cuts}d", *words)
         self.chunks.append(name)
 

@@ -66,18 +66,8 @@ def bonded(draw: Draw) -> Deck:
     if style == "bond" or draw.chance(0.2):
         angles = []
     if draw.chance(0.6):
-        deck.add(
-            "special_bonds",
-            *draw.pick(
-                [
-                    ["lj", 1.0, 1.0, 1.0],
-                    ["lj/coul", 0.0, 0.5, 1.0],
-                    ["lj", draw.real(0, 1), draw.real(0, 1), draw.real(0, 1)],
-                    ["fene"],
-                    ["lj", 0.0, 1.0, 1.0],
-                ]
-            ),
-        )
+        random = ["lj", draw.real(0, 1), draw.real(0, 1), draw.real(0, 1)]
+        deck.add("special_bonds", *draw.pick([["lj", 1.0, 1.0, 1.0], ["lj/coul", 0.0, 0.5, 1.0], random, ["fene"], ["lj", 0.0, 1.0, 1.0]]))
     beads(deck, len(x), bonds=bonds, angles=angles, carried={"mol": molecules}, places=_inside(deck, x))
 
     def bond(name: str) -> list[object]:
@@ -116,11 +106,7 @@ def bonded(draw: Draw) -> Deck:
         deck.add("write_data", "out.data", *draw.pick([[], ["pair", "ij"], ["nocoeff"]]))
     if draw.chance(0.3):
         deck.add("group", "gone", "id", draw.whole(1, deck.beads))
-        deck.add(
-            "delete_atoms",
-            "group",
-            "gone",
-            *draw.pick([[], ["bond", "yes"], ["bond", "yes", "compress", "no"], ["compress", "yes", "bond", "yes"]]),
-        )
+        words = [[], ["bond", "yes"], ["bond", "yes", "compress", "no"], ["compress", "yes", "bond", "yes"]]
+        deck.add("delete_atoms", "group", "gone", *draw.pick(words))
         deck.run(1)
     return deck

@@ -117,11 +117,8 @@ def groups(deck: Deck) -> None:
     draw = deck.draw
     for _ in range(draw.whole(0, 3)):
         name, low = deck.name("g"), draw.whole(1, max(deck.beads, 1))
-        deck.add(
-            "group",
-            name,
-            *draw.pick([["id", f"1:{low}"], ["type", draw.whole(1, deck.types)], ["id", low], ["id", f"{low}:{deck.beads}:2"]]),
-        )
+        words = [["id", f"1:{low}"], ["type", draw.whole(1, deck.types)], ["id", low], ["id", f"{low}:{deck.beads}:2"]]
+        deck.add("group", name, *draw.pick(words))
         deck.groups.append(name)
 
 

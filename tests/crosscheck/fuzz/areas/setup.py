@@ -56,9 +56,8 @@ class _Builder:
             return
         deck.add("delete_atoms", *target, *(["compress", draw.pick(["yes", "no"])] if draw.chance(0.4) else []))
         if draw.chance(0.4):
-            deck.add(
-                *draw.pick([["reset_atoms", "id"], ["reset_atoms", "id", "sort", "no"], ["reset_ids"], ["reset_atom_ids", "sort", "no"]])
-            )
+            words = [["reset_atoms", "id"], ["reset_atoms", "id", "sort", "no"], ["reset_ids"], ["reset_atom_ids", "sort", "no"]]
+            deck.add(*draw.pick(words))
 
     # -- groups and what beads are ---------------------------------------------------------------------------------------
     def group(self) -> None:
