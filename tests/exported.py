@@ -114,8 +114,7 @@ def _energy() -> dpd.Scene:
     beads = _beads()
     n = len(beads["types"])
     table = dpd.TabulatedEOS(np.array([0.5, 1.0, 2.0, 3.0]), np.array([10.0, 30.0, 80.0, 120.0]))
-    eos = {"A": dpd.ConstantHeatCapacity(50.0), "B": table}
-    internal = dpd.InternalEnergy(eos, 1 + np.random.default_rng(1).random(n))
+    internal = dpd.InternalEnergy({"A": dpd.ConstantHeatCapacity(50.0), "B": table}, 1 + np.random.default_rng(1).random(n))
     return dpd.Scene(pairs={("*", "*"): dpd.EnergyDPD(A=25)}, internal=internal, mobile=np.arange(n) > 40, **beads)
 
 

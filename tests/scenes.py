@@ -140,8 +140,7 @@ def listed_pairs(engine: PairEngine, layer: int = 0) -> list[tuple[int, int]]:
 # -- running -------------------------------------------------------------------------------------------------------------------
 def run_of(scene: dpd.Scene, device, **choices):
     """Simulation of a scene on a device (see ``openmm_dpd.build`` for the choices)."""
-    built = dpd.build(scene, platform=device.platform, **{"seed": 11, **choices})
-    return built.simulation(properties=device.properties)
+    return dpd.build(scene, platform=device.platform, **{"seed": 11, **choices}).simulation(properties=device.properties)
 
 
 def state_of(context) -> tuple[np.ndarray, np.ndarray]:

@@ -60,8 +60,7 @@ def test_averages(deck, tmp_path, seed):
     reference = REFERENCE[deck]["production"]
     options = RunOptions(platform="CPU", discard=reference["discard"], seed=seed)
     variables = REFERENCE[deck]["variables"] | {"nrun": str(PRODUCTION[deck])}
-    report = run_deck(DECKS / deck, options, variables=variables, out=tmp_path)
-    thermo = report["thermo"]
+    thermo = run_deck(DECKS / deck, options, variables=variables, out=tmp_path)["thermo"]
     z = {}
     for word in ("temp", "press", "pe"):
         theirs = reference["quantities"][word]

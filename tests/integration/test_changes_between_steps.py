@@ -160,8 +160,7 @@ def test_minimizing(choices, conservative):
 @SCHEME
 def test_barostat_moves(choices, conservative):
     """A move is tried at each step; accepted or refused, noise is drawn once per step."""
-    scene = beads(150, edge=4.0, seed=4)
-    built = dpd.build(scene, dt=0.02, platform="Reference", conservative=conservative, seed=8, **choices)
+    built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, platform="Reference", conservative=conservative, seed=8, **choices)
     pressure = 20.0 / unit.nanometer**3 * unit.kilojoule_per_mole / unit.AVOGADRO_CONSTANT_NA
     barostat = openmm.MonteCarloBarostat(pressure, 120.27 * unit.kelvin, 1)
     built.system.addForce(barostat)

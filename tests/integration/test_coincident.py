@@ -87,8 +87,7 @@ def test_many_beads_at_one_point(conservative):
 @CONSERVATIVE
 def test_bonded_and_scaled_beads_at_one_point(host, conservative):
     """A factor of 1/2 on a pair at r = 0: half of nothing; a bond of rest length 0 between them is legal too."""
-    bonds = [dpd.HarmonicBonds(np.array([(0, 1), (2, 5)]), 10.0, 0.0)]
-    scene = scene_of(0.0, bonds=bonds, bonded_factors=(0.5, 1.0, 1.0))
+    scene = scene_of(0.0, bonds=[dpd.HarmonicBonds(np.array([(0, 1), (2, 5)]), 10.0, 0.0)], bonded_factors=(0.5, 1.0, 1.0))
     simulation = run_of(scene, host, dt=0.01, scheme="middle", conservative=conservative)
     simulation.step(5)
     assert all(np.all(np.isfinite(a)) for a in state_of(simulation.context))

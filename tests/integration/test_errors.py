@@ -21,8 +21,7 @@ KELVIN, NM = unit.kelvin, unit.nanometer
 
 
 def scene(**changes):
-    arguments = dict(masses={"W": 1.0}, types=["W"] * N, positions=X, pairs=TABLE, kT=1.0, box=[3.0] * 3)
-    return dpd.Scene(**{**arguments, **changes})
+    return dpd.Scene(**{**dict(masses={"W": 1.0}, types=["W"] * N, positions=X, pairs=TABLE, kT=1.0, box=[3.0] * 3), **changes})
 
 
 def build(of=None, **changes):

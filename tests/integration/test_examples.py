@@ -112,8 +112,7 @@ def test_polymers(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_heat_conduction(tmp_path, monkeypatch, seed):
     """The fitted diffusivity beside the continuum formula."""
-    module = example("06_heat_conduction", monkeypatch, seed, **{"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2})
-    found = module.main(tmp_path)
+    found = example("06_heat_conduction", monkeypatch, seed, **{"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2}).main(tmp_path)
     assert found["D_formula"] == pytest.approx(1.1077, abs=1e-3)
     # such runs scatter by at most 0.013 (8 seeds, of a narrower box); the range of the heat exchange and the wandering beads change D by 0.012 at most
     assert found["D"] == pytest.approx(found["D_formula"], abs=4 * 0.013 / np.sqrt(2) + 0.012)
@@ -124,8 +123,7 @@ def test_heat_conduction(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_droplet(tmp_path, monkeypatch, seed):
     """A small film rounds off, and its inside is as dense as the liquid at rest."""
-    module = example("07_droplet", monkeypatch, seed, FILM=(8.0, 6.0, 1.7), EDGE=14.0, STEPS=700, EVERY=20)
-    found = module.main(tmp_path)
+    found = example("07_droplet", monkeypatch, seed, FILM=(8.0, 6.0, 1.7), EDGE=14.0, STEPS=700, EVERY=20).main(tmp_path)
     assert found["anisotropy_first"] > 0.2
     assert found["anisotropy_last"] < 0.1 * found["anisotropy_first"]
     # pressure in a periodic box vanishes at 6.08; surface tension squeezes the drop by less than 0.15; eight seeds scatter by 0.11
@@ -213,8 +211,7 @@ def test_diblock_melt(tmp_path, monkeypatch, seed):
 def test_reverse_poiseuille(tmp_path, monkeypatch, seed):
     """Both viscosities beside each other and beside the published one, of which 3 % are not known."""
     shorter = {"STEPS": 8000, "EQUILIBRATION": 1000, "REST_STEPS": 20000, "REST_EDGES": (4.0, 4.0, 4.0)}
-    module = example("11_reverse_poiseuille", monkeypatch, seed, **shorter)
-    found = module.main(tmp_path)
+    found = example("11_reverse_poiseuille", monkeypatch, seed, **shorter).main(tmp_path)
     assert found["flow_error"] < 0.03 and found["rest_error"] < 0.08
     assert found["flow"] == pytest.approx(0.85, abs=4 * found["flow_error"] + 0.03 * 0.85)
     assert found["rest"] == pytest.approx(0.85, abs=4 * found["rest_error"] + 0.03 * 0.85)

@@ -47,8 +47,7 @@ def test_two_beads_in_an_ideal_gas_are_exact(seed):
     found = excess_chemical_potential(linear("A2", Spring(k, r0)), scene, time=80.0, settle=10.0, copies=4, dt=0.07, seed=seed)
     r = np.linspace(0.005, 1.995, 100)
     weight = r**2 * np.exp(-k * (r - r0) ** 2 - 0.5 * own * np.maximum(0, 1 - r) ** 2)
-    rigid = np.array([3 * displaced(A, distance) for distance in r])
-    exact = -math.log(np.sum(weight * np.exp(-rigid)) / np.sum(weight))
+    exact = -math.log(np.sum(weight * np.exp(-np.array([3 * displaced(A, distance) for distance in r]))) / np.sum(weight))
     assert found.error < 0.06 * exact
     assert abs(found.value - exact) < 4 * found.error
 

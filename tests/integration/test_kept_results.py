@@ -116,8 +116,7 @@ def test_runs_before_the_one_that_fails_are_kept(deck, capsys):
     report = json.loads((deck.parent / "report.json").read_text())
     assert report["runs"][0]["steps"] == 100 and report["runs"][0]["stopped"] is None
     assert report["runs"][1]["steps"] < 100 and "after step 1" in report["runs"][1]["stopped"]
-    state = dpd.load_xml(deck.parent / "out" / "final_state.xml")
-    assert np.all(np.isfinite(state.getPositions(asNumpy=True)._value))
+    assert np.all(np.isfinite(dpd.load_xml(deck.parent / "out" / "final_state.xml").getPositions(asNumpy=True)._value))
 
 
 def test_an_average_that_cannot_be_computed_is_null_with_a_reason(tmp_path):

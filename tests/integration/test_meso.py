@@ -202,8 +202,7 @@ def heat_error(compat: str, dt: float, seed: int) -> float:
     rng = np.random.default_rng(4)
     table = {("*", "*"): dpd.EDPD(A=0.0, gamma=4.5, kappa=1e-3, cutoff=1.0)}
     internal = dpd.BeadTemperatures(1.5, rng.uniform(20, 60, 200))
-    scene = fluid(table, BOXES["ortho"], n=200, internal=internal, compat=compat)
-    simulation = running(scene, DEVICES[1], dt=dt, seed=seed)
+    simulation = running(fluid(table, BOXES["ortho"], n=200, internal=internal, compat=compat), DEVICES[1], dt=dt, seed=seed)
     observer = dpd.Observer(simulation.built)
     start = observer.sample(simulation.context).total
     simulation.step(round(2 / dt))

@@ -79,5 +79,4 @@ def test_notebook_runs_and_finds_what_it_says(path, tmp_path, seed):
         done = store.run(copy, tmp_path, then=CHECKS[path.stem])
     except nbclient.exceptions.CellExecutionError as failed:
         raise AssertionError(str(failed)) from failed
-    pictures = [output for cell in done.cells for output in cell.get("outputs", ()) if "image/png" in output.get("data", {})]
-    assert pictures
+    assert [output for cell in done.cells for output in cell.get("outputs", ()) if "image/png" in output.get("data", {})]

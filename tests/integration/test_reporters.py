@@ -56,8 +56,7 @@ def test_a_changed_temperature_is_compared_with_the_rows_since(caplog):
 
 def test_a_run_in_equilibrium_and_a_quench_say_nothing(caplog):
     """Also with a row for every step, and from a start ten times too hot."""
-    hot = np.random.default_rng(3).normal(size=(N, 3)) * 10**0.5
-    for options, every in (({}, 1), ({}, 20), ({"velocities": hot}, 5)):
+    for options, every in (({}, 1), ({}, 20), ({"velocities": np.random.default_rng(3).normal(size=(N, 3)) * 10**0.5}, 5)):
         built = build(dt=0.04, **options)
         simulation = start(built)
         simulation.reporters.append(dpd.DPDReporter(io.StringIO(), every, built))

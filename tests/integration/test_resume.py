@@ -297,8 +297,7 @@ def test_code_in_a_checkpoint_is_not_run(deck, capsys):
 
 def test_volume_moves_of_openmm_are_refused(capsys, tmp_path):
     deck = DECKS / "in.dpdp-pressure"
-    words = [str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--checkpoint", "10"]
-    error = error_of(capsys, *words)
+    error = error_of(capsys, *[str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--checkpoint", "10"])
     assert "--checkpoint: this run could not be resumed: OpenMM's MonteCarlo" in error and "leave the option out" in error
 
 

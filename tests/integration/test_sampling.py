@@ -246,8 +246,7 @@ def velocities(sampler) -> list[np.ndarray]:
 @WAY
 def test_equal_replicas_with_seeds_of_their_own_part(way, seed):
     """One start, one temperature, two seeds."""
-    states = [{"temperature": UNIT * KELVIN, "dpd_seed": seed + k} for k in (0, 1)]
-    one, two = velocities(replicas(states, fluid(way), 100, 2))
+    one, two = velocities(replicas([{"temperature": UNIT * KELVIN, "dpd_seed": seed + k} for k in (0, 1)], fluid(way), 100, 2))
     assert abs(np.corrcoef(one, two)[0, 1]) < 4 / math.sqrt(len(one) - 3)
 
 

@@ -112,8 +112,7 @@ def test_what_is_measured():
     built = dpd.build(melt(), dt=0.01, platform="Reference", seed=1)
     observer, simulation = dpd.Observer(built), built.simulation()
     sample = observer.sample(simulation.context)
-    without = dpd.build(melt(table={("W", "W"): dpd.NONE}), dt=0.01, platform="Reference").simulation()
-    alone = segment_state(without.context)[0]
+    alone = segment_state(dpd.build(melt(table={("W", "W"): dpd.NONE}), dt=0.01, platform="Reference").simulation().context)[0]
     assert sample.pair > alone > 100
     assert "segmental repulsion" in observer.no_laplacian and sample.laplacian is None
     assert "segmental repulsion between the midpoints of 100 bonds: A = 80, cutoff 0.9 nm" in built.explain()

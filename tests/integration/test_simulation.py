@@ -67,8 +67,7 @@ def test_a_thermostat_takes_the_platform_that_build_takes(device):
     for platform in (None, "OpenCL"):
         topology, system, x = argon()
         choices = {"topology": topology, "positions": x, "platform": platform, "seed": 1}
-        built = dpd.add_thermostat(system, dpd.DPD(gamma=1.0, cutoff=0.8), 90, 0.002, **choices)
-        simulation = built.simulation()
+        simulation = dpd.add_thermostat(system, dpd.DPD(gamma=1.0, cutoff=0.8), 90, 0.002, **choices).simulation()
         assert simulation.context.getPlatform().getName() == platform_here(platform)
         before = energy_and_velocities(simulation)[0]
         simulation.minimizeEnergy(maxIterations=20)

@@ -153,8 +153,7 @@ def test_charges_against_lammps():
     box = np.array([[8.0, 0, 0], [1.0, 7.5, 0], [-0.5, 0.7, 8.5]])
     options = {"cutoff": 3.7, "tolerance": 1e-5, "bonded_factors": (0.5, 1.0, 1.0)}
     charges = dpd.SlaterCharges(lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, **options)
-    bonds = [dpd.HarmonicBonds([(0, 15), (1, 16)], 0.0, 0.0)]
-    charged = {"charges": q, "bonds": bonds, "electrostatics": charges}
+    charged = {"charges": q, "bonds": [dpd.HarmonicBonds([(0, 15), (1, 16)], 0.0, 0.0)], "electrostatics": charges}
     x = x.reshape(-1, 3)
     scene = beads(60, positions=x, table={("W", "W"): dpd.DPD(A=25.0)}, box=box, velocities=np.zeros((60, 3)), **charged)
     agree(stress_of(scene), box, theirs, 2e-5)

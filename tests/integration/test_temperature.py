@@ -91,8 +91,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
     x = np.repeat(rng.random((50, 3)) * 6, 4, axis=0) + rng.normal(size=(n, 3)) * 0.3
     table = {("W", "W"): D(A=25, gamma=30.0, gamma_perp=15.0)}
     scene = beads(n, edge=6.0, positions=x, table=table, bonds=[bonds], bonded_factors=(0.5, 0.25, 0.0))
-    values = temperatures(scene, dt=0.005, start=600, steps=10_000, conservative="kernel", seed=seed, **choices)
-    judge(values, 1.0, error=0.02)
+    judge(temperatures(scene, dt=0.005, start=600, steps=10_000, conservative="kernel", seed=seed, **choices), 1.0, error=0.02)
 
 
 @any_seed(1)
@@ -100,8 +99,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
 def test_unequal_masses_and_transverse_friction(choices, seed):
     """Masses 1 and 2.7, everything different: kT = 1.3 at a small step; 3 % off is seen."""
     scene = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, kT=1.3)
-    values = temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices)
-    judge(values, 1.3, error=0.016)
+    judge(temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices), 1.3, error=0.016)
 
 
 @any_seed(1)
@@ -111,8 +109,7 @@ def test_walls_at_rest_keep_the_temperature(choices, seed):
     base = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, seed=4)
     mobile = base.positions[:, 2] % 4.0 > 0.8
     scene = dpd.Scene(base.masses, base.types, base.positions, EXTENDED, 1.0, box=base.box, mobile=mobile)
-    values = temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices)
-    judge(values, 1.0, error=0.012)
+    judge(temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices), 1.0, error=0.012)
 
 
 def test_moving_walls_drag_the_fluid_along():

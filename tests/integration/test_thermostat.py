@@ -46,8 +46,7 @@ def test_constraints_and_virtual_sites_hold(model):
         i, j, distance = system.getConstraintParameters(k)
         assert np.linalg.norm(x[i] - x[j]) == pytest.approx(distance._value, rel=2e-5)
     simulation.context.computeVirtualSites()
-    again = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
-    np.testing.assert_allclose(x, again, atol=1e-6)
+    np.testing.assert_allclose(x, simulation.context.getState(positions=True).getPositions(asNumpy=True)._value, atol=1e-6)
 
 
 def test_momentum_of_the_pair_terms():

@@ -119,8 +119,7 @@ def test_an_interruption_at_any_line(name):
 
 @pytest.mark.parametrize("name", ALONE)
 def test_an_interruption_while_the_results_go_back(name):
-    case = ALONE[name]
-    assert not interrupted(case, lambda functions: list(range(until_given_back(functions) + 1, len(functions) + 1, 5)))
+    assert not interrupted(ALONE[name], lambda functions: list(range(until_given_back(functions) + 1, len(functions) + 1, 5)))
 
 
 # -- errors of what a step calls -------------------------------------------------------------------------------------------------------

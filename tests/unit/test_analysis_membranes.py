@@ -45,8 +45,7 @@ def membrane(seed: int, frames: int, edges, *, lipids: int = 200, scatter: float
         side = np.where(np.arange(lipids) % 2, 1.0, -1.0)
         x = np.empty((lipids, 3, 3))
         x[:, :, :2] = (place * box[:2])[:, None]
-        moved = scatter * rng.normal(size=lipids)
-        x[:, :, 2] = (surface + moved + 0.31 * k)[:, None] + side[:, None] * [1.5, 1.0, 0.5]
+        x[:, :, 2] = (surface + scatter * rng.normal(size=lipids) + 0.31 * k)[:, None] + side[:, None] * [1.5, 1.0, 0.5]
         positions.append(np.mod(x.reshape(-1, 3), box))
         boxes.append(np.diag(box))
         amplitudes.append(np.abs(h) ** 2 * box[0] * box[1])

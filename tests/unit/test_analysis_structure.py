@@ -244,8 +244,7 @@ def test_films_are_centred_across_the_boundary():
     np.testing.assert_allclose(profiles["B"].y[filled_b].mean(), 400 / (16 * 0.5), rtol=0.02)
     away = (profiles["A"].x < -1.8) | (profiles["A"].x > 0.8)
     assert np.all(profiles["A"].y[away] == 0) and np.all(profiles["B"].y[away] == 0) and profiles["W"].y[away].min() > 0
-    fixed = density_profile(trajectory, "A", n_bins=160)["A"]
-    assert fixed.y.min() > 0, "without centring the drifting film is everywhere"
+    assert density_profile(trajectory, "A", n_bins=160)["A"].y.min() > 0, "without centring the drifting film is everywhere"
 
 
 # -- bilayers ------------------------------------------------------------------------------------------------------------------

@@ -120,8 +120,7 @@ def test_trajectories_and_fields_lose_frames_and_get_others(tmp_path, form):
     if form == "npz":
         assert np.array_equal(load_fields(path)["u"], frames[:4, :, 0])
     else:
-        loaded = mdtraj.load(path, top=mdtraj.Topology.from_openmm(_topology()))
-        np.testing.assert_allclose(loaded.xyz, frames[:4], atol=6e-4)
+        np.testing.assert_allclose(mdtraj.load(path, top=mdtraj.Topology.from_openmm(_topology())).xyz, frames[:4], atol=6e-4)
 
 
 def _topology():

@@ -132,8 +132,7 @@ def test_tilted_box_along_z_is_fine():
 
 
 def test_explain():
-    scene = beads(body_forces=[halves()], walls=PAIR, positions=INSIDE)
-    text = dpd.build(scene, dt=0.01, platform="Reference").explain()
+    text = dpd.build(beads(body_forces=[halves()], walls=PAIR, positions=INSIDE), dt=0.01, platform="Reference").explain()
     assert "body force on single beads: (1, 0, 0) kJ/mol/nm, reversed in the upper half along z" in text
     assert "bounce-back walls: z from 0.5 nm to 2 nm" in text
 

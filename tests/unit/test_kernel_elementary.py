@@ -74,5 +74,4 @@ def test_no_library_decides_the_numbers_at_the_edges_of_the_cells_of_the_noise()
         places = [mpmath.mpf(1) / 2 + mpmath.mpf(k) / (2 * noise._CELLS) for k in range(1, noise._SMOOTH + 1)]
         true = [mpmath.sqrt(2) * mpmath.erfinv(2 * p - 1) * 2**noise.ROUNDED for p in places]
         assert all(float(abs(t - mpmath.floor(t) - 0.5)) > 2.0**noise.ROUNDED * 6e-15 for t in true)
-        found = noise._CUBICS[1:, 0] * 2.0**noise.ROUNDED
-        assert list(found) == [float(mpmath.nint(t)) for t in true[: noise._SMOOTH - 1]]
+        assert list(noise._CUBICS[1:, 0] * 2.0**noise.ROUNDED) == [float(mpmath.nint(t)) for t in true[: noise._SMOOTH - 1]]

@@ -29,8 +29,7 @@ EOS = {"A": ConstantHeatCapacity(40.0), "B": ConstantHeatCapacity(70.0)}
 
 def energy_fluid(box, *, make=fluid, eos=EOS, table=TABLE, seed=5, **options) -> dpd.Scene:
     n = make(box=box).n_beads
-    theta = np.random.default_rng(seed).uniform(0.7, 1.4, n)
-    return make(table=table, box=box, internal=InternalEnergy(eos, theta), **options)
+    return make(table=table, box=box, internal=InternalEnergy(eos, np.random.default_rng(seed).uniform(0.7, 1.4, n)), **options)
 
 
 def prepared(scene, scheme="middle", dt=DT) -> PairEngine:

@@ -272,8 +272,7 @@ def test_coincident_beads_feel_all_others():
 # ------------------------------------------------------------------------------------------------ OpenMM
 def context_of(fluid: Fluid, device, factors=None, integrator=None, mobile=None) -> openmm.Context:
     """The forces that a scene gets with conservative="openmm", under another integrator."""
-    types = [NAMES[k] for k in fluid.types]
-    scene = dpd.Scene(MASSES, types, fluid.x, fluid.table, kT=KT, box=fluid.box, mobile=mobile)
+    scene = dpd.Scene(MASSES, [NAMES[k] for k in fluid.types], fluid.x, fluid.table, kT=KT, box=fluid.box, mobile=mobile)
     plan = dpd.make_plan(scene, dt=DT, scheme="mvv", conservative="openmm", platform=device.platform, seed=SEED)
     system = build_plan(replace(plan, exceptions=factors or {})).system
     platform = openmm.Platform.getPlatformByName(device.platform)

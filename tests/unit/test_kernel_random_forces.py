@@ -36,8 +36,7 @@ NORMALS = np.linalg.svd(E[:, None, :])[2][:, 1:]  # two directions normal to e
 
 def normalised(seeds=(7,) * CALLS, counters=tuple(range(CALLS)), kT=KT, factor=1.0, coefficient=COEFFICIENT):
     """(calls, pairs, 3): radial and two transverse components of the force on the first bead, over what they should be."""
-    scene = dpd.Scene({"W": 1.0}, ["W"] * len(X), X, {("W", "W"): coefficient}, kT)
-    engine = PairEngine(make_plan(scene, dt=DT, seed=1).spec)
+    engine = PairEngine(make_plan(dpd.Scene({"W": 1.0}, ["W"] * len(X), X, {("W", "W"): coefficient}, kT), dt=DT, seed=1).spec)
     engine.prepare(X, None)
     w = 1 - R / coefficient.cutoff
     par = np.sqrt(2 * kT * coefficient.gamma * factor / DT) * w**coefficient.exponent

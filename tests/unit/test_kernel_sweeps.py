@@ -40,8 +40,7 @@ def check(scene, scheme, dt, kT=KT):
     expected = expected_of(scene, scheme, engine, dt, kT)
     np.testing.assert_allclose(scene.velocities + change, expected, rtol=0, atol=1e-12 * (1 + np.abs(expected).max()))
     assert np.abs(change).max() > 0.01
-    momentum = scene.bead_masses @ change
-    assert np.abs(momentum).max() < 1e-13 * np.sum(scene.bead_masses[:, None] * np.abs(scene.velocities))
+    assert np.abs(scene.bead_masses @ change).max() < 1e-13 * np.sum(scene.bead_masses[:, None] * np.abs(scene.velocities))
 
 
 @UPDATE

@@ -113,8 +113,7 @@ def test_what_a_formula_of_single_beads_needs(tmp_path):
 
 def test_vector_of_compute_temp(tmp_path):
     """Sums of m v_a v_b; thermo output divides them by the number of beads where it normalises, but not the temperature."""
-    text = "compute t two temp\nthermo_style custom c_t c_t[*]\nthermo_modify norm yes\n"
-    request = request_of(tmp_path, DECK + text)
+    request = request_of(tmp_path, DECK + "compute t two temp\nthermo_style custom c_t c_t[*]\nthermo_modify norm yes\n")
     atoms = request.state.atoms
     tensor = 2.5 * atoms.velocities[60:].T @ atoms.velocities[60:]
     expected = [tensor.trace() / (3 * 40 - 3), *(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] / 100)]
@@ -123,8 +122,7 @@ def test_vector_of_compute_temp(tmp_path):
 
 # -- averages -------------------------------------------------------------------------------------------------------------------------
 def test_values_that_are_not_averaged(tmp_path):
-    text = "variable s equal step\nfix a all ave/time 1 3 10 v_s v_s off 2 ave running\n"
-    request = request_of(tmp_path, DECK + text)
+    request = request_of(tmp_path, DECK + "variable s equal step\nfix a all ave/time 1 3 10 v_s v_s off 2 ave running\n")
     (average,) = request.averages
     for step in (8, 9, 10, 18, 19, 20):
         average.take(context_of(request, step))
@@ -303,8 +301,7 @@ def beside_lammps(tmp_path, start: str, atom_style: str, text: str) -> None:
         assert headers[0] == headers[1], theirs.name
         tables = [rows_of(path) for path in (mine, theirs)]
         assert tables[1] and [len(row) for row in tables[0]] == [len(row) for row in tables[1]], theirs.name
-        numbers = [np.concatenate(table) for table in tables]
-        np.testing.assert_allclose(*numbers, rtol=1e-9, atol=1e-9, err_msg=theirs.name)
+        np.testing.assert_allclose(*[np.concatenate(table) for table in tables], rtol=1e-9, atol=1e-9, err_msg=theirs.name)
 
 
 @pytest.mark.parametrize("name", CASES)

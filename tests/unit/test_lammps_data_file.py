@@ -129,8 +129,7 @@ def test_coefficients_and_bonds_from_the_file(tmp_path):
         + "\n\nBonds\n\n1 1 7 2\n2 1 2 5\n",
     )
     styles = "atom_style bond\nbond_style harmonic\npair_style dpd 1 1 1\n"
-    state = deck(tmp_path, styles + "read_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve")
-    scene = state.first_run.scene()
+    scene = deck(tmp_path, styles + "read_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve").first_run.scene()
     entries = scene.pairs[0].resolve(["1", "2"])
     expected = {("1", "1"): (25, 4.5, 1.0), ("1", "2"): (30, 4.5, 0.9), ("2", "2"): (20, 9, 1.1)}
     assert {key: (term.A, term.gamma, term.cutoff) for key, term in entries.items()} == expected

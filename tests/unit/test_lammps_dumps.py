@@ -82,8 +82,7 @@ def test_xyz(tmp_path):
     """Names of the elements, and what mdtraj reads of it (in angstrom)."""
     text = "dump a all xyz 2 a.xyz\ndump_modify a element C O format line '%s %.6f %.6f %.6f'\n"
     rows = run(tmp_path, "real", text + "dump b g xyz 5 b.*.xyz\n")
-    trajectory = mdtraj.formats.XYZTrajectoryFile(str(tmp_path / "a.xyz"))
-    np.testing.assert_allclose(trajectory.read(), rows[:, :, 2:5], atol=1e-5)
+    np.testing.assert_allclose(mdtraj.formats.XYZTrajectoryFile(str(tmp_path / "a.xyz")).read(), rows[:, :, 2:5], atol=1e-5)
     assert [line.split()[0] for line in (tmp_path / "a.xyz").read_text().splitlines()[2:22]] == 14 * ["C"] + 6 * ["O"]
     assert sorted(path.name for path in tmp_path.glob("b.*")) == ["b.0.xyz", "b.5.xyz"]
     assert (tmp_path / "b.5.xyz").read_text().splitlines()[:3][1] == " Atoms. Timestep: 5"

@@ -172,8 +172,7 @@ def test_masses_of_single_beads_become_types(tmp_path):
 
 def test_ramps_in_one_go_and_in_parts(tmp_path):
     def runs(begin, end, steps):
-        scene = fluid(kT=dpd.TemperatureRamp(1.0, 2.0, begin, end))
-        return export_lammps(scene, tmp_path, "x", dt=0.01, steps=steps, seed=1)
+        return export_lammps(fluid(kT=dpd.TemperatureRamp(1.0, 2.0, begin, end)), tmp_path, "x", dt=0.01, steps=steps, seed=1)
 
     written = runs(-50, 100, 80)
     assert words(written, "run") == ["80 start 0 stop 150"] and words(written, "reset_timestep") == ["50"]

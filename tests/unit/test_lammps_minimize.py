@@ -80,8 +80,7 @@ def test_the_minimum_is_lammps_s(tmp_path, monkeypatch, start, words, style):
 )
 def test_when_it_stops(tmp_path, numbers, reason):
     """The step has advanced by the iterations, and dumps have beginning and end."""
-    text = f"{CRYSTAL}dump d all custom 1000 d.txt id x y z\nminimize {numbers}\nundump d\nrun 0\n"
-    rows, lines = ours(tmp_path, text)
+    rows, lines = ours(tmp_path, f"{CRYSTAL}dump d all custom 1000 d.txt id x y z\nminimize {numbers}\nundump d\nrun 0\n")
     assert any(reason in line for line in lines)
     steps = int(reason.split()[-2])
     assert [row[0] for row in rows] == [0, steps, steps]

@@ -89,8 +89,7 @@ def test_repeating_the_style_keeps_coefficients_but_not_cutoffs(tmp_path):
     text = "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5\npair_coeff 1 2 30 4.5 0.8\npair_style dpd 2.0 1.3 8\n"
     state = state_of(tmp_path, text, types=2)
     scene = state.first_run.scene()
-    table = scene.pairs[0].resolve(scene.type_names)
-    assert dpd_values(table) == {11: (25, 4.5, 1.3), 12: (30, 4.5, 1.3), 22: (25, 4.5, 1.3)}
+    assert dpd_values(scene.pairs[0].resolve(scene.type_names)) == {11: (25, 4.5, 1.3), 12: (30, 4.5, 1.3), 22: (25, 4.5, 1.3)}
     assert (scene.kT, state.first_run.seed) == (2.0, 8)
 
 
@@ -214,8 +213,7 @@ def test_bonds_without_a_style_only_count_for_special_bonds(tmp_path):
 
 
 def test_special_factors_have_no_meaning_without_bonds(tmp_path):
-    scene = state_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\n").first_run.scene()
-    assert scene.bonded_factors == (1, 1, 1)
+    assert state_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\n").first_run.scene().bonded_factors == (1, 1, 1)
 
 
 @cases(

@@ -27,8 +27,7 @@ def both(folder: Path, text: str, platform: str = "Reference") -> tuple[list[str
     found.append(table((folder / "theirs" / "log").read_text().splitlines()))
     path, lines = folder / "in.ours", []
     path.write_text(text, encoding="utf-8")
-    runner = DeckRunner(RunOptions(platform=platform, threads=1), lines.append)
-    read_deck(path, run_callback=runner, output=folder / "ours")
+    read_deck(path, run_callback=DeckRunner(RunOptions(platform=platform, threads=1), lines.append), output=folder / "ours")
     found.append(table("\n".join(lines).splitlines()))
     return found[0], found[1]
 

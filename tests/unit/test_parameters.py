@@ -77,8 +77,7 @@ def test_a_coefficient_in_openmm_units_is_the_reduced_one():
 
 def test_other_liquids_and_temperatures():
     room = water_mapping(3)
-    same = BeadMapping(3, room.molecule_mass, room.mass_density, room.temperature, room.compressibility, room.diffusion)
-    assert same == room
+    assert BeadMapping(3, room.molecule_mass, room.mass_density, room.temperature, room.compressibility, room.diffusion) == room
     with pytest.raises(ParameterError, match="known here at 298.15 K; at 320 K it needs mass_density, compressibility, diffusion"):
         water_mapping(3, temperature=320)
     raises(ParameterError, "molecules must be a whole number", lambda: water_mapping(2.5))

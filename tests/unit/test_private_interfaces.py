@@ -83,8 +83,7 @@ def test_modules_are_imported_in_one_file_each():
 
 
 def test_attributes_are_used_in_one_file_each():
-    found = {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN}
-    assert found == set(ATTRIBUTES.items())
+    assert {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN} == set(ATTRIBUTES.items())
 
 
 def test_uses_are_found():

@@ -79,8 +79,7 @@ def test_corrections_of_lines_are_interpolated():
     table = StabilityTable(made_up(lambda scheme, p: power(scheme, p) * 2 ** (np.log10(p["mass"]) / 2)))
     for gamma in (4.5, 12.0, 40.5):
         for mass, factor in ((1.0, 1.0), (10.0, 2**0.5), (30.0, 2 ** (np.log10(30) / 2)), (100.0, 2.0)):
-            found = table.step("middle", Groups(gamma, 25.0, mass=mass), 0.01, "conf")
-            assert found == pytest.approx(0.06 * factor, rel=1e-9)
+            assert table.step("middle", Groups(gamma, 25.0, mass=mass), 0.01, "conf") == pytest.approx(0.06 * factor, rel=1e-9)
 
 
 def test_friction_counts_the_weight_function():

@@ -127,8 +127,7 @@ def test_fractions_are_spelt_in_lowest_terms():
 @pytest.mark.parametrize("scheme", NAMED, ids=str)
 def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
     assert scheme_of(scheme.word) is scheme_of(scheme.name) is scheme
-    doubled = " ".join(f"{2 * part.numerator}{name}/{2 * part.denominator}" for name, part in scheme.letters)
-    assert scheme_of(doubled) is scheme
+    assert scheme_of(" ".join(f"{2 * part.numerator}{name}/{2 * part.denominator}" for name, part in scheme.letters)) is scheme
     assert make_plan(beads(), dt=0.02, scheme=scheme.word, seed=1).options.scheme is scheme
 
 

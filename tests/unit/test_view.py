@@ -48,8 +48,7 @@ def test_beads_bonds_and_box(nglview):
     assert widget.shown[:2] == [("spacefill", "@0,1", 5.0), ("spacefill", "@2,3", 2.5)]
     assert widget.shown[2][:2] == ("licorice", "@0,1") and widget.shown[3][0] == "unitcell"
     assert widget.structure.ext == "pdb" and "CONECT    1    2" in widget.structure.text and "CRYST1   50.000" in widget.structure.text
-    state = built.simulation().context.getState(positions=True)
-    assert view(built, state=state).structure.text == widget.structure.text
+    assert view(built, state=built.simulation().context.getState(positions=True)).structure.text == widget.structure.text
 
 
 def test_radii(nglview):

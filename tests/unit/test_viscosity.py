@@ -65,8 +65,7 @@ def test_reporter_adds_kinetic_and_bond_parts():
 
 def test_instantaneous_viscosity_is_the_stress_of_a_shear():
     """Of an affine shear, averaged over its six directions that are independent; by hand for one pair along the diagonal."""
-    scene = beads(2, positions=np.array([[1.0, 1, 1], [1.3, 1.3, 1.3]]))
-    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    built = dpd.build(beads(2, positions=np.array([[1.0, 1, 1], [1.3, 1.3, 1.3]])), dt=0.01, platform="Reference", seed=1)
     reporter = StressReporter(1, built)
     reporter.report(built.simulation(), None)
     r = 0.3 * np.sqrt(3)
@@ -129,8 +128,7 @@ def test_friction_enters_with_the_two_signs():
     assert part.viscosity == pytest.approx(0.75 * whole.viscosity, rel=1e-9)
     for lag, sign in ((30, 1), (-30, -1)):
         white = np.random.default_rng(3).normal(size=(40000, 6))
-        late = 0.3 * np.roll(white, lag, axis=0)
-        found = green_kubo_viscosity(white, 0.01, volume=1.0, kT=1.0, t_max=0.5, friction=late)
+        found = green_kubo_viscosity(white, 0.01, volume=1.0, kT=1.0, t_max=0.5, friction=0.3 * np.roll(white, lag, axis=0))
         # half the variance of the others is in the two components with xx, yy, zz
         assert found.correlation[30] == pytest.approx(0.3 * sign * 0.8, abs=4 / np.sqrt(5 * 40000))
 
