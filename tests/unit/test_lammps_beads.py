@@ -42,14 +42,8 @@ def test_a_prism_makes_a_tilted_box(tmp_path):
 
 
 def test_a_box_tilted_too_far_is_reduced_for_the_scene(tmp_path):
-    text = """region b prism 0 5 0 5 0 5 4.0 0 0
-create_box 1 b
-create_atoms 1 single 1 1 1
-mass 1 1
-pair_style dpd 1 1 1
-pair_coeff 1 1 1 1
-fix 1 all nve
-"""
+    text = "region b prism 0 5 0 5 0 5 4.0 0 0\ncreate_box 1 b\ncreate_atoms 1 single 1 1 1\nmass 1 1\npair_style dpd 1 1 1\n"
+    text += "pair_coeff 1 1 1 1\nfix 1 all nve\n"
     state = state_of(tmp_path, text)
     assert state.first_run.scene().box[1].tolist() == [-1.0, 5.0, 0.0]
     assert any("tilted by more than half an edge" in note for note in state.notes)
@@ -80,12 +74,8 @@ create_atoms 1 random 20 5 NULL overlap 0.4 maxtry 500
 
 
 # -- groups, set, mass --------------------------------------------------------------------------------------------------------
-TWENTY = """region b block 0 10 0 10 0 10 units box
-create_box 3 b
-create_atoms 1 random 10 1 b
-create_atoms 2 random 10 2 b
-mass * 1.0
-"""
+TWENTY = "region b block 0 10 0 10 0 10 units box\ncreate_box 3 b\ncreate_atoms 1 random 10 1 b\ncreate_atoms 2 random 10 2 b\n"
+TWENTY += "mass * 1.0\n"
 
 
 def ids(state, name: str) -> list[int]:
@@ -97,14 +87,8 @@ def test_set(tmp_path):
         tmp_path,
         "atom_style full\n"
         + TWENTY
-        + """group few id 1:4
-set group few type 3 charge -0.5
-set atom 5*6 mol 7 x 12.5 vy 2.0
-set type 3 image 1 NULL -1
-set mol 7 vz -1
-pair_style none
-run 0
-""",
+        + "group few id 1:4\nset group few type 3 charge -0.5\nset atom 5*6 mol 7 x 12.5 vy 2.0\nset type 3 image 1 NULL -1\n"
+        "set mol 7 vz -1\npair_style none\nrun 0\n",
     )
     atoms = state.atoms
     assert atoms.types.tolist() == [3] * 4 + [1] * 6 + [2] * 10
@@ -176,14 +160,8 @@ def test_masses_by_range(tmp_path):
 
 
 # -- velocities ---------------------------------------------------------------------------------------------------------------
-THOUSAND = """units {units}
-region b block 0 40 0 40 0 40 units box
-create_box 2 b
-create_atoms 1 random 600 1 b
-create_atoms 2 random 400 2 b
-mass 1 1.0
-mass 2 18.0
-"""
+THOUSAND = "units {units}\nregion b block 0 40 0 40 0 40 units box\ncreate_box 2 b\ncreate_atoms 1 random 600 1 b\n"
+THOUSAND += "create_atoms 2 random 400 2 b\nmass 1 1.0\nmass 2 18.0\n"
 
 
 def kinetic_temperature(state, mask) -> float:
@@ -245,14 +223,8 @@ def test_seeds_matter(tmp_path):
 
 
 def test_velocity_set_ramp_scale_zero(tmp_path):
-    text = """lattice sc 0.125
-region b block 0 4 0 4 0 4
-create_box 1 b
-create_atoms 1 box
-mass 1 2
-velocity all set 1.0 NULL -0.5
-velocity all set 1.0 0.5 NULL units box sum yes
-"""
+    text = "lattice sc 0.125\nregion b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 box\nmass 1 2\nvelocity all set 1.0 NULL -0.5\n"
+    text += "velocity all set 1.0 0.5 NULL units box sum yes\n"
     state = state_of(tmp_path, text)
     np.testing.assert_allclose(state.atoms.velocities, np.tile([3, 0.5, -1], (64, 1)))  # the lattice spacing is 2
     state = state_of(tmp_path, text + "velocity all ramp vx 0 2 z 2 6 units box\n")

@@ -6,23 +6,10 @@ from openmm_dpd.units import COULOMB
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import deck_scene
 
-DECK = """units {units}
-atom_style charge
-region box block 0 {edge} 0 {edge} 0 {edge}
-create_box 2 box
-create_atoms 1 random 20 7 NULL
-create_atoms 2 random 20 8 NULL
-mass * 1.0
-set type 2 charge {charge}
-{styles}
-fix move all nve
-run 0
-"""
-STYLES = """pair_style dpd/coul/slater/long 1.0 {one} 5 {lamda} {cutoff}
-pair_coeff 1 * 25 4.5
-pair_coeff 2 2 25 4.5 yes
-kspace_style pppm 1.0e-5
-"""
+DECK = "units {units}\natom_style charge\nregion box block 0 {edge} 0 {edge} 0 {edge}\ncreate_box 2 box\ncreate_atoms 1 random 20 7 NULL\n"
+DECK += "create_atoms 2 random 20 8 NULL\nmass * 1.0\nset type 2 charge {charge}\n{styles}\nfix move all nve\nrun 0\n"
+STYLES = "pair_style dpd/coul/slater/long 1.0 {one} 5 {lamda} {cutoff}\npair_coeff 1 * 25 4.5\npair_coeff 2 2 25 4.5 yes\n"
+STYLES += "kspace_style pppm 1.0e-5\n"
 LJ = {"units": "lj", "edge": 6, "charge": 0.0}
 
 

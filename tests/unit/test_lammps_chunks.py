@@ -17,15 +17,8 @@ from openmm_dpd.lammps.values.resolver import Resolver
 
 BLOCK = "block -2 4 0 5 1 7"
 PRISM = "prism -2 4 0 5 1 7 1.3 -0.8 0.9"
-BEADS = """atom_style {style}
-region b {region} units box
-create_box 2 b
-create_atoms 1 random 60 1 b overlap 0.4 maxtry 500
-create_atoms 2 random 40 2 b overlap 0.4 maxtry 500
-mass 1 1.0
-mass 2 2.5
-velocity all create {T} 5
-"""
+BEADS = "atom_style {style}\nregion b {region} units box\ncreate_box 2 b\ncreate_atoms 1 random 60 1 b overlap 0.4 maxtry 500\n"
+BEADS += "create_atoms 2 random 40 2 b overlap 0.4 maxtry 500\nmass 1 1.0\nmass 2 2.5\nvelocity all create {T} 5\n"
 MOVING = "group two type 2\npair_style dpd 0.0 1.0 7\npair_coeff * * {A} {gamma}\nfix move all nve\ntimestep {dt}\n"
 FLUID = MOVING.format(A=10.0, gamma=4.5, dt=0.02)
 FREE = MOVING.format(A=0.0, gamma=0.0, dt=0.01)

@@ -138,14 +138,8 @@ def test_mistakes_have_their_line(tmp_path, text):
     assert str(raised.value).startswith(f"{tmp_path}/in.bad:{text.count(chr(10)) + 1}: ")
 
 
-RUNS = """region b block 0 4 0 4 0 4
-create_box 1 b
-create_atoms 1 random 20 5 NULL
-mass 1 1
-pair_style dpd 1 1 7
-pair_coeff 1 1 25 4.5
-fix 1 all nve
-"""
+RUNS = "region b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 20 5 NULL\nmass 1 1\npair_style dpd 1 1 7\n"
+RUNS += "pair_coeff 1 1 25 4.5\nfix 1 all nve\n"
 
 
 def test_quit_inside_of_pieces_ends_the_deck(tmp_path):

@@ -11,15 +11,7 @@ from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES
 from openmm_dpd.lammps.files.data_file import read_data_file
 from openmm_dpd.lammps.state.box import Box
 
-HEADER = """a title that could be anything: 5 atoms
-
-3 atoms
-2 atom types
-
--1 3 xlo xhi
-0.0 5e0 ylo yhi
-2 6 zlo zhi
-"""
+HEADER = "a title that could be anything: 5 atoms\n\n3 atoms\n2 atom types\n\n-1 3 xlo xhi\n0.0 5e0 ylo yhi\n2 6 zlo zhi\n"
 
 ATOMS = {
     "atomic": ["7 2 0 1 3", "2 1 1 2 4", "5 1 2 3 5"],

@@ -27,19 +27,8 @@ displace_atoms all move v_jx v_jy 0.02
 group held id 1
 fix h held setforce 0 0 0
 """
-CHAINS = """units real
-atom_style molecular
-special_bonds lj 0 0 0
-bond_style harmonic
-angle_style harmonic
-read_data start.data
-bond_coeff 1 30 0.7
-angle_coeff 1 4 110
-mass 1 1
-comm_modify vel yes cutoff 3
-pair_style zero 1.2
-pair_coeff * *
-"""
+CHAINS = "units real\natom_style molecular\nspecial_bonds lj 0 0 0\nbond_style harmonic\nangle_style harmonic\nread_data start.data\n"
+CHAINS += "bond_coeff 1 30 0.7\nangle_coeff 1 4 110\nmass 1 1\ncomm_modify vel yes cutoff 3\npair_style zero 1.2\npair_coeff * *\n"
 
 
 def ours(folder: Path, text: str) -> tuple[list[list[float]], list[str]]:

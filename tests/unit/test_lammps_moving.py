@@ -112,14 +112,8 @@ def test_a_rigid_rotation_goes_and_nothing_else():
     np.testing.assert_allclose(np.sum(masses[:, None] * np.cross(x - masses @ x / masses.sum(), left), axis=0), 0, atol=1e-12)
 
 
-FEW = """region b block 0 4 0 4 0 4
-create_box 1 b
-create_atoms 1 random 20 5 NULL
-mass 1 1
-group some id 1:4
-pair_style dpd 1 1 7
-pair_coeff 1 1 25 4.5
-"""
+FEW = "region b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 20 5 NULL\nmass 1 1\ngroup some id 1:4\npair_style dpd 1 1 7\n"
+FEW += "pair_coeff 1 1 25 4.5\n"
 WRONG = {
     "fix 1 all nve\nfix p all print 1 x\nfix m all momentum 1 linear 1 1 1\nrun 1\n": "it comes after fix p",
     "fix 1 some nve\nfix m all momentum 1 angular\nrun 1\n": "has beads that no fix moves",

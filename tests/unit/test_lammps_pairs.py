@@ -9,12 +9,8 @@ from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.model.pairs import DPD, NONE, LennardJones
 
-BOX = """region b block 0 {edge} 0 {edge} 0 {edge} units box
-create_box {types} b bond/types 2
-create_atoms 1 random 5 1 b
-mass * 1.0
-fix 1 all nve
-"""
+BOX = "region b block 0 {edge} 0 {edge} 0 {edge} units box\ncreate_box {types} b bond/types 2\ncreate_atoms 1 random 5 1 b\nmass * 1.0\n"
+BOX += "fix 1 all nve\n"
 
 
 def state_of(tmp_path, text: str, units: str = "lj", types: int = 3, edge: float = 20.0):
@@ -36,15 +32,8 @@ def dpd_values(table: dict) -> dict:
 def test_dpd_with_wildcards_later_lines_win(tmp_path):
     (table,) = tables_of(
         tmp_path,
-        """pair_style dpd 1.0 1.0 7
-pair_coeff * * 25 4.5
-pair_coeff 1 2* 30 5 0.9
-pair_coeff *2 3 31 6
-pair_coeff 3 1 32 7 1.5
-pair_coeff 2*3 2*3 33 8
-pair_coeff 2 * 34 9
-pair_coeff 2 1 none
-""",
+        "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5\npair_coeff 1 2* 30 5 0.9\npair_coeff *2 3 31 6\npair_coeff 3 1 32 7 1.5\n"
+        "pair_coeff 2*3 2*3 33 8\npair_coeff 2 * 34 9\npair_coeff 2 1 none\n",
     )
     # 'pair_coeff 2 *' is about pairs with i <= j only: (2, 2) and (2, 3)
     assert dpd_values(table) == {11: (25, 4.5, 1), 12: None, 13: (32, 7, 1.5), 22: (34, 9, 1), 23: (34, 9, 1), 33: (33, 8, 1)}
@@ -118,13 +107,8 @@ def test_lennard_jones_mixes(tmp_path, rule):
 
 
 def test_hybrid_overlay(tmp_path):
-    text = """pair_style hybrid/overlay lj/cut 2.5 dpd/tstat 1.0 1.0 1.5 7
-pair_coeff * * lj/cut 1.0 1.0
-pair_coeff * * dpd/tstat 4.5
-pair_coeff 1 2 dpd/tstat 9.0 1.2
-pair_coeff 2 2 none
-pair_modify pair lj/cut shift yes
-"""
+    text = "pair_style hybrid/overlay lj/cut 2.5 dpd/tstat 1.0 1.0 1.5 7\npair_coeff * * lj/cut 1.0 1.0\npair_coeff * * dpd/tstat 4.5\n"
+    text += "pair_coeff 1 2 dpd/tstat 9.0 1.2\npair_coeff 2 2 none\npair_modify pair lj/cut shift yes\n"
     lj, tstat = tables_of(tmp_path, text, types=2)
     assert lj["1", "2"] == LennardJones(1, 1, 2.5, shift=True)
     assert lj["2", "2"] is NONE and ("2", "2") not in tstat
@@ -137,30 +121,20 @@ def test_a_pair_set_to_none_can_be_set_again(tmp_path):
 
 
 def test_hybrid_gives_each_pair_one_style(tmp_path):
-    text = """pair_style hybrid lj/cut 2.5 dpd 1.0 1.0 7
-pair_coeff * * lj/cut 1.0 1.0
-pair_coeff 1 2 dpd 25 4.5
-"""
+    text = "pair_style hybrid lj/cut 2.5 dpd 1.0 1.0 7\npair_coeff * * lj/cut 1.0 1.0\npair_coeff 1 2 dpd 25 4.5\n"
     lj, dpd = tables_of(tmp_path, text, types=2)
     assert set(lj) == {("1", "1"), ("2", "2")} and set(dpd) == {("1", "2")}
 
 
 def test_hybrid_mixes_pairs_of_one_style(tmp_path):
-    text = """pair_style hybrid/overlay lj/cut 2.5 zero 1.0
-pair_coeff 1 1 lj/cut 1.0 1.0
-pair_coeff 2 2 lj/cut 4.0 1.0
-pair_coeff 3 3 zero
-pair_coeff 1*2 3 zero
-"""
+    text = "pair_style hybrid/overlay lj/cut 2.5 zero 1.0\npair_coeff 1 1 lj/cut 1.0 1.0\npair_coeff 2 2 lj/cut 4.0 1.0\n"
+    text += "pair_coeff 3 3 zero\npair_coeff 1*2 3 zero\n"
     lj, _ = tables_of(tmp_path, text, types=3)
     assert lj["1", "2"].epsilon == pytest.approx(2.0)
 
 
 def test_one_style_used_twice_is_numbered(tmp_path):
-    text = """pair_style hybrid/overlay dpd 1.0 1.0 7 dpd 1.0 2.0 8
-pair_coeff * * dpd 1 25 4.5
-pair_coeff * * dpd 2 -5 0.0
-"""
+    text = "pair_style hybrid/overlay dpd 1.0 1.0 7 dpd 1.0 2.0 8\npair_coeff * * dpd 1 25 4.5\npair_coeff * * dpd 2 -5 0.0\n"
     first, second = tables_of(tmp_path, text, types=1)
     assert dpd_values(first) == {11: (25, 4.5, 1)}
     assert dpd_values(second) == {11: (-5, 0, 2)}

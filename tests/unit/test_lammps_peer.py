@@ -40,15 +40,8 @@ group s region s
 group c region c
 group i region i
 """,
-    "set in a tilted box": """lattice sc 1.0
-region b prism 0 5 0 4 0 6 1.3 -0.7 0.9 units box
-create_box 2 b
-create_atoms 1 region b
-mass * 1.0
-set atom 1*20 x 7.5
-set atom 5*9 vx 3
-set type 1 vz -1
-""",
+    "set in a tilted box": "lattice sc 1.0\nregion b prism 0 5 0 4 0 6 1.3 -0.7 0.9 units box\ncreate_box 2 b\n"
+    "create_atoms 1 region b\nmass * 1.0\nset atom 1*20 x 7.5\nset atom 5*9 vx 3\nset type 1 vz -1\n",
     "groups and velocities": """region b block -1 5 0 5 2 5 units box
 create_box 3 b
 mass * 1.0
@@ -95,20 +88,10 @@ def test_beads_of_the_example_decks(tmp_path, name):
 
 LJ = "pair_coeff 1 1 0.5 1.0\npair_coeff 2 2 1.2 1.4 2.4\npair_coeff 3 3 1 1\n"
 PAIRS = {
-    "wildcards": """pair_style dpd 1 1 7
-pair_coeff * * 25 4.5
-pair_coeff 1 2* 30 5 0.9
-pair_coeff *2 3 31 6
-pair_coeff 3 1 32 7 1.5
-pair_coeff 2*3 2*3 33 8
-pair_coeff 2 * 34 9
-""",
-    "repeated style": """pair_style dpd 1 1 7
-pair_coeff * * 25 4.5
-pair_coeff 1 2 30 5 0.9
-pair_style dpd 2 1.3 8
-pair_coeff 1 3 26 4 1.1
-""",
+    "wildcards": "pair_style dpd 1 1 7\npair_coeff * * 25 4.5\npair_coeff 1 2* 30 5 0.9\npair_coeff *2 3 31 6\n"
+    "pair_coeff 3 1 32 7 1.5\npair_coeff 2*3 2*3 33 8\npair_coeff 2 * 34 9\n",
+    "repeated style": "pair_style dpd 1 1 7\npair_coeff * * 25 4.5\npair_coeff 1 2 30 5 0.9\npair_style dpd 2 1.3 8\n"
+    "pair_coeff 1 3 26 4 1.1\n",
     "geometric": f"pair_style lj/cut 2.0\n{LJ}",
     "arithmetic": f"pair_style lj/cut 2.0\npair_modify mix arithmetic\n{LJ}",
     "sixthpower": f"pair_style lj/cut 2.0\npair_modify mix sixthpower\n{LJ}",

@@ -59,18 +59,8 @@ def requests_of(tmp_path, text: str, callback=None, **options) -> list[RunReques
 
 # -- runs --------------------------------------------------------------------------------------------------------------------
 def test_several_runs(tmp_path):
-    text = """fix 1 all nve
-timestep 0.01
-thermo 50
-run 100
-unfix 1
-fix 2 all mvv/dpd 0.65
-timestep 0.02
-run 300 upto
-reset_timestep 1000
-run 0
-run 70 start 0 stop 5000
-"""
+    text = "fix 1 all nve\ntimestep 0.01\nthermo 50\nrun 100\nunfix 1\nfix 2 all mvv/dpd 0.65\ntimestep 0.02\nrun 300 upto\n"
+    text += "reset_timestep 1000\nrun 0\nrun 70 start 0 stop 5000\n"
     first, second, third, fourth = requests_of(tmp_path, text)
     expected = [(0, 100, 100), (100, 200, 300), (1000, 0, 1000), (1000, 70, 1070)]
     assert [(r.first_step, r.steps, r.last_step) for r in (first, second, third, fourth)] == expected
@@ -89,20 +79,8 @@ def test_the_clock(tmp_path):
         steps = (request.first_step, request.last_step)
         times.append([request.thermo.values(sample_of(request, step), ("time",))["time"] for step in steps])
 
-    text = """fix 1 all nve
-timestep 0.01
-run 100
-timestep 0.02
-run 100
-reset_timestep 0
-run 10
-reset_timestep 100
-run 10
-reset_timestep 50
-run 10
-reset_timestep 70 time 3.0
-run 10
-"""
+    text = "fix 1 all nve\ntimestep 0.01\nrun 100\ntimestep 0.02\nrun 100\nreset_timestep 0\nrun 10\nreset_timestep 100\nrun 10\n"
+    text += "reset_timestep 50\nrun 10\nreset_timestep 70 time 3.0\nrun 10\n"
     requests_of(tmp_path, text, callback)
     np.testing.assert_allclose(times, [[0, 1], [1, 3], [0, 0.2], [2, 2.2], [0, 0.2], [3, 3.2]])
 
@@ -231,15 +209,8 @@ def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path)
 
 # -- ramps -------------------------------------------------------------------------------------------------------------------
 def test_a_ramp_over_two_runs(tmp_path):
-    text = """pair_style dpd/tstat 1.0 3.0 1.0 7
-pair_coeff * * 4.5
-fix 1 all nve
-run 100 start 0 stop 400
-run 300 start 0 stop 400
-reset_timestep 0
-run 50
-run 0
-"""
+    text = "pair_style dpd/tstat 1.0 3.0 1.0 7\npair_coeff * * 4.5\nfix 1 all nve\nrun 100 start 0 stop 400\nrun 300 start 0 stop 400\n"
+    text += "reset_timestep 0\nrun 50\nrun 0\n"
     found = []
     requests_of(tmp_path, text, lambda request: found.append(request.scene().kT))
     assert found == [TemperatureRamp(1, 3, 0, 400), TemperatureRamp(1, 3, -100, 300), TemperatureRamp(1, 3, 0, 50), 1.0]
@@ -412,18 +383,8 @@ def test_what_was_not_measured_is_an_error(tmp_path):
 
 
 def test_needs(tmp_path):
-    text = """fix 1 all nve
-compute t two temp
-variable a equal fmax+1
-variable b equal 2*v_a+vcm(two,x)
-compute c two com
-thermo_style custom step v_b c_c[1]
-run 1
-thermo_style custom step temp
-run 1
-thermo_modify temp t
-run 1
-"""
+    text = "fix 1 all nve\ncompute t two temp\nvariable a equal fmax+1\nvariable b equal 2*v_a+vcm(two,x)\ncompute c two com\n"
+    text += "thermo_style custom step v_b c_c[1]\nrun 1\nthermo_style custom step temp\nrun 1\nthermo_modify temp t\nrun 1\n"
     found: list[set[str]] = []
     requests_of(tmp_path, text, lambda request: found.append(set(request.thermo.needs)))
     first, second, third = found
@@ -433,13 +394,8 @@ run 1
 
 
 def test_a_temperature_on_a_group(tmp_path):
-    text = """velocity two scale 3.0
-compute t two temp
-fix 1 all nve
-thermo_style custom temp ke press c_t c_thermo_temp
-thermo_modify temp t
-run 1
-"""
+    text = "velocity two scale 3.0\ncompute t two temp\nfix 1 all nve\nthermo_style custom temp ke press c_t c_thermo_temp\n"
+    text += "thermo_modify temp t\nrun 1\n"
     seen = {}
 
     def callback(request):
@@ -453,13 +409,8 @@ run 1
 
 
 def test_compute_dpd_counts_the_internal_energies_of_an_isothermal_run(tmp_path):
-    text = """set group all dpd/theta 300
-set atom 1 dpd/theta 100
-compute u all dpd
-fix 1 all nve
-thermo_style custom c_u[1] c_u[4] c_u[5]
-run 1
-"""
+    text = "set group all dpd/theta 300\nset atom 1 dpd/theta 100\ncompute u all dpd\nfix 1 all nve\n"
+    text += "thermo_style custom c_u[1] c_u[4] c_u[5]\nrun 1\n"
     path = write(tmp_path, text, "metal\natom_style dpd")
     found: dict[str, float] = {}
     read_deck(path, run_callback=lambda request: found.update(request.thermo.values(sample_of(request))))
@@ -544,14 +495,8 @@ def frames(path: Path) -> list[tuple[int, list[list[str]]]]:
 
 
 def test_text_dumps(tmp_path):
-    text = """fix 1 all nve
-dump 1 two custom 20 some.dump id type x xu ix vx fz
-dump 2 all atom 50 atom.*.dump
-dump_modify 1 first yes format xu %.3f
-run 50
-undump 2
-run 50
-"""
+    text = "fix 1 all nve\ndump 1 two custom 20 some.dump id type x xu ix vx fz\ndump 2 all atom 50 atom.*.dump\n"
+    text += "dump_modify 1 first yes format xu %.3f\nrun 50\nundump 2\nrun 50\n"
     (request, _) = requests_of(tmp_path, text, dump_run)
     found = frames(tmp_path / "some.dump")
     assert [step for step, _ in found] == [0, 20, 40, 60, 80, 100]

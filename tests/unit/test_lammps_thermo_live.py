@@ -312,16 +312,8 @@ def test_lammps_reads_coefficients_of_hybrid_bonds(tmp_path, last):
 
 
 # -- beads on faces while a run measures -----------------------------------------------------------------------------------------
-ON_FACES = """units {units}
-lattice sc {scale}
-region box {box}
-create_box 2 box
-create_atoms 1 box
-mass * 1.0
-pair_style zero 0.5
-pair_coeff * *
-fix 1 all nve
-"""
+ON_FACES = "units {units}\nlattice sc {scale}\nregion box {box}\ncreate_box 2 box\ncreate_atoms 1 box\nmass * 1.0\npair_style zero 0.5\n"
+ON_FACES += "pair_coeff * *\nfix 1 all nve\n"
 
 
 def on_faces(units: str, tilt: str) -> str:
