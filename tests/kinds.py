@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import openmm
 from devices import Device
-from scenes import BOXES, EXTENDED, MASSES, PARTIAL, PLAIN, fluid, state_of
+from scenes import BOXES, EXTENDED, MASSES, PARTIAL, PLAIN, fluid, place, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
@@ -200,8 +200,7 @@ def plain_context(built: dpd.BuiltSystem, platform: str = "Reference") -> openmm
     system, integrator = (openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(one)) for one in (built.system, built.integrator))
     assert type(integrator) is openmm.CustomIntegrator
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform), Device(platform).properties)
-    context.setPositions(built.positions)
-    context.setVelocities(built.velocities)
+    place(context, built.positions, built.velocities)
     return context
 
 

@@ -151,6 +151,30 @@ def state_of(context) -> tuple[np.ndarray, np.ndarray]:
     return np.array(x), np.array(v)
 
 
+def place(context, x, v) -> None:
+    """Give a Context positions and velocities."""
+    context.setPositions(x)
+    context.setVelocities(v)
+
+
+def stepped(simulation, n: int):
+    """A Simulation after n steps."""
+    simulation.step(n)
+    return simulation
+
+
+def step_all(n: int, *simulations) -> None:
+    """n steps of each."""
+    for simulation in simulations:
+        simulation.step(n)
+
+
+def ready(engine: PairEngine, x, box) -> PairEngine:
+    """An engine that knows where beads are."""
+    engine.prepare(x, box)
+    return engine
+
+
 def same_bits(first, second) -> bool:
     """Whether two states agree bit for bit."""
     return all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))

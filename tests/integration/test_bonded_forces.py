@@ -5,6 +5,7 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
+from files_of_tests import put
 from openmm import unit
 from scenes import beads
 
@@ -84,8 +85,7 @@ def test_against_lammps(tmp_path, box, device):
     x, bonds, angles = chains.walks(12, 6, box, 6)
     (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, box))
     expected, forces = chains.theirs(tmp_path, DECK)
-    deck = tmp_path / "in.chains"
-    deck.write_text(DECK + "run 0\n")
+    deck = put(tmp_path / "in.chains", DECK + "run 0\n")
     made = read_deck(deck, stop_before_first_run=True, output=tmp_path).first_run.scene()
     built = dpd.build(made, dt=0.01, platform=device.platform, seed=1)
     terms = dpd.force_terms(built, properties=device.properties)
@@ -139,8 +139,7 @@ def test_the_deck_says_where_a_fene_bond_is_too_long(tmp_path):
     (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, np.diag([6.0] * 3), bond_types=1))
     text = "atom_style angle\nbond_style fene\nread_data data.chains\nbond_coeff 1 30 1.5 1 1\n"
     text += "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\n"
-    deck = tmp_path / "in.chains"
-    deck.write_text(text + "fix 1 all nve\nrun 10\n")
+    deck = put(tmp_path / "in.chains", text + "fix 1 all nve\nrun 10\n")
     long = r"in.chains:8: the FENE bond between beads 1 and 2 is 1.6 long, which is not less than its R0 of 1.5; move"
     with pytest.raises(dpd.DeckError, match=long):
         run_deck(deck, RunOptions(platform="Reference"), out=tmp_path / "out")

@@ -8,7 +8,7 @@ import pytest
 from devices import CPU, DEVICES, REFERENCE
 from marks import SCHEME, SCHEMES
 from openmm import app, unit
-from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, same_bits, state_of
+from scenes import BOXES, EXTENDED, D, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT, PHASE, SEED, Phase
@@ -20,9 +20,7 @@ DT = 0.03
 
 def started(device, scene=None, dt=DT, steps=4, conservative="kernel", **choices):
     scene = scene or fluid(EXTENDED, BOXES["tilted"], n=70, seed=2, spread=0)
-    simulation = run_of(scene, device, dt=dt, conservative=conservative, **choices)
-    simulation.step(steps)
-    return simulation
+    return stepped(run_of(scene, device, dt=dt, conservative=conservative, **choices), steps)
 
 
 def fresh_copy(simulation, device, scene=None, dt=DT, conservative="kernel", parameters=(COUNTER,), **choices):
@@ -31,8 +29,7 @@ def fresh_copy(simulation, device, scene=None, dt=DT, conservative="kernel", par
     state = simulation.context.getState(positions=True, velocities=True)
     if simulation.system.usesPeriodicBoundaryConditions():
         copy.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
-    copy.context.setPositions(state.getPositions())
-    copy.context.setVelocities(state.getVelocities())
+    place(copy.context, state.getPositions(), state.getVelocities())
     for name in parameters:
         copy.context.setParameter(name, simulation.context.getParameter(name))
     return copy
@@ -40,8 +37,7 @@ def fresh_copy(simulation, device, scene=None, dt=DT, conservative="kernel", par
 
 def same_from_here(first, second, steps=5, limit=0.0) -> None:
     before = state_of(first.context)
-    for simulation in (first, second):
-        simulation.step(steps)
+    step_all(steps, first, second)
     a, b = state_of(first.context), state_of(second.context)
     assert np.abs(a[1] - before[1]).max() > 0.05
     if limit:
@@ -128,8 +124,7 @@ def test_other_positions_on_gpu_platforms(device, choices):
 def test_positions_that_are_set_to_what_they_were_change_nothing(choices):
     first, second = started(REFERENCE, **choices), started(REFERENCE, **choices)
     x, v = state_of(second.context)
-    second.context.setPositions(x)
-    second.context.setVelocities(v)
+    place(second.context, x, v)
     same_from_here(first, second)
 
 
@@ -184,8 +179,7 @@ def test_a_seeded_run_with_a_barostat_repeats(scheme, device):
     def volume(seed: int) -> float:
         built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, scheme=scheme, platform=device.platform, seed=seed)
         dpd.add_barostat(built, 20.0, interval=1)
-        simulation = built.simulation(properties=device.properties)
-        simulation.step(15)
+        simulation = stepped(built.simulation(properties=device.properties), 15)
         return simulation.context.getState().getPeriodicBoxVolume()._value
 
     first, second, other = volume(0), volume(0), volume(5)
@@ -227,8 +221,7 @@ def test_two_runs_after_resetting_the_step_count_draw_different_noise(choices):
     start = state_of(simulation.context)
     ends = []
     for _ in range(3):
-        simulation.context.setPositions(start[0])
-        simulation.context.setVelocities(start[1])
+        place(simulation.context, start[0], start[1])
         simulation.context.setStepCount(0)
         simulation.context.setTime(0)
         simulation.step(5)
@@ -271,8 +264,7 @@ def test_noise_is_drawn_once_per_step_on_every_platform(device, conservative):
 
     Where it does, in one of 40 steps, the fluid is 1.3 % cold.
     """
-    simulation = run_of(beads(150, edge=3.7), device, dt=0.04, scheme="mvv", conservative=conservative)
-    simulation.step(120)
+    simulation = stepped(run_of(beads(150, edge=3.7), device, dt=0.04, scheme="mvv", conservative=conservative), 120)
     assert 120 <= simulation.context.getParameter(COUNTER) <= 121
 
 

@@ -6,7 +6,7 @@ import oracle
 import pytest
 from devices import DEVICES
 from openmm import unit
-from scenes import EXTENDED, D, beads, oracle_params, run_of, state_of
+from scenes import EXTENDED, D, beads, oracle_params, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.neighbours import coincident_pairs
@@ -59,8 +59,7 @@ def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
         v = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
         scene = dpd.Scene({"W": 1.0}, ["W"] * 3, x, {("W", "W"): D(A=25, gamma=4.5)}, 0.0, box=[4.0] * 3, velocities=v)
         built = dpd.build(scene, dt=0.001, scheme=scheme, conservative=conservative, platform="Reference", seed=1)
-        simulation = built.simulation()
-        simulation.step(3)
+        simulation = stepped(built.simulation(), 3)
         return state_of(simulation.context)
 
     (x, v), (_, other) = run(0.0), run(1e-11)
@@ -88,8 +87,7 @@ def test_many_beads_at_one_point(conservative):
 def test_bonded_and_scaled_beads_at_one_point(host, conservative):
     """A factor of 1/2 on a pair at r = 0: half of nothing; a bond of rest length 0 between them is legal too."""
     scene = scene_of(0.0, bonds=[dpd.HarmonicBonds(np.array([(0, 1), (2, 5)]), 10.0, 0.0)], bonded_factors=(0.5, 1.0, 1.0))
-    simulation = run_of(scene, host, dt=0.01, scheme="middle", conservative=conservative)
-    simulation.step(5)
+    simulation = stepped(run_of(scene, host, dt=0.01, scheme="middle", conservative=conservative), 5)
     assert all(np.all(np.isfinite(a)) for a in state_of(simulation.context))
 
 
@@ -117,7 +115,6 @@ def test_frozen_coincident_pair(host):
     """Two wall beads at one point stay there, and a third bead is pushed by both."""
     scene = scene_of(0.0, mobile=~np.isin(np.arange(60), [0, 1]))
     for conservative in ("kernel", "openmm"):
-        simulation = run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative)
-        simulation.step(10)
+        simulation = stepped(run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative), 10)
         x, v = state_of(simulation.context)
         assert np.all(np.isfinite(v)) and np.array_equal(x[0], x[1])

@@ -11,6 +11,7 @@ import numpy as np
 import openmm
 import pytest
 from cases import cases
+from files_of_tests import put
 from fluid_deck import FLUID
 from openmm_dpd.trajectory import load
 
@@ -25,9 +26,7 @@ DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    path = tmp_path / "in.fluid"
-    path.write_text(FLUID)
-    return path
+    return put(tmp_path / "in.fluid", FLUID)
 
 
 def test_run_writes_everything(deck, tmp_path, capsys):
@@ -71,8 +70,7 @@ def test_version(capsys):
 
 
 def test_recommend_speaks_in_the_units_of_the_deck(tmp_path, capsys):
-    deck = tmp_path / "in.fluid"
-    deck.write_text(FLUID, encoding="utf-8")
+    deck = put(tmp_path / "in.fluid", FLUID)
     assert main(["recommend", str(deck), "--error", "0.02"]) == 0
     lines = capsys.readouterr().out.splitlines()
     best = dpd.recommend(deck_scene(deck), 0.02)

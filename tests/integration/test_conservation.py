@@ -5,7 +5,7 @@ import pytest
 from devices import CPU, DEVICES, REFERENCE
 from marks import SCHEME, SCHEMES
 from openmm import unit
-from scenes import BOXES, EXTENDED, D, chains, fluid, run_of, state_of
+from scenes import BOXES, EXTENDED, D, chains, fluid, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 
@@ -30,8 +30,7 @@ def test_momentum_after_2000_steps(host, choices):
 def test_momentum_on_gpu_platforms(device, conservative):
     """Impulses pass through float32 and, in mixed precision, through 64-bit fixed point: 3e-7 per bead after 200 steps."""
     scene = fluid(EXTENDED, BOXES["ortho"], n=100)
-    simulation = run_of(scene, device, dt=0.02, scheme="middle", conservative=conservative)
-    simulation.step(200)
+    simulation = stepped(run_of(scene, device, dt=0.02, scheme="middle", conservative=conservative), 200)
     assert momentum_per_bead(simulation, scene.bead_masses) < 3e-7
 
 
@@ -106,8 +105,7 @@ def test_a_single_bead_flies_straight():
         table, v = {("W", "W"): D(A=25, gamma=4.5)}, [[1.0, -2.0, 0.5]]
         scene = dpd.Scene({"W": 2.0}, ["W"], [[0.1, 0.2, 0.3]], table, 1.0, box=box, velocities=v)
         for choices in SCHEMES.values():
-            simulation = run_of(scene, REFERENCE, dt=0.05, conservative="kernel", **choices)
-            simulation.step(40)
+            simulation = stepped(run_of(scene, REFERENCE, dt=0.05, conservative="kernel", **choices), 40)
             x, v = state_of(simulation.context)
             np.testing.assert_allclose(v, [[1.0, -2.0, 0.5]], rtol=1e-12)
             np.testing.assert_allclose(x, [[2.1, -3.8, 1.3]], rtol=1e-12)

@@ -6,9 +6,10 @@ import numpy as np
 import openmm
 import pytest
 from devices import DEVICES
+from files_of_tests import put
 from openmm import unit
 from raising import raises
-from scenes import D, beads, run_of, state_of
+from scenes import D, beads, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd import DPDError, ParameterError, PlanError
@@ -174,8 +175,7 @@ def test_lists_of_quantities_keep_their_units():
 
 
 def test_reporter_that_is_refused_leaves_the_file(tmp_path):
-    path = tmp_path / "rows.csv"
-    path.write_text("precious")
+    path = put(tmp_path / "rows.csv", "precious")
     with pytest.raises(ParameterError):
         dpd.DPDReporter(path, 0, build())
     with pytest.raises(ParameterError):
@@ -243,8 +243,7 @@ def test_one_barostat_before_the_context_is_made():
 )
 def test_box_smaller_than_twice_the_cutoff(device, scheme, conservative):
     """A barostat that shrinks the box too far ends the run with the reason, and does not take wrong images instead."""
-    simulation = run_of(scene(), device, dt=0.02, scheme=scheme, conservative=conservative)
-    simulation.step(1)
+    simulation = stepped(run_of(scene(), device, dt=0.02, scheme=scheme, conservative=conservative), 1)
     simulation.context.setPeriodicBoxVectors([1.9, 0, 0], [0, 3, 0], [0, 0, 3])
     raises(openmm.OpenMMException, r"box (size )?has (shrunk|decreased).*less than twice the.*cutoff", lambda: simulation.step(1))
 

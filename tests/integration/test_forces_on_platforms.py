@@ -6,7 +6,7 @@ import oracle
 import pytest
 from devices import DEVICES
 from openmm import unit
-from scenes import BOXES, EXTENDED, PARTIAL, PLAIN, beads, chains, factor_of, fluid, noise_of, oracle_params
+from scenes import BOXES, EXTENDED, PARTIAL, PLAIN, beads, chains, factor_of, fluid, noise_of, oracle_params, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import PAIR_GROUP
@@ -97,8 +97,7 @@ def test_no_pair_interacts(what, device):
         np.testing.assert_allclose(terms[name], [[2, 0, 0], [-2, 0, 0], [0, 0, 0]], rtol=0, atol=1e-5)
     else:
         assert (terms[name][0, 0] > 1) and terms[name][2, 1] == 0
-    simulation = built.simulation(properties=device.properties)
-    simulation.step(3)
+    simulation = stepped(built.simulation(properties=device.properties), 3)
     assert np.isfinite(dpd.Observer(built).sample(simulation.context).total)
 
 

@@ -11,7 +11,7 @@ import openmm
 import pytest
 from foreign_forces import FORCE, STEPS, Cell, covering, lacking, outcome, state
 from openmm import app, unit
-from scenes import BOXES, EXTENDED, beads, fluid
+from scenes import BOXES, EXTENDED, beads, fluid, place, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.model.eos import ConstantHeatCapacity
@@ -111,8 +111,7 @@ def test_forces_in_every_group_add_up(scheme, platform, conservative):
     assert len(free) >= 30  # of its own the package has one group here, or none beside 31
     for group in free:
         push(built.system, 0.5 + 0.1 * group, group)
-    simulation = built.simulation()
-    simulation.step(STEPS)
+    simulation = stepped(built.simulation(), STEPS)
     expected = 81 * sum(0.5 + 0.1 * group for group in free) * STEPS * DT
     assert momentum(simulation.context) == pytest.approx([expected, 0, 0], abs=81 * 2.0**-23 * STEPS * 60)
 
@@ -271,8 +270,7 @@ def test_renumbered_groups_are_refused_or_right(scheme, platform, way, how):
             elif how == "others to 31":
                 force.setForceGroup(31)
         try:
-            simulation = case.simulation(platform, False)
-            simulation.step(10)
+            simulation = stepped(case.simulation(platform, False), 10)
         except REFUSED as error:
             assert renumber, error
             one_line(error)
@@ -320,8 +318,7 @@ def test_virtual_sites_act_or_are_refused(scheme, platform, conservative):
     built = dpd.build(scene, dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
     built.system.setVirtualSite(0, openmm.TwoParticleAverageSite(1, 2, 0.5, 0.5))
     try:
-        simulation = built.simulation()
-        simulation.step(STEPS)
+        simulation = stepped(built.simulation(), STEPS)
     except REFUSED as error:
         one_line(error)
         assert "site" in str(error)
@@ -343,8 +340,7 @@ def test_a_force_on_a_constrained_pair_moves_both_or_is_refused(scheme, platform
     force.setForceGroup(7)
     case.system.addForce(force)
     try:
-        simulation = case.simulation(platform, False)
-        simulation.step(STEPS)
+        simulation = stepped(case.simulation(platform, False), STEPS)
     except REFUSED as error:
         one_line(error)
         assert "constrain" in str(error)
@@ -363,8 +359,7 @@ def test_forces_can_come_and_go_between_steps(scheme, platform, conservative):
     if scheme == "native" and conservative == "kernel":
         pytest.skip("native has no kernel")
     built = dpd.build(pushed(), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
-    simulation = built.simulation()
-    simulation.step(3)
+    simulation = stepped(built.simulation(), 3)
     total = 0.0
     for group, strength in ((7, 10.0), (30, -4.0), (None, -10.0)):
         if group is None:
@@ -387,8 +382,7 @@ def test_a_serialized_system_takes_a_force(scheme, platform):
     system, integrator = openmm.XmlSerializer.clone(built.system), openmm.XmlSerializer.clone(built.integrator)
     push(system, FORCE, 7)
     simulation = app.Simulation(built.topology, system, integrator, openmm.Platform.getPlatformByName(platform))
-    simulation.context.setPositions(built.positions)
-    simulation.context.setVelocities(built.velocities)
+    place(simulation.context, built.positions, built.velocities)
     simulation.step(STEPS)
     assert momentum(simulation.context) == pytest.approx([81 * FORCE * STEPS * DT, 0, 0], abs=81 * 2.0**-23 * STEPS * 60)
 
@@ -416,8 +410,7 @@ def test_a_force_reaches_every_bead_that_it_names(scheme, platform, conservative
         force.addParticle(k, strengths[k])
     force.setForceGroup(12)
     built.system.addForce(force)
-    simulation = built.simulation()
-    simulation.step(STEPS)
+    simulation = stepped(built.simulation(), STEPS)
     t = STEPS * DT
     found_x, found_v = state(simulation.context)
     ahead = cells.AHEAD.get(scheme, 0.0)

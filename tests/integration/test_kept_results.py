@@ -11,6 +11,7 @@ import numpy as np
 import openmm
 import pytest
 from cases import cases
+from files_of_tests import put
 from fluid_deck import FLUID
 from full_disk import file_limit, small_disk
 
@@ -25,9 +26,7 @@ WRITING = FLUID.replace("run 50\nrun 30\n", _LINES)  # Rows, a dump and an avera
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    path = tmp_path / "in.fluid"
-    path.write_text(WRITING)
-    return path
+    return put(tmp_path / "in.fluid", WRITING)
 
 
 def arguments(deck: Path, out: Path, *more: str) -> list[str]:

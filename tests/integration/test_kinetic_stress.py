@@ -4,7 +4,7 @@ import numpy as np
 import openmm
 import pytest
 from judged import any_seed, bounded, judge
-from scenes import beads
+from scenes import beads, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
@@ -54,8 +54,7 @@ def test_openmms_integrator_keeps_velocities_half_a_kick_behind():
     table = {("*", "*"): dpd.DPD(A=25, gamma=1e-9)}
     scene = beads(2, table=table, positions=[[1.0, 1, 1], [1.3, 1, 1]], edge=4.0, kT=1e-12, velocities=np.zeros((2, 3)))
     built = dpd.build(scene, dt=DT, scheme="native", platform="Reference", seed=1)
-    simulation = built.simulation()
-    simulation.step(1)
+    simulation = stepped(built.simulation(), 1)
     moved = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[1, 0] - 1.3
     assert moved == pytest.approx((0.5 + built.plan.options.scheme.lag) * 25 * 0.7 * DT**2, rel=1e-6)
     sample = dpd.Observer(built).sample(simulation.context)  # twice the kick of half a step, against a force that has become less

@@ -11,7 +11,7 @@ from cases import cases
 from devices import DEVICES
 from judged import any_seed
 from raising import raises
-from scenes import BOXES, MASSES, fluid, state_of
+from scenes import BOXES, MASSES, fluid, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError, PlanError
@@ -141,8 +141,7 @@ def test_sources_act_on_beads_that_crossed_the_box():
 
 
 def test_setting_values_acts_at_once():
-    simulation = running(heat_scene(frozen=False), DEVICES[1])
-    simulation.step(3)
+    simulation = stepped(running(heat_scene(frozen=False), DEVICES[1]), 3)
     write_fields(simulation.context, simulation.built.plan, theta=1.0)
     assert np.all(read_fields(simulation.context, simulation.built.plan)["theta"] == 1.0)
     raises(ParameterError, "it must be > 0", lambda: write_fields(simulation.context, simulation.built.plan, theta=np.zeros(N)))
@@ -162,8 +161,7 @@ def test_walls_take_other_values_in_a_run(make, name):
     written = running(scene, DEVICES[1])
     program = openmm.Context(written.system, openmm.XmlSerializer.clone(written.integrator), openmm.Platform.getPlatformByName("CPU"))
     write_fields(written.context, written.built.plan, **{name: other})
-    for simulation in (begun, written):
-        simulation.step(5)
+    step_all(5, begun, written)
     state = written.context.createCheckpoint()
     written.step(3)
     written.context.loadCheckpoint(state)
@@ -173,11 +171,9 @@ def test_walls_take_other_values_in_a_run(make, name):
     ends = [(*state_of(s.context), raw_fields(s.context, s.built.plan.spec.fields)) for s in (begun, written)]
     for one, two in zip(*ends, strict=True):
         np.testing.assert_allclose(one, two, rtol=1e-10, atol=1e-10)  # values are shown by a scale that depends on those of the start
-    untouched = running(make(), DEVICES[1])
-    untouched.step(11)
+    untouched = stepped(running(make(), DEVICES[1]), 11)
     assert np.abs(raw_fields(untouched.context, scene_fields(untouched)) - ends[1][2])[~start.immobile].max() > 1e-3
-    program.setPositions(untouched.built.positions)
-    program.setVelocities(untouched.built.velocities)
+    place(program, untouched.built.positions, untouched.built.velocities)
     program.getIntegrator().step(11)
     ends = [raw_fields(context, scene_fields(untouched)) for context in (program, untouched.context)]
     np.testing.assert_allclose(*ends, rtol=1e-12)  # a program and a loop agree to rounding
@@ -237,8 +233,7 @@ def test_files_beside_the_trajectory(make, tmp_path):
 
 
 def test_local_density_is_a_measured_quantity(device):
-    simulation = running(density_scene(), device, scheme="middle")
-    simulation.step(3)
+    simulation = stepped(running(density_scene(), device, scheme="middle"), 3)
     density = read_fields(simulation.context, simulation.built.plan)["density"]
     x, _ = state_of(simulation.context)
     r = np.linalg.norm(oracle.minimum_image(x[:, None] - x[None], BOXES["ortho"]), axis=2) + 9 * np.eye(len(x))
@@ -252,8 +247,7 @@ def test_many_body_scenes_on_every_device(device, kernel, scheme):
     """One step of every scheme on every platform, against Reference."""
     results = []
     for where in (DEVICES[0], device):
-        simulation = running(density_scene(kernel), where, scheme=scheme)
-        simulation.step(3)
+        simulation = stepped(running(density_scene(kernel), where, scheme=scheme), 3)
         results.append(state_of(simulation.context))
     limit = device.choose(1e-4, 1e-4, 3e-3)  # the CPU platform's own forces are single precision
     assert np.abs(oracle.minimum_image(results[0][0] - results[1][0], BOXES["ortho"])).max() < limit

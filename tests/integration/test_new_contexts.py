@@ -9,7 +9,7 @@ import openmm
 import pytest
 from openmm import app, unit
 from openmm_dpd.units import BOLTZMANN
-from scenes import beads, state_of
+from scenes import beads, place, state_of, stepped
 
 import openmm_dpd as dpd
 
@@ -26,8 +26,7 @@ def anew(context: openmm.Context, x=None, v=None) -> None:
     """Reinitialize without the state, and put positions and velocities back."""
     here = state_of(context)
     context.reinitialize()
-    context.setPositions(here[0] if x is None else x)
-    context.setVelocities(here[1] if v is None else v)
+    place(context, here[0] if x is None else x, here[1] if v is None else v)
 
 
 @SCHEME
@@ -135,8 +134,7 @@ def test_ctrl_c_is_a_keyboard_interrupt(monkeypatch):
     """Also where it comes inside a force, and the step is taken back."""
     from openmm_dpd.kernels import engine
 
-    simulation = built("middle").simulation()
-    simulation.step(10)
+    simulation = stepped(built("middle").simulation(), 10)
     before, sweep = state_of(simulation.context), engine.PairEngine.swept
 
     def interrupted(*arguments, **named):

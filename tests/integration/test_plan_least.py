@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import unit
-from scenes import BOXES, EXTENDED, PLAIN, D, beads, chains, fluid
+from scenes import BOXES, EXTENDED, PLAIN, D, beads, chains, fluid, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import PAIR_GROUP, PARAMETERS
@@ -160,8 +160,7 @@ def test_native_friction_acts_across_the_faces_of_a_box(platform):
     coefficient = {("W", "W"): dpd.DPD(A=0, gamma=20)}
     x, v = np.array([[0.1, 2, 2], [3.9, 2, 2]]), np.array([[0.1, 0, 0], [-0.1, 0, 0]])
     scene = dpd.Scene({"W": 1}, ["W"] * 2, x, coefficient, kT=0, box=[4, 4, 4], velocities=v)
-    simulation = build(scene, scheme="native", platform=platform).simulation()
-    simulation.step(10)
+    simulation = stepped(build(scene, scheme="native", platform=platform).simulation(), 10)
     # gamma w^2 (1/m + 1/m) = 25 per ps at the distance 0.2
     after = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
     assert 0 < after[0, 0] < 0.1 * np.exp(-25 * 0.2 * 0.5) and after[0, 0] == pytest.approx(-after[1, 0])
@@ -211,8 +210,7 @@ def counts(monkeypatch):
 @PLACEMENTS
 def test_evaluations_per_step(scheme, conservative, counts):
     """Counted on a running scene."""
-    simulation = build(beads(), scheme=scheme, conservative=conservative).simulation()
-    simulation.step(3)
+    simulation = stepped(build(beads(), scheme=scheme, conservative=conservative).simulation(), 3)
     counts.update(dict.fromkeys(counts, 0))
     simulation.step(10)
     kernel = conservative == "kernel"
@@ -255,8 +253,7 @@ def test_evaluations_per_sample(scheme, reporter, more, counts):
     comes with the forces of the steps, ``mvv`` with that of all of them.
     """
     built = build(beads(), scheme=scheme)
-    simulation = built.simulation()
-    simulation.step(3)
+    simulation = stepped(built.simulation(), 3)
     counts.update(dict.fromkeys(counts, 0))
     simulation.step(10)
     before = dict(counts)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from files_of_tests import put
 from interrupted_runs import contents, interrupted, signal_at
 
 import openmm_dpd as dpd
@@ -138,9 +139,7 @@ def interrupt_again_and_again(deck: Path, platform: str, times: int, *options: s
 
 @pytest.fixture
 def deck(tmp_path) -> Path:
-    path = tmp_path / "in.tiny"
-    path.write_text(TINY, encoding="utf-8")
-    return path
+    return put(tmp_path / "in.tiny", TINY)
 
 
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])

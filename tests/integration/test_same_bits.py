@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kinds import KINDS, everything, made, running
-from scenes import fluid
+from scenes import fluid, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
@@ -47,8 +47,7 @@ def _hash(*arrays) -> str:
 
 def _of_kind(kind: str, scheme: str) -> str:
     built = made(kind, scheme)
-    simulation = running(built)
-    simulation.step(5)
+    simulation = stepped(running(built), 5)
     found = everything(simulation.context, built)
     return _hash(*(found[name] for name in sorted(found)))
 
@@ -59,8 +58,7 @@ def _of_charges(name: str) -> str:
     scene = fluid(box=np.diag([3.9] * 3), n=120, charges=q, electrostatics=CHARGES[name], velocities=None)
     built = dpd.build(scene, dt=0.01, scheme="middle", platform="Reference", seed=1)
     assert "charges" in built.plan.execution.held
-    simulation = running(built)
-    simulation.step(5)
+    simulation = stepped(running(built), 5)
     found = everything(simulation.context, built)
     return _hash(found["x"], found["v"])
 

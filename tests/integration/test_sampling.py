@@ -16,7 +16,7 @@ from judged import any_seed, with_seeds
 from openmm import app, unit
 from openmm_dpd.stats import block_average
 from openmm_dpd.units import BOLTZMANN
-from scenes import beads, state_of
+from scenes import beads, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 
@@ -53,8 +53,7 @@ def fluid(way="build", *, scheme="middle", platform="CPU", kT=1.0, n=81, edge=3.
     friction, choices = dpd.DPD(gamma=4.5, cutoff=1.0), {"scheme": scheme, "platform": platform, "seed": seed}
     integrator = dpd.add_thermostat(system, friction, temperature, dt, **choices).integrator
     simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName(platform), properties)
-    simulation.context.setPositions(x)
-    simulation.context.setVelocities(v)
+    place(simulation.context, x, v)
     return simulation
 
 
@@ -109,8 +108,7 @@ def test_beads_among_atoms_take_temperatures_as_well(scheme, platform):
     cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "mixed", "after", "own")
     case = foreign_forces.atoms()
     foreign_forces.among_beads(case, cell)
-    simulation = case.simulation(platform, True)
-    simulation.step(1)
+    simulation = stepped(case.simulation(platform, True), 1)
     everyone_says(simulation, 300 * BOLTZMANN)
     for way in SET:
         SET[way](simulation.context, 2.0)
@@ -127,16 +125,14 @@ def test_a_temperature_in_kelvin_is_the_same_run(scheme, platform, how):
     """Set in kelvin or as kT: the same trajectory."""
     table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
     first, second = (fluid(scheme=scheme, platform=platform, table=table) for _ in range(2))
-    for simulation in (first, second):
-        simulation.step(2)
+    step_all(2, first, second)
     SET[how](first.context, 2.0)
     first.step(1)
     kT = first.context.getParameter("dpd_kT")  # the noise depends on every bit of kT
     assert kT == pytest.approx(2.0, rel=1e-12)
     second.context.setParameter("dpd_kT", kT)
     second.step(1)
-    for simulation in (first, second):
-        simulation.step(5)
+    step_all(5, first, second)
     for one, other in zip(state_of(first.context), state_of(second.context), strict=True):
         assert np.abs(one - other).max() < 1e-9
 
@@ -331,8 +327,7 @@ def test_replicas_of_a_dpd_fluid_have_their_temperatures(scheme, seed):
     """With repulsion, and temperatures near enough for exchanges; energies of neighbours differ as their heat capacity says."""
     factors = (1.0, 1.05, 1.1)
     states = [{"temperature": factor * UNIT * KELVIN} for factor in factors]
-    simulation = fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)}, seed=seed)
-    simulation.step(300)
+    simulation = stepped(fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)}, seed=seed), 300)
     random.seed(seed + 1)
     sampler = app.ReplicaExchangeSampler(states, simulation, 25)
     found: list[list[float]] = [[] for _ in factors]

@@ -5,7 +5,7 @@ import pytest
 from devices import CPU, REFERENCE
 from judged import any_seed, judge
 from marks import SCHEME, SCHEMES
-from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of
+from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import KT
@@ -13,8 +13,7 @@ from openmm_dpd.base.names import KT
 
 def temperatures(scene, device=CPU, *, dt, steps, start, every=5, **choices):
     """Kinetic temperature 2K/(3N-3) of the mobile beads in every fifth step after the start."""
-    simulation = run_of(scene, device, dt=dt, **choices)
-    simulation.step(start)
+    simulation = stepped(run_of(scene, device, dt=dt, **choices), start)
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     mass, values = scene.bead_masses[mobile, None], []
     dof = 3 * mobile.sum() - (3 if mobile.all() else 0)
@@ -38,8 +37,7 @@ def test_temperature_of_every_step_of_a_ramp(choices, begin, end):
 
 
 def test_ramp_does_not_depend_on_how_the_run_is_cut_up_or_on_the_step_count():
-    simulation = run_of(beads(kT=dpd.TemperatureRamp(1.0, 3.0, 0, 20)), REFERENCE, dt=0.02, scheme="middle")
-    simulation.step(7)
+    simulation = stepped(run_of(beads(kT=dpd.TemperatureRamp(1.0, 3.0, 0, 20)), REFERENCE, dt=0.02, scheme="middle"), 7)
     simulation.context.setStepCount(0)
     simulation.step(3)
     assert simulation.context.getParameter(KT) == pytest.approx(2.0)
@@ -119,8 +117,7 @@ def test_moving_walls_drag_the_fluid_along():
     mobile = base.positions[:, 2] % 4.0 > 0.8
     velocities = np.where(mobile[:, None], 0.0, [2.0, 0.0, 0.0])
     scene = dpd.Scene(base.masses, base.types, base.positions, friction, 0.1, box=base.box, mobile=mobile, velocities=velocities)
-    simulation = run_of(scene, CPU, dt=0.05, scheme="middle")
-    simulation.step(800)
+    simulation = stepped(run_of(scene, CPU, dt=0.05, scheme="middle"), 800)
     x, v = state_of(simulation.context)
     flow = np.average(v[mobile], axis=0, weights=scene.bead_masses[mobile])
     np.testing.assert_allclose(flow, [2.0, 0.0, 0.0], atol=0.08)  # the mean velocity of 150 beads fluctuates by sqrt(kT/M) = 0.02

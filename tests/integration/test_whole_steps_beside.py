@@ -12,7 +12,7 @@ from judged import any_seed, bounded, judge
 from kinds import N, differences, everything, hand_over, made, plain_context, running, same, schemes_of
 from openmm import app, unit
 from openmm_dpd.units import BOLTZMANN
-from scenes import BOXES, EXTENDED, beads, fluid, state_of
+from scenes import BOXES, EXTENDED, beads, fluid, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT
@@ -82,12 +82,10 @@ def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: st
         compound = openmm.CompoundIntegrator()
         compound.addIntegrator(built.integrator)
         context = openmm.Context(built.system, compound, platform, properties)
-        context.setPositions(built.positions)
-        context.setVelocities(built.velocities)
+        place(context, built.positions, built.velocities)
     elif how == "bare":
         context = openmm.Context(built.system, built.integrator, platform, properties)
-        context.setPositions(built.positions)
-        context.setVelocities(built.velocities)
+        place(context, built.positions, built.velocities)
     else:
         context = running(built, "CPU").context
     if how == "reinitialized":
@@ -196,8 +194,7 @@ def clocked(scheme: str, how: str, cut: int = 25):
         compound = openmm.CompoundIntegrator()
         compound.addIntegrator(built.integrator)
         context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
-        context.setPositions(built.positions)
-        context.setVelocities(built.velocities)
+        place(context, built.positions, built.velocities)
     else:
         context = running(built, "CPU").context
     for _ in range(25 // cut):
@@ -263,8 +260,7 @@ def anew(simulation, kind: str, scheme: str, dt: float = DT, **choices):
     built = made(kind, scheme, "CPU", loop=False, dt=dt, **choices)
     other = running(built, "CPU")
     state = simulation.context.getState(positions=True, velocities=True)
-    other.context.setPositions(state.getPositions())
-    other.context.setVelocities(state.getVelocities())
+    place(other.context, state.getPositions(), state.getVelocities())
     other.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
     other.context.setStepCount(state.getStepCount())
     other.context.setTime(state.getTime())
@@ -280,17 +276,14 @@ def anew(simulation, kind: str, scheme: str, dt: float = DT, **choices):
 def follows(simulation, kind: str, scheme: str, dt: float = DT, limit: float = 1e-10) -> None:
     """The next four steps are those of a fresh run."""
     other = anew(simulation, kind, scheme, dt)
-    for one in (simulation, other):
-        one.step(4)
+    step_all(4, simulation, other)
     found = differences(everything(simulation.context, simulation.built), everything(other.context, other.built), dt)
     off = {name: value for name, value in found.items() if not value < limit}
     assert not off, off
 
 
 def started(kind: str, scheme: str, steps: int = 5, **choices):
-    simulation = running(made(kind, scheme, "CPU", **choices), "CPU")
-    simulation.step(steps)
-    return simulation
+    return stepped(running(made(kind, scheme, "CPU", **choices), "CPU"), steps)
 
 
 def move(simulation):
@@ -364,10 +357,8 @@ def test_after_minimising(scheme):
     other = running(made("bonded", scheme, "CPU"), "CPU")
     for name in (COUNTER,):
         other.context.setParameter(name, simulation.context.getParameter(name))
-    other.context.setPositions(x)
-    other.context.setVelocities(state_of(simulation.context)[1])
-    for one in (simulation, other):
-        one.step(3)
+    place(other.context, x, state_of(simulation.context)[1])
+    step_all(3, simulation, other)
     assert np.abs(state_of(simulation.context)[1] - state_of(other.context)[1]).max() < 1e-10
 
 
@@ -431,8 +422,7 @@ def test_after_reinitializing(kind, scheme, preserve):
         x, v = state_of(simulation.context)
         simulation.context.reinitialize(preserveState=preserve)
         if not preserve:
-            simulation.context.setPositions(x)
-            simulation.context.setVelocities(v)
+            place(simulation.context, x, v)
         simulation.step(4)
     found = differences(*(everything(one.context, one.built) for one in runs), DT)
     assert max(found.values()) < 1e-10, found
@@ -440,13 +430,12 @@ def test_after_reinitializing(kind, scheme, preserve):
 
 def test_energies_that_another_way_of_stepping_left():
     """A state goes from a loop to the program and back."""
-    looped, stepped = (started("energies", "bababo", loop=loop) for loop in (True, False))
-    hand_over(looped, stepped)
-    stepped.step(20)
-    hand_over(stepped, looped)
-    for one in (looped, stepped):
-        one.step(1)
-    first, second = (read_fields(one.context, one.built.plan)["theta"] for one in (looped, stepped))
+    looped, plain = (started("energies", "bababo", loop=loop) for loop in (True, False))
+    hand_over(looped, plain)
+    plain.step(20)
+    hand_over(plain, looped)
+    step_all(1, looped, plain)
+    first, second = (read_fields(one.context, one.built.plan)["theta"] for one in (looped, plain))
     assert np.abs(first - second).max() < 1e-9
 
 
@@ -471,8 +460,7 @@ def _two(built, scheme, kind):
     for k in (0, 1):
         integrator = built.integrator if k == 0 else openmm.XmlSerializer.clone(built.integrator)
         context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
-        context.setPositions(built.positions._value + 0.02 * k * np.cos(np.arange(3 * N)).reshape(-1, 3))
-        context.setVelocities(built.velocities)
+        place(context, built.positions._value + 0.02 * k * np.cos(np.arange(3 * N)).reshape(-1, 3), built.velocities)
         contexts.append(context)
     return contexts
 
@@ -605,8 +593,7 @@ def test_after_an_accepted_volume_move_the_run_is_as_a_fresh_one(scheme):
         other = pressed(scheme, 1000)
         state = simulation.context.getState(positions=True, velocities=True)
         other.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
-        other.context.setPositions(state.getPositions())
-        other.context.setVelocities(state.getVelocities())
+        place(other.context, state.getPositions(), state.getVelocities())
         other.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
         other.step(1)
         simulation.step(1)
@@ -674,8 +661,7 @@ def test_other_barostats_hear_of_steps(barostat):
     }[barostat]()
     built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, platform="CPU", conservative="kernel", seed=8)
     built.system.addForce(made_barostat)
-    simulation = built.simulation(properties=Device("CPU").properties)
-    simulation.step(100)
+    simulation = stepped(built.simulation(properties=Device("CPU").properties), 100)
     assert simulation.context.getState().getPeriodicBoxVolume()._value != 64.0
     assert simulation.currentStep == 100
 
@@ -712,8 +698,7 @@ def test_a_long_run_of_loops_keeps_its_temperature(scheme, seed):
     scene = fluid(EXTENDED, BOXES["wide"], n=500, spread=0)
     built = dpd.build(scene, dt=0.02, scheme=scheme, platform="CPU", seed=seed)
     built.system.addForce(_trap(500))
-    simulation = built.simulation(properties=Device("CPU").properties)
-    simulation.step(1000)
+    simulation = stepped(built.simulation(properties=Device("CPU").properties), 1000)
     mass, kinetic = scene.bead_masses[:, None], []
     for _ in range(1500):
         simulation.step(10)

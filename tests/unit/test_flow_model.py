@@ -7,7 +7,7 @@ import openmm
 import pytest
 from openmm import unit
 from raising import raises
-from scenes import beads, fluid
+from scenes import beads, fluid, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import BODY_FORCE, EXTERNAL_GROUP
@@ -180,8 +180,7 @@ def one_step(scheme: str, kind: str, platform: str, box, x, v, walls=None) -> tu
     walls = walls or [dpd.Wall("z", 1.0, "above", kind), dpd.Wall("z", 2.0, "below", kind)]
     table = {("A", "A"): dpd.DPD(A=0, gamma=1e-12, cutoff=1.0)}
     scene = dpd.Scene({"A": 1.0}, ["A"] * len(x), x, table, 0.0, box=box, velocities=v, walls=walls)
-    simulation = dpd.build(scene, dt=0.5, scheme=scheme, seed=1, platform=platform).simulation()
-    simulation.step(1)
+    simulation = stepped(dpd.build(scene, dt=0.5, scheme=scheme, seed=1, platform=platform).simulation(), 1)
     state = simulation.context.getState(positions=True, velocities=True)
     return state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value
 

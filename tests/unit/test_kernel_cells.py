@@ -6,7 +6,7 @@ import numpy as np
 import oracle
 import pytest
 from marks import BOX
-from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params
+from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params, ready
 
 from openmm_dpd import RunError
 from openmm_dpd.base.neighbours import coincident_pairs
@@ -234,8 +234,7 @@ def test_few_beads_in_a_huge_box():
 def test_particles_of_type_minus_one_take_no_part():
     x, types = np.random.default_rng(3).random((40, 3)) * 2, np.where(np.arange(40) % 3 == 0, -1, 0).astype(np.int32)
     x[0] = np.nan  # not even looked at
-    engine = PairEngine(PairSpec(types, np.ones(40), (table_of(1.0),)))
-    engine.prepare(x, None)
+    engine = ready(PairEngine(PairSpec(types, np.ones(40), (table_of(1.0),))), x, None)
     members = np.flatnonzero(types == 0)
     found = oracle_pairs(x[members], None)
     assert unordered(listed_pairs(engine)) == sorted((int(members[i]), int(members[j])) for i, j in found)

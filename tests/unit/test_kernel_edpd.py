@@ -4,7 +4,7 @@ import numpy as np
 import oracle_meso as oracle
 import pytest
 from marks import BOX
-from scenes import BOXES, MASSES, chains, fluid, noise_of
+from scenes import BOXES, MASSES, chains, fluid, noise_of, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import RunError
@@ -34,9 +34,7 @@ def warm_fluid(box=BOXES["ortho"], *, make=fluid, table=TABLE, seed=5, **options
 
 
 def prepared(scene, dt=DT) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
+    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec), scene.positions, scene.box)
 
 
 def evaluate(scene, which, v=None, counter=COUNTER, engine=None):

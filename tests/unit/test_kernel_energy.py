@@ -6,7 +6,7 @@ import pytest
 from cases import cases
 from marks import BOX
 from raising import raises
-from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
+from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of, ready
 from scipy import stats
 
 import openmm_dpd as dpd
@@ -33,9 +33,7 @@ def energy_fluid(box, *, make=fluid, eos=EOS, table=TABLE, seed=5, **options) ->
 
 
 def prepared(scene, scheme="middle", dt=DT) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme=scheme).spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
+    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme=scheme).spec), scene.positions, scene.box)
 
 
 def noise_matrices(n: int):

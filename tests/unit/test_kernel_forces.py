@@ -4,7 +4,7 @@ import numpy as np
 import oracle
 import pytest
 from marks import BOX
-from scenes import BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fluid, noise_of, oracle_params
+from scenes import BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fluid, noise_of, oracle_params, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
@@ -16,9 +16,7 @@ KT, DT, SEED, COUNTER = 1.3, 0.02, 21, 5
 
 
 def prepared(scene) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=DT, seed=SEED).spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
+    return ready(PairEngine(make_plan(scene, dt=DT, seed=SEED).spec), scene.positions, scene.box)
 
 
 def close(got, expected, rtol=1e-12):

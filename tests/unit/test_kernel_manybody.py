@@ -13,7 +13,7 @@ import pytest
 from devices import Device
 from marks import BOX
 from openmm import unit
-from scenes import BOXES, MASSES, noise_of
+from scenes import BOXES, MASSES, noise_of, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError, PlanError
@@ -81,9 +81,7 @@ class Fluid:
         inv_mass = 1.0 / self.mass if mobile is None else np.where(mobile, 1.0 / self.mass, 0.0)
         terms = (kernel_table(self.table, self.mass),) if terms is None else terms
         spec = PairSpec(self.types, inv_mass, terms, update, exceptions=compressed_exceptions(factors or {}, self.n))
-        engine = PairEngine(pickle.loads(pickle.dumps(spec)))
-        engine.prepare(self.x, self.box)
-        return engine
+        return ready(PairEngine(pickle.loads(pickle.dumps(spec))), self.x, self.box)
 
     def oracle(self):
         """Densities, pair terms, and the potential of the quadratic kernel."""

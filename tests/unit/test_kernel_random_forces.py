@@ -6,7 +6,7 @@ components, in units of sigma w^s/sqrt(dt).  Seeds are fixed; bounds are 4 stand
 
 import numpy as np
 import pytest
-from scenes import D
+from scenes import D, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import RANDOM, PairEngine
@@ -124,8 +124,7 @@ def test_covariance_of_all_beads_of_a_fluid_is_that_of_the_friction():
     from scenes import EXTENDED, fluid
 
     scene = fluid(EXTENDED, None, density=8.0, n=12, seed=2, kT=KT)
-    engine = PairEngine(make_plan(scene, dt=DT, seed=1).spec)
-    engine.prepare(scene.positions, None)
+    engine = ready(PairEngine(make_plan(scene, dt=DT, seed=1).spec), scene.positions, None)
     friction = np.array([-engine.forces(2, unit.reshape(12, 3), KT, DT, 0, 0)[1].ravel() for unit in np.eye(36)])
     np.testing.assert_allclose(friction, friction.T, atol=1e-12)
     forces = np.array([engine.forces(RANDOM, None, KT, DT, 3, counter)[1].ravel() for counter in range(3000)])

@@ -4,7 +4,7 @@ import numpy as np
 import oracle
 import pytest
 from marks import BOX
-from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params
+from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine
@@ -17,9 +17,7 @@ KT, SEED, COUNTER = 1.3, 21, 5
 
 
 def prepared(scene, scheme) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=0.1, seed=SEED, scheme=scheme).spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
+    return ready(PairEngine(make_plan(scene, dt=0.1, seed=SEED, scheme=scheme).spec), scene.positions, scene.box)
 
 
 def expected_of(scene, scheme, engine, dt, kT=KT, inv_mass=None, v=None, counter=COUNTER):

@@ -5,7 +5,7 @@ import oracle as plain_oracle
 import oracle_meso as oracle
 import pytest
 from marks import BOX
-from scenes import BOXES, MASSES, chains, fluid
+from scenes import BOXES, MASSES, chains, fluid, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import RunError
@@ -40,9 +40,7 @@ def solution(box=BOXES["ortho"], n_species=3, *, make=fluid, table=None, seed=5,
 
 
 def prepared(scene, dt=DT) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
+    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec), scene.positions, scene.box)
 
 
 def evaluate(scene, which, counter=COUNTER, kT=KT, engine=None):

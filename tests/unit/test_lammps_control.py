@@ -5,6 +5,7 @@ from pathlib import Path
 import lammps_peer
 import pytest
 from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
@@ -144,8 +145,7 @@ RUNS += "pair_coeff 1 1 25 4.5\nfix 1 all nve\n"
 
 def test_quit_inside_of_pieces_ends_the_deck(tmp_path):
     """Pieces of a run count as runs; what a command in between says about the deck holds."""
-    path = tmp_path / "in.pieces"
-    path.write_text(RUNS + "run 7 every 3 'if \"$(step) >= 6\" then quit' 'print nothing'\nprint never\n", encoding="utf-8")
+    path = put(tmp_path / "in.pieces", RUNS + "run 7 every 3 'if \"$(step) >= 6\" then quit' 'print nothing'\nprint never\n")
     lines: list[str] = []
     report = run_deck(path, RunOptions(platform="Reference"), log=lines.append)
     assert [run["steps"] for run in report["runs"]] == [3, 3]
@@ -154,8 +154,7 @@ def test_quit_inside_of_pieces_ends_the_deck(tmp_path):
 
 def test_a_loop_over_runs(tmp_path):
     """One run for each value, which variables of the command line replace."""
-    path = tmp_path / "in.loop"
-    path.write_text(RUNS + "variable n index 1 2 3\nlabel a\nrun $n\nnext n\njump SELF a\n", encoding="utf-8")
+    path = put(tmp_path / "in.loop", RUNS + "variable n index 1 2 3\nlabel a\nrun $n\nnext n\njump SELF a\n")
     for given, steps in ({}, [1, 2, 3]), ({"n": "4"}, [4]):
         report = run_deck(path, RunOptions(platform="Reference"), variables=given)
         assert [run["steps"] for run in report["runs"]] == steps

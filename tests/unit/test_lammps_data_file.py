@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
@@ -28,14 +29,11 @@ ATOMS = {
 
 
 def write(folder, text: str):
-    path = folder / "data"
-    path.write_text(text)
-    return path
+    return put(folder / "data", text)
 
 
 def deck(folder, text: str, **options):
-    path = folder / "in.deck"
-    path.write_text(text)
+    path = put(folder / "in.deck", text)
     return read_deck(path, stop_before_first_run=True, output=folder, **options)
 
 

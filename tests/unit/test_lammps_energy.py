@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, read_deck
@@ -33,8 +34,7 @@ MANY = "pair_style hybrid/overlay mdpd/rhosum mdpd 1.0 1.0 7\npair_coeff * * mdp
 
 
 def state_of(tmp_path, text: str):
-    path = tmp_path / "in.deck"
-    path.write_text(text)
+    path = put(tmp_path / "in.deck", text)
     return read_deck(path, stop_before_first_run=True, output=tmp_path)
 
 
@@ -297,8 +297,7 @@ def test_errors_name_file_and_line(tmp_path, text, message):
 
 # -- runs --------------------------------------------------------------------------------------------------------------------------
 def run(tmp_path, text: str, **options):
-    path = tmp_path / "in.run"
-    path.write_text(text)
+    path = put(tmp_path / "in.run", text)
     runner = DeckRunner(RunOptions(platform="Reference", threads=1, **options))
     return read_deck(path, run_callback=runner, output=tmp_path), runner
 
@@ -342,8 +341,7 @@ def test_heat_between_two_beads_in_metal_units(tmp_path):
     """kappa (1/theta_i - 1/theta_j) w^2 in eV/ps, with w = 1/2."""
     box = "units metal\natom_style dpd\nregion b block 0 30 0 30 0 30 units box\ncreate_box 1 b\n"
     beads = "create_atoms 1 single 1 1 1\ncreate_atoms 1 single 1 6 1\nmass * 1.0\nset atom 1 dpd/theta 300\nset atom 2 dpd/theta 200\n"
-    path = tmp_path / "in.two"
-    path.write_text(box + beads + ENERGY + SHARDLOW + "run 0\n")
+    path = put(tmp_path / "in.two", box + beads + ENERGY + SHARDLOW + "run 0\n")
     heat = deck_forces(path, RunOptions(platform="Reference", threads=1))["rates_dissipative"][:, 0]
     expected = 3.2e-5 * (1 / 300 - 1 / 200) * 0.25
     np.testing.assert_allclose(heat, [expected, -expected], rtol=1e-12)

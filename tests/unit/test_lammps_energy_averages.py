@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -39,9 +40,7 @@ QUICK = RunOptions(platform="Reference", threads=1, seed=3)
 
 
 def write(tmp_path, text: str) -> Path:
-    path = tmp_path / "in.deck"
-    path.write_text(text)
-    return path
+    return put(tmp_path / "in.deck", text)
 
 
 def request_of(tmp_path, text: str) -> RunRequest:

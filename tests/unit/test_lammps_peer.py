@@ -7,6 +7,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -219,8 +220,7 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
             assert dump.due(request.first_step)
             dump.write(Resolver(state, sample, request.window))
 
-    path = tmp_path / "in.ours"
-    path.write_text(both)
+    path = put(tmp_path / "in.ours", both)
     read_deck(path, run_callback=callback, output=tmp_path)
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
     for name in ("atom", "custom"):
@@ -307,8 +307,7 @@ def test_steps_without_noise(tmp_path, name):
         first = lmp.last_thermo()
         lmp.command("run 6")
         last = lmp.last_thermo()
-    path = tmp_path / "in.ours"
-    path.write_text(deck + "run 6\n")
+    path = put(tmp_path / "in.ours", deck + "run 6\n")
     found = run_deck(path, RunOptions(platform="Reference", threads=1))["thermo"]
     for word, title in titles.items():
         assert first[title] != pytest.approx(last[title], rel=1e-4)  # something happens

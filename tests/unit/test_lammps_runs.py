@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
@@ -32,9 +33,7 @@ group two type 2
 
 
 def write(tmp_path, text: str, units: str = "lj") -> Path:
-    path = tmp_path / "in.deck"
-    path.write_text(START.format(units=units) + text)
-    return path
+    return put(tmp_path / "in.deck", START.format(units=units) + text)
 
 
 def sample_of(request: RunRequest, step: int | None = None, **values) -> DeckSample:
@@ -189,8 +188,7 @@ def test_a_deck_without_a_box_has_nothing_to_look_at(tmp_path):
 
 def test_a_run_needs_a_pair_style_even_if_it_is_none(tmp_path):
     beads = START.format(units="lj").replace("pair_style dpd 1.0 1.0 77\npair_coeff * * 25 4.5\n", "{}") + "fix 1 all nve\nrun 1\n"
-    path = tmp_path / "in.deck"
-    path.write_text(beads.format(""))
+    path = put(tmp_path / "in.deck", beads.format(""))
     raises(DeckError, r"in.deck:12: run needs a pair_style before it; .* 'pair_style none'", lambda: read_deck(path))
     path.write_text(beads.format("pair_style none\n"))
     assert read_deck(path).runs == 1
@@ -199,8 +197,7 @@ def test_a_run_needs_a_pair_style_even_if_it_is_none(tmp_path):
 def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path):
     text = "two beads\n\n2 atoms\n1 atom types\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\n"
     (tmp_path / "data").write_text(text + "Masses\n\n1 1\n\nAtoms\n\n1 1 1 1 1\n2000000000 1 2 2 2\n")
-    path = tmp_path / "in.sparse"
-    path.write_text("read_data data\nvelocity all create 1 5\n")
+    path = put(tmp_path / "in.sparse", "read_data data\nvelocity all create 1 5\n")
     with pytest.raises(DeckError, match="in.sparse:2: velocity create: 2 beads have ids up to 2000000000, .* use 'loop geom'"):
         read_deck(path, stop_before_first_run=True)
     path.write_text("read_data data\nvelocity all create 1 5 loop geom\n")

@@ -6,6 +6,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 from raising import raises
 
 from openmm_dpd.base.errors import DeckError
@@ -209,8 +210,7 @@ def test_formulas_that_both_refuse(tmp_path, formula):
     text = f'{FOUR}variable v equal {formula}\nprint "$({formula})"\n'
     with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR"):
         lmp.commands_string(text)
-    path = tmp_path / "in.ours"
-    path.write_text(text, encoding="utf-8")
+    path = put(tmp_path / "in.ours", text)
     raises(DeckError, r"in.ours:16: .*formula|in.ours:16: '\$\(' is never closed", lambda: read_deck(path))
 
 
@@ -219,8 +219,7 @@ def test_numbers_that_both_refuse(tmp_path, number):
     text = f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 {number}\n"
     with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):  # its message may be cut in the middle of a letter
         lmp.commands_string(text)
-    path = tmp_path / "in.ours"
-    path.write_text(text, encoding="utf-8")
+    path = put(tmp_path / "in.ours", text)
     raises(DeckError, "in.ours:3: .*mass", lambda: read_deck(path))
     for place in (f"1 1 1 {number} 1", f"1 {number} 1 1 1", f"{number} 1 1 1 1"):
         data = tmp_path / "data"
@@ -288,8 +287,7 @@ def test_the_temperature_is_that_of_the_styles_with_friction(tmp_path, styles, c
 
 # -- what differs is said or refused --------------------------------------------------------------------------------------------------------------
 def test_pre_no_is_said(tmp_path):
-    path = tmp_path / "in.ours"
-    path.write_text(FOUR + "fix 1 all nve\nrun 2\nrun 2 pre no\n")
+    path = put(tmp_path / "in.ours", FOUR + "fix 1 all nve\nrun 2\nrun 2 pre no\n")
     assert any("forces are evaluated anew" in note for note in read_deck(path).notes)
     path.write_text(FOUR + "fix 1 all nve\nrun 2\nrun 2 pre yes post no\n")
     assert not any("anew" in note for note in read_deck(path).notes)

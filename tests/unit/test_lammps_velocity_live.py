@@ -4,6 +4,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
@@ -35,8 +36,7 @@ COMMANDS = (
 @LAMMPS
 @pytest.mark.parametrize("text", COMMANDS)
 def test_velocities_of_variables(tmp_path, text):
-    path = tmp_path / "in.deck"
-    path.write_text(DECK + text + "\nquit\n", encoding="utf-8")
+    path = put(tmp_path / "in.deck", DECK + text + "\nquit\n")
     state = read_deck(path, stop_before_first_run=True)
     with lammps_peer.instance() as lmp:
         lmp.commands_string(DECK + text)
@@ -53,7 +53,6 @@ def test_velocities_of_variables(tmp_path, text):
     ("variable q equal 1/(count(some)-5)\nvelocity all set v_q 0 0", "division by zero|1/"),
 )
 def test_other_variables_are_refused(tmp_path, text, message):
-    path = tmp_path / "in.deck"
-    path.write_text(DECK + text + "\n", encoding="utf-8")
+    path = put(tmp_path / "in.deck", DECK + text + "\n")
     with pytest.raises(DeckError, match=rf"in.deck:\d+: .*({message})"):
         read_deck(path)

@@ -11,8 +11,9 @@ import openmm
 import pytest
 from cases import cases
 from devices import Device
+from files_of_tests import put
 from raising import raises
-from scenes import beads, run_of, state_of
+from scenes import beads, run_of, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
@@ -48,9 +49,7 @@ run 20
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    path = tmp_path / "in.fluid"
-    path.write_text(DECK)
-    return path
+    return put(tmp_path / "in.fluid", DECK)
 
 
 def still(n: int = 81, **options) -> dpd.Scene:
@@ -135,8 +134,7 @@ def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
 def test_a_run_by_the_word_is_the_run_by_the_name(scheme):
     ends = []
     for text in (scheme.name, scheme.word):
-        simulation = run_of(still(), REFERENCE, dt=0.02, scheme=text)
-        simulation.step(3)
+        simulation = stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3)
         ends.append(state_of(simulation.context))
     assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
 
@@ -355,8 +353,7 @@ def test_export_notes_that_lammps_has_no_such_scheme(text, tmp_path):
 
 # -- states --------------------------------------------------------------------------------------------------------------------------
 def saved(scheme: str, how: str) -> tuple:
-    simulation = run_of(still(), REFERENCE, dt=0.02, scheme=scheme)
-    simulation.step(2)
+    simulation = stepped(run_of(still(), REFERENCE, dt=0.02, scheme=scheme), 2)
     file = io.StringIO() if how == "State" else io.BytesIO()
     getattr(simulation, f"save{how}")(file)
     file.seek(0)
@@ -377,8 +374,7 @@ def test_states_go_from_a_name_to_its_word(how):
     simulation, file = saved("middle", how)
     other = run_of(still(), REFERENCE, dt=0.02, scheme="B A/2 O A/2")
     getattr(other, f"load{how}")(file)
-    for one in (simulation, other):
-        one.step(3)
+    step_all(3, simulation, other)
     assert np.array_equal(state_of(simulation.context)[1], state_of(other.context)[1])
 
 

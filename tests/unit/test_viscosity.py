@@ -5,7 +5,7 @@ import pytest
 from cases import cases
 from openmm import unit
 from raising import raises
-from scenes import beads, chains, fluid
+from scenes import beads, chains, fluid, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
@@ -18,8 +18,7 @@ from openmm_dpd.measure import ProfileReporter, StressReporter
 def test_stress_of_pairs(which):
     """Against r_ij F_ij of all pairs, one pair at a time; its trace is the virial, and forces and energy are those without it."""
     scene = fluid(n=40, table={("*", "*"): dpd.DPD(A=25, gamma=4.5, exponent=0.7)})
-    engine = PairEngine(dpd.make_plan(scene, dt=0.01, platform="CPU").spec)
-    engine.prepare(scene.positions, scene.box)
+    engine = ready(PairEngine(dpd.make_plan(scene, dt=0.01, platform="CPU").spec), scene.positions, scene.box)
     plain = engine.forces(which, scene.velocities, 1.0, 0.01, 3, 5)
     forces = np.empty_like(scene.positions)
     with_stress = engine.sums(which | STRESS, scene.velocities, 1.0, 0.01, 3, 5, None, forces)
@@ -39,8 +38,7 @@ def test_stress_of_pairs(which):
             if which == RANDOM:
                 spec = engine.spec  # the force of one pair: that of the engine for these two beads alone, the others out of the way
                 kept = np.where(np.isin(np.arange(40), [i, j]), types, -1).astype(np.int32)
-                alone = PairEngine(type(spec)(kept, spec.inv_mass, spec.terms))
-                alone.prepare(scene.positions, scene.box)
+                alone = ready(PairEngine(type(spec)(kept, spec.inv_mass, spec.terms)), scene.positions, scene.box)
                 force = alone.forces(which, scene.velocities, 1.0, 0.01, 3, 5)[1][i]
             else:
                 w, e = 1 - distance, r / distance
