@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import openmm
 import oracle
 from openmm import unit
 
@@ -149,6 +150,14 @@ def state_of(context) -> tuple[np.ndarray, np.ndarray]:
     x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
     return np.array(x), np.array(v)
+
+
+def external_force(expression: str, n: int) -> openmm.Force:
+    """A force of the user's on each of n beads."""
+    force = openmm.CustomExternalForce(expression)
+    for bead in range(n):
+        force.addParticle(bead)
+    return force
 
 
 def place(context, x, v) -> None:

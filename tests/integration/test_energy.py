@@ -5,6 +5,7 @@ import oracle
 import pytest
 from devices import DEVICES
 from judged import any_seed, judge, ratios
+from kinds import ENERGY, TABULATED
 from openmm import unit
 from scenes import BOXES, fluid, state_of, step_all, stepped
 
@@ -13,7 +14,7 @@ from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.base.names import COUNTER
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine
 from openmm_dpd.model.energy_dpd import EnergyDPD
-from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
+from openmm_dpd.model.eos import ConstantHeatCapacity
 from openmm_dpd.model.internal import InternalEnergy
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.simulation.barostat import EnthalpyBarostat, add_barostat
@@ -22,18 +23,12 @@ from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 DT, SEED = 0.02, 11
-TABLE = {
-    ("A", "A"): EnergyDPD(A=25, sigma=3, kappa=2.0, cutoff=1.0),
-    ("A", "B"): EnergyDPD(A=31, sigma=2, kappa=1.0, cutoff=1.2),
-    ("B", "B"): EnergyDPD(A=18, sigma=4, kappa=3.0, cutoff=0.9),
-}
-EOS = {"A": ConstantHeatCapacity(40.0), "B": TabulatedEOS.from_functions(lambda theta: 50 * theta + 5 * theta**2, (0.2, 5.0))}
 
 
 def energy_scene(box=BOXES["ortho"], *, make=fluid, n=90, **options) -> dpd.Scene:
     """Two types with different equations of state and a range of temperatures."""
     theta = np.random.default_rng(5).uniform(0.7, 1.4, n)
-    return make(table=TABLE, box=box, n=n, internal=InternalEnergy(EOS, theta), **options)
+    return make(table=ENERGY, box=box, n=n, internal=InternalEnergy(TABULATED, theta), **options)
 
 
 def with_walls() -> dpd.Scene:
@@ -257,7 +252,9 @@ def test_setting_equals_a_fresh_start(scheme):
     simulation = stepped(running(scene, DEVICES[0], scheme=scheme), 3)
     x, v = state_of(simulation.context)
     write_fields(simulation.context, simulation.built.plan, theta=1.1)
-    fresh_scene = dpd.Scene(scene.masses, list(scene.types), x, TABLE, 1.0, box=scene.box, velocities=v, internal=InternalEnergy(EOS, 1.1))
+    fresh_scene = dpd.Scene(
+        scene.masses, list(scene.types), x, ENERGY, 1.0, box=scene.box, velocities=v, internal=InternalEnergy(TABULATED, 1.1)
+    )
     fresh = running(fresh_scene, DEVICES[0], scheme=scheme)
     fresh.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
     step_all(2, simulation, fresh)

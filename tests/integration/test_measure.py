@@ -3,13 +3,13 @@
 import io
 
 import numpy as np
-import openmm
 import oracle
 import pytest
 from cases import cases
 from judged import any_seed, judge
 from kinds import everything, made, running, same
 from openmm import unit
+from scenes import external_force
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -173,10 +173,7 @@ def test_forces_that_somebody_adds_are_told_apart(scheme, conservative, tmp_path
     bonds = [dpd.HarmonicBonds([[0, 1], [2, 3]], k=5.0, r0=0.5)]
     scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3, bonds=bonds)
     plain, pulled = (dpd.build(scene, dt=0.01, scheme=scheme, platform="Reference", conservative=conservative, seed=1) for _ in range(2))
-    pull = openmm.CustomExternalForce("-3*x+7*y")
-    for bead in range(10):
-        pull.addParticle(bead)
-    pulled.system.addForce(pull)
+    pulled.system.addForce(external_force("-3*x+7*y", 10))
     one, other = (dpd.Observer(built).sample(built.simulation().context) for built in (plain, pulled))
     energy = float(np.sum(-3 * x[:10, 0] + 7 * x[:10, 1]))
     assert other.other == pytest.approx(energy, rel=1e-12) and one.other == 0.0
@@ -209,10 +206,7 @@ def _few_beads(tied: str, seed: int = 3) -> dpd.BuiltSystem:
     scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=20)}, kT=1.0, box=[2] * 3, **more)
     built = dpd.build(scene, dt=0.02, seed=seed, platform="Reference")
     if tied == "theirs":
-        trap = openmm.CustomExternalForce("5*periodicdistance(x, y, z, 1, 1, 1)^2")
-        for k in range(n):
-            trap.addParticle(k)
-        built.system.addForce(trap)
+        built.system.addForce(external_force("5*periodicdistance(x, y, z, 1, 1, 1)^2", n))
     return built
 
 

@@ -10,6 +10,7 @@ import pytest
 from cases import cases
 from devices import DEVICES
 from judged import any_seed
+from kinds import HEAT, SPECIES
 from raising import raises
 from scenes import BOXES, MASSES, fluid, place, state_of, step_all, stepped
 
@@ -19,16 +20,6 @@ from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
 
 DT, SEED, N = 0.01, 11, 90
-HEAT = {
-    ("A", "A"): dpd.EDPD(A=18, gamma=4.5, kappa=2e-3, cutoff=1.0, exponent=0.8, exponent_polynomial=(2.0, -1.0, 0.5, 0.0)),
-    ("A", "B"): dpd.EDPD(A=15, gamma=3.0, kappa=1e-3, cutoff=0.9, cutoff_T=1.2, kappa_polynomial=(-0.4, 0.1, 0.0, 0.0)),
-    ("B", "B"): dpd.EDPD(A=22, gamma=6.0, kappa=3e-3, cutoff=1.1, cutoff_T=0.8),
-}
-SPECIES = {
-    ("A", "A"): dpd.TDPD(A=18, gamma=4.5, kappa=(1.0, 2.0, 0.0, 0.5), epsilon=0.02, exponent=0.8),
-    ("A", "B"): dpd.TDPD(A=15, gamma=3.0, kappa=(0.5, 1.0, 1.0, 0.1), cutoff_c=1.2, exponent_c=(2, 1, 2, 3)),
-    ("B", "B"): dpd.TDPD(A=22, gamma=6.0, kappa=(2.0, 2.0, 2.0, 2.0), epsilon=(0.0, 0.1, 0.0, 0.0), cutoff=0.9),
-}
 CORNER = (-1.5, -2.0, -2.5)  # The lower corner of the box is not 0: places are meant in these coordinates.
 
 

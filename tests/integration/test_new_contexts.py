@@ -9,7 +9,7 @@ import openmm
 import pytest
 from openmm import app, unit
 from openmm_dpd.units import BOLTZMANN
-from scenes import beads, place, state_of, stepped
+from scenes import beads, external_force, place, state_of, stepped
 
 import openmm_dpd as dpd
 
@@ -42,10 +42,7 @@ def test_no_acceleration_is_taken_over(scheme, conservative, asked):
         simulation.step(before)
         if asked:
             made.integrator.getTemperature()
-        push = openmm.CustomExternalForce("-30*x")
-        for bead in range(81):
-            push.addParticle(bead)
-        made.system.addForce(push)
+        made.system.addForce(external_force("-30*x", 81))
         anew(simulation.context, x, v)
         simulation.step(1)
         ends.append(state_of(simulation.context))

@@ -12,7 +12,7 @@ from judged import any_seed, bounded, judge
 from kinds import N, differences, everything, hand_over, made, plain_context, running, same, schemes_of
 from openmm import app, unit
 from openmm_dpd.units import BOLTZMANN
-from scenes import BOXES, EXTENDED, beads, fluid, place, state_of, step_all, stepped
+from scenes import BOXES, EXTENDED, beads, external_force, fluid, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT
@@ -27,10 +27,7 @@ DT, FORCE = 0.01, 3.0
 
 # -- forces of the user's --------------------------------------------------------------------------------------------------------------
 def external(n: int) -> openmm.Force:
-    force = openmm.CustomExternalForce(f"-{FORCE}*x")
-    for bead in range(n):
-        force.addParticle(bead)
-    return force
+    return external_force(f"-{FORCE}*x", n)
 
 
 def bonded(n: int) -> openmm.Force:
@@ -58,10 +55,7 @@ def python(n: int) -> openmm.Force:
 
 def collective(n: int) -> openmm.Force:
     force = openmm.CustomCVForce(f"-{FORCE}*s")
-    inner = openmm.CustomExternalForce("x")
-    for bead in range(n):
-        inner.addParticle(bead)
-    force.addCollectiveVariable("s", inner)
+    force.addCollectiveVariable("s", external_force("x", n))
     return force
 
 
@@ -167,10 +161,7 @@ def test_what_friction_saw_is_known_beside_a_force_of_the_users():
 
 
 def _well(n: int) -> openmm.Force:
-    force = openmm.CustomExternalForce("4*(x-1.3)^2+y^2*z")
-    for bead in range(n):
-        force.addParticle(bead)
-    return force
+    return external_force("4*(x-1.3)^2+y^2*z", n)
 
 
 class Clock:
@@ -242,10 +233,8 @@ def test_a_force_that_depends_on_the_thermal_energy_of_a_ramp(scheme):
     ends = []
     for cut in (15, 1):
         built = made("ramp", scheme, "CPU")
-        force = openmm.CustomExternalForce("-dpd_kT*x")
+        force = external_force("-dpd_kT*x", N)
         force.addGlobalParameter(KT, 1.0)
-        for bead in range(N):
-            force.addParticle(bead)
         built.system.addForce(force)
         simulation = running(built, "CPU")
         for _ in range(15 // cut):
@@ -697,17 +686,10 @@ def test_a_long_run_of_loops_keeps_its_temperature(scheme, seed):
     """... with a force of the user's beside it, which must not heat."""
     scene = fluid(EXTENDED, BOXES["wide"], n=500, spread=0)
     built = dpd.build(scene, dt=0.02, scheme=scheme, platform="CPU", seed=seed)
-    built.system.addForce(_trap(500))
+    built.system.addForce(external_force("8*sin(x)^2", 500))
     simulation = stepped(built.simulation(properties=Device("CPU").properties), 1000)
     mass, kinetic = scene.bead_masses[:, None], []
     for _ in range(1500):
         simulation.step(10)
         kinetic.append(np.sum(mass * state_of(simulation.context)[1] ** 2) / 1500)
     judge(kinetic, 1.0, error=0.01, beside=0.01)
-
-
-def _trap(n: int) -> openmm.Force:
-    force = openmm.CustomExternalForce("8*sin(x)^2")
-    for bead in range(n):
-        force.addParticle(bead)
-    return force

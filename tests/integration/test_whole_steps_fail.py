@@ -12,7 +12,7 @@ import pytest
 from kinds import N, everything, made, running, same
 from lines import Lines
 from openmm import unit
-from scenes import beads
+from scenes import beads, external_force
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import RunError
@@ -24,10 +24,7 @@ STEPS, BEFORE, AFTER = 3, 2, 4
 
 
 def add_force(built) -> None:
-    force = openmm.CustomExternalForce("2*x^2")
-    for bead in range(N):
-        force.addParticle(bead)
-    built.system.addForce(force)
+    built.system.addForce(external_force("2*x^2", N))
 
 
 ALONE = {  # Name -> kind, scheme, and what is added.  In the first ones nothing but the kernel acts, and nothing else hears of steps.
@@ -298,10 +295,7 @@ def test_a_start_that_runs_away(scheme, kind):
     scene = beads(table={("W", "W"): dpd.DPD(A=25e5, gamma=4.5)}, velocities=v - v.mean(axis=0))
     built = dpd.build(scene, dt=1e-6, scheme=scheme, platform="CPU", seed=6)
     if kind != "plain":
-        force = openmm.CustomExternalForce("x^2")
-        for bead in range(81):
-            force.addParticle(bead)
-        built.system.addForce(force)
+        built.system.addForce(external_force("x^2", 81))
     simulation = running(built, "CPU")
     simulation.integrator.step(23)
     before = all_of(simulation)
