@@ -305,13 +305,8 @@ SNIPPETS: dict[str, dict[str, str]] = {
     },
 }
 
-TABLES: dict[str, set[str]] = {  # What there is of each kind.
-    "compute": set(COMPUTES),
-    "fix": {*FIX_STYLES, *AVERAGES},
-    "dump": set(DUMPS),
-    "layout": set(LAYOUTS),
-    "variable": set(VARIABLES),
-    "command": set(COMMANDS),  # by the words that lines of all decks begin with
-}
+#: What there is of each kind; commands by the words that lines of all decks begin with.
+TABLES: dict[str, set[str]] = {"compute": set(COMPUTES), "fix": {*FIX_STYLES, *AVERAGES}, "dump": set(DUMPS), "layout": set(LAYOUTS)}
+TABLES |= {"variable": set(VARIABLES), "command": set(COMMANDS)}
 
 WORDS = {line.split()[0] for kind in SNIPPETS.values() for text in kind.values() for line in text.splitlines() if line}

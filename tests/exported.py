@@ -43,14 +43,9 @@ def thermo(log: str) -> dict[str, np.ndarray]:
 
 def _beads(n: int = 240, edge: float = 4.5, seed: int = 5) -> dict:
     rng = np.random.default_rng(seed)
-    return {
-        "masses": {"A": 1.0, "B": 2.0},
-        "types": ["A" if k % 3 else "B" for k in range(n)],
-        "positions": rng.random((n, 3)) * edge * 2 - edge,  # some outside the box: image flags
-        "velocities": rng.normal(size=(n, 3)),
-        "kT": 0.0,
-        "box": [edge, edge + 0.5, edge + 1.0],
-    }
+    types, x = ["A" if k % 3 else "B" for k in range(n)], rng.random((n, 3)) * edge * 2 - edge  # some outside the box: image flags
+    known = {"masses": {"A": 1.0, "B": 2.0}, "kT": 0.0, "box": [edge, edge + 0.5, edge + 1.0]}
+    return {"types": types, "positions": x, "velocities": rng.normal(size=(n, 3)), **known}
 
 
 def chains(count: int = 30, length: int = 8, edge: float = 5.0, seed: int = 6) -> tuple[dict, np.ndarray, np.ndarray]:

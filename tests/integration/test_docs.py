@@ -73,13 +73,8 @@ def test_every_option_of_run_is_described():
 
 
 # -- tables ----------------------------------------------------------------------------------------------------------------------
-TABLES = {
-    "commands": COMMANDS,
-    "pair styles": PAIR_STYLES,
-    "fixes": {**FIX_STYLES, **AVERAGES},
-    "computes": COMPUTES,
-    "thermo words": WORDS,
-}
+TABLES = {"commands": COMMANDS, "pair styles": PAIR_STYLES, "fixes": {**FIX_STYLES, **AVERAGES}, "computes": COMPUTES}
+TABLES["thermo words"] = WORDS
 
 
 @pytest.mark.parametrize("table", TABLES)

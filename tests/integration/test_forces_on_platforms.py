@@ -133,14 +133,8 @@ def lammps_commands(scene) -> tuple[list[str], list[str]]:
     return style, lines
 
 
-LAMMPS_SCENES = {
-    "dpd-ortho": (PLAIN, "ortho"),
-    "dpd-tilted": (PLAIN, "tilted"),
-    "dpd_ext-ortho": (EXTENDED, "ortho"),
-    "dpd_ext-tilted": (EXTENDED, "tilted"),
-    "dpd_ext-narrow": (EXTENDED, "narrow"),
-    "dpd_ext-none": (EXTENDED, "none"),
-}
+_SCENES = (("dpd", PLAIN, "ortho tilted"), ("dpd_ext", EXTENDED, "ortho tilted narrow none"))
+LAMMPS_SCENES = {f"{style}-{box}": (table, box) for style, table, boxes in _SCENES for box in boxes.split()}
 
 
 @pytest.fixture(scope="module")

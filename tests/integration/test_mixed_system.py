@@ -69,13 +69,8 @@ def beads(x: np.ndarray, n: int = 190, close: float | None = None, **changes) ->
     positions = positions[np.linalg.norm(d, axis=2).min(axis=1) > 0.25][:n]
     if close is not None:
         positions[11] = positions[10] + [close, 0, 0]
-    settings = {
-        "pairs": {("*", "*"): dpd.DPD(A=60, **STRONG), ("V", "W"): dpd.DPD(A=90, **STRONG)},
-        "bonds": [dpd.HarmonicBonds([[0, 1], [1, 2], [3, 4]], k=50, r0=0.4)],
-        "bonded_factors": (0.0, 0.5, 1.0),
-        "kT": KT,
-        "box": [EDGE] * 3,
-    } | changes
+    settings = {"pairs": {("*", "*"): dpd.DPD(A=60, **STRONG), ("V", "W"): dpd.DPD(A=90, **STRONG)}, "kT": KT, "box": [EDGE] * 3}
+    settings |= {"bonds": [dpd.HarmonicBonds([[0, 1], [1, 2], [3, 4]], k=50, r0=0.4)], "bonded_factors": (0.0, 0.5, 1.0), **changes}
     return dpd.Scene({"W": 36.0, "V": 54.0}, ["W"] * (n - 40) + ["V"] * 40, positions, **settings)
 
 

@@ -214,13 +214,9 @@ def test_evaluations_per_step(scheme, conservative, counts):
     counts.update(dict.fromkeys(counts, 0))
     simulation.step(10)
     kernel = conservative == "kernel"
-    expected = {
-        "mvv": (10, 10, 0),
-        "shardlow": (10, 10 if kernel else 0, 10),
-        "middle": (20 if kernel else 10, 10 if kernel else 0, 10),
-        "aboba": (10, 10 if kernel else 0, 10),
-        "bababo": (20 if kernel else 10, 20 if kernel else 0, 10),
-    }[scheme]
+    once, twice = (10, 10 if kernel else 0, 10), (20 if kernel else 10, 10 if kernel else 0, 10)
+    fifths = (20 if kernel else 10, 20 if kernel else 0, 10)
+    expected = {"mvv": (10, 10, 0), "shardlow": once, "middle": twice, "aboba": once, "bababo": fifths}[scheme]
     assert tuple(counts.values()) == expected
 
 

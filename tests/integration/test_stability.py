@@ -164,13 +164,8 @@ def test_the_check_by_itself():
     """Not finite; faster than both bounds; only one of them; beads that do not move."""
     inv_mass, still = np.array([1.0, 1.0, 0.0]), np.zeros((3, 3))
     assert runaway(still, inv_mass, 1.0, 0.01, 1.0) is None
-    for bead, speed, dt, wrong in (
-        (1, 101.0, 0.01, True),
-        (1, 99.0, 0.01, False),
-        (1, 9.0, 0.5, False),
-        (1, 11.0, 0.5, True),
-        (2, 1e3, 0.5, False),
-    ):
+    rows = ((1, 101.0, 0.01, True), (1, 99.0, 0.01, False), (1, 9.0, 0.5, False), (1, 11.0, 0.5, True), (2, 1e3, 0.5, False))
+    for bead, speed, dt, wrong in rows:
         v = still.copy()
         v[bead, 1] = speed
         assert (runaway(v, inv_mass, 1.0, dt, 1.0) is not None) == wrong, (bead, speed, dt)

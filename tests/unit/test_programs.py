@@ -34,12 +34,8 @@ VARIANTS = {  # Name of a variant -> what differs from BASE.
     "no_thermostat_kernel": dict(thermostat=False, execution=KERNEL),
 }
 #: Named schemes with a program, and words: a sweep at the end of a step that is kept, two sweeps, Shardlow's in the middle of a drift.
-WORDS = {
-    **{name: scheme for name, scheme in SCHEMES.items() if not scheme.native},
-    "baoab": scheme_of("B/2 A/2 O A/2 B/2"),
-    "obabo": scheme_of("O/2 B/2 A B/2 O/2"),
-    "asab": scheme_of("A/4 S A/4 B A/2"),
-}
+_WORDS = {"baoab": "B/2 A/2 O A/2 B/2", "obabo": "O/2 B/2 A B/2 O/2", "asab": "A/4 S A/4 B A/2"}
+WORDS = {name: scheme for name, scheme in SCHEMES.items() if not scheme.native} | {k: scheme_of(text) for k, text in _WORDS.items()}
 CASES = {f"{name}_{variant}": replace(BASE, scheme=scheme, **VARIANTS[variant]) for name, scheme in WORDS.items() for variant in VARIANTS}
 CASES["mvv_lambda_looped"] = replace(BASE, lam=0.65, execution=LOOP)
 CASES["mvv_lambda_kernel"] = replace(BASE, lam=0.65, execution=KERNEL)

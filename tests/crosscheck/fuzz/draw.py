@@ -50,15 +50,8 @@ class Draw(random.Random):
         text = f"{value:.15g}"
         if not self.chance(SPELLED):
             return text
-        return self.pick(
-            [
-                f"{value:.15e}",
-                f"{value:+.15g}",
-                f"{value:.17f}",
-                text[text.startswith("0.") :],
-                text + "." * ("." not in text and "e" not in text),
-            ]
-        )
+        short, full = text[text.startswith("0.") :], text + "." * ("." not in text and "e" not in text)
+        return self.pick([f"{value:.15e}", f"{value:+.15g}", f"{value:.17f}", short, full])
 
 
 _SPOILED = "{}_0 1_{} {}e {}d0 0x{} ٣ １ {}f --{} {}.{}.{} inf nan -{} 1e400 {}.5 0 {}L"

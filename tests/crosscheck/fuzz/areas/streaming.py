@@ -25,15 +25,10 @@ def _set(deck: Deck) -> None:
     draw, natural, name = deck.draw, deck.units, deck.name("v")
     target = draw.pick([["group", deck.group()], ["type", draw.whole(1, deck.types)], ["atom", f"*{draw.whole(1, deck.beads)}"]])
     speed, axis = f"{natural.velocity:g}", draw.pick("xyz")
-    word, formula = draw.pick(
-        [
-            (f"v{axis}", f"{speed}*sin(x/{natural.length:g}+id)"),
-            (f"v{axis}", f"0.5*v{axis}+{speed}*(type==1)"),
-            (axis, f"{axis}+0.05*{natural.length:g}*sin(id)"),
-            ("type", f"1+(id>{draw.whole(1, deck.beads)})*{deck.types - 1}"),
-            ("image", "id-3.5"),
-        ]
-    )
+    spread, shifted = f"0.5*v{axis}+{speed}*(type==1)", f"{axis}+0.05*{natural.length:g}*sin(id)"
+    types = f"1+(id>{draw.whole(1, deck.beads)})*{deck.types - 1}"
+    choices = [(f"v{axis}", f"{speed}*sin(x/{natural.length:g}+id)"), (f"v{axis}", spread), (axis, shifted), ("type", types)]
+    word, formula = draw.pick([*choices, ("image", "id-3.5")])
     deck.add("variable", name, "atom", f'"{formula}"')
     deck.add("set", *target, word, *([f"v_{name}"] if word != "image" else [draw.pick(["NULL", 1]), f"v_{name}", 0]))
 

@@ -58,13 +58,8 @@ def _styles(deck: Deck) -> None:
         """Without repulsion, so that noise is all there is; one of two frictions may be missing."""
         along, across = draw.pick([(friction(), friction()), (0.0, friction()), (friction(), 0.0)])
         exponents = [draw.pick([1.0, 0.5, 2.0]) for _ in range(2)]
-        table: dict[str, list[object]] = {
-            "dpd": [0.0, along],
-            "dpd/tstat": [along],
-            "dpd/ext": [0.0, along, across, *exponents],
-            "dpd/ext/tstat": [along, across, *exponents],
-            "dpd/fdt": [0.0, natural.noise * draw.real(1, 4)],
-        }
+        table: dict[str, list[object]] = {"dpd": [0.0, along], "dpd/tstat": [along], "dpd/fdt": [0.0, natural.noise * draw.real(1, 4)]}
+        table |= {"dpd/ext": [0.0, along, across, *exponents], "dpd/ext/tstat": [along, across, *exponents]}
         return table[style]
 
     names = ["dpd", "dpd/tstat", "dpd/ext", "dpd/ext/tstat", "dpd/fdt"]
