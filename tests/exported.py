@@ -69,17 +69,10 @@ def scene(name: str) -> dpd.Scene:
 def _chain_terms() -> dpd.Scene:
     beads, bonds, angles = chains()
     half = len(bonds) // 2
-    return dpd.Scene(
-        pairs=TWO,
-        bonds=[
-            dpd.HarmonicBonds(bonds[:half], 100.0, np.linspace(0.5, 0.8, half)),
-            dpd.FENEBonds(bonds[half:-40], 30.0, 1.5, 1.0, 0.5),
-            dpd.MorseBonds(bonds[-40:], 50.0, 2.0, 0.6),
-        ],
-        angles=[dpd.CosineAngles(angles[:90], 5.0), dpd.HarmonicAngles(angles[90:], 3.0, 2.0)],
-        bonded_factors=(0.5, 0.0, 1.0),
-        **beads,
-    )
+    springs = [dpd.HarmonicBonds(bonds[:half], 100.0, np.linspace(0.5, 0.8, half)), dpd.FENEBonds(bonds[half:-40], 30.0, 1.5, 1.0, 0.5)]
+    springs.append(dpd.MorseBonds(bonds[-40:], 50.0, 2.0, 0.6))
+    bends = [dpd.CosineAngles(angles[:90], 5.0), dpd.HarmonicAngles(angles[90:], 3.0, 2.0)]
+    return dpd.Scene(pairs=TWO, bonds=springs, angles=bends, bonded_factors=(0.5, 0.0, 1.0), **beads)
 
 
 def _segments(distance: str, compat: str = "consistent") -> dpd.Scene:
@@ -94,15 +87,10 @@ def _overlay() -> dpd.Scene:
     grid = np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:240]
     beads["positions"] = (grid + 0.5 * np.random.default_rng(3).random((240, 3))) * np.array(beads["box"]) / 7
     r = np.linspace(0.0, 1.2, 400)
-    return dpd.Scene(
-        pairs=[
-            {("A", "A"): DPD(A=25, gamma=4.5), ("B", "B"): DPD(A=10, gamma=1)},
-            {("A", "A"): DPD(A=3, gamma=1.0, cutoff=1.3)},
-            {("B", "B"): dpd.LennardJones(1e-6, 0.3, 1.0, shift=True)},
-            {("A", "B"): NONE, ("A", "A"): dpd.TabulatedPair(r, 10 * (1.2 - r) ** 3, 30 * (1.2 - r) ** 2)},
-        ],
-        **beads,
-    )
+    layers = [{("A", "A"): DPD(A=25, gamma=4.5), ("B", "B"): DPD(A=10, gamma=1)}, {("A", "A"): DPD(A=3, gamma=1.0, cutoff=1.3)}]
+    layers.append({("B", "B"): dpd.LennardJones(1e-6, 0.3, 1.0, shift=True)})
+    layers.append({("A", "B"): NONE, ("A", "A"): dpd.TabulatedPair(r, 10 * (1.2 - r) ** 3, 30 * (1.2 - r) ** 2)})
+    return dpd.Scene(pairs=layers, **beads)
 
 
 def _energy() -> dpd.Scene:
@@ -116,16 +104,11 @@ def _energy() -> dpd.Scene:
 def _heat() -> dpd.Scene:
     beads = _beads() | {"masses": {"A": 1.0, "B": 1.0}}
     n = len(beads["types"])
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.EDPD(A=18, gamma=0.0, kappa=0.0, exponent_polynomial=(1.0, 0, 0, 0))},
-        internal=dpd.BeadTemperatures(1 + np.random.default_rng(1).random(n), 1e5),
-        sources=[
-            dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1),
-            dpd.Source(dpd.Sphere([2, 2, 2], 1.5), 0.2, beads=np.arange(n) % 2 == 0),
-        ],
-        compat="lammps",
-        **beads,
-    )
+    table = {("*", "*"): dpd.EDPD(A=18, gamma=0.0, kappa=0.0, exponent_polynomial=(1.0, 0, 0, 0))}
+    internal = dpd.BeadTemperatures(1 + np.random.default_rng(1).random(n), 1e5)
+    sphere = dpd.Source(dpd.Sphere([2, 2, 2], 1.5), 0.2, beads=np.arange(n) % 2 == 0)
+    sources = [dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1), sphere]
+    return dpd.Scene(pairs=table, internal=internal, sources=sources, compat="lammps", **beads)
 
 
 def _species() -> dpd.Scene:

@@ -77,13 +77,10 @@ def chains(*, box=SMALL, bodies=True, electric=False, formulas=False, **options)
         dpd.CosineAngles(np.stack([first + 1, first + 2, first + 3], axis=1), 3.0),
     ]
     r = np.linspace(0.01, 1.1, 40)
-    tables = [
-        dpd.PairTable(EXTENDED),
-        dpd.PairTable({("A", "A"): dpd.LennardJones(0.2, 0.4, 1.1, shift=True), ("A", "B"): dpd.NONE, ("B", "B"): dpd.NONE}),
-        dpd.PairTable(
-            {("A", "B"): dpd.TabulatedPair(r, 3 * (1.1 - r) ** 3, forces=9 * (1.1 - r) ** 2), ("A", "A"): dpd.NONE, ("B", "B"): dpd.NONE}
-        ),
-    ]
+    pushed, wall = dpd.LennardJones(0.2, 0.4, 1.1, shift=True), dpd.TabulatedPair(r, 3 * (1.1 - r) ** 3, forces=9 * (1.1 - r) ** 2)
+    lennard_jones = {("A", "A"): pushed, ("A", "B"): dpd.NONE, ("B", "B"): dpd.NONE}
+    tabulated = {("A", "B"): wall, ("A", "A"): dpd.NONE, ("B", "B"): dpd.NONE}
+    tables = [dpd.PairTable(table) for table in (EXTENDED, lennard_jones, tabulated)]
     bodies = [dpd.BodyForce((0.3, -0.2, 0.1), types="A")] if bodies else []
     if formulas:
         bodies.append(dpd.PositionForce(("0.4*sin(z)", "0", "0.1*x"), types="B"))

@@ -179,19 +179,10 @@ def drift(rows: dict[str, np.ndarray], words: Sequence[str], dt: float, discard:
     parts = [np.polyfit(a, b, 1)[0] for a, b in zip(np.array_split(t, segments), np.array_split(energy, segments), strict=True)]
     slope, offset = np.polyfit(t - t[0], energy, 1)
     part = spread(parts)
-    return {
-        "quantity": "+".join(words),
-        "steps": int(rows["step"][-1]),
-        "discard": discard,
-        "slope": float(slope),
-        "segments": segments,
-        "segment_slope": part["mean"],
-        "sem": part["sem"],
-        "start": float(energy[0]),
-        "total": float(energy[-1] - energy[0]),
-        "total_from_first_row": float(energy[-1] - sum(rows[word][0] for word in words)),
-        "residual_sd": float(np.std(energy - offset - slope * (t - t[0]))),
-    }
+    total = {"total": float(energy[-1] - energy[0]), "total_from_first_row": float(energy[-1] - sum(rows[word][0] for word in words))}
+    found = {"quantity": "+".join(words), "steps": int(rows["step"][-1]), "discard": discard, "slope": float(slope), "segments": segments}
+    found |= {"segment_slope": part["mean"], "sem": part["sem"], "start": float(energy[0]), **total}
+    return {**found, "residual_sd": float(np.std(energy - offset - slope * (t - t[0])))}
 
 
 def transient(y: np.ndarray, begin: float, end: float, diffusivity: float, source: float) -> np.ndarray:
@@ -273,18 +264,11 @@ def reference(name: str, job: Job, scale: float) -> dict[str, object]:
     outcomes = [run_deck(name, job, {**length, **seeded(k)}) for k in range(job.seeds)]
     base = run_deck(name, job, {**length, "nrun": "100"} | ({"nequil": "1"} if job.profile else {}))
     first = {word: float(column[0]) for word, column in base.rows[0].items()}
-    entry: dict[str, object] = {
-        "natoms": base.natoms,
-        "units": base.units,
-        "norm": base.units == "lj",
-        "dt": base.dt,
-        "cpu_seconds_per_100_steps": round(100 * sum(o.seconds for o in outcomes) / sum(o.steps for o in outcomes), 3),
-        "warnings": base.warnings,
-        "dangerous_builds": sum(o.dangerous for o in outcomes),
-        "seeds_of_replicate_k": {"seed": "7001 + 131 k", "vseed": "50021 + 977 k", "start": "30011 + 613 k"},
-        "first": first,
-        "first_deterministic": [word for word in first if word in job.deterministic],
-    }
+    seconds = round(100 * sum(o.seconds for o in outcomes) / sum(o.steps for o in outcomes), 3)
+    entry: dict[str, object] = {"natoms": base.natoms, "units": base.units, "norm": base.units == "lj", "dt": base.dt}
+    entry |= {"cpu_seconds_per_100_steps": seconds, "warnings": base.warnings, "dangerous_builds": sum(o.dangerous for o in outcomes)}
+    entry["seeds_of_replicate_k"] = {"seed": "7001 + 131 k", "vseed": "50021 + 977 k", "start": "30011 + 613 k"}
+    entry |= {"first": first, "first_deterministic": [word for word in first if word in job.deterministic]}
     if base.units == "metal":
         entry["rows"] = {str(step): row_at(base.rows[0], step) for step in (10, 100)}
         entry["replicates"] = replicate_rows(outcomes)

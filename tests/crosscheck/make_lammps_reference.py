@@ -233,20 +233,10 @@ def reference(name: str, job: Job, scale: float) -> dict[str, object]:
         outcomes = [run_deck(name, job, variables)]
         entry["production"] = production(outcomes[0].runs[-1], job.discard)
     outcome, first = outcomes[0], first_row(outcomes[0])
-    return {
-        "natoms": outcome.natoms,
-        "units": outcome.units,
-        "norm": outcome.norm,
-        "dt": outcome.dt,
-        "variables": variables,
-        "runs_in_deck": len(outcome.runs),
-        "seconds": round(sum(o.seconds for o in outcomes), 1),
-        "warnings": outcome.warnings,
-        "dangerous_builds": sum(o.dangerous for o in outcomes),
-        "first": first,
-        "first_deterministic": [word for word in first if word in job.deterministic],
-        **entry,
-    }
+    head = {"natoms": outcome.natoms, "units": outcome.units, "norm": outcome.norm, "dt": outcome.dt, "variables": variables}
+    head |= {"runs_in_deck": len(outcome.runs), "seconds": round(sum(o.seconds for o in outcomes), 1), "warnings": outcome.warnings}
+    head |= {"dangerous_builds": sum(o.dangerous for o in outcomes), "first": first}
+    return {**head, "first_deterministic": [word for word in first if word in job.deterministic], **entry}
 
 
 FCC_CRYSTAL = """

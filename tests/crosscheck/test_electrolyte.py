@@ -62,20 +62,11 @@ def test_one_configuration(styles, factor):
         kinds = (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
         x, forces, q, types = (np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in kinds)
     n = len(q)
-    scene = dpd.Scene(
-        masses={"1": 1.0, "2": 1.0},
-        types=[str(k) for k in types],
-        positions=x.reshape(n, 3),
-        pairs={("*", "*"): dpd.DPD(A=25.0, gamma=0.0)},
-        kT=0.0,
-        box=[8.0] * 3,
-        velocities=np.zeros((n, 3)),
-        charges=q,
-        bonds=[dpd.HarmonicBonds(np.array(bonds) - 1, 0.0, 0.0)],
-        electrostatics=dpd.SlaterCharges(
-            lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=4.0, tolerance=1e-8, bonded_factors=(factor, 1.0, 1.0)
-        ),
-    )
+    exact = {"cutoff": 4.0, "tolerance": 1e-8, "bonded_factors": (factor, 1.0, 1.0)}
+    clouds = dpd.SlaterCharges(lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, **exact)
+    charged = {"charges": q, "bonds": [dpd.HarmonicBonds(np.array(bonds) - 1, 0.0, 0.0)], "electrostatics": clouds}
+    beads = ({"1": 1.0, "2": 1.0}, [str(k) for k in types], x.reshape(n, 3), {("*", "*"): dpd.DPD(A=25.0, gamma=0.0)})
+    scene = dpd.Scene(*beads, kT=0.0, box=[8.0] * 3, velocities=np.zeros((n, 3)), **charged)
     built = dpd.build(scene, dt=0.01, platform="Reference", scheme="mvv")
     sample = dpd.Observer(built).sample(built.simulation().context)
     terms = dpd.force_terms(built)

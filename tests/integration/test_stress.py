@@ -187,16 +187,10 @@ def test_partners_and_many_body_against_lammps(style):
         ]
         attractions = (("1", "1", -40), ("1", "2", -30), ("2", "2", -35))
         pairs = {(a, b): dpd.MDPD(A=A, B=25, gamma=4.5, cutoff=1.2, cutoff_B=0.75, kernel="lucy") for a, b, A in attractions}
-    setup = [
-        "units lj",
-        f"atom_style {'mdpd' if style == 'mdpd' else 'atomic'}",
-        "comm_modify vel yes",
-        "region box prism 0 6.2 0 5.9 0 6.4 1.3 -1.1 1.7",
-        "create_box 2 box",
-        *(f"create_atoms {t + 1} single {' '.join(map(repr, place))} units box" for t, place in zip(types, x.tolist(), strict=True)),
-        "mass * 1.0",
-        *commands,
-    ]
+    rows = zip(types, x.tolist(), strict=True)
+    bead = [f"create_atoms {t + 1} single {' '.join(map(repr, place))} units box" for t, place in rows]
+    setup = ["units lj", f"atom_style {'mdpd' if style == 'mdpd' else 'atomic'}", "comm_modify vel yes"]
+    setup += ["region box prism 0 6.2 0 5.9 0 6.4 1.3 -1.1 1.7", "create_box 2 box", *bead, "mass * 1.0", *commands]
     theirs = their_pressure(setup)
     scene = dpd.Scene({"1": 1.0, "2": 1.0}, names, x, pairs, 1.0, box=TILTED, velocities=np.zeros_like(x))
     agree(stress_of(scene), TILTED, theirs)

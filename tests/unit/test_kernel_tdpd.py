@@ -25,11 +25,10 @@ PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)
 def species_table(n_species: int) -> dict:
     """Fluxes reach further than the forces, less far, and as far; species differ in everything."""
     k = np.arange(n_species)
+    mixed = {"exponent": 0.41, "cutoff": 1.2, "cutoff_c": 0.8, "exponent_c": 1.0}
     return {
         ("A", "A"): TDPD(A=25, gamma=4.5, kappa=0.7 + 0.2 * k, epsilon=0.3 + 0.1 * k, cutoff=1.0, cutoff_c=1.2, exponent_c=2.0 + k),
-        ("A", "B"): TDPD(
-            A=31, gamma=2, kappa=0.2 * (1 + k), epsilon=0.2 / (1 + k), exponent=0.41, cutoff=1.2, cutoff_c=0.8, exponent_c=1.0
-        ),
+        ("A", "B"): TDPD(A=31, gamma=2, kappa=0.2 * (1 + k), epsilon=0.2 / (1 + k), **mixed),
         ("B", "B"): TDPD(A=18, gamma=9, kappa=1.3 - 0.1 * k, epsilon=0.05 + 0.2 * k, exponent=1.2, cutoff=0.9, exponent_c=3.0 - 0.5 * k),
     }
 

@@ -307,10 +307,8 @@ def test_files_equal_lammps(tmp_path, name):
 
 def test_densities_of_mdpd_equal_lammps(tmp_path):
     lammps_peer.need(("pair", "mdpd"), ("pair", "mdpd/rhosum"), ("fix", "mvv/dpd"), ("fix", "ave/chunk"))
-    text = (
-        "pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 7\npair_coeff * * mdpd/rhosum 0.75\n"
-        "pair_coeff * * mdpd -40 25 4.5 1.0 0.75\nfix move all mvv/dpd 0.5\ntimestep 0.005\n"
-        "compute ch all chunk/atom bin/1d x lower 1\ncompute d all property/atom rho\ncompute r all reduce max c_d\n"
-        "fix a all ave/chunk 2 3 10 ch c_d file a.out {form}\nfix b all ave/time 2 3 10 c_r file b.out {form}\nrun 20\n"
-    )
+    text = "pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 7\npair_coeff * * mdpd/rhosum 0.75\n"
+    text += "pair_coeff * * mdpd -40 25 4.5 1.0 0.75\nfix move all mvv/dpd 0.5\ntimestep 0.005\n"
+    text += "compute ch all chunk/atom bin/1d x lower 1\ncompute d all property/atom rho\ncompute r all reduce max c_d\n"
+    text += "fix a all ave/chunk 2 3 10 ch c_d file a.out {form}\nfix b all ave/time 2 3 10 c_r file b.out {form}\nrun 20\n"
     beside_lammps(tmp_path, BEADS.format(style="mdpd", region=BLOCK, T=1.0), "mdpd", text)

@@ -110,14 +110,9 @@ def test_reduced_vectors_span_the_same_lattice(tilt):
 
 
 def test_coefficients_and_bonds_from_the_file(tmp_path):
-    write(
-        tmp_path,
-        HEADER.replace("2 atom types", "2 atom types\n2 bonds\n1 bond types\n1 extra bond per atom")
-        + "\nPairIJ Coeffs # dpd\n\n1 1 25 4.5 1.0\n1 2 30 4.5 0.9\n2 2 20 9 1.1\n\nBond Coeffs\n\n1 50 0.8\n\nMasses\n\n1 1\n2 1\n"
-        + "\nAtoms\n\n"
-        + "\n".join(ATOMS["bond"])
-        + "\n\nBonds\n\n1 1 7 2\n2 1 2 5\n",
-    )
+    head = HEADER.replace("2 atom types", "2 atom types\n2 bonds\n1 bond types\n1 extra bond per atom")
+    pairs = "\nPairIJ Coeffs # dpd\n\n1 1 25 4.5 1.0\n1 2 30 4.5 0.9\n2 2 20 9 1.1\n\nBond Coeffs\n\n1 50 0.8\n\nMasses\n\n1 1\n2 1\n"
+    write(tmp_path, head + pairs + "\nAtoms\n\n" + "\n".join(ATOMS["bond"]) + "\n\nBonds\n\n1 1 7 2\n2 1 2 5\n")
     styles = "atom_style bond\nbond_style harmonic\npair_style dpd 1 1 1\n"
     scene = deck(tmp_path, styles + "read_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve").first_run.scene()
     entries = scene.pairs[0].resolve(["1", "2"])

@@ -120,11 +120,12 @@ def test_mistakes(tmp_path, text):
 
 def test_a_deck_that_is_only_looked_at_leaves_the_files_of_its_runs_alone(tmp_path):
     """explain and deck_scene read decks as well."""
-    (tmp_path / "in.deck").write_text(
+    text = (
         "region b block 0 3 0 3 0 3\ncreate_box 1 b\nmass 1 1\ncreate_atoms 1 single 1 1 1 units box\npair_style zero 1\npair_coeff * *\n"
-        "fix 1 all nve\nfix p all print 5 x file p.txt\nfix t all ave/time 1 1 1 c_thermo_temp file t.txt\n"
-        "fix c all ave/correlate 1 1 1 c_thermo_temp file c.txt\ndump a all xyz 1 a.xyz\ndump b all dcd 1 b.dcd\nrun 1\n"
     )
+    text += "fix 1 all nve\nfix p all print 5 x file p.txt\nfix t all ave/time 1 1 1 c_thermo_temp file t.txt\n"
+    text += "fix c all ave/correlate 1 1 1 c_thermo_temp file c.txt\ndump a all xyz 1 a.xyz\ndump b all dcd 1 b.dcd\nrun 1\n"
+    (tmp_path / "in.deck").write_text(text)
     for name in ("p.txt", "t.txt", "c.txt", "a.xyz", "b.dcd"):
         (tmp_path / name).write_text("of an earlier run")
     read_deck(tmp_path / "in.deck", stop_before_first_run=True, output=tmp_path)

@@ -30,12 +30,9 @@ _HEAT = "pair_style edpd 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1e-3 2 1.2\nfi
 HEAT = START.format(style="edpd") + _HEAT
 _SPECIES = "pair_style tdpd 1.0 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1.2 1 0 2 3 0 2\nfix move all mvv/tdpd\ntimestep 0.01\n"
 SPECIES = START.format(style="tdpd 2") + _SPECIES + "set type 1 cc 1 2.0\nset type 2 cc 2 -1.0\n"
-ENERGY = (
-    "units metal\n"
-    + START.format(style="dpd").replace("-2 4 0 5 1 7", "-20 40 0 50 10 70").replace("x lower 1.0", "x lower 10.0")
-    + "set type 1 dpd/theta 300\nset type 2 dpd/theta 400\nfix in all eos/cv 0.0005\ntimestep 0.001\n"
-    + "pair_style dpd/fdt/energy 10.0 7\npair_coeff * * 0.075 0.022 3.2e-5\nfix heat all dpd/energy\nfix move all nve\n"
-)
+_TEN_TIMES = START.format(style="dpd").replace("-2 4 0 5 1 7", "-20 40 0 50 10 70").replace("x lower 1.0", "x lower 10.0")
+ENERGY = f"units metal\n{_TEN_TIMES}set type 1 dpd/theta 300\nset type 2 dpd/theta 400\nfix in all eos/cv 0.0005\ntimestep 0.001\n"
+ENERGY += "pair_style dpd/fdt/energy 10.0 7\npair_coeff * * 0.075 0.022 3.2e-5\nfix heat all dpd/energy\nfix move all nve\n"
 QUICK = RunOptions(platform="Reference", threads=1, seed=3)
 
 

@@ -87,12 +87,10 @@ def rows_of(lines: list[str]) -> list[list[str]]:
 @LAMMPS
 def test_what_is_printed_and_when(tmp_path):
     """At the first step before the table, then before the row; the momentum is gone by then."""
-    text = (
-        f"{CHAINS}fix m all momentum 2 linear 1 1 0 rescale\nthermo 2\nthermo_style custom step ke\nthermo_modify format float %.10g\n"
-        'fix p all print 2 "said $(step) $(ke:%.8g) $(vcm(all,z):%.8f)" file said.txt\n'
-        'fix q all print 3 "q $(step)" title "# here" append q.txt screen no\nrun 5\nrun 1\n'
-        "unfix p\nfix p all print 2 again screen no file said.txt\nrun 2\n"
-    )
+    text = f"{CHAINS}fix m all momentum 2 linear 1 1 0 rescale\nthermo 2\nthermo_style custom step ke\nthermo_modify format float %.10g\n"
+    text += 'fix p all print 2 "said $(step) $(ke:%.8g) $(vcm(all,z):%.8f)" file said.txt\n'
+    text += 'fix q all print 3 "q $(step)" title "# here" append q.txt screen no\nrun 5\nrun 1\n'
+    text += "unfix p\nfix p all print 2 again screen no file said.txt\nrun 2\n"
     theirs, ours = both(tmp_path, text)
     assert rows_of(ours) == rows_of(theirs)
     assert len(rows_of(ours)) == 3 + 4 + 2 + 6

@@ -203,17 +203,11 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
         u, n = state.units, scene.n_beads
         kinetic = 0.5 * float(scene.bead_masses @ np.sum(scene.velocities**2, axis=1))
         beads = n if norm == "norm yes" or (units == "lj" and not norm) else 1
-        sample = DeckSample(
-            step=request.first_step,
-            kinetic=kinetic,
-            pair_energy=expected["evdwl"] * beads * u.energy,
-            bond_energy=expected["ebond"] * beads * u.energy,
-            virial=expected["press"] * u.pressure * 3 * state.box.volume * u.length**3 - 2 * kinetic,
-            force_norm=expected["fnorm"] * u.force,
-            force_max=expected["fmax"] * u.force,
-            positions=scene.positions,
-            velocities=scene.velocities,
-        )
+        energies = {"pair_energy": expected["evdwl"] * beads * u.energy, "bond_energy": expected["ebond"] * beads * u.energy}
+        virial = expected["press"] * u.pressure * 3 * state.box.volume * u.length**3 - 2 * kinetic
+        forces = {"force_norm": expected["fnorm"] * u.force, "force_max": expected["fmax"] * u.force}
+        moving = {"positions": scene.positions, "velocities": scene.velocities}
+        sample = DeckSample(step=request.first_step, kinetic=kinetic, virial=virial, **energies, **forces, **moving)
         assert all(getattr(sample, name) is not None for name in request.thermo.needs)
         found.update(request.thermo.values(sample))
         for dump in request.dumps:

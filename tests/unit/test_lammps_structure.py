@@ -183,9 +183,7 @@ def test_bonded_neighbours_equal_lammps(tmp_path, special):
     bonds = "".join(f"{k} 1 {i} {j}\n" for k, (i, j) in enumerate(ends, start=1))
     head = "chains\n\n60 atoms\n48 bonds\n2 atom types\n1 bond types\n0 5 xlo xhi\n0 5 ylo yhi\n0 5 zlo zhi\n\nMasses\n\n1 1\n2 1\n\n"
     (tmp_path / "chains.data").write_text(f"{head}Atoms # bond\n\n{atoms}\nBonds\n\n{bonds}")
-    text = (
-        f"special_bonds lj/coul {special}\nbond_style harmonic\nbond_coeff 1 10 0.5\n{FLUID}comm_modify cutoff 3.5\n"
-        "compute r all rdf 10 1 2 * * cutoff 1.5\ncompute g two gyration\n"
-        "fix r all ave/time 5 1 5 c_r[*] mode vector file r.out {form}\nfix g all ave/time 5 1 5 c_g file g.out {form}\nrun 10\n"
-    )
+    text = f"special_bonds lj/coul {special}\nbond_style harmonic\nbond_coeff 1 10 0.5\n{FLUID}comm_modify cutoff 3.5\n"
+    text += "compute r all rdf 10 1 2 * * cutoff 1.5\ncompute g two gyration\n"
+    text += "fix r all ave/time 5 1 5 c_r[*] mode vector file r.out {form}\nfix g all ave/time 5 1 5 c_g file g.out {form}\nrun 10\n"
     beside_lammps(tmp_path, "atom_style bond\nread_data chains.data\n", "bond", text)

@@ -23,14 +23,10 @@ DPD_COLUMNS = {"dpd": "dpd/atom"}
 
 def dpd_commands(theta, seed, scale, fixes, dt, pairs=((0, 0), (0, 1), (1, 1))):
     """``scale`` multiplies sigma^2 and kappa: with temperatures as small, drag and conduction stay and noise goes."""
-    return [
-        *(f"set atom {k} dpd/theta {float(t)!r}" for k, t in enumerate(theta, start=1)),
-        f"pair_style dpd/fdt/energy 1.2 {seed}",
-        *(f"pair_coeff {a + 1} {b + 1} {A[a, b]} {SIGMA[a, b] * np.sqrt(scale)} {KAPPA[a, b] * scale} {CUTOFF[a, b]}" for a, b in pairs),
-        *fixes,
-        f"timestep {dt!r}",
-        "neigh_modify every 1 delay 0 check no",
-    ]
+    beads = [f"set atom {k} dpd/theta {float(t)!r}" for k, t in enumerate(theta, start=1)]
+    words = [f"{A[p]} {SIGMA[p] * np.sqrt(scale)} {KAPPA[p] * scale} {CUTOFF[p]}" for p in pairs]
+    terms = [f"pair_coeff {a + 1} {b + 1} {values}" for (a, b), values in zip(pairs, words, strict=True)]
+    return [*beads, f"pair_style dpd/fdt/energy 1.2 {seed}", *terms, *fixes, f"timestep {dt!r}", "neigh_modify every 1 delay 0 check no"]
 
 
 @pytest.mark.parametrize("types", [(0, 0), (0, 1), (1, 0)])
