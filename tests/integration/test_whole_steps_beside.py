@@ -62,6 +62,16 @@ def collective(n: int) -> openmm.Force:
 FORCES = {"external": external, "compound bond": bonded, "python": python, "collective variable": collective}
 
 
+def context_of(built, compound: bool) -> openmm.Context:
+    """A Context of the user's own making, with the integrator itself or within a compound one."""
+    integrator = openmm.CompoundIntegrator() if compound else built.integrator
+    if compound:
+        integrator.addIntegrator(built.integrator)
+    context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
+    place(context, built.positions, built.velocities)
+    return context
+
+
 def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: str = "dpd", **choices):
     """Momentum that a run gains, and its Context; ``how`` says where the force comes in and who steps."""
     built = made(kind, scheme, "CPU", loop=how != "loop=False", **choices)
@@ -69,17 +79,10 @@ def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: st
     force.setForceGroup(group)
     if how != "reinitialized":
         built.system.addForce(force)
-    platform, properties = openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties
     if how == "XML":
         context = plain_context(built, "CPU")
-    elif how == "compound":
-        compound = openmm.CompoundIntegrator()
-        compound.addIntegrator(built.integrator)
-        context = openmm.Context(built.system, compound, platform, properties)
-        place(context, built.positions, built.velocities)
-    elif how == "bare":
-        context = openmm.Context(built.system, built.integrator, platform, properties)
-        place(context, built.positions, built.velocities)
+    elif how in ("compound", "bare"):
+        context = context_of(built, compound=how == "compound")
     else:
         context = running(built, "CPU").context
     if how == "reinitialized":
@@ -95,15 +98,12 @@ def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: st
 HOWS = ("loop", "bare", "XML", "loop=False", "compound", "reinitialized")
 
 
+GROUPS = list(enumerate((0, 2, 12, 25)))
+PLACES = [(name, group, SCHEMES[(2 * n + shift) % len(SCHEMES)]) for n, name in enumerate(FORCES) for shift, group in GROUPS]
+
+
 @pytest.mark.parametrize("how", HOWS)
-@pytest.mark.parametrize(
-    ("name", "group", "scheme"),
-    [
-        (name, group, SCHEMES[(2 * number + shift) % len(SCHEMES)])
-        for number, name in enumerate(FORCES)
-        for shift, group in enumerate((0, 2, 12, 25))
-    ],
-)
+@pytest.mark.parametrize("name, group, scheme", PLACES)
 def test_a_force_of_the_users_acts_in_full(name, group, scheme, how):
     """N f t of momentum in 23 steps, for every force and place."""
     gained, _, _ = run_with(FORCES[name], group, how, scheme, 23)
@@ -127,9 +127,7 @@ def test_positions_follow_a_force_as_the_schemes_say(scheme, how):
 
 
 @pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize(
-    ("kind", "scheme"), [(kind, scheme) for kind in ("dpd", "energies", "ramp", "edpd") for scheme in schemes_of(kind)]
-)
+@pytest.mark.parametrize("kind, scheme", [(kind, s) for kind in ("dpd", "energies", "ramp", "edpd") for s in schemes_of(kind)])
 def test_a_force_of_the_users_from_xml_kicks_as_in_the_loop(kind, scheme, every):
     """... before and after each step, or by impulses over three."""
     ends = []
@@ -181,13 +179,7 @@ class Clock:
 def clocked(scheme: str, how: str, cut: int = 25):
     built, clock = made("dpd", scheme, "CPU", loop=how != "loop=False"), Clock()
     built.system.addForce(openmm.PythonForce(clock))
-    if how == "compound":
-        compound = openmm.CompoundIntegrator()
-        compound.addIntegrator(built.integrator)
-        context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
-        place(context, built.positions, built.velocities)
-    else:
-        context = running(built, "CPU").context
+    context = context_of(built, compound=True) if how == "compound" else running(built, "CPU").context
     for _ in range(25 // cut):
         context.getIntegrator().step(cut)
     return built, clock, context
@@ -209,20 +201,11 @@ def test_a_force_of_the_users_sees_the_right_time(scheme):
     assert momentum == pytest.approx(impulse, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "scheme",
-    [
-        pytest.param(
-            scheme,
-            marks=()
-            if scheme == "middle"
-            else pytest.mark.xfail(
-                strict=True, raises=AssertionError, reason="the second kick of the program comes before OpenMM sets the clock forward"
-            ),
-        )
-        for scheme in SCHEMES
-    ],
-)
+LATE = "the second kick of the program comes before OpenMM sets the clock forward"
+EARLY_KICK = pytest.mark.xfail(strict=True, raises=AssertionError, reason=LATE)
+
+
+@pytest.mark.parametrize("scheme", [pytest.param(s, marks=() if s == "middle" else EARLY_KICK) for s in SCHEMES])
 def test_a_force_of_the_users_sees_the_right_time_without_the_subclass(scheme):
     ends = [everything(context, built) for built, _, context in (clocked(scheme, how) for how in ("loop", "compound"))]
     assert max(differences(*ends, 0.1).values()) < 1e-12
@@ -344,8 +327,7 @@ def test_after_minimising(scheme):
     simulation.context.setPositions(x)
     # a general program of bonds has forces of OpenMM's that round: another loop is the fresh one
     other = running(made("bonded", scheme, "CPU"), "CPU")
-    for name in (COUNTER,):
-        other.context.setParameter(name, simulation.context.getParameter(name))
+    other.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
     place(other.context, x, state_of(simulation.context)[1])
     step_all(3, simulation, other)
     assert np.abs(state_of(simulation.context)[1] - state_of(other.context)[1]).max() < 1e-10

@@ -224,6 +224,10 @@ def test_compat(tmp_path):
 
 # -- errors ------------------------------------------------------------------------------------------------------------------------
 EOS = "fix 8 all eos/cv 0.005\n"
+_ALONE = "pair_style mdpd 1 1 7\npair_coeff * * -40 25 18 1.0 0.75\n"
+_PARTS = "group a id 1:10\ngroup c subtract all a\n" + SHARDLOW.replace("3 all", "3 a") + "fix 8 c eos/cv 0.006\n"
+_TWO = "group a type 1\ngroup b type 2\nfix 1 a nph iso 0 0 1\nfix 2 b nph iso 0 0 1\nfix 3 all dpd/energy\n"
+_NO_STYLE = "pair_style none\nfix 1 all dpd/energy\n"
 ERRORS = [
     ("units real\natom_style edpd\n", r"in.deck:2: atom_style edpd needs units lj, but the deck's are real"),
     ("atom_style mdpd\nunits metal\n", r"in.deck:2: atom_style mdpd needs units lj"),
@@ -243,24 +247,15 @@ ERRORS = [
     (TDPD_BOX + TRANSPORT.replace(" 2.5\n", "\n"), r"in.deck:8: expected 'A gamma .* epsilon_2 power_2', but found 10"),
     (MDPD_BOX + MANY.replace("1.0 0.75", "0.7 0.75"), r"in.deck:9: pair style mdpd, types \* \*: cutoff_B = 0.75 must not be longer"),
     (MDPD_BOX + MANY.replace("rhosum 0.7", "rhosum 1.2") + "fix 1 all nve\n", r"in.deck:9: .*cutoff_density = 1.2 must not be longer"),
-    (
-        MDPD_BOX + "pair_style mdpd 1 1 7\npair_coeff * * -40 25 18 1.0 0.75\n",
-        r"in.deck:7: pair style mdpd needs one mdpd/rhosum beside it",
-    ),
+    (MDPD_BOX + _ALONE, r"in.deck:7: pair style mdpd needs one mdpd/rhosum beside it"),
     (MDPD_BOX + "pair_style mdpd/rhosum\npair_coeff * * 0.7\n", r"in.deck:7: pair style mdpd/rhosum needs one mdpd beside it"),
     (MDPD_BOX + MANY.replace("* * mdpd/r", "1 1 mdpd/r"), r"in.deck:9: types 1 2 have no coefficients of mdpd/rhosum"),
     (METAL + ENERGY + "fix 1 all nve\n" + EOS, r"in.deck:9: pair style dpd/fdt/energy needs fix dpd/energy .* or fix shardlow"),
     (METAL + ENERGY + SHARDLOW + "fix 4 all dpd/energy\n", r"in.deck:14: fix 4: dpd/energy beside shardlow \(fix 1\)"),
-    (
-        METAL + "pair_style none\nfix 1 all dpd/energy\n",
-        r"in.deck:10: fix 1: dpd/energy needs pair style dpd/fdt/energy; the deck has none",
-    ),
+    (METAL + _NO_STYLE, r"in.deck:10: fix 1: dpd/energy needs pair style dpd/fdt/energy; the deck has none"),
     (METAL + ENERGY + SHARDLOW.rpartition("fix")[0], r"in.deck:9: .* needs a fix eos/cv or eos/table for every bead; bead 1 has none"),
     (METAL + ENERGY + SHARDLOW + EOS, r"in.deck:14: fix 8: bead 1 has an equation of state from fix 3 already"),
-    (
-        METAL + ENERGY + "group a id 1:10\ngroup c subtract all a\n" + SHARDLOW.replace("3 all", "3 a") + "fix 8 c eos/cv 0.006\n",
-        r"in.deck:16: fix 8: beads of type 1 have another equation of state by fix 3",
-    ),
+    (METAL + ENERGY + _PARTS, r"in.deck:16: fix 8: beads of type 1 have another equation of state by fix 3"),
     (METAL.rpartition("set")[0] + ENERGY + SHARDLOW, r"in.deck:\d+: the internal temperature of bead 1 is 0; it must be > 0"),
     (METAL + "fix 1 all eos/cv 0\n", r"in.deck:9: the heat capacity must be > 0"),
     (METAL + "fix 1 all eos/table spline f 10 A\n", r"in.deck:9: the style of eos/table must be one of linear"),
@@ -282,10 +277,7 @@ ERRORS = [
     (METAL + "fix 1 all nph iso 0 0 0\n", r"in.deck:9: the damping time of the box must be > 0"),
     (METAL + "fix 1 all nph tri 0 0 1\n", r"in.deck:9: fix nph has no option 'tri' here"),
     (METAL + "fix 1 all nph x 0 0 1 y 1 1 1 couple xyz\n", r"in.deck:9: fix nph: edges that change together"),
-    (
-        METAL + ENERGY + "group a type 1\ngroup b type 2\nfix 1 a nph iso 0 0 1\nfix 2 b nph iso 0 0 1\nfix 3 all dpd/energy\n" + EOS,
-        r"in.deck:14: fix 2: there is a fix nph already \(1\)",
-    ),
+    (METAL + ENERGY + _TWO + EOS, r"in.deck:14: fix 2: there is a fix nph already \(1\)"),
 ]
 
 

@@ -22,16 +22,10 @@ NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.open
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
 MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc": OPENMM}
 
-ATTRIBUTES = {  # The same for attributes of objects of other libraries, and for options by name.
-    "_value": OPENMM,
-    "_getNumParticles": OPENMM,
-    "_getVectorAsNumpy": OPENMM,
-    "_cache": NUMBA,
-    "_rebuild": NUMBA,
-    "_reduce": NUMBA,
-    "_nrt": NUMBA,
-    "_default_value": "openmm_dpd.molecules.inputs.gsd_files",  # of gsd
-}
+#: The same for attributes of objects of other libraries, and for options by name.
+ATTRIBUTES = dict.fromkeys(("_value", "_getNumParticles", "_getVectorAsNumpy"), OPENMM)
+ATTRIBUTES |= dict.fromkeys(("_cache", "_rebuild", "_reduce", "_nrt"), NUMBA)
+ATTRIBUTES["_default_value"] = "openmm_dpd.molecules.inputs.gsd_files"  # of gsd
 
 #: Attributes of the package's own classes that others look at, and the documented one of named tuples.
 OWN = {"_BEADS", "_DIMENSIONS", "_evaluated", "_replace", "_take"}
