@@ -34,13 +34,9 @@ decks : name of the deck ->
                              word -> mean, sem, sd over the seeds of the mean over rows
 """
 
-import argparse
 import json
 import math
-import os
 import re
-import shutil
-import tempfile
 import time
 from collections import namedtuple
 from collections.abc import Sequence
@@ -49,7 +45,7 @@ from pathlib import Path
 
 import numpy as np
 from blocks import block_length, block_statistics, correlation_time
-from make_lammps_reference import DECKS, lammps_version, load_lammps, logical_lines, parse_log
+from make_lammps_reference import DECKS, arguments, complaints, finished, lammps_version, logical_lines, parse_log, started
 
 OUTPUT = Path(__file__).with_name("energy_reference.json")
 ALWAYS = ("atoms", "vol", "density", "lx", "ly", "lz", "cella", "cellb", "cellc")
@@ -117,36 +113,21 @@ def read_chunks(path: Path) -> dict[str, np.ndarray]:
 
 def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
     """Feed a deck to LAMMPS in a scratch folder; collect thermo rows and, if it writes one, its profile."""
-    home = Path.cwd()
-    with tempfile.TemporaryDirectory() as scratch:
-        for path in (*DECKS.glob("data.*"), *DECKS.glob("table.*")):
-            shutil.copy(path, scratch)
-        os.chdir(scratch)  # decks name their files relative to themselves
-        try:
-            arguments = ["-log", "log.txt", "-screen", "none", "-nocite"]
-            for key, value in variables.items():
-                arguments += ["-var", key, value]
-            lmp = load_lammps()(cmdargs=arguments)
-            seconds = 0.0
-            for line in logical_lines((DECKS / name).read_text()):
-                word = (line.split() or [""])[0]
-                if word == "thermo_style":
-                    line = " ".join([line.split("#")[0], *job.columns])
-                if word == "run":
-                    lmp.command("thermo_modify format float %.17g")
-                begin = time.process_time()
-                lmp.command(line)
-                seconds += (time.process_time() - begin) * (word == "run")
-            natoms, units, dt = lmp.get_natoms(), lmp.extract_global("units"), lmp.extract_global("dt")
-            lmp.close()
-            log = Path("log.txt").read_text()
-            chunks = read_chunks(next(Path().glob("profile.*"))) if job.profile else {}
-        finally:
-            os.chdir(home)
+    with started(DECKS, variables) as lmp:
+        seconds = 0.0
+        for line in logical_lines((DECKS / name).read_text()):
+            word = (line.split() or [""])[0]
+            if word == "thermo_style":
+                line = " ".join([line.split("#")[0], *job.columns])
+            if word == "run":
+                lmp.command("thermo_modify format float %.17g")
+            begin = time.process_time()
+            lmp.command(line)
+            seconds += (time.process_time() - begin) * (word == "run")
+        natoms, units, dt, log = finished(lmp)
+        chunks = read_chunks(next(Path().glob("profile.*"))) if job.profile else {}
     steps = sum(int(n) for n in re.findall(r"^Loop time of .* for (\d+) steps", log, flags=re.M))
-    warnings = sorted(set(re.findall(r"^WARNING: (.*?)(?: \(src.*)?$", log, flags=re.M)))
-    dangerous = sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M))
-    return Outcome(natoms, units, dt, parse_log(log), seconds, steps, warnings, dangerous, chunks)
+    return Outcome(natoms, units, dt, parse_log(log), seconds, steps, *complaints(log, r"(?: \(src.*)?"), chunks)
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
@@ -316,15 +297,7 @@ def worth_average(word: str, column: np.ndarray) -> bool:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("decks", nargs="*", metavar="DECK", help="decks to renew (default: all)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor on the lengths of the long runs")
-    parser.add_argument("--out", type=Path, default=OUTPUT)
-    args = parser.parse_args()
-    unknown = set(args.decks) - set(JOBS)
-    if unknown:
-        parser.error(f"no such deck: {', '.join(sorted(unknown))}; known: {', '.join(JOBS)}")
-    os.environ["OMP_NUM_THREADS"] = "1"
+    args = arguments(__doc__, JOBS, OUTPUT)
     version = lammps_version()
     for name in args.decks or JOBS:
         entry = reference(name, JOBS[name], args.scale)

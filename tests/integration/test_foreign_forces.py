@@ -116,23 +116,18 @@ def test_forces_in_every_group_add_up(scheme, platform, conservative):
     assert momentum(simulation.context) == pytest.approx([expected, 0, 0], abs=81 * 2.0**-23 * STEPS * 60)
 
 
+LATTICE = (np.stack(np.meshgrid(*[np.arange(4)] * 3), axis=-1).reshape(-1, 3) + 0.5) * 0.9
+APART = [{("*", "*"): dpd.LennardJones(epsilon=0.1, sigma=0.3, cutoff=0.8)}, {("*", "*"): dpd.DPD(gamma=4.5)}]
+WARM = {("*", "*"): dpd.EnergyDPD(A=25, sigma=3, kappa=2.0)}
 FLUIDS = {
     "one type": lambda: fluid({("A", "*"): dpd.DPD(A=25, gamma=4.5), ("B", "B"): dpd.DPD(A=25, gamma=4.5)}),
     "extended, tilted": lambda: fluid(EXTENDED, BOXES["tilted"], n=90),
     "no box": lambda: fluid(EXTENDED, None, n=90),
     "many-body": lambda: fluid({("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75)}, n=90),
-    "energies": lambda: fluid(
-        {("*", "*"): dpd.EnergyDPD(A=25, sigma=3, kappa=2.0)}, n=90, internal=dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)
-    ),
+    "energies": lambda: fluid(WARM, n=90, internal=dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)),
     "conservative only": lambda: fluid({("*", "*"): dpd.DPD(A=25)}, n=90),
     "friction only": lambda: fluid({("*", "*"): dpd.DPD(gamma=4.5)}, n=90),
-    "Lennard-Jones": lambda: fluid(
-        [{("*", "*"): dpd.LennardJones(epsilon=0.1, sigma=0.3, cutoff=0.8)}, {("*", "*"): dpd.DPD(gamma=4.5)}],
-        BOXES["ortho"],
-        n=64,
-        spread=0,
-        positions=(np.stack(np.meshgrid(*[np.arange(4)] * 3), axis=-1).reshape(-1, 3) + 0.5) * 0.9,
-    ),
+    "Lennard-Jones": lambda: fluid(APART, BOXES["ortho"], n=64, spread=0, positions=LATTICE),
     "ramp": lambda: fluid({("*", "*"): dpd.DPD(A=25, gamma=4.5)}, n=90, kT=dpd.TemperatureRamp(1.0, 2.0, 3, 15)),
 }
 

@@ -79,6 +79,14 @@ REPULSION = {
     ("solute", "V"): dpd.DPD(A=20, gamma=5, cutoff=0.5),
     ("water", "*"): dpd.DPD(A=60, **FRICTION),
 }
+
+
+def mixed(topology, system, x, scene=None, **choices) -> dpd.MixedSystem:
+    """Beads among the atoms; all but one argument of many are the same in most tests."""
+    choices = {"atoms": classes(topology), "cross": REPULSION, "platform": "Reference", "seed": 3, **choices}
+    return dpd.create_mixed_system(scene or beads(x), topology, system, x, **choices)
+
+
 ATTRACTION = {("solute", "V"): dpd.LennardJones(epsilon=0.4, sigma=0.3, cutoff=0.8), ("water", "*"): dpd.NONE, ("solute", "W"): dpd.NONE}
 
 
@@ -126,9 +134,7 @@ def test_forces_are_those_of_the_parts(platform):
     single = platform != "Reference"
     topology, system, x = atoms()
     scene, names = beads(x, close=1e-5), classes(topology)
-    whole = dpd.create_mixed_system(
-        scene, topology, system, x, atoms=names, cross=[REPULSION, ATTRACTION], dt=0.002, platform=platform, seed=1
-    )
+    whole = mixed(topology, system, x, scene=scene, atoms=names, cross=[REPULSION, ATTRACTION], dt=0.002, platform=platform, seed=1)
     assert whole.n_atoms == len(x) == topology.getNumAtoms() and whole.topology.getNumAtoms() == len(x) + scene.n_beads
     alone = context_of(system, x, platform)
     x = alone.getState(positions=True).getPositions(asNumpy=True)._value
@@ -165,9 +171,7 @@ def test_custom_nonbonded_forces_of_the_atoms_leave_beads_out(platform, groups):
         force.setForceGroup(3)
     system.addForce(force)
     scene = beads(x, close=1e-7)
-    whole = dpd.create_mixed_system(
-        scene, topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform=platform, seed=1
-    )
+    whole = mixed(topology, system, x, scene=scene, dt=0.002, platform=platform, seed=1)
     alone = context_of(system, x, platform)
     context = context_of(whole.system, np.concatenate([x, scene.positions]), platform)
     found = forces(context, {force.getForceGroup() for force in system.getForces()})
@@ -222,9 +226,7 @@ def independent_temperatures(whole: dpd.MixedSystem, context: openmm.Context, n:
 def test_observer_and_reporter(platform):
     """Rigid water with a virtual site beside beads: temperatures with the degrees of freedom counted here, energies, momentum; the file."""
     topology, system, x = atoms()
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform=platform, seed=3
-    )
+    whole = mixed(topology, system, x, dt=0.001, platform=platform)
     simulation = whole.simulation(properties={"Threads": "1"} if platform == "CPU" else None)
     simulation.minimizeEnergy(maxIterations=30)
     theirs, mine = StringIO(), StringIO()
@@ -253,9 +255,7 @@ def test_observer_and_reporter(platform):
 def test_what_is_not_measured_of_atoms_and_beads():
     """No pressure, no configurational temperature, no forces term by term: absent or an error, and never a number."""
     topology, system, x = atoms()
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, x, dt=0.001)
     observer = dpd.Observer(whole)
     sample = observer.sample(whole.simulation().context)
     absent = ("pressure", "virial_conservative", "pair", "bond", "total", "kT_conf", "forces")
@@ -311,9 +311,7 @@ def test_friction_between_atoms_and_beads(coupled):
         i, j = nonbonded.getExceptionParameters(k)[:2]
         nonbonded.setExceptionParameters(k, i, j, 0, 0.1, 0)
     cross = {("*", "*"): dpd.DPD(**FRICTION) if coupled else dpd.NONE}
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=cross, dt=0.002, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, x, cross=cross, dt=0.002)
     simulation = whole.simulation()
     mass = np.array([m._value for m in map(whole.system.getParticleMass, range(whole.system.getNumParticles()))])
     v = np.array(whole.velocities._value)
@@ -334,9 +332,7 @@ def test_friction_between_atoms_and_beads(coupled):
 def test_saved_and_read_back():
     """System and integrator as XML give the same steps, bit for bit; so does a checkpoint."""
     topology, system, x = atoms()
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, x, dt=0.001)
     copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (whole.system, whole.integrator)]
     first = context_of(whole.system, whole.positions, "Reference", whole.integrator)
     second = context_of(copies[0], whole.positions, "Reference", copies[1])
@@ -354,9 +350,7 @@ def test_barostat():
     """Volume moves scale beads and molecules; the box of the run changes and the constraints hold."""
     topology, system, x = atoms()
     system.addForce(openmm.MonteCarloBarostat(200 * unit.bar, 300 * unit.kelvin, 5))
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="CPU", seed=3
-    )
+    whole = mixed(topology, system, x, dt=0.002, platform="CPU")
     simulation = whole.simulation(properties={"Threads": "1"})
     simulation.minimizeEnergy(maxIterations=30)
     simulation.step(60)
@@ -396,9 +390,7 @@ def test_beads_that_interact_with_atoms_only():
     topology, system, x = atoms()
     scene = beads(x, pairs={("*", "*"): dpd.NONE}, bonds=[])
     positions = [openmm.Vec3(*row) for row in x] * unit.nanometer
-    whole = dpd.create_mixed_system(
-        scene, topology, system, positions, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, positions, scene=scene, dt=0.002)
     found = forces(context_of(whole.system, whole.positions, "Reference"), whole.integrator.getIntegrationForceGroups())
     expected, _ = cross_forces(x, classes(topology), scene, attraction=False)
     np.testing.assert_allclose(found[len(x) :], expected[len(x) :], atol=1e-6 * np.abs(expected).max())

@@ -277,7 +277,8 @@ def test_bad_values_of_charges(message, options):
 
 def test_bad_scenes():
     x, q = electrolyte(20, 5.0, 5)
-    good = charges_of("slater", 0.25)
+    good, clouds = charges_of("slater", 0.25), dpd.SlaterCharges(lamda=1, bjerrum_length=1)
+    table = {("W", "W"): dpd.DPD(A=1, gamma=0)}
     for message, make in {
         "needs the charges of the beads": lambda: scene(x, None, good, [5.0] * 3),
         "all charges are 0": lambda: scene(x, 0 * q, good, [5.0] * 3),
@@ -290,15 +291,7 @@ def test_bad_scenes():
         "is too coarse": lambda: scene(x, q, charges_of("slater", 0.25, alpha=3.0, grid=(6, 6, 6)), [5.0] * 3),
         "cutoff and alpha would have no effect": lambda: scene(x, q, charges_of("slater", 0.25, cutoff=2.0, alpha=2.0)),
         "the smearing reaches to": lambda: scene(x, q, charges_of("slater", 0.6), [5.0] * 3),
-        "a Bjerrum length needs a temperature": lambda: dpd.Scene(
-            {"W": 1},
-            ["W"] * 20,
-            x,
-            {("W", "W"): dpd.DPD(A=1, gamma=0)},
-            kT=0,
-            charges=q,
-            electrostatics=dpd.SlaterCharges(lamda=1, bjerrum_length=1),
-        ),
+        "a Bjerrum length needs a temperature": lambda: dpd.Scene({"W": 1}, ["W"] * 20, x, table, kT=0, charges=q, electrostatics=clouds),
     }.items():
         with pytest.raises(dpd.ParameterError, match=message):
             make()
