@@ -1,5 +1,7 @@
 """A deck in the making: its lines, the files beside it, and what its commands have defined so far."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 from .draw import Draw
@@ -115,10 +117,11 @@ class Deck:
         """Print text to a file, with any ``$`` in it."""
         self.add(f'print "{text}" append values.txt screen no')
 
-    def run(self, *words: object) -> None:
+    def run(self, *words: object) -> Deck:
         """A run command."""
         self.add(f'print "{MARK}"')
         self.add("run", *words)
+        return self
 
     def next_stage(self) -> None:
         """Begin another script."""

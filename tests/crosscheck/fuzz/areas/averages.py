@@ -163,12 +163,10 @@ class Values:
 
 def averages(draw: Draw) -> Deck:
     """A deck with computes and averages of a moving fluid."""
-    deck = Deck(draw)
-    head(deck, "atomic", ("lj", "lj", "lj", "real", "metal"))
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "lj", "real", "metal"))
     deck.add("atom_modify", "map", "yes")
     deck.cutoff = 1.0
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 25), 0.4)
     interactions(deck)
     groups(deck)

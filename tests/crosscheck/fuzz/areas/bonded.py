@@ -56,12 +56,10 @@ def _coefficients(deck: Deck, command: str, styles: tuple[str, ...], table) -> N
 
 def bonded(draw: Draw) -> Deck:
     """A deck with bonds, perhaps angles."""
-    deck = Deck(draw)
     style = draw.pick(["bond", "angle", "molecular", "full"])
-    head(deck, style, ("lj", "lj", "real"))
+    deck = head(Deck(draw), style, ("lj", "lj", "real"))
     natural = deck.units
     draw_box(deck, 3.4, 4.5)
-    deck.types = draw.whole(1, 2)
     x, bonds, angles, molecules = _chains(deck)
     if style == "bond" or draw.chance(0.2):
         angles = []

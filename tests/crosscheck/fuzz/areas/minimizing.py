@@ -25,7 +25,6 @@ def _nothing_to_do(deck: Deck) -> None:
     draw = deck.draw
     head(deck, "atomic", ("lj", "lj", "real", "metal"))
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(1, 12), 0.4, moving=0.0)
     forces = draw.chance(0.7)
     interactions(deck, [draw.pick(["dpd", "dpd/ext", "lj/cut"]) if forces else "zero"])
@@ -62,7 +61,7 @@ def _down(deck: Deck) -> None:
     draw = deck.draw
     head(deck, "molecular", ("lj", "lj", "real"))
     natural = deck.units
-    draw_box(deck, 4.0, 6.0)
+    draw_box(deck, 4.0, 6.0, types=1)
     count = draw.whole(2, 5)
     directions = np.array([[0.6 * (k + 0.1 * draw.random()), 0.3 * (k % 2), 0.1 * draw.random()] for k in range(count)])
     places = np.round(np.array(deck.low) + natural.length * (0.2 + directions), 9)

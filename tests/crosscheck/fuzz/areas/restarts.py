@@ -10,11 +10,9 @@ _COLUMNS = "id type mass x y z xu yu zu ix iy iz vx vy vz fx fy fz"
 
 def restarts(draw: Draw) -> Deck:
     """Runs and what comes between them; the last one once more in a second script, from a restart file."""
-    deck = Deck(draw)
-    head(deck, "atomic", ("lj", "lj", "real", "metal"))
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "real", "metal"))
     settings = deck.lines[-2:]
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 15), 0.4)
     before = len(deck.lines)
     interactions(deck, [draw.pick(["dpd", "dpd/ext", "dpd/tstat", "lj/cut", "zero"])] * draw.pick([1, 1, 2]))

@@ -90,11 +90,9 @@ def _frame(deck: Deck) -> None:
 
 def streaming(draw: Draw) -> Deck:
     """A deck with gravity, set with variables, temp/partial, temp/profile, compute_modify, ave/correlate and write_dump."""
-    deck = Deck(draw)
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "real", "metal"))
     deck.accuracy = 2e-6  # of the files that fix ave/correlate and dumps write with few digits
-    head(deck, "atomic", ("lj", "lj", "real", "metal"))
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 20), 0.4)
     interactions(deck, [draw.pick(["dpd", "dpd/ext", "lj/cut", "zero"])])
     groups(deck)
@@ -128,5 +126,4 @@ def streaming(draw: Draw) -> Deck:
         draw.pick([_frame, _frame, _set])(deck)
     if draw.chance(0.3):
         deck.add("fix", "late", "all", "print", 50, '"never"', "file", "late.txt", "screen", "no")
-    deck.run(draw.whole(0, 4))
-    return deck
+    return deck.run(draw.whole(0, 4))

@@ -11,12 +11,10 @@ def thermostats(draw: Draw) -> Deck:
     The mean of v^2 of some 1,000 beads after a step has a standard error of sqrt(2/3000), or 3 %, and somewhat more because each pair
     pushes two beads; both sides have one each.  A third is about six of these.
     """
-    deck = Deck(draw)
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "real"))
     deck.accuracy = 0.33
-    head(deck, "atomic", ("lj", "lj", "real"))
     natural = deck.units
     draw_box(deck, 7.0, 7.5, tilted=0.2)
-    deck.types = draw.whole(1, 2)
     x = points(deck, 1000)
     lines = ["beads", "", f"{len(x)} atoms", f"{deck.types} atom types"]
     lines += [f"{low:.15g} {low + edge:.15g} {a}lo {a}hi" for a, low, edge in zip("xyz", deck.low, deck.edges, strict=True)]
