@@ -69,8 +69,7 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
     ("thermo.png", None, 20, "the picture {out}/thermo.png cannot be written (Is a directory)"),
 )
 def test_each_file_that_cannot_be_written_has_one_line(deck, capsys, name, line, steps, what):
-    deck.write_text(WRITING.replace("run 200", "run 20\nprint done file said\nwrite_data data"))
-    out = deck.parent / "out"
+    out = put(deck, WRITING.replace("run 200", "run 20\nprint done file said\nwrite_data data")).parent / "out"
     (out / name).mkdir(parents=True)
     assert main(arguments(deck, out, "--quiet")) == 1
     place = "" if line is None else f"{deck}:{line}: "
@@ -123,8 +122,7 @@ def test_an_average_that_cannot_be_computed_is_null_with_a_reason(tmp_path):
     pair = "create_atoms 1 single 1 1 1 units box\ncreate_atoms 1 single 1.9 1.1 1.03 units box\nset atom 2 vx 1.5\n"
     text = FLUID.replace("create_atoms 1 random 100 4243 box\ncreate_atoms 2 random 92 4244 box\n", pair)
     text = text.replace("velocity all create 1.0 87287\n", "").replace("thermo 10", "thermo 20").replace("run 50\nrun 30", "run 100")
-    (tmp_path / "in.dilute").write_text(text)
-    report = run_deck(tmp_path / "in.dilute", RunOptions(platform="Reference", threads=1), out=tmp_path / "out")
+    report = run_deck(put(tmp_path / "in.dilute", text), RunOptions(platform="Reference", threads=1), out=tmp_path / "out")
     conf = report["thermo"]["temp_conf"]
     assert conf["sem"] is None and conf["mean"] > 0 and "in all blocks of rows but one" in report["temp_conf_reason"]
     assert (tmp_path / "out" / "thermo.png").exists()

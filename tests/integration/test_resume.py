@@ -180,8 +180,7 @@ def test_fields_volumes_and_densities_are_resumed(tmp_path, name):
     for old, new in SMALL[name].items():
         assert old in text
         text = text.replace(old, new)
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    interrupt_and_resume(tmp_path / name, "CPU", 3, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
+    interrupt_and_resume(put(tmp_path / name, text), "CPU", 3, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
 
 
 def stopped(deck: Path, *more: str) -> Path:
@@ -211,9 +210,9 @@ def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     assert "--platform Reference cannot be combined" in error_of(capsys, *again, "--platform", "Reference")
     assert "--var cannot be changed by --restart" in error_of(capsys, *again, "--var", "x", "1")
     assert "cannot be another folder" in error_of(capsys, *again, "--out", str(deck.parent / "elsewhere"))
-    deck.write_text(TINY.replace("0.01", "0.02"), encoding="utf-8")
+    put(deck, TINY.replace("0.01", "0.02"))
     assert "is not the deck of the interrupted run, or has changed since" in error_of(capsys, *again)
-    deck.write_text(TINY, encoding="utf-8")
+    put(deck, TINY)
     log = (out / "log.txt").read_bytes()
     (out / "log.txt").write_bytes(log[:-1])
     assert "at the checkpoint: the run cannot go on with it; put the file back" in error_of(capsys, *again)
@@ -261,8 +260,7 @@ def test_what_a_restart_would_refuse_is_an_error_at_once(deck, capsys, monkeypat
 
     monkeypatch.setattr(computes, "Forgetful", Forgetful, raising=False)
     monkeypatch.setitem(computes.COMPUTES, "gyration", computes.ComputeSpec(prepare, scalar))
-    deck.write_text(f"{TINY.partition('compute m')[0]}compute g all gyration\nthermo_style custom step c_g\nrun 100\n", encoding="utf-8")
-    out = deck.parent / "out"
+    out = put(deck, f"{TINY.partition('compute m')[0]}compute g all gyration\nthermo_style custom step c_g\nrun 100\n").parent / "out"
     words = ["--out", str(out), "--platform", "Reference", "--threads", "1"]
     error = error_of(capsys, str(deck), *words, "--checkpoint", "10")
     assert "builtins.complex does not belong into a checkpoint" in error

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from files_of_tests import put
 from judged import any_seed, judge
 from openmm import app, unit
 
@@ -194,9 +195,7 @@ def coarse() -> tuple[openmm.System, np.ndarray]:
 def test_coarse_grained_system_from_xml(tmp_path, seed):
     """A System read from XML, with constraints, at 20 fs and 310 K; friction by types, stronger between water beads.  A tenth off is seen."""
     built, positions = coarse()
-    path = tmp_path / "system.xml"
-    path.write_text(openmm.XmlSerializer.serialize(built))
-    system = openmm.XmlSerializer.deserialize(path.read_text())
+    system = openmm.XmlSerializer.deserialize(put(tmp_path / "system.xml", openmm.XmlSerializer.serialize(built)).read_text())
     (pairs,) = [force for force in system.getForces() if isinstance(force, openmm.CustomNonbondedForce)]
     types = ["water" if pairs.getParticleParameters(k)[0] == 0 else "solute" for k in range(system.getNumParticles())]
     friction = {("*", "*"): dpd.DPD(gamma=40, cutoff=1.1), ("water", "water"): dpd.DPD(gamma=120, cutoff=1.1)}

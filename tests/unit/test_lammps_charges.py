@@ -1,6 +1,7 @@
 """Charges in decks: what the commands read, and what they refuse."""
 
 import pytest
+from files_of_tests import put
 from openmm_dpd.units import COULOMB
 
 from openmm_dpd.base.errors import DeckError
@@ -17,8 +18,7 @@ def scene(tmp_path, styles, **settings):
     text = DECK.format(styles=styles, **{**LJ, **settings})
     # half of the second kind is positive, half negative
     text = text.replace("set type 2 charge 0.0", "set atom 21*30 charge 1.0\nset atom 31*40 charge -1.0")
-    (tmp_path / "in.deck").write_text(text)
-    return deck_scene(tmp_path / "in.deck")
+    return deck_scene(put(tmp_path / "in.deck", text))
 
 
 @pytest.mark.parametrize(("units", "length", "constant"), [("lj", 1.0, 1.0), ("real", 0.1, COULOMB), ("metal", 0.1, COULOMB)])
@@ -71,6 +71,5 @@ def test_overlay_and_flags(tmp_path):
 
 def test_decks_without_charged_beads(tmp_path):
     text = SLATER
-    (tmp_path / "in.deck").write_text(DECK.format(styles=text, units="lj", edge=6, charge="0"))
     with pytest.raises(DeckError, match="no bead has a charge"):
-        deck_scene(tmp_path / "in.deck")
+        deck_scene(put(tmp_path / "in.deck", DECK.format(styles=text, units="lj", edge=6, charge="0")))

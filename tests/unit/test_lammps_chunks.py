@@ -9,6 +9,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -27,8 +28,7 @@ QUICK = RunOptions(platform="Reference", threads=1, seed=3)
 
 
 def request_of(tmp_path, text: str) -> RunRequest:
-    (tmp_path / "in.deck").write_text(text)
-    request = read_deck(tmp_path / "in.deck", stop_before_first_run=True, output=tmp_path).first_run
+    request = read_deck(put(tmp_path / "in.deck", text), stop_before_first_run=True, output=tmp_path).first_run
     assert request is not None
     return request
 
@@ -140,8 +140,7 @@ def test_vectors_of_averages(tmp_path):
 def test_report_has_the_last_averages_of_each_run(tmp_path):
     text = "compute m all momentum\nvariable s equal step\nfix s all ave/time 2 3 10 v_s c_m[1]\n"
     text += "fix v all ave/time 5 1 5 c_m mode vector\nrun 10\nrun 14\n"
-    (tmp_path / "in.deck").write_text(DECK + text)
-    report = run_deck(tmp_path / "in.deck", QUICK, out=tmp_path)
+    report = run_deck(put(tmp_path / "in.deck", DECK + text), QUICK, out=tmp_path)
     assert report["averages"] == report["runs"][1]["averages"]
     assert (report["averages"]["s"]["step"], report["averages"]["s"]["v_s"]) == (20, 18)
     assert report["runs"][0]["averages"]["s"]["v_s"] == 8
@@ -280,11 +279,9 @@ run 40
 def beside_lammps(tmp_path, start: str, atom_style: str, text: str) -> None:
     """Run a deck here and in LAMMPS, from one data file, and compare every file that its fixes write."""
     (tmp_path / "ours").mkdir()
-    (tmp_path / "in.start").write_text(start + "write_data data.start nocoeff\n")
-    read_deck(tmp_path / "in.start", stop_before_first_run=True, output=tmp_path)
+    read_deck(put(tmp_path / "in.start", start + "write_data data.start nocoeff\n"), stop_before_first_run=True, output=tmp_path)
     head = f"atom_style {atom_style}\natom_modify map yes\nread_data data.start\n"
-    (tmp_path / "in.deck").write_text(head + LISTS + text.format(form=FORM))
-    run_deck(tmp_path / "in.deck", QUICK, out=tmp_path / "ours")
+    run_deck(put(tmp_path / "in.deck", head + LISTS + text.format(form=FORM)), QUICK, out=tmp_path / "ours")
     subprocess.run([sys.executable, "-c", LIVE], cwd=tmp_path, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
     found = sorted(tmp_path.glob("*.out"))
     assert len(found) == text.count(" file ")

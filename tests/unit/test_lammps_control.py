@@ -119,9 +119,8 @@ WRONG = {
 
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes_have_their_line(tmp_path, text):
-    (tmp_path / "in.bad").write_text(text + "\n", encoding="utf-8")
     with pytest.raises(DeckError, match=WRONG[text].replace("(", r"\(")) as raised:
-        read_deck(tmp_path / "in.bad")
+        read_deck(put(tmp_path / "in.bad", text + "\n"))
     assert str(raised.value).startswith(f"{tmp_path}/in.bad:{text.count(chr(10)) + 1}: ")
 
 

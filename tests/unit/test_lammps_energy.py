@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cases import cases
 from files_of_tests import put
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, read_deck
@@ -172,9 +173,7 @@ def test_equations_of_state_by_type(tmp_path):
     ("A\nN 3\n1 1 1\n2 2 0.5\n3 3 3\n", "A", r"eos:4: the energies of equation of state A must increase, but 0.5 follows 1"),
 )
 def test_files_of_equations_of_state(tmp_path, text, keyword, message):
-    (tmp_path / "eos").write_text(text)
-    with pytest.raises(DeckError, match=message):
-        read_eos(tmp_path / "eos", keyword)
+    raises(DeckError, message, lambda: read_eos(put(tmp_path / "eos", text), keyword))
 
 
 def test_sources(tmp_path):

@@ -9,6 +9,7 @@ import exported
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 from raising import raises
 
 import openmm_dpd as dpd
@@ -261,9 +262,8 @@ def test_bad_choices(choices, message, tmp_path):
 
 def test_what_is_no_scene_and_what_is_no_folder(tmp_path):
     raises(dpd.ParameterError, "expected a Scene", lambda: export_lammps("scene", tmp_path, "x", dt=0.01))
-    (tmp_path / "file").write_text("")
     with pytest.raises(dpd.OutputError, match="the folder .*file.* cannot be written .*write elsewhere"):
-        export_lammps(fluid(), tmp_path / "file", "x", dt=0.01)
+        export_lammps(fluid(), put(tmp_path / "file", ""), "x", dt=0.01)
     if os.getuid():
         (tmp_path / "closed").mkdir(mode=0o500)
         raises(dpd.ParameterError, "cannot be written", lambda: export_lammps(fluid(), tmp_path / "closed", "x", dt=0.01))
@@ -313,8 +313,7 @@ def pair_scene(**changes) -> dpd.Scene:
 def dump(tmp_path, columns: str, *rows: str, header: str = HEADER):
     path = tmp_path / "x.dump"
     frames = [header.format(step=10 * k) + f"ITEM: ATOMS {columns}\n" + row for k, row in enumerate(rows)]
-    path.write_text("".join(frames))
-    return path
+    return put(path, "".join(frames))
 
 
 def test_ids_images_and_units(tmp_path):
@@ -406,8 +405,7 @@ def test_broken_data_files(tmp_path):
 
     def broken(old: str, new: str):
         assert old in text
-        written.data.write_text(text.replace(old, new, 1))
-        return scene_from_data(written.data, scene)
+        return scene_from_data(put(written.data, text.replace(old, new, 1)), scene)
 
     raises(dpd.DeckError, "section Atoms has 240 lines, but the header announces 241", lambda: broken("240 atoms", "241 atoms"))
     with pytest.raises(dpd.DeckError, match="expected an atom of atom_style atomic: id type x y z"):

@@ -5,6 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from files_of_tests import put
 
 from openmm_dpd import BodyForce, DeckError, PositionForce
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
@@ -45,8 +46,7 @@ def ours(tmp_path, text: str):
 
 
 def first_scene(tmp_path, text: str):
-    (tmp_path / "in.deck").write_text(text)
-    return read_deck(tmp_path / "in.deck", stop_before_first_run=True).first_run.scene()
+    return read_deck(put(tmp_path / "in.deck", text), stop_before_first_run=True).first_run.scene()
 
 
 def error(tmp_path, text: str) -> str:
@@ -170,8 +170,7 @@ def both(tmp_path, text: str, boundary: str = "p p p", gamma: str = "0", kept: s
     if gamma != "0":
         text = text.replace("pair_style dpd 0.0", "pair_style dpd 1e-300")
     here = text.partition("run ")[0]
-    (tmp_path / "in.start").write_text(here + "run 0\n")
-    start = read_deck(tmp_path / "in.start", stop_before_first_run=True)
+    start = read_deck(put(tmp_path / "in.start", here + "run 0\n"), stop_before_first_run=True)
     (tmp_path / "data.start").write_text("\n".join(data_file_lines(start, pair=None)) + "\n")
     state, _ = ours(tmp_path, text)
     mine = last_frame(tmp_path / "forces", len(state.atoms))

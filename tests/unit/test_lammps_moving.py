@@ -5,6 +5,8 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from files_of_tests import put
+from raising import raises
 from test_lammps_thermo_live import numbers, table
 
 from openmm_dpd.base.errors import DeckError
@@ -129,9 +131,7 @@ WRONG = {
 
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes(tmp_path, text):
-    (tmp_path / "in.bad").write_text(FEW + text, encoding="utf-8")
-    with pytest.raises(DeckError, match=WRONG[text]):
-        run_deck(tmp_path / "in.bad", RunOptions(platform="Reference"))
+    raises(DeckError, WRONG[text], lambda: run_deck(put(tmp_path / "in.bad", FEW + text), RunOptions(platform="Reference")))
 
 
 def test_random_displacements_do_not_depend_on_the_group(tmp_path):
@@ -139,8 +139,7 @@ def test_random_displacements_do_not_depend_on_the_group(tmp_path):
     found = []
     for group in ("all", "some"):
         text = f"displace_atoms {group} random 0.3 0.1 0 5\nwrite_data {group}.data\nfix 1 all nve\nrun 0\n"
-        (tmp_path / "in").write_text(FEW + text, encoding="utf-8")
-        run_deck(tmp_path / "in", RunOptions(platform="Reference"), out=tmp_path)
+        run_deck(put(tmp_path / "in", FEW + text), RunOptions(platform="Reference"), out=tmp_path)
         lines = (tmp_path / f"{group}.data").read_text().splitlines()
         start = next(k for k, line in enumerate(lines) if line.startswith("Atoms")) + 2
         rows = np.array([line.split()[:5] for line in lines[start:][:20]], float)

@@ -190,8 +190,7 @@ def test_a_run_needs_a_pair_style_even_if_it_is_none(tmp_path):
     beads = START.format(units="lj").replace("pair_style dpd 1.0 1.0 77\npair_coeff * * 25 4.5\n", "{}") + "fix 1 all nve\nrun 1\n"
     path = put(tmp_path / "in.deck", beads.format(""))
     raises(DeckError, r"in.deck:12: run needs a pair_style before it; .* 'pair_style none'", lambda: read_deck(path))
-    path.write_text(beads.format("pair_style none\n"))
-    assert read_deck(path).runs == 1
+    assert read_deck(put(path, beads.format("pair_style none\n"))).runs == 1
 
 
 def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path):
@@ -200,8 +199,7 @@ def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path)
     path = put(tmp_path / "in.sparse", "read_data data\nvelocity all create 1 5\n")
     with pytest.raises(DeckError, match="in.sparse:2: velocity create: 2 beads have ids up to 2000000000, .* use 'loop geom'"):
         read_deck(path, stop_before_first_run=True)
-    path.write_text("read_data data\nvelocity all create 1 5 loop geom\n")
-    assert read_deck(path, stop_before_first_run=True).atoms.velocities.any()
+    assert read_deck(put(path, "read_data data\nvelocity all create 1 5 loop geom\n"), stop_before_first_run=True).atoms.velocities.any()
 
 
 # -- ramps -------------------------------------------------------------------------------------------------------------------

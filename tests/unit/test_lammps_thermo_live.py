@@ -27,8 +27,7 @@ def both(folder: Path, text: str, platform: str = "Reference") -> tuple[list[str
         lmp.command("log none")
     found.append(table((folder / "theirs" / "log").read_text().splitlines()))
     path, lines = folder / "in.ours", []
-    path.write_text(text, encoding="utf-8")
-    read_deck(path, run_callback=DeckRunner(RunOptions(platform=platform, threads=1), lines.append), output=folder / "ours")
+    read_deck(put(path, text), run_callback=DeckRunner(RunOptions(platform=platform, threads=1), lines.append), output=folder / "ours")
     found.append(table("\n".join(lines).splitlines()))
     return found[0], found[1]
 
@@ -227,9 +226,7 @@ def test_numbers_that_both_refuse(tmp_path, number):
         data.write_text(f"{head}Atoms # atomic\n\n{place}\n", encoding="utf-8")
         with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):
             lmp.command(f"read_data {data}")
-        path.write_text("read_data data\n")
-        with pytest.raises(DeckError, match="data:12: "):
-            read_deck(path)
+        raises(DeckError, "data:12: ", lambda: read_deck(put(path, "read_data data\n")))
 
 
 # -- steps at which ramps, oscillations and averages begin --------------------------------------------------------------------------------
@@ -289,8 +286,7 @@ def test_the_temperature_is_that_of_the_styles_with_friction(tmp_path, styles, c
 def test_pre_no_is_said(tmp_path):
     path = put(tmp_path / "in.ours", FOUR + "fix 1 all nve\nrun 2\nrun 2 pre no\n")
     assert any("forces are evaluated anew" in note for note in read_deck(path).notes)
-    path.write_text(FOUR + "fix 1 all nve\nrun 2\nrun 2 pre yes post no\n")
-    assert not any("anew" in note for note in read_deck(path).notes)
+    assert not any("anew" in note for note in read_deck(put(path, FOUR + "fix 1 all nve\nrun 2\nrun 2 pre yes post no\n")).notes)
 
 
 @pytest.mark.parametrize("last", ["", "bond_coeff 3 harmonic 10 1\n"])

@@ -7,6 +7,7 @@ import numpy as np
 import openmm
 import pytest
 from cases import cases
+from files_of_tests import put
 
 import openmm_dpd as dpd
 
@@ -72,9 +73,8 @@ def test_planted_code_is_not_run(tmp_path, through):
     }[through]
     text = system_with(planted)
     assert not target.exists()
-    (tmp_path / "system.xml").write_text(text)
     with pytest.raises(dpd.ParameterError, match="holds a Python object that is not a force of this package .*it asks for"):
-        dpd.load_xml(tmp_path / "system.xml")
+        dpd.load_xml(put(tmp_path / "system.xml", text))
     assert not target.exists()
     if through == "function":  # which OpenMM itself does run
         openmm.XmlSerializer.deserialize(text)
@@ -110,9 +110,8 @@ def test_a_state_is_a_state(tmp_path):
         ("short.xml", (tmp_path / "state.xml").read_text()[:900], "no file that OpenMM's XmlSerializer wrote"),
         ("other.xml", "<State type='Stale'/>", "OpenMM cannot read this file"),
     ):
-        (tmp_path / name).write_text(text)
         with pytest.raises(dpd.ParameterError, match=message):
-            simulation.loadState(str(tmp_path / name))
+            simulation.loadState(str(put(tmp_path / name, text)))
     assert not (tmp_path / "witness").exists()
     assert simulation.context.getStepCount() == 2
     simulation.loadState(str(tmp_path / "state.xml"))

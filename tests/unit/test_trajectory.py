@@ -10,6 +10,7 @@ import numpy as np
 import openmm
 import pytest
 from cases import cases
+from files_of_tests import put
 from mdtraj.core.element import Element
 from openmm import app, unit
 from openmm_dpd.trajectory import (
@@ -215,15 +216,13 @@ def test_what_cannot_be_written(tmp_path, change, message):
 def test_broken_files_name_the_line(psf):
     lines = psf.read_text().splitlines()
     with pytest.raises(ParameterError, match="no PSF file"):
-        psf.write_text("CRYST1\n")
-        load_topology(psf)
+        load_topology(put(psf, "CRYST1\n"))
     number = next(k for k, line in enumerate(lines) if "!NATOM" in line)
     broken = [*lines]
     broken[number + 3] = broken[number + 3][:40]
     psf.write_text("\n".join(broken))
     raises(ParameterError, rf"top\.psf:{number + 4}: cannot read bead 3 of 48", lambda: load_topology(psf))
-    psf.write_text("\n".join(lines[: number + 50]))
-    raises(ParameterError, "no readable !NBOND section", lambda: load_topology(psf))
+    raises(ParameterError, "no readable !NBOND section", lambda: load_topology(put(psf, "\n".join(lines[: number + 50]))))
 
 
 # -- OpenMM ------------------------------------------------------------------------------------------------------------------------
