@@ -24,10 +24,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 from atlas_parts.sampling import slope  # noqa: E402
-from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.lammps import deck_scene  # noqa: E402
+from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 DECK = Path(__file__).parents[1] / "examples" / "decks" / "in.dpde-shardlow"
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")

@@ -27,13 +27,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 from atlas_parts import page  # noqa: E402
 from atlas_parts.store import Store, carry_out, key  # noqa: E402
 from atlas_parts.summary import short  # noqa: E402
-from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.kernels.columns import approach, over_pairs  # noqa: E402
 from openmm_dpd.kernels.compiled import inlined  # noqa: E402
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine  # noqa: E402
 from openmm_dpd.plan.plan import make_plan  # noqa: E402
+from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 
 @dataclass(frozen=True)

@@ -36,11 +36,11 @@ from atlas_parts import maps, page  # noqa: E402
 from atlas_parts.errors import crossing  # noqa: E402
 from atlas_parts.store import Store, carry_out  # noqa: E402
 from atlas_parts.summary import machine, short, write  # noqa: E402
-from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.base.errors import DPDError  # noqa: E402
 from openmm_dpd.simulation.advice.stability_table import StabilityTable, shipped_table  # noqa: E402
+from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo", "native")
 #: Name of the native scheme in the atlas.

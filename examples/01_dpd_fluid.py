@@ -1,8 +1,8 @@
 import numpy as np
 from openmm import app
-from openmm_dpd.trajectory import write_psf
 
 import openmm_dpd as dpd
+from openmm_dpd.trajectory import write_psf
 
 N, EDGE, STEPS = 3000, 10.0, 2000  # three beads in a unit of volume
 positions = np.random.default_rng(1).random((N, 3)) * EDGE

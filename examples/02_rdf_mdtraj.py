@@ -18,9 +18,9 @@ import matplotlib
 import mdtraj
 import numpy as np
 from openmm import app
-from openmm_dpd.trajectory import load_topology, write_psf
 
 import openmm_dpd as dpd
+from openmm_dpd.trajectory import load_topology, write_psf
 
 OUT = Path("out/02_rdf_mdtraj")
 N, DENSITY, A, GAMMA, KT, DT = 3000, 3.0, 25.0, 4.5, 1.0, 0.04

@@ -17,10 +17,10 @@ import matplotlib
 import numpy as np
 import openmm
 from openmm import app, unit
-from openmm_dpd.stats import block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.measure import kelvin
+from openmm_dpd.stats import block_average
 
 OUT = Path("out/03_thermostat_peptide")
 EDGE = 2.2  # nm

@@ -15,10 +15,10 @@ import matplotlib
 import mdtraj
 import numpy as np
 from openmm import app
-from openmm_dpd.stats import block_average
-from openmm_dpd.trajectory import compute_rg, load_topology, write_psf
 
 import openmm_dpd as dpd
+from openmm_dpd.stats import block_average
+from openmm_dpd.trajectory import compute_rg, load_topology, write_psf
 
 OUT = Path("out/05_polymers_bonds")
 EDGE, DENSITY = 8.5, 3.0

@@ -15,10 +15,10 @@ import matplotlib
 import mdtraj
 import numpy as np
 from openmm import app, unit
-from openmm_dpd.stats import block_average
-from openmm_dpd.trajectory import load_topology, write_psf
 
 import openmm_dpd as dpd
+from openmm_dpd.stats import block_average
+from openmm_dpd.trajectory import load_topology, write_psf
 
 OUT = Path("out/07_droplet")
 EDGE, FILM, DENSITY = 20.0, (12.0, 9.0, 2.4), 6.0

@@ -20,10 +20,10 @@ import matplotlib
 import mdtraj
 import numpy as np
 from openmm import app
-from openmm_dpd.stats import block_average
-from openmm_dpd.trajectory import load_topology, write_psf
 
 import openmm_dpd as dpd
+from openmm_dpd.stats import block_average
+from openmm_dpd.trajectory import load_topology, write_psf
 
 OUT = Path("out/08_electrolyte")
 EDGE, DENSITY, PAIRS = 6.0, 3.0, 40

@@ -17,12 +17,12 @@ import matplotlib
 import mdtraj
 import numpy as np
 from openmm import app
-from openmm_dpd.stats import block_average
-from openmm_dpd.trajectory import load, load_topology
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import bilayer_thickness, density_profile
 from openmm_dpd.molecules import Bilayer, Mixture, Scattered, grafmueller_2009, pack, relax
+from openmm_dpd.stats import block_average
+from openmm_dpd.trajectory import load, load_topology
 
 OUT = Path("out/09_lipid_bilayer")
 BOX, LIPIDS = (7.0, 7.0, 11.0), 70

@@ -22,12 +22,12 @@ import matplotlib
 import mdtraj
 import numpy as np
 from openmm import app
-from openmm_dpd.trajectory import load, load_topology
 from scipy.optimize import curve_fit, minimize_scalar
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import structure_factor
 from openmm_dpd.molecules import Spring, block_copolymer, pack, relax
+from openmm_dpd.trajectory import load, load_topology
 
 OUT = Path("out/10_diblock_melt")
 BLOCK, CHAINS, DENSITY = 5, 300, 3.0

@@ -18,11 +18,11 @@ import matplotlib
 import mdtraj
 import numpy as np
 from openmm import app, unit
-from openmm_dpd.trajectory import load, load_topology
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import BendingModulus, HeightSpectrum, area_per_lipid, bending_modulus, bilayer_thickness, height_spectrum
 from openmm_dpd.molecules import Bilayer, Vesicle, grafmueller_2009, pack, relax
+from openmm_dpd.trajectory import load, load_topology
 
 OUT = Path("out/14_tensionless_bilayer")
 BOX, LIPIDS = (11.0, 11.0, 9.0), 174

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from openmm_dpd.inputs import BeadArrays, scene_from_beads
-from openmm_dpd.trajectory import write_psf
 
 import openmm_dpd as dpd
+from openmm_dpd.inputs import BeadArrays, scene_from_beads
 from openmm_dpd.molecules import Bend, CosineBend, FENESpring, MorseSpring, Spring
+from openmm_dpd.trajectory import write_psf
 
 PAIRS = {("*", "*"): dpd.DPD(A=25, gamma=4.5)}
 SPRINGS = {("*", "*"): Spring(50.0, 0.7), ("B", "A"): FENESpring(30.0, 4.0), ("C", "C"): MorseSpring(5.0, 1.0, 0.6)}

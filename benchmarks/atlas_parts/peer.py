@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from live_lammps import instance
-from openmm_dpd.units import BOLTZMANN
 
 import openmm_dpd as dpd
+from openmm_dpd.units import BOLTZMANN
 
 from .fluids import DECKS, Fluid, fix_of
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from openmm_dpd.stats import Average, block_average, ratio_average
 
 import openmm_dpd as dpd
 from openmm_dpd.measure import Sample
+from openmm_dpd.stats import Average, block_average, ratio_average
 
 #: Bins and range of g(r) in cutoffs, and the number of blocks its error is taken from.
 BINS, REACH, BLOCKS = 40, 2.0, 10

@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import openmm
-from openmm_dpd.stats import block_average, ratio_average
 
 import openmm_dpd as dpd
 from openmm_dpd import DPD
+from openmm_dpd.stats import block_average, ratio_average
 
 #: Longest step of the run that brings random positions to equilibrium, and its time; stiff bonds take a shorter one.
 FIRST, SETTLE = 0.004, 8.0

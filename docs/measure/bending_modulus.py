@@ -16,11 +16,11 @@ from pathlib import Path
 
 import mdtraj
 from openmm import app
-from openmm_dpd.trajectory import load_topology
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import area_per_lipid, bending_modulus, bilayer_thickness, density_profile, height_spectrum
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
+from openmm_dpd.trajectory import load_topology
 
 HEIGHT, AREA, DT, EVERY, INTERVAL = 9.0, 1.39, 0.04, 50, 25
 EQUILIBRATION = 200.0  # time units that are left out

@@ -12,12 +12,12 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from openmm_dpd.stats import Average
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import surface_tension
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
+from openmm_dpd.stats import Average
 
 BOX, DT, EVERY, EQUILIBRATION = (7.0, 7.0, 11.0), 0.04, 3, 100.0
 

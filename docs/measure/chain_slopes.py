@@ -20,10 +20,10 @@ from itertools import product
 import numpy as np
 from demixing import Model, fluid, per_time
 from openmm import unit
-from openmm_dpd.stats import block_average
 
 from openmm_dpd.molecules import Spring
 from openmm_dpd.parameters import chain_chi_slope, measured_chi_slope
+from openmm_dpd.stats import block_average
 
 DENSITIES, LENGTHS = (3.0, 5.0), (1, 2, 3, 5, 10, 20)
 

@@ -10,10 +10,10 @@ import argparse
 import numpy as np
 import openmm
 from openmm import app, unit
-from openmm_dpd.stats import block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.measure import kelvin
+from openmm_dpd.stats import block_average
 
 CUTOFF = 0.8  # nm
 MASSES = {"O": 15.99943, "H": 1.007947}

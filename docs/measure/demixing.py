@@ -26,11 +26,11 @@ from functools import lru_cache
 
 import numpy as np
 from openmm import unit
-from openmm_dpd.stats import ratio_average
 
 import openmm_dpd as dpd
 from openmm_dpd.molecules import Spring, linear, pack
 from openmm_dpd.parameters import chi_from_composition, composition_from_chi, measured_chi_slope
+from openmm_dpd.stats import ratio_average
 
 #: dA times the density: demixed single beads at each density, and the mixed ones that the integral runs over.
 DEMIXED = {3.0: (24.5, 27.0, 33.0, 42.0, 54.0), 5.0: (22.0, 27.0, 33.0, 42.0)}

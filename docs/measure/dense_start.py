@@ -16,10 +16,10 @@ import numpy as np
 import openmm
 from dense_systems import PER_VOLUME, SYSTEMS
 from openmm import app, unit
-from openmm_dpd.units import BOLTZMANN
 
 from openmm_dpd import degrees_of_freedom, fastest_platform
 from openmm_dpd.molecules import find_piercings, relax_dense
+from openmm_dpd.units import BOLTZMANN
 
 STEP = 0.002  # ps
 

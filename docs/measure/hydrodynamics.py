@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 import openmm
 from openmm import unit
-from openmm_dpd.units import BOLTZMANN
 from scipy.integrate import cumulative_trapezoid
 
 import openmm_dpd as dpd
+from openmm_dpd.units import BOLTZMANN
 
 #: Argon as in Rahman, Phys. Rev. 136, A405 (1964): 864 atoms at 94.4 K and 1.374 g/cm^3.
 SIGMA, EPSILON, MASS, TEMPERATURE = 0.34, 120 * BOLTZMANN, 39.95, 94.4

@@ -15,12 +15,12 @@ import argparse
 import numpy as np
 from demixing import Model, demixed_chi
 from openmm import unit
-from openmm_dpd.stats import block_average
 from transport_table import BASE, measure
 
 import openmm_dpd as dpd
 from openmm_dpd import parameters
 from openmm_dpd.simulation.advice.stability_table import drag
+from openmm_dpd.stats import block_average
 
 
 def compressibility_from_slope(A: float, density: float, *, beads: int, time: float, seed: int = 11) -> tuple[float, float]:

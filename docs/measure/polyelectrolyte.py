@@ -16,10 +16,10 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from openmm_dpd.stats import block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.molecules import Spring, bead, linear, pack, relax
+from openmm_dpd.stats import block_average
 
 LENGTH, SALT = 50, 75
 #: Fraction -> rms end-to-end distance and radius of gyration: table II of the paper (with its spread), and PyGAMD.

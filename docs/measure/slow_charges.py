@@ -15,12 +15,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from openmm_dpd.stats import block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import deck_scene
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.simulation.build import build_plan
+from openmm_dpd.stats import block_average
 
 DECK = Path(__file__).resolve().parents[2] / "examples" / "decks" / "in.electrolyte"
 

@@ -14,13 +14,13 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from openmm_dpd.stats import Average, block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.base.geometry import symmetric_products
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.measure.present import Present
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
+from openmm_dpd.stats import Average, block_average
 
 EVERY, EQUILIBRATION = 0.24, 20.0
 

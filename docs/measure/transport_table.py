@@ -16,11 +16,11 @@ import os
 import mdtraj
 import numpy as np
 from openmm import unit
-from openmm_dpd.stats import block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import diffusion_coefficient, mean_squared_displacement
 from openmm_dpd.simulation.advice.stability_table import drag
+from openmm_dpd.stats import block_average
 
 #: Drag of a bead in its surroundings, as the gamma that gives it with the exponent 1 and without transverse friction.
 DRAGS = (2.0, 4.5, 13.5, 40.5, 120.0)

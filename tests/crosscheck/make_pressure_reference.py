@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+
 from openmm_dpd.stats import block_average
 
 HERE = Path(__file__).parent

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from judged import any_seed
 from make_energy_reference import fit_diffusivity, transient
-from openmm_dpd.stats import block_average
-from openmm_dpd.units import METAL
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, deck_scene, run_deck
+from openmm_dpd.stats import block_average
+from openmm_dpd.units import METAL
 
 HERE = Path(__file__).parent
 DECKS = HERE.parents[1] / "examples" / "decks"

@@ -4,10 +4,10 @@ import exported
 import numpy as np
 import pytest
 from judged import any_seed
-from openmm_dpd.stats import block_average
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, export_lammps, read_lammps_dump, run_deck, scene_from_data
+from openmm_dpd.stats import block_average
 
 REASON = exported.why_missing()
 pytestmark = pytest.mark.skipif(REASON is not None, reason=str(REASON))

@@ -5,11 +5,11 @@ import openmm
 import pytest
 from judged import any_seed, bounded
 from openmm import unit
-from openmm_dpd.units import BOLTZMANN
 from scenes import stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import PlanError
+from openmm_dpd.units import BOLTZMANN
 
 BARS = 16.6054
 

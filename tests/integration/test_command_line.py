@@ -13,13 +13,13 @@ import pytest
 from cases import cases
 from files_of_tests import put
 from fluid_deck import FLUID
-from openmm_dpd.trajectory import load
 
 import openmm_dpd as dpd
 from openmm_dpd import __main__ as cli
 from openmm_dpd.__main__ import main
 from openmm_dpd.base.errors import RunError
 from openmm_dpd.lammps import RunOptions, deck_forces, deck_scene, explain_deck, run_deck
+from openmm_dpd.trajectory import load
 
 DECKS = Path(__file__).parents[2] / "examples" / "decks"
 

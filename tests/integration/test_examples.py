@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from judged import any_seed, with_seeds
 from openmm import unit
-from openmm_dpd.trajectory import bead_masses, load
 
 import openmm_dpd as dpd
+from openmm_dpd.trajectory import bead_masses, load
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 BUILD = dpd.build

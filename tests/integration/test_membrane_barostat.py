@@ -6,7 +6,6 @@ import pytest
 from cases import cases
 from judged import any_seed, judge, quantile
 from openmm import unit
-from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 from raising import raises
 
 import openmm_dpd as dpd
@@ -14,6 +13,7 @@ from openmm_dpd import ParameterError, PlanError
 from openmm_dpd.analysis import surface_tension
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
+from openmm_dpd.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 
 Membrane = openmm.MonteCarloMembraneBarostat
 

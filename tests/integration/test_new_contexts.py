@@ -8,10 +8,10 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
-from openmm_dpd.units import BOLTZMANN
 from scenes import beads, external_force, place, state_of, stepped
 
 import openmm_dpd as dpd
+from openmm_dpd.units import BOLTZMANN
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)

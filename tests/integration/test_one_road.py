@@ -6,10 +6,10 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
-from openmm_dpd.units import BOLTZMANN
 from raising import raises
 
 import openmm_dpd as dpd
+from openmm_dpd.units import BOLTZMANN
 
 N, EDGE, DT, T = 64, 2.0, 0.002, 300.0
 BEADS = {("oil", "oil"): dpd.DPD(A=50, gamma=20, cutoff=0.6)}

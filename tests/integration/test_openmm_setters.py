@@ -7,11 +7,11 @@ import numpy as np
 import openmm
 import pytest
 from import_graph import ROOT
-from openmm_dpd.units import BOLTZMANN
 from openmm_setters import BAROSTATS, FORCES, GENERIC, LIKE_ALL, METHODS, REFUSED, N, force_classes, setters
 from scenes import state_of
 
 import openmm_dpd as dpd
+from openmm_dpd.units import BOLTZMANN
 
 BOX, DT = 4.0, 0.01
 CORNERS = np.array([[2.3 * (i >> 2), 1.2 * (i >> 1 & 1), 1.3 * (i & 1)] for i in range(N)]) + 0.3

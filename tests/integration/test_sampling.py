@@ -14,11 +14,11 @@ import pytest
 from cases import cases
 from judged import any_seed, with_seeds
 from openmm import app, unit
-from openmm_dpd.stats import block_average
-from openmm_dpd.units import BOLTZMANN
 from scenes import beads, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
+from openmm_dpd.stats import block_average
+from openmm_dpd.units import BOLTZMANN
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "sampling.md"
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")

@@ -12,7 +12,6 @@ import pytest
 from cases import cases
 from judged import any_seed
 from kinds import BESIDE, KINDS, NAMED, WORDS, differences, everything, made, plain_context, running, same, schemes_of
-from openmm_dpd.stats import block_average, ratio_average
 from scenes import BOXES, EXTENDED, beads, factor_of, fluid, listed_pairs, noise_of, oracle_params, place, state_of, stepped
 
 import openmm_dpd as dpd
@@ -20,6 +19,7 @@ from openmm_dpd.base.names import BODY_FORCE, COUNTER
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.model.schemes import read_word
 from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.stats import block_average, ratio_average
 
 PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])
 EVERY = [(kind, scheme) for kind in KINDS for scheme in schemes_of(kind)]

@@ -11,12 +11,12 @@ from devices import Device
 from judged import any_seed, bounded, judge
 from kinds import N, differences, everything, hand_over, made, plain_context, running, same, schemes_of
 from openmm import app, unit
-from openmm_dpd.units import BOLTZMANN
 from scenes import BOXES, EXTENDED, beads, external_force, fluid, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT
 from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
+from openmm_dpd.units import BOLTZMANN
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo", "B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)

@@ -4,10 +4,10 @@ import mdtraj
 import numpy as np
 import pytest
 from openmm import unit
-from openmm_dpd.trajectory import bead_element
 
 from openmm_dpd import ParameterError
 from openmm_dpd.analysis import HeightSpectrum, bending_modulus, height_spectrum
+from openmm_dpd.trajectory import bead_element
 
 KAPPA, TENSION, KT = 12.0, 0.8, 1.3
 

@@ -4,7 +4,6 @@ import mdtraj
 import numpy as np
 import pytest
 from openmm import app, unit
-from openmm_dpd.trajectory import load, write_psf
 from raising import raises
 from test_analysis_structure import BOXES, TILTED, chunks, random_trajectory, trajectory_of
 
@@ -23,6 +22,7 @@ from openmm_dpd.analysis import (
 )
 from openmm_dpd.measure import VelocityReporter
 from openmm_dpd.simulation.field_file import load_fields
+from openmm_dpd.trajectory import load, write_psf
 
 
 def walk(seed: int, beads: int, frames: int, sigma: float) -> np.ndarray:

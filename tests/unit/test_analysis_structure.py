@@ -3,7 +3,6 @@
 import mdtraj
 import numpy as np
 import pytest
-from openmm_dpd.trajectory import bead_element
 from raising import raises
 
 from openmm_dpd import ParameterError
@@ -17,6 +16,7 @@ from openmm_dpd.analysis import (
     structure_factor,
 )
 from openmm_dpd.base.neighbours import pairs_within
+from openmm_dpd.trajectory import bead_element
 
 TILTED = np.array([[6.0, 0.0, 0.0], [1.7, 5.0, 0.0], [-1.1, 2.0, 7.0]])
 BOXES = {"edges": np.diag([6.0, 5.0, 7.0]), "tilted": TILTED}

@@ -8,10 +8,10 @@ import openmm
 import pytest
 from devices import DEVICES
 from openmm import unit
-from openmm_dpd.units import COULOMB
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
+from openmm_dpd.units import COULOMB
 
 mpmath = pytest.importorskip("mpmath")
 

@@ -5,15 +5,15 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
-from openmm_dpd.inputs import BeadArrays, scene_from_beads, scene_from_lammps_data, scene_from_mdtraj, scene_from_psf, scene_from_topology
-from openmm_dpd.outputs import write_pdb
-from openmm_dpd.trajectory import load_topology, openmm_topology
 from random_scenes import MASSES, PAIRS, SEEDS, TILTED, check, psf_of, random_scene, tables, terms
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import DeckError, ParameterError
+from openmm_dpd.inputs import BeadArrays, scene_from_beads, scene_from_lammps_data, scene_from_mdtraj, scene_from_psf, scene_from_topology
 from openmm_dpd.lammps import export_lammps
 from openmm_dpd.molecules import CosineBend, FENESpring, Spring
+from openmm_dpd.outputs import write_pdb
+from openmm_dpd.trajectory import load_topology, openmm_topology
 
 
 # -- and back --------------------------------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ import numpy as np
 import openmm
 import pytest
 import reference_forces as check
-from openmm_dpd.units import COULOMB
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
@@ -19,6 +18,7 @@ from openmm_dpd.kernels.waves import LANES, WEIGHTS, Waves
 from openmm_dpd.model.electrostatics import ewald_sum
 from openmm_dpd.plan.charge_forces import charge_terms, longest_wave
 from openmm_dpd.plan.forces.electrostatics import electrostatic_forces
+from openmm_dpd.units import COULOMB
 
 BOXES = {
     "none": None,

@@ -3,11 +3,11 @@
 import chains_of_beads as chains
 import numpy as np
 import pytest
-from openmm_dpd.units import UNIT_SYSTEMS
 
 from openmm_dpd import CosineAngles, DeckError, FENEBonds, HarmonicAngles, HarmonicBonds, MorseBonds
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.output.data_writer import data_file_lines
+from openmm_dpd.units import UNIT_SYSTEMS
 
 BOX = np.diag([6.0, 6.0, 6.0])
 PAIR = "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\nfix 1 all nve\nrun 0\n"

@@ -2,10 +2,10 @@
 
 import pytest
 from files_of_tests import put
-from openmm_dpd.units import COULOMB
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import deck_scene
+from openmm_dpd.units import COULOMB
 
 DECK = "units {units}\natom_style charge\nregion box block 0 {edge} 0 {edge} 0 {edge}\ncreate_box 2 box\ncreate_atoms 1 random 20 7 NULL\n"
 DECK += "create_atoms 2 random 20 8 NULL\nmass * 1.0\nset type 2 charge {charge}\n{styles}\nfix move all nve\nrun 0\n"

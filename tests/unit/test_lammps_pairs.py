@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from cases import cases
-from openmm_dpd.units import METAL, REAL
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.model.pairs import DPD, NONE, LennardJones
+from openmm_dpd.units import METAL, REAL
 
 BOX = "region b block 0 {edge} 0 {edge} 0 {edge} units box\ncreate_box {types} b bond/types 2\ncreate_atoms 1 random 5 1 b\nmass * 1.0\n"
 BOX += "fix 1 all nve\n"

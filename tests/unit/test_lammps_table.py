@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from cases import cases
 from files_of_tests import put
-from openmm_dpd.units import LJ, REAL
 from raising import raises
 from scipy.interpolate import CubicSpline
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps.files.table_file import read_table, tabulated_pair
+from openmm_dpd.units import LJ, REAL
 
 
 def energy(r):

@@ -4,11 +4,11 @@ import mdtraj
 import numpy as np
 import pytest
 from openmm import app, unit
-from openmm_dpd.trajectory import load_topology, openmm_topology, read_psf, write_psf
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import CosineBend, Spring, bead, linear, pack
+from openmm_dpd.trajectory import load_topology, openmm_topology, read_psf, write_psf
 
 CHAIN = linear("A3B", Spring(50.0, 0.7), CosineBend(2.0), name="DIBLOCK", charges=[0.5, 0, 0, -0.5])
 

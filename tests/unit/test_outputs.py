@@ -7,12 +7,12 @@ import openmm
 import pytest
 from full_disk import file_limit
 from openmm import unit
-from openmm_dpd.inputs import scene_from_gsd
-from openmm_dpd.outputs import GSDReporter, XYZReporter, write_gsd, write_pdb, write_xyz
 from random_scenes import BENDS, PAIRS, SEEDS, SPRINGS, TILTED, check, random_scene, tables, terms
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import OutputError, ParameterError
+from openmm_dpd.inputs import scene_from_gsd
+from openmm_dpd.outputs import GSDReporter, XYZReporter, write_gsd, write_pdb, write_xyz
 
 
 @pytest.fixture

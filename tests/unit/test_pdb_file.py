@@ -5,13 +5,13 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
-from openmm_dpd.outputs import write_pdb
-from openmm_dpd.trajectory import load_topology
 from random_scenes import MASSES, PAIRS, TILTED, random_scene
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import CosineBend, Spring, bead, linear, pack
+from openmm_dpd.outputs import write_pdb
+from openmm_dpd.trajectory import load_topology
 
 
 def test_one_naming(tmp_path):

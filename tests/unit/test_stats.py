@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from cases import cases
-from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average
 from raising import raises
 
 from openmm_dpd.base.errors import ParameterError
+from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average
 
 
 def ar1(phi: float, rows: int, count: int, seed: int) -> np.ndarray:

@@ -13,6 +13,9 @@ from cases import cases
 from files_of_tests import put
 from mdtraj.core.element import Element
 from openmm import app, unit
+from raising import raises
+
+from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.trajectory import (
     bead_charges,
     bead_element,
@@ -25,9 +28,6 @@ from openmm_dpd.trajectory import (
     short_names,
     write_psf,
 )
-from raising import raises
-
-from openmm_dpd.base.errors import ParameterError
 
 MASS = {"A": 1.0, "B": 1 / 3, "C": 12.5, "W": 54.0}
 

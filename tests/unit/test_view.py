@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from cases import cases
 from openmm import unit
-from openmm_dpd.view import view
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
+from openmm_dpd.view import view
 
 
 class Widget:
