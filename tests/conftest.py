@@ -9,8 +9,7 @@ from functools import cache
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# a second thread can be asked for on any machine; has to be set before numba is imported
-os.environ.setdefault("NUMBA_NUM_THREADS", "2")
+os.environ.setdefault("NUMBA_NUM_THREADS", "2")  # a second thread can be asked for on any machine; has to be set before numba is imported
 
 import numba
 import openmm

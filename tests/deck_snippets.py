@@ -7,8 +7,7 @@ from openmm_dpd.lammps.output.thermo import STYLES as LAYOUTS
 from openmm_dpd.lammps.run.deck import COMMANDS
 from openmm_dpd.lammps.values.computes import COMPUTES
 
-#: Decks that a snippet is put into: what is in front of its two runs, and perhaps between them.
-BASES = {
+BASES = {  # Decks that a snippet is put into: what is in front of its two runs, and perhaps between them.
     "fluid": """units lj
 comm_modify vel yes
 HEAD
@@ -119,8 +118,7 @@ BASES["dihedrals"] = (
     .replace("angle_coeff 1 5 180", "angle_coeff 1 5 120\ndihedral_coeff 1 1 -2 3 0.5")
 )
 
-#: Files beside the decks.
-FILES = {
+FILES = {  # Files beside the decks.
     "data.turns": """two chains
 
 8 atoms
@@ -182,8 +180,7 @@ Atoms # angle
 }
 
 
-#: All that a deck knows of its beads in the end.
-_END = "write_data end.data\nwrite_restart end.restart\n"
+_END = "write_data end.data\nwrite_restart end.restart\n"  # All that a deck knows of its beads in the end.
 
 
 def deck(base: str = "fluid", before: str = "", between: str = "", head: str = "") -> str:
@@ -308,15 +305,8 @@ SNIPPETS: dict[str, dict[str, str]] = {
     },
 }
 
-#: What there is of each kind.
-TABLES: dict[str, set[str]] = {
-    "compute": set(COMPUTES),
-    "fix": {*FIX_STYLES, *AVERAGES},
-    "dump": set(DUMPS),
-    "layout": set(LAYOUTS),
-    "variable": set(VARIABLES),
-    # by the words that lines of all decks begin with
-    "command": set(COMMANDS),
-}
+#: What there is of each kind; commands by the words that lines of all decks begin with.
+TABLES: dict[str, set[str]] = {"compute": set(COMPUTES), "fix": {*FIX_STYLES, *AVERAGES}, "dump": set(DUMPS), "layout": set(LAYOUTS)}
+TABLES |= {"variable": set(VARIABLES), "command": set(COMMANDS)}
 
 WORDS = {line.split()[0] for kind in SNIPPETS.values() for text in kind.values() for line in text.splitlines() if line}

@@ -39,9 +39,6 @@ PRECISIONS = ("single", "mixed", "double")
 MARKS = {"mixed": ("slow",), "double": ("slow", "long")}
 
 #: CUDA and HIP are tested where they are; OpenCL runs on any machine that has PoCL, and is skipped with a reason where it is not.
-DEVICES = [Device("Reference"), Device("CPU")] + [
-    Device(platform, precision)
-    for platform in ("OpenCL", "CUDA", "HIP")
-    if platform == "OpenCL" or platform in _PRESENT
-    for precision in PRECISIONS
-]
+_GPUS = [platform for platform in ("OpenCL", "CUDA", "HIP") if platform == "OpenCL" or platform in _PRESENT]
+DEVICES = [Device("Reference"), Device("CPU"), *(Device(platform, precision) for platform in _GPUS for precision in PRECISIONS)]
+REFERENCE, CPU = DEVICES[:2]

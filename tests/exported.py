@@ -43,15 +43,9 @@ def thermo(log: str) -> dict[str, np.ndarray]:
 
 def _beads(n: int = 240, edge: float = 4.5, seed: int = 5) -> dict:
     rng = np.random.default_rng(seed)
-    return {
-        "masses": {"A": 1.0, "B": 2.0},
-        "types": ["A" if k % 3 else "B" for k in range(n)],
-        # some outside the box: image flags
-        "positions": rng.random((n, 3)) * edge * 2 - edge,
-        "velocities": rng.normal(size=(n, 3)),
-        "kT": 0.0,
-        "box": [edge, edge + 0.5, edge + 1.0],
-    }
+    types, x = ["A" if k % 3 else "B" for k in range(n)], rng.random((n, 3)) * edge * 2 - edge  # some outside the box: image flags
+    known = {"masses": {"A": 1.0, "B": 2.0}, "kT": 0.0, "box": [edge, edge + 0.5, edge + 1.0]}
+    return {"types": types, "positions": x, "velocities": rng.normal(size=(n, 3)), **known}
 
 
 def chains(count: int = 30, length: int = 8, edge: float = 5.0, seed: int = 6) -> tuple[dict, np.ndarray, np.ndarray]:
@@ -75,17 +69,10 @@ def scene(name: str) -> dpd.Scene:
 def _chain_terms() -> dpd.Scene:
     beads, bonds, angles = chains()
     half = len(bonds) // 2
-    return dpd.Scene(
-        pairs=TWO,
-        bonds=[
-            dpd.HarmonicBonds(bonds[:half], 100.0, np.linspace(0.5, 0.8, half)),
-            dpd.FENEBonds(bonds[half:-40], 30.0, 1.5, 1.0, 0.5),
-            dpd.MorseBonds(bonds[-40:], 50.0, 2.0, 0.6),
-        ],
-        angles=[dpd.CosineAngles(angles[:90], 5.0), dpd.HarmonicAngles(angles[90:], 3.0, 2.0)],
-        bonded_factors=(0.5, 0.0, 1.0),
-        **beads,
-    )
+    springs = [dpd.HarmonicBonds(bonds[:half], 100.0, np.linspace(0.5, 0.8, half)), dpd.FENEBonds(bonds[half:-40], 30.0, 1.5, 1.0, 0.5)]
+    springs.append(dpd.MorseBonds(bonds[-40:], 50.0, 2.0, 0.6))
+    bends = [dpd.CosineAngles(angles[:90], 5.0), dpd.HarmonicAngles(angles[90:], 3.0, 2.0)]
+    return dpd.Scene(pairs=TWO, bonds=springs, angles=bends, bonded_factors=(0.5, 0.0, 1.0), **beads)
 
 
 def _segments(distance: str, compat: str = "consistent") -> dpd.Scene:
@@ -96,67 +83,46 @@ def _segments(distance: str, compat: str = "consistent") -> dpd.Scene:
 
 
 def _overlay() -> dpd.Scene:
-    # no close pairs and no curvature at the end: there tables are interpolated differently
-    beads = _beads()
+    beads = _beads()  # no close pairs and no curvature at the end: there tables are interpolated differently
     grid = np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:240]
     beads["positions"] = (grid + 0.5 * np.random.default_rng(3).random((240, 3))) * np.array(beads["box"]) / 7
     r = np.linspace(0.0, 1.2, 400)
-    return dpd.Scene(
-        pairs=[
-            {("A", "A"): DPD(A=25, gamma=4.5), ("B", "B"): DPD(A=10, gamma=1)},
-            {("A", "A"): DPD(A=3, gamma=1.0, cutoff=1.3)},
-            {("B", "B"): dpd.LennardJones(1e-6, 0.3, 1.0, shift=True)},
-            {("A", "B"): NONE, ("A", "A"): dpd.TabulatedPair(r, 10 * (1.2 - r) ** 3, 30 * (1.2 - r) ** 2)},
-        ],
-        **beads,
-    )
+    layers = [{("A", "A"): DPD(A=25, gamma=4.5), ("B", "B"): DPD(A=10, gamma=1)}, {("A", "A"): DPD(A=3, gamma=1.0, cutoff=1.3)}]
+    layers.append({("B", "B"): dpd.LennardJones(1e-6, 0.3, 1.0, shift=True)})
+    layers.append({("A", "B"): NONE, ("A", "A"): dpd.TabulatedPair(r, 10 * (1.2 - r) ** 3, 30 * (1.2 - r) ** 2)})
+    return dpd.Scene(pairs=layers, **beads)
 
 
 def _energy() -> dpd.Scene:
     beads = _beads()
     n = len(beads["types"])
     table = dpd.TabulatedEOS(np.array([0.5, 1.0, 2.0, 3.0]), np.array([10.0, 30.0, 80.0, 120.0]))
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.EnergyDPD(A=25)},
-        internal=dpd.InternalEnergy({"A": dpd.ConstantHeatCapacity(50.0), "B": table}, 1 + np.random.default_rng(1).random(n)),
-        mobile=np.arange(n) > 40,
-        **beads,
-    )
+    internal = dpd.InternalEnergy({"A": dpd.ConstantHeatCapacity(50.0), "B": table}, 1 + np.random.default_rng(1).random(n))
+    return dpd.Scene(pairs={("*", "*"): dpd.EnergyDPD(A=25)}, internal=internal, mobile=np.arange(n) > 40, **beads)
 
 
 def _heat() -> dpd.Scene:
     beads = _beads() | {"masses": {"A": 1.0, "B": 1.0}}
     n = len(beads["types"])
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.EDPD(A=18, gamma=0.0, kappa=0.0, exponent_polynomial=(1.0, 0, 0, 0))},
-        internal=dpd.BeadTemperatures(1 + np.random.default_rng(1).random(n), 1e5),
-        sources=[
-            dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1),
-            dpd.Source(dpd.Sphere([2, 2, 2], 1.5), 0.2, beads=np.arange(n) % 2 == 0),
-        ],
-        compat="lammps",
-        **beads,
-    )
+    table = {("*", "*"): dpd.EDPD(A=18, gamma=0.0, kappa=0.0, exponent_polynomial=(1.0, 0, 0, 0))}
+    internal = dpd.BeadTemperatures(1 + np.random.default_rng(1).random(n), 1e5)
+    sphere = dpd.Source(dpd.Sphere([2, 2, 2], 1.5), 0.2, beads=np.arange(n) % 2 == 0)
+    sources = [dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1), sphere]
+    return dpd.Scene(pairs=table, internal=internal, sources=sources, compat="lammps", **beads)
 
 
 def _species() -> dpd.Scene:
     beads = _beads()
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.TDPD(A=18, gamma=4.5, kappa=(1.0, 2.0))},
-        internal=dpd.Concentrations(np.random.default_rng(1).random((len(beads["types"]), 2))),
-        sources=[dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1, 1)],
-        **beads,
-    )
+    species = dpd.Concentrations(np.random.default_rng(1).random((len(beads["types"]), 2)))
+    sources = [dpd.Source(dpd.Block([0, 0, 0], [np.inf, 2, 2]), 0.1, 1)]
+    return dpd.Scene(pairs={("*", "*"): dpd.TDPD(A=18, gamma=4.5, kappa=(1.0, 2.0))}, internal=species, sources=sources, **beads)
 
 
 def _energy_chains() -> dpd.Scene:
     beads, bonds, _ = chains()
-    return dpd.Scene(
-        pairs={("*", "*"): dpd.EnergyDPD(A=25)},
-        internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(50.0), 1.0),
-        bonds=[dpd.HarmonicBonds(bonds, 100.0, 0.7)],
-        **beads,
-    )
+    internal = dpd.InternalEnergy(dpd.ConstantHeatCapacity(50.0), 1.0)
+    bonds = [dpd.HarmonicBonds(bonds, 100.0, 0.7)]
+    return dpd.Scene(pairs={("*", "*"): dpd.EnergyDPD(A=25)}, internal=internal, bonds=bonds, **beads)
 
 
 def _frozen() -> dpd.Scene:
@@ -187,8 +153,7 @@ def _driven() -> dpd.Scene:
     return dpd.Scene(pairs=TWO, body_forces=forces, walls=walls, **beads)
 
 
-#: Scenes by name; what is exported and read back must have the same forces.
-SCENES = {
+SCENES = {  # Scenes by name; what is exported and read back must have the same forces.
     "fluid": lambda: dpd.Scene(pairs=TWO, **_beads()),
     "chains": _chain_terms,
     "segments": lambda: _segments("mid"),

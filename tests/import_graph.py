@@ -6,10 +6,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "openmm_dpd"
 
-#: Module name -> its syntax tree.
-TREES: dict[str, ast.Module] = {}
-#: Module name -> its path, from the root.
-PATHS: dict[str, str] = {}
+TREES: dict[str, ast.Module] = {}  # Module name -> its syntax tree.
+PATHS: dict[str, str] = {}  # Module name -> its path, from the root.
 for _path in sorted(PACKAGE.rglob("*.py")):
     _parts = _path.relative_to(ROOT).with_suffix("").parts
     _name = ".".join(_parts[:-1] if _parts[-1] == "__init__" else _parts)

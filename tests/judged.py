@@ -17,8 +17,7 @@ import pytest
 from crosscheck.blocks import block_length, block_statistics, correlation_time
 from scipy.special import stdtrit
 
-#: Part of right runs that are outside of the bounds.
-LEVEL = 1e-3
+LEVEL = 1e-3  # Part of right runs that are outside of the bounds.
 
 #: Added to the first seed for the second and the third one, and to all, so that the tests can be run with others:
 #: OPENMM_DPD_TEST_SEED=1 pytest -m statistical.

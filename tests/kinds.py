@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import openmm
 from devices import Device
-from scenes import BOXES, EXTENDED, MASSES, PARTIAL, PLAIN, fluid, state_of
+from scenes import BOXES, EXTENDED, MASSES, PARTIAL, PLAIN, fluid, place, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
@@ -49,8 +49,7 @@ def plain(table=EXTENDED, box=SMALL, **options) -> dpd.Scene:
 
 def walled(kind_x: str | None, kind_z: str, **options) -> dpd.Scene:
     """Walls across z (and x): beads between 0.9 and 3.5."""
-    scene = plain()
-    x = scene.positions.copy()
+    x = plain().positions.copy()
     planes = [dpd.Wall("z", 0.7, "above", kind_z), dpd.Wall("z", 3.3, "below", kind_z)]
     x[:, 2] = 0.75 + (x[:, 2] % 3.8) / 3.8 * 2.5
     if kind_x:
@@ -66,8 +65,7 @@ def chains(*, box=SMALL, bodies=True, electric=False, formulas=False, **options)
     edges = np.diag([3.6] * 3) if box is None else box
     steps = np.array([[0.0, 0.1, 0.6], [0.1, 0.0, 0.65], [0.0, -0.1, 0.6]])
     x = np.concatenate([np.cumsum(np.vstack([c @ edges, steps]), axis=0) for c in start]) + rng.normal(size=(48, 3)) * 0.03
-    loose = (rng.random((12, 3)) * [1, 1, 0.15]) @ edges
-    x = np.concatenate([x, loose])
+    x = np.concatenate([x, (rng.random((12, 3)) * [1, 1, 0.15]) @ edges])
     first = 4 * np.arange(12)
     bonds = [
         dpd.HarmonicBonds(np.stack([first, first + 1], axis=1), 60.0, 0.6),
@@ -79,13 +77,10 @@ def chains(*, box=SMALL, bodies=True, electric=False, formulas=False, **options)
         dpd.CosineAngles(np.stack([first + 1, first + 2, first + 3], axis=1), 3.0),
     ]
     r = np.linspace(0.01, 1.1, 40)
-    tables = [
-        dpd.PairTable(EXTENDED),
-        dpd.PairTable({("A", "A"): dpd.LennardJones(0.2, 0.4, 1.1, shift=True), ("A", "B"): dpd.NONE, ("B", "B"): dpd.NONE}),
-        dpd.PairTable(
-            {("A", "B"): dpd.TabulatedPair(r, 3 * (1.1 - r) ** 3, forces=9 * (1.1 - r) ** 2), ("A", "A"): dpd.NONE, ("B", "B"): dpd.NONE}
-        ),
-    ]
+    pushed, wall = dpd.LennardJones(0.2, 0.4, 1.1, shift=True), dpd.TabulatedPair(r, 3 * (1.1 - r) ** 3, forces=9 * (1.1 - r) ** 2)
+    lennard_jones = {("A", "A"): pushed, ("A", "B"): dpd.NONE, ("B", "B"): dpd.NONE}
+    tabulated = {("A", "B"): wall, ("A", "A"): dpd.NONE, ("B", "B"): dpd.NONE}
+    tables = [dpd.PairTable(table) for table in (EXTENDED, lennard_jones, tabulated)]
     bodies = [dpd.BodyForce((0.3, -0.2, 0.1), types="A")] if bodies else []
     if formulas:
         bodies.append(dpd.PositionForce(("0.4*sin(z)", "0", "0.1*x"), types="B"))
@@ -100,8 +95,7 @@ def chains(*, box=SMALL, bodies=True, electric=False, formulas=False, **options)
 
 
 def energies(eos, **options) -> dpd.Scene:
-    theta = np.random.default_rng(5).uniform(0.7, 1.4, N)
-    return plain(ENERGY, internal=dpd.InternalEnergy(eos, theta), **options)
+    return plain(ENERGY, internal=dpd.InternalEnergy(eos, np.random.default_rng(5).uniform(0.7, 1.4, N)), **options)
 
 
 def _warm(**options) -> dpd.Scene:
@@ -121,8 +115,7 @@ def _many_body(kernel: str) -> dpd.Scene:
 
 
 def _patterned() -> dpd.Scene:
-    # far from the planes where a sign changes rounding decides nothing; sines are rounded wherever a bead is
-    bodies = [
+    bodies = [  # far from the planes where a sign changes rounding decides nothing; sines are rounded wherever a bead is
         dpd.BodyForce((0.5, 0, 0), pattern="halves", axis="z", origin=0.137),
         dpd.BodyForce((0, 0.4, 0), pattern="sine", axis="x", origin=0.3, types="A"),
     ]
@@ -131,8 +124,7 @@ def _patterned() -> dpd.Scene:
 
 SOLID = np.arange(N) % 5 > 0
 
-#: Name -> scene.
-KINDS = {
+KINDS = {  # Name -> scene.
     "dpd": plain,
     "no box": lambda: plain(box=None),
     "tilted": lambda: plain(box=TILTED),
@@ -164,10 +156,8 @@ KINDS = {
     "formulas": lambda: chains(formulas=True),
 }
 
-#: Those whose rates have no pair-by-pair updates.
-MVV_ONLY = ("edpd", "tdpd")
-#: Forces that stay OpenMM's, which rounds them in its own way.
-BESIDE = ("charged", "formulas")
+MVV_ONLY = ("edpd", "tdpd")  # Those whose rates have no pair-by-pair updates.
+BESIDE = ("charged", "formulas")  # Forces that stay OpenMM's, which rounds them in its own way.
 NAMED = ("mvv", "mvv-0.65", "shardlow", "middle", "aboba", "bababo")
 WORDS = ("B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2", "A/4 O/2 A/4 B/3 S/2 A/2 2B/3")
 
@@ -192,8 +182,7 @@ def made(kind: str, scheme: str, platform: str = "Reference", *, dt: float = 0.0
     options = {"lam": float(lam)} if lam else {}
     choices = {"seed": SEED, "conservative": conservative, **options, **choices}
     plan = make_plan(KINDS[kind](), dt=dt, scheme=name, platform=platform, loop=loop, **choices)
-    # these charges are there as a force that stays OpenMM's
-    return build_plan(charges_left(plan))
+    return build_plan(charges_left(plan))  # these charges are there as a force that stays OpenMM's
 
 
 def running(built: dpd.BuiltSystem, platform: str = "Reference"):
@@ -208,8 +197,7 @@ def plain_context(built: dpd.BuiltSystem, platform: str = "Reference") -> openmm
     system, integrator = (openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(one)) for one in (built.system, built.integrator))
     assert type(integrator) is openmm.CustomIntegrator
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(platform), Device(platform).properties)
-    context.setPositions(built.positions)
-    context.setVelocities(built.velocities)
+    place(context, built.positions, built.velocities)
     return context
 
 
@@ -226,9 +214,9 @@ def everything(context: openmm.Context, built: dpd.BuiltSystem) -> dict[str, np.
 
 def sizes(found: dict, dt: float) -> dict[str, float]:
     """What is typical: of positions, how far they go in a step."""
-    return {"x": dt * max(1.0, np.abs(found["v"]).max()) + 1e-3 * np.abs(found["x"]).max(), "v": max(1.0, np.abs(found["v"]).max())} | (
-        {"fields": np.abs(found["fields"]).max()} if "fields" in found else {}
-    )
+    found_sizes = {"fields": np.abs(found["fields"]).max()} if "fields" in found else {}
+    v = max(1.0, np.abs(found["v"]).max())
+    return {"x": dt * v + 1e-3 * np.abs(found["x"]).max(), "v": v} | found_sizes
 
 
 def differences(found: dict, expected: dict, dt: float) -> dict[str, float]:

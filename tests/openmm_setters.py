@@ -17,14 +17,11 @@ from typing import NamedTuple
 
 import openmm
 
-#: Particles of the scene, and the temperature at which kT is 1.
-N, KELVIN = 8, 120.27236
+N, KELVIN = 8, 120.27236  # Particles of the scene, and the temperature at which kT is 1.
 
-#: Methods of all forces, which have blocks of their own.
-GENERIC = {"setForceGroup", "setName", "updateParametersInContext"}
+GENERIC = {"setForceGroup", "setName", "updateParametersInContext"}  # Methods of all forces, which have blocks of their own.
 
-#: Forces that are walked by nobody here: they act as any force of OpenMM's does, and need more than a few particles.
-LIKE_ALL = {
+LIKE_ALL = {  # Forces that are walked by nobody here: they act as any force of OpenMM's does, and need more than a few particles.
     "AmoebaGeneralizedKirkwoodForce",
     "AmoebaMultipoleForce",
     "AmoebaTorsionTorsionForce",
@@ -39,16 +36,14 @@ LIKE_ALL = {
     "OrientationRestraintForce",
 }
 
-#: Forces that are refused beside a DPD thermostat, and a word of the reason.
-REFUSED = {
+REFUSED = {  # Forces that are refused beside a DPD thermostat, and a word of the reason.
     "AndersenThermostat": "AndersenThermostat",
     "CMMotionRemover": "CMMotionRemover",
     "DrudeForce": "DrudeForce",
     "RPMDMonteCarloBarostat": "RPMDIntegrator",
 }
 
-#: Barostats, at a pressure in bar and with a frequency, for the temperature of kT = 1.
-BAROSTATS = {
+BAROSTATS = {  # Barostats, at a pressure in bar and with a frequency, for the temperature of kT = 1.
     "MonteCarloBarostat": lambda bar, n: openmm.MonteCarloBarostat(bar, KELVIN, n),
     "MonteCarloAnisotropicBarostat": lambda bar, n: openmm.MonteCarloAnisotropicBarostat([bar] * 3, KELVIN, True, True, True, n),
     "MonteCarloMembraneBarostat": lambda bar, n: openmm.MonteCarloMembraneBarostat(bar, 0.0, KELVIN, 0, 0, n),

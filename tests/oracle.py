@@ -11,9 +11,9 @@ set; temperatures enter and leave as energies ``kT``. Types are counted from 0. 
 from __future__ import annotations
 
 import itertools
+from collections import namedtuple
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,36 +49,12 @@ class PairParams:
         return cls(*(np.broadcast_to(np.asarray(a, dtype=float), (n_types, n_types)).copy() for a in values))
 
 
-class Pairs(NamedTuple):
-    """Pairs i < j with their distance r (P,) and unit vector e (P, 3) from j to i."""
-
-    i: np.ndarray
-    j: np.ndarray
-    r: np.ndarray
-    e: np.ndarray
-
-
-class Conservative(NamedTuple):
-    """Result of `conservative`."""
-
-    energy: float
-    forces: np.ndarray
-    virial: float
-    laplacian: float
-    virial_tensor: np.ndarray
-
-
-class PairForces(NamedTuple):
-    """Result of `dissipative` and `random`."""
-
-    forces: np.ndarray
-    virial: float
-    virial_tensor: np.ndarray
+Pairs = namedtuple("Pairs", "i j r e")  # Pairs i < j with their distance r (P,) and unit vector e (P, 3) from j to i.
+Conservative = namedtuple("Conservative", "energy forces virial laplacian virial_tensor")  # Result of `conservative`.
+PairForces = namedtuple("PairForces", "forces virial virial_tensor")  # Result of `dissipative` and `random`.
 
 
 # ------------------------------------------------------------------------------------------------- geometry
-
-
 def minimum_image(dr: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     """Shortest periodic image of the displacements ``dr`` (..., 3).
 
@@ -92,8 +68,7 @@ def minimum_image(dr: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         return dr - box * np.round(dr / box)
     if box.shape != (3, 3) or np.any(np.triu(box, 1)):
         raise ValueError("box must be None, (3,) edges or (3, 3) rows a, b, c of a lower-triangular cell")
-    near = dr - np.round(dr @ np.linalg.inv(box)) @ box
-    images = near[..., None, :] + _IMAGES @ box
+    images = (dr - np.round(dr @ np.linalg.inv(box)) @ box)[..., None, :] + _IMAGES @ box
     best = np.argmin(np.sum(images**2, axis=-1), axis=-1)
     return np.take_along_axis(images, best[..., None, None], axis=-2)[..., 0, :]
 
@@ -136,8 +111,6 @@ def _scaled_pairs(x, types, params, box, factor):
 
 
 # ---------------------------------------------------------------------------------------------- pair forces
-
-
 def conservative(x, types, params: PairParams, box=None, factor: Factor | None = None) -> Conservative:
     """Soft repulsion ``U = f A rc w^2 / 2``, ``F = f A w e``.
 
@@ -190,8 +163,6 @@ def random(x, types, params: PairParams, box, kT: float, dt: float, noise: Noise
 
 
 # ----------------------------------------------------------------------------- velocity updates of one pair
-
-
 def _check_transverse(g_perp: float, kT: float, z_perp) -> np.ndarray:
     if z_perp is None:
         if g_perp != 0.0 and kT != 0.0:
@@ -254,8 +225,6 @@ def shardlow_update(v_i, v_j, e, inv_m_i, inv_m_j, g_par, g_perp, kT, dt, z_par,
 
 
 # ----------------------------------------------------------------------------------------- sweeps and steps
-
-
 def sweep(
     x, v, order: Iterable[tuple[int, int]], inv_m, types, params: PairParams, box, kT, dt,
     noise: Noise | None, update=ou_update, factor: Factor | None = None,
@@ -339,8 +308,6 @@ def bababo_step(x, v, inv_m, dt, conservative_force, sweep_at):
 
 
 # --------------------------------------------------------------------------------------------- measurements
-
-
 def pressure(m, v, virial: float, box) -> float:
     """P = (sum m v^2 + virial) / (3 V), virial = sum r_ij . F."""
     return float((np.sum(np.asarray(m)[:, None] * np.asarray(v) ** 2) + virial) / (3.0 * volume(box)))

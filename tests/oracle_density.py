@@ -3,8 +3,7 @@
 Conventions are those of `oracle_energy`: loops over ordered pairs, symmetric (T, T) coefficients, explicit noise.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from oracle_energy import Terms, TermSums, matrices, ordered_pairs, symmetric_noise
@@ -12,23 +11,16 @@ from oracle_energy import Terms, TermSums, matrices, ordered_pairs, symmetric_no
 # ------------------------------------------------------------------------------------------------ kernels
 
 
-class Kernel(NamedTuple):
-    """Density kernel ``w(r, h)`` and its slope ``dw/dr``; both are only asked for r < h, integral over space 1."""
-
-    w: Callable[[float, float], float]
-    slope: Callable[[float, float], float]
+# Density kernel ``w(r, h)`` and its slope ``dw/dr``; both are only asked for r < h, integral over space 1.
+Kernel = namedtuple("Kernel", "w slope")
 
 
-# (105/(16 pi h^3)) (1 + 3 r/h)(1 - r/h)^3 and its slope -(315/(4 pi h^5)) r (1 - r/h)^2
-LUCY = Kernel(
+LUCY = Kernel(  # (105/(16 pi h^3)) (1 + 3 r/h)(1 - r/h)^3 and its slope -(315/(4 pi h^5)) r (1 - r/h)^2
     lambda r, h: 105.0 / (16.0 * np.pi * h**3) * (1.0 + 3.0 * r / h) * (1.0 - r / h) ** 3,
     lambda r, h: -315.0 / (4.0 * np.pi * h**5) * r * (1.0 - r / h) ** 2,
 )
 # (15/(2 pi h^3)) (1 - r/h)^2 and its slope -(15/(pi h^4)) (1 - r/h)
-WARREN = Kernel(
-    lambda r, h: 15.0 / (2.0 * np.pi * h**3) * (1.0 - r / h) ** 2,
-    lambda r, h: -15.0 / (np.pi * h**4) * (1.0 - r / h),
-)
+WARREN = Kernel(lambda r, h: 15.0 / (2.0 * np.pi * h**3) * (1.0 - r / h) ** 2, lambda r, h: -15.0 / (np.pi * h**4) * (1.0 - r / h))
 
 
 def local_density(x, types, cutoff, box, kernel: Kernel = WARREN, masses=None) -> np.ndarray:
@@ -42,8 +34,6 @@ def local_density(x, types, cutoff, box, kernel: Kernel = WARREN, masses=None) -
 
 
 # ---------------------------------------------------------------------------------- forces from densities
-
-
 def mdpd_pair(x, v, rho, types, A, B, gamma, cut_A, cut_B, kT, box, dt, xi=None) -> Terms:
     """Forces of mDPD from given densities, as pair mdpd.
 

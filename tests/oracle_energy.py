@@ -8,28 +8,18 @@ and other heat noises are antisymmetric. Sums run over all ordered pairs, so tha
 not an assumption. ``F dt`` with a random part ``~ dt**(-1/2)`` is the impulse of one step.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections import namedtuple
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import oracle
 
 
-@dataclass(frozen=True)
-class Terms:
+class Terms(namedtuple("Terms", "conservative dissipative random energy virial_conservative virial_dissipative virial_random")):
     """Pair forces by origin, (N, 3) each, with the tensors ``sum over pairs r_ij[a] F[b]`` of each.
 
     ``energy`` is the conservative pair energy as the pair style reports it.
     """
-
-    conservative: np.ndarray
-    dissipative: np.ndarray
-    random: np.ndarray
-    energy: float
-    virial_conservative: np.ndarray
-    virial_dissipative: np.ndarray
-    virial_random: np.ndarray
 
     @property
     def forces(self) -> np.ndarray:
@@ -73,8 +63,6 @@ def pressure(masses, v, terms: Terms, box) -> float:
 
 
 # ------------------------------------------------------------------------------------------------- helpers
-
-
 def symmetric_noise(xi, n: int) -> np.ndarray:
     """The (n, n) matrix ``xi``, which must be symmetric; None means zeros."""
     xi = np.zeros((n, n)) if xi is None else np.asarray(xi, dtype=float)
@@ -119,16 +107,8 @@ def harmonic_mean(a: float, b: float) -> float:
 
 
 # ------------------------------------------------------------------------------- rates (pair dpd/fdt/energy)
-
-
-class DpdeRates(NamedTuple):
+class DpdeRates(namedtuple("DpdeRates", "terms mech_deterministic mech_random cond_deterministic cond_random")):
     """Forces, and energy per time (N,) that goes into each bead, by origin."""
-
-    terms: Terms
-    mech_deterministic: np.ndarray
-    mech_random: np.ndarray
-    cond_deterministic: np.ndarray
-    cond_random: np.ndarray
 
     @property
     def du_mech(self) -> np.ndarray:
@@ -176,13 +156,7 @@ def dpde_rates(x, v, theta, types, masses, A, sigma, kappa, cutoff, box, k_B, dt
 
 
 # ------------------------------------------------------------------------------------- equations of state
-
-
-class Eos(NamedTuple):
-    """Internal energy of the beads as a function of their temperatures, and its inverse; arrays (N,) both."""
-
-    u: Callable[[np.ndarray], np.ndarray]
-    theta: Callable[[np.ndarray], np.ndarray]
+Eos = namedtuple("Eos", "u theta")  # Internal energy of the beads as a function of their temperatures, and its inverse; arrays (N,) both.
 
 
 def constant_cv(cv) -> Eos:
@@ -198,15 +172,8 @@ def constant_cv(cv) -> Eos:
     return Eos(lambda theta: cv * np.asarray(theta, dtype=float), theta_of)
 
 
-class VerletState(NamedTuple):
-    """Result of `dpde_verlet_step`; ``rates`` are those that open the next step."""
-
-    x: np.ndarray
-    v: np.ndarray
-    u_cond: np.ndarray
-    u_mech: np.ndarray
-    theta: np.ndarray
-    rates: DpdeRates
+# Result of `dpde_verlet_step`; ``rates`` are those that open the next step.
+VerletState = namedtuple("VerletState", "x v u_cond u_mech theta rates")
 
 
 def dpde_verlet_step(x, v, u_cond, u_mech, rates: DpdeRates, masses, dt, eos: Eos, rates_at) -> VerletState:
@@ -233,14 +200,7 @@ def dpde_verlet_step(x, v, u_cond, u_mech, rates: DpdeRates, masses, dt, eos: Eo
 
 
 # ----------------------------------------------------------------------------------------- sweeps over pairs
-
-
-class Sweep(NamedTuple):
-    """Velocities and internal energies after a sweep."""
-
-    v: np.ndarray
-    u_cond: np.ndarray
-    u_mech: np.ndarray
+Sweep = namedtuple("Sweep", "v u_cond u_mech")  # Velocities and internal energies after a sweep.
 
 
 def _sweep_pairs(x, order: Iterable[tuple[int, int]], types, cutoff, box):
@@ -286,8 +246,7 @@ def shardlow_energy_sweep(
         u_cond[i] += heat
         u_cond[j] -= heat
         before = _kinetic(masses[i], v[i], masses[j], v[j])
-        gamma = sigma[a, b] ** 2 / (2.0 * k_B * harmonic_mean(theta[i], theta[j]))
-        G = 0.5 * gamma * w**2 * dt
+        G = 0.5 * (sigma[a, b] ** 2 / (2.0 * k_B * harmonic_mean(theta[i], theta[j]))) * w**2 * dt
         S = 0.5 * sigma[a, b] * w * np.sqrt(dt) * xi[i, j]
         mu = 1.0 / masses[i] + 1.0 / masses[j]
         dp = 2.0 * (S - G * np.dot(e, v[i] - v[j])) / (1.0 + mu * G)

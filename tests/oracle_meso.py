@@ -7,11 +7,11 @@ bead, explicit noise matrices (symmetric for forces, antisymmetric for fluxes). 
 ``compat="lammps"`` gives what LAMMPS computes, ``compat="consistent"`` what the equations ask for.
 """
 
+from collections import namedtuple
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
-from oracle_energy import Terms, TermSums, antisymmetric_noise, harmonic_mean, matrices, ordered_pairs, symmetric_noise
+from oracle_energy import TermSums, antisymmetric_noise, harmonic_mean, matrices, ordered_pairs, symmetric_noise
 
 HEAT_NOISE_LIMIT = 5.0  # larger heat and species noise is cut to this
 POWER_MIN = 0.01  # smallest drag exponent of eDPD
@@ -33,19 +33,11 @@ def _weight(r: float, cutoff: float, power: float) -> float:
 
 
 # --------------------------------------------------------------------------------------------------- eDPD
-
-
-class EdpdRates(NamedTuple):
+class EdpdRates(namedtuple("EdpdRates", "terms q_conductive q_viscous_deterministic q_viscous_random q_random")):
     """Forces, and energy per time (N,) that goes into each bead (``Cv dT/dt = q``), by origin.
 
     ``q_viscous`` is the sum of its part without noise and its part with noise.
     """
-
-    terms: Terms
-    q_conductive: np.ndarray
-    q_viscous_deterministic: np.ndarray
-    q_viscous_random: np.ndarray
-    q_random: np.ndarray
 
     @property
     def q_viscous(self) -> np.ndarray:
@@ -148,14 +140,8 @@ def edpd_pair(
 
 
 # --------------------------------------------------------------------------------------------------- tDPD
-
-
-class TdpdRates(NamedTuple):
+class TdpdRates(namedtuple("TdpdRates", "terms conductive random")):
     """Forces, and change of concentration per time (N, S) by origin (``dC/dt = Q``)."""
-
-    terms: Terms
-    conductive: np.ndarray
-    random: np.ndarray
 
     @property
     def Q(self) -> np.ndarray:
@@ -220,8 +206,6 @@ def tdpd_pair(
 
 
 # ------------------------------------------------------------------------------------------------ sources
-
-
 def in_sphere(x, centre, radius: float) -> np.ndarray:
     """Beads with ``|x - centre| < radius`` (no periodic images). LAMMPS's source fixes compare with radius^(3/2)."""
     return np.sum((np.asarray(x, dtype=float) - centre) ** 2, axis=1) < radius**2
@@ -245,16 +229,7 @@ def tdpd_source(inside, species: int, rate: float, n_species: int) -> np.ndarray
 
 
 # -------------------------------------------------------------------------------------------------- steps
-
-
-class EdpdState(NamedTuple):
-    """Result of `mvv_edpd_step`; ``f`` and ``q`` open the next step."""
-
-    x: np.ndarray
-    v: np.ndarray
-    T: np.ndarray
-    f: np.ndarray
-    q: np.ndarray
+EdpdState = namedtuple("EdpdState", "x v T f q")  # Result of `mvv_edpd_step`; ``f`` and ``q`` open the next step.
 
 
 def mvv_edpd_step(x, v, T, f, q, masses, cv, dt, lam, rates_at) -> EdpdState:
@@ -274,14 +249,7 @@ def mvv_edpd_step(x, v, T, f, q, masses, cv, dt, lam, rates_at) -> EdpdState:
     return EdpdState(x, v_half + 0.5 * dt * f / m, T_half + 0.5 * dt * q / cv, f, q)
 
 
-class TdpdState(NamedTuple):
-    """Result of `mvv_tdpd_step`; ``f`` and ``Q`` open the next step."""
-
-    x: np.ndarray
-    v: np.ndarray
-    C: np.ndarray
-    f: np.ndarray
-    Q: np.ndarray
+TdpdState = namedtuple("TdpdState", "x v C f Q")  # Result of `mvv_tdpd_step`; ``f`` and ``Q`` open the next step.
 
 
 def mvv_tdpd_step(x, v, C, f, Q, masses, dt, lam, rates_at) -> TdpdState:

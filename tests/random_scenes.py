@@ -40,24 +40,13 @@ def random_scene(seed: int) -> dpd.Scene:
     pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     # bonds are short, so that no FENE bond is too long in any image
     x = np.cumsum(rng.normal(scale=0.3, size=(n, 3)), axis=0) + rng.integers(-2, 3, (1, 3)) @ box
-    arrays = BeadArrays(
-        types=types,
-        positions=x,
-        source="the test",
-        masses=MASSES,
-        box=box,
-        velocities=rng.normal(size=(n, 3)),
-        charges=rng.integers(-2, 3, n) * 0.25,
-        molecules=np.array(molecules),
-        residues=residues,
-        bonds=pairs,
-    )
+    drawn = {"velocities": rng.normal(size=(n, 3)), "charges": rng.integers(-2, 3, n) * 0.25}
+    known = {"molecules": np.array(molecules), "residues": residues, "bonds": pairs}
+    arrays = BeadArrays(types=types, positions=x, source="the test", masses=MASSES, box=box, **drawn, **known)
     starts = set(pairs[:, 0].tolist())
     longest = max(next(k for k in range(len(types)) if bead + k not in starts) for bead in range(len(types)))
-    given = {
-        name: table for name, table, least in (("bonds", SPRINGS, 1), ("angles", BENDS, 2), ("dihedrals", TWISTS, 3)) if longest >= least
-    }
-    return scene_from_beads(arrays, pairs=PAIRS, kT=1.0, **given)
+    tables = (("bonds", SPRINGS, 1), ("angles", BENDS, 2), ("dihedrals", TWISTS, 3))
+    return scene_from_beads(arrays, pairs=PAIRS, kT=1.0, **{name: table for name, table, least in tables if longest >= least})
 
 
 def terms(groups, rows: str) -> dict:
@@ -93,17 +82,8 @@ def psf_of(scene: dpd.Scene, path: Path | str) -> None:
     """Write all of a scene that a PSF file has."""
     angles = np.concatenate([np.zeros((0, 3), int), *(group.triples for group in scene.angles)])
     dihedrals = np.concatenate([np.zeros((0, 4), int), *(group.quads for group in scene.dihedrals)])
-    write_psf(
-        path,
-        names=scene.types,
-        masses=scene.bead_masses,
-        charges=scene.charges,
-        molecules=scene.molecules,
-        residues=scene.residues,
-        bonds=scene.bond_pairs,
-        angles=angles,
-        dihedrals=dihedrals,
-    )
+    rest = {"residues": scene.residues, "bonds": scene.bond_pairs, "angles": angles, "dihedrals": dihedrals}
+    write_psf(path, names=scene.types, masses=scene.bead_masses, charges=scene.charges, molecules=scene.molecules, **rest)
 
 
 SEEDS = range(6)

@@ -11,11 +11,7 @@ from openmm import unit
 from openmm_dpd.kernels.threads import set_threads
 
 #: Boxes by name; positions are strewn over several images of each.
-BOXES = {
-    "none": None,
-    "cubic": np.diag([4.5, 4.5, 4.5]),
-    "tilted": np.array([[5.2, 0, 0], [1.9, 4.9, 0], [-2.0, 1.8, 4.4]]),
-}
+BOXES = {"none": None, "cubic": np.diag([4.5, 4.5, 4.5]), "tilted": np.array([[5.2, 0, 0], [1.9, 4.9, 0], [-2.0, 1.8, 4.4]])}
 
 
 def reference(forces, x, box, **parameters) -> tuple[float, np.ndarray]:

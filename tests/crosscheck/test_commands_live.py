@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
+import lammps_peer
 import pytest
 from fuzz.deck import Deck
 from fuzz.draw import Draw
 from fuzz.trial import Trial
-from lammps_peer import why_missing
 
 #: Ten beads of two types in a box that does not begin at 0, with a flow along x.
 BEADS = """units {units}
@@ -42,12 +42,8 @@ FRAMES = "dump d all custom 2 dump.txt id type x y z vx vy vz fx fy fz\ndump_mod
 RUN = 'thermo_modify format float %.15g\nprint "=== run"\nrun 10\n'
 
 DECKS = {
-    "temp/partial": """compute t g temp/partial 1 0 1
-compute p all pressure t
-thermo_style custom step c_t c_t[1] c_t[2] c_t[5] c_p c_p[3] temp ke press
-thermo_modify temp t norm yes
-"""
-    + RUN,
+    "temp/partial": "compute t g temp/partial 1 0 1\ncompute p all pressure t\n"
+    "thermo_style custom step c_t c_t[1] c_t[2] c_t[5] c_p c_p[3] temp ke press\nthermo_modify temp t norm yes\n" + RUN,
     "temp/profile": """compute t all temp/profile 1 1 0 y 2
 compute s g temp/profile 1 0 0 xz 2 2
 compute b all temp/profile 1 0 1 xy 2 2 out bin
@@ -57,16 +53,9 @@ thermo_style custom step c_t c_t[1] c_t[4] c_s c_b c_b[1][1] c_b[4][2] c_p c_p[1
 thermo_modify temp t
 """
     + RUN,
-    "temp/profile, tilted": """compute t all temp/profile 1 1 1 xyz 1 2 2
-thermo_style custom step c_t c_t[1] c_t[6]
-"""
-    + RUN,
-    "compute_modify": """compute t all temp
-compute_modify t extra/dof 1 dynamic/dof yes
-compute_modify thermo_temp extra/dof 0
-thermo_style custom step temp press ke c_t c_thermo_temp c_thermo_press
-"""
-    + RUN,
+    "temp/profile, tilted": "compute t all temp/profile 1 1 1 xyz 1 2 2\nthermo_style custom step c_t c_t[1] c_t[6]\n" + RUN,
+    "compute_modify": "compute t all temp\ncompute_modify t extra/dof 1 dynamic/dof yes\ncompute_modify thermo_temp extra/dof 0\n"
+    "thermo_style custom step temp press ke c_t c_thermo_temp c_thermo_press\n" + RUN,
     "gravity vector": f"fix p g gravity 9.5 vector 1 -2 3\nfix q all setforce NULL 0.5 NULL\nfix r all gravity 2 vector 0 1 0\n{FRAMES}{RUN}",
     "gravity chute": f"variable m equal 2*lx\nvariable a equal 30\nfix p all gravity v_m chute v_a\n{FRAMES}{RUN}",
     "gravity spherical": f"fix p g gravity 0.3 spherical 30 -75\nfix q all addforce 0.1 0 0\n{FRAMES}{RUN}",
@@ -98,15 +87,8 @@ write_dump g xtc g.xtc modify unwrap yes
 """
     + RUN
     + "write_dump all custom frames.txt id xu vy modify sort id append yes\n",
-    "set with variables": """variable a atom 0.1*x+0.2*id
-variable k atom 1+(id>4)
-variable i atom id-3.5
-set group all vx v_a vy v_a
-set group g x v_a z v_a
-set type 2 vz v_a
-set atom *6 type v_k
-set group all image v_i NULL v_i
-"""
+    "set with variables": "variable a atom 0.1*x+0.2*id\nvariable k atom 1+(id>4)\nvariable i atom id-3.5\nset group all vx v_a vy v_a\n"
+    "set group g x v_a z v_a\nset type 2 vz v_a\nset atom *6 type v_k\nset group all image v_i NULL v_i\n"
     + FRAMES.replace("fz", "fz ix iz xu")
     + RUN,
     "files without content": RUN
@@ -120,18 +102,13 @@ dump c all xtc 100 c.xtc
 dump e all xyz 100 e.*.xyz
 """
     + RUN.replace("run 10", "run 3")
-    + """fix r all print 50 "x" file r.txt
-dump f all xyz 100 f.xyz
-dump h all xtc 100 h.xtc
-""",
+    + 'fix r all print 50 "x" file r.txt\ndump f all xyz 100 f.xyz\ndump h all xtc 100 h.xtc\n',
 }
 
 
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory) -> Iterator[Trial]:
-    reason = why_missing()
-    if reason is not None:
-        pytest.skip(reason)
+    lammps_peer.need()
     with Trial(tmp_path_factory.mktemp("commands")) as found:
         yield found
 

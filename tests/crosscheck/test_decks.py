@@ -15,14 +15,8 @@ REFERENCE = json.loads((HERE / "lammps_reference.json").read_text())["decks"]
 
 # deck -> steps of the production run.  The first group is long enough for standard errors of 0.3 % (temperature) and 0.2 % (energy); the
 # others mix slowly, and would need hours here: docs/validation.md has long runs of them.
-LONG = {
-    "in.dpd": 180_000,
-    "in.dpdext": 30_000,
-    "in.bonded": 20_000,
-    "in.triclinic": 20_000,
-    "in.dpd_tstat": 36_000,
-    "in.dpdext_tstat": 25_000,
-}
+LONG = {"in.dpd": 180_000, "in.dpdext": 30_000, "in.bonded": 20_000, "in.triclinic": 20_000, "in.dpd_tstat": 36_000}
+LONG["in.dpdext_tstat"] = 25_000
 SHORT = {"in.dpd-vv": 40_000, "in.dpd-shardlow": 20_000, "in.srp": 10_000}
 PRODUCTION = LONG | SHORT
 
@@ -58,13 +52,9 @@ def test_first_row_shardlow_pressure(tmp_path):
 def test_averages(deck, tmp_path, seed):
     """Averages of T, P and PE per bead within 4 combined standard errors of LAMMPS's."""
     reference = REFERENCE[deck]["production"]
-    report = run_deck(
-        DECKS / deck,
-        RunOptions(platform="CPU", discard=reference["discard"], seed=seed),
-        variables=REFERENCE[deck]["variables"] | {"nrun": str(PRODUCTION[deck])},
-        out=tmp_path,
-    )
-    thermo = report["thermo"]
+    options = RunOptions(platform="CPU", discard=reference["discard"], seed=seed)
+    variables = REFERENCE[deck]["variables"] | {"nrun": str(PRODUCTION[deck])}
+    thermo = run_deck(DECKS / deck, options, variables=variables, out=tmp_path)["thermo"]
     z = {}
     for word in ("temp", "press", "pe"):
         theirs = reference["quantities"][word]

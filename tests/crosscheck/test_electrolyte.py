@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from judged import any_seed, judge
-from lammps_peer import instance, why_missing
+from lammps_peer import instance, need
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
@@ -52,32 +52,21 @@ def test_one_configuration(styles, factor):
 
     The bonded beads are near each other: LAMMPS applies no factor to pairs beyond the cutoff.
     """
-    if why_missing() is not None:
-        pytest.skip(why_missing())
+    need()
     bonds = [(1, 16), (2, 17), (3, 4)]
     with instance() as lmp:
         lmp.commands_list([line for line in DECK.format(styles=STYLES[styles], factor=factor).splitlines() if line.strip()])
         lmp.commands_list([f"create_bonds single/bond 1 {i} {j}" for i, j in bonds])
         lmp.commands_list(["thermo_style custom step pe evdwl ecoul elong press", "thermo_modify norm no", "run 0 post no"])
         theirs = {word: lmp.get_thermo(word) for word in ("pe", "ecoul", "elong", "evdwl", "press")}
-        x, forces, q, types = (
-            np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
-        )
+        kinds = (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
+        x, forces, q, types = (np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in kinds)
     n = len(q)
-    scene = dpd.Scene(
-        masses={"1": 1.0, "2": 1.0},
-        types=[str(k) for k in types],
-        positions=x.reshape(n, 3),
-        pairs={("*", "*"): dpd.DPD(A=25.0, gamma=0.0)},
-        kT=0.0,
-        box=[8.0] * 3,
-        velocities=np.zeros((n, 3)),
-        charges=q,
-        bonds=[dpd.HarmonicBonds(np.array(bonds) - 1, 0.0, 0.0)],
-        electrostatics=dpd.SlaterCharges(
-            lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=4.0, tolerance=1e-8, bonded_factors=(factor, 1.0, 1.0)
-        ),
-    )
+    exact = {"cutoff": 4.0, "tolerance": 1e-8, "bonded_factors": (factor, 1.0, 1.0)}
+    clouds = dpd.SlaterCharges(lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, **exact)
+    charged = {"charges": q, "bonds": [dpd.HarmonicBonds(np.array(bonds) - 1, 0.0, 0.0)], "electrostatics": clouds}
+    beads = ({"1": 1.0, "2": 1.0}, [str(k) for k in types], x.reshape(n, 3), {("*", "*"): dpd.DPD(A=25.0, gamma=0.0)})
+    scene = dpd.Scene(*beads, kT=0.0, box=[8.0] * 3, velocities=np.zeros((n, 3)), **charged)
     built = dpd.build(scene, dt=0.01, platform="Reference", scheme="mvv")
     sample = dpd.Observer(built).sample(built.simulation().context)
     terms = dpd.force_terms(built)
@@ -123,16 +112,9 @@ def test_ion_pairs_do_not_collapse(device, seed):
     rng = np.random.default_rng(4)
     q = np.zeros(n)
     q[:ions], q[ions : 2 * ions] = 1.0, -1.0
-    scene = dpd.Scene(
-        masses={"W": 1.0},
-        types=["W"] * n,
-        positions=rng.random((n, 3)) * edge,
-        pairs={("W", "W"): dpd.DPD(A=25.0, gamma=4.5)},
-        kT=1.0,
-        box=[edge] * 3,
-        charges=q,
-        electrostatics=dpd.SlaterCharges(lamda=0.25, bjerrum_length=6.0, cutoff=2.0),
-    )
+    charges = {"charges": q, "electrostatics": dpd.SlaterCharges(lamda=0.25, bjerrum_length=6.0, cutoff=2.0)}
+    table = {("W", "W"): dpd.DPD(A=25.0, gamma=4.5)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, rng.random((n, 3)) * edge, table, kT=1.0, box=[edge] * 3, **charges)
     built = dpd.build(scene, dt=0.01, platform=device, seed=seed)
     simulation, observer = built.simulation(), dpd.Observer(built)
     simulation.step(1000)
@@ -143,5 +125,4 @@ def test_ion_pairs_do_not_collapse(device, seed):
         kT.append(sample.kT)
         energy.append(sample.coulomb_real + sample.coulomb_reciprocal)
     judge(kT, 1.0, error=0.01, beside=0.01)
-    # no lower than every ion in the middle of an opposite one
-    assert min(energy) > -6.0 * ions / 0.25 * 1.2 and max(energy) < 0
+    assert min(energy) > -6.0 * ions / 0.25 * 1.2 and max(energy) < 0  # no lower than every ion in the middle of an opposite one

@@ -45,8 +45,7 @@ def students_t(values: np.ndarray, reference: dict, n: int) -> float:
     return float((values.mean() - reference["mean"]) / np.sqrt(pooled * (1 / m + 1 / n)))
 
 
-#: deck -> step of the comparison, replicates here and in LAMMPS, words
-REPLICATES = {
+REPLICATES = {  # deck -> step of the comparison, replicates here and in LAMMPS, words
     "in.dpde-vv": (200, 6, 12, ("temp", "press", "pe", "c_inner[2]", "c_inner[4]")),
     "in.dpde-table": (200, 6, 12, ("temp", "press", "pe", "c_inner[4]", "c_innerl[4]", "c_innerr[4]")),
     "in.mdpd": (100, 5, 3, ("temp", "press", "pe")),
@@ -73,18 +72,15 @@ def test_the_way_to_equilibrium(deck, tmp_path, seed):
 @pytest.mark.parametrize("deck", ["in.dpdp-shardlow", "in.dpdh-shardlow"])
 def test_decks_at_no_pressure_run(deck, tmp_path):
     """Repulsive beads at P = 0 only expand; with conserved energy the enthalpy, which is the energy here, stays what it is."""
-    report = run(deck, tmp_path, {"every": "50"}, platform="CPU", steps=200)
-    thermo = report["thermo"]
+    thermo = run(deck, tmp_path, {"every": "50"}, platform="CPU", steps=200)["thermo"]
     assert thermo["vol"]["last"] > thermo["vol"]["first"]
     if deck == "in.dpdh-shardlow":
         assert thermo["v_energy"]["last"] == pytest.approx(thermo["v_energy"]["first"], rel=3e-6)
 
 
-#: Time step of both decks, and the time at which their second run begins.
-DT, SECOND_RUN = 0.01, 5.0
+DT, SECOND_RUN = 0.01, 5.0  # Time step of both decks, and the time at which their second run begins.
 
-#: What LAMMPS's heat noise carries along y (see test_profiles), measured in three runs of each program.
-CARRIED = {"c_heat": 2e-4}
+CARRIED = {"c_heat": 2e-4}  # What LAMMPS's heat noise carries along y (see test_profiles), measured in three runs of each program.
 
 
 def never_put_in(y: np.ndarray, window: tuple[float, float], diffusivity: float, source: float) -> np.ndarray:
@@ -128,8 +124,7 @@ def test_profiles(deck, tmp_path, seed):
     (docs/theory_energy.md).  LAMMPS's heat noise is the noise of the motion, with a sign that depends on the direction of its pairs, which
     carries a little heat along y: 2e-4 in the profile.
     """
-    report = run(deck, tmp_path, platform="CPU", compat="lammps", seed=seed)
-    (profile,) = report["profiles"].values()
+    (profile,) = run(deck, tmp_path, platform="CPU", compat="lammps", seed=seed)["profiles"].values()
     found = compare_profiles(deck, profile)
     print(deck, found)
     for worst, _, beside_lammps, beside_formula in found.values():
@@ -144,8 +139,7 @@ def test_profiles(deck, tmp_path, seed):
 def test_constant_pressure_in_equilibrium(deck, tmp_path, seed):
     """Mean volume, temperatures and potential energy, and the variance of the volume, within 4 combined standard errors."""
     reference = PRESSURE[deck]
-    report = run(deck, tmp_path, {"nrun": "16000", "nequil": "3000"}, platform="CPU", seed=seed)
-    thermo = report["thermo"]
+    thermo = run(deck, tmp_path, {"nrun": "16000", "nequil": "3000"}, platform="CPU", seed=seed)["thermo"]
     words = {"Temp": "temp", "PotEng": "pe", "Volume": "vol", "c_dpdU[4]": "c_dpdU[4]"}
     z = {}
     for name, word in words.items():

@@ -74,22 +74,14 @@ def _relaxed(scene: dpd.Scene, steps: int = 400) -> dpd.Scene:
     simulation = built.simulation()
     simulation.step(steps)
     state = simulation.context.getState(positions=True, velocities=True)
-    return replace(
-        scene,
-        positions=state.getPositions(asNumpy=True)._value,
-        velocities=state.getVelocities(asNumpy=True)._value,
-    )
+    return replace(scene, positions=state.getPositions(asNumpy=True)._value, velocities=state.getVelocities(asNumpy=True)._value)
 
 
 def _warm(name: str) -> dpd.Scene:
     n, edge = 375, 5.0
     rng = np.random.default_rng(11)
-    beads = {
-        "masses": {"A": 1.0, "B": 2.0},
-        "types": ["A" if k % 3 else "B" for k in range(n)],
-        "positions": rng.random((n, 3)) * edge,
-        "box": [edge] * 3,
-    }
+    types, x = ["A" if k % 3 else "B" for k in range(n)], rng.random((n, 3)) * edge
+    beads = {"masses": {"A": 1.0, "B": 2.0}, "types": types, "positions": x, "box": [edge] * 3}
     if name == "fluid":
         return dpd.Scene(pairs=exported.TWO, kT=1.0, **beads)
     if name == "chains":
@@ -140,8 +132,7 @@ def _compare(name: str, steps: int, folder, seed: int) -> None:
         assert 0 < error < 0.1 * abs(average.mean), (word, error)
         assert abs(average.mean - other.mean) < 4 * error, (word, average, other)
     frames = read_lammps_dump(written.dump, scene)
-    last = scene_from_data(written.final, scene)
-    np.testing.assert_allclose(last.positions, frames.scene().positions, atol=1e-12)
+    np.testing.assert_allclose(scene_from_data(written.final, scene).positions, frames.scene().positions, atol=1e-12)
     assert frames.trajectory(dt=0.01).n_frames == len(frames) == steps // 10 + 1
 
 
@@ -168,22 +159,18 @@ def test_shardlow_heats_and_conserves_as_here(tmp_path):
     rows = exported.thermo(exported.run_lammps(tmp_path, "sweep"))
     total = rows["TotEng"] + rows["c_sums[1]"] + rows["c_sums[2]"]
     assert np.ptp(total) < 1e-3 * abs(rows["PotEng"][0])
-    assert total[0] == pytest.approx(
-        run_deck(written.deck, RunOptions(platform="Reference", steps=0), out=tmp_path / "out")["thermo"]["etotal"]["first"] + 30 * 375
-    )
+    report = run_deck(written.deck, RunOptions(platform="Reference", steps=0), out=tmp_path / "out")
+    assert total[0] == pytest.approx(report["thermo"]["etotal"]["first"] + 30 * 375)
 
 
 @any_seed(3)
 def test_ramps_begin_and_end_where_the_scene_says(tmp_path, seed):
     from dataclasses import replace
 
-    base = _relaxed(_warm("fluid"))
-    scene = replace(base, kT=dpd.TemperatureRamp(1.0, 3.0, 100, 500))
-    written = export_lammps(scene, tmp_path, "ramp", dt=0.01, steps=600, seed=seed, every=10)
-    text = written.deck.read_text()
+    scene = replace(_relaxed(_warm("fluid")), kT=dpd.TemperatureRamp(1.0, 3.0, 100, 500))
+    text = export_lammps(scene, tmp_path, "ramp", dt=0.01, steps=600, seed=seed, every=10).deck.read_text()
     assert "run 100\n" in text and "run 400 start 100 stop 500\n" in text and text.count("\nrun ") == 3
-    log = exported.run_lammps(tmp_path, "ramp")
-    last = exported.thermo(log)
+    last = exported.thermo(exported.run_lammps(tmp_path, "ramp"))
     assert last["Step"][0] == 500 and last["Step"][-1] == 600
     assert last["Temp"].mean() == pytest.approx(3.0, abs=4 * 3.0 * np.sqrt(2 / (3 * 375)))
 
@@ -193,8 +180,7 @@ def test_walls_of_frozen_beads_move_by_their_velocities_only_as_seen(tmp_path):
 
     base = _relaxed(_warm("fluid"))
     frozen = base.positions[:, 2] % 5.0 < 1.0
-    velocities = np.where(frozen[:, None], [10.0, 0.0, 0.0], base.velocities)
-    scene = replace(base, mobile=~frozen, velocities=velocities)
+    scene = replace(base, mobile=~frozen, velocities=np.where(frozen[:, None], [10.0, 0.0, 0.0], base.velocities))
     for scheme in ("mvv", "shardlow"):
         written = export_lammps(scene, tmp_path, scheme, dt=0.01, steps=50, seed=3, scheme=scheme)
         exported.run_lammps(tmp_path, scheme)

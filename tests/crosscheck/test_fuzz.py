@@ -3,23 +3,21 @@
 import os
 from collections.abc import Iterator
 
+import lammps_peer
 import pytest
+from cases import cases
 from fuzz.areas import AREAS
 from fuzz.command_line import table
 from fuzz.compare import differences
 from fuzz.interruptions import Interruptions
 from fuzz.trial import FAILURES, Trial
-from lammps_peer import why_missing
 
-#: Decks of an area of weight 1.
-DECKS = 120
+DECKS = 120  # Decks of an area of weight 1.
 
 
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory) -> Iterator[Trial]:
-    reason = why_missing()
-    if reason is not None:
-        pytest.skip(reason)
+    lammps_peer.need()
     with Trial(tmp_path_factory.mktemp("fuzz")) as found:
         yield found
 
@@ -54,20 +52,18 @@ def test_random_decks_that_are_interrupted_go_on_bit_for_bit(tmp_path):
     assert sum(outcome.kind == "agree" for outcome in found) >= 12, table(found)
 
 
-@pytest.mark.parametrize(
-    ("lammps", "ours", "differs"),
-    [
-        ("1 2.5", "1 2.5", False),
-        ("1 2.5", "1 2.5000000001", False),
-        ("1 2.5", "1 2.50000003", True),
-        ("0 1e-13", "0 0", False),
-        ("0 1e-6", "0 0", True),
-        ("Step Temp", "Step temp", True),
-        ("1 2\n3 4", "1 2", True),
-        ("1 2", "1 2 3", True),
-        ("nan", "nan", False),
-        ("nan", "1", True),
-    ],
+@cases(
+    "lammps, ours, differs",
+    ("1 2.5", "1 2.5", False),
+    ("1 2.5", "1 2.5000000001", False),
+    ("1 2.5", "1 2.50000003", True),
+    ("0 1e-13", "0 0", False),
+    ("0 1e-6", "0 0", True),
+    ("Step Temp", "Step temp", True),
+    ("1 2\n3 4", "1 2", True),
+    ("1 2", "1 2 3", True),
+    ("nan", "nan", False),
+    ("nan", "1", True),
 )
 def test_texts_differ_where_words_or_numbers_do(lammps, ours, differs):
     assert bool(differences(lammps, ours)) == differs

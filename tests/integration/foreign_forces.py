@@ -161,14 +161,9 @@ def _fluid(n: int, edge: float, seed: int = 4) -> np.ndarray:
 def beads(cell: Cell) -> Case:
     """A DPD fluid with two beads that do not interact."""
     n, edge, dt = 81, 3.0, 0.01
-    scene = dpd.Scene(
-        masses={"W": 1.0, "P": 2.0},
-        types=["P", "P"] + ["W"] * n,
-        positions=np.concatenate([_pair(edge, 1.0), _fluid(n, edge)]),
-        pairs={("W", "W"): dpd.DPD(A=25, gamma=4.5), ("P", "*"): dpd.NONE},
-        kT=1.0,
-        box=[edge] * 3,
-    )
+    x = np.concatenate([_pair(edge, 1.0), _fluid(n, edge)])
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5), ("P", "*"): dpd.NONE}
+    scene = dpd.Scene({"W": 1.0, "P": 2.0}, ["P", "P"] + ["W"] * n, x, table, kT=1.0, box=[edge] * 3)
     built = dpd.build(scene, dt=dt, scheme=cell.scheme, conservative=cell.conservative, platform=cell.platform, seed=7)
     masses = scene.bead_masses
     v = _maxwell(masses, 1.0, (0, 1))
@@ -211,9 +206,8 @@ def with_thermostat(case: Case, cell: Cell) -> None:
     """Add the thermostat."""
     friction = {("Ar", "Ar"): dpd.DPD(gamma=20.0, cutoff=0.9)}
     types = [None, None] + ["Ar"] * (len(case.masses) - 2)
-    case.integrator = dpd.add_thermostat(
-        case.system, friction, 120 * unit.kelvin, case.dt, types=types, scheme=cell.scheme, platform=cell.platform, seed=7
-    ).integrator
+    choices = {"types": types, "scheme": cell.scheme, "platform": cell.platform, "seed": 7}
+    case.integrator = dpd.add_thermostat(case.system, friction, 120 * unit.kelvin, case.dt, **choices).integrator
 
 
 MIXED_EDGE, MIXED_KT = 2.4, 300 * dpd.units.BOLTZMANN
@@ -232,28 +226,12 @@ def among_beads(case: Case, cell: Cell) -> None:
     """Put the atoms among beads."""
     x = _fluid(400, MIXED_EDGE)
     x = x[np.linalg.norm(x[:, None] - case.positions[None, 2:], axis=2).min(axis=1) > 0.4][:150]
-    scene = dpd.Scene(
-        masses={"W": 54.0},
-        types=["W"] * len(x),
-        positions=x,
-        pairs={("W", "W"): dpd.DPD(A=60, gamma=60, cutoff=0.65)},
-        kT=MIXED_KT,
-        box=[MIXED_EDGE] * 3,
-    )
+    table = {("W", "W"): dpd.DPD(A=60, gamma=60, cutoff=0.65)}
+    scene = dpd.Scene({"W": 54.0}, ["W"] * len(x), x, table, kT=MIXED_KT, box=[MIXED_EDGE] * 3)
     names = [None, None] + ["Ar"] * (len(case.masses) - 2)
     cross = {("Ar", "W"): dpd.DPD(A=60, gamma=60, cutoff=0.65)}
-    whole = dpd.create_mixed_system(
-        scene,
-        case.topology,
-        case.system,
-        case.positions,
-        atoms=names,
-        cross=cross,
-        dt=case.dt,
-        scheme=cell.scheme,
-        platform=cell.platform,
-        seed=7,
-    )
+    choices = {"dt": case.dt, "scheme": cell.scheme, "platform": cell.platform, "seed": 7}
+    whole = dpd.create_mixed_system(scene, case.topology, case.system, case.positions, atoms=names, cross=cross, **choices)
     case.made, case.system, case.topology, case.integrator = whole, whole.system, whole.topology, whole.integrator
     case.positions = np.concatenate([case.positions, x])
     case.masses = np.concatenate([case.masses, np.full(len(x), 54.0)])
@@ -333,14 +311,8 @@ def add_barostat(case: Case, group: int) -> None:
     case.system.addForce(force)
 
 
-ADD: dict[str, Callable] = {
-    "external": add_external,
-    "bond": add_bond,
-    "cv": add_cv,
-    "metadynamics": add_metadynamics,
-    "constraint": add_constraint,
-    "barostat": add_barostat,
-}
+_ADD = (add_external, add_bond, add_cv, add_metadynamics, add_constraint, add_barostat)
+ADD: dict[str, Callable] = {one.__name__.removeprefix("add_"): one for one in _ADD}
 
 #: Steps t in which a constant force moves a particle by a dt^2 (t^2/2 + this number t): kicks come before drifts, or around them.
 AHEAD = {"middle": 0.5, "native": 0.5}
@@ -471,8 +443,7 @@ def _check_volume(case: Case, simulation: app.Simulation, cell: Cell) -> str:
     tolerance = rounding(case, context, cell)
     _, v0 = state(context)
     simulation.step(STEPS)
-    after = context.getState().getPeriodicBoxVolume()
-    if before == after:
+    if before == context.getState().getPeriodicBoxVolume():
         raise Wrong(f"the volume stays at {before}")
     _, v = state(context)
     momentum = case.masses @ (v - v0)

@@ -5,6 +5,7 @@ import openmm
 import pytest
 from judged import any_seed, bounded
 from openmm import unit
+from scenes import stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import PlanError
@@ -41,8 +42,7 @@ def held(simulation) -> list[float]:
 def test_setting_the_temperature_sets_that_of_the_barostat(scheme, kind):
     built = fluid(scheme)
     built.system.addForce(barostats()[kind])
-    simulation = built.simulation()
-    simulation.step(5)
+    simulation = stepped(built.simulation(), 5)
     dpd.set_kT(simulation.context, 1.5)
     assert held(simulation) == pytest.approx([1.5])
     simulation.step(5)
@@ -59,8 +59,7 @@ def test_before_the_context():
     built = fluid()
     dpd.add_barostat(built, 23.6, interval=5)
     built.integrator.setTemperature(200)
-    simulation = built.simulation()
-    simulation.step(5)
+    simulation = stepped(built.simulation(), 5)
     assert held(simulation) == pytest.approx([200 * BOLTZMANN])
 
 
@@ -69,17 +68,15 @@ def test_before_the_context():
 def test_one_without_the_other_is_refused(scheme, way):
     built = fluid(scheme)
     dpd.add_barostat(built, 23.6, interval=5)
-    simulation = built.simulation()
-    simulation.step(5)
+    simulation = stepped(built.simulation(), 5)
     if way == "parameter":
         simulation.context.setParameter("dpd_kT", 1.5)
     elif way == "variable":
         openmm.CustomIntegrator.setGlobalVariableByName(built.integrator, "temperature", 1.5 / BOLTZMANN)
     else:
         simulation.context.setParameter("MonteCarloTemperature", 300)
-    with pytest.raises(
-        PlanError, match="MonteCarloBarostat samples volumes at .* K .*MonteCarloTemperature.* thermostat is at .* set both"
-    ):
+    reason = "MonteCarloBarostat samples volumes at .* K .*MonteCarloTemperature.* thermostat is at .* set both"
+    with pytest.raises(PlanError, match=reason):
         simulation.step(5)
     if way != "barostat":
         simulation.context.setParameter("MonteCarloTemperature", 1.5 / BOLTZMANN)

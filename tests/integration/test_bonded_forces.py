@@ -5,6 +5,7 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
+from files_of_tests import put
 from openmm import unit
 from scenes import beads
 
@@ -12,7 +13,7 @@ import openmm_dpd as dpd
 from openmm_dpd.base.names import BONDED_GROUP
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 
-NO_LAMMPS = lammps_peer.why_missing()
+LAMMPS = lammps_peer.needed()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 KINDS = {
     1: lambda p: dpd.HarmonicBonds(p, 20, 0.7),
@@ -24,15 +25,9 @@ KINDS = {
 def scene(table=None, **options) -> dpd.Scene:
     """Twelve chains of six with bonds of three kinds and angles of two, beads strewn over images of a tilted box."""
     x, bonds, angles = chains.walks(12, 6, BOX, 5)
-    return beads(
-        len(x),
-        positions=x,
-        table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        box=BOX,
-        bonds=[KINDS[kind](bonds[kind - 1 :: 3]) for kind in KINDS],
-        angles=[dpd.HarmonicAngles(angles[::2], 6, 110 * unit.degree), dpd.CosineAngles(angles[1::2], 4)],
-        **options,
-    )
+    angles = [dpd.HarmonicAngles(angles[::2], 6, 110 * unit.degree), dpd.CosineAngles(angles[1::2], 4)]
+    bonded = {"bonds": [KINDS[kind](bonds[kind - 1 :: 3]) for kind in KINDS], "angles": angles}
+    return beads(len(x), positions=x, table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, box=BOX, **bonded, **options)
 
 
 def energy_of(x, bonds, angles) -> float:
@@ -83,15 +78,14 @@ fix 1 all nve
 """
 
 
-@pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+@LAMMPS
 @pytest.mark.parametrize("box", [np.diag([6.2, 5.9, 6.4]), BOX], ids=["orthogonal", "tilted"])
 def test_against_lammps(tmp_path, box, device):
     """Energies, forces and pressure of one configuration with all styles: 1e-9 in double precision, 1e-5 elsewhere."""
     x, bonds, angles = chains.walks(12, 6, box, 6)
     (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, box))
     expected, forces = chains.theirs(tmp_path, DECK)
-    deck = tmp_path / "in.chains"
-    deck.write_text(DECK + "run 0\n")
+    deck = put(tmp_path / "in.chains", DECK + "run 0\n")
     made = read_deck(deck, stop_before_first_run=True, output=tmp_path).first_run.scene()
     built = dpd.build(made, dt=0.01, platform=device.platform, seed=1)
     terms = dpd.force_terms(built, properties=device.properties)
@@ -104,7 +98,7 @@ def test_against_lammps(tmp_path, box, device):
         assert found[word] == pytest.approx(value, rel=tolerance), word
 
 
-@pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+@LAMMPS
 def test_a_run_prints_what_lammps_prints(tmp_path):
     """Twenty steps without friction and noise, thermo words of bonds and angles."""
     x, bonds, angles = chains.walks(12, 6, BOX, 6)
@@ -131,31 +125,23 @@ SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 def test_a_fene_bond_that_breaks_stops_the_run(scheme, conservative):
     """Two beads fly apart: the run ends with the names of the beads before anything is NaN."""
-    made = beads(
-        20,
-        edge=5.0,
-        velocities=np.vstack([[-40.0, 0, 0], [40.0, 0, 0], np.zeros((18, 3))]),
-        positions=np.vstack([[2.0, 2, 2], [2.8, 2, 2], np.random.default_rng(1).random((18, 3)) * 5]),
-        bonds=[dpd.FENEBonds([(0, 1)], 30, 1.5)],
-    )
+    v = np.vstack([[-40.0, 0, 0], [40.0, 0, 0], np.zeros((18, 3))])
+    x = np.vstack([[2.0, 2, 2], [2.8, 2, 2], np.random.default_rng(1).random((18, 3)) * 5])
+    made = beads(20, edge=5.0, velocities=v, positions=x, bonds=[dpd.FENEBonds([(0, 1)], 30, 1.5)])
     simulation = dpd.build(made, dt=0.02, scheme=scheme, conservative=conservative, platform="CPU", seed=1).simulation()
-    with pytest.raises(
-        openmm.OpenMMException, match=r"the FENE bond between beads 0 and 1 \(counted from 0\) is .* nm long.*R0 of 1.5 nm; the step size"
-    ):
+    broken = r"the FENE bond between beads 0 and 1 \(counted from 0\) is .* nm long.*R0 of 1.5 nm; the step size"
+    with pytest.raises(openmm.OpenMMException, match=broken):
         simulation.step(3)
 
 
 def test_the_deck_says_where_a_fene_bond_is_too_long(tmp_path):
     x, bonds, angles = np.array([[1.0, 1, 1], [2.6, 1, 1]]), np.array([[0, 1]]), np.zeros((0, 3), int)
     (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, np.diag([6.0] * 3), bond_types=1))
-    text = (
-        "atom_style angle\nbond_style fene\nread_data data.chains\nbond_coeff 1 30 1.5 1 1\npair_style dpd 1 1 1\npair_coeff * * 25 4.5\n"
-    )
-    deck = tmp_path / "in.chains"
-    deck.write_text(text + "fix 1 all nve\nrun 10\n")
-    with pytest.raises(
-        dpd.DeckError, match=r"in.chains:8: the FENE bond between beads 1 and 2 is 1.6 long, which is not less than its R0 of 1.5; move"
-    ):
+    text = "atom_style angle\nbond_style fene\nread_data data.chains\nbond_coeff 1 30 1.5 1 1\n"
+    text += "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\n"
+    deck = put(tmp_path / "in.chains", text + "fix 1 all nve\nrun 10\n")
+    long = r"in.chains:8: the FENE bond between beads 1 and 2 is 1.6 long, which is not less than its R0 of 1.5; move"
+    with pytest.raises(dpd.DeckError, match=long):
         run_deck(deck, RunOptions(platform="Reference"), out=tmp_path / "out")
 
 

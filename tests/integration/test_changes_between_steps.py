@@ -5,34 +5,22 @@ import io
 import numpy as np
 import openmm
 import pytest
-from devices import DEVICES
+from devices import CPU, DEVICES, REFERENCE
+from marks import SCHEME, SCHEMES
 from openmm import app, unit
-from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, same_bits, state_of
+from scenes import BOXES, EXTENDED, D, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT, PHASE, SEED, Phase
 
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
-HISTORY = pytest.mark.parametrize(
-    "choices", [SCHEMES[k] for k in ("mvv", "mvv-0.65", "shardlow", "bababo")], ids=["mvv", "mvv-0.65", "shardlow", "bababo"]
-)
+_KEPT = ("mvv", "mvv-0.65", "shardlow", "bababo")
+HISTORY = pytest.mark.parametrize("choices", [SCHEMES[k] for k in _KEPT], ids=_KEPT)
 DT = 0.03
-REFERENCE, CPU = DEVICES[:2]
 
 
 def started(device, scene=None, dt=DT, steps=4, conservative="kernel", **choices):
     scene = scene or fluid(EXTENDED, BOXES["tilted"], n=70, seed=2, spread=0)
-    simulation = run_of(scene, device, dt=dt, conservative=conservative, **choices)
-    simulation.step(steps)
-    return simulation
+    return stepped(run_of(scene, device, dt=dt, conservative=conservative, **choices), steps)
 
 
 def fresh_copy(simulation, device, scene=None, dt=DT, conservative="kernel", parameters=(COUNTER,), **choices):
@@ -41,8 +29,7 @@ def fresh_copy(simulation, device, scene=None, dt=DT, conservative="kernel", par
     state = simulation.context.getState(positions=True, velocities=True)
     if simulation.system.usesPeriodicBoundaryConditions():
         copy.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
-    copy.context.setPositions(state.getPositions())
-    copy.context.setVelocities(state.getVelocities())
+    place(copy.context, state.getPositions(), state.getVelocities())
     for name in parameters:
         copy.context.setParameter(name, simulation.context.getParameter(name))
     return copy
@@ -50,8 +37,7 @@ def fresh_copy(simulation, device, scene=None, dt=DT, conservative="kernel", par
 
 def same_from_here(first, second, steps=5, limit=0.0) -> None:
     before = state_of(first.context)
-    for simulation in (first, second):
-        simulation.step(steps)
+    step_all(steps, first, second)
     a, b = state_of(first.context), state_of(second.context)
     assert np.abs(a[1] - before[1]).max() > 0.05
     if limit:
@@ -80,8 +66,7 @@ def test_another_temperature(host, choices):
     simulation = started(host, scene(1.0), **choices)
     dpd.set_kT(simulation.context, 2.5)
     same_from_here(simulation, fresh_copy(simulation, host, scene(2.5), **choices))
-    # and by the name of the parameter, without the function
-    simulation.context.setParameter(KT, 0.4)
+    simulation.context.setParameter(KT, 0.4)  # and by the name of the parameter, without the function
     same_from_here(simulation, fresh_copy(simulation, host, scene(0.4), **choices))
 
 
@@ -139,8 +124,7 @@ def test_other_positions_on_gpu_platforms(device, choices):
 def test_positions_that_are_set_to_what_they_were_change_nothing(choices):
     first, second = started(REFERENCE, **choices), started(REFERENCE, **choices)
     x, v = state_of(second.context)
-    second.context.setPositions(x)
-    second.context.setVelocities(v)
+    place(second.context, x, v)
     same_from_here(first, second)
 
 
@@ -171,8 +155,7 @@ def test_minimizing(choices, conservative):
 @SCHEME
 def test_barostat_moves(choices, conservative):
     """A move is tried at each step; accepted or refused, noise is drawn once per step."""
-    scene = beads(150, edge=4.0, seed=4)
-    built = dpd.build(scene, dt=0.02, platform="Reference", conservative=conservative, seed=8, **choices)
+    built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, platform="Reference", conservative=conservative, seed=8, **choices)
     pressure = 20.0 / unit.nanometer**3 * unit.kilojoule_per_mole / unit.AVOGADRO_CONSTANT_NA
     barostat = openmm.MonteCarloBarostat(pressure, 120.27 * unit.kelvin, 1)
     built.system.addForce(barostat)
@@ -182,8 +165,7 @@ def test_barostat_moves(choices, conservative):
         simulation.step(1)
         volumes.append(context.getState().getPeriodicBoxVolume().value_in_unit(unit.nanometer**3))
         drawn.append(context.getParameter(COUNTER))
-    accepted = np.diff([4.0**3, *volumes]) != 0
-    assert 5 < accepted.sum() < 58
+    assert 5 < (np.diff([4.0**3, *volumes]) != 0).sum() < 58
     assert np.array_equal(drawn, np.arange(1, 61))
 
 
@@ -197,8 +179,7 @@ def test_a_seeded_run_with_a_barostat_repeats(scheme, device):
     def volume(seed: int) -> float:
         built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, scheme=scheme, platform=device.platform, seed=seed)
         dpd.add_barostat(built, 20.0, interval=1)
-        simulation = built.simulation(properties=device.properties)
-        simulation.step(15)
+        simulation = stepped(built.simulation(properties=device.properties), 15)
         return simulation.context.getState().getPeriodicBoxVolume()._value
 
     first, second, other = volume(0), volume(0), volume(5)
@@ -216,17 +197,8 @@ def test_reporters_do_not_disturb(choices, conservative, tmp_path):
     built = dpd.build(scene, dt=DT, platform="Reference", conservative=conservative, seed=11, **choices)
     watched = built.simulation()
     lines = io.StringIO()
-    columns = dict(
-        step=True,
-        time=True,
-        potentialEnergy=True,
-        kineticEnergy=True,
-        totalEnergy=True,
-        temperature=True,
-        volume=True,
-        density=True,
-        speed=True,
-    )
+    words = "step time potentialEnergy kineticEnergy totalEnergy temperature volume density speed"
+    columns = dict.fromkeys(words.split(), True)
     watched.reporters.append(app.StateDataReporter(lines, 1, **columns))
     watched.reporters.append(app.DCDReporter(str(tmp_path / "run.dcd"), 1))
     watched.reporters.append(app.CheckpointReporter(str(tmp_path / "run.chk"), 2))
@@ -245,13 +217,11 @@ def test_reporters_do_not_disturb(choices, conservative, tmp_path):
 @SCHEME
 def test_two_runs_after_resetting_the_step_count_draw_different_noise(choices):
     """Reset_timestep: same positions and velocities, step and time back to 0, other noise; with the noise count put back as well, the same."""
-    scene = fluid(EXTENDED, BOXES["ortho"], n=60, seed=2)
-    simulation = started(REFERENCE, scene, steps=0, **choices)
+    simulation = started(REFERENCE, fluid(EXTENDED, BOXES["ortho"], n=60, seed=2), steps=0, **choices)
     start = state_of(simulation.context)
     ends = []
     for _ in range(3):
-        simulation.context.setPositions(start[0])
-        simulation.context.setVelocities(start[1])
+        place(simulation.context, start[0], start[1])
         simulation.context.setStepCount(0)
         simulation.context.setTime(0)
         simulation.step(5)
@@ -269,8 +239,7 @@ def test_two_runs_after_resetting_the_step_count_draw_different_noise(choices):
 @pytest.mark.parametrize("count", [2**24, 2**52])
 def test_the_noise_count_may_be_large(device, count):
     """It is a whole number in a double on every platform; beyond 2^24 single precision would not count on."""
-    table = {("W", "W"): D(gamma=4.5)}
-    simulation = run_of(beads(table=table), device, dt=0.04, scheme="middle")
+    simulation = run_of(beads(table={("W", "W"): D(gamma=4.5)}), device, dt=0.04, scheme="middle")
     simulation.context.setParameter(COUNTER, float(count))
     before = state_of(simulation.context)[1]
     changes = []
@@ -295,8 +264,7 @@ def test_noise_is_drawn_once_per_step_on_every_platform(device, conservative):
 
     Where it does, in one of 40 steps, the fluid is 1.3 % cold.
     """
-    simulation = run_of(beads(150, edge=3.7), device, dt=0.04, scheme="mvv", conservative=conservative)
-    simulation.step(120)
+    simulation = stepped(run_of(beads(150, edge=3.7), device, dt=0.04, scheme="mvv", conservative=conservative), 120)
     assert 120 <= simulation.context.getParameter(COUNTER) <= 121
 
 

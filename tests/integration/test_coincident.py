@@ -6,7 +6,7 @@ import oracle
 import pytest
 from devices import DEVICES
 from openmm import unit
-from scenes import EXTENDED, D, beads, oracle_params, run_of, state_of
+from scenes import EXTENDED, D, beads, oracle_params, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.neighbours import coincident_pairs
@@ -18,16 +18,14 @@ EDGE = 4.0
 
 def scene_of(distance, *, box=True, kT=1.0, table=EXTENDED, n=60, **options):
     """A fluid with coincident pairs inside, a threesome, one on a corner and one across a face."""
-    rng = np.random.default_rng(7)
-    x = rng.random((n, 3)) * EDGE
+    x = np.random.default_rng(7).random((n, 3)) * EDGE
     types = ["A", "B"] * (n // 2)
     for first, second in ((0, 1), (2, 5), (7, 8), (7, 10), (20, 40)):
         x[second] = x[first] + [0.0, distance, 0.0]
     x[50], x[51] = 0.0, EDGE if box else 0.0  # the corner of the box, from either end
     x[52] = [EDGE, 1.0, 1.0]
     x[53] = [distance, 1.0, 1.0]
-    masses = {"A": 1.0, "B": 2.7}
-    return dpd.Scene(masses, types, x, table, kT, box=[EDGE] * 3 if box else None, **options)
+    return dpd.Scene({"A": 1.0, "B": 2.7}, types, x, table, kT, box=[EDGE] * 3 if box else None, **options)
 
 
 PAIRS = [(0, 1), (2, 5), (7, 8), (7, 10), (8, 10), (20, 40), (50, 51), (52, 53)]
@@ -61,8 +59,7 @@ def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
         v = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
         scene = dpd.Scene({"W": 1.0}, ["W"] * 3, x, {("W", "W"): D(A=25, gamma=4.5)}, 0.0, box=[4.0] * 3, velocities=v)
         built = dpd.build(scene, dt=0.001, scheme=scheme, conservative=conservative, platform="Reference", seed=1)
-        simulation = built.simulation()
-        simulation.step(3)
+        simulation = stepped(built.simulation(), 3)
         return state_of(simulation.context)
 
     (x, v), (_, other) = run(0.0), run(1e-11)
@@ -81,8 +78,7 @@ def test_many_beads_at_one_point(conservative):
         simulation = run_of(beads(60, positions=x), DEVICES[0], dt=0.005, scheme=scheme, conservative=conservative)
         forces = simulation.context.getState(forces=True).getForces(asNumpy=True)
         assert np.all(np.isfinite(forces))
-        # each feels the thirty others outside, and nothing from its companions
-        assert np.allclose(forces[:30], forces[0])
+        assert np.allclose(forces[:30], forces[0])  # each feels the thirty others outside, and nothing from its companions
         simulation.step(100)
         assert np.all(np.isfinite(state_of(simulation.context)[0]))
 
@@ -90,10 +86,8 @@ def test_many_beads_at_one_point(conservative):
 @CONSERVATIVE
 def test_bonded_and_scaled_beads_at_one_point(host, conservative):
     """A factor of 1/2 on a pair at r = 0: half of nothing; a bond of rest length 0 between them is legal too."""
-    bonds = [dpd.HarmonicBonds(np.array([(0, 1), (2, 5)]), 10.0, 0.0)]
-    scene = scene_of(0.0, bonds=bonds, bonded_factors=(0.5, 1.0, 1.0))
-    simulation = run_of(scene, host, dt=0.01, scheme="middle", conservative=conservative)
-    simulation.step(5)
+    scene = scene_of(0.0, bonds=[dpd.HarmonicBonds(np.array([(0, 1), (2, 5)]), 10.0, 0.0)], bonded_factors=(0.5, 1.0, 1.0))
+    simulation = stepped(run_of(scene, host, dt=0.01, scheme="middle", conservative=conservative), 5)
     assert all(np.all(np.isfinite(a)) for a in state_of(simulation.context))
 
 
@@ -121,7 +115,6 @@ def test_frozen_coincident_pair(host):
     """Two wall beads at one point stay there, and a third bead is pushed by both."""
     scene = scene_of(0.0, mobile=~np.isin(np.arange(60), [0, 1]))
     for conservative in ("kernel", "openmm"):
-        simulation = run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative)
-        simulation.step(10)
+        simulation = stepped(run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative), 10)
         x, v = state_of(simulation.context)
         assert np.all(np.isfinite(v)) and np.array_equal(x[0], x[1])

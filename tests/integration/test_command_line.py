@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import cases
+from files_of_tests import put
 from fluid_deck import FLUID
 
 import openmm_dpd as dpd
@@ -24,29 +26,15 @@ DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    path = tmp_path / "in.fluid"
-    path.write_text(FLUID)
-    return path
+    return put(tmp_path / "in.fluid", FLUID)
 
 
 def test_run_writes_everything(deck, tmp_path, capsys):
     out, report_file = tmp_path / "out", tmp_path / "report.json"
     assert main(["run", str(deck), "--platform", "CPU", "--threads", "1", "--json", str(report_file), "--out", str(out)]) == 0
     report = json.loads(report_file.read_text())
-    assert set(report) >= {
-        "natoms",
-        "units",
-        "scheme",
-        "platform",
-        "precision",
-        "threads",
-        "momentum",
-        "runs",
-        "steps",
-        "dt",
-        "seconds_per_step",
-        "thermo",
-    }
+    words = "natoms units scheme platform precision threads momentum runs steps dt seconds_per_step thermo"
+    assert set(report) >= set(words.split())
     assert (report["natoms"], report["units"], report["scheme"], report["platform"], report["threads"]) == (192, "lj", "mvv", "CPU", 1)
     assert [run["steps"] for run in report["runs"]] == [50, 30]
     assert report["steps"] == 30 and report["dt"] == pytest.approx(0.01)
@@ -63,12 +51,9 @@ def test_run_writes_everything(deck, tmp_path, capsys):
         assert (out / name).stat().st_size > 0
     printed = capsys.readouterr().out.splitlines()
     assert sum("Step" in line and "v_twice" in line for line in printed) == 2
-    # everything is in the log as well, and what it took
-    assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == printed[:-1]
-    speeds = [
-        re.fullmatch(r"Loop time of \S+ s for (\d+) steps of 192 beads \(run (\d)\): (\S+) steps/s, (\S+) bead-steps/s", line)
-        for line in printed
-    ]
+    assert (out / "log.txt").read_text(encoding="utf-8").splitlines() == printed[:-1]  # everything is in the log as well, and what it took
+    loop = r"Loop time of \S+ s for (\d+) steps of 192 beads \(run (\d)\): (\S+) steps/s, (\S+) bead-steps/s"
+    speeds = [re.fullmatch(loop, line) for line in printed]
     assert [(found[2], found[1]) for found in speeds if found] == [("1", "50"), ("2", "30")]
     assert all(float(found[4]) == pytest.approx(192 * float(found[3]), rel=0.01) for found in speeds if found)
     temperature = report["thermo"]["temp"]
@@ -85,8 +70,7 @@ def test_version(capsys):
 
 
 def test_recommend_speaks_in_the_units_of_the_deck(tmp_path, capsys):
-    deck = tmp_path / "in.fluid"
-    deck.write_text(FLUID, encoding="utf-8")
+    deck = put(tmp_path / "in.fluid", FLUID)
     assert main(["recommend", str(deck), "--error", "0.02"]) == 0
     lines = capsys.readouterr().out.splitlines()
     best = dpd.recommend(deck_scene(deck), 0.02)
@@ -115,15 +99,13 @@ def test_frames_at_chosen_steps(deck, tmp_path, form):
         np.testing.assert_allclose(frames.time, [0.0, 0.25, 0.5, 0.75], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--steps", "-4"], "--steps must be at least 0, but is -4"),
-        (["--checkpoint", "0"], "--checkpoint must be at least 1, but is 0"),
-        (["--every", "0"], "--every must be at least 1, but is 0"),
-        (["--dt", "nan"], "--dt must be > 0, but is nan"),
-        (["--restart", "nowhere"], "--restart: there is no checkpoint in nowhere; give the --out folder of the interrupted run"),
-    ],
+@cases(
+    "words, message",
+    (["--steps", "-4"], "--steps must be at least 0, but is -4"),
+    (["--checkpoint", "0"], "--checkpoint must be at least 1, but is 0"),
+    (["--every", "0"], "--every must be at least 1, but is 0"),
+    (["--dt", "nan"], "--dt must be > 0, but is nan"),
+    (["--restart", "nowhere"], "--restart: there is no checkpoint in nowhere; give the --out folder of the interrupted run"),
 )
 def test_wrong_options_are_named(deck, capsys, words, message):
     assert main(["run", str(deck), "--out", str(deck.parent / "out"), *words]) == 1
@@ -179,26 +161,24 @@ def test_explain_shows_plan_program_and_notes(deck):
         assert part in text
 
 
-@pytest.mark.parametrize(
-    ("edit", "message"),
-    [
-        (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for the type pair 1 2"),
-        (("1 2 30.0 4.5", "1 2 30.0 -4.5"), "in.fluid:13: pair style dpd, types 1 2: gamma must be >= 0, but is -4.5"),
-        (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 is over half the box"),
-        (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
-        (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
-        (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
-        (
-            ("pair_style dpd 1.0 1.0 34387\npair_coeff 1 1 25.0 4.5\npair_coeff 1 2 30.0 4.5\npair_coeff 2 2 25.0 4.5\n", ""),
-            "needs a pair_style",
-        ),
-        (("2*temp", "c_none[1]"), "variable twice: there is no compute 'none'"),
-        (("2*temp", "1e308*10"), "in.fluid:21: thermo output v_twice is inf at step 0"),
-        (("timestep", "dump d all custom 10 ../in.fluid/d id\ntimestep"), "in.fluid:17: the file '../in.fluid/d' would lie outside of"),
-        (("timestep", "print hello file a/../../b\ntimestep"), "in.fluid:17: the file 'a/../../b' would lie outside of"),
-        (("timestep", "fix a all ave/time 1 1 1 c_thermo_temp file ../b\ntimestep"), "in.fluid:17: the file '../b' would lie outside of"),
-        (("25.0 4.5\npair_coeff 1 2", "nan 4.5\npair_coeff 1 2"), "in.fluid:12:"),
-    ],
+@cases(
+    "edit, message",
+    (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for the type pair 1 2"),
+    (("1 2 30.0 4.5", "1 2 30.0 -4.5"), "in.fluid:13: pair style dpd, types 1 2: gamma must be >= 0, but is -4.5"),
+    (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 is over half the box"),
+    (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
+    (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
+    (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
+    (
+        ("pair_style dpd 1.0 1.0 34387\npair_coeff 1 1 25.0 4.5\npair_coeff 1 2 30.0 4.5\npair_coeff 2 2 25.0 4.5\n", ""),
+        "needs a pair_style",
+    ),
+    (("2*temp", "c_none[1]"), "variable twice: there is no compute 'none'"),
+    (("2*temp", "1e308*10"), "in.fluid:21: thermo output v_twice is inf at step 0"),
+    (("timestep", "dump d all custom 10 ../in.fluid/d id\ntimestep"), "in.fluid:17: the file '../in.fluid/d' would lie outside of"),
+    (("timestep", "print hello file a/../../b\ntimestep"), "in.fluid:17: the file 'a/../../b' would lie outside of"),
+    (("timestep", "fix a all ave/time 1 1 1 c_thermo_temp file ../b\ntimestep"), "in.fluid:17: the file '../b' would lie outside of"),
+    (("25.0 4.5\npair_coeff 1 2", "nan 4.5\npair_coeff 1 2"), "in.fluid:12:"),
 )
 def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
     text = FLUID.replace(*edit)
@@ -210,17 +190,15 @@ def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
     assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("command", "option", "target"),
-    [
-        ("run", "--json", "folder"),
-        ("run", "--json", "file/x.json"),
-        ("run", "--json", "/proc/x.json"),
-        ("run", "--out", "file"),
-        ("run", "--out", "file/x"),
-        ("forces", "--json", "folder"),
-        ("forces", "--json", "file/x.json"),
-    ],
+@cases(
+    "command, option, target",
+    ("run", "--json", "folder"),
+    ("run", "--json", "file/x.json"),
+    ("run", "--json", "/proc/x.json"),
+    ("run", "--out", "file"),
+    ("run", "--out", "file/x"),
+    ("forces", "--json", "folder"),
+    ("forces", "--json", "file/x.json"),
 )
 def test_places_that_cannot_be_written_are_found_before_anything_is_computed(deck, capsys, monkeypatch, command, option, target):
     monkeypatch.chdir(deck.parent)
@@ -241,10 +219,8 @@ def test_absolute_names_are_taken_as_they_are_and_this_is_said(deck, tmp_path, c
     assert {path.name for path in elsewhere.iterdir()} == {"d.0", "d.10", "hello"}
     assert (out / "inside" / "hello").read_text() == "hello\n"
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: /")]
-    assert said == [
-        f"note: {elsewhere}/{name} is an absolute name: it is written there, and not into the output folder {out}"
-        for name in ("d.*", "hello")
-    ]
+    where = f"is an absolute name: it is written there, and not into the output folder {out}"
+    assert said == [f"note: {elsewhere}/{name} {where}" for name in ("d.*", "hello")]
 
 
 def test_discard_holds_for_each_run_that_is_as_long(deck):
@@ -345,19 +321,17 @@ def test_every_example_deck_runs(deck_name, tmp_path):
     assert all(np.isfinite(run["thermo"]["temp"]["last"]) for run in report["runs"])
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("recommend DECK --error 3", "--error must be a fraction of the temperature from 0.0001 to 0.1"),
-        ("recommend DECK --scheme fast", "--scheme: unknown scheme 'fast'"),
-        ("explain DECK --dt -1", "--dt must be > 0"),
-        ("explain DECK --seed 2147483648", "--seed must be less than 2^31"),
-        ("run DECK --platform Abacus --out OUT", "--platform: there is no platform 'Abacus' here"),
-        ("run DECK --threads 0 --out OUT", "--threads must be at least 1"),
-        ("export DECK OUT --dt -1", "--dt must be > 0"),
-        ("export DECK OUT --every -1", "--every must be at least 1"),
-        ("export DECK OUT --seed -1", "--seed must be"),
-    ],
+@cases(
+    "words, message",
+    ("recommend DECK --error 3", "--error must be a fraction of the temperature from 0.0001 to 0.1"),
+    ("recommend DECK --scheme fast", "--scheme: unknown scheme 'fast'"),
+    ("explain DECK --dt -1", "--dt must be > 0"),
+    ("explain DECK --seed 2147483648", "--seed must be less than 2^31"),
+    ("run DECK --platform Abacus --out OUT", "--platform: there is no platform 'Abacus' here"),
+    ("run DECK --threads 0 --out OUT", "--threads must be at least 1"),
+    ("export DECK OUT --dt -1", "--dt must be > 0"),
+    ("export DECK OUT --every -1", "--every must be at least 1"),
+    ("export DECK OUT --seed -1", "--seed must be"),
 )
 def test_errors_name_options_as_they_are_written(deck, tmp_path, capsys, words, message):
     places = {"DECK": str(deck), "OUT": str(tmp_path / "out")}

@@ -2,22 +2,12 @@
 
 import numpy as np
 import pytest
-from devices import DEVICES
+from devices import CPU, DEVICES, REFERENCE
+from marks import SCHEME, SCHEMES
 from openmm import unit
-from scenes import BOXES, EXTENDED, D, chains, fluid, run_of, state_of
+from scenes import BOXES, EXTENDED, D, chains, fluid, run_of, state_of, stepped
 
 import openmm_dpd as dpd
-
-REFERENCE, CPU = DEVICES[:2]
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 
 
 def momentum_per_bead(simulation, masses) -> float:
@@ -32,8 +22,7 @@ def test_momentum_after_2000_steps(host, choices):
     scene = chains(BOXES["ortho"], n=110, table=EXTENDED, k=20.0)
     simulation = run_of(scene, host, dt=0.02, conservative="kernel", **choices)
     simulation.step(2000 if host.platform == "CPU" and choices["scheme"] in ("mvv", "middle") else 200)
-    # OpenMM's own bond force on the CPU platform is double precision
-    assert momentum_per_bead(simulation, scene.bead_masses) < 1e-13
+    assert momentum_per_bead(simulation, scene.bead_masses) < 1e-13  # OpenMM's own bond force on the CPU platform is double precision
 
 
 @pytest.mark.parametrize("device", [d for d in DEVICES if d.precision in ("single", "mixed")], indirect=True, ids=str)
@@ -41,8 +30,7 @@ def test_momentum_after_2000_steps(host, choices):
 def test_momentum_on_gpu_platforms(device, conservative):
     """Impulses pass through float32 and, in mixed precision, through 64-bit fixed point: 3e-7 per bead after 200 steps."""
     scene = fluid(EXTENDED, BOXES["ortho"], n=100)
-    simulation = run_of(scene, device, dt=0.02, scheme="middle", conservative=conservative)
-    simulation.step(200)
+    simulation = stepped(run_of(scene, device, dt=0.02, scheme="middle", conservative=conservative), 200)
     assert momentum_per_bead(simulation, scene.bead_masses) < 3e-7
 
 
@@ -114,12 +102,10 @@ def test_zero_temperature_friction_only_takes_energy_out():
 def test_a_single_bead_flies_straight():
     """No pair, no force, no noise; also without a box."""
     for box in ([4.0] * 3, None):
-        scene = dpd.Scene(
-            {"W": 2.0}, ["W"], [[0.1, 0.2, 0.3]], {("W", "W"): D(A=25, gamma=4.5)}, 1.0, box=box, velocities=[[1.0, -2.0, 0.5]]
-        )
+        table, v = {("W", "W"): D(A=25, gamma=4.5)}, [[1.0, -2.0, 0.5]]
+        scene = dpd.Scene({"W": 2.0}, ["W"], [[0.1, 0.2, 0.3]], table, 1.0, box=box, velocities=v)
         for choices in SCHEMES.values():
-            simulation = run_of(scene, REFERENCE, dt=0.05, conservative="kernel", **choices)
-            simulation.step(40)
+            simulation = stepped(run_of(scene, REFERENCE, dt=0.05, conservative="kernel", **choices), 40)
             x, v = state_of(simulation.context)
             np.testing.assert_allclose(v, [[1.0, -2.0, 0.5]], rtol=1e-12)
             np.testing.assert_allclose(x, [[2.1, -3.8, 1.3]], rtol=1e-12)

@@ -6,27 +6,16 @@ import threading
 import numpy as np
 import openmm
 import pytest
-from devices import DEVICES
-from scenes import BOXES, EXTENDED, beads, chains, fluid, run_of, same_bits, state_of
+from devices import CPU, DEVICES, REFERENCE
+from marks import SCHEME
+from scenes import BOXES, EXTENDED, beads, chains, fluid, place, run_of, same_bits, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.threads import set_threads
 
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
-REFERENCE, CPU = DEVICES[:2]
-
 
 def alone(scene, device, steps, **choices):
-    simulation = run_of(scene, device, dt=0.03, **choices)
-    simulation.step(steps)
+    simulation = stepped(run_of(scene, device, dt=0.03, **choices), steps)
     return state_of(simulation.context)
 
 
@@ -46,8 +35,7 @@ def test_same_bits_whatever_the_threads_of_the_platform():
     built = [dpd.build(beads(), dt=0.04, platform="CPU", conservative="kernel", seed=3) for _ in range(2)]
     ends = []
     for count, each in zip(("1", "2"), built, strict=True):
-        simulation = each.simulation(properties={"Threads": count})
-        simulation.step(20)
+        simulation = stepped(each.simulation(properties={"Threads": count}), 20)
         ends.append(state_of(simulation.context))
     assert same_bits(*ends)
 
@@ -63,8 +51,7 @@ def test_two_contexts_of_one_system_in_turn(choices, conservative):
     for shift in (0.0, 0.4):
         integrators.append(copy.copy(built.integrator))
         contexts.append(openmm.Context(built.system, integrators[-1], platform))
-        contexts[-1].setPositions(scene.positions + shift * scene.velocities)
-        contexts[-1].setVelocities(scene.velocities)
+        place(contexts[-1], scene.positions + shift * scene.velocities, scene.velocities)
     for k in range(8):
         integrators[0].step(1 + k % 2)
         integrators[1].step(2 - k % 2)
@@ -111,16 +98,9 @@ def test_two_contexts_of_one_system_in_two_python_threads(device):
     built = dpd.build(scene, dt=0.03, platform=device.platform, scheme="mvv", conservative="kernel", seed=11)
     contexts = []
     for shift in (0.0, 0.4):
-        contexts.append(
-            openmm.Context(
-                built.system,
-                openmm.XmlSerializer.clone(built.integrator),
-                openmm.Platform.getPlatformByName(device.platform),
-                device.properties,
-            )
-        )
-        contexts[-1].setPositions(scene.positions + shift * scene.velocities)
-        contexts[-1].setVelocities(scene.velocities)
+        where = openmm.Platform.getPlatformByName(device.platform), device.properties
+        contexts.append(openmm.Context(built.system, openmm.XmlSerializer.clone(built.integrator), *where))
+        place(contexts[-1], scene.positions + shift * scene.velocities, scene.velocities)
     in_threads(*(lambda context=context: context.getIntegrator().step(40) for context in contexts))
     for shift, context in zip((0.0, 0.4), contexts, strict=True):
         moved = fluid(EXTENDED, BOXES["ortho"], n=90, seed=1, positions=scene.positions + shift * scene.velocities)
@@ -132,8 +112,7 @@ def test_two_contexts_of_one_system_in_two_python_threads(device):
 def test_a_context_may_move_from_one_thread_to_another():
     """What the pair force keeps belongs to the thread that steps; every step begins by keeping the positions anew."""
     scene = beads()
-    run = run_of(scene, CPU, dt=0.03, scheme="mvv", conservative="kernel")
-    run.step(5)
+    run = stepped(run_of(scene, CPU, dt=0.03, scheme="mvv", conservative="kernel"), 5)
     in_threads(lambda: run.step(5))
     run.step(5)
     assert same_bits(state_of(run.context), alone(scene, CPU, 15, scheme="mvv", conservative="kernel"))

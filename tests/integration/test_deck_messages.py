@@ -12,41 +12,11 @@ from openmm_dpd.kernels import notice
 from openmm_dpd.lammps import RunOptions, deck_scene, explain_deck, run_deck
 
 #: Two beads with the ids 7 and 3, bonded, and one of another type far from them; lengths are those of the deck.
-DATA = """two bonded beads
+DATA = "two bonded beads\n\n3 atoms\n1 bonds\n2 atom types\n1 bond types\n0 {edge} xlo xhi\n0 {edge} ylo yhi\n0 {edge} zlo zhi\n\nMasses\n"
+DATA += "\n1 1.0\n2 1.0\n\nAtoms\n\n7 1 1 1 1 1\n3 1 1 {x} 1 1\n5 2 2 4 4 4\n\nBonds\n\n1 1 7 3\n"
 
-3 atoms
-1 bonds
-2 atom types
-1 bond types
-0 {edge} xlo xhi
-0 {edge} ylo yhi
-0 {edge} zlo zhi
-
-Masses
-
-1 1.0
-2 1.0
-
-Atoms
-
-7 1 1 1 1 1
-3 1 1 {x} 1 1
-5 2 2 4 4 4
-
-Bonds
-
-1 1 7 3
-"""
-
-START = """units {units}
-atom_style bond
-boundary {boundary}
-bond_style fene
-read_data data.two
-bond_coeff 1 30 1.5 0 1
-pair_style dpd {temp} {cutoff} 1
-pair_coeff * * 25 4.5
-"""
+START = "units {units}\natom_style bond\nboundary {boundary}\nbond_style fene\nread_data data.two\nbond_coeff 1 30 1.5 0 1\n"
+START += "pair_style dpd {temp} {cutoff} 1\npair_coeff * * 25 4.5\n"
 
 
 def deck(folder, text="fix 1 all nve\nrun 5\n", x=1.9, edge=6.0, **settings):
@@ -93,12 +63,8 @@ def test_scripts_read_nm_and_numbers_from_0(tmp_path):
 def test_explain_is_short_and_in_the_units_of_the_deck(tmp_path):
     path = deck(tmp_path, units="real", temp=300)
     text, options = explain_deck(path, RunOptions(platform="CPU")), RunOptions(platform="CPU")
-    for line in (
-        "box: 6 x 6 x 6 Angstrom",
-        "dt = 1 fs",
-        "temperature 300 K",
-        "  1 - 1, 1 - 2, 2 - 2: DPD(A = 25, gamma = 4.5, cutoff = 1)",
-    ):
+    pairs = "  1 - 1, 1 - 2, 2 - 2: DPD(A = 25, gamma = 4.5, cutoff = 1)"
+    for line in ("box: 6 x 6 x 6 Angstrom", "dt = 1 fs", "temperature 300 K", pairs):
         assert line in text
     assert len(text.splitlines()) <= 20 and " nm" not in text and "kJ" not in text and "--program lists it" in text
     assert "v <- v+" in explain_deck(path, options, program=True)

@@ -114,8 +114,7 @@ def test_peptides_keep_their_handedness():
     places = [{atom.name: atom.index for atom in residue.atoms()} for residue in residues]
 
     def hand(z, at) -> float:
-        arms = [z[at[name]] - z[at["CA"]] for name in ("N", "C", "CB")]
-        return np.sign(np.linalg.det(arms))
+        return np.sign(np.linalg.det([z[at[name]] - z[at["CA"]] for name in ("N", "C", "CB")]))
 
     def trans(z, one, other) -> bool:
         ca, c, n, ca2 = z[one["CA"]], z[one["C"]], z[other["N"]], z[other["CA"]]
@@ -141,9 +140,8 @@ def threaded(size: int):
         for one, other in zip(atoms, atoms[1:] + atoms[: int(closed)], strict=False):
             topology.addBond(one, other)
     dense.cube(topology, edge)
-    system = app.ForceField(io.StringIO(dense.UNITED)).createSystem(
-        topology, nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=1.0, constraints=app.AllBonds
-    )
+    choices = {"nonbondedMethod": app.CutoffPeriodic, "nonbondedCutoff": 1.0, "constraints": app.AllBonds}
+    system = app.ForceField(io.StringIO(dense.UNITED)).createSystem(topology, **choices)
     return topology, system, np.concatenate([ring, chain]) + edge / 2
 
 

@@ -5,15 +5,16 @@ import oracle
 import pytest
 from devices import DEVICES
 from judged import any_seed, judge, ratios
+from kinds import ENERGY, TABULATED
 from openmm import unit
-from scenes import BOXES, fluid, state_of
+from scenes import BOXES, fluid, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.base.names import COUNTER
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine
 from openmm_dpd.model.energy_dpd import EnergyDPD
-from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
+from openmm_dpd.model.eos import ConstantHeatCapacity
 from openmm_dpd.model.internal import InternalEnergy
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.simulation.barostat import EnthalpyBarostat, add_barostat
@@ -22,24 +23,17 @@ from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 DT, SEED = 0.02, 11
-TABLE = {
-    ("A", "A"): EnergyDPD(A=25, sigma=3, kappa=2.0, cutoff=1.0),
-    ("A", "B"): EnergyDPD(A=31, sigma=2, kappa=1.0, cutoff=1.2),
-    ("B", "B"): EnergyDPD(A=18, sigma=4, kappa=3.0, cutoff=0.9),
-}
-EOS = {"A": ConstantHeatCapacity(40.0), "B": TabulatedEOS.from_functions(lambda theta: 50 * theta + 5 * theta**2, (0.2, 5.0))}
 
 
 def energy_scene(box=BOXES["ortho"], *, make=fluid, n=90, **options) -> dpd.Scene:
     """Two types with different equations of state and a range of temperatures."""
     theta = np.random.default_rng(5).uniform(0.7, 1.4, n)
-    return make(table=TABLE, box=box, n=n, internal=InternalEnergy(EOS, theta), **options)
+    return make(table=ENERGY, box=box, n=n, internal=InternalEnergy(TABULATED, theta), **options)
 
 
 def with_walls() -> dpd.Scene:
     n = 90
-    # single precision knows positions far outside the box badly
-    return energy_scene(mobile=np.arange(n) % 6 > 0, spread=0)
+    return energy_scene(mobile=np.arange(n) % 6 > 0, spread=0)  # single precision knows positions far outside the box badly
 
 
 def fields_of(simulation) -> np.ndarray:
@@ -177,8 +171,7 @@ def test_friction_and_noise_conserve_energy_at_any_step(device, scheme, dt):
 
 @SCHEME
 def test_the_sum_of_conducted_energy_stays_zero(scheme):
-    simulation = running(energy_scene(), DEVICES[1], scheme=scheme)
-    simulation.step(200)
+    simulation = stepped(running(energy_scene(), DEVICES[1], scheme=scheme), 200)
     u = fields_of(simulation)
     assert abs(u[:, 0].sum()) < 1e-12 * np.abs(u[:, 0]).sum()
     assert np.abs(u[:, 0]).max() > 0.1
@@ -189,8 +182,7 @@ def test_drift_of_the_total_energy_is_that_of_the_conservative_part(scheme):
     """Half the step, far less drift: what is left is the error of the Verlet part, of second order."""
     scatter = []
     for dt in (0.02, 0.01):
-        simulation = running(energy_scene(n=150), DEVICES[1], scheme=scheme, dt=dt)
-        simulation.step(round(2 / dt))
+        simulation = stepped(running(energy_scene(n=150), DEVICES[1], scheme=scheme, dt=dt), round(2 / dt))
         energies = []
         for _ in range(100):
             simulation.step(2)
@@ -210,8 +202,7 @@ def test_restart_is_exact(host, how, tmp_path):
         simulation.reporters.append(EnthalpyBarostat(simulation.built, 5.0, interval=3))
         return simulation
 
-    first = start()
-    first.step(10)
+    first = stepped(start(), 10)
     path = str(tmp_path / "state")
     (first.saveCheckpoint if how == "checkpoint" else first.saveState)(path)
     first.step(13)
@@ -258,15 +249,15 @@ def test_reading_and_setting(device):
 def test_setting_equals_a_fresh_start(scheme):
     """Energies set between two steps act at once: nothing of the old ones is left in stored accelerations or rates."""
     scene = energy_scene()
-    simulation = running(scene, DEVICES[0], scheme=scheme)
-    simulation.step(3)
+    simulation = stepped(running(scene, DEVICES[0], scheme=scheme), 3)
     x, v = state_of(simulation.context)
     write_fields(simulation.context, simulation.built.plan, theta=1.1)
-    fresh_scene = dpd.Scene(scene.masses, list(scene.types), x, TABLE, 1.0, box=scene.box, velocities=v, internal=InternalEnergy(EOS, 1.1))
+    fresh_scene = dpd.Scene(
+        scene.masses, list(scene.types), x, ENERGY, 1.0, box=scene.box, velocities=v, internal=InternalEnergy(TABULATED, 1.1)
+    )
     fresh = running(fresh_scene, DEVICES[0], scheme=scheme)
     fresh.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
-    for one in (simulation, fresh):
-        one.step(2)
+    step_all(2, simulation, fresh)
     for a, b in zip((*state_of(simulation.context), fields_of(simulation)), (*state_of(fresh.context), fields_of(fresh)), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-10)
 
@@ -295,8 +286,7 @@ def soft_fluid(n=375, capacity=60.0, theta=1.5, kT=1.0, edge=5.0) -> dpd.Scene:
 @any_seed(3)
 def test_three_temperatures_agree_at_equilibrium(seed):
     """Kinetic, internal (harmonic mean) and configurational, at Cv = 6 k_B where frozen temperatures would show; standard error 0.5 %."""
-    simulation = running(soft_fluid(capacity=6.0), DEVICES[1], scheme="middle", dt=0.02, seed=seed)
-    simulation.step(1500)
+    simulation = stepped(running(soft_fluid(capacity=6.0), DEVICES[1], scheme="middle", dt=0.02, seed=seed), 1500)
     observer, rows = dpd.Observer(simulation.built), []
     for _ in range(1500):
         simulation.step(5)
@@ -310,8 +300,7 @@ def test_three_temperatures_agree_at_equilibrium(seed):
 @pytest.mark.parametrize("scheme", ["middle", "shardlow", "mvv"])
 def test_a_volume_move_conserves_enthalpy_with_any_scheme(scheme):
     """Positions and velocities of one moment, for any scheme."""
-    simulation = running(soft_fluid(), DEVICES[1], scheme=scheme, dt=0.01)
-    simulation.step(50)
+    simulation = stepped(running(soft_fluid(), DEVICES[1], scheme=scheme, dt=0.01), 50)
     observer, barostat = dpd.Observer(simulation.built), EnthalpyBarostat(simulation.built, 25.0)
     accepted = 0
     for _ in range(12):
@@ -327,8 +316,7 @@ def test_a_volume_move_conserves_enthalpy_with_any_scheme(scheme):
 @pytest.mark.slow
 @any_seed(3)
 def test_volume_moves_conserve_enthalpy_and_hold_the_pressure(seed):
-    simulation = running(soft_fluid(), DEVICES[1], scheme="aboba", dt=0.02, seed=seed)
-    simulation.step(300)
+    simulation = stepped(running(soft_fluid(), DEVICES[1], scheme="aboba", dt=0.02, seed=seed), 300)
     pressure, observer = 25.0, dpd.Observer(simulation.built)
     barostat = EnthalpyBarostat(simulation.built, pressure, interval=5)
     accepted = 0
@@ -345,8 +333,7 @@ def test_volume_moves_conserve_enthalpy_and_hold_the_pressure(seed):
     rows = []
     for _ in range(600):
         simulation.step(10)
-        sample = observer.sample(simulation.context)
-        rows.append(sample.pressure(False))
+        rows.append(observer.sample(simulation.context).pressure(False))
     # the virial pressure of aboba's hot velocities: 1 % of kinetic pressure 3 is allowed beside the statistical error
     judge(rows, pressure, error=0.1, beside=0.05)
 

@@ -6,8 +6,10 @@ import numpy as np
 import openmm
 import pytest
 from devices import DEVICES
+from files_of_tests import put
 from openmm import unit
-from scenes import D, beads, run_of, state_of
+from raising import raises
+from scenes import D, beads, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd import DPDError, ParameterError, PlanError
@@ -20,8 +22,7 @@ KELVIN, NM = unit.kelvin, unit.nanometer
 
 
 def scene(**changes):
-    arguments = dict(masses={"W": 1.0}, types=["W"] * N, positions=X, pairs=TABLE, kT=1.0, box=[3.0] * 3)
-    return dpd.Scene(**{**arguments, **changes})
+    return dpd.Scene(**{**dict(masses={"W": 1.0}, types=["W"] * N, positions=X, pairs=TABLE, kT=1.0, box=[3.0] * 3), **changes})
 
 
 def build(of=None, **changes):
@@ -37,8 +38,7 @@ def with_value(value):
 BOND = np.array([[0, 1]])
 TWO = dict(masses={"A": 1.0, "B": 1.0}, types=["A", "B"] * (N // 2))
 
-#: What is wrong -> what makes it, and what the message has to say.
-WRONG = {
+WRONG = {  # What is wrong -> what makes it, and what the message has to say.
     "NaN position": (lambda: scene(positions=with_value(np.nan)), r"positions.*nan.*\(7, 1\)"),
     "infinite position": (lambda: scene(positions=with_value(np.inf)), r"positions.*inf.*\(7, 1\)"),
     "NaN velocity": (lambda: scene(velocities=with_value(np.nan)), r"velocities.*nan.*\(7, 1\)"),
@@ -175,8 +175,7 @@ def test_lists_of_quantities_keep_their_units():
 
 
 def test_reporter_that_is_refused_leaves_the_file(tmp_path):
-    path = tmp_path / "rows.csv"
-    path.write_text("precious")
+    path = put(tmp_path / "rows.csv", "precious")
     with pytest.raises(ParameterError):
         dpd.DPDReporter(path, 0, build())
     with pytest.raises(ParameterError):
@@ -196,8 +195,7 @@ NATIVE = {
 @pytest.mark.parametrize("name", NATIVE)
 def test_what_the_native_scheme_cannot_express(name):
     coefficient, message = NATIVE[name]
-    with pytest.raises(PlanError, match=message):
-        build(scene(pairs={("W", "W"): coefficient}), scheme="native")
+    raises(PlanError, message, lambda: build(scene(pairs={("W", "W"): coefficient}), scheme="native"))
 
 
 SMALL_TILTED = [[3.0, 0, 0], [1.4, 3.0, 0], [0, 0, 3.0]]
@@ -217,30 +215,25 @@ def test_scenes_that_the_native_scheme_cannot_run(name):
     if message is None:
         build(scene(**changes), scheme="native").simulation().step(2)
     else:
-        with pytest.raises(PlanError, match=message):
-            build(scene(**changes), scheme="native")
+        raises(PlanError, message, lambda: build(scene(**changes), scheme="native"))
 
 
 def test_native_needs_openmms_force_and_no_ramp():
-    with pytest.raises(PlanError, match="openmm"):
-        build(scheme="native", conservative="kernel")
-    with pytest.raises(PlanError, match="ramp"):
-        build(scene(kT=dpd.TemperatureRamp(1, 2, 0, 5)), scheme="native")
+    raises(PlanError, "openmm", lambda: build(scheme="native", conservative="kernel"))
+    raises(PlanError, "ramp", lambda: build(scene(kT=dpd.TemperatureRamp(1, 2, 0, 5)), scheme="native"))
 
 
 def test_one_barostat_before_the_context_is_made():
     built = build()
     dpd.add_barostat(built, 20.0)
-    with pytest.raises(PlanError, match="has a MonteCarloBarostat already"):
-        dpd.add_barostat(built, 20.0, coupled=False)
+    raises(PlanError, "has a MonteCarloBarostat already", lambda: dpd.add_barostat(built, 20.0, coupled=False))
     for scheme in ("middle", "native"):
         built = build(scheme=scheme)
         simulation = built.simulation()
         with pytest.raises(PlanError, match="before the Simulation is made"):
             dpd.add_barostat(built, 20.0)
         assert simulation.context.getStepCount() == 0
-    with pytest.raises(PlanError, match="temperature.*is 0"):
-        dpd.add_barostat(build(scene(kT=0.0)), 20.0)
+    raises(PlanError, "temperature.*is 0", lambda: dpd.add_barostat(build(scene(kT=0.0)), 20.0))
 
 
 # -- while stepping --------------------------------------------------------------------------------------------------------------------
@@ -250,34 +243,29 @@ def test_one_barostat_before_the_context_is_made():
 )
 def test_box_smaller_than_twice_the_cutoff(device, scheme, conservative):
     """A barostat that shrinks the box too far ends the run with the reason, and does not take wrong images instead."""
-    simulation = run_of(scene(), device, dt=0.02, scheme=scheme, conservative=conservative)
-    simulation.step(1)
+    simulation = stepped(run_of(scene(), device, dt=0.02, scheme=scheme, conservative=conservative), 1)
     simulation.context.setPeriodicBoxVectors([1.9, 0, 0], [0, 3, 0], [0, 0, 3])
-    with pytest.raises(openmm.OpenMMException, match=r"box (size )?has (shrunk|decreased).*less than twice the.*cutoff"):
-        simulation.step(1)
+    raises(openmm.OpenMMException, r"box (size )?has (shrunk|decreased).*less than twice the.*cutoff", lambda: simulation.step(1))
 
 
 def test_bead_that_became_nan_is_named(device):
     """By the kernel: its number; the CPU platform looks at positions before any force and says it in its own words."""
     simulation = run_of(scene(), device, dt=0.02, scheme="middle", conservative="kernel")
     simulation.context.setPositions(with_value(np.nan))
-    with pytest.raises(openmm.OpenMMException, match="bead 7 is not finite|coordinate is NaN"):
-        simulation.step(2)
+    raises(openmm.OpenMMException, "bead 7 is not finite|coordinate is NaN", lambda: simulation.step(2))
 
 
 def test_negative_temperature_while_stepping():
     simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme="middle")
     simulation.context.setParameter(KT, -1.0)
-    with pytest.raises(openmm.OpenMMException, match="dpd_kT.*-1"):
-        simulation.step(1)
+    raises(openmm.OpenMMException, "dpd_kT.*-1", lambda: simulation.step(1))
 
 
 @pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo", "native"])
 def test_step_size_of_zero(scheme):
     simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme=scheme)
     simulation.integrator.setStepSize(0.0)
-    with pytest.raises(openmm.OpenMMException, match="step size must be > 0.*is 0 ps"):
-        simulation.step(1)
+    raises(openmm.OpenMMException, "step size must be > 0.*is 0 ps", lambda: simulation.step(1))
 
 
 def test_observer_says_when_a_run_has_blown_up():
@@ -286,5 +274,4 @@ def test_observer_says_when_a_run_has_blown_up():
     _, v = state_of(simulation.context)
     v[3] = np.nan
     simulation.context.setVelocities(v)
-    with pytest.raises(dpd.RunError, match="not finite"):
-        dpd.Observer(built).sample(simulation.context)
+    raises(dpd.RunError, "not finite", lambda: dpd.Observer(built).sample(simulation.context))

@@ -77,8 +77,7 @@ def test_peptide(tmp_path, monkeypatch):
     """Momentum stays at zero but for the rounding of the PME forces, and the temperature is about right from the start."""
     friction = dpd.DPD(gamma=5 * unit.dalton / unit.picosecond, cutoff=0.5 * unit.nanometer)
     shorter = {"PLATFORM": "CPU", "EDGE": 1.9, "EQUILIBRATION": 100, "STEPS": 100, "EVERY": 10, "FRICTION": friction}
-    module = example("03_thermostat_peptide", monkeypatch, **shorter)
-    found = module.main(tmp_path)
+    found = example("03_thermostat_peptide", monkeypatch, **shorter).main(tmp_path)
     thermal = np.sqrt(3900 * 2.494)  # of one component of the total momentum, for a box of this mass
     assert found["pairwise friction: momentum"] < 0.05 * thermal
     assert found["Langevin, 5/ps: momentum"] > 0.2 * thermal
@@ -113,9 +112,7 @@ def test_polymers(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_heat_conduction(tmp_path, monkeypatch, seed):
     """The fitted diffusivity beside the continuum formula."""
-    shorter = {"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2}
-    module = example("06_heat_conduction", monkeypatch, seed, **shorter)
-    found = module.main(tmp_path)
+    found = example("06_heat_conduction", monkeypatch, seed, **{"EQUILIBRATION": 100, "STEPS": 500, "RUNS": 2}).main(tmp_path)
     assert found["D_formula"] == pytest.approx(1.1077, abs=1e-3)
     # such runs scatter by at most 0.013 (8 seeds, of a narrower box); the range of the heat exchange and the wandering beads change D by 0.012 at most
     assert found["D"] == pytest.approx(found["D_formula"], abs=4 * 0.013 / np.sqrt(2) + 0.012)
@@ -126,8 +123,7 @@ def test_heat_conduction(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_droplet(tmp_path, monkeypatch, seed):
     """A small film rounds off, and its inside is as dense as the liquid at rest."""
-    module = example("07_droplet", monkeypatch, seed, FILM=(8.0, 6.0, 1.7), EDGE=14.0, STEPS=700, EVERY=20)
-    found = module.main(tmp_path)
+    found = example("07_droplet", monkeypatch, seed, FILM=(8.0, 6.0, 1.7), EDGE=14.0, STEPS=700, EVERY=20).main(tmp_path)
     assert found["anisotropy_first"] > 0.2
     assert found["anisotropy_last"] < 0.1 * found["anisotropy_first"]
     # pressure in a periodic box vanishes at 6.08; surface tension squeezes the drop by less than 0.15; eight seeds scatter by 0.11
@@ -139,10 +135,8 @@ def test_droplet(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_electrolyte(tmp_path, monkeypatch, seed):
     """Unlike ions gather, like ions keep apart, and far away both distributions are close to 1."""
-    module = example("08_electrolyte", monkeypatch, seed, STEPS=3000)
-    found = module.main(tmp_path)
-    # mean and standard deviation of runs of this length with seeds 1 to 40 (PME's own threads make every run another one)
-    measured = {
+    found = example("08_electrolyte", monkeypatch, seed, STEPS=3000).main(tmp_path)
+    measured = {  # mean and standard deviation of runs of this length with seeds 1 to 40 (PME's own threads make every run another one)
         "unlike_at_contact": (1.755, 0.031),
         "like_at_contact": (0.615, 0.023),
         "unlike_far": (0.985, 0.0044),
@@ -160,8 +154,7 @@ def test_electrolyte(tmp_path, monkeypatch, seed):
 def test_lipids_assemble(tmp_path, monkeypatch, seed):
     """A smaller box: a bilayer without water inside, as thick as one put together by hand, and as thick as the tensionless one."""
     shorter = {"BOX": (6.0, 6.0, 10.0), "LIPIDS": 51, "STEPS": 4000, "EVERY": 20, "PROFILE_FROM": 0.7, "SEED": 1}
-    module = example("09_lipid_bilayer", monkeypatch, seed, **shorter)
-    found = module.main(tmp_path)
+    found = example("09_lipid_bilayer", monkeypatch, seed, **shorter).main(tmp_path)
     # twenty seeds of such runs: 0.069 (standard deviation 0.028) and 0.852 (0.016)
     assert found["order_at_start"] < 0.25 and found["order_at_end"] > 0.76
     assert found["water_inside"] < 0.1
@@ -172,8 +165,7 @@ def test_lipids_assemble(tmp_path, monkeypatch, seed):
     # across takes 0.1 off at most
     assert found["thickness_assembled"] == pytest.approx(3.519, abs=4 * 0.032)
     assert found["thickness_prepared"] == pytest.approx(3.548, abs=0.1)
-    # peaks 3.582 (0.064), farther apart than the mean heights
-    assert found["peak_to_peak"] == pytest.approx(3.582, abs=4 * 0.064)
+    assert found["peak_to_peak"] == pytest.approx(3.582, abs=4 * 0.064)  # peaks 3.582 (0.064), farther apart than the mean heights
     assert found["peak_to_peak"] - found["thickness_assembled"] == pytest.approx(0.030, abs=4 * 0.060 * np.sqrt(1 + 1 / 6))
     topology = load(tmp_path / "assembled.dcd", tmp_path / "assembled.psf").topology
     assert [residue.name for residue in topology.residues][:2] == ["H3T8"] * 2 and topology.n_bonds == 510
@@ -188,8 +180,7 @@ def test_tensionless_bilayer_and_vesicle(tmp_path, monkeypatch, seed):
     found = example("14_tensionless_bilayer", monkeypatch, seed, **shorter).main(tmp_path)
     # 240 units of time: the area fluctuates by 2.8 % (modulus 20) and forgets itself in 20 units, so the error of its mean is 0.016
     assert found["area_per_lipid"] == pytest.approx(1.406, abs=4 * 0.016)
-    # lipids keep their volume
-    assert found["thickness"] == pytest.approx(3.586, abs=4 * 0.016 / 1.406 * 3.586)
+    assert found["thickness"] == pytest.approx(3.586, abs=4 * 0.016 / 1.406 * 3.586)  # lipids keep their volume
     # waves of this box are in the range where the long run has 3.0 to 3.1
     assert found["bending_modulus"] == pytest.approx(3.05, abs=4 * found["bending_modulus_error"]) and found["bending_modulus_error"] < 0.6
     assert found["water_inside"] == found["water_packed_inside"] > 40
@@ -219,10 +210,8 @@ def test_diblock_melt(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_reverse_poiseuille(tmp_path, monkeypatch, seed):
     """Both viscosities beside each other and beside the published one, of which 3 % are not known."""
-    module = example(
-        "11_reverse_poiseuille", monkeypatch, seed, STEPS=8000, EQUILIBRATION=1000, REST_STEPS=20000, REST_EDGES=(4.0, 4.0, 4.0)
-    )
-    found = module.main(tmp_path)
+    shorter = {"STEPS": 8000, "EQUILIBRATION": 1000, "REST_STEPS": 20000, "REST_EDGES": (4.0, 4.0, 4.0)}
+    found = example("11_reverse_poiseuille", monkeypatch, seed, **shorter).main(tmp_path)
     assert found["flow_error"] < 0.03 and found["rest_error"] < 0.08
     assert found["flow"] == pytest.approx(0.85, abs=4 * found["flow_error"] + 0.03 * 0.85)
     assert found["rest"] == pytest.approx(0.85, abs=4 * found["rest_error"] + 0.03 * 0.85)
@@ -236,8 +225,7 @@ def test_reverse_poiseuille(tmp_path, monkeypatch, seed):
 
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
-    module = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50)
-    found = module.main()
+    found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()
     assert found["energy of the walks"] > 1e6
     assert found["largest overlap after the soft start"] < 0.25
     assert found["energy after minimising from there"] < found["energy after the soft start"] < 0
@@ -248,8 +236,7 @@ def test_dense_melt(monkeypatch):
 @pytest.mark.slow
 def test_peptides_in_water(monkeypatch):
     """Two peptides in less water."""
-    module = example("13_peptides_in_water", monkeypatch, COPIES=2, WATERS=300, EDGE=2.3, STEPS=100)
-    found = module.main()
+    found = example("13_peptides_in_water", monkeypatch, COPIES=2, WATERS=300, EDGE=2.3, STEPS=100).main()
     assert found["energy after minimising from there"] < found["energy after the soft start"] < 1e-3 * found["energy of the random places"]
     assert found["energy after minimising from there"] < -30 * 300
     assert found["bonds through rings at the end"] == 0

@@ -87,8 +87,7 @@ def run_of(kind: str, device: Device, scheme: str, conservative: str = "auto", d
 
 def tired_run(kind, device, scheme, conservative="auto") -> tuple[Run, Tired]:
     tired = Tired()
-    # in a group that no force of the package's has: none of their own calls reaches it
-    force = openmm.PythonForce(tired)
+    force = openmm.PythonForce(tired)  # in a group that no force of the package's has: none of their own calls reaches it
     force.setForceGroup(0)
     return run_of(kind, device, scheme, conservative, change=lambda system: system.addForce(force)), tired
 
@@ -218,8 +217,7 @@ def test_minimizing_and_energies_after_a_failure(host):
 # -- runs that fly apart -----------------------------------------------------------------------------------------------------------------
 def violent(scheme: str, platform: str, dt: float, kind: str) -> Run:
     """Beads that repel each other so strongly that the step below throws them out."""
-    rng = np.random.default_rng(2)
-    v = rng.normal(size=(81, 3))
+    v = np.random.default_rng(2).normal(size=(81, 3))
     v -= v.mean(axis=0)
     if kind == "energies":
         internal = dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)
@@ -252,8 +250,7 @@ def test_a_run_that_flies_apart_can_be_taken_up_with_a_shorter_step(platform, sc
         run.simulation.step(5)
         agrees(run.now(), calm.known[8], 1e-9)
         return
-    # a whole step of the long ones was done: the same as without what failed
-    n = found["steps"] - 3
+    n = found["steps"] - 3  # a whole step of the long ones was done: the same as without what failed
     calm = violent(scheme, platform, short, kind)
     calm.simulation.step(3)
     calm.simulation.integrator.setStepSize(long)

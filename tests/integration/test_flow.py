@@ -22,17 +22,9 @@ def channel(
     x = rng.random((81 + solid, 3)) * [3, 3, 3] + [0, 0, LOW]
     x[81:, 2] += HIGH - LOW
     planes = [dpd.Wall("z", LOW, "above", walls), dpd.Wall("z", HIGH, "below", walls)] if walls else []
-    scene = dpd.Scene(
-        {"W": 1.0, "S": 1.0},
-        ["W"] * 81 + ["S"] * solid,
-        x,
-        {("*", "*"): dpd.DPD(A=A, gamma=4.5)},
-        1.0,
-        box=EDGES,
-        mobile=np.arange(81 + solid) < 81,
-        walls=planes,
-        body_forces=[dpd.BodyForce((force, 0, 0), types="W")] if force else [],
-    )
+    types, forces = ["W"] * 81 + ["S"] * solid, [dpd.BodyForce((force, 0, 0), types="W")] if force else []
+    settings = {"box": EDGES, "mobile": np.arange(81 + solid) < 81, "walls": planes, "body_forces": forces}
+    scene = dpd.Scene({"W": 1.0, "S": 1.0}, types, x, {("*", "*"): dpd.DPD(A=A, gamma=4.5)}, 1.0, **settings)
     built = dpd.build(scene, dt=dt, scheme=scheme, seed=seed, platform="CPU")
     return built, built.simulation(properties={"Threads": "1"})
 
@@ -66,10 +58,8 @@ def test_ideal_gas_between_walls_is_uniform_and_maxwellian(kind, seed):
         state = simulation.context.getState(positions=True, velocities=True)
         z.append(state.getPositions(asNumpy=True)._value[:, 2])
         v.append(state.getVelocities(asNumpy=True)._value)
-    # a bead leaves a sixth of the channel in about a unit of time, which is the time between samples
-    for layer in range(6):
-        inside = np.floor((np.array(z) - LOW) / (HIGH - LOW) * 6) == layer
-        judge(inside.mean(axis=1), 1 / 6, error=0.006)
+    for layer in range(6):  # a bead leaves a sixth of the channel in about a unit of time, which is the time between samples
+        judge((np.floor((np.array(z) - LOW) / (HIGH - LOW) * 6) == layer).mean(axis=1), 1 / 6, error=0.006)
     judge(np.mean(np.square(v), axis=(1, 2)), 1.0, error=0.01)
 
 
@@ -116,16 +106,9 @@ def test_walls_and_body_forces_on_platforms(device):
     """A room across the boundary of the box, beads strewn over many boxes: none leaves it, and reverse flow pushes as it should."""
     edges, rng = np.array([4.0, 4.0, 6.0]), np.random.default_rng(2)
     x = rng.random((192, 3)) * [4, 4, 4] + [0, 0, 4] + rng.integers(-2, 3, (192, 3)) * edges
-    scene = dpd.Scene(
-        {"W": 1.0},
-        ["W"] * 192,
-        x,
-        {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        1.0,
-        box=edges,
-        walls=[dpd.Wall("z", 4.0, "above"), dpd.Wall("z", 2.0, "below")],
-        body_forces=[dpd.BodyForce((0.1, 0, 0), pattern="halves", axis="y")],
-    )
+    walls, push = [dpd.Wall("z", 4.0, "above"), dpd.Wall("z", 2.0, "below")], dpd.BodyForce((0.1, 0, 0), pattern="halves", axis="y")
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 192, x, table, 1.0, box=edges, walls=walls, body_forces=[push])
     built = dpd.build(scene, dt=0.02, seed=3, platform=device.platform)
     simulation = built.simulation(properties=device.properties)
     push = dpd.force_terms(built, properties=device.properties)["external"]
@@ -142,16 +125,9 @@ def test_beads_on_which_only_body_forces_act(device, gamma):
     """Along such an axis a bead is accelerated evenly among any neighbours; the others feel it as before."""
     rng, taken = np.random.default_rng(7), np.ones((192, 3), bool)
     taken[:40, 2] = taken[30:50, 0] = False
-    common = {
-        "masses": {"W": 2.0},
-        "types": ["W"] * 192,
-        "positions": rng.random((192, 3)) * 4,
-        "pairs": {("W", "W"): dpd.DPD(A=25, gamma=gamma)},
-        "kT": 1.0 if gamma else 0.0,
-        "box": [4.0] * 3,
-        "velocities": rng.normal(size=(192, 3)),
-        "body_forces": [dpd.BodyForce((0.5, 0, -3.0))],
-    }
+    common = {"masses": {"W": 2.0}, "types": ["W"] * 192, "positions": rng.random((192, 3)) * 4, "box": [4.0] * 3}
+    common |= {"pairs": {("W", "W"): dpd.DPD(A=25, gamma=gamma)}, "kT": 1.0 if gamma else 0.0}
+    common |= {"velocities": rng.normal(size=(192, 3)), "body_forces": [dpd.BodyForce((0.5, 0, -3.0))]}
     scene = dpd.Scene(**common, interacting=taken)
     built = dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform)
     simulation = built.simulation(properties=device.properties)
@@ -163,10 +139,8 @@ def test_beads_on_which_only_body_forces_act(device, gamma):
     assert np.abs((v - expected)[taken]).min() > 1e-5
     # the first step of the others is the one that they take anyway
     free = dpd.build(dpd.Scene(**common), dt=0.01, scheme="mvv", seed=3, platform=device.platform)
-    found = [
-        each.simulation(properties=device.properties)
-        for each in (dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform), free)
-    ]
+    walled = dpd.build(scene, dt=0.01, scheme="mvv", seed=3, platform=device.platform)
+    found = [each.simulation(properties=device.properties) for each in (walled, free)]
     forces = [dpd.Observer(each).sample(one.context).forces for each, one in zip((built, free), (simulation, found[1]), strict=True)]
     assert np.allclose(forces[0][~taken], np.broadcast_to([0.5, 0, -3.0], (192, 3))[~taken], atol=slack)
     for one in found:

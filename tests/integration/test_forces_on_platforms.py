@@ -6,7 +6,7 @@ import oracle
 import pytest
 from devices import DEVICES
 from openmm import unit
-from scenes import BOXES, EXTENDED, PARTIAL, PLAIN, beads, chains, factor_of, fluid, noise_of, oracle_params
+from scenes import BOXES, EXTENDED, PARTIAL, PLAIN, beads, chains, factor_of, fluid, noise_of, oracle_params, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import PAIR_GROUP
@@ -16,8 +16,7 @@ DEVICE_IDS = {"indirect": ["device"], "ids": lambda value: str(value)}
 CONSERVATIVE = pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 KT, DT = 1.3, 0.02
 
-#: Relative RMS error of conservative forces: double precision, single precision.
-EXACT, FLOAT = 1e-12, 1e-5
+EXACT, FLOAT = 1e-12, 1e-5  # Relative RMS error of conservative forces: double precision, single precision.
 
 
 def tolerance(device, conservative: str) -> float:
@@ -72,8 +71,7 @@ def test_energy_equals_the_oracle(device, conservative):
 @CONSERVATIVE
 def test_boxes_and_tables_on_reference(box, table, conservative):
     scene = fluid(table, BOXES[box], kT=KT)
-    built = dpd.build(scene, dt=DT, platform="Reference", conservative=conservative, seed=9)
-    terms = dpd.force_terms(built)
+    terms = dpd.force_terms(dpd.build(scene, dt=DT, platform="Reference", conservative=conservative, seed=9))
     params, x, types = oracle_params(scene), scene.positions, scene.type_ids
     assert relative_rms(terms["conservative"], oracle.conservative(x, types, params, scene.box).forces) < EXACT
     assert relative_rms(terms["dissipative"], oracle.dissipative(x, scene.velocities, types, params, scene.box).forces) < EXACT
@@ -99,8 +97,7 @@ def test_no_pair_interacts(what, device):
         np.testing.assert_allclose(terms[name], [[2, 0, 0], [-2, 0, 0], [0, 0, 0]], rtol=0, atol=1e-5)
     else:
         assert (terms[name][0, 0] > 1) and terms[name][2, 1] == 0
-    simulation = built.simulation(properties=device.properties)
-    simulation.step(3)
+    simulation = stepped(built.simulation(properties=device.properties), 3)
     assert np.isfinite(dpd.Observer(built).sample(simulation.context).total)
 
 
@@ -136,14 +133,8 @@ def lammps_commands(scene) -> tuple[list[str], list[str]]:
     return style, lines
 
 
-LAMMPS_SCENES = {
-    "dpd-ortho": (PLAIN, "ortho"),
-    "dpd-tilted": (PLAIN, "tilted"),
-    "dpd_ext-ortho": (EXTENDED, "ortho"),
-    "dpd_ext-tilted": (EXTENDED, "tilted"),
-    "dpd_ext-narrow": (EXTENDED, "narrow"),
-    "dpd_ext-none": (EXTENDED, "none"),
-}
+_SCENES = (("dpd", PLAIN, "ortho tilted"), ("dpd_ext", EXTENDED, "ortho tilted narrow none"))
+LAMMPS_SCENES = {f"{style}-{box}": (table, box) for style, table, boxes in _SCENES for box in boxes.split()}
 
 
 @pytest.fixture(scope="module")

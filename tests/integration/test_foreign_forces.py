@@ -11,7 +11,7 @@ import openmm
 import pytest
 from foreign_forces import FORCE, STEPS, Cell, covering, lacking, outcome, state
 from openmm import app, unit
-from scenes import BOXES, EXTENDED, beads, fluid
+from scenes import BOXES, EXTENDED, beads, fluid, place, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.model.eos import ConstantHeatCapacity
@@ -111,29 +111,23 @@ def test_forces_in_every_group_add_up(scheme, platform, conservative):
     assert len(free) >= 30  # of its own the package has one group here, or none beside 31
     for group in free:
         push(built.system, 0.5 + 0.1 * group, group)
-    simulation = built.simulation()
-    simulation.step(STEPS)
+    simulation = stepped(built.simulation(), STEPS)
     expected = 81 * sum(0.5 + 0.1 * group for group in free) * STEPS * DT
     assert momentum(simulation.context) == pytest.approx([expected, 0, 0], abs=81 * 2.0**-23 * STEPS * 60)
 
 
+LATTICE = (np.stack(np.meshgrid(*[np.arange(4)] * 3), axis=-1).reshape(-1, 3) + 0.5) * 0.9
+APART = [{("*", "*"): dpd.LennardJones(epsilon=0.1, sigma=0.3, cutoff=0.8)}, {("*", "*"): dpd.DPD(gamma=4.5)}]
+WARM = {("*", "*"): dpd.EnergyDPD(A=25, sigma=3, kappa=2.0)}
 FLUIDS = {
     "one type": lambda: fluid({("A", "*"): dpd.DPD(A=25, gamma=4.5), ("B", "B"): dpd.DPD(A=25, gamma=4.5)}),
     "extended, tilted": lambda: fluid(EXTENDED, BOXES["tilted"], n=90),
     "no box": lambda: fluid(EXTENDED, None, n=90),
     "many-body": lambda: fluid({("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75)}, n=90),
-    "energies": lambda: fluid(
-        {("*", "*"): dpd.EnergyDPD(A=25, sigma=3, kappa=2.0)}, n=90, internal=dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)
-    ),
+    "energies": lambda: fluid(WARM, n=90, internal=dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)),
     "conservative only": lambda: fluid({("*", "*"): dpd.DPD(A=25)}, n=90),
     "friction only": lambda: fluid({("*", "*"): dpd.DPD(gamma=4.5)}, n=90),
-    "Lennard-Jones": lambda: fluid(
-        [{("*", "*"): dpd.LennardJones(epsilon=0.1, sigma=0.3, cutoff=0.8)}, {("*", "*"): dpd.DPD(gamma=4.5)}],
-        BOXES["ortho"],
-        n=64,
-        spread=0,
-        positions=(np.stack(np.meshgrid(*[np.arange(4)] * 3), axis=-1).reshape(-1, 3) + 0.5) * 0.9,
-    ),
+    "Lennard-Jones": lambda: fluid(APART, BOXES["ortho"], n=64, spread=0, positions=LATTICE),
     "ramp": lambda: fluid({("*", "*"): dpd.DPD(A=25, gamma=4.5)}, n=90, kT=dpd.TemperatureRamp(1.0, 2.0, 3, 15)),
 }
 
@@ -191,9 +185,8 @@ def test_a_bond_is_a_bond_whoever_makes_it(scheme, platform, conservative, group
     k, r0, steps = 200.0, 0.6, 5
     found = []
     for bonds in ([dpd.HarmonicBonds(pairs, k=k, r0=r0)], []):
-        built = dpd.build(
-            pushed(bonds=bonds), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3, loop=scheme == "middle"
-        )
+        choices = {"conservative": conservative, "platform": platform, "loop": scheme == "middle"}
+        built = dpd.build(pushed(bonds=bonds), dt=DT, scheme=scheme, seed=3, **choices)
         if not bonds:
             force = openmm.HarmonicBondForce()
             for first, second in pairs.tolist():
@@ -215,14 +208,8 @@ def test_a_bond_is_a_bond_whoever_makes_it(scheme, platform, conservative, group
 
 def _openmm_constant(k: float) -> float:
     """The constant of OpenMM's HarmonicBondForce for the energy of this package's bond."""
-    scene = dpd.Scene(
-        {"W": 1.0},
-        ["W"] * 2,
-        [[0, 0, 0], [1.0, 0, 0]],
-        {("W", "W"): dpd.DPD(gamma=1)},
-        1.0,
-        bonds=[dpd.HarmonicBonds([(0, 1)], k=k, r0=0.0)],
-    )
+    bonds = [dpd.HarmonicBonds([(0, 1)], k=k, r0=0.0)]
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 2, [[0, 0, 0], [1.0, 0, 0]], {("W", "W"): dpd.DPD(gamma=1)}, 1.0, bonds=bonds)
     context = dpd.build(scene, dt=DT, platform="Reference", seed=1).simulation().context
     return 2 * context.getState(energy=True).getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
 
@@ -278,8 +265,7 @@ def test_renumbered_groups_are_refused_or_right(scheme, platform, way, how):
             elif how == "others to 31":
                 force.setForceGroup(31)
         try:
-            simulation = case.simulation(platform, False)
-            simulation.step(10)
+            simulation = stepped(case.simulation(platform, False), 10)
         except REFUSED as error:
             assert renumber, error
             one_line(error)
@@ -327,8 +313,7 @@ def test_virtual_sites_act_or_are_refused(scheme, platform, conservative):
     built = dpd.build(scene, dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
     built.system.setVirtualSite(0, openmm.TwoParticleAverageSite(1, 2, 0.5, 0.5))
     try:
-        simulation = built.simulation()
-        simulation.step(STEPS)
+        simulation = stepped(built.simulation(), STEPS)
     except REFUSED as error:
         one_line(error)
         assert "site" in str(error)
@@ -343,16 +328,14 @@ def test_virtual_sites_act_or_are_refused(scheme, platform, conservative):
 @CONSERVATIVE
 def test_a_force_on_a_constrained_pair_moves_both_or_is_refused(scheme, platform, conservative):
     """Constraint and force together: the pair keeps its distance and takes up all of the impulse."""
-    cell = Cell("constraint", 0, scheme, platform, conservative, "build", "after", "app")
-    case = cells.beads(cell)
+    case = cells.beads(Cell("constraint", 0, scheme, platform, conservative, "build", "after", "app"))
     cells.add_constraint(case, 0)
     force = openmm.CustomExternalForce(f"-{FORCE}*x")
     force.addParticle(case.free[0])
     force.setForceGroup(7)
     case.system.addForce(force)
     try:
-        simulation = case.simulation(platform, False)
-        simulation.step(STEPS)
+        simulation = stepped(case.simulation(platform, False), STEPS)
     except REFUSED as error:
         one_line(error)
         assert "constrain" in str(error)
@@ -371,8 +354,7 @@ def test_forces_can_come_and_go_between_steps(scheme, platform, conservative):
     if scheme == "native" and conservative == "kernel":
         pytest.skip("native has no kernel")
     built = dpd.build(pushed(), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
-    simulation = built.simulation()
-    simulation.step(3)
+    simulation = stepped(built.simulation(), 3)
     total = 0.0
     for group, strength in ((7, 10.0), (30, -4.0), (None, -10.0)):
         if group is None:
@@ -384,8 +366,7 @@ def test_forces_can_come_and_go_between_steps(scheme, platform, conservative):
         before = momentum(simulation.context)
         simulation.step(STEPS)
         total += strength
-        gained = (momentum(simulation.context) - before)[0]
-        assert abs(gained - 81 * total * STEPS * DT) < 81 * 2.0**-23 * STEPS * 60, group
+        assert abs((momentum(simulation.context) - before)[0] - 81 * total * STEPS * DT) < 81 * 2.0**-23 * STEPS * 60, group
 
 
 @pytest.mark.parametrize("scheme", OWN)
@@ -396,8 +377,7 @@ def test_a_serialized_system_takes_a_force(scheme, platform):
     system, integrator = openmm.XmlSerializer.clone(built.system), openmm.XmlSerializer.clone(built.integrator)
     push(system, FORCE, 7)
     simulation = app.Simulation(built.topology, system, integrator, openmm.Platform.getPlatformByName(platform))
-    simulation.context.setPositions(built.positions)
-    simulation.context.setVelocities(built.velocities)
+    place(simulation.context, built.positions, built.velocities)
     simulation.step(STEPS)
     assert momentum(simulation.context) == pytest.approx([81 * FORCE * STEPS * DT, 0, 0], abs=81 * 2.0**-23 * STEPS * 60)
 
@@ -414,9 +394,8 @@ def test_a_force_reaches_every_bead_that_it_names(scheme, platform, conservative
     # beads far from each other in a large box have no neighbours: friction and repulsion are there and do nothing
     x = np.stack(np.meshgrid(*[np.arange(4) * 3.0] * 3), axis=-1).reshape(-1, 3)[:n]
     v *= 0.1
-    scene = dpd.Scene(
-        {"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=[12.0] * 3, bead_masses=masses, velocities=v
-    )
+    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, table, 1.0, box=[12.0] * 3, bead_masses=masses, velocities=v)
     strengths = np.random.default_rng(4).normal(size=(n, 3))
     built = dpd.build(scene, dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
     force = openmm.CustomExternalForce("-(a*x+b*y+c*z)")
@@ -426,8 +405,7 @@ def test_a_force_reaches_every_bead_that_it_names(scheme, platform, conservative
         force.addParticle(k, strengths[k])
     force.setForceGroup(12)
     built.system.addForce(force)
-    simulation = built.simulation()
-    simulation.step(STEPS)
+    simulation = stepped(built.simulation(), STEPS)
     t = STEPS * DT
     found_x, found_v = state(simulation.context)
     ahead = cells.AHEAD.get(scheme, 0.0)

@@ -47,8 +47,7 @@ def test_two_beads_in_an_ideal_gas_are_exact(seed):
     found = excess_chemical_potential(linear("A2", Spring(k, r0)), scene, time=80.0, settle=10.0, copies=4, dt=0.07, seed=seed)
     r = np.linspace(0.005, 1.995, 100)
     weight = r**2 * np.exp(-k * (r - r0) ** 2 - 0.5 * own * np.maximum(0, 1 - r) ** 2)
-    rigid = np.array([3 * displaced(A, distance) for distance in r])
-    exact = -math.log(np.sum(weight * np.exp(-rigid)) / np.sum(weight))
+    exact = -math.log(np.sum(weight * np.exp(-np.array([3 * displaced(A, distance) for distance in r]))) / np.sum(weight))
     assert found.error < 0.06 * exact
     assert abs(found.value - exact) < 4 * found.error
 
@@ -81,8 +80,7 @@ def test_a_repulsion_from_log_p_gives_that_log_p(seed):
     assert 30 < A.value < 45 and A.error < 0.7
     found = log_p(pair, octanol, water(A.value), time=80.0, settle=15.0, copies=5, seed=seed + 20)
     assert found.error < 0.08
-    # both runs have this error
-    assert abs(found.value - 2.0) < 4 * math.sqrt(2) * found.error
+    assert abs(found.value - 2.0) < 4 * math.sqrt(2) * found.error  # both runs have this error
 
 
 @any_seed(1)
@@ -91,14 +89,9 @@ def test_units_make_no_difference(seed):
     water = water_mapping(3)
     A, edge = water.coefficient(25.0, gamma=4.5), 5.0
     plain = solvent(25.0, 25.0, edge=edge)
-    real = dpd.Scene(
-        {"W": water.mass * unit.dalton, "A": water.mass * unit.dalton},
-        plain.types,
-        plain.positions * water.cutoff * unit.nanometer,
-        {("*", "*"): A},
-        kT=water.temperature * unit.kelvin,
-        box=np.full(3, edge * water.cutoff) * unit.nanometer,
-    )
+    mass, kT, edges = water.mass * unit.dalton, water.temperature * unit.kelvin, np.full(3, edge * water.cutoff) * unit.nanometer
+    x = plain.positions * water.cutoff * unit.nanometer
+    real = dpd.Scene({"W": mass, "A": mass}, plain.types, x, {("*", "*"): A}, kT=kT, box=edges)
     options = {"time": 20.0, "settle": 3.0, "copies": 3, "seed": seed}
     one, other = (excess_chemical_potential(BEAD, scene, **options) for scene in (plain, real))
     assert abs(one.value - other.value) < 4 * math.hypot(one.error, other.error)

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import cases
+from files_of_tests import put
 from fluid_deck import FLUID
 from full_disk import file_limit, small_disk
 
@@ -18,17 +20,13 @@ from openmm_dpd import trajectory
 from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import RunOptions, run_deck
 
-#: Rows, a dump and an average every ten steps.
-WRITING = FLUID.replace(
-    "run 50\nrun 30\n", "dump d all atom 10 dump.d\nfix mean all ave/time 5 2 10 c_thermo_temp file mean.txt\nrun 200\n"
-)
+_LINES = "dump d all atom 10 dump.d\nfix mean all ave/time 5 2 10 c_thermo_temp file mean.txt\nrun 200\n"
+WRITING = FLUID.replace("run 50\nrun 30\n", _LINES)  # Rows, a dump and an average every ten steps.
 
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    path = tmp_path / "in.fluid"
-    path.write_text(WRITING)
-    return path
+    return put(tmp_path / "in.fluid", WRITING)
 
 
 def arguments(deck: Path, out: Path, *more: str) -> list[str]:
@@ -48,37 +46,30 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
     with file_limit(30_000):
         assert main(arguments(deck, out)) == 1
     error = capsys.readouterr().err
-    assert (
-        f"openmm-dpd: error: {deck}:23: the run stopped: the trajectory {out}/trajectory.dcd cannot be written (File too large); " in error
-    )
+    said = f"{deck}:23: the run stopped: the trajectory {out}/trajectory.dcd cannot be written (File too large); "
+    assert f"openmm-dpd: error: {said}" in error
     assert error.count("\n") == 1
-    assert [record.getMessage().split(" ", 2)[1] for record in caplog.records if "cannot be written" in record.getMessage()] == [
-        "state",
-        "picture",
-    ]
+    said = [record.getMessage().split(" ", 2)[1] for record in caplog.records if "cannot be written" in record.getMessage()]
+    assert said == ["state", "picture"]
     report = json.loads((deck.parent / "report.json").read_text())
     frames = trajectory.load(out / "trajectory.dcd", out / "topology.psf")
-    # the row of a step comes before its frame
-    assert report["steps"] // 2 == len(frames) > 5
+    assert report["steps"] // 2 == len(frames) > 5  # the row of a step comes before its frame
     assert no_traces(deck.parent)
 
 
-@pytest.mark.parametrize(
-    ("name", "line", "steps", "what"),
-    [
-        ("dump.d", 23, None, "the run stopped: the file of dump d, {out}/dump.d cannot be written (Is a directory)"),
-        ("mean.txt", 22, None, "the file of averages {out}/mean.txt cannot be written (Is a directory)"),
-        ("said", 24, 20, "the file of print {out}/said cannot be written (Is a directory)"),
-        ("data", 25, 20, "the data file {out}/data cannot be written (Is a directory)"),
-        ("trajectory.dcd", 23, None, "the run stopped: the trajectory {out}/trajectory.dcd cannot be written (Is a directory)"),
-        ("topology.psf", 23, None, "the run stopped: the topology {out}/topology.psf cannot be written (Is a directory)"),
-        ("final_state.xml", 23, 20, "the run stopped: the state {out}/final_state.xml cannot be written (Is a directory)"),
-        ("thermo.png", None, 20, "the picture {out}/thermo.png cannot be written (Is a directory)"),
-    ],
+@cases(
+    "name, line, steps, what",
+    ("dump.d", 23, None, "the run stopped: the file of dump d, {out}/dump.d cannot be written (Is a directory)"),
+    ("mean.txt", 22, None, "the file of averages {out}/mean.txt cannot be written (Is a directory)"),
+    ("said", 24, 20, "the file of print {out}/said cannot be written (Is a directory)"),
+    ("data", 25, 20, "the data file {out}/data cannot be written (Is a directory)"),
+    ("trajectory.dcd", 23, None, "the run stopped: the trajectory {out}/trajectory.dcd cannot be written (Is a directory)"),
+    ("topology.psf", 23, None, "the run stopped: the topology {out}/topology.psf cannot be written (Is a directory)"),
+    ("final_state.xml", 23, 20, "the run stopped: the state {out}/final_state.xml cannot be written (Is a directory)"),
+    ("thermo.png", None, 20, "the picture {out}/thermo.png cannot be written (Is a directory)"),
 )
 def test_each_file_that_cannot_be_written_has_one_line(deck, capsys, name, line, steps, what):
-    deck.write_text(WRITING.replace("run 200", "run 20\nprint done file said\nwrite_data data"))
-    out = deck.parent / "out"
+    out = put(deck, WRITING.replace("run 200", "run 20\nprint done file said\nwrite_data data")).parent / "out"
     (out / name).mkdir(parents=True)
     assert main(arguments(deck, out, "--quiet")) == 1
     place = "" if line is None else f"{deck}:{line}: "
@@ -98,10 +89,8 @@ def test_a_full_disk_is_named(deck, capsys):
         assert main(arguments(deck, out, "--quiet", "--steps", "20")) == 1
         assert (out / "final_state.xml").stat().st_size > 50_000 and no_traces(out)
     error = capsys.readouterr().err
-    assert (
-        error
-        == f"openmm-dpd: error: the picture {out}/thermo.png cannot be written (No space left on device); free some space there, or write elsewhere\n"
-    )
+    reason = "cannot be written (No space left on device); free some space there, or write elsewhere"
+    assert error == f"openmm-dpd: error: the picture {out}/thermo.png {reason}\n"
     report = json.loads((deck.parent / "report.json").read_text())
     assert report["stopped"] is None and report["steps"] == 20
 
@@ -125,8 +114,7 @@ def test_runs_before_the_one_that_fails_are_kept(deck, capsys):
     report = json.loads((deck.parent / "report.json").read_text())
     assert report["runs"][0]["steps"] == 100 and report["runs"][0]["stopped"] is None
     assert report["runs"][1]["steps"] < 100 and "after step 1" in report["runs"][1]["stopped"]
-    state = dpd.load_xml(deck.parent / "out" / "final_state.xml")
-    assert np.all(np.isfinite(state.getPositions(asNumpy=True)._value))
+    assert np.all(np.isfinite(dpd.load_xml(deck.parent / "out" / "final_state.xml").getPositions(asNumpy=True)._value))
 
 
 def test_an_average_that_cannot_be_computed_is_null_with_a_reason(tmp_path):
@@ -134,8 +122,7 @@ def test_an_average_that_cannot_be_computed_is_null_with_a_reason(tmp_path):
     pair = "create_atoms 1 single 1 1 1 units box\ncreate_atoms 1 single 1.9 1.1 1.03 units box\nset atom 2 vx 1.5\n"
     text = FLUID.replace("create_atoms 1 random 100 4243 box\ncreate_atoms 2 random 92 4244 box\n", pair)
     text = text.replace("velocity all create 1.0 87287\n", "").replace("thermo 10", "thermo 20").replace("run 50\nrun 30", "run 100")
-    (tmp_path / "in.dilute").write_text(text)
-    report = run_deck(tmp_path / "in.dilute", RunOptions(platform="Reference", threads=1), out=tmp_path / "out")
+    report = run_deck(put(tmp_path / "in.dilute", text), RunOptions(platform="Reference", threads=1), out=tmp_path / "out")
     conf = report["thermo"]["temp_conf"]
     assert conf["sem"] is None and conf["mean"] > 0 and "in all blocks of rows but one" in report["temp_conf_reason"]
     assert (tmp_path / "out" / "thermo.png").exists()
@@ -161,10 +148,8 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_there(deck, number, status, sc
     taken = report["steps"]
     text = f"interrupted by {number.name} after step {taken} of 100000000"
     assert report["stopped"] == text and taken >= 100
-    assert (
-        error.splitlines()[-1]
-        == f"openmm-dpd: {text}; what was computed until then is in {out}/; go on with: openmm-dpd run {deck} --restart {out}"
-    )
+    said = f"{text}; what was computed until then is in {out}/; go on with: openmm-dpd run {deck} --restart {out}"
+    assert error.splitlines()[-1] == f"openmm-dpd: {said}"
     dump = (out / "dump.d").read_text().split("ITEM: TIMESTEP\n")[1:]
     assert len(dump) == taken // 10 + 1 and all(len(frame.splitlines()) == 8 + 192 for frame in dump)
     rows = np.loadtxt(out / "mean.txt", ndmin=2)

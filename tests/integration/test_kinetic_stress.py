@@ -4,7 +4,7 @@ import numpy as np
 import openmm
 import pytest
 from judged import any_seed, bounded, judge
-from scenes import beads
+from scenes import beads, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
@@ -54,14 +54,11 @@ def test_openmms_integrator_keeps_velocities_half_a_kick_behind():
     table = {("*", "*"): dpd.DPD(A=25, gamma=1e-9)}
     scene = beads(2, table=table, positions=[[1.0, 1, 1], [1.3, 1, 1]], edge=4.0, kT=1e-12, velocities=np.zeros((2, 3)))
     built = dpd.build(scene, dt=DT, scheme="native", platform="Reference", seed=1)
-    simulation = built.simulation()
-    simulation.step(1)
+    simulation = stepped(built.simulation(), 1)
     moved = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[1, 0] - 1.3
     assert moved == pytest.approx((0.5 + built.plan.options.scheme.lag) * 25 * 0.7 * DT**2, rel=1e-6)
-    # twice the kick of half a step, against a force that has become less
-    sample = dpd.Observer(built).sample(simulation.context)
-    speed = 25 * 0.7 * DT + 0.5 * DT * 25 * (0.7 - 2 * moved)
-    assert sample.kinetic_on_step == pytest.approx(speed**2, rel=1e-6)
+    sample = dpd.Observer(built).sample(simulation.context)  # twice the kick of half a step, against a force that has become less
+    assert sample.kinetic_on_step == pytest.approx((25 * 0.7 * DT + 0.5 * DT * 25 * (0.7 - 2 * moved)) ** 2, rel=1e-6)
 
 
 @any_seed(3)
@@ -89,8 +86,7 @@ def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder, seed):
     pressing, on_step = np.array(rows).T * 2 / sample.dof
     judge(pressing, 1.0, error=0.006)
     assert np.mean(pressing - on_step) == pytest.approx(colder, abs=0.003)
-    # about a mean velocity that is measured: N - 1 of N
-    assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < bounded(pressing)[2]
+    assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < bounded(pressing)[2]  # about a mean velocity that is measured: N - 1 of N
 
 
 DECK = """units lj

@@ -3,12 +3,13 @@
 import io
 
 import numpy as np
-import openmm
 import oracle
 import pytest
+from cases import cases
 from judged import any_seed, judge
 from kinds import everything, made, running, same
 from openmm import unit
+from scenes import external_force
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -29,13 +30,9 @@ def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:
 
 
 def oracle_parameters() -> oracle.PairParams:
-    return oracle.PairParams.build(
-        2,
-        A=np.array([[25, 31], [31, 18.0]]),
-        gamma=np.array([[4.5, 6], [6, 3.0]]),
-        gamma_perp=np.array([[0, 0], [0, 2.0]]),
-        cutoff=np.array([[1, 1.3], [1.3, 1.0]]),
-    )
+    A, gamma = np.array([[25, 31], [31, 18.0]]), np.array([[4.5, 6], [6, 3.0]])
+    across = np.array([[0, 0], [0, 2.0]])
+    return oracle.PairParams.build(2, A=A, gamma=gamma, gamma_perp=across, cutoff=np.array([[1, 1.3], [1.3, 1.0]]))
 
 
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
@@ -62,15 +59,9 @@ def test_sample_against_the_oracle(conservative):
 
 
 def test_bond_sums_by_finite_differences():
-    scene = dpd.Scene(
-        {"A": 1.0},
-        ["A"] * 4,
-        [[0.1, 0.2, 0.3], [0.9, 0.4, 0.1], [3.9, 0.3, 0.2], [2.0, 2.0, 2.0]],
-        {("A", "A"): dpd.NONE},
-        kT=0,
-        box=[4, 4, 4],
-        bonds=[dpd.HarmonicBonds(np.array([[0, 1], [0, 2]]), [10.0, 20.0], [0.5, 0.2])],
-    )
+    x = [[0.1, 0.2, 0.3], [0.9, 0.4, 0.1], [3.9, 0.3, 0.2], [2.0, 2.0, 2.0]]
+    bonds = [dpd.HarmonicBonds(np.array([[0, 1], [0, 2]]), [10.0, 20.0], [0.5, 0.2])]
+    scene = dpd.Scene({"A": 1.0}, ["A"] * 4, x, {("A", "A"): dpd.NONE}, kT=0, box=[4, 4, 4], bonds=bonds)
     plan = dpd.make_plan(scene, dt=0.01, platform="Reference")
     x, box, all_move = scene.positions, scene.box, np.ones(4, bool)
     energy, laplacian = bond_sums(plan, x, box, all_move)
@@ -182,10 +173,7 @@ def test_forces_that_somebody_adds_are_told_apart(scheme, conservative, tmp_path
     bonds = [dpd.HarmonicBonds([[0, 1], [2, 3]], k=5.0, r0=0.5)]
     scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3, bonds=bonds)
     plain, pulled = (dpd.build(scene, dt=0.01, scheme=scheme, platform="Reference", conservative=conservative, seed=1) for _ in range(2))
-    pull = openmm.CustomExternalForce("-3*x+7*y")
-    for bead in range(10):
-        pull.addParticle(bead)
-    pulled.system.addForce(pull)
+    pulled.system.addForce(external_force("-3*x+7*y", 10))
     one, other = (dpd.Observer(built).sample(built.simulation().context) for built in (plain, pulled))
     energy = float(np.sum(-3 * x[:10, 0] + 7 * x[:10, 1]))
     assert other.other == pytest.approx(energy, rel=1e-12) and one.other == 0.0
@@ -218,17 +206,11 @@ def _few_beads(tied: str, seed: int = 3) -> dpd.BuiltSystem:
     scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=20)}, kT=1.0, box=[2] * 3, **more)
     built = dpd.build(scene, dt=0.02, seed=seed, platform="Reference")
     if tied == "theirs":
-        trap = openmm.CustomExternalForce("5*periodicdistance(x, y, z, 1, 1, 1)^2")
-        for k in range(n):
-            trap.addParticle(k)
-        built.system.addForce(trap)
+        built.system.addForce(external_force("5*periodicdistance(x, y, z, 1, 1, 1)^2", n))
     return built
 
 
-@pytest.mark.parametrize(
-    ("tied", "dof"),
-    [("nothing", 21), ("constant", 21), ("frozen", 21), ("specular", 22), ("bounce-back", 24), ("place", 22), ("theirs", 24)],
-)
+@cases("tied, dof", ("nothing", 21), ("constant", 21), ("frozen", 21), ("specular", 22), ("bounce-back", 24), ("place", 22), ("theirs", 24))
 def test_degrees_of_freedom_know_what_takes_up_momentum(tied, dof):
     """One less for each component of the momentum that is conserved; a frozen bead has none, and no other is taken off then."""
     built = _few_beads(tied)
@@ -260,20 +242,17 @@ def test_bonds_fit_into_the_box():
     x = [[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.5, 0.5, 0.5]]
     bonds = dpd.HarmonicBonds([[0, 1], [1, 2]], k=[10.0, 10.0], r0=[0.5, 2.1])
     pairs = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
-    with pytest.raises(
-        ParameterError, match="beads 1 and 2 .counted from 0. has the rest length 2.1 nm, over half the box, whose width is 4 nm"
-    ):
+    long = "beads 1 and 2 .counted from 0. has the rest length 2.1 nm, over half the box, whose width is 4 nm"
+    with pytest.raises(ParameterError, match=long):
         dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, box=[4, 5, 5], bonds=[bonds])
     dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, bonds=[bonds])
 
 
-@pytest.mark.parametrize(
-    ("kind", "scheme"),
-    [
-        *(("dpd", scheme) for scheme in ("mvv", "middle", "bababo")),
-        *(("mdpd", "mvv"), ("energies", "mvv"), ("edpd", "mvv-0.65"), ("tdpd", "mvv"), ("sigma", "aboba"), ("patterns", "mvv")),
-        *(("bonded", "middle"), ("bonded", "mvv"), ("ramp", "mvv"), ("charged", "mvv")),
-    ],
+@cases(
+    "kind, scheme",
+    *(("dpd", scheme) for scheme in ("mvv", "middle", "bababo")),
+    *(("mdpd", "mvv"), ("energies", "mvv"), ("edpd", "mvv-0.65"), ("tdpd", "mvv"), ("sigma", "aboba"), ("patterns", "mvv")),
+    *(("bonded", "middle"), ("bonded", "mvv"), ("ramp", "mvv"), ("charged", "mvv")),
 )
 def test_samples_share_the_engine_of_the_run(kind, scheme):
     """A run that is measured in every step keeps its bits; its samples are those of a run that goes step by step, with an engine apart."""

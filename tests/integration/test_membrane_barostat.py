@@ -3,8 +3,10 @@
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from judged import any_seed, judge, quantile
 from openmm import unit
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd import ParameterError, PlanError
@@ -41,15 +43,13 @@ def test_the_system_has_the_numbers_in_openmms_units():
     assert barostat.getRandomNumberSeed() == built.plan.options.openmm_seed
 
 
-@pytest.mark.parametrize(
+@cases(
     "tension",
-    [
-        0.5,
-        0.5 * unit.kilojoule_per_mole / unit.nanometer**2,
-        0.5 * BAR_PER_MD_PRESSURE * unit.bar * unit.nanometer,
-        0.5 * BAR_PER_MD_PRESSURE * 1e-4 * unit.newton / unit.meter,
-        0.5 * BAR_PER_MD_PRESSURE * 1e-4 * unit.joule / unit.meter**2,
-    ],
+    0.5,
+    0.5 * unit.kilojoule_per_mole / unit.nanometer**2,
+    0.5 * BAR_PER_MD_PRESSURE * unit.bar * unit.nanometer,
+    0.5 * BAR_PER_MD_PRESSURE * 1e-4 * unit.newton / unit.meter,
+    0.5 * BAR_PER_MD_PRESSURE * 1e-4 * unit.joule / unit.meter**2,
     ids=str,
 )
 def test_units_of_a_tension(tension):
@@ -74,38 +74,33 @@ def test_edges_change_as_the_modes_say(xymode, zmode):
     assert np.allclose(x * y * z, 64.0, rtol=1e-9) == (zmode == "constant volume")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"pressure": 20.0, "zmode": "constant volume"}, "a pressure has no effect at constant volume"),
-        ({}, "zmode='free' changes the volume and needs a pressure"),
-        ({"zmode": "fixed"}, "zmode='fixed' changes the volume and needs a pressure"),
-        ({"pressure": 20.0, "xymode": "both"}, "xymode must be one of 'isotropic', 'anisotropic', not 'both'"),
-        ({"pressure": 20.0, "zmode": "constant"}, "zmode must be one of .*'constant volume', not 'constant'"),
-        ({"pressure": 20.0, "axes": (True, True, False)}, "axes and coupled do not go with a surface_tension"),
-        ({"pressure": 20.0, "coupled": False}, "axes and coupled do not go with a surface_tension"),
-        ({"pressure": 20.0, "surface_tension": None, "xymode": "anisotropic"}, "xymode and zmode go with a surface_tension alone"),
-        ({"pressure": 20.0, "surface_tension": None, "zmode": "fixed"}, "xymode and zmode go with a surface_tension alone"),
-        ({"surface_tension": None}, "a barostat needs a pressure"),
-        ({"pressure": 20.0, "surface_tension": 1 * unit.bar}, "the surface tension has the unit bar; expected something like"),
-        ({"pressure": 20.0, "surface_tension": float("nan")}, "the surface tension holds nan"),
-        ({"pressure": 20.0, "surface_tension": [0.0, 0.0]}, "the surface tension must be a single number"),
-    ],
+@cases(
+    "options, message",
+    ({"pressure": 20.0, "zmode": "constant volume"}, "a pressure has no effect at constant volume"),
+    ({}, "zmode='free' changes the volume and needs a pressure"),
+    ({"zmode": "fixed"}, "zmode='fixed' changes the volume and needs a pressure"),
+    ({"pressure": 20.0, "xymode": "both"}, "xymode must be one of 'isotropic', 'anisotropic', not 'both'"),
+    ({"pressure": 20.0, "zmode": "constant"}, "zmode must be one of .*'constant volume', not 'constant'"),
+    ({"pressure": 20.0, "axes": (True, True, False)}, "axes and coupled do not go with a surface_tension"),
+    ({"pressure": 20.0, "coupled": False}, "axes and coupled do not go with a surface_tension"),
+    ({"pressure": 20.0, "surface_tension": None, "xymode": "anisotropic"}, "xymode and zmode go with a surface_tension alone"),
+    ({"pressure": 20.0, "surface_tension": None, "zmode": "fixed"}, "xymode and zmode go with a surface_tension alone"),
+    ({"surface_tension": None}, "a barostat needs a pressure"),
+    ({"pressure": 20.0, "surface_tension": 1 * unit.bar}, "the surface tension has the unit bar; expected something like"),
+    ({"pressure": 20.0, "surface_tension": float("nan")}, "the surface tension holds nan"),
+    ({"pressure": 20.0, "surface_tension": [0.0, 0.0]}, "the surface tension must be a single number"),
 )
 def test_what_would_not_act_is_refused(options, message):
-    with pytest.raises((ParameterError, PlanError), match=message):
-        dpd.add_barostat(build(), **{"surface_tension": 0.0, **options})
+    raises((ParameterError, PlanError), message, lambda: dpd.add_barostat(build(), **{"surface_tension": 0.0, **options}))
 
 
 def test_other_refusals_hold_with_a_tension():
     with pytest.raises(PlanError, match="orthorhombic"):
         dpd.add_barostat(build(fluid(box=[[4, 0, 0], [1, 4, 0], [0, 0, 4]])), 20.0, surface_tension=0)
-    with pytest.raises(PlanError, match="temperature.*is 0"):
-        dpd.add_barostat(build(fluid(kT=0.0)), 20.0, surface_tension=0)
+    raises(PlanError, "temperature.*is 0", lambda: dpd.add_barostat(build(fluid(kT=0.0)), 20.0, surface_tension=0))
     built = build()
     dpd.add_barostat(built, 20.0, surface_tension=0)
-    with pytest.raises(PlanError, match="has a MonteCarloMembraneBarostat already"):
-        dpd.add_barostat(built, 20.0)
+    raises(PlanError, "has a MonteCarloMembraneBarostat already", lambda: dpd.add_barostat(built, 20.0))
 
 
 def test_a_restart_has_box_and_step_and_takes_the_new_temperature(tmp_path):

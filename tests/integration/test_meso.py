@@ -7,9 +7,12 @@ import openmm
 import oracle
 import oracle_meso
 import pytest
+from cases import cases
 from devices import DEVICES
 from judged import any_seed
-from scenes import BOXES, MASSES, fluid, state_of
+from kinds import HEAT, SPECIES
+from raising import raises
+from scenes import BOXES, MASSES, fluid, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError, PlanError
@@ -17,18 +20,7 @@ from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
 
 DT, SEED, N = 0.01, 11, 90
-HEAT = {
-    ("A", "A"): dpd.EDPD(A=18, gamma=4.5, kappa=2e-3, cutoff=1.0, exponent=0.8, exponent_polynomial=(2.0, -1.0, 0.5, 0.0)),
-    ("A", "B"): dpd.EDPD(A=15, gamma=3.0, kappa=1e-3, cutoff=0.9, cutoff_T=1.2, kappa_polynomial=(-0.4, 0.1, 0.0, 0.0)),
-    ("B", "B"): dpd.EDPD(A=22, gamma=6.0, kappa=3e-3, cutoff=1.1, cutoff_T=0.8),
-}
-SPECIES = {
-    ("A", "A"): dpd.TDPD(A=18, gamma=4.5, kappa=(1.0, 2.0, 0.0, 0.5), epsilon=0.02, exponent=0.8),
-    ("A", "B"): dpd.TDPD(A=15, gamma=3.0, kappa=(0.5, 1.0, 1.0, 0.1), cutoff_c=1.2, exponent_c=(2, 1, 2, 3)),
-    ("B", "B"): dpd.TDPD(A=22, gamma=6.0, kappa=(2.0, 2.0, 2.0, 2.0), epsilon=(0.0, 0.1, 0.0, 0.0), cutoff=0.9),
-}
-#: The lower corner of the box is not 0: places are meant in these coordinates.
-CORNER = (-1.5, -2.0, -2.5)
+CORNER = (-1.5, -2.0, -2.5)  # The lower corner of the box is not 0: places are meant in these coordinates.
 
 
 def heat_scene(lammps=False, frozen=True, **options) -> dpd.Scene:
@@ -39,17 +31,8 @@ def heat_scene(lammps=False, frozen=True, **options) -> dpd.Scene:
     ]
     internal = dpd.BeadTemperatures(rng.uniform(0.8, 1.2, N), rng.uniform(20, 60, N))
     mobile = np.arange(N) % 6 > 0 if frozen else None
-    return fluid(
-        HEAT,
-        BOXES["ortho"],
-        n=N,
-        spread=0,
-        internal=internal,
-        sources=sources,
-        mobile=mobile,
-        compat="lammps" if lammps else "consistent",
-        **options,
-    )
+    choices = {"sources": sources, "mobile": mobile, "compat": "lammps" if lammps else "consistent"}
+    return fluid(HEAT, BOXES["ortho"], n=N, spread=0, internal=internal, **choices, **options)
 
 
 def species_scene() -> dpd.Scene:
@@ -78,8 +61,7 @@ class Rates:
     """Forces and rates at given positions, velocities and fields, from the kernel (which has tests of its own) and from sources done here."""
 
     def __init__(self, scene, built):
-        # the engine's own sources are replaced by an independent sum
-        spec = built.plan.spec
+        spec = built.plan.spec  # the engine's own sources are replaced by an independent sum
         self.spec = replace(spec, fields=replace(spec.fields, sources=()))
         self.scene, self.engine, self.counter = scene, PairEngine(self.spec), -1
         self.mobile = self.spec.inv_mass > 0
@@ -146,20 +128,16 @@ def test_sources_act_on_beads_that_crossed_the_box():
     simulation = running(scene, DEVICES[1], dt=0.001)
     simulation.step(4000)  # ten times through the box
     temperature = read_fields(simulation.context, simulation.built.plan)["theta"]
-    # half of the time in the source, to a step or two at its faces
-    np.testing.assert_allclose(temperature, 1.0 + 4.0 / 2, atol=0.02)
+    np.testing.assert_allclose(temperature, 1.0 + 4.0 / 2, atol=0.02)  # half of the time in the source, to a step or two at its faces
 
 
 def test_setting_values_acts_at_once():
-    simulation = running(heat_scene(frozen=False), DEVICES[1])
-    simulation.step(3)
+    simulation = stepped(running(heat_scene(frozen=False), DEVICES[1]), 3)
     write_fields(simulation.context, simulation.built.plan, theta=1.0)
     assert np.all(read_fields(simulation.context, simulation.built.plan)["theta"] == 1.0)
-    with pytest.raises(ParameterError, match="it must be > 0"):
-        write_fields(simulation.context, simulation.built.plan, theta=np.zeros(N))
+    raises(ParameterError, "it must be > 0", lambda: write_fields(simulation.context, simulation.built.plan, theta=np.zeros(N)))
     species = running(species_scene(), DEVICES[1])
-    with pytest.raises(ParameterError, match=r"shape \(90, 4\)"):
-        write_fields(species.context, species.built.plan, concentrations=np.zeros(N))
+    raises(ParameterError, r"shape \(90, 4\)", lambda: write_fields(species.context, species.built.plan, concentrations=np.zeros(N)))
     write_fields(species.context, species.built.plan, concentrations=np.full((N, 4), 2.0))
     assert np.all(read_fields(species.context, species.built.plan)["concentrations"] == 2.0)
 
@@ -174,8 +152,7 @@ def test_walls_take_other_values_in_a_run(make, name):
     written = running(scene, DEVICES[1])
     program = openmm.Context(written.system, openmm.XmlSerializer.clone(written.integrator), openmm.Platform.getPlatformByName("CPU"))
     write_fields(written.context, written.built.plan, **{name: other})
-    for simulation in (begun, written):
-        simulation.step(5)
+    step_all(5, begun, written)
     state = written.context.createCheckpoint()
     written.step(3)
     written.context.loadCheckpoint(state)
@@ -185,11 +162,9 @@ def test_walls_take_other_values_in_a_run(make, name):
     ends = [(*state_of(s.context), raw_fields(s.context, s.built.plan.spec.fields)) for s in (begun, written)]
     for one, two in zip(*ends, strict=True):
         np.testing.assert_allclose(one, two, rtol=1e-10, atol=1e-10)  # values are shown by a scale that depends on those of the start
-    untouched = running(make(), DEVICES[1])
-    untouched.step(11)
+    untouched = stepped(running(make(), DEVICES[1]), 11)
     assert np.abs(raw_fields(untouched.context, scene_fields(untouched)) - ends[1][2])[~start.immobile].max() > 1e-3
-    program.setPositions(untouched.built.positions)
-    program.setVelocities(untouched.built.velocities)
+    place(program, untouched.built.positions, untouched.built.velocities)
     program.getIntegrator().step(11)
     ends = [raw_fields(context, scene_fields(untouched)) for context in (program, untouched.context)]
     np.testing.assert_allclose(*ends, rtol=1e-12)  # a program and a loop agree to rounding
@@ -214,8 +189,7 @@ def heat_error(compat: str, dt: float, seed: int) -> float:
     rng = np.random.default_rng(4)
     table = {("*", "*"): dpd.EDPD(A=0.0, gamma=4.5, kappa=1e-3, cutoff=1.0)}
     internal = dpd.BeadTemperatures(1.5, rng.uniform(20, 60, 200))
-    scene = fluid(table, BOXES["ortho"], n=200, internal=internal, compat=compat)
-    simulation = running(scene, DEVICES[1], dt=dt, seed=seed)
+    simulation = running(fluid(table, BOXES["ortho"], n=200, internal=internal, compat=compat), DEVICES[1], dt=dt, seed=seed)
     observer = dpd.Observer(simulation.built)
     start = observer.sample(simulation.context).total
     simulation.step(round(2 / dt))
@@ -250,12 +224,10 @@ def test_files_beside_the_trajectory(make, tmp_path):
 
 
 def test_local_density_is_a_measured_quantity(device):
-    simulation = running(density_scene(), device, scheme="middle")
-    simulation.step(3)
+    simulation = stepped(running(density_scene(), device, scheme="middle"), 3)
     density = read_fields(simulation.context, simulation.built.plan)["density"]
     x, _ = state_of(simulation.context)
-    d = oracle.minimum_image(x[:, None] - x[None], BOXES["ortho"])
-    r = np.linalg.norm(d, axis=2) + 9 * np.eye(len(x))
+    r = np.linalg.norm(oracle.minimum_image(x[:, None] - x[None], BOXES["ortho"]), axis=2) + 9 * np.eye(len(x))
     expected = np.sum(np.where(r < 0.75, 15 / (2 * np.pi * 0.75**3) * (1 - r / 0.75) ** 2, 0), axis=1)
     np.testing.assert_allclose(density, expected, rtol=1e-10)
 
@@ -266,8 +238,7 @@ def test_many_body_scenes_on_every_device(device, kernel, scheme):
     """One step of every scheme on every platform, against Reference."""
     results = []
     for where in (DEVICES[0], device):
-        simulation = running(density_scene(kernel), where, scheme=scheme)
-        simulation.step(3)
+        simulation = stepped(running(density_scene(kernel), where, scheme=scheme), 3)
         results.append(state_of(simulation.context))
     limit = device.choose(1e-4, 1e-4, 3e-3)  # the CPU platform's own forces are single precision
     assert np.abs(oracle.minimum_image(results[0][0] - results[1][0], BOXES["ortho"])).max() < limit
@@ -281,27 +252,22 @@ def test_schemes_and_places_that_do_not_fit():
             dpd.build(make(), dt=DT, scheme="middle", platform="CPU")
     with pytest.raises(PlanError, match="depends on the temperatures"):
         dpd.build(heat_scene(), dt=DT, scheme="mvv", conservative="openmm", platform="CPU")
-    with pytest.raises(PlanError, match="derives from no potential"):
-        dpd.build(density_scene("lucy"), dt=DT, conservative="openmm", platform="CPU")
-    with pytest.raises(PlanError, match="it knows isothermal DPD only, not MDPD"):
-        dpd.build(density_scene(), dt=DT, scheme="native", platform="CPU")
+    raises(PlanError, "derives from no potential", lambda: dpd.build(density_scene("lucy"), dt=DT, conservative="openmm", platform="CPU"))
+    raises(PlanError, "it knows isothermal DPD only, not MDPD", lambda: dpd.build(density_scene(), dt=DT, scheme="native", platform="CPU"))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"internal": dpd.BeadTemperatures(0.0, 1.0)}, "temperature of bead 0 is 0; it must be > 0"),
-        ({"internal": dpd.BeadTemperatures(1.0, -1.0)}, "heat capacity of bead 0 is -1; it must be > 0"),
-        ({"internal": dpd.Concentrations(np.ones(N))}, "need internal=BeadTemperatures"),
-        ({"sources": [dpd.Source(dpd.Sphere((50, 0, 0), 1.0), 1.0)]}, "lies outside the box"),
-        ({"sources": [dpd.Source(dpd.Sphere((1, 0, 0), 1.0), 1.0, species=1)]}, "names species 1, but there are 1"),
-        ({"compat": "LAMMPS"}, "compat must be"),
-    ],
+@cases(
+    "change, message",
+    ({"internal": dpd.BeadTemperatures(0.0, 1.0)}, "temperature of bead 0 is 0; it must be > 0"),
+    ({"internal": dpd.BeadTemperatures(1.0, -1.0)}, "heat capacity of bead 0 is -1; it must be > 0"),
+    ({"internal": dpd.Concentrations(np.ones(N))}, "need internal=BeadTemperatures"),
+    ({"sources": [dpd.Source(dpd.Sphere((50, 0, 0), 1.0), 1.0)]}, "lies outside the box"),
+    ({"sources": [dpd.Source(dpd.Sphere((1, 0, 0), 1.0), 1.0, species=1)]}, "names species 1, but there are 1"),
+    ({"compat": "LAMMPS"}, "compat must be"),
 )
 def test_bad_input(change, message):
     good = {"internal": dpd.BeadTemperatures(1.0, 1.0)}
-    with pytest.raises(ParameterError, match=message):
-        fluid(HEAT, BOXES["ortho"], n=N, **{**good, **change})
+    raises(ParameterError, message, lambda: fluid(HEAT, BOXES["ortho"], n=N, **{**good, **change}))
 
 
 def test_species_must_match():

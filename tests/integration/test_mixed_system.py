@@ -8,6 +8,7 @@ from io import StringIO
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from judged import any_seed
 from openmm import app, unit
 
@@ -26,8 +27,7 @@ END
 """
 PLATFORMS = ["Reference", "CPU"]
 FRICTION = {"gamma": 60.0, "cutoff": 0.65}
-#: Among beads: their kinetic energy forgets with 13/ps.
-STRONG = {"gamma": 600.0, "cutoff": 0.65}
+STRONG = {"gamma": 600.0, "cutoff": 0.65}  # Among beads: their kinetic energy forgets with 13/ps.
 
 
 @cache
@@ -43,13 +43,8 @@ def _atoms():
     water.delete(list(water.topology.residues())[3:])
     modeller.add(water.topology, [p + openmm.Vec3(1.3, 1.3, 1.3) * unit.nanometer for p in water.positions])
     modeller.topology.setUnitCellDimensions(openmm.Vec3(EDGE, EDGE, EDGE) * unit.nanometer)
-    system = field.createSystem(
-        modeller.topology,
-        nonbondedMethod=app.PME,
-        nonbondedCutoff=0.9 * unit.nanometer,
-        constraints=app.HBonds,
-        removeCMMotion=False,
-    )
+    choices = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.9 * unit.nanometer, "constraints": app.HBonds}
+    system = field.createSystem(modeller.topology, removeCMMotion=False, **choices)
     (nonbonded,) = [force for force in system.getForces() if isinstance(force, openmm.NonbondedForce)]
     nonbonded.setUseDispersionCorrection(False)
     return modeller.topology, system, np.array(modeller.positions.value_in_unit(unit.nanometer))
@@ -68,20 +63,14 @@ def classes(topology: app.Topology) -> list[str | None]:
 
 def beads(x: np.ndarray, n: int = 190, close: float | None = None, **changes) -> dpd.Scene:
     """Soft beads of two types, a few of them bonded and without repulsion between bonded neighbours; not on top of the atoms at x."""
-    rng = np.random.default_rng(5)
-    positions = rng.random((4 * n, 3)) * EDGE
+    positions = np.random.default_rng(5).random((4 * n, 3)) * EDGE
     d = positions[:, None] - x[None]
     d -= EDGE * np.rint(d / EDGE)
     positions = positions[np.linalg.norm(d, axis=2).min(axis=1) > 0.25][:n]
     if close is not None:
         positions[11] = positions[10] + [close, 0, 0]
-    settings = {
-        "pairs": {("*", "*"): dpd.DPD(A=60, **STRONG), ("V", "W"): dpd.DPD(A=90, **STRONG)},
-        "bonds": [dpd.HarmonicBonds([[0, 1], [1, 2], [3, 4]], k=50, r0=0.4)],
-        "bonded_factors": (0.0, 0.5, 1.0),
-        "kT": KT,
-        "box": [EDGE] * 3,
-    } | changes
+    settings = {"pairs": {("*", "*"): dpd.DPD(A=60, **STRONG), ("V", "W"): dpd.DPD(A=90, **STRONG)}, "kT": KT, "box": [EDGE] * 3}
+    settings |= {"bonds": [dpd.HarmonicBonds([[0, 1], [1, 2], [3, 4]], k=50, r0=0.4)], "bonded_factors": (0.0, 0.5, 1.0), **changes}
     return dpd.Scene({"W": 36.0, "V": 54.0}, ["W"] * (n - 40) + ["V"] * 40, positions, **settings)
 
 
@@ -90,6 +79,14 @@ REPULSION = {
     ("solute", "V"): dpd.DPD(A=20, gamma=5, cutoff=0.5),
     ("water", "*"): dpd.DPD(A=60, **FRICTION),
 }
+
+
+def mixed(topology, system, x, scene=None, **choices) -> dpd.MixedSystem:
+    """Beads among the atoms; all but one argument of many are the same in most tests."""
+    choices = {"atoms": classes(topology), "cross": REPULSION, "platform": "Reference", "seed": 3, **choices}
+    return dpd.create_mixed_system(scene or beads(x), topology, system, x, **choices)
+
+
 ATTRACTION = {("solute", "V"): dpd.LennardJones(epsilon=0.4, sigma=0.3, cutoff=0.8), ("water", "*"): dpd.NONE, ("solute", "W"): dpd.NONE}
 
 
@@ -137,9 +134,7 @@ def test_forces_are_those_of_the_parts(platform):
     single = platform != "Reference"
     topology, system, x = atoms()
     scene, names = beads(x, close=1e-5), classes(topology)
-    whole = dpd.create_mixed_system(
-        scene, topology, system, x, atoms=names, cross=[REPULSION, ATTRACTION], dt=0.002, platform=platform, seed=1
-    )
+    whole = mixed(topology, system, x, scene=scene, atoms=names, cross=[REPULSION, ATTRACTION], dt=0.002, platform=platform, seed=1)
     assert whole.n_atoms == len(x) == topology.getNumAtoms() and whole.topology.getNumAtoms() == len(x) + scene.n_beads
     alone = context_of(system, x, platform)
     x = alone.getState(positions=True).getPositions(asNumpy=True)._value
@@ -176,13 +171,10 @@ def test_custom_nonbonded_forces_of_the_atoms_leave_beads_out(platform, groups):
         force.setForceGroup(3)
     system.addForce(force)
     scene = beads(x, close=1e-7)
-    whole = dpd.create_mixed_system(
-        scene, topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform=platform, seed=1
-    )
+    whole = mixed(topology, system, x, scene=scene, dt=0.002, platform=platform, seed=1)
     alone = context_of(system, x, platform)
     context = context_of(whole.system, np.concatenate([x, scene.positions]), platform)
-    mine = {force.getForceGroup() for force in system.getForces()}
-    found = forces(context, mine)
+    found = forces(context, {force.getForceGroup() for force in system.getForces()})
     reference = forces(alone)
     np.testing.assert_allclose(found[: len(x)], reference, atol=1e-6 * np.abs(reference).max() if platform == "Reference" else 2e-2)
     np.testing.assert_array_equal(found[len(x) :], 0)
@@ -234,9 +226,7 @@ def independent_temperatures(whole: dpd.MixedSystem, context: openmm.Context, n:
 def test_observer_and_reporter(platform):
     """Rigid water with a virtual site beside beads: temperatures with the degrees of freedom counted here, energies, momentum; the file."""
     topology, system, x = atoms()
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform=platform, seed=3
-    )
+    whole = mixed(topology, system, x, dt=0.001, platform=platform)
     simulation = whole.simulation(properties={"Threads": "1"} if platform == "CPU" else None)
     simulation.minimizeEnergy(maxIterations=30)
     theirs, mine = StringIO(), StringIO()
@@ -265,9 +255,7 @@ def test_observer_and_reporter(platform):
 def test_what_is_not_measured_of_atoms_and_beads():
     """No pressure, no configurational temperature, no forces term by term: absent or an error, and never a number."""
     topology, system, x = atoms()
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, x, dt=0.001)
     observer = dpd.Observer(whole)
     sample = observer.sample(whole.simulation().context)
     absent = ("pressure", "virial_conservative", "pair", "bond", "total", "kT_conf", "forces")
@@ -323,9 +311,7 @@ def test_friction_between_atoms_and_beads(coupled):
         i, j = nonbonded.getExceptionParameters(k)[:2]
         nonbonded.setExceptionParameters(k, i, j, 0, 0.1, 0)
     cross = {("*", "*"): dpd.DPD(**FRICTION) if coupled else dpd.NONE}
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=cross, dt=0.002, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, x, cross=cross, dt=0.002)
     simulation = whole.simulation()
     mass = np.array([m._value for m in map(whole.system.getParticleMass, range(whole.system.getNumParticles()))])
     v = np.array(whole.velocities._value)
@@ -346,9 +332,7 @@ def test_friction_between_atoms_and_beads(coupled):
 def test_saved_and_read_back():
     """System and integrator as XML give the same steps, bit for bit; so does a checkpoint."""
     topology, system, x = atoms()
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.001, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, x, dt=0.001)
     copies = [openmm.XmlSerializer.deserialize(openmm.XmlSerializer.serialize(thing)) for thing in (whole.system, whole.integrator)]
     first = context_of(whole.system, whole.positions, "Reference", whole.integrator)
     second = context_of(copies[0], whole.positions, "Reference", copies[1])
@@ -365,11 +349,8 @@ def test_saved_and_read_back():
 def test_barostat():
     """Volume moves scale beads and molecules; the box of the run changes and the constraints hold."""
     topology, system, x = atoms()
-    barostat = openmm.MonteCarloBarostat(200 * unit.bar, 300 * unit.kelvin, 5)
-    system.addForce(barostat)
-    whole = dpd.create_mixed_system(
-        beads(x), topology, system, x, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="CPU", seed=3
-    )
+    system.addForce(openmm.MonteCarloBarostat(200 * unit.bar, 300 * unit.kelvin, 5))
+    whole = mixed(topology, system, x, dt=0.002, platform="CPU")
     simulation = whole.simulation(properties={"Threads": "1"})
     simulation.minimizeEnergy(maxIterations=30)
     simulation.step(60)
@@ -392,12 +373,10 @@ def test_without_a_box_and_with_a_frozen_atom():
         force.addParticle(0, 0.34, 1.0)
     system.addForce(force)
     x = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.4, 0], [0, 0, 0.4]])
-    scene = dpd.Scene(
-        {"W": 36.0}, ["W"] * 20, np.random.default_rng(1).random((20, 3)) + 0.5, {("W", "W"): dpd.DPD(A=60, **FRICTION)}, kT=KT
-    )
-    whole = dpd.create_mixed_system(
-        scene, topology, system, x, atoms=["Ar"] * 4, cross={("Ar", "W"): dpd.DPD(A=60, **FRICTION)}, dt=0.002, seed=1
-    )
+    places, table = np.random.default_rng(1).random((20, 3)) + 0.5, {("W", "W"): dpd.DPD(A=60, **FRICTION)}
+    scene = dpd.Scene({"W": 36.0}, ["W"] * 20, places, table, kT=KT)
+    cross = {("Ar", "W"): dpd.DPD(A=60, **FRICTION)}
+    whole = dpd.create_mixed_system(scene, topology, system, x, atoms=["Ar"] * 4, cross=cross, dt=0.002, seed=1)
     assert dpd.degrees_of_freedom(whole.system) == 3 * 23
     simulation = whole.simulation("Reference")
     simulation.step(50)
@@ -411,9 +390,7 @@ def test_beads_that_interact_with_atoms_only():
     topology, system, x = atoms()
     scene = beads(x, pairs={("*", "*"): dpd.NONE}, bonds=[])
     positions = [openmm.Vec3(*row) for row in x] * unit.nanometer
-    whole = dpd.create_mixed_system(
-        scene, topology, system, positions, atoms=classes(topology), cross=REPULSION, dt=0.002, platform="Reference", seed=3
-    )
+    whole = mixed(topology, system, positions, scene=scene, dt=0.002)
     found = forces(context_of(whole.system, whole.positions, "Reference"), whole.integrator.getIntegrationForceGroups())
     expected, _ = cross_forces(x, classes(topology), scene, attraction=False)
     np.testing.assert_allclose(found[len(x) :], expected[len(x) :], atol=1e-6 * np.abs(expected).max())
@@ -421,32 +398,30 @@ def test_beads_that_interact_with_atoms_only():
         whole.simulation("Reference"), whole.simulation("Reference")
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
-        ({"scene": "no scene"}, dpd.ParameterError, "expected a Scene"),
-        ({"positions": np.zeros((2, 3))}, dpd.ParameterError, r"positions must have shape \(\d+, 3\)"),
-        ({"topology": app.Topology()}, dpd.ParameterError, "Topology must have the .* but it has 0 atoms"),
-        ({"atoms": ["solute"]}, dpd.ParameterError, "atoms names the classes of 1 particles"),
-        ({"atoms": "solute"}, dpd.ParameterError, "atoms must name the class of each particle"),
-        ({"rename": "W"}, dpd.ParameterError, "'W' is a bead type of the scene"),
-        ({"rename": 3}, dpd.ParameterError, "`atoms` has 3"),
-        ({"cross": {("solute", "W"): dpd.DPD(A=1)}}, dpd.ParameterError, r"no cross terms for \(solute, V\), \(water, W\)"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "X"): dpd.NONE}}, dpd.ParameterError, r"no class of atoms or bead type 'X'"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1), ("W", "V"): dpd.DPD(A=1)}}, dpd.ParameterError, "both are bead types"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "water"): dpd.DPD(A=1)}}, dpd.ParameterError, "only friction"),
-        ({"cross": {("*", "*"): dpd.DPD(A=1, cutoff=2)}}, dpd.ParameterError, "over half the box"),
-        ({"cross": 3}, dpd.ParameterError, "cross must be a table.*3"),
-        ({"platform": "cpu"}, dpd.ParameterError, "platform must be the name.*'cpu'"),
-        ({"scheme": "native"}, dpd.PlanError, "scheme='middle'"),
-        ({"scheme": "mvv"}, dpd.PlanError, "use scheme='middle'"),
-        ({"edge": 3.0}, dpd.ParameterError, "the box of the atoms, .* is not that of the scene"),
-        ({"scene_box": None}, dpd.PlanError, "the scene has no box"),
-        ({"force": openmm.GBSAOBCForce()}, dpd.PlanError, "GBSAOBCForce, which needs parameters for every particle"),
-        ({"force": openmm.CMMotionRemover()}, dpd.PlanError, "removeCMMotion=False"),
-        ({"walls": True}, dpd.PlanError, "`walls` cannot be put beside atoms"),
-        ({"body": True}, dpd.PlanError, "`body_forces` cannot be put beside atoms"),
-    ],
+@cases(
+    "changes, error, message",
+    ({"scene": "no scene"}, dpd.ParameterError, "expected a Scene"),
+    ({"positions": np.zeros((2, 3))}, dpd.ParameterError, r"positions must have shape \(\d+, 3\)"),
+    ({"topology": app.Topology()}, dpd.ParameterError, "Topology must have the .* but it has 0 atoms"),
+    ({"atoms": ["solute"]}, dpd.ParameterError, "atoms names the classes of 1 particles"),
+    ({"atoms": "solute"}, dpd.ParameterError, "atoms must name the class of each particle"),
+    ({"rename": "W"}, dpd.ParameterError, "'W' is a bead type of the scene"),
+    ({"rename": 3}, dpd.ParameterError, "`atoms` has 3"),
+    ({"cross": {("solute", "W"): dpd.DPD(A=1)}}, dpd.ParameterError, r"no cross terms for \(solute, V\), \(water, W\)"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "X"): dpd.NONE}}, dpd.ParameterError, r"no class of atoms or bead type 'X'"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1), ("W", "V"): dpd.DPD(A=1)}}, dpd.ParameterError, "both are bead types"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1), ("solute", "water"): dpd.DPD(A=1)}}, dpd.ParameterError, "only friction"),
+    ({"cross": {("*", "*"): dpd.DPD(A=1, cutoff=2)}}, dpd.ParameterError, "over half the box"),
+    ({"cross": 3}, dpd.ParameterError, "cross must be a table.*3"),
+    ({"platform": "cpu"}, dpd.ParameterError, "platform must be the name.*'cpu'"),
+    ({"scheme": "native"}, dpd.PlanError, "scheme='middle'"),
+    ({"scheme": "mvv"}, dpd.PlanError, "use scheme='middle'"),
+    ({"edge": 3.0}, dpd.ParameterError, "the box of the atoms, .* is not that of the scene"),
+    ({"scene_box": None}, dpd.PlanError, "the scene has no box"),
+    ({"force": openmm.GBSAOBCForce()}, dpd.PlanError, "GBSAOBCForce, which needs parameters for every particle"),
+    ({"force": openmm.CMMotionRemover()}, dpd.PlanError, "removeCMMotion=False"),
+    ({"walls": True}, dpd.PlanError, "`walls` cannot be put beside atoms"),
+    ({"body": True}, dpd.PlanError, "`body_forces` cannot be put beside atoms"),
 )
 def test_bad_input(changes, error, message):
     topology, system, x = atoms()
@@ -457,14 +432,8 @@ def test_bad_input(changes, error, message):
         own["walls"] = [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", EDGE - 1e-3, "below")]
     if "body" in changes:
         own["body_forces"] = [dpd.BodyForce([1, 0, 0])]
-    arguments = {
-        "scene": beads(x, **own),
-        "topology": topology,
-        "positions": x,
-        "atoms": classes(topology),
-        "cross": REPULSION,
-        "dt": 0.002,
-    }
+    arguments = {"scene": beads(x, **own), "topology": topology, "positions": x, "atoms": classes(topology)}
+    arguments |= {"cross": REPULSION, "dt": 0.002}
     if "edge" in changes:
         system.setDefaultPeriodicBoxVectors(*(changes["edge"] * np.eye(3)))
     if "force" in changes:
@@ -499,8 +468,7 @@ def test_without_a_box(method, overlay):
         found.append(forces(simulation.context))
         simulation.step(2)
     np.testing.assert_allclose(found[0], found[1], atol=1e-4)
-    # bead 0 by the other bead and by both atoms
-    away = np.array([[-0.4, 0, 0], [0.5, 0, 0], [0.5, -0.33, 0]])
+    away = np.array([[-0.4, 0, 0], [0.5, 0, 0], [0.5, -0.33, 0]])  # bead 0 by the other bead and by both atoms
     r = np.linalg.norm(away, axis=1)[:, None]
     expected = 10.0 * (1 - r / 0.8) * away / r
     if overlay:

@@ -8,7 +8,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
-from scenes import beads, state_of
+from scenes import beads, external_force, place, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN
@@ -26,8 +26,7 @@ def anew(context: openmm.Context, x=None, v=None) -> None:
     """Reinitialize without the state, and put positions and velocities back."""
     here = state_of(context)
     context.reinitialize()
-    context.setPositions(here[0] if x is None else x)
-    context.setVelocities(here[1] if v is None else v)
+    place(context, here[0] if x is None else x, here[1] if v is None else v)
 
 
 @SCHEME
@@ -43,10 +42,7 @@ def test_no_acceleration_is_taken_over(scheme, conservative, asked):
         simulation.step(before)
         if asked:
             made.integrator.getTemperature()
-        push = openmm.CustomExternalForce("-30*x")
-        for bead in range(81):
-            push.addParticle(bead)
-        made.system.addForce(push)
+        made.system.addForce(external_force("-30*x", 81))
         anew(simulation.context, x, v)
         simulation.step(1)
         ends.append(state_of(simulation.context))
@@ -56,8 +52,7 @@ def test_no_acceleration_is_taken_over(scheme, conservative, asked):
 
 @pytest.mark.parametrize("seed", [None, 3])
 def test_noise_is_new_unless_a_seed_was_given(seed):
-    made = built(seed=seed)
-    simulation = made.simulation()
+    simulation = built(seed=seed).simulation()
     x, v = state_of(simulation.context)
     ends, seeds = [], []
     for _ in range(3):
@@ -136,9 +131,7 @@ def test_ctrl_c_is_a_keyboard_interrupt(monkeypatch):
     """Also where it comes inside a force, and the step is taken back."""
     from openmm_dpd.kernels import engine
 
-    made = built("middle")
-    simulation = made.simulation()
-    simulation.step(10)
+    simulation = stepped(built("middle").simulation(), 10)
     before, sweep = state_of(simulation.context), engine.PairEngine.swept
 
     def interrupted(*arguments, **named):

@@ -13,8 +13,7 @@ pytest.importorskip("ipykernel", reason="ipykernel is not installed: pip install
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
-#: What a run must have found: code for a last cell, with the notebook's own names.
-CHECKS = {
+CHECKS = {  # What a run must have found: code for a last cell, with the notebook's own names.
     # docs/schemes.md has the errors of both schemes from longer runs: bababo at most 0.9(2) % off, mvv at 0.1 by 34.1(4) and 82.8(7) %
     "first_fluid": """
 for kinetic, positions in found["bababo"]:
@@ -80,5 +79,4 @@ def test_notebook_runs_and_finds_what_it_says(path, tmp_path, seed):
         done = store.run(copy, tmp_path, then=CHECKS[path.stem])
     except nbclient.exceptions.CellExecutionError as failed:
         raise AssertionError(str(failed)) from failed
-    pictures = [output for cell in done.cells for output in cell.get("outputs", ()) if "image/png" in output.get("data", {})]
-    assert pictures
+    assert [output for cell in done.cells for output in cell.get("outputs", ()) if "image/png" in output.get("data", {})]

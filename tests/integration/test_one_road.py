@@ -6,6 +6,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN
@@ -47,9 +48,8 @@ def thermostat(**choices) -> dpd.BuiltSystem:
 def mixed() -> dpd.BuiltSystem:
     topology, system = argon(8)
     cross = {("Ar", "oil"): dpd.DPD(A=50, gamma=20, cutoff=0.6)}
-    return dpd.create_mixed_system(
-        beads(), topology, system, X[:8] + 0.2, atoms=["Ar"] * 8, cross=cross, dt=DT, seed=1, platform="Reference"
-    )
+    choices = {"dt": DT, "seed": 1, "platform": "Reference"}
+    return dpd.create_mixed_system(beads(), topology, system, X[:8] + 0.2, atoms=["Ar"] * 8, cross=cross, **choices)
 
 
 WAYS = {"build": lambda: dpd.build(beads(), dt=DT, seed=1, platform="Reference"), "thermostat": thermostat, "mixed": mixed}
@@ -106,18 +106,15 @@ def test_particles_left_out_are_told():
     built = dpd.add_thermostat(system, {("Ar", "Ar"): dpd.DPD(gamma=20, cutoff=0.6)}, T, DT, types=types, seed=1)
     assert f"{N} particles of a System made elsewhere, {N // 4} of them without friction" in built.explain()
     assert built.topology is None and built.positions is None and built.system is system
-    with pytest.raises(dpd.PlanError, match="give them to add_thermostat, or make your own app.Simulation"):
-        built.simulation()
+    raises(dpd.PlanError, "give them to add_thermostat, or make your own app.Simulation", built.simulation)
 
 
 def test_what_a_system_made_elsewhere_has_not():
     built = thermostat()
     with pytest.raises(dpd.ParameterError, match="kT_atoms are not measured for a System made elsewhere"):
         dpd.DPDReporter(StringIO(), 5, built, ["kT_atoms"])
-    with pytest.raises(dpd.ParameterError, match="not those of a System made elsewhere"):
-        dpd.measure.StressReporter(5, built)
-    with pytest.raises(dpd.ParameterError, match="getState"):
-        dpd.force_terms(built)
+    raises(dpd.ParameterError, "not those of a System made elsewhere", lambda: dpd.measure.StressReporter(5, built))
+    raises(dpd.ParameterError, "getState", lambda: dpd.force_terms(built))
     with pytest.raises(dpd.PlanError, match="already; build it again"):
         [built.simulation() for _ in range(2)]
 
@@ -130,8 +127,7 @@ def test_positions_must_fit(wrong):
 
 
 def test_a_bare_temperature_is_kelvin_and_kT_an_energy():
-    built = thermostat()
-    context = built.simulation().context
+    context = thermostat().simulation().context
     dpd.set_temperature(context, 310)
     assert context.getParameter("dpd_kT") == pytest.approx(310 * BOLTZMANN)
     dpd.set_kT(context, 2.0)

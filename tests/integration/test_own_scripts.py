@@ -18,8 +18,7 @@ import openmm_dpd as dpd
 ROOT = Path(__file__).resolve().parents[2]
 PUSH, GROUP, NAME = 0.01, 7, "push of the test"
 
-#: Pages, and the Contexts in them (by their number among those that step), from which momentum goes elsewhere.
-ELSEWHERE = {
+ELSEWHERE = {  # Pages, and the Contexts in them (by their number among those that step), from which momentum goes elsewhere.
     "changes": {0: "a trap takes up momentum"},
     "dense_start": {1: "OpenMM's Langevin integrator takes momentum up"},
     "build_scene": {2: "immobile beads take up momentum", 3: "a trap takes up momentum"},

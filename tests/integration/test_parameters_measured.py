@@ -67,8 +67,7 @@ def test_mixed_and_demixed_tetramers_have_the_chi_that_was_asked_for(seed):
     found, error = demixing.mixed_chi(model, points, edge=6.0, time=25.0, seed=seed)[1]
     assert error < 0.02 * 0.4
     assert abs(found - 0.4) < 4 * math.hypot(error, 0.4 * mixed.error / mixed.value)
-    # compositions of slabs this small change slowly: they scatter by four times the error of a series
-    slabs = [
+    slabs = [  # compositions of slabs this small change slowly: they scatter by four times the error of a series
         demixing.demixed_chi(model, demixed.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=s)[0]
         for s in range(seed + 1, seed + 7)
     ]

@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import unit
-from scenes import BOXES, EXTENDED, PLAIN, D, beads, chains, fluid
+from scenes import BOXES, EXTENDED, PLAIN, D, beads, chains, fluid, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import PAIR_GROUP, PARAMETERS
@@ -103,10 +103,8 @@ def test_factors_of_zero_need_no_bond_force_that_puts_back():
 
 
 def test_no_wall_velocities_without_moving_walls():
-    scene = beads()
-    assert make_plan(scene, dt=0.02, seed=1).spec.wall_velocity is None
-    at_rest = beads(mobile=np.arange(81) > 9, velocities=np.zeros((81, 3)))
-    assert make_plan(at_rest, dt=0.02, seed=1).spec.wall_velocity is None
+    assert make_plan(beads(), dt=0.02, seed=1).spec.wall_velocity is None
+    assert make_plan(beads(mobile=np.arange(81) > 9, velocities=np.zeros((81, 3))), dt=0.02, seed=1).spec.wall_velocity is None
     moving = beads(mobile=np.arange(81) > 9, velocities=np.ones((81, 3)))
     assert make_plan(moving, dt=0.02, seed=1).spec.wall_velocity is not None
 
@@ -162,8 +160,7 @@ def test_native_friction_acts_across_the_faces_of_a_box(platform):
     coefficient = {("W", "W"): dpd.DPD(A=0, gamma=20)}
     x, v = np.array([[0.1, 2, 2], [3.9, 2, 2]]), np.array([[0.1, 0, 0], [-0.1, 0, 0]])
     scene = dpd.Scene({"W": 1}, ["W"] * 2, x, coefficient, kT=0, box=[4, 4, 4], velocities=v)
-    simulation = build(scene, scheme="native", platform=platform).simulation()
-    simulation.step(10)
+    simulation = stepped(build(scene, scheme="native", platform=platform).simulation(), 10)
     # gamma w^2 (1/m + 1/m) = 25 per ps at the distance 0.2
     after = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
     assert 0 < after[0, 0] < 0.1 * np.exp(-25 * 0.2 * 0.5) and after[0, 0] == pytest.approx(-after[1, 0])
@@ -213,25 +210,19 @@ def counts(monkeypatch):
 @PLACEMENTS
 def test_evaluations_per_step(scheme, conservative, counts):
     """Counted on a running scene."""
-    simulation = build(beads(), scheme=scheme, conservative=conservative).simulation()
-    simulation.step(3)
+    simulation = stepped(build(beads(), scheme=scheme, conservative=conservative).simulation(), 3)
     counts.update(dict.fromkeys(counts, 0))
     simulation.step(10)
     kernel = conservative == "kernel"
-    expected = {
-        "mvv": (10, 10, 0),
-        "shardlow": (10, 10 if kernel else 0, 10),
-        "middle": (20 if kernel else 10, 10 if kernel else 0, 10),
-        "aboba": (10, 10 if kernel else 0, 10),
-        "bababo": (20 if kernel else 10, 20 if kernel else 0, 10),
-    }[scheme]
+    once, twice = (10, 10 if kernel else 0, 10), (20 if kernel else 10, 10 if kernel else 0, 10)
+    fifths = (20 if kernel else 10, 20 if kernel else 0, 10)
+    expected = {"mvv": (10, 10, 0), "shardlow": once, "middle": twice, "aboba": once, "bababo": fifths}[scheme]
     assert tuple(counts.values()) == expected
 
 
 def test_explain_says_what_will_be_built():
-    text = build(
-        chains(mobile=np.arange(100) % 9 > 0, kT=dpd.TemperatureRamp(1, 2, 0, 50)), scheme="mvv", lam=0.65, conservative="kernel"
-    ).explain()
+    scene = chains(mobile=np.arange(100) % 9 > 0, kT=dpd.TemperatureRamp(1, 2, 0, 50))
+    text = build(scene, scheme="mvv", lam=0.65, conservative="kernel").explain()
     for word in ("100 beads of 2 type(s)", "A (mass 1)", "B (mass 2.7)", "lambda = 0.65", "dt = 0.02", "kT from 1 to 2", "between steps 0 and 50",
                  "A - B: DPD(A = 31", "gamma_perp = 3", "pair kernel", "transverse", "37 harmonic bonds", "12 beads do not move", "program mvv"):  # fmt: skip
         assert word in text, word
@@ -258,8 +249,7 @@ def test_evaluations_per_sample(scheme, reporter, more, counts):
     comes with the forces of the steps, ``mvv`` with that of all of them.
     """
     built = build(beads(), scheme=scheme)
-    simulation = built.simulation()
-    simulation.step(3)
+    simulation = stepped(built.simulation(), 3)
     counts.update(dict.fromkeys(counts, 0))
     simulation.step(10)
     before = dict(counts)

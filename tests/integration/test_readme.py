@@ -32,8 +32,7 @@ def page(name: str) -> str:
 def test_it_is_short_and_begins_with_two_lines_for_each_purpose():
     assert len(README.splitlines()) <= 95
     assert len(RUN) == len(TEST) == 2
-    headings = re.findall(r"^## (.*)", README, flags=re.MULTILINE)
-    assert headings[0] == "Quick start"
+    assert re.findall(r"^## (.*)", README, flags=re.MULTILINE)[0] == "Quick start"
     assert len(re.findall(r"^- ", README.partition("## What there is")[2].partition("\n## ")[0], flags=re.MULTILINE)) == 5
 
 
@@ -78,12 +77,8 @@ def test_the_main_job_as_printed(tmp_path):
     script = "\n".join(["set -eu", RUN[0], "rm -r openmm_dpd build", RUN[1]])
     done = subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in (tmp_path / "out" / "dpd").iterdir()} >= {
-        "trajectory.dcd",
-        "topology.psf",
-        "final_state.xml",
-        "thermo.png",
-    }
+    wanted = {"trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png"}
+    assert {path.name for path in (tmp_path / "out" / "dpd").iterdir()} >= wanted
     assert (tmp_path / "out" / "dpd.json").is_file()
 
 
@@ -109,9 +104,8 @@ def test_speed_is_that_of_the_atlas():
 
     atlas = page("docs/atlas.md")
     gains: dict[tuple[str, str], list[str]] = {}
-    for fluid, beside, _, _, scheme, gain, _ in table(atlas.partition("<!-- begin targets -->")[2].partition("<!-- end targets -->")[0])[
-        2:
-    ]:
+    targets = atlas.partition("<!-- begin targets -->")[2].partition("<!-- end targets -->")[0]
+    for fluid, beside, _, _, scheme, gain, _ in table(targets)[2:]:
         assert scheme == "`bababo`"
         gains.setdefault((fluid, beside), []).append(gain.partition(" (")[0])
     speed = README.partition("**Speed.**")[2].partition("## Limits")[0]

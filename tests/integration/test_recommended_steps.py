@@ -2,6 +2,7 @@
 
 import pytest
 from atlas_parts.scenes import SCENES, deviations, fluid
+from cases import cases
 from judged import any_seed
 
 import openmm_dpd as dpd
@@ -57,14 +58,10 @@ def test_recommended_step_of_a_sum_is_right(name, seed):
 
 @pytest.mark.slow
 @any_seed(4)
-@pytest.mark.parametrize(
-    ("name", "longer"),
-    [
-        ("chains, k 100", 1.6),
-        ("FENE chains with repulsion 1 of range 0.5", 2.2),
-        ("chains, k 100, angles k 50", 1.6),
-        ("chains, k 100, angles k 50, dihedrals k 20", 1.6),
-    ],
+@cases(
+    "name, longer",
+    *(("chains, k 100", 1.6), ("FENE chains with repulsion 1 of range 0.5", 2.2)),
+    *(("chains, k 100, angles k 50", 1.6), ("chains, k 100, angles k 50, dihedrals k 20", 1.6)),
 )
 def test_recommended_step_of_chains_is_neither_too_long_nor_too_short(name, longer, seed):
     """Asked for 1 %: within 1.5 % and four standard errors; at a step so much longer the run stops or is off by more than 1.5 % (k = 100

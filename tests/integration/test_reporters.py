@@ -56,8 +56,7 @@ def test_a_changed_temperature_is_compared_with_the_rows_since(caplog):
 
 def test_a_run_in_equilibrium_and_a_quench_say_nothing(caplog):
     """Also with a row for every step, and from a start ten times too hot."""
-    hot = np.random.default_rng(3).normal(size=(N, 3)) * 10**0.5
-    for options, every in (({}, 1), ({}, 20), ({"velocities": hot}, 5)):
+    for options, every in (({}, 1), ({}, 20), ({"velocities": np.random.default_rng(3).normal(size=(N, 3)) * 10**0.5}, 5)):
         built = build(dt=0.04, **options)
         simulation = start(built)
         simulation.reporters.append(dpd.DPDReporter(io.StringIO(), every, built))
@@ -86,9 +85,8 @@ def test_columns_that_will_be_nan_are_named_with_the_reason(caplog):
 # -- what is refused -------------------------------------------------------------------------------------------------------------
 def test_a_wrong_argument_is_named_and_nothing_follows(tmp_path):
     """An exception in __del__, which Python only prints, is an error under pytest."""
-    with pytest.raises(
-        ParameterError, match=r"^DPDReporter wants as built what openmm_dpd.build.*create_mixed_system\(\) returned, not a Scene$"
-    ):
+    wrong = r"^DPDReporter wants as built what openmm_dpd.build.*create_mixed_system\(\) returned, not a Scene$"
+    with pytest.raises(ParameterError, match=wrong):
         dpd.DPDReporter(tmp_path / "x", 10, scene())
     with pytest.raises(TypeError):
         dpd.DPDReporter(tmp_path / "x", 10)
@@ -148,9 +146,8 @@ def test_frames_go_on_after_those_that_are_there(tmp_path):
     other = energies(80)
     fewer = start(other)
     fewer.reporters.append(dpd.FieldReporter(path, 2, other, append=True))
-    with pytest.raises(
-        ParameterError, match=r"cannot append to .*fields.npz: its frames hold .*theta \[81\].*, and this one .*theta \[80\]"
-    ):
+    other = r"cannot append to .*fields.npz: its frames hold .*theta \[81\].*, and this one .*theta \[80\]"
+    with pytest.raises(ParameterError, match=other):
         fewer.step(2)
     drops = dpd.build(
         dpd.Scene({"W": 1.0}, ["W"] * 81, x, {("W", "W"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, kT=1.0, box=[3.0] * 3),

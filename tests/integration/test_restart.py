@@ -11,7 +11,7 @@ import restart_runs
 from devices import DEVICES
 from kinds import KINDS, MVV_ONLY, differences, everything, made, plain_context, running, same
 from restart_runs import AFTER, BEFORE, HOW
-from scenes import EXTENDED, beads, fluid, run_of, same_bits, state_of
+from scenes import EXTENDED, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER
@@ -23,8 +23,7 @@ def continued(request, tmp_path_factory):
     platform, folder = request.param, tmp_path_factory.mktemp("restart")
     results = {}
     for name, choices in restart_runs.cases(platform).items():
-        simulation = restart_runs.simulation_of(platform, **choices)
-        simulation.step(BEFORE)
+        simulation = stepped(restart_runs.simulation_of(platform, **choices), BEFORE)
         simulation.saveCheckpoint(str(folder / f"{name}.checkpoint"))
         simulation.saveState(str(folder / f"{name}.xml"))
         between = state_of(simulation.context)
@@ -60,14 +59,12 @@ def test_restart_on_cpu_with_openmm_forces_agrees_to_float32(tmp_path, scheme):
     def run():
         return run_of(fluid(EXTENDED, kT=1.0), device, dt=0.03, scheme=scheme, conservative="openmm", seed=5)
 
-    first = run()
-    first.step(BEFORE)
+    first = stepped(run(), BEFORE)
     first.saveState(str(tmp_path / "state.xml"))
     second = run()
     second.loadState(str(tmp_path / "state.xml"))
     before = state_of(second.context)
-    for simulation in (first, second):
-        simulation.step(3)
+    step_all(3, first, second)
     (x, v), (expected_x, expected_v) = state_of(second.context), state_of(first.context)
     assert np.abs(v - expected_v).max() < 2e-5 and np.abs(x - expected_x).max() < 2e-6
     assert np.abs(v - before[1]).max() > 0.1
@@ -81,8 +78,7 @@ def test_restart_on_gpu_platforms(tmp_path, device, scheme):
     def run():
         return run_of(fluid(EXTENDED, kT=1.0, n=60), device, dt=0.03, scheme=scheme, conservative="kernel", seed=5)
 
-    first = run()
-    first.step(BEFORE)
+    first = stepped(run(), BEFORE)
     first.saveState(str(tmp_path / "state.xml"))
     first.saveCheckpoint(str(tmp_path / "checkpoint"))
     counter = first.context.getParameter(COUNTER)
@@ -93,16 +89,14 @@ def test_restart_on_gpu_platforms(tmp_path, device, scheme):
         getattr(second, load)(str(tmp_path / ("state.xml" if load == "loadState" else "checkpoint")))
         assert second.context.getParameter(COUNTER) == counter
         second.step(3)
-        # one and the same noise: the history was not drawn anew
-        assert second.context.getParameter(COUNTER) == counter + 3
+        assert second.context.getParameter(COUNTER) == counter + 3  # one and the same noise: the history was not drawn anew
         limit = device.choose(0.0, 1e-6, 2e-4)
         assert np.abs(state_of(second.context)[1] - expected[1]).max() <= limit
 
 
 def test_going_back_to_a_state_repeats_the_run(tmp_path):
     """An XML state loaded into the simulation that ran ahead gives what the first pass gave, noise included."""
-    simulation = run_of(beads(), restart_runs.Device("Reference"), dt=0.04, scheme="mvv", conservative="kernel")
-    simulation.step(5)
+    simulation = stepped(run_of(beads(), restart_runs.Device("Reference"), dt=0.04, scheme="mvv", conservative="kernel"), 5)
     simulation.saveState(str(tmp_path / "state.xml"))
     simulation.step(5)
     expected = state_of(simulation.context)
@@ -116,8 +110,7 @@ def test_going_back_to_a_state_repeats_the_run(tmp_path):
 def test_every_kind_of_scene_goes_on(kind, tmp_path):
     """From a checkpoint and an XML state bit for bit; with System and integrator from XML to rounding."""
     built = [made(kind, "mvv-0.65" if kind in MVV_ONLY else "shardlow") for _ in range(4)]
-    first = running(built[0])
-    first.step(7)
+    first = stepped(running(built[0]), 7)
     for how in ("Checkpoint", "State"):
         getattr(first, f"save{how}")(str(tmp_path / how))
     first.step(6)
@@ -144,8 +137,7 @@ def test_system_and_integrator_survive_serialization(scheme, conservative):
     assert copies[0].usesPeriodicBoundaryConditions() == system.usesPeriodicBoundaryConditions()
     context = openmm.Context(*copies, openmm.Platform.getPlatformByName("Reference"))
     x, v = state_of(built_run.context)
-    context.setPositions(x)
-    context.setVelocities(v)
+    place(context, x, v)
     built_run.step(8)
     copies[1].step(8)
     (x, v), (expected_x, expected_v) = state_of(context), state_of(built_run.context)

@@ -9,7 +9,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import unit
-from scenes import beads, state_of
+from scenes import beads, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 
@@ -18,10 +18,10 @@ SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 WAYS = ("State", "Checkpoint")
 HOW = pytest.mark.parametrize("how", WAYS)
 PLATFORMS = ("Reference", "CPU")
-#: Every scheme, from a state and from a checkpoint, on both platforms by turns.
+_RUNS = [(PLATFORMS[(k + n) % 2], how, scheme) for k, scheme in enumerate(SCHEMES) for n, how in enumerate(WAYS)]
 RUN = pytest.mark.parametrize(
-    ("platform", "how", "scheme"), [(PLATFORMS[(k + n) % 2], how, scheme) for k, scheme in enumerate(SCHEMES) for n, how in enumerate(WAYS)]
-)
+    "platform, how, scheme", _RUNS
+)  # Every scheme, from a state and from a checkpoint, on both platforms by turns.
 REFUSED = (dpd.DPDError, openmm.OpenMMException)
 DT, BEFORE, AFTER = 0.02, 7, 10
 
@@ -83,8 +83,7 @@ def test_the_same_script_goes_on_without_a_word(platform, how, scheme, tmp_path,
     first, second = script(platform, scheme, seed=3), script(platform, scheme, seed=3)
     first.step(BEFORE)
     hand_over(first, second, how, tmp_path)
-    for simulation in (first, second):
-        simulation.step(AFTER)
+    step_all(AFTER, first, second)
     same(first, second)
     assert parameter(second, "dpd_kT") == 1.0
     assert not warnings_of(caplog)
@@ -153,8 +152,7 @@ def test_a_seed_that_the_script_names_holds(platform, how, scheme, seed, tmp_pat
     first.step(BEFORE)
     hand_over(first, second, how, tmp_path)
     first.context.setParameter("dpd_seed", seed)
-    for simulation in (first, second):
-        simulation.step(AFTER)
+    step_all(AFTER, first, second)
     assert parameter(second, "dpd_seed") == seed
     assert parameter(second, "dpd_counter") == parameter(first, "dpd_counter")
     same(first, second)
@@ -169,8 +167,7 @@ def test_the_step_size_is_that_of_the_script(platform, how, scheme, tmp_path):
     time = first.context.getTime().value_in_unit(unit.picosecond)
     hand_over(first, second, how, tmp_path)
     first.integrator.setStepSize(0.01)
-    for simulation in (first, second):
-        simulation.step(AFTER)
+    step_all(AFTER, first, second)
     assert second.integrator.getStepSize().value_in_unit(unit.picosecond) == 0.01
     assert second.context.getTime().value_in_unit(unit.picosecond) == pytest.approx(time + AFTER * 0.01, abs=1e-12)
     same(first, second)
@@ -185,8 +182,7 @@ def test_a_ramp_goes_on_where_it_was(platform, how, scheme, tmp_path, caplog):
     first.step(BEFORE)
     hand_over(first, second, how, tmp_path)
     for n in (5, 20):
-        for simulation in (first, second):
-            simulation.step(n)
+        step_all(n, first, second)
         assert parameter(second, "dpd_kT") == parameter(first, "dpd_kT")
     assert parameter(second, "dpd_kT") == 2.0
     same(first, second)
@@ -212,14 +208,12 @@ def test_a_state_of_another_scheme_is_refused(how, written, loaded, tmp_path):
 def test_after_a_refusal_the_script_can_go_on(how, tmp_path):
     """A state of the right scheme is taken afterwards, and runs on as it would have."""
     wrong, right, second = (script("Reference", scheme, seed=3) for scheme in ("mvv", "middle", "middle"))
-    for simulation in (wrong, right):
-        simulation.step(BEFORE)
+    step_all(BEFORE, wrong, right)
     with pytest.raises(REFUSED):
         hand_over(wrong, second, how, tmp_path)
         second.step(1)
     hand_over(right, second, how, tmp_path)
-    for simulation in (right, second):
-        simulation.step(AFTER)
+    step_all(AFTER, right, second)
     same(right, second)
 
 
@@ -247,8 +241,7 @@ def test_a_state_goes_from_one_platform_to_another(scheme, written, loaded, tmp_
 def test_a_ramp_in_one_of_two_scripts(scheme, written, loaded, tmp_path, caplog):
     """XML has the names of variables: the script's temperature holds, said once.  A checkpoint without names is refused where they differ."""
     caplog.set_level(logging.WARNING, "openmm_dpd")
-    first = script("CPU", scheme, kT=written, seed=3)
-    first.step(BEFORE)
+    first = stepped(script("CPU", scheme, kT=written, seed=3), BEFORE)
     first.saveState(str(tmp_path / "saved"))
     first.saveCheckpoint(str(tmp_path / "checkpoint"))
     second = script("CPU", scheme, kT=loaded, seed=3)

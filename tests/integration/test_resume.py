@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from files_of_tests import put
 from interrupted_runs import contents, interrupted, signal_at
 
 import openmm_dpd as dpd
@@ -89,20 +90,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 
 
 def arguments(deck: Path, out: Path, platform: str, *more: str) -> list[str]:
-    return [
-        "run",
-        str(deck),
-        "--platform",
-        platform,
-        "--threads",
-        "1",
-        "--out",
-        str(out),
-        "--json",
-        str(out / "report.json"),
-        "--quiet",
-        *more,
-    ]
+    where = ["--out", str(out), "--json", str(out / "report.json")]
+    return ["run", str(deck), "--platform", platform, "--threads", "1", *where, "--quiet", *more]
 
 
 def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str, seed: int = 1, first: float = 0.1) -> None:
@@ -120,8 +109,7 @@ def interrupt_and_resume(deck: Path, platform: str, moments: int, *options: str,
         if not (out / "checkpoint" / "latest").exists():
             continue
         begun += 1
-        resumed = ["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]
-        assert main(resumed) == 0
+        assert main(["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]) == 0
         found = contents(out)
         assert sorted(found) == sorted(expected), (k, call)
         differing = [name for name in expected if found[name] != expected[name]]
@@ -151,9 +139,7 @@ def interrupt_again_and_again(deck: Path, platform: str, times: int, *options: s
 
 @pytest.fixture
 def deck(tmp_path) -> Path:
-    path = tmp_path / "in.tiny"
-    path.write_text(TINY, encoding="utf-8")
-    return path
+    return put(tmp_path / "in.tiny", TINY)
 
 
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])
@@ -176,8 +162,7 @@ def test_ten_interruptions_of_one_run_change_nothing(deck, platform):
     interrupt_again_and_again(deck, platform, 10, "--checkpoint", "5", seed=3)
 
 
-#: Example decks with few beads: what is changed of them.
-SMALL = {
+SMALL = {  # Example decks with few beads: what is changed of them.
     "in.edpd": {"-10 10 -10 10 -5 5 units": "-3 3 -3 3 -3 3 units", "random 16000": "random 400"},
     "in.dpdh-pressure": {"0 9 0 9 0 10": "0 4 0 4 0 4"},
     "in.mdpd": {"-20 20 -7.5 7.5 -2 2 units": "-4 4 -4 4 -2 2 units"},
@@ -195,8 +180,7 @@ def test_fields_volumes_and_densities_are_resumed(tmp_path, name):
     for old, new in SMALL[name].items():
         assert old in text
         text = text.replace(old, new)
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    interrupt_and_resume(tmp_path / name, "CPU", 3, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
+    interrupt_and_resume(put(tmp_path / name, text), "CPU", 3, "--steps", "60", "--checkpoint", "10", "--var", "every", "10", first=0.6)
 
 
 def stopped(deck: Path, *more: str) -> Path:
@@ -221,15 +205,14 @@ def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     out = stopped(deck)
     assert f"; go on with: openmm-dpd run {deck} --restart {out}\n" in capsys.readouterr().err
     again = (str(deck), "--restart", str(out))
-    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in error_of(
-        capsys, *again, "--dt", "0.02"
-    )
+    wrong = error_of(capsys, *again, "--dt", "0.02")
+    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in wrong
     assert "--platform Reference cannot be combined" in error_of(capsys, *again, "--platform", "Reference")
     assert "--var cannot be changed by --restart" in error_of(capsys, *again, "--var", "x", "1")
     assert "cannot be another folder" in error_of(capsys, *again, "--out", str(deck.parent / "elsewhere"))
-    deck.write_text(TINY.replace("0.01", "0.02"), encoding="utf-8")
+    put(deck, TINY.replace("0.01", "0.02"))
     assert "is not the deck of the interrupted run, or has changed since" in error_of(capsys, *again)
-    deck.write_text(TINY, encoding="utf-8")
+    put(deck, TINY)
     log = (out / "log.txt").read_bytes()
     (out / "log.txt").write_bytes(log[:-1])
     assert "at the checkpoint: the run cannot go on with it; put the file back" in error_of(capsys, *again)
@@ -258,8 +241,7 @@ class Forgetful:
             self.kept = 1j
 
 
-# as if it were one of the classes that checkpoints hold
-Forgetful.__module__ = "openmm_dpd.lammps.values.computes"
+Forgetful.__module__ = "openmm_dpd.lammps.values.computes"  # as if it were one of the classes that checkpoints hold
 
 
 @pytest.mark.parametrize("calls", [0, 4])
@@ -278,8 +260,7 @@ def test_what_a_restart_would_refuse_is_an_error_at_once(deck, capsys, monkeypat
 
     monkeypatch.setattr(computes, "Forgetful", Forgetful, raising=False)
     monkeypatch.setitem(computes.COMPUTES, "gyration", computes.ComputeSpec(prepare, scalar))
-    deck.write_text(f"{TINY.partition('compute m')[0]}compute g all gyration\nthermo_style custom step c_g\nrun 100\n", encoding="utf-8")
-    out = deck.parent / "out"
+    out = put(deck, f"{TINY.partition('compute m')[0]}compute g all gyration\nthermo_style custom step c_g\nrun 100\n").parent / "out"
     words = ["--out", str(out), "--platform", "Reference", "--threads", "1"]
     error = error_of(capsys, str(deck), *words, "--checkpoint", "10")
     assert "builtins.complex does not belong into a checkpoint" in error
@@ -313,26 +294,12 @@ def test_code_in_a_checkpoint_is_not_run(deck, capsys):
 
 def test_volume_moves_of_openmm_are_refused(capsys, tmp_path):
     deck = DECKS / "in.dpdp-pressure"
-    words = [str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--checkpoint", "10"]
-    error = error_of(capsys, *words)
+    error = error_of(capsys, *[str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--checkpoint", "10"])
     assert "--checkpoint: this run could not be resumed: OpenMM's MonteCarlo" in error and "leave the option out" in error
 
 
 def test_forces_of_openmm_on_the_cpu_platform_are_not_bit_for_bit(deck, capsys):
-    words = [
-        "run",
-        str(deck),
-        "--platform",
-        "CPU",
-        "--threads",
-        "1",
-        "--out",
-        str(deck.parent / "out"),
-        "--steps",
-        "2",
-        "--checkpoint",
-        "1",
-    ]
+    words = ["run", str(deck), "--out", str(deck.parent / "out"), *"--platform CPU --threads 1 --steps 2 --checkpoint 1".split()]
     for more, said in (([], False), (["--conservative", "openmm"], True)):
         assert main([*words, *more]) == 0
         assert ("not bit for bit" in capsys.readouterr().out) == said

@@ -31,8 +31,7 @@ OPTIONS: dict[str, tuple[list[str], list[list[str]]]] = {
     "--every": (["4"], [["5"]]),
     "--format": (["xtc"], [["dcd"]]),
     "--out": (["OUT"], [["elsewhere"]]),
-    # these may be others
-    "--threads": (["1"], []),
+    "--threads": (["1"], []),  # these may be others
     "--checkpoint": (["5"], []),
     "--json": (["JSON"], []),
     "--quiet": ([], []),

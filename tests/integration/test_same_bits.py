@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kinds import KINDS, everything, made, running
-from scenes import fluid
+from scenes import fluid, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
 
-#: What makes a library choose functions that another processor has, or another version; they differ in their last bits.
-OTHER = {
+OTHER = {  # What makes a library choose functions that another processor has, or another version; they differ in their last bits.
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4",
     "OPENBLAS_CORETYPE": "Prescott",
     "NPY_DISABLE_CPU_FEATURES": "AVX512_SPR AVX512_ICL AVX512_SKX X86_V4 AVX2 FMA3 X86_V3",
@@ -48,8 +47,7 @@ def _hash(*arrays) -> str:
 
 def _of_kind(kind: str, scheme: str) -> str:
     built = made(kind, scheme)
-    simulation = running(built)
-    simulation.step(5)
+    simulation = stepped(running(built), 5)
     found = everything(simulation.context, built)
     return _hash(*(found[name] for name in sorted(found)))
 
@@ -60,8 +58,7 @@ def _of_charges(name: str) -> str:
     scene = fluid(box=np.diag([3.9] * 3), n=120, charges=q, electrostatics=CHARGES[name], velocities=None)
     built = dpd.build(scene, dt=0.01, scheme="middle", platform="Reference", seed=1)
     assert "charges" in built.plan.execution.held
-    simulation = running(built)
-    simulation.step(5)
+    simulation = stepped(running(built), 5)
     found = everything(simulation.context, built)
     return _hash(found["x"], found["v"])
 
@@ -90,13 +87,8 @@ def test_runs_have_the_same_bits_on_another_machine(tmp_path, cpu):
     for name, change in (("here", {}), ("there", OTHER | cpu)):
         folder = tmp_path / name
         folder.mkdir()
-        done = subprocess.run(
-            [sys.executable, __file__, str(folder)],
-            env={**os.environ, "PYTHONPATH": paths, **change},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        command, environment = [sys.executable, __file__, str(folder)], {**os.environ, "PYTHONPATH": paths, **change}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         lines[name] = done.stdout.splitlines()
     if lines["here"][0] == lines["there"][0]:

@@ -11,9 +11,10 @@ import foreign_forces
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from judged import any_seed, with_seeds
 from openmm import app, unit
-from scenes import beads, state_of
+from scenes import beads, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.stats import block_average
@@ -49,12 +50,10 @@ def fluid(way="build", *, scheme="middle", platform="CPU", kT=1.0, n=81, edge=3.
         topology.addAtom("AR", app.Element.getBySymbol("Ar"), topology.addResidue("AR", chain))
     system.addForce(force)
     temperature = kT if isinstance(kT, dpd.TemperatureRamp) else kT * UNIT * KELVIN
-    integrator = dpd.add_thermostat(
-        system, dpd.DPD(gamma=4.5, cutoff=1.0), temperature, dt, scheme=scheme, platform=platform, seed=seed
-    ).integrator
+    friction, choices = dpd.DPD(gamma=4.5, cutoff=1.0), {"scheme": scheme, "platform": platform, "seed": seed}
+    integrator = dpd.add_thermostat(system, friction, temperature, dt, **choices).integrator
     simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatformByName(platform), properties)
-    simulation.context.setPositions(x)
-    simulation.context.setVelocities(v)
+    place(simulation.context, x, v)
     return simulation
 
 
@@ -109,8 +108,7 @@ def test_beads_among_atoms_take_temperatures_as_well(scheme, platform):
     cell = foreign_forces.Cell("external", 0, scheme, platform, "auto", "mixed", "after", "own")
     case = foreign_forces.atoms()
     foreign_forces.among_beads(case, cell)
-    simulation = case.simulation(platform, True)
-    simulation.step(1)
+    simulation = stepped(case.simulation(platform, True), 1)
     everyone_says(simulation, 300 * BOLTZMANN)
     for way in SET:
         SET[way](simulation.context, 2.0)
@@ -127,17 +125,14 @@ def test_a_temperature_in_kelvin_is_the_same_run(scheme, platform, how):
     """Set in kelvin or as kT: the same trajectory."""
     table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
     first, second = (fluid(scheme=scheme, platform=platform, table=table) for _ in range(2))
-    for simulation in (first, second):
-        simulation.step(2)
+    step_all(2, first, second)
     SET[how](first.context, 2.0)
     first.step(1)
-    # the noise depends on every bit of kT
-    kT = first.context.getParameter("dpd_kT")
+    kT = first.context.getParameter("dpd_kT")  # the noise depends on every bit of kT
     assert kT == pytest.approx(2.0, rel=1e-12)
     second.context.setParameter("dpd_kT", kT)
     second.step(1)
-    for simulation in (first, second):
-        simulation.step(5)
+    step_all(5, first, second)
     for one, other in zip(state_of(first.context), state_of(second.context), strict=True):
         assert np.abs(one - other).max() < 1e-9
 
@@ -221,14 +216,9 @@ def test_noise_is_a_function_of_seed_counter_and_temperature(way, scheme, platfo
     one = kick(way, scheme, platform, 1.0)
     assert np.abs(one).max() > 0.01
     assert np.array_equal(one, kick(way, scheme, platform, 1.0))
-    others = {
-        "kT": kick(way, scheme, platform, 2.0),
-        "slightly": kick(way, scheme, platform, 1.0 + 1e-12),
-        "seed": kick(way, scheme, platform, 1.0, seed=5),
-        "counter": kick(way, scheme, platform, 1.0, counter=7),
-    }
-    # momentum is zero in each direction
-    limit = 4 / math.sqrt(len(one) - 3)
+    others = {"kT": kick(way, scheme, platform, 2.0), "slightly": kick(way, scheme, platform, 1.0 + 1e-12)}
+    others |= {"seed": kick(way, scheme, platform, 1.0, seed=5), "counter": kick(way, scheme, platform, 1.0, counter=7)}
+    limit = 4 / math.sqrt(len(one) - 3)  # momentum is zero in each direction
     found = {name: float(np.corrcoef(one, other)[0, 1]) for name, other in others.items()}
     assert all(abs(value) < limit for value in found.values()), found
 
@@ -248,16 +238,14 @@ def velocities(sampler) -> list[np.ndarray]:
 @WAY
 def test_equal_replicas_with_seeds_of_their_own_part(way, seed):
     """One start, one temperature, two seeds."""
-    states = [{"temperature": UNIT * KELVIN, "dpd_seed": seed + k} for k in (0, 1)]
-    one, two = velocities(replicas(states, fluid(way), 100, 2))
+    one, two = velocities(replicas([{"temperature": UNIT * KELVIN, "dpd_seed": seed + k} for k in (0, 1)], fluid(way), 100, 2))
     assert abs(np.corrcoef(one, two)[0, 1]) < 4 / math.sqrt(len(one) - 3)
 
 
 @WAY
 def test_equal_replicas_without_seeds_of_their_own_do_not_part(way):
     """docs/howto/sampling.md says why states need a seed."""
-    states = [{"temperature": UNIT * KELVIN} for _ in range(2)]
-    one, two = velocities(replicas(states, fluid(way), 50, 2))
+    one, two = velocities(replicas([{"temperature": UNIT * KELVIN} for _ in range(2)], fluid(way), 50, 2))
     assert np.abs(one - two).max() < 1e-9
 
 
@@ -285,16 +273,14 @@ def holds(samples: list[float], kT: float) -> None:
 
 @pytest.mark.slow
 @any_seed(4)
-@pytest.mark.parametrize(
+@cases(
     "method, way, keys",
-    [
-        ("SimulatedTempering", "build", "temperature"),
-        ("SimulatedTempering", "add_thermostat", "temperature"),
-        ("ExpandedEnsembleSampler", "build", "with dpd_kT"),
-        ("ExpandedEnsembleSampler", "add_thermostat", "temperature"),
-        ("ReplicaExchangeSampler", "build", "with dpd_seed"),
-        ("ReplicaExchangeSampler", "add_thermostat", "temperature"),
-    ],
+    ("SimulatedTempering", "build", "temperature"),
+    ("SimulatedTempering", "add_thermostat", "temperature"),
+    ("ExpandedEnsembleSampler", "build", "with dpd_kT"),
+    ("ExpandedEnsembleSampler", "add_thermostat", "temperature"),
+    ("ReplicaExchangeSampler", "build", "with dpd_seed"),
+    ("ReplicaExchangeSampler", "add_thermostat", "temperature"),
 )
 def test_states_have_their_temperatures(method, way, keys, seed):
     """Particles with friction alone have no energy to be compared: all changes are accepted, however far apart the temperatures are."""
@@ -316,9 +302,8 @@ def test_states_have_their_temperatures(method, way, keys, seed):
         sampler.simulate(60)
     else:
         if method == "SimulatedTempering":
-            sampler = app.SimulatedTempering(
-                simulation, [s["temperature"] for s in states], weights=[0.0] * 3, tempChangeInterval=length, reportFile=None
-            )
+            choices = {"weights": [0.0] * 3, "tempChangeInterval": length, "reportFile": None}
+            sampler = app.SimulatedTempering(simulation, [s["temperature"] for s in states], **choices)
         else:
             sampler = app.ExpandedEnsembleSampler(states, simulation, length, weights=[0.0] * 3)
         for _ in range(180):
@@ -338,8 +323,7 @@ def test_replicas_of_a_dpd_fluid_have_their_temperatures(scheme, seed):
     """With repulsion, and temperatures near enough for exchanges; energies of neighbours differ as their heat capacity says."""
     factors = (1.0, 1.05, 1.1)
     states = [{"temperature": factor * UNIT * KELVIN} for factor in factors]
-    simulation = fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)}, seed=seed)
-    simulation.step(300)
+    simulation = stepped(fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)}, seed=seed), 300)
     random.seed(seed + 1)
     sampler = app.ReplicaExchangeSampler(states, simulation, 25)
     found: list[list[float]] = [[] for _ in factors]
@@ -387,12 +371,7 @@ def umbrella(pairs: int, stiffness: float, centre: float, kind: str) -> openmm.F
 @any_seed(9)
 @pytest.mark.parametrize(
     "way, scheme, kind, group",
-    [
-        ("build", "middle", "bond", 0),
-        ("build", "aboba", "cv", 30),
-        ("build", "bababo", "bond", 7),
-        ("add_thermostat", "middle", "cv", 31),
-    ],
+    [("build", "middle", "bond", 0), ("build", "aboba", "cv", 30), ("build", "bababo", "bond", 7), ("add_thermostat", "middle", "cv", 31)],
 )
 def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
     """Reweighted distances of free pairs: -2 kT ln r, within 0.1 kT and not worse than four standard errors over the pairs."""
@@ -403,9 +382,8 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
     if way == "build":
         built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=seed)
         built.system.addForce(force)
-        simulation = app.Simulation(
-            built.topology, built.system, built.integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"}
-        )
+        cpu = openmm.Platform.getPlatformByName("CPU")
+        simulation = app.Simulation(built.topology, built.system, built.integrator, cpu, {"Threads": "1"})
     else:
         plain = dpd.build(ghosts(pairs, 175, 5.0), dt=dt, platform="CPU", conservative="openmm", seed=9)
         system = openmm.System()
@@ -413,9 +391,8 @@ def test_umbrellas_give_back_the_free_energy(way, scheme, kind, group, seed):
         for _ in range(scene.n_beads):
             system.addParticle(1.0)
         system.addForce(force)
-        integrator = dpd.add_thermostat(
-            system, dpd.DPD(gamma=4.5, cutoff=1.0), UNIT * KELVIN, dt, scheme=scheme, platform="CPU", seed=seed
-        ).integrator
+        friction, choices = dpd.DPD(gamma=4.5, cutoff=1.0), {"scheme": scheme, "platform": "CPU", "seed": seed}
+        integrator = dpd.add_thermostat(system, friction, UNIT * KELVIN, dt, **choices).integrator
         simulation = app.Simulation(plain.topology, system, integrator, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
     simulation.context.setPositions(scene.positions)
     simulation.context.setVelocitiesToTemperature(UNIT * KELVIN, 3)

@@ -12,8 +12,7 @@ from openmm_dpd.base.names import BONDED_GROUP, SEGMENT_GROUP
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.styles.srp import srp_settings
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 DISTANCE = pytest.mark.parametrize("distance", ["mid", "min"])
 SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
@@ -22,15 +21,9 @@ SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba
 def melt(distance="mid", *, spread=1, seed=5, table=None, bonds=None, **options) -> dpd.Scene:
     """Twenty chains of six in a tilted box."""
     x, pairs, _ = chains.walks(20, 6, BOX, seed, step=0.8, spread=spread)
-    return beads(
-        len(x),
-        positions=x,
-        table=table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        box=BOX,
-        bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)],
-        segments=dpd.SegmentalRepulsion(A=80, cutoff=0.9, distance=distance, bonds=bonds),
-        **options,
-    )
+    segments = dpd.SegmentalRepulsion(A=80, cutoff=0.9, distance=distance, bonds=bonds)
+    table = table or {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    return beads(len(x), positions=x, table=table, box=BOX, bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)], segments=segments, **options)
 
 
 def segment_state(context):
@@ -66,16 +59,9 @@ def crossed(segments, distance="mid") -> dpd.Scene:
     v = np.zeros((2 * n, 3))
     v[:n, 2], v[n:, 2] = -1.0, 1.0
     pairs = np.array([(c * n + k, c * n + k + 1) for c in range(2) for k in range(n - 1)])
-    return beads(
-        2 * n,
-        positions=x,
-        velocities=v,
-        edge=12.0,
-        table={("W", "W"): dpd.DPD(A=4.0)},
-        kT=0.0,
-        bonds=[dpd.HarmonicBonds(pairs, 100, 0.8)],
-        segments=dpd.SegmentalRepulsion(100.0, 0.8, distance) if segments else None,
-    )
+    bonded = {"bonds": [dpd.HarmonicBonds(pairs, 100, 0.8)]}
+    bonded["segments"] = dpd.SegmentalRepulsion(100.0, 0.8, distance) if segments else None
+    return beads(2 * n, positions=x, velocities=v, edge=12.0, table={("W", "W"): dpd.DPD(A=4.0)}, kT=0.0, **bonded)
 
 
 def gap(simulation) -> float:
@@ -123,16 +109,13 @@ def test_some_bonds_only():
 
 
 def test_what_is_measured():
-    scene = melt()
-    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    built = dpd.build(melt(), dt=0.01, platform="Reference", seed=1)
     observer, simulation = dpd.Observer(built), built.simulation()
     sample = observer.sample(simulation.context)
-    without = dpd.build(melt(table={("W", "W"): dpd.NONE}), dt=0.01, platform="Reference").simulation()
-    alone = segment_state(without.context)[0]
+    alone = segment_state(dpd.build(melt(table={("W", "W"): dpd.NONE}), dt=0.01, platform="Reference").simulation().context)[0]
     assert sample.pair > alone > 100
     assert "segmental repulsion" in observer.no_laplacian and sample.laplacian is None
-    text = built.explain()
-    assert "segmental repulsion between the midpoints of 100 bonds: A = 80, cutoff 0.9 nm" in text
+    assert "segmental repulsion between the midpoints of 100 bonds: A = 80, cutoff 0.9 nm" in built.explain()
 
 
 def test_beside_a_repulsion_that_depends_on_temperatures():
@@ -209,13 +192,8 @@ def test_decks_against_lammps(tmp_path, name, box):
     forces = forces[:120]  # then come the placeholders of the bonds
     sample, force = ours(tmp_path, text, compat="lammps")
     np.testing.assert_allclose(force, forces, atol=1e-9 * np.abs(forces).max(), rtol=0)
-    found = {
-        "pe": sample.potential,
-        "ebond": sample.bond,
-        "eangle": sample.angle,
-        "evdwl": sample.pair,
-        "press": (2 * sample.kinetic + sample.virial_conservative) / (3 * sample.volume),
-    }
+    found = {"pe": sample.potential, "ebond": sample.bond, "eangle": sample.angle, "evdwl": sample.pair}
+    found["press"] = (2 * sample.kinetic + sample.virial_conservative) / (3 * sample.volume)
     for word, value in found.items():
         assert value == pytest.approx(expected[word], rel=1e-9), word
     if "min" in name:
@@ -236,13 +214,8 @@ def test_notes_of_a_deck(tmp_path):
 def test_settings_of_the_style():
     found = srp_settings("0.8 2 min exclude yes bptype 3".split())
     assert found == {"cutoff": 0.8, "bond_type": 2, "distance": "min", "exclude": True, "bptype": 3}
-    assert srp_settings("0.8 * mid exclude no".split()) == {
-        "cutoff": 0.8,
-        "bond_type": None,
-        "distance": "mid",
-        "exclude": False,
-        "bptype": None,
-    }
+    expected = {"cutoff": 0.8, "bond_type": None, "distance": "mid", "exclude": False, "bptype": None}
+    assert srp_settings("0.8 * mid exclude no".split()) == expected
 
 
 SRP = "hybrid/overlay dpd 1 1 3 srp "

@@ -66,10 +66,8 @@ def test_a_thermostat_takes_the_platform_that_build_takes(device):
     """By itself, and where OpenCL is asked for."""
     for platform in (None, "OpenCL"):
         topology, system, x = argon()
-        built = dpd.add_thermostat(
-            system, dpd.DPD(gamma=1.0, cutoff=0.8), 90, 0.002, topology=topology, positions=x, platform=platform, seed=1
-        )
-        simulation = built.simulation()
+        choices = {"topology": topology, "positions": x, "platform": platform, "seed": 1}
+        simulation = dpd.add_thermostat(system, dpd.DPD(gamma=1.0, cutoff=0.8), 90, 0.002, **choices).simulation()
         assert simulation.context.getPlatform().getName() == platform_here(platform)
         before = energy_and_velocities(simulation)[0]
         simulation.minimizeEnergy(maxIterations=20)
@@ -95,8 +93,7 @@ def test_as_low_as_openmms():
     assert energies[1] - start < 0.9 * (energies[0] - start)
     x = ours.context.getState(positions=True).getPositions(asNumpy=True)._value
     tied = [system.getConstraintParameters(k) for k in range(system.getNumConstraints())]
-    lengths = [np.linalg.norm(x[i] - x[j]) / length._value for i, j, length in tied]
-    np.testing.assert_allclose(lengths, 1, atol=2e-5)
+    np.testing.assert_allclose([np.linalg.norm(x[i] - x[j]) / length._value for i, j, length in tied], 1, atol=2e-5)
     ours.context.computeVirtualSites()
     np.testing.assert_allclose(ours.context.getState(positions=True).getPositions(asNumpy=True)._value, x, atol=1e-6)
 

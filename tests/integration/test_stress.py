@@ -17,8 +17,7 @@ from openmm_dpd.lammps import read_deck
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.measure.stress_parts import stress_parts
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 ORTHO, TILTED = np.diag([6.2, 5.9, 6.4]), np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 SHAPES = pytest.mark.parametrize("box", [ORTHO, TILTED], ids=["orthogonal", "tilted"])
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -152,20 +151,11 @@ def test_charges_against_lammps():
         theirs = np.array([lmp.get_thermo(f"p{name}") for name in COMPONENTS])
         x, q = (np.array(lmp.gather_atoms(name, 1, count)) for name, count in (("x", 3), ("q", 1)))
     box = np.array([[8.0, 0, 0], [1.0, 7.5, 0], [-0.5, 0.7, 8.5]])
-    charges = dpd.SlaterCharges(
-        lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, cutoff=3.7, tolerance=1e-5, bonded_factors=(0.5, 1.0, 1.0)
-    )
-    bonds = [dpd.HarmonicBonds([(0, 15), (1, 16)], 0.0, 0.0)]
-    scene = beads(
-        60,
-        positions=x.reshape(-1, 3),
-        table={("W", "W"): dpd.DPD(A=25.0)},
-        box=box,
-        velocities=np.zeros((60, 3)),
-        charges=q,
-        bonds=bonds,
-        electrostatics=charges,
-    )
+    options = {"cutoff": 3.7, "tolerance": 1e-5, "bonded_factors": (0.5, 1.0, 1.0)}
+    charges = dpd.SlaterCharges(lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, **options)
+    charged = {"charges": q, "bonds": [dpd.HarmonicBonds([(0, 15), (1, 16)], 0.0, 0.0)], "electrostatics": charges}
+    x = x.reshape(-1, 3)
+    scene = beads(60, positions=x, table={("W", "W"): dpd.DPD(A=25.0)}, box=box, velocities=np.zeros((60, 3)), **charged)
     agree(stress_of(scene), box, theirs, 2e-5)
 
 
@@ -195,20 +185,12 @@ def test_partners_and_many_body_against_lammps(style):
             "pair_coeff * * mdpd/rhosum 0.75",
             *(f"pair_coeff {a} {b} mdpd {A} 25.0 0.0 1.2 0.75" for a, b, A in ((1, 1, -40), (1, 2, -30), (2, 2, -35))),
         ]
-        pairs = {
-            (a, b): dpd.MDPD(A=A, B=25, gamma=4.5, cutoff=1.2, cutoff_B=0.75, kernel="lucy")
-            for a, b, A in (("1", "1", -40), ("1", "2", -30), ("2", "2", -35))
-        }
-    setup = [
-        "units lj",
-        f"atom_style {'mdpd' if style == 'mdpd' else 'atomic'}",
-        "comm_modify vel yes",
-        "region box prism 0 6.2 0 5.9 0 6.4 1.3 -1.1 1.7",
-        "create_box 2 box",
-        *(f"create_atoms {t + 1} single {' '.join(map(repr, place))} units box" for t, place in zip(types, x.tolist(), strict=True)),
-        "mass * 1.0",
-        *commands,
-    ]
+        attractions = (("1", "1", -40), ("1", "2", -30), ("2", "2", -35))
+        pairs = {(a, b): dpd.MDPD(A=A, B=25, gamma=4.5, cutoff=1.2, cutoff_B=0.75, kernel="lucy") for a, b, A in attractions}
+    rows = zip(types, x.tolist(), strict=True)
+    bead = [f"create_atoms {t + 1} single {' '.join(map(repr, place))} units box" for t, place in rows]
+    setup = ["units lj", f"atom_style {'mdpd' if style == 'mdpd' else 'atomic'}", "comm_modify vel yes"]
+    setup += ["region box prism 0 6.2 0 5.9 0 6.4 1.3 -1.1 1.7", "create_box 2 box", *bead, "mass * 1.0", *commands]
     theirs = their_pressure(setup)
     scene = dpd.Scene({"1": 1.0, "2": 1.0}, names, x, pairs, 1.0, box=TILTED, velocities=np.zeros_like(x))
     agree(stress_of(scene), TILTED, theirs)
@@ -282,12 +264,10 @@ def test_one_angle_by_hand():
     angle = dpd.HarmonicAngles([(0, 1, 2)], 3.0, 2.0)
     slope = 2 * 3.0 * (np.pi / 2 - 2.0)
     (part,) = stress_parts(dpd.make_plan(beads(3, positions=x, edge=9.0, angles=[angle]), dt=0.01, seed=1))
-    found = part(x, np.eye(3) * 9)
-    np.testing.assert_allclose(found, [0, 0, 0, slope, 0, 0], atol=1e-14)
+    np.testing.assert_allclose(part(x, np.eye(3) * 9), [0, 0, 0, slope, 0, 0], atol=1e-14)
     straight = np.array([[1.0, 1, 1], [2.0, 1, 1], [3.0, 1, 1]])
     for kind in (dpd.CosineAngles([(0, 1, 2)], 4.0), dpd.HarmonicAngles([(0, 1, 2)], 4.0, np.pi)):
-        plan = dpd.make_plan(beads(3, positions=straight, edge=9.0, angles=[kind]), dt=0.01, seed=1)
-        (part,) = stress_parts(plan)
+        (part,) = stress_parts(dpd.make_plan(beads(3, positions=straight, edge=9.0, angles=[kind]), dt=0.01, seed=1))
         np.testing.assert_allclose(part(straight, np.eye(3) * 9), 0, atol=1e-12)
 
 
@@ -335,12 +315,8 @@ def test_a_reporter_does_not_disturb_the_run(name, scheme, platform):
 @any_seed(2)
 def test_tension_and_viscosity_take_what_it_records(seed):
     """A run with bonds, and edges of a box that a barostat changes."""
-    scene = beads(
-        192,
-        edge=4.0,
-        positions=np.random.default_rng(4).random((192, 3)) * 4,
-        bonds=[dpd.HarmonicBonds(np.arange(60).reshape(-1, 2), 20.0, 0.6)],
-    )
+    bonds = [dpd.HarmonicBonds(np.arange(60).reshape(-1, 2), 20.0, 0.6)]
+    scene = beads(192, edge=4.0, positions=np.random.default_rng(4).random((192, 3)) * 4, bonds=bonds)
     built = dpd.build(scene, dt=0.02, platform="CPU", seed=seed)
     built.system.addForce(openmm.MonteCarloBarostat(23.0 * 16.605, 120.27, 5))
     simulation = built.simulation()

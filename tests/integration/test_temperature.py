@@ -2,29 +2,18 @@
 
 import numpy as np
 import pytest
-from devices import DEVICES
+from devices import CPU, REFERENCE
 from judged import any_seed, judge
-from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of
+from marks import SCHEME, SCHEMES
+from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import KT
 
-REFERENCE, CPU = DEVICES[:2]
-SCHEMES = {
-    "mvv": {"scheme": "mvv"},
-    "mvv-0.65": {"scheme": "mvv", "lam": 0.65},
-    "shardlow": {"scheme": "shardlow"},
-    "middle": {"scheme": "middle"},
-    "aboba": {"scheme": "aboba"},
-    "bababo": {"scheme": "bababo"},
-}
-SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
-
 
 def temperatures(scene, device=CPU, *, dt, steps, start, every=5, **choices):
     """Kinetic temperature 2K/(3N-3) of the mobile beads in every fifth step after the start."""
-    simulation = run_of(scene, device, dt=dt, **choices)
-    simulation.step(start)
+    simulation = stepped(run_of(scene, device, dt=dt, **choices), start)
     mobile = np.ones(scene.n_beads, bool) if scene.mobile is None else scene.mobile
     mass, values = scene.bead_masses[mobile, None], []
     dof = 3 * mobile.sum() - (3 if mobile.all() else 0)
@@ -48,9 +37,7 @@ def test_temperature_of_every_step_of_a_ramp(choices, begin, end):
 
 
 def test_ramp_does_not_depend_on_how_the_run_is_cut_up_or_on_the_step_count():
-    scene = beads(kT=dpd.TemperatureRamp(1.0, 3.0, 0, 20))
-    simulation = run_of(scene, REFERENCE, dt=0.02, scheme="middle")
-    simulation.step(7)
+    simulation = stepped(run_of(beads(kT=dpd.TemperatureRamp(1.0, 3.0, 0, 20)), REFERENCE, dt=0.02, scheme="middle"), 7)
     simulation.context.setStepCount(0)
     simulation.step(3)
     assert simulation.context.getParameter(KT) == pytest.approx(2.0)
@@ -59,9 +46,8 @@ def test_ramp_does_not_depend_on_how_the_run_is_cut_up_or_on_the_step_count():
 @SCHEME
 def test_a_ramp_step_is_a_step_at_that_temperature(choices):
     """One step of a ramp against a run at the temperature it has reached, from the same state and noise count."""
-    ramp = run_of(
-        fluid(EXTENDED, BOXES["ortho"], n=60, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 2)), REFERENCE, dt=0.02, conservative="kernel", **choices
-    )
+    warming = fluid(EXTENDED, BOXES["ortho"], n=60, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 2))
+    ramp = run_of(warming, REFERENCE, dt=0.02, conservative="kernel", **choices)
     fixed = run_of(fluid(EXTENDED, BOXES["ortho"], n=60, kT=1.0), REFERENCE, dt=0.02, conservative="kernel", **choices)
     ramp.step(1)
     half = state_of(ramp.context)
@@ -86,8 +72,7 @@ def test_a_ramp_reaches_its_targets(start_stop, seed):
     table = {("A", "A"): D(A=25, gamma=20), ("A", "B"): D(A=25, sigma=6.0), ("B", "B"): D(A=25, gamma=20)}
     scene = fluid(table, np.diag([4.0] * 3), 3.0, kT=dpd.TemperatureRamp(start, stop, 0, 500))
     values = temperatures(scene, dt=0.01, start=0, steps=5000, scheme="middle", seed=seed)
-    # halfway through the ramp it is on its way
-    assert min(start, stop) + 0.3 < np.mean(values[40:60]) < max(start, stop) - 0.3
+    assert min(start, stop) + 0.3 < np.mean(values[40:60]) < max(start, stop) - 0.3  # halfway through the ramp it is on its way
     judge(values[120:], stop, error=0.02 * stop)
 
 
@@ -104,8 +89,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
     x = np.repeat(rng.random((50, 3)) * 6, 4, axis=0) + rng.normal(size=(n, 3)) * 0.3
     table = {("W", "W"): D(A=25, gamma=30.0, gamma_perp=15.0)}
     scene = beads(n, edge=6.0, positions=x, table=table, bonds=[bonds], bonded_factors=(0.5, 0.25, 0.0))
-    values = temperatures(scene, dt=0.005, start=600, steps=10_000, conservative="kernel", seed=seed, **choices)
-    judge(values, 1.0, error=0.02)
+    judge(temperatures(scene, dt=0.005, start=600, steps=10_000, conservative="kernel", seed=seed, **choices), 1.0, error=0.02)
 
 
 @any_seed(1)
@@ -113,8 +97,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
 def test_unequal_masses_and_transverse_friction(choices, seed):
     """Masses 1 and 2.7, everything different: kT = 1.3 at a small step; 3 % off is seen."""
     scene = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, kT=1.3)
-    values = temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices)
-    judge(values, 1.3, error=0.016)
+    judge(temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices), 1.3, error=0.016)
 
 
 @any_seed(1)
@@ -124,8 +107,7 @@ def test_walls_at_rest_keep_the_temperature(choices, seed):
     base = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, seed=4)
     mobile = base.positions[:, 2] % 4.0 > 0.8
     scene = dpd.Scene(base.masses, base.types, base.positions, EXTENDED, 1.0, box=base.box, mobile=mobile)
-    values = temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices)
-    judge(values, 1.0, error=0.012)
+    judge(temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices), 1.0, error=0.012)
 
 
 def test_moving_walls_drag_the_fluid_along():
@@ -135,12 +117,10 @@ def test_moving_walls_drag_the_fluid_along():
     mobile = base.positions[:, 2] % 4.0 > 0.8
     velocities = np.where(mobile[:, None], 0.0, [2.0, 0.0, 0.0])
     scene = dpd.Scene(base.masses, base.types, base.positions, friction, 0.1, box=base.box, mobile=mobile, velocities=velocities)
-    simulation = run_of(scene, CPU, dt=0.05, scheme="middle")
-    simulation.step(800)
+    simulation = stepped(run_of(scene, CPU, dt=0.05, scheme="middle"), 800)
     x, v = state_of(simulation.context)
     flow = np.average(v[mobile], axis=0, weights=scene.bead_masses[mobile])
-    # the mean velocity of 150 beads fluctuates by sqrt(kT/M) = 0.02
-    np.testing.assert_allclose(flow, [2.0, 0.0, 0.0], atol=0.08)
+    np.testing.assert_allclose(flow, [2.0, 0.0, 0.0], atol=0.08)  # the mean velocity of 150 beads fluctuates by sqrt(kT/M) = 0.02
     assert np.array_equal(x[~mobile], scene.positions[~mobile])
 
 

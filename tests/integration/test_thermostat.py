@@ -3,8 +3,10 @@
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from judged import any_seed, judge
 from openmm import app, unit
+from raising import raises
 
 import openmm_dpd as dpd
 
@@ -15,9 +17,8 @@ def water(model: str = "tip3p", edge: float = 1.9):
     modeller = app.Modeller(app.Topology(), [] * unit.nanometer)
     kind = "tip4pew" if "4" in model else "tip3p"
     modeller.addSolvent(forcefield, boxSize=openmm.Vec3(edge, edge, edge) * unit.nanometer, model=kind)
-    system = forcefield.createSystem(
-        modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.8 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
-    )
+    choices = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.8 * unit.nanometer, "constraints": app.HBonds}
+    system = forcefield.createSystem(modeller.topology, removeCMMotion=False, **choices)
     return modeller.topology, modeller.positions, system
 
 
@@ -45,8 +46,7 @@ def test_constraints_and_virtual_sites_hold(model):
         i, j, distance = system.getConstraintParameters(k)
         assert np.linalg.norm(x[i] - x[j]) == pytest.approx(distance._value, rel=2e-5)
     simulation.context.computeVirtualSites()
-    again = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
-    np.testing.assert_allclose(x, again, atol=1e-6)
+    np.testing.assert_allclose(x, simulation.context.getState(positions=True).getPositions(asNumpy=True)._value, atol=1e-6)
 
 
 def test_momentum_of_the_pair_terms():
@@ -54,8 +54,7 @@ def test_momentum_of_the_pair_terms():
     topology, positions, system = water()
     while system.getNumForces():
         system.removeForce(0)
-    # a System without periodic forces is not periodic: keep one that does nothing
-    silent = openmm.HarmonicBondForce()
+    silent = openmm.HarmonicBondForce()  # a System without periodic forces is not periodic: keep one that does nothing
     silent.setUsesPeriodicBoundaryConditions(True)
     system.addForce(silent)
     integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, gamma_perp=1, cutoff=0.7), 300 * unit.kelvin, 0.002, seed=2).integrator
@@ -90,8 +89,7 @@ def test_temperature_of_rigid_water(model, seed):
         simulation.step(5)
         kinetic = simulation.context.getState(energy=True).getKineticEnergy().value_in_unit(unit.kilojoule_per_mole)
         rows.append(2 * kinetic / dof / dpd.units.BOLTZMANN)
-    # 0.5 % for the first-order error of pair updates under constraints
-    judge(rows, 300.0, error=3.0, beside=1.5)
+    judge(rows, 300.0, error=3.0, beside=1.5)  # 0.5 % for the first-order error of pair updates under constraints
 
 
 def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
@@ -105,47 +103,43 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
     return system
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"friction": dpd.DPD(A=1, gamma=1)}, dpd.ParameterError, "a thermostat has no repulsion"),
-        ({"friction": dpd.DPD(gamma=1, cutoff=2)}, dpd.ParameterError, "over half the box"),
-        (
-            {"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]},
-            dpd.ParameterError,
-            r"no pair coefficients for types \(A, B\)",
-        ),
-        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
-        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
-        ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", 1, "A", "A"]}, dpd.ParameterError, "types must hold the name.*1"),
-        ({"friction": dpd.DPD(cutoff=1.0)}, dpd.ParameterError, "no pair of types has any friction"),
-        ({"friction": 5}, dpd.ParameterError, "friction must be a DPD.*5"),
-        ({"friction": dpd.LennardJones(1, 1, 1)}, dpd.ParameterError, "friction must be a DPD"),
-        ({"temperature": -3}, dpd.ParameterError, r"temperature must be a single number >= 0, but is -3\.0 K"),
-        ({"temperature": None}, dpd.ParameterError, "temperature must be a number.*None"),
-        (
-            {"friction": dpd.DPD(gamma=1, sigma=2), "temperature": dpd.TemperatureRamp(2.0, 3.0, 0, 9)},
-            dpd.ParameterError,
-            "contradict the temperature.*kT = 3",
-        ),
-        ({"friction": dpd.DPD(sigma=2), "temperature": dpd.TemperatureRamp(2.0, 0.0, 0, 9)}, dpd.ParameterError, "temperature of 0"),
-        ({"scheme": "mvv", "lam": 5}, dpd.ParameterError, "lam.*between 0 and 1.*5"),
-        ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
-        ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
-        ({"dt": 0}, dpd.ParameterError, "dt must be > 0, but is 0"),
-        ({"scheme": "native"}, dpd.ParameterError, "OpenMM's own thermostat; make a DPDIntegrator"),
-        ({"scheme": "verlet"}, dpd.ParameterError, "unknown scheme 'verlet'.*or a word"),
-    ],
+@cases(
+    "arguments, error, message",
+    ({"friction": dpd.DPD(A=1, gamma=1)}, dpd.ParameterError, "a thermostat has no repulsion"),
+    ({"friction": dpd.DPD(gamma=1, cutoff=2)}, dpd.ParameterError, "over half the box"),
+    (
+        {"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]},
+        dpd.ParameterError,
+        r"no pair coefficients for types \(A, B\)",
+    ),
+    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
+    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
+    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", 1, "A", "A"]}, dpd.ParameterError, "types must hold the name.*1"),
+    ({"friction": dpd.DPD(cutoff=1.0)}, dpd.ParameterError, "no pair of types has any friction"),
+    ({"friction": 5}, dpd.ParameterError, "friction must be a DPD.*5"),
+    ({"friction": dpd.LennardJones(1, 1, 1)}, dpd.ParameterError, "friction must be a DPD"),
+    ({"temperature": -3}, dpd.ParameterError, r"temperature must be a single number >= 0, but is -3\.0 K"),
+    ({"temperature": None}, dpd.ParameterError, "temperature must be a number.*None"),
+    (
+        {"friction": dpd.DPD(gamma=1, sigma=2), "temperature": dpd.TemperatureRamp(2.0, 3.0, 0, 9)},
+        dpd.ParameterError,
+        "contradict the temperature.*kT = 3",
+    ),
+    ({"friction": dpd.DPD(sigma=2), "temperature": dpd.TemperatureRamp(2.0, 0.0, 0, 9)}, dpd.ParameterError, "temperature of 0"),
+    ({"scheme": "mvv", "lam": 5}, dpd.ParameterError, "lam.*between 0 and 1.*5"),
+    ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
+    ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
+    ({"dt": 0}, dpd.ParameterError, "dt must be > 0, but is 0"),
+    ({"scheme": "native"}, dpd.ParameterError, "OpenMM's own thermostat; make a DPDIntegrator"),
+    ({"scheme": "verlet"}, dpd.ParameterError, "unknown scheme 'verlet'.*or a word"),
 )
 def test_bad_input(arguments, error, message):
     settings = {"friction": dpd.DPD(gamma=1), "temperature": 300, "dt": 0.002} | arguments
-    with pytest.raises(error, match=message):
-        dpd.add_thermostat(system_of(), **settings)
+    raises(error, message, lambda: dpd.add_thermostat(system_of(), **settings))
 
 
 def test_only_a_system_gets_a_thermostat():
-    with pytest.raises(dpd.ParameterError, match="not to a Topology"):
-        dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002)
+    raises(dpd.ParameterError, "not to a Topology", lambda: dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002))
 
 
 def test_somebody_must_take_part():
@@ -154,24 +148,19 @@ def test_somebody_must_take_part():
         dpd.add_thermostat(system, {("A", "A"): dpd.DPD(gamma=1)}, 300, 0.002, types=[None] * 4)
     for k in range(4):
         system.setParticleMass(k, 0)
-    with pytest.raises(dpd.ParameterError, match="have mass 0"):
-        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    raises(dpd.ParameterError, "have mass 0", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))
 
 
 def test_what_cannot_go_together():
     system = system_of()
     system.addForce(openmm.AndersenThermostat(300, 1))
-    with pytest.raises(dpd.PlanError, match="AndersenThermostat"):
-        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    raises(dpd.PlanError, "AndersenThermostat", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))
     system = system_of()
     system.addForce(openmm.CMMotionRemover())
-    with pytest.raises(dpd.PlanError, match="removeCMMotion=False"):
-        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    raises(dpd.PlanError, "removeCMMotion=False", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))
     system = system_of()
     system.addConstraint(0, 1, 0.1)
-    with pytest.raises(dpd.PlanError, match="use scheme='middle'"):
-        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002, scheme="mvv")
+    raises(dpd.PlanError, "use scheme='middle'", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002, scheme="mvv"))
     system = system_of()
     dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
-    with pytest.raises(dpd.PlanError, match="has DPD pair terms already"):
-        dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
+    raises(dpd.PlanError, "has DPD pair terms already", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from files_of_tests import put
 from judged import any_seed, judge
 from openmm import app, unit
 
@@ -32,18 +33,15 @@ def script(path: str):
 @cache
 def solvated(model: str):
     """Topology, positions and XML of the System of alanine dipeptide in a small box of rigid water, PME, constraints, a barostat."""
-    peptide = script("examples/03_thermostat_peptide.py").PEPTIDE
-    pdb = app.PDBFile(StringIO(peptide))
+    pdb = app.PDBFile(StringIO(script("examples/03_thermostat_peptide.py").PEPTIDE))
     field = app.ForceField("amber14-all.xml", f"amber14/{model}.xml")
     modeller = app.Modeller(pdb.topology, pdb.positions)
     random.seed(1)  # hydrogens start at random places
     modeller.addHydrogens(field, platform=openmm.Platform.getPlatformByName("Reference"))
     modeller.addSolvent(field, boxSize=openmm.Vec3(1.9, 1.9, 1.9) * unit.nanometer, model=model)
-    system = field.createSystem(
-        modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.8 * unit.nanometer, constraints=app.HBonds, removeCMMotion=False
-    )
-    barostat = openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 10)
-    system.addForce(barostat)
+    choices = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.8 * unit.nanometer, "constraints": app.HBonds}
+    system = field.createSystem(modeller.topology, removeCMMotion=False, **choices)
+    system.addForce(openmm.MonteCarloBarostat(1 * unit.bar, 300 * unit.kelvin, 10))
     return modeller.topology, modeller.positions, openmm.XmlSerializer.serialize(system)
 
 
@@ -144,8 +142,7 @@ def test_temperature_and_momentum_at_constant_pressure(model, seed):
     assert context.getState().getPeriodicBoxVolume()._value != before
     mass = masses_of(system)
     thermal = np.sqrt(mass.sum() * 300 * dpd.units.BOLTZMANN)
-    # zero but for the rounding of the PME forces
-    assert np.abs(mass @ velocities_of(context)).max() < 0.1 * thermal
+    assert np.abs(mass @ velocities_of(context)).max() < 0.1 * thermal  # zero but for the rounding of the PME forces
 
 
 # -- a coarse-grained System ---------------------------------------------------------------------------------------------------------
@@ -198,9 +195,7 @@ def coarse() -> tuple[openmm.System, np.ndarray]:
 def test_coarse_grained_system_from_xml(tmp_path, seed):
     """A System read from XML, with constraints, at 20 fs and 310 K; friction by types, stronger between water beads.  A tenth off is seen."""
     built, positions = coarse()
-    path = tmp_path / "system.xml"
-    path.write_text(openmm.XmlSerializer.serialize(built))
-    system = openmm.XmlSerializer.deserialize(path.read_text())
+    system = openmm.XmlSerializer.deserialize(put(tmp_path / "system.xml", openmm.XmlSerializer.serialize(built)).read_text())
     (pairs,) = [force for force in system.getForces() if isinstance(force, openmm.CustomNonbondedForce)]
     types = ["water" if pairs.getParticleParameters(k)[0] == 0 else "solute" for k in range(system.getNumParticles())]
     friction = {("*", "*"): dpd.DPD(gamma=40, cutoff=1.1), ("water", "water"): dpd.DPD(gamma=120, cutoff=1.1)}
@@ -247,8 +242,7 @@ def test_equal_thermalisation():
     """The friction coefficient that the comparison uses gives the rate it claims: relaxation of the kinetic energy without forces."""
     measure = script("docs/measure/hydrodynamics.py")
     x = measure.lattice()
-    gamma = measure.gamma_for(1.0, [x])
-    for name, make in measure.integrators(1.0, gamma).items():
+    for name, make in measure.integrators(1.0, measure.gamma_for(1.0, [x])).items():
         system = measure.argon()
         for k in range(len(x)):
             system.getForce(0).setParticleParameters(k, 0, 0.34, 0)

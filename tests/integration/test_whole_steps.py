@@ -9,9 +9,10 @@ import numpy as np
 import openmm
 import oracle
 import pytest
+from cases import cases
 from judged import any_seed
 from kinds import BESIDE, KINDS, NAMED, WORDS, differences, everything, made, plain_context, running, same, schemes_of
-from scenes import BOXES, EXTENDED, beads, factor_of, fluid, listed_pairs, noise_of, oracle_params, state_of
+from scenes import BOXES, EXTENDED, beads, factor_of, fluid, listed_pairs, noise_of, oracle_params, place, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import BODY_FORCE, COUNTER
@@ -22,8 +23,7 @@ from openmm_dpd.stats import block_average, ratio_average
 
 PLATFORM = pytest.mark.parametrize("platform", ["Reference", "CPU"])
 EVERY = [(kind, scheme) for kind in KINDS for scheme in schemes_of(kind)]
-#: Every kind with three schemes, and every scheme with many kinds.
-SOME = [
+SOME = [  # Every kind with three schemes, and every scheme with many kinds.
     (kind, scheme)
     for number, kind in enumerate(KINDS)
     for scheme in {schemes_of(kind)[(4 * number + 3 * k) % len(schemes_of(kind))]: None for k in range(3)}
@@ -165,8 +165,7 @@ def agrees_with_letters(word: str, *ways: tuple[bool, str]) -> None:
         expected.step()
     for loop, conservative in ways:
         built = dpd.build(scene, dt=0.02, scheme=word, platform="Reference", conservative=conservative, seed=11, loop=loop)
-        simulation = running(built)
-        simulation.step(3)
+        simulation = stepped(running(built), 3)
         x, v = state_of(simulation.context)
         assert np.abs(x - expected.x).max() < 1e-11 and np.abs(v - expected.v).max() < 1e-11, (loop, conservative)
 
@@ -187,15 +186,13 @@ def test_very_many_words(word):
     agrees_with_letters(word, LOOP, *PROGRAMS)
 
 
-@pytest.mark.parametrize(
-    ("word", "conservative"),
-    [
-        ("O/2 A/2 O/2 B A/2", "kernel"),
-        ("O/2 A/2 O/2 B A/2", "openmm"),
-        ("S/2 A/2 O/2 A/2 B", "kernel"),
-        ("B O/2 A/2 O/2 A/2", "openmm"),
-        ("B/2 O/2 B/2 A/2 O/2 A/2", "openmm"),
-    ],
+@cases(
+    "word, conservative",
+    ("O/2 A/2 O/2 B A/2", "kernel"),
+    ("O/2 A/2 O/2 B A/2", "openmm"),
+    ("S/2 A/2 O/2 A/2 B", "kernel"),
+    ("B O/2 A/2 O/2 A/2", "openmm"),
+    ("B/2 O/2 B/2 A/2 O/2 A/2", "openmm"),
 )
 def test_programs_with_a_drift_between_two_sweeps(word, conservative):
     """... as loop=False, other platforms, add_thermostat and create_mixed_system run them."""
@@ -226,8 +223,7 @@ def ways_of_a_run(kind: str, scheme: str, platform: str):
     yield "singles", everything(singles.context, singles.built)
     for file, load in ((state, "loadState"), (checkpoint, "loadCheckpoint")):
         file.seek(0)
-        loaded = fresh()
-        loaded.step(3)
+        loaded = stepped(fresh(), 3)
         getattr(loaded, load)(file)
         loaded.step(13)
         yield load, everything(loaded.context, loaded.built)
@@ -248,9 +244,8 @@ def same_bits_in_every_way(kind: str, scheme: str, platform: str) -> None:
 def test_a_ramp_heats_without_the_subclass(how):
     """From 1 to 4 within 40 steps and as many to settle: beads with friction alone follow at once."""
     v = np.random.default_rng(2).normal(size=(375, 3))
-    scene = beads(
-        375, edge=5.0, kT=dpd.TemperatureRamp(1.0, 4.0, 0, 40), table={("W", "W"): dpd.DPD(gamma=20)}, velocities=v - v.mean(axis=0)
-    )
+    options = {"table": {("W", "W"): dpd.DPD(gamma=20)}, "velocities": v - v.mean(axis=0)}
+    scene = beads(375, edge=5.0, kT=dpd.TemperatureRamp(1.0, 4.0, 0, 40), **options)
     built = dpd.build(scene, dt=0.05, scheme="middle", platform="CPU", seed=1)
     if how == "XML":
         context = plain_context(built, "CPU")
@@ -258,8 +253,7 @@ def test_a_ramp_heats_without_the_subclass(how):
         compound = openmm.CompoundIntegrator()
         compound.addIntegrator(built.integrator)
         context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"), {"Threads": "1"})
-        context.setPositions(built.positions)
-        context.setVelocities(built.velocities)
+        place(context, built.positions, built.velocities)
     context.getIntegrator().step(80)
     assert context.getParameter("dpd_kT") == 4.0
     assert np.mean(state_of(context)[1] ** 2) == pytest.approx(4.0, rel=0.2)
@@ -303,8 +297,7 @@ def test_threads_do_not_change_a_bit_of_many_terms(two_threads, scheme):
     ends = []
     for threads in (1, 2):
         dpd.set_threads(threads)
-        simulation = running(dpd.build(scene, dt=0.01, scheme=scheme, platform="CPU", seed=2), "CPU")
-        simulation.step(12)
+        simulation = stepped(running(dpd.build(scene, dt=0.01, scheme=scheme, platform="CPU", seed=2), "CPU"), 12)
         ends.append(state_of(simulation.context))
     assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
 
@@ -350,8 +343,7 @@ def test_averages_of_a_word_are_those_of_an_independent_stepping(orders, seed):
     edge = (n / 3.0) ** (1 / 3)
     x = np.random.default_rng(2).random((n, 3)) * edge
     scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
-    start = dpd.build(scene, dt=0.02, scheme="aboba", platform="CPU", seed=4).simulation(properties={"Threads": "1"})
-    start.step(600)
+    start = stepped(dpd.build(scene, dt=0.02, scheme="aboba", platform="CPU", seed=4).simulation(properties={"Threads": "1"}), 600)
     built = dpd.build(scene, dt=dt, scheme=word, platform="CPU", seed=seed)
     simulation, observer, rows = built.simulation(properties={"Threads": "1"}), dpd.Observer(built), []
     simulation.context.setPositions(state_of(start.context)[0])

@@ -6,11 +6,12 @@ import threading
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from devices import Device
 from judged import any_seed, bounded, judge
 from kinds import N, differences, everything, hand_over, made, plain_context, running, same, schemes_of
 from openmm import app, unit
-from scenes import BOXES, EXTENDED, beads, fluid, state_of
+from scenes import BOXES, EXTENDED, beads, external_force, fluid, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT
@@ -26,10 +27,7 @@ DT, FORCE = 0.01, 3.0
 
 # -- forces of the user's --------------------------------------------------------------------------------------------------------------
 def external(n: int) -> openmm.Force:
-    force = openmm.CustomExternalForce(f"-{FORCE}*x")
-    for bead in range(n):
-        force.addParticle(bead)
-    return force
+    return external_force(f"-{FORCE}*x", n)
 
 
 def bonded(n: int) -> openmm.Force:
@@ -57,37 +55,34 @@ def python(n: int) -> openmm.Force:
 
 def collective(n: int) -> openmm.Force:
     force = openmm.CustomCVForce(f"-{FORCE}*s")
-    inner = openmm.CustomExternalForce("x")
-    for bead in range(n):
-        inner.addParticle(bead)
-    force.addCollectiveVariable("s", inner)
+    force.addCollectiveVariable("s", external_force("x", n))
     return force
 
 
 FORCES = {"external": external, "compound bond": bonded, "python": python, "collective variable": collective}
 
 
+def context_of(built, compound: bool) -> openmm.Context:
+    """A Context of the user's own making, with the integrator itself or within a compound one."""
+    integrator = openmm.CompoundIntegrator() if compound else built.integrator
+    if compound:
+        integrator.addIntegrator(built.integrator)
+    context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
+    place(context, built.positions, built.velocities)
+    return context
+
+
 def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: str = "dpd", **choices):
     """Momentum that a run gains, and its Context; ``how`` says where the force comes in and who steps."""
-    loop = how != "loop=False"
-    built = made(kind, scheme, "CPU", loop=loop, **choices)
+    built = made(kind, scheme, "CPU", loop=how != "loop=False", **choices)
     force = made_force(N)
     force.setForceGroup(group)
     if how != "reinitialized":
         built.system.addForce(force)
-    platform, properties = openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties
     if how == "XML":
         context = plain_context(built, "CPU")
-    elif how == "compound":
-        compound = openmm.CompoundIntegrator()
-        compound.addIntegrator(built.integrator)
-        context = openmm.Context(built.system, compound, platform, properties)
-        context.setPositions(built.positions)
-        context.setVelocities(built.velocities)
-    elif how == "bare":
-        context = openmm.Context(built.system, built.integrator, platform, properties)
-        context.setPositions(built.positions)
-        context.setVelocities(built.velocities)
+    elif how in ("compound", "bare"):
+        context = context_of(built, compound=how == "compound")
     else:
         context = running(built, "CPU").context
     if how == "reinitialized":
@@ -103,15 +98,12 @@ def run_with(made_force, group: int, how: str, scheme: str, steps: int, kind: st
 HOWS = ("loop", "bare", "XML", "loop=False", "compound", "reinitialized")
 
 
+GROUPS = list(enumerate((0, 2, 12, 25)))
+PLACES = [(name, group, SCHEMES[(2 * n + shift) % len(SCHEMES)]) for n, name in enumerate(FORCES) for shift, group in GROUPS]
+
+
 @pytest.mark.parametrize("how", HOWS)
-@pytest.mark.parametrize(
-    ("name", "group", "scheme"),
-    [
-        (name, group, SCHEMES[(2 * number + shift) % len(SCHEMES)])
-        for number, name in enumerate(FORCES)
-        for shift, group in enumerate((0, 2, 12, 25))
-    ],
-)
+@pytest.mark.parametrize("name, group, scheme", PLACES)
 def test_a_force_of_the_users_acts_in_full(name, group, scheme, how):
     """N f t of momentum in 23 steps, for every force and place."""
     gained, _, _ = run_with(FORCES[name], group, how, scheme, 23)
@@ -135,9 +127,7 @@ def test_positions_follow_a_force_as_the_schemes_say(scheme, how):
 
 
 @pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize(
-    ("kind", "scheme"), [(kind, scheme) for kind in ("dpd", "energies", "ramp", "edpd") for scheme in schemes_of(kind)]
-)
+@pytest.mark.parametrize("kind, scheme", [(kind, s) for kind in ("dpd", "energies", "ramp", "edpd") for s in schemes_of(kind)])
 def test_a_force_of_the_users_from_xml_kicks_as_in_the_loop(kind, scheme, every):
     """... before and after each step, or by impulses over three."""
     ends = []
@@ -169,10 +159,7 @@ def test_what_friction_saw_is_known_beside_a_force_of_the_users():
 
 
 def _well(n: int) -> openmm.Force:
-    force = openmm.CustomExternalForce("4*(x-1.3)^2+y^2*z")
-    for bead in range(n):
-        force.addParticle(bead)
-    return force
+    return external_force("4*(x-1.3)^2+y^2*z", n)
 
 
 class Clock:
@@ -192,14 +179,7 @@ class Clock:
 def clocked(scheme: str, how: str, cut: int = 25):
     built, clock = made("dpd", scheme, "CPU", loop=how != "loop=False"), Clock()
     built.system.addForce(openmm.PythonForce(clock))
-    if how == "compound":
-        compound = openmm.CompoundIntegrator()
-        compound.addIntegrator(built.integrator)
-        context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
-        context.setPositions(built.positions)
-        context.setVelocities(built.velocities)
-    else:
-        context = running(built, "CPU").context
+    context = context_of(built, compound=True) if how == "compound" else running(built, "CPU").context
     for _ in range(25 // cut):
         context.getIntegrator().step(cut)
     return built, clock, context
@@ -215,27 +195,17 @@ def test_a_force_of_the_users_sees_the_right_time(scheme):
     assert context.getStepCount() == 25 and context.getTime()._value == times[25]
     _, _, other = clocked(scheme, "loop", 1)
     assert not same(everything(context, built), everything(other, built))
-    mass = built.plan.scene.bead_masses
-    momentum = (mass @ (state_of(context)[1] - built.velocities._value))[0]
+    momentum = (built.plan.scene.bead_masses @ (state_of(context)[1] - built.velocities._value))[0]
     lag = built.plan.options.scheme.lag
     impulse = N * DT * (np.cos(20 * times[:25]).sum() * (0.5 + lag) + np.cos(20 * times[1:]).sum() * (0.5 - lag))
     assert momentum == pytest.approx(impulse, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "scheme",
-    [
-        pytest.param(
-            scheme,
-            marks=()
-            if scheme == "middle"
-            else pytest.mark.xfail(
-                strict=True, raises=AssertionError, reason="the second kick of the program comes before OpenMM sets the clock forward"
-            ),
-        )
-        for scheme in SCHEMES
-    ],
-)
+LATE = "the second kick of the program comes before OpenMM sets the clock forward"
+EARLY_KICK = pytest.mark.xfail(strict=True, raises=AssertionError, reason=LATE)
+
+
+@pytest.mark.parametrize("scheme", [pytest.param(s, marks=() if s == "middle" else EARLY_KICK) for s in SCHEMES])
 def test_a_force_of_the_users_sees_the_right_time_without_the_subclass(scheme):
     ends = [everything(context, built) for built, _, context in (clocked(scheme, how) for how in ("loop", "compound"))]
     assert max(differences(*ends, 0.1).values()) < 1e-12
@@ -246,10 +216,8 @@ def test_a_force_that_depends_on_the_thermal_energy_of_a_ramp(scheme):
     ends = []
     for cut in (15, 1):
         built = made("ramp", scheme, "CPU")
-        force = openmm.CustomExternalForce("-dpd_kT*x")
+        force = external_force("-dpd_kT*x", N)
         force.addGlobalParameter(KT, 1.0)
-        for bead in range(N):
-            force.addParticle(bead)
         built.system.addForce(force)
         simulation = running(built, "CPU")
         for _ in range(15 // cut):
@@ -264,8 +232,7 @@ def anew(simulation, kind: str, scheme: str, dt: float = DT, **choices):
     built = made(kind, scheme, "CPU", loop=False, dt=dt, **choices)
     other = running(built, "CPU")
     state = simulation.context.getState(positions=True, velocities=True)
-    other.context.setPositions(state.getPositions())
-    other.context.setVelocities(state.getVelocities())
+    place(other.context, state.getPositions(), state.getVelocities())
     other.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
     other.context.setStepCount(state.getStepCount())
     other.context.setTime(state.getTime())
@@ -281,17 +248,14 @@ def anew(simulation, kind: str, scheme: str, dt: float = DT, **choices):
 def follows(simulation, kind: str, scheme: str, dt: float = DT, limit: float = 1e-10) -> None:
     """The next four steps are those of a fresh run."""
     other = anew(simulation, kind, scheme, dt)
-    for one in (simulation, other):
-        one.step(4)
+    step_all(4, simulation, other)
     found = differences(everything(simulation.context, simulation.built), everything(other.context, other.built), dt)
     off = {name: value for name, value in found.items() if not value < limit}
     assert not off, off
 
 
 def started(kind: str, scheme: str, steps: int = 5, **choices):
-    simulation = running(made(kind, scheme, "CPU", **choices), "CPU")
-    simulation.step(steps)
-    return simulation
+    return stepped(running(made(kind, scheme, "CPU", **choices), "CPU"), steps)
 
 
 def move(simulation):
@@ -309,8 +273,7 @@ def minimise(simulation):
 
 def set_box(simulation):
     x, _ = state_of(simulation.context)
-    box = simulation.built.plan.scene.box * 1.03
-    simulation.context.setPeriodicBoxVectors(*box)
+    simulation.context.setPeriodicBoxVectors(*simulation.built.plan.scene.box * 1.03)
     simulation.context.setPositions(x * 1.03)
 
 
@@ -364,12 +327,9 @@ def test_after_minimising(scheme):
     simulation.context.setPositions(x)
     # a general program of bonds has forces of OpenMM's that round: another loop is the fresh one
     other = running(made("bonded", scheme, "CPU"), "CPU")
-    for name in (COUNTER,):
-        other.context.setParameter(name, simulation.context.getParameter(name))
-    other.context.setPositions(x)
-    other.context.setVelocities(state_of(simulation.context)[1])
-    for one in (simulation, other):
-        one.step(3)
+    other.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
+    place(other.context, x, state_of(simulation.context)[1])
+    step_all(3, simulation, other)
     assert np.abs(state_of(simulation.context)[1] - state_of(other.context)[1]).max() < 1e-10
 
 
@@ -378,8 +338,7 @@ def test_a_step_without_the_subclass_after_a_look(loop):
     """A System and an integrator from XML do the same."""
     ends = []
     for look in (True, False):
-        built = made("dpd", "shardlow", "CPU", loop=loop)
-        context = plain_context(built, "CPU")
+        context = plain_context(made("dpd", "shardlow", "CPU", loop=loop), "CPU")
         context.getIntegrator().step(3)
         x, _ = state_of(context)
         context.setPositions(x + 0.05 * np.sin(np.arange(3 * N)).reshape(-1, 3))
@@ -400,10 +359,7 @@ def test_after_energies_were_set(scheme, change):
     follows(simulation, "energies", scheme)
 
 
-@pytest.mark.parametrize(
-    "scheme",
-    SCHEMES,
-)
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_after_another_step_size(scheme):
     simulation = started("dpd", scheme)
     simulation.integrator.setStepSize(0.5 * DT)
@@ -437,8 +393,7 @@ def test_after_reinitializing(kind, scheme, preserve):
         x, v = state_of(simulation.context)
         simulation.context.reinitialize(preserveState=preserve)
         if not preserve:
-            simulation.context.setPositions(x)
-            simulation.context.setVelocities(v)
+            place(simulation.context, x, v)
         simulation.step(4)
     found = differences(*(everything(one.context, one.built) for one in runs), DT)
     assert max(found.values()) < 1e-10, found
@@ -446,13 +401,12 @@ def test_after_reinitializing(kind, scheme, preserve):
 
 def test_energies_that_another_way_of_stepping_left():
     """A state goes from a loop to the program and back."""
-    looped, stepped = (started("energies", "bababo", loop=loop) for loop in (True, False))
-    hand_over(looped, stepped)
-    stepped.step(20)
-    hand_over(stepped, looped)
-    for one in (looped, stepped):
-        one.step(1)
-    first, second = (read_fields(one.context, one.built.plan)["theta"] for one in (looped, stepped))
+    looped, plain = (started("energies", "bababo", loop=loop) for loop in (True, False))
+    hand_over(looped, plain)
+    plain.step(20)
+    hand_over(plain, looped)
+    step_all(1, looped, plain)
+    first, second = (read_fields(one.context, one.built.plan)["theta"] for one in (looped, plain))
     assert np.abs(first - second).max() < 1e-9
 
 
@@ -463,8 +417,7 @@ def test_two_contexts_of_one_system_interleaved(kind, scheme):
     """Each goes its own way, as if it were alone."""
     ends = []
     for order in ((0, 1, 0, 1, 1, 0), (0, 0, 0), (1, 1, 1)):
-        built = made(kind, scheme, "CPU")
-        contexts = _two(built, scheme, kind)
+        contexts = _two(made(kind, scheme, "CPU"), scheme, kind)
         for k in order:
             contexts[k].getIntegrator().step(4)
         ends.append([state_of(context) for context in contexts])
@@ -478,8 +431,7 @@ def _two(built, scheme, kind):
     for k in (0, 1):
         integrator = built.integrator if k == 0 else openmm.XmlSerializer.clone(built.integrator)
         context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName("CPU"), Device("CPU").properties)
-        context.setPositions(built.positions._value + 0.02 * k * np.cos(np.arange(3 * N)).reshape(-1, 3))
-        context.setVelocities(built.velocities)
+        place(context, built.positions._value + 0.02 * k * np.cos(np.arange(3 * N)).reshape(-1, 3), built.velocities)
         contexts.append(context)
     return contexts
 
@@ -489,8 +441,7 @@ def test_two_contexts_that_are_looked_at(scheme):
     """Energies are asked for between the steps of the other."""
     ends = []
     for look in (True, False):
-        built = made("dpd", scheme, "CPU")
-        contexts = _two(built, scheme, "dpd")
+        contexts = _two(made("dpd", scheme, "CPU"), scheme, "dpd")
         for _ in range(3):
             for context in contexts:
                 if look:
@@ -505,8 +456,7 @@ def test_two_contexts_that_are_looked_at(scheme):
 def test_two_contexts_of_one_system_in_two_threads(scheme):
     ends = []
     for threads in (True, False):
-        built = made("bonded", scheme, "CPU")
-        contexts = _two(built, scheme, "bonded")
+        contexts = _two(made("bonded", scheme, "CPU"), scheme, "bonded")
         jobs = [threading.Thread(target=context.getIntegrator().step, args=(30,)) for context in contexts]
         for job in jobs:
             job.start() if threads else job.run()
@@ -534,9 +484,7 @@ def test_a_context_that_changes_threads():
 
 
 # -- reporters ---------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("kind", "scheme"), [("charged", "middle"), *((kind, scheme) for kind in ("dpd", "energies", "bonded", "ramp") for scheme in SCHEMES)]
-)
+@cases("kind, scheme", ("charged", "middle"), *((kind, scheme) for kind in ("dpd", "energies", "bonded", "ramp") for scheme in SCHEMES))
 def test_reporters_do_not_change_a_run(kind, scheme, tmp_path):
     """Every step, every ten, every seven and never."""
     ends, times = [], []
@@ -616,13 +564,11 @@ def test_after_an_accepted_volume_move_the_run_is_as_a_fresh_one(scheme):
         other = pressed(scheme, 1000)
         state = simulation.context.getState(positions=True, velocities=True)
         other.context.setPeriodicBoxVectors(*state.getPeriodicBoxVectors())
-        other.context.setPositions(state.getPositions())
-        other.context.setVelocities(state.getVelocities())
+        place(other.context, state.getPositions(), state.getVelocities())
         other.context.setParameter(COUNTER, simulation.context.getParameter(COUNTER))
         other.step(1)
         simulation.step(1)
-        difference = np.abs(state_of(other.context)[1] - state_of(simulation.context)[1]).max()
-        assert difference < 1e-9
+        assert np.abs(state_of(other.context)[1] - state_of(simulation.context)[1]).max() < 1e-9
         simulation.step(2)
     assert accepted > 2
 
@@ -653,8 +599,7 @@ def test_molecules_move_as_wholes(scheme):
     dpd.add_barostat(built, 5.0, interval=1)
     simulation = running(built, "CPU")
     context, chain = simulation.context, np.arange(48).reshape(12, 4)
-    molecules = [sorted(molecule) for molecule in context.getMolecules()]
-    assert sorted(map(len, molecules)) == [1] * 12 + [4] * 12
+    assert sorted(map(len, [sorted(molecule) for molecule in context.getMolecules()])) == [1] * 12 + [4] * 12
     barostat = next(force for force in built.system.getForces() if isinstance(force, openmm.MonteCarloBarostat))
     assert barostat.getFrequency() == 1
     for _ in range(40):
@@ -687,8 +632,7 @@ def test_other_barostats_hear_of_steps(barostat):
     }[barostat]()
     built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, platform="CPU", conservative="kernel", seed=8)
     built.system.addForce(made_barostat)
-    simulation = built.simulation(properties=Device("CPU").properties)
-    simulation.step(100)
+    simulation = stepped(built.simulation(properties=Device("CPU").properties), 100)
     assert simulation.context.getState().getPeriodicBoxVolume()._value != 64.0
     assert simulation.currentStep == 100
 
@@ -724,18 +668,10 @@ def test_a_long_run_of_loops_keeps_its_temperature(scheme, seed):
     """... with a force of the user's beside it, which must not heat."""
     scene = fluid(EXTENDED, BOXES["wide"], n=500, spread=0)
     built = dpd.build(scene, dt=0.02, scheme=scheme, platform="CPU", seed=seed)
-    built.system.addForce(_trap(500))
-    simulation = built.simulation(properties=Device("CPU").properties)
-    simulation.step(1000)
+    built.system.addForce(external_force("8*sin(x)^2", 500))
+    simulation = stepped(built.simulation(properties=Device("CPU").properties), 1000)
     mass, kinetic = scene.bead_masses[:, None], []
     for _ in range(1500):
         simulation.step(10)
         kinetic.append(np.sum(mass * state_of(simulation.context)[1] ** 2) / 1500)
     judge(kinetic, 1.0, error=0.01, beside=0.01)
-
-
-def _trap(n: int) -> openmm.Force:
-    force = openmm.CustomExternalForce("8*sin(x)^2")
-    for bead in range(n):
-        force.addParticle(bead)
-    return force

@@ -12,7 +12,7 @@ import pytest
 from kinds import N, everything, made, running, same
 from lines import Lines
 from openmm import unit
-from scenes import beads
+from scenes import beads, external_force
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import RunError
@@ -24,14 +24,10 @@ STEPS, BEFORE, AFTER = 3, 2, 4
 
 
 def add_force(built) -> None:
-    force = openmm.CustomExternalForce("2*x^2")
-    for bead in range(N):
-        force.addParticle(bead)
-    built.system.addForce(force)
+    built.system.addForce(external_force("2*x^2", N))
 
 
-#: Name -> kind, scheme, and what is added.  In the first ones nothing but the kernel acts, and nothing else hears of steps.
-ALONE = {
+ALONE = {  # Name -> kind, scheme, and what is added.  In the first ones nothing but the kernel acts, and nothing else hears of steps.
     "middle": ("dpd", "middle", None),
     "mvv": ("dpd", "mvv", None),
     "ramp": ("ramp", "mvv-0.65", None),
@@ -120,8 +116,7 @@ def test_an_interruption_at_any_line(name):
 
 @pytest.mark.parametrize("name", ALONE)
 def test_an_interruption_while_the_results_go_back(name):
-    case = ALONE[name]
-    assert not interrupted(case, lambda functions: list(range(until_given_back(functions) + 1, len(functions) + 1, 5)))
+    assert not interrupted(ALONE[name], lambda functions: list(range(until_given_back(functions) + 1, len(functions) + 1, 5)))
 
 
 # -- errors of what a step calls -------------------------------------------------------------------------------------------------------
@@ -130,8 +125,7 @@ CALLS = [
     (motion, "move"), (motion, "move_accelerated"), (motion, "accelerate"),
 ]  # fmt: skip
 
-#: What a scheme does not call.
-UNUSED = {("swept", "mvv"), ("move", "mvv"), ("keep", "middle")} | {
+UNUSED = {("swept", "mvv"), ("move", "mvv"), ("keep", "middle")} | {  # What a scheme does not call.
     (name, case) for name in ("move_accelerated", "accelerate") for case in ("middle", "energies", "force")
 }
 ERRORS = [RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
@@ -264,8 +258,7 @@ def test_a_force_of_the_users_that_raises(kind, scheme):
 def torn(speed: float):
     """Two beads that fly apart on a weak FENE bond, among others: it breaks in step 7 at speed 1."""
     n, dt = 40, 0.02
-    rng = np.random.default_rng(2)
-    x = rng.random((n, 3)) * 4.0
+    x = np.random.default_rng(2).random((n, 3)) * 4.0
     x[0], x[1] = [1.0, 1.0, 1.0], [1.75, 1.0, 1.0]
     v = np.zeros((n, 3))
     v[0, 0], v[1, 0] = -speed, speed
@@ -279,8 +272,7 @@ def torn(speed: float):
 def test_a_bond_that_breaks(scheme):
     """The bond is too long in the seventh of ten steps: no step is left, six can be done, and the step is named."""
     scene, dt = torn(1.0)
-    built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=3)
-    simulation = running(built, "CPU")
+    simulation = running(dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=3), "CPU")
     before = all_of(simulation)
     with pytest.raises(openmm.OpenMMException, match=r"FENE.*0 and 1|bond.*0.*1") as found:
         simulation.integrator.step(10)
@@ -303,10 +295,7 @@ def test_a_start_that_runs_away(scheme, kind):
     scene = beads(table={("W", "W"): dpd.DPD(A=25e5, gamma=4.5)}, velocities=v - v.mean(axis=0))
     built = dpd.build(scene, dt=1e-6, scheme=scheme, platform="CPU", seed=6)
     if kind != "plain":
-        force = openmm.CustomExternalForce("x^2")
-        for bead in range(81):
-            force.addParticle(bead)
-        built.system.addForce(force)
+        built.system.addForce(external_force("x^2", 81))
     simulation = running(built, "CPU")
     simulation.integrator.step(23)
     before = all_of(simulation)

@@ -45,8 +45,7 @@ def membrane(seed: int, frames: int, edges, *, lipids: int = 200, scatter: float
         side = np.where(np.arange(lipids) % 2, 1.0, -1.0)
         x = np.empty((lipids, 3, 3))
         x[:, :, :2] = (place * box[:2])[:, None]
-        moved = scatter * rng.normal(size=lipids)
-        x[:, :, 2] = (surface + moved + 0.31 * k)[:, None] + side[:, None] * [1.5, 1.0, 0.5]
+        x[:, :, 2] = (surface + scatter * rng.normal(size=lipids) + 0.31 * k)[:, None] + side[:, None] * [1.5, 1.0, 0.5]
         positions.append(np.mod(x.reshape(-1, 3), box))
         boxes.append(np.diag(box))
         amplitudes.append(np.abs(h) ** 2 * box[0] * box[1])
@@ -90,8 +89,7 @@ def test_planted_moduli_are_found(scatter):
     fixed = bending_modulus(spectrum, KT, tension=TENSION)
     assert abs(fixed.kappa.mean - KAPPA) < 4 * fixed.kappa.sem < 4 * found.kappa.sem
     assert fixed.tension.mean == TENSION and fixed.tension.sem is None
-    deviations = (spectrum.curve.y - found(spectrum.q)) / spectrum.curve.sem
-    assert np.abs(deviations).max() < 4
+    assert np.abs((spectrum.curve.y - found(spectrum.q)) / spectrum.curve.sem).max() < 4
 
 
 def slow_waves(frames: int, seed: int) -> HeightSpectrum:
@@ -124,8 +122,7 @@ def test_scatter_is_taken_off():
     trajectory, _, _ = membrane(3, 500, (14.0, 14.0, 9.0), scatter=0.5, most=0)
     curve = height_spectrum(trajectory, "H", "T", q_max=1.0).curve
     assert np.all(np.abs(curve.y) < 4 * curve.sem)
-    # what a lipid's scatter alone would be taken for: A s^2/N
-    assert 196 * 0.5**2 / 200 > 10 * curve.sem.max()
+    assert 196 * 0.5**2 / 200 > 10 * curve.sem.max()  # what a lipid's scatter alone would be taken for: A s^2/N
 
 
 def test_any_axis_and_lipids_without_bonds():
@@ -150,8 +147,7 @@ def test_a_hexagonal_box():
     box = np.array([[14, 0, 0], [7, 7 * 3**0.5, 0], [0, 0, 9.0]])
     hexagonal = mdtraj.Trajectory(trajectory.xyz / 14 @ np.diag([1, 1, 14 / 9]) @ box, trajectory.topology)
     hexagonal.unitcell_vectors = np.array([box] * 2, dtype=np.float32)
-    found = height_spectrum(hexagonal, "H", "T", q_max=0.6)
-    assert np.allclose(found.q, [4 * np.pi / (3**0.5 * 14)] * 3)
+    assert np.allclose(height_spectrum(hexagonal, "H", "T", q_max=0.6).q, [4 * np.pi / (3**0.5 * 14)] * 3)
 
 
 def test_powers_of_an_exact_spectrum_give_the_modulus_exactly():

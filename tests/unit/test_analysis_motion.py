@@ -4,6 +4,7 @@ import mdtraj
 import numpy as np
 import pytest
 from openmm import app, unit
+from raising import raises
 from test_analysis_structure import BOXES, TILTED, chunks, random_trajectory, trajectory_of
 
 import openmm_dpd as dpd
@@ -105,15 +106,11 @@ def test_correction_for_the_size_of_the_box():
     assert found.mean - plain.mean == pytest.approx(2.837297 * 1.3 / (6 * np.pi * 0.85 * 6.0))
     assert found.sem == plain.sem
     kelvin, angstrom = 1.3 / dpd.units.BOLTZMANN * unit.kelvin, 60 * unit.angstrom
-    assert diffusion_coefficient(displacement, (1, 5), kT=kelvin, viscosity=0.85, edge=angstrom).mean == pytest.approx(
-        found.mean, rel=1e-14
-    )
-    with pytest.raises(ParameterError, match="needs kT, viscosity and edge"):
-        diffusion_coefficient(displacement, (1, 5), kT=1.0)
-    with pytest.raises(ParameterError, match="fit must be two times"):
-        diffusion_coefficient(displacement, (1, 2, 3))
-    with pytest.raises(ParameterError, match="no lag is between 20 and 30 ps"):
-        diffusion_coefficient(displacement, (20, 30))
+    corrected = diffusion_coefficient(displacement, (1, 5), kT=kelvin, viscosity=0.85, edge=angstrom)
+    assert corrected.mean == pytest.approx(found.mean, rel=1e-14)
+    raises(ParameterError, "needs kT, viscosity and edge", lambda: diffusion_coefficient(displacement, (1, 5), kT=1.0))
+    raises(ParameterError, "fit must be two times", lambda: diffusion_coefficient(displacement, (1, 2, 3)))
+    raises(ParameterError, "no lag is between 20 and 30 ps", lambda: diffusion_coefficient(displacement, (20, 30)))
     with pytest.raises(ParameterError, match="mean_squared_displacement"):
         diffusion_coefficient(velocity_autocorrelation(np.zeros((5, 2, 3)), interval=1), (1, 2))
 
@@ -133,8 +130,7 @@ def test_folded_paths_are_unwrapped(box):
         results.append(mean_squared_displacement(chunks(trajectory, 9), interval=1, drift=True))
     for found in results[1:]:
         np.testing.assert_allclose(found.y, results[0].y, rtol=1e-4)
-    still = mean_squared_displacement(trajectory, interval=1)
-    assert still.y[-1] < 0.5 * results[0].y[-1], "the drift is gone"
+    assert mean_squared_displacement(trajectory, interval=1).y[-1] < 0.5 * results[0].y[-1], "the drift is gone"
 
 
 def test_unwrapping_in_a_box_that_changes():
@@ -143,8 +139,7 @@ def test_unwrapping_in_a_box_that_changes():
     x = np.random.default_rng(2).random((20, 3)) * 0.9 + np.array([4.5, 1, 2])
     frames = [x - np.floor(x / edge) * edge for edge in edges]
     trajectory = trajectory_of(frames, ["A"] * 20, np.array([np.eye(3) * edge for edge in edges]))
-    found = mean_squared_displacement(trajectory, interval=1, drift=True)
-    assert 0 < found.y.max() < 3 * 0.05**2
+    assert 0 < mean_squared_displacement(trajectory, interval=1, drift=True).y.max() < 3 * 0.05**2
 
 
 def test_reporters_that_fold_and_that_do_not(tmp_path):
@@ -176,8 +171,7 @@ def test_paths_that_cannot_be_unwrapped():
     with pytest.raises(ParameterError, match="Write frames more often"):
         mean_squared_displacement(trajectory_of(folded(x, box), ["A"] * 20, box), interval=1)
     continuous = trajectory_of(x * 2, ["A"] * 20, box)
-    with pytest.raises(ParameterError, match="say unwrap=False if they are on continuous paths"):
-        mean_squared_displacement(continuous, interval=1)
+    raises(ParameterError, "say unwrap=False if they are on continuous paths", lambda: mean_squared_displacement(continuous, interval=1))
     free = mean_squared_displacement(trajectory_of(x * 2, ["A"] * 20), interval=1)
     np.testing.assert_array_equal(mean_squared_displacement(continuous, interval=1, unwrap=False).y, free.y)
 
@@ -189,9 +183,8 @@ def test_time_that_goes_back_is_refused_by_name():
     once.time = 0.5 * np.arange(1, 13)
     twice = mdtraj.join([once[:9], once[6:]], check_topology=False)
     for trajectory in (twice, [once[:9], once[6:]]):
-        with pytest.raises(
-            ParameterError, match="frame 9: time goes back from 4.5 to 3.5 ps; of frames a restarted run wrote twice keep the last"
-        ):
+        back = "frame 9: time goes back from 4.5 to 3.5 ps; of frames a restarted run wrote twice keep the last"
+        with pytest.raises(ParameterError, match=back):
             mean_squared_displacement(trajectory, interval=0.5)
     kept = twice[sorted({time: frame for frame, time in enumerate(twice.time)}.values())]
     expected = mean_squared_displacement(once, interval=0.5).y
@@ -252,8 +245,7 @@ def test_velocities_and_frames_must_match():
     ):
         with pytest.raises(ParameterError, match=message):
             velocity_profile(trajectory, velocities)
-    with pytest.raises(ParameterError, match="at least 2 frames"):
-        velocity_autocorrelation(np.zeros((1, 5, 3)), interval=1)
+    raises(ParameterError, "at least 2 frames", lambda: velocity_autocorrelation(np.zeros((1, 5, 3)), interval=1))
     for beads, message in (
         ([7], "indices must be from 0 to 4; there is 7"),
         ([1, 1], "an index appears twice"),
@@ -278,8 +270,7 @@ def test_velocities_are_written_beside_the_trajectory(tmp_path):
     assert found["step"].tolist() == [5, 10, 15, 20] and found["velocities"].shape == (4, 60, 3)
     np.testing.assert_allclose(found["velocities"][-1], last, rtol=1e-6)
     np.testing.assert_array_equal([*read_velocities(tmp_path / "velocities.npz")], found["velocities"])
-    with pytest.raises(ParameterError, match="interval between reports"):
-        VelocityReporter(tmp_path / "v.npz", 0)
+    raises(ParameterError, "interval between reports", lambda: VelocityReporter(tmp_path / "v.npz", 0))
 
 
 # -- molecules -----------------------------------------------------------------------------------------------------------------
@@ -294,8 +285,7 @@ def test_straight_chains(box):
         direction = rng.normal(0, 1, (chains, 1, 3))
         direction /= np.linalg.norm(direction, axis=2, keepdims=True)
         x.append((rng.random((chains, 1, 3)) * 5 + b * np.arange(n)[:, None] * direction).reshape(-1, 3))
-    # beads of a chain are numbered in any order, and the chains are mixed
-    place = rng.permutation(chains * n)
+    place = rng.permutation(chains * n)  # beads of a chain are numbered in any order, and the chains are mixed
     mixed = np.empty((5, chains * n, 3))
     mixed[:, place] = x
     bonds = [(place[n * c + k], place[n * c + k + 1]) for c in range(chains) for k in range(n - 1)]
@@ -306,8 +296,7 @@ def test_straight_chains(box):
     np.testing.assert_allclose(ends.values, b * (n - 1), rtol=1e-5)
     assert ends.mean_square.mean == pytest.approx((b * (n - 1)) ** 2, rel=1e-5)
     assert size.mean.mean == pytest.approx(b * np.sqrt((n**2 - 1) / 12), rel=1e-5)
-    half = end_to_end_distance(trajectory, [[place[0], place[5]]])
-    np.testing.assert_allclose(half.values, 5 * b, rtol=1e-5)
+    np.testing.assert_allclose(end_to_end_distance(trajectory, [[place[0], place[5]]]).values, 5 * b, rtol=1e-5)
 
 
 def test_sizes_of_unlike_molecules():
@@ -354,9 +343,8 @@ def test_surface_tension():
     tensor[:, 0, 1] = 99.0
     assert surface_tension(tensor, length).mean == found.mean
     assert surface_tension(np.column_stack([diagonal, tensor[:, 0]]), length).mean == found.mean
-    assert surface_tension(diagonal, 20.0, interfaces=1, axis="x").mean == pytest.approx(
-        20 * (diagonal[:, 0] - diagonal[:, 1:].mean(axis=1)).mean()
-    )
+    expected = 20 * (diagonal[:, 0] - diagonal[:, 1:].mean(axis=1)).mean()
+    assert surface_tension(diagonal, 20.0, interfaces=1, axis="x").mean == pytest.approx(expected)
     for arguments, message in (
         ((diagonal[:, :2], 20.0), "must have shape"),
         ((np.zeros((0, 3)), 20.0), "no row"),
@@ -366,8 +354,7 @@ def test_surface_tension():
     ):
         with pytest.raises(ParameterError, match=message):
             surface_tension(*arguments)
-    with pytest.raises(ParameterError, match="interfaces must be 1 or 2"):
-        surface_tension(diagonal, 20.0, interfaces=3)
+    raises(ParameterError, "interfaces must be 1 or 2", lambda: surface_tension(diagonal, 20.0, interfaces=3))
 
 
 def test_bad_requests_for_displacements():
@@ -383,8 +370,7 @@ def test_bad_requests_for_displacements():
     ):
         with pytest.raises(ParameterError, match=message):
             mean_squared_displacement(trajectory, **more)
-    with pytest.raises(ParameterError, match="at least 2 frames"):
-        mean_squared_displacement(trajectory[0], interval=1)
+    raises(ParameterError, "at least 2 frames", lambda: mean_squared_displacement(trajectory[0], interval=1))
 
 
 # -- pictures ------------------------------------------------------------------------------------------------------------------
@@ -405,8 +391,7 @@ def test_every_result_has_a_picture(tmp_path):
         call(tmp_path / f"{name}.png")
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
     assert isinstance(g["A"], Curve)
-    with pytest.raises(ParameterError, match="nothing to draw"):
-        draw.profile_picture(tmp_path / "x.png", {"A": [1, 2]})
+    raises(ParameterError, "nothing to draw", lambda: draw.profile_picture(tmp_path / "x.png", {"A": [1, 2]}))
     for picture in (draw.profile_picture, draw.displacement_picture, draw.cluster_picture):
         with pytest.raises(ParameterError, match="not None"):
             picture(tmp_path / "x.png", None)
@@ -415,5 +400,4 @@ def test_every_result_has_a_picture(tmp_path):
 @pytest.mark.parametrize("name", ["text.npz", "missing.npz"])
 def test_files_that_hold_no_velocities(tmp_path, name):
     (tmp_path / "text.npz").write_text("hello")
-    with pytest.raises(ParameterError, match=f"{name} cannot be read as a file of velocities"):
-        next(read_velocities(tmp_path / name))
+    raises(ParameterError, f"{name} cannot be read as a file of velocities", lambda: next(read_velocities(tmp_path / name)))

@@ -3,6 +3,7 @@
 import mdtraj
 import numpy as np
 import pytest
+from raising import raises
 
 from openmm_dpd import ParameterError
 from openmm_dpd.analysis import (
@@ -30,10 +31,8 @@ def trajectory_of(frames, names, boxes=None, bonds=(), masses=None, molecules=No
     masses = np.ones(len(names)) if masses is None else masses
     molecules = range(len(names)) if molecules is None else molecules
     residues = {number: topology.add_residue("MOL", chain, resSeq=int(number)) for number in dict.fromkeys(molecules)}
-    atoms = [
-        topology.add_atom(name, bead_element(name, mass), residues[number])
-        for name, mass, number in zip(names, masses, molecules, strict=True)
-    ]
+    rows = zip(names, masses, molecules, strict=True)
+    atoms = [topology.add_atom(name, bead_element(name, mass), residues[number]) for name, mass, number in rows]
     for i, j in bonds:
         topology.add_bond(atoms[i], atoms[j])
     trajectory = mdtraj.Trajectory(frames, topology)
@@ -62,8 +61,7 @@ def shortest(d: np.ndarray, box: np.ndarray) -> np.ndarray:
 def test_pairs_equal_naive_loops(box):
     vectors = None if box is None else BOXES[box]
     rng = np.random.default_rng(3)
-    # unfolded positions
-    x, y = rng.random((60, 3)) * 6, rng.random((41, 3)) * 18 - 6
+    x, y = rng.random((60, 3)) * 6, rng.random((41, 3)) * 18 - 6  # unfolded positions
     reach = 2.1
     for other in (None, y):
         i, j, r = pairs_within(x, other, vectors, reach)
@@ -81,10 +79,8 @@ def test_pairs_equal_naive_loops(box):
 def test_pairs_beyond_half_the_box():
     x = np.zeros((2, 3))
     assert len(pairs_within(x, None, TILTED, 2.2)[0]) == 1
-    with pytest.raises(ParameterError, match="a distance of 2.6 is more than half the smallest width"):
-        pairs_within(x, None, BOXES["edges"], 2.6)
-    # 210 / |a x c|
-    with pytest.raises(ParameterError, match="smallest width of the box, 4.8076"):
+    raises(ParameterError, "a distance of 2.6 is more than half the smallest width", lambda: pairs_within(x, None, BOXES["edges"], 2.6))
+    with pytest.raises(ParameterError, match="smallest width of the box, 4.8076"):  # 210 / |a x c|
         pairs_within(x, None, TILTED, 2.45)
 
 
@@ -124,8 +120,7 @@ def test_radial_distribution_equals_mdtraj(box):
         x, g = mdtraj.compute_rdf(trajectory, pairs, r_range=(0.0, 2.0), n_bins=10)
         found = radial_distribution(chunks(trajectory, 4), first, second, r_max=2.0, n_bins=10)
         np.testing.assert_allclose(found.x, x, rtol=1e-6)
-        # distances in single precision may fall into the next bin
-        np.testing.assert_allclose(found.y, g, rtol=0.01)
+        np.testing.assert_allclose(found.y, g, rtol=0.01)  # distances in single precision may fall into the next bin
 
 
 def test_an_ideal_gas_has_no_structure():
@@ -199,10 +194,7 @@ def test_structure_factor_of_an_ideal_gas():
 def test_chunks_are_the_same_as_the_whole():
     trajectory = random_trajectory(8, 50, 23, TILTED, ["A"] * 20 + ["B"] * 30, masses=[1.0] * 20 + [3.0] * 30)
     trajectory.xyz[:, :20] *= 0.4
-    for analyse in (
-        lambda t: structure_factor(t, "A", "B", q_max=5.0),
-        lambda t: density_profile(t, centre="A", n_bins=17)["B"],
-    ):
+    for analyse in (lambda t: structure_factor(t, "A", "B", q_max=5.0), lambda t: density_profile(t, centre="A", n_bins=17)["B"]):
         whole, parts = analyse(trajectory), analyse(chunks(trajectory, 5))
         for name in ("x", "y", "sem"):
             np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name))
@@ -239,12 +231,10 @@ def test_films_are_centred_across_the_boundary():
         solvent = rng.uniform(0, edge, 200)
         com = (light.sum() + 3 * heavy.sum()) / 1600
         z = np.concatenate([light - com, heavy - com, solvent]) + 0.7 * k
-        x = np.column_stack([rng.uniform(0, 4, 1000), rng.uniform(0, 4, 1000), z % edge])
-        frames.append(x)
+        frames.append(np.column_stack([rng.uniform(0, 4, 1000), rng.uniform(0, 4, 1000), z % edge]))
         boxes.append(np.diag([4, 4, edge]))
-    trajectory = trajectory_of(
-        frames, ["A"] * 400 + ["B"] * 400 + ["W"] * 200, np.array(boxes), masses=[1.0] * 400 + [3.0] * 400 + [1.0] * 200
-    )
+    names, masses = ["A"] * 400 + ["B"] * 400 + ["W"] * 200, [1.0] * 400 + [3.0] * 400 + [1.0] * 200
+    trajectory = trajectory_of(frames, names, np.array(boxes), masses=masses)
     profiles = density_profile(trajectory, centre=["A", "B"], n_bins=160)
     # centre of mass: (-0.75 + 3 * 0.25) / 4 = 0; the film reaches from -1.5 to 0.5
     filled_a = (profiles["A"].x > -1.4) & (profiles["A"].x < -0.1)
@@ -254,8 +244,7 @@ def test_films_are_centred_across_the_boundary():
     np.testing.assert_allclose(profiles["B"].y[filled_b].mean(), 400 / (16 * 0.5), rtol=0.02)
     away = (profiles["A"].x < -1.8) | (profiles["A"].x > 0.8)
     assert np.all(profiles["A"].y[away] == 0) and np.all(profiles["B"].y[away] == 0) and profiles["W"].y[away].min() > 0
-    fixed = density_profile(trajectory, "A", n_bins=160)["A"]
-    assert fixed.y.min() > 0, "without centring the drifting film is everywhere"
+    assert density_profile(trajectory, "A", n_bins=160)["A"].y.min() > 0, "without centring the drifting film is everywhere"
 
 
 # -- bilayers ------------------------------------------------------------------------------------------------------------------
@@ -264,13 +253,8 @@ def bilayer(seed: int, frames: int, thickness: float = 4.0, edge: float = 10.0, 
     heads, tails = 200, 600
     found = []
     for k in range(frames):
-        z = np.concatenate(
-            [
-                thickness / 2 + rng.normal(0, 0.3, heads // 2),
-                -thickness / 2 + rng.normal(0, 0.3, heads // 2),
-                rng.uniform(-thickness / 2, thickness / 2, tails),
-            ]
-        )
+        sheets = [side * thickness / 2 + rng.normal(0, 0.3, heads // 2) for side in (1, -1)]
+        z = np.concatenate([*sheets, rng.uniform(-thickness / 2, thickness / 2, tails)])
         x = np.column_stack([rng.uniform(0, 7, heads + tails), rng.uniform(0, 6, heads + tails), (z + drift * k + 1.0) % edge])
         found.append(x)
     names = ["H"] * heads + ["T"] * tails
@@ -281,8 +265,7 @@ def bilayer(seed: int, frames: int, thickness: float = 4.0, edge: float = 10.0, 
 def test_planted_bilayer():
     trajectory = bilayer(1, 400)
     thickness = bilayer_thickness(chunks(trajectory, 7), "H", "T")
-    # the difference of two means of 100 heads each, 400 times
-    error = 0.3 * np.sqrt(2 / 100 / 400)
+    error = 0.3 * np.sqrt(2 / 100 / 400)  # the difference of two means of 100 heads each, 400 times
     assert abs(thickness.mean - 4.0) < 4 * error
     assert thickness.sem == pytest.approx(error, rel=0.5)
     assert bilayer_thickness(trajectory, "H").mean == pytest.approx(thickness.mean, abs=1e-9)
@@ -294,8 +277,7 @@ def test_planted_bilayer():
 
 def test_thick_bilayers_need_their_tails():
     """Heads half a box apart do not show which side is inside; with the tails they do, also when the water is thinner than the bilayer."""
-    with pytest.raises(ParameterError, match="spread evenly"):
-        bilayer_thickness(bilayer(2, 3, thickness=5.0), "H")
+    raises(ParameterError, "spread evenly", lambda: bilayer_thickness(bilayer(2, 3, thickness=5.0), "H"))
     assert bilayer_thickness(bilayer(2, 20, thickness=7.0), "H", "T").mean == pytest.approx(7.0, abs=0.1)
     assert bilayer_thickness(bilayer(2, 20, thickness=7.0), "H").mean == pytest.approx(3.0, abs=0.1)
 
@@ -335,8 +317,7 @@ def test_clusters_of_molecules():
 
 
 def test_clusters_equal_a_naive_search():
-    rng = np.random.default_rng(11)
-    x = rng.random((150, 3)) @ TILTED
+    x = np.random.default_rng(11).random((150, 3)) @ TILTED
     labels = cluster_labels(x, 0.75, TILTED)
     near = shortest(x[:, None] - x[None], TILTED) < 0.75
     own = np.arange(150)
@@ -345,8 +326,7 @@ def test_clusters_equal_a_naive_search():
     assert len(np.unique(labels)) == len(np.unique(own)) > 5
     np.testing.assert_array_equal(labels[:, None] == labels[None], own[:, None] == own[None])
     assert np.all(np.diff(np.bincount(labels)) <= 0)
-    free = cluster_labels(x, 0.75)
-    assert len(np.unique(free)) > len(np.unique(labels))
+    assert len(np.unique(cluster_labels(x, 0.75))) > len(np.unique(labels))
 
 
 # -- bad input -----------------------------------------------------------------------------------------------------------------
@@ -389,5 +369,4 @@ def test_errors():
             call()
     broken = random_trajectory(1, 10, 3, box)
     broken.xyz[2, 4, 1] = np.nan
-    with pytest.raises(ParameterError, match="frame 2 .* is not finite"):
-        density_profile(chunks(broken, 1))
+    raises(ParameterError, "frame 2 .* is not finite", lambda: density_profile(chunks(broken, 1)))

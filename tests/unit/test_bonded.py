@@ -42,14 +42,9 @@ def test_laplacians_and_virials_by_finite_differences():
     """Of all kinds together; half of the beads do not move and are left out."""
     x = np.random.default_rng(3).random((6, 3)) * 0.6 + 1.2
     mobile = np.array([True, False, True, True, False, True])
-    terms = {
-        "bonds": [
-            dpd.HarmonicBonds([(0, 1)], 20, 0.7),
-            dpd.FENEBonds([(1, 2), (3, 4)], 30, 1.5, 0.2, 0.4),
-            dpd.MorseBonds([(4, 5)], 12, 2, 0.6),
-        ],
-        "angles": [dpd.HarmonicAngles([(0, 1, 2), (3, 4, 5)], 6, 1.9), dpd.CosineAngles([(1, 2, 3)], 4)],
-    }
+    fene, morse = dpd.FENEBonds([(1, 2), (3, 4)], 30, 1.5, 0.2, 0.4), dpd.MorseBonds([(4, 5)], 12, 2, 0.6)
+    terms = {"bonds": [dpd.HarmonicBonds([(0, 1)], 20, 0.7), fene, morse]}
+    terms["angles"] = [dpd.HarmonicAngles([(0, 1, 2), (3, 4, 5)], 6, 1.9), dpd.CosineAngles([(1, 2, 3)], 4)]
     plan = dpd.make_plan(beads(6, positions=x, mobile=mobile, **terms), dt=0.01, seed=1)
 
     def energy(y) -> float:
@@ -64,8 +59,7 @@ def test_laplacians_and_virials_by_finite_differences():
             step[bead, axis] = h
             second += (energy(x + step) - 2 * energy(x) + energy(x - step)) / h**2
     assert laplacian == pytest.approx(second, rel=1e-5)
-    stretched = (energy(x * (1 + 1e-5)) - energy(x * (1 - 1e-5))) / 2e-5
-    assert virial == pytest.approx(-stretched, rel=1e-7)
+    assert virial == pytest.approx(-((energy(x * (1 + 1e-5)) - energy(x * (1 - 1e-5))) / 2e-5), rel=1e-7)
 
 
 def test_units():
@@ -82,6 +76,9 @@ def scene(**options):
     return beads(4, positions=x, **options)
 
 
+_TWICE = [dpd.CosineAngles([(0, 1, 2)], 1), dpd.HarmonicAngles([(2, 1, 0)], 1, 1)]
+_TOO_LONG = r"FENE bond between beads 2 and 3 \(counted from 0\) is 1.2 nm long, which is not less than its R0 of 1.1 nm"
+_POINT = {"positions": np.ones((2, 3)), "bonds": [dpd.FENEBonds(PAIR, 1, 1.1, 1)]}
 BAD = {
     "negative k": (lambda: dpd.FENEBonds(PAIR, -1, 1.5), "bond k must be >= 0"),
     "no R0": (lambda: dpd.FENEBonds(PAIR, 1, 0), "bond R0 must be > 0"),
@@ -93,27 +90,12 @@ BAD = {
     "a bead twice": (lambda: dpd.CosineAngles([(2, 1, 2)], 1), "entry 0 of angle triples names bead 2 twice"),
     "too many k": (lambda: dpd.CosineAngles([(0, 1, 2)], [1, 2]), r"angle k must be one number, or one for each of the 1 angles"),
     "angle of a missing bead": (lambda: scene(angles=[dpd.CosineAngles([(0, 1, 4)], 1)]), "an angle names bead 4.*only 4 beads"),
-    "angle twice": (
-        lambda: scene(angles=[dpd.CosineAngles([(0, 1, 2)], 1), dpd.HarmonicAngles([(2, 1, 0)], 1, 1)]),
-        r"0, 1 and 2 \(counted from 0\) is listed twice",
-    ),
-    "not a sequence": (
-        lambda: scene(angles=dpd.CosineAngles([(0, 1, 2)], 1)),
-        "angles must be a sequence of HarmonicAngles or CosineAngles",
-    ),
+    "angle twice": (lambda: scene(angles=_TWICE), r"0, 1 and 2 \(counted from 0\) is listed twice"),
+    "not a sequence": (lambda: scene(angles=_TWICE[0]), "angles must be a sequence of HarmonicAngles or CosineAngles"),
     "bond for an angle": (lambda: scene(angles=[dpd.MorseBonds(PAIR, 1, 1, 1)]), "not of MorseBonds"),
-    "angle for a bond": (
-        lambda: scene(bonds=[dpd.CosineAngles([(0, 1, 2)], 1)]),
-        "HarmonicBonds or FENEBonds or MorseBonds, not of CosineAngles",
-    ),
-    "too long": (
-        lambda: scene(bonds=[dpd.FENEBonds([(0, 1), (2, 3)], 1, 1.1)]),
-        r"FENE bond between beads 2 and 3 \(counted from 0\) is 1.2 nm long, which is not less than its R0 of 1.1 nm",
-    ),
-    "at one point": (
-        lambda: beads(2, positions=np.ones((2, 3)), bonds=[dpd.FENEBonds(PAIR, 1, 1.1, 1)]),
-        r"beads 0 and 1 \(counted from 0\) are at the same point",
-    ),
+    "angle for a bond": (lambda: scene(bonds=_TWICE[:1]), "HarmonicBonds or FENEBonds or MorseBonds, not of CosineAngles"),
+    "too long": (lambda: scene(bonds=[dpd.FENEBonds([(0, 1), (2, 3)], 1, 1.1)]), _TOO_LONG),
+    "at one point": (lambda: beads(2, **_POINT), r"beads 0 and 1 \(counted from 0\) are at the same point"),
 }
 
 

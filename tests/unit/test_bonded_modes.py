@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES, scheme_of
 from openmm_dpd.simulation.advice.bonded_modes import bonded_modes, why_no_step
 from openmm_dpd.simulation.advice.mode_errors import largest_stable, mode_errors, tabulated_errors
 
-#: McLachlan's order with three forces.
-BAB3 = "3B/25 3A/10 19B/50 2A/5 19B/50 3A/10 3B/25 O"
+BAB3 = "3B/25 3A/10 19B/50 2A/5 19B/50 3A/10 3B/25 O"  # McLachlan's order with three forces.
 
 
 # -- a mode under a word ---------------------------------------------------------------------------------------------------------
@@ -48,9 +48,7 @@ def test_velocity_verlet_in_closed_form():
     assert np.isinf(mode_errors(SCHEMES["mvv"], np.array([2.01]))[0]).all()
 
 
-@pytest.mark.parametrize(
-    ("word", "limits", "stable"), [("middle", (2.0, 2.0), 2.0), ("bababo", (1.40, 1.47), 2.59), (BAB3, (2.13, 2.23), 2.97)]
-)
+@cases("word, limits, stable", ("middle", (2.0, 2.0), 2.0), ("bababo", (1.40, 1.47), 2.59), (BAB3, (2.13, 2.23), 2.97))
 def test_known_limits(word, limits, stable):
     """Where the error is 0.5 and 1 %, from an independent evaluation."""
     scheme = scheme_of(word)
@@ -176,10 +174,7 @@ def test_other_bonds_and_bound_beads_count():
     assert bonded_modes(scene()) == []
 
 
-@pytest.mark.parametrize(
-    ("bonds", "lowest", "highest"),
-    [(dpd.FENEBonds([[0, 1]], 30.0, 1.5), 0.85, 1.5), (dpd.FENEBonds([[0, 1]], 30.0, 1.5, 1.0, 1.0), 0.2, 3.0), (dpd.MorseBonds([[0, 1]], 50.0, 8.0, 0.5), 0.2, 2.0)],
-)  # fmt: skip
+@cases("bonds, lowest, highest", (dpd.FENEBonds([[0, 1]], 30.0, 1.5), 0.85, 1.5), (dpd.FENEBonds([[0, 1]], 30.0, 1.5, 1.0, 1.0), 0.2, 3.0), (dpd.MorseBonds([[0, 1]], 50.0, 8.0, 0.5), 0.2, 2.0))  # fmt: skip
 def test_thermal_curvature_of_bonds(bonds, lowest, highest):
     """Mean curvature against a Monte Carlo chain; it varies over the thermal range, and the stiffest point is beyond every part."""
     (modes,) = bonded_modes(scene(bonds=[bonds]))

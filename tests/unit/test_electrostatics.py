@@ -15,8 +15,7 @@ from openmm_dpd.units import COULOMB
 
 mpmath = pytest.importorskip("mpmath")
 
-#: Coulomb constant 1.
-ONE = {"permittivity": COULOMB}
+ONE = {"permittivity": COULOMB}  # Coulomb constant 1.
 KINDS = {"slater": (dpd.SlaterCharges, "lamda", slater_tail), "gaussian": (dpd.GaussianCharges, "width", gaussian_tail)}
 
 
@@ -121,8 +120,7 @@ def test_tilted_box_and_tight_tolerance(device):
     """A tilted box; the tolerance is kept when it is smaller, as far as the precision goes."""
     box = np.array([[6.0, 0, 0], [1.0, 5.5, 0], [-0.8, 1.2, 6.5]])
     x, q = electrolyte(60, 5.0, 20)
-    electrostatics = charges_of("slater", 0.25, tolerance=1e-6)
-    energy, forces, virial = evaluate(scene(x, q, electrostatics, box), device)
+    energy, forces, virial = evaluate(scene(x, q, charges_of("slater", 0.25, tolerance=1e-6), box), device)
     exact_energy, exact, exact_virial = lattice_sum(x, q, box, slater_tail, 0.25)
     double = device.platform == "Reference" or device.precision == "double"
     assert np.sqrt(np.sum((forces - exact) ** 2) / np.sum(exact**2)) < (1e-6 if double else 1e-4)
@@ -181,10 +179,8 @@ def test_charges_have_factors_of_their_own():
     """``bonded_factors`` of the charges beside that of the scene."""
     x, q = np.array([[1.0, 1, 1], [1.4, 1, 1]]), np.array([1.0, -1.0])
     bonds = [dpd.HarmonicBonds([(0, 1)], 0.0, 0.0)]
-    found = [
-        evaluate_energy(scene(x, q, charges_of("slater", 0.25, bonded_factors=own), None, bonds=bonds, bonded_factors=(0.25, 1, 1)))
-        for own in (None, (0.5, 1.0, 1.0))
-    ]
+    options, bonded = {"bonds": bonds, "bonded_factors": (0.25, 1, 1)}, (None, (0.5, 1.0, 1.0))
+    found = [evaluate_energy(scene(x, q, charges_of("slater", 0.25, bonded_factors=own), None, **options)) for own in bonded]
     whole = -exact_pair("slater", 0.25, 0.4)[0]
     assert found == pytest.approx([0.25 * whole, 0.5 * whole], rel=1e-9)
 
@@ -254,8 +250,7 @@ def test_units():
     assert (charges.lamda, charges.bjerrum_length) == pytest.approx((0.25, 0.7))
     assert charges.coulomb(2.5) == pytest.approx(1.75)
     assert dpd.GaussianCharges(width=0.1, permittivity=78.0).coulomb(2.5) == pytest.approx(COULOMB / 78)
-    # water at 300 K: the Bjerrum length is 0.714 nm
-    assert COULOMB / 78 / (dpd.units.BOLTZMANN * 300) == pytest.approx(0.714, abs=1e-3)
+    assert COULOMB / 78 / (dpd.units.BOLTZMANN * 300) == pytest.approx(0.714, abs=1e-3)  # water at 300 K: the Bjerrum length is 0.714 nm
 
 
 BAD = [
@@ -282,7 +277,8 @@ def test_bad_values_of_charges(message, options):
 
 def test_bad_scenes():
     x, q = electrolyte(20, 5.0, 5)
-    good = charges_of("slater", 0.25)
+    good, clouds = charges_of("slater", 0.25), dpd.SlaterCharges(lamda=1, bjerrum_length=1)
+    table = {("W", "W"): dpd.DPD(A=1, gamma=0)}
     for message, make in {
         "needs the charges of the beads": lambda: scene(x, None, good, [5.0] * 3),
         "all charges are 0": lambda: scene(x, 0 * q, good, [5.0] * 3),
@@ -295,15 +291,7 @@ def test_bad_scenes():
         "is too coarse": lambda: scene(x, q, charges_of("slater", 0.25, alpha=3.0, grid=(6, 6, 6)), [5.0] * 3),
         "cutoff and alpha would have no effect": lambda: scene(x, q, charges_of("slater", 0.25, cutoff=2.0, alpha=2.0)),
         "the smearing reaches to": lambda: scene(x, q, charges_of("slater", 0.6), [5.0] * 3),
-        "a Bjerrum length needs a temperature": lambda: dpd.Scene(
-            {"W": 1},
-            ["W"] * 20,
-            x,
-            {("W", "W"): dpd.DPD(A=1, gamma=0)},
-            kT=0,
-            charges=q,
-            electrostatics=dpd.SlaterCharges(lamda=1, bjerrum_length=1),
-        ),
+        "a Bjerrum length needs a temperature": lambda: dpd.Scene({"W": 1}, ["W"] * 20, x, table, kT=0, charges=q, electrostatics=clouds),
     }.items():
         with pytest.raises(dpd.ParameterError, match=message):
             make()

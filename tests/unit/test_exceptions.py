@@ -25,15 +25,8 @@ def test_factor_of_bonded_neighbours(kind, types):
     """Half the energy and half the force of one pair, written out; with tables of type pairs as well as with constants."""
     coefficient, energy, force = POTENTIALS[kind]
     table = {("A", "A"): coefficient} if types[1] == "A" else {("*", "*"): dpd.NONE, ("A", "B"): coefficient}
-    scene = dpd.Scene(
-        dict.fromkeys(sorted(set(types)), 1.0),
-        types,
-        [[0, 0, 0], [R, 0, 0]],
-        table,
-        kT=1,
-        bonds=[dpd.HarmonicBonds([[0, 1]], k=0, r0=1)],
-        bonded_factors=(0.5, 1.0, 1.0),
-    )
+    bonded = {"bonds": [dpd.HarmonicBonds([[0, 1]], k=0, r0=1)], "bonded_factors": (0.5, 1.0, 1.0)}
+    scene = dpd.Scene(dict.fromkeys(sorted(set(types)), 1.0), types, [[0, 0, 0], [R, 0, 0]], table, kT=1, **bonded)
     built = dpd.build(scene, dt=0.01, platform="Reference", conservative="openmm", seed=1)
     state = built.simulation().context.getState(energy=True, forces=True)
     assert state.getPotentialEnergy()._value == pytest.approx(0.5 * energy, rel=1e-6)

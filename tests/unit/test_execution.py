@@ -93,5 +93,4 @@ def test_the_system_follows_it(part):
     names, more = ({force.getName() for force in built.system.getForces()} for built in (looped, left))
     assert names - more <= {MOLECULES} and more - names
     forces, others = (built.simulation().context.getState(forces=True).getForces(asNumpy=True)._value for built in (looped, left))
-    scale = np.abs(forces).max()
-    np.testing.assert_allclose(others, forces, rtol=0, atol=(1e-4 if part == "charges" else 1e-10) * scale)
+    np.testing.assert_allclose(others, forces, rtol=0, atol=(1e-4 if part == "charges" else 1e-10) * np.abs(forces).max())

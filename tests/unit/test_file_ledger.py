@@ -48,8 +48,7 @@ def test_what_came_after_a_checkpoint_is_taken_back(tmp_path):
         "whole": "two",
     }
     assert killed.lengths().keys() == lengths.keys()
-    # and once more, with nothing in between
-    ledger_of(tmp_path).put_back(killed.lengths())
+    ledger_of(tmp_path).put_back(killed.lengths())  # and once more, with nothing in between
     assert (tmp_path / "grows").read_text(encoding="utf-8") == "one\n"
 
 
@@ -121,8 +120,7 @@ def test_trajectories_and_fields_lose_frames_and_get_others(tmp_path, form):
     if form == "npz":
         assert np.array_equal(load_fields(path)["u"], frames[:4, :, 0])
     else:
-        loaded = mdtraj.load(path, top=mdtraj.Topology.from_openmm(_topology()))
-        np.testing.assert_allclose(loaded.xyz, frames[:4], atol=6e-4)
+        np.testing.assert_allclose(mdtraj.load(path, top=mdtraj.Topology.from_openmm(_topology())).xyz, frames[:4], atol=6e-4)
 
 
 def _topology():

@@ -5,7 +5,9 @@ import struct
 import mdtraj
 import numpy as np
 import pytest
+from cases import cases
 from full_disk import file_limit
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.base.files import BlockFile, append_block, write_whole
@@ -19,10 +21,8 @@ def test_a_file_that_cannot_be_written_stays_what_it_was(tmp_path):
     with file_limit(1000), pytest.raises(dpd.OutputError, match="the report .*report cannot be written .*ulimit"):
         write_whole(path, "x" * 2000, "the report")
     assert path.read_text() == "before"
-    with pytest.raises(dpd.OutputError, match="Is a directory.*write elsewhere"):
-        BlockFile(tmp_path, "the report")
-    with pytest.raises(dpd.OutputError, match="Not a directory"):
-        write_whole(path / "below", "after", "the report")
+    raises(dpd.OutputError, "Is a directory.*write elsewhere", lambda: BlockFile(tmp_path, "the report"))
+    raises(dpd.OutputError, "Not a directory", lambda: write_whole(path / "below", "after", "the report"))
     assert [entry.name for entry in tmp_path.iterdir()] == ["report"]
 
 
@@ -35,8 +35,7 @@ def test_links_stay_links(tmp_path):
 
 def test_devices_are_written_to(tmp_path):
     (tmp_path / "full").symlink_to("/dev/full")
-    with pytest.raises(dpd.OutputError, match="No space left on device.*free some space"):
-        write_whole(tmp_path / "full", "x", "the report")
+    raises(dpd.OutputError, "No space left on device.*free some space", lambda: write_whole(tmp_path / "full", "x", "the report"))
     write_whole("/dev/null", "x", "the report")
 
 
@@ -44,8 +43,7 @@ def test_blocks_are_whole(tmp_path):
     path = tmp_path / "blocks"
     with BlockFile(path, "the file") as file, file_limit(1000):
         file.write("a" * 900)
-        with pytest.raises(dpd.OutputError, match="the file .*blocks cannot be written"):
-            file.write("b" * 900)
+        raises(dpd.OutputError, "the file .*blocks cannot be written", lambda: file.write("b" * 900))
         file.write("c" * 50)
     append_block(path, "d", "the file")
     assert path.read_text() == "a" * 900 + "c" * 50 + "d"
@@ -53,9 +51,7 @@ def test_blocks_are_whole(tmp_path):
     assert path.read_text() == "e"
 
 
-@pytest.mark.parametrize(
-    "box", [np.diag([3.0, 4.0, 5.0]), np.array([[4.0, 0, 0], [1.5, 4.0, 0], [-1.0, 0.7, 4.5]])], ids=["ortho", "tilted"]
-)
+@cases("box", np.diag([3.0, 4.0, 5.0]), np.array([[4.0, 0, 0], [1.5, 4.0, 0], [-1.0, 0.7, 4.5]]), ids=["ortho", "tilted"])
 def test_trajectories_are_those_of_mdtraj_and_whole_after_a_failure(tmp_path, box):
     frames = np.random.default_rng(3).random((4, 50, 3)) * 30
     writer = DCDWriter(tmp_path / "ours.dcd", 50, "the trajectory")

@@ -6,7 +6,8 @@ import numpy as np
 import openmm
 import pytest
 from openmm import unit
-from scenes import beads, fluid
+from raising import raises
+from scenes import beads, fluid, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import BODY_FORCE, EXTERNAL_GROUP
@@ -123,8 +124,7 @@ BAD_FORCES = {
 @pytest.mark.parametrize("name", BAD_FORCES)
 def test_refused_forces(name):
     make, message = BAD_FORCES[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 def test_tilted_box_along_z_is_fine():
@@ -132,8 +132,7 @@ def test_tilted_box_along_z_is_fine():
 
 
 def test_explain():
-    scene = beads(body_forces=[halves()], walls=PAIR, positions=INSIDE)
-    text = dpd.build(scene, dt=0.01, platform="Reference").explain()
+    text = dpd.build(beads(body_forces=[halves()], walls=PAIR, positions=INSIDE), dt=0.01, platform="Reference").explain()
     assert "body force on single beads: (1, 0, 0) kJ/mol/nm, reversed in the upper half along z" in text
     assert "bounce-back walls: z from 0.5 nm to 2 nm" in text
 
@@ -160,8 +159,7 @@ BAD_WALLS = {
 @pytest.mark.parametrize("name", BAD_WALLS)
 def test_refused_walls(name):
     make, message = BAD_WALLS[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 def test_native_scheme_has_no_walls():
@@ -180,11 +178,9 @@ def test_solid_in_the_middle_of_the_box():
 def one_step(scheme: str, kind: str, platform: str, box, x, v, walls=None) -> tuple[np.ndarray, np.ndarray]:
     """Free flight of single beads for dt = 0.5 between z = 1 and z = 2."""
     walls = walls or [dpd.Wall("z", 1.0, "above", kind), dpd.Wall("z", 2.0, "below", kind)]
-    scene = dpd.Scene(
-        {"A": 1.0}, ["A"] * len(x), x, {("A", "A"): dpd.DPD(A=0, gamma=1e-12, cutoff=1.0)}, 0.0, box=box, velocities=v, walls=walls
-    )
-    simulation = dpd.build(scene, dt=0.5, scheme=scheme, seed=1, platform=platform).simulation()
-    simulation.step(1)
+    table = {("A", "A"): dpd.DPD(A=0, gamma=1e-12, cutoff=1.0)}
+    scene = dpd.Scene({"A": 1.0}, ["A"] * len(x), x, table, 0.0, box=box, velocities=v, walls=walls)
+    simulation = stepped(dpd.build(scene, dt=0.5, scheme=scheme, seed=1, platform=platform).simulation(), 1)
     state = simulation.context.getState(positions=True, velocities=True)
     return state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value
 
@@ -223,11 +219,9 @@ def test_mixed_kinds(platform):
 @pytest.mark.parametrize("thermostat", [True, False])
 def test_programs_with_walls(scheme, kind, thermostat):
     """They pass the checks; only bounce-back needs a vector function; the velocities are shown by trial drifts only."""
-    options = ProgramOptions(
-        scheme=SCHEMES[scheme], dt=0.02, kT=1.0, seed=1, walls=kind, thermostat=thermostat, execution=Execution(conservative="kernel")
-    )
-    program = make_program(options)
-    text = program.describe()
+    choices = {"walls": kind, "thermostat": thermostat, "execution": Execution(conservative="kernel")}
+    options = ProgramOptions(scheme=SCHEMES[scheme], dt=0.02, kT=1.0, seed=1, **choices)
+    text = make_program(options).describe()
     assert ("dot(" in text) == (kind != "specular")
     assert text.count("reflect at the walls") == (1 if scheme in ("mvv", "shardlow") or (scheme == "middle" and not thermostat) else 2)
     assert not any(phase in text for phase in ("FORCE_SEEN", "SWEEP_SEEN"))
@@ -251,14 +245,12 @@ def test_all_forces_on_all_beads_is_the_default():
 
 @pytest.mark.parametrize("value", [np.ones(81, bool), np.ones((80, 3), bool), np.ones((81, 3))])
 def test_interacting_is_one_truth_value_for_each_component(value):
-    with pytest.raises(dpd.ParameterError, match="for each of 81 beads and 3 axes"):
-        beads(interacting=value)
+    raises(dpd.ParameterError, "for each of 81 beads and 3 axes", lambda: beads(interacting=value))
 
 
 @pytest.mark.parametrize("scheme", ["middle", "shardlow", "native"])
 def test_pair_updates_cannot_leave_out_components(scheme):
-    with pytest.raises(dpd.PlanError, match="only scheme='mvv'"):
-        dpd.build(alone(), dt=0.01, scheme=scheme, platform="Reference")
+    raises(dpd.PlanError, "only scheme='mvv'", lambda: dpd.build(alone(), dt=0.01, scheme=scheme, platform="Reference"))
 
 
 def test_terms_and_words_of_such_beads():
@@ -267,5 +259,4 @@ def test_terms_and_words_of_such_beads():
     assert "one by one, by the program (on some beads only body forces act)" in built.explain()
     terms = dpd.force_terms(built)
     assert np.allclose(sum(terms.values())[:2], [[1, 0, 0]] * 2) and np.abs(terms["conservative"][2:]).max() > 1
-    with pytest.raises(dpd.PlanError, match="a barostat needs a scene where all forces act"):
-        dpd.add_barostat(built, 1.0)
+    raises(dpd.PlanError, "a barostat needs a scene where all forces act", lambda: dpd.add_barostat(built, 1.0))

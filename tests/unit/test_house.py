@@ -13,11 +13,9 @@ LAMMPS = {module for module in TREES if module.startswith("openmm_dpd.lammps")}
 HOME = ("openmm_dpd.model", "openmm_dpd.kernels", "openmm_dpd.plan.kinds")
 
 
-#: Classes of per-bead fields.
-FIELDS = {"InternalEnergy", "BeadTemperatures", "Concentrations"}
+FIELDS = {"InternalEnergy", "BeadTemperatures", "Concentrations"}  # Classes of per-bead fields.
 
-#: Files over 400 lines.
-LONG = {"energy.py"}
+LONG = {"energy.py"}  # Files over 400 lines.
 
 
 def _coefficients_and_tables() -> set[str]:
@@ -77,8 +75,7 @@ def test_names_stand_for_one_thing():
         for node in tree.body:
             if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and not node.name.startswith("_"):
                 found[node.name].add(PATHS[module])
-    twice = {name: sorted(files) for name, files in found.items() if len(files) > 1}
-    assert not twice
+    assert not {name: sorted(files) for name, files in found.items() if len(files) > 1}
 
 
 def test_files_are_short():

@@ -6,20 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from openmm import unit
+from raising import raises
 from scipy.optimize import brentq
 
 import openmm_dpd as dpd
 from openmm_dpd import ParameterError
 from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.molecules import Molecule, Spring, Twist, linear, pack
-from openmm_dpd.parameters import (
-    Estimate,
-    ExcessChemicalPotential,
-    chi_from_log_p,
-    excess_chemical_potential,
-    log_p,
-    repulsion_from_log_p,
-)
+from openmm_dpd.parameters import Estimate, ExcessChemicalPotential, chi_from_log_p, excess_chemical_potential, log_p, repulsion_from_log_p
 from openmm_dpd.parameters.insertion import weights
 from openmm_dpd.parameters.insertion_scene import insertion, lattice_points
 
@@ -59,13 +53,11 @@ def test_the_energy_is_what_its_factor_scales(pairs):
 
 def test_copies_are_molecules_held_by_the_middle():
     made = insertion(CHAIN, solvent(), np.array([0.2, 0.5, 0.9]), 1)
-    held = np.flatnonzero(made.scene.immobile) - made.solvent
-    assert held.tolist() == [1, 5, 9]
+    assert (np.flatnonzero(made.scene.immobile) - made.solvent).tolist() == [1, 5, 9]
     assert made.scene.bead_masses[made.solvent :].tolist() == [2.0, 2.0, 1.0, 2.0] * 3
     bonds = made.scene.bond_pairs
     assert len(bonds) == 60 + 9 and np.all((bonds < made.solvent).all(axis=1) | (bonds >= made.solvent).all(axis=1))
-    points = made.scene.positions[made.scene.immobile]
-    assert np.allclose(points, lattice_points(3, made.scene.box))
+    assert np.allclose(made.scene.positions[made.scene.immobile], lattice_points(3, made.scene.box))
     twisted = insertion(replace(CHAIN, dihedrals=((0, 1, 2, 3, Twist(2, -1, 3)),)), solvent(), np.array([0.2, 0.5, 0.9]), 1)
     (dihedrals,) = twisted.scene.dihedrals
     assert dihedrals.quads.tolist() == [[made.solvent + 4 * k + bead for bead in range(4)] for k in range(3)]
@@ -79,8 +71,7 @@ def test_lattice_keeps_points_apart(count, least):
     i, j = np.triu_indices(count, 1)
     apart = np.linalg.norm(minimum_images(points[i] - points[j], box), axis=1).min()
     assert apart >= least - 1e-9
-    # no lattice is denser than fcc
-    assert apart <= 2 ** (1 / 6) * (216 / count) ** (1 / 3) + 1e-9
+    assert apart <= 2 ** (1 / 6) * (216 / count) ** (1 / 3) + 1e-9  # no lattice is denser than fcc
 
 
 # -- integral ---------------------------------------------------------------------------------------------------------------------
@@ -102,15 +93,13 @@ def made_up(density: float = 1.0) -> ExcessChemicalPotential:
 def test_values_errors_and_units():
     found = made_up()
     expected = math.sqrt(np.sum((0.5 * np.polynomial.legendre.leggauss(5)[1]) ** 2) / 4000)
-    layers = 0.001 * 9
-    assert found.error == pytest.approx(math.hypot(expected, layers), rel=0.1)
+    assert found.error == pytest.approx(math.hypot(expected, 0.001 * 9), rel=0.1)
     assert abs(found.value - 8.0) < 4 * expected
     assert found.molar_energy.value_in_unit(unit.kilojoule_per_mole) == pytest.approx(2 * found.value)
     assert abs(found.at(0.5).value - 4.5) < 4 * found.at(0.5).error
     assert found.at(1.0, 0.5).value == pytest.approx(found.value - found.at(0.5).value)
     assert found.at(1.0, 0.5).error < math.hypot(found.error, found.at(0.5).error)
-    with pytest.raises(ParameterError, match="up to a part of 1; 1.1"):
-        found.at(1.1)
+    raises(ParameterError, "up to a part of 1; 1.1", lambda: found.at(1.1))
 
 
 def test_a_dense_solvent_is_corrected():
@@ -144,16 +133,12 @@ def test_what_cannot_be_switched_is_refused():
     with pytest.raises(ParameterError, match="at least 3.3 cutoffs wide, 4.29"):
         excess_chemical_potential(one, replace(scene, box=np.diag([4.0, 5.0, 5.5])))
     unseen = pack({}, box=[5.0] * 3, solvent="W", seed=1).scene(pairs=PAIRS, kT=1.0, masses=MASSES)
-    with pytest.raises(ParameterError, match="nothing acts between B1? and this solvent"):
-        excess_chemical_potential(Molecule(("B",)), unseen)
-    with pytest.raises(ParameterError, match="copies must be 3 to 32, not 40"):
-        excess_chemical_potential(one, scene, copies=40)
-    with pytest.raises(ParameterError, match="a time of 2 at least, not 1"):
-        excess_chemical_potential(one, scene, time=1.0)
+    raises(ParameterError, "nothing acts between B1? and this solvent", lambda: excess_chemical_potential(Molecule(("B",)), unseen))
+    raises(ParameterError, "copies must be 3 to 32, not 40", lambda: excess_chemical_potential(one, scene, copies=40))
+    raises(ParameterError, "a time of 2 at least, not 1", lambda: excess_chemical_potential(one, scene, time=1.0))
     with pytest.raises(ParameterError, match=r"no pair coefficients for types .*\(W, B\)"):
         solvent({("*", "A"): dpd.DPD(A=25, gamma=4.5), ("W", "W"): dpd.DPD(A=25, gamma=4.5)})
-    with pytest.raises(ParameterError, match="different temperatures"):
-        log_p(one, scene, replace(scene, kT=2.0))
+    raises(ParameterError, "different temperatures", lambda: log_p(one, scene, replace(scene, kT=2.0)))
     with pytest.raises(ParameterError, match="repel water alike, with one A > 0, but they have A = 10, 40"):
         repulsion_from_log_p(3.0, one, scene, scene)
 
@@ -188,5 +173,4 @@ def test_errors_of_log_p_are_those_of_chi():
     found = chi_from_log_p(Estimate(4.0, 0.1, "measured", {}), 2, chi_octanol=Estimate(0.3, 0.05, "measured", {}))
     assert found.error == pytest.approx(math.hypot(0.1 * math.log(10) / 2, 0.05))
     assert chi_from_log_p(-1.0, 2).value < 0
-    with pytest.raises(ParameterError, match="beads"):
-        chi_from_log_p(1.0, 0)
+    raises(ParameterError, "beads", lambda: chi_from_log_p(1.0, 0))

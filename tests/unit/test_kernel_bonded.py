@@ -4,6 +4,7 @@ import chains_of_beads as chains
 import numpy as np
 import pytest
 import reference_forces as check
+from cases import cases
 from reference_forces import BOXES
 from scenes import beads
 
@@ -18,23 +19,18 @@ from openmm_dpd.plan.kinds import bonded_forces
 EVERY_BOX = pytest.mark.parametrize("box", BOXES)
 
 
-def spread_values(low, high, count):
+def varied(low, high, count):
     """A different coefficient for each term."""
     return np.random.default_rng(count).uniform(low, high, count)
 
 
-#: Kind -> terms for the bonds (B, 2) or angles (K, 3) of a chain.
-KINDS = {
-    "harmonic": lambda b, a: {"bonds": [dpd.HarmonicBonds(b, spread_values(10, 60, len(b)), spread_values(0, 1, len(b)))]},
-    "fene": lambda b, a: {"bonds": [dpd.FENEBonds(b, spread_values(10, 60, len(b)), spread_values(1.2, 2, len(b)))]},
-    "fene with repulsion": lambda b, a: {
-        "bonds": [dpd.FENEBonds(b, 30.0, 1.5, np.arange(len(b)) % 3 * 0.4, spread_values(0.6, 1.1, len(b)))]
-    },
-    "morse": lambda b, a: {
-        "bonds": [dpd.MorseBonds(b, spread_values(5, 20, len(b)), spread_values(1, 3, len(b)), spread_values(0.3, 1, len(b)))]
-    },
-    "harmonic angle": lambda b, a: {"angles": [dpd.HarmonicAngles(a, spread_values(2, 8, len(a)), spread_values(0, np.pi, len(a)))]},
-    "cosine angle": lambda b, a: {"angles": [dpd.CosineAngles(a, spread_values(2, 8, len(a)))]},
+KINDS = {  # Kind -> terms for the bonds (B, 2) or angles (K, 3) of a chain.
+    "harmonic": lambda b, a: {"bonds": [dpd.HarmonicBonds(b, varied(10, 60, len(b)), varied(0, 1, len(b)))]},
+    "fene": lambda b, a: {"bonds": [dpd.FENEBonds(b, varied(10, 60, len(b)), varied(1.2, 2, len(b)))]},
+    "fene with repulsion": lambda b, a: {"bonds": [dpd.FENEBonds(b, 30.0, 1.5, np.arange(len(b)) % 3 * 0.4, varied(0.6, 1.1, len(b)))]},
+    "morse": lambda b, a: {"bonds": [dpd.MorseBonds(b, varied(5, 20, len(b)), varied(1, 3, len(b)), varied(0.3, 1, len(b)))]},
+    "harmonic angle": lambda b, a: {"angles": [dpd.HarmonicAngles(a, varied(2, 8, len(a)), varied(0, np.pi, len(a)))]},
+    "cosine angle": lambda b, a: {"angles": [dpd.CosineAngles(a, varied(2, 8, len(a)))]},
     "all": lambda b, a: {
         "bonds": [dpd.HarmonicBonds(b[::3], 20, 0.7), dpd.FENEBonds(b[1::3], 30, 1.5, 0.8, 0.9), dpd.MorseBonds(b[2::3], 12, 1.7, 0.6)],
         "angles": [dpd.HarmonicAngles(a[::2], 6.0, 1.9), dpd.CosineAngles(a[1::2], 4.0)],
@@ -115,9 +111,7 @@ def test_beads_at_the_same_point(rest):
         assert energy == pytest.approx(expected, rel=1e-14, abs=1e-14) and not force.any() and not expected_force.any()
 
 
-@pytest.mark.parametrize(
-    "kind", [lambda t: dpd.HarmonicAngles(t, 6.0, 1.9), lambda t: dpd.CosineAngles(t, 4.0)], ids=["harmonic", "cosine"]
-)
+@cases("kind", lambda t: dpd.HarmonicAngles(t, 6.0, 1.9), lambda t: dpd.CosineAngles(t, 4.0), ids=["harmonic", "cosine"])
 def test_angles_of_beads_in_line(kind):
     """Straight, folded back, and with an arm of no length: finite, and as OpenMM wherever it has a number."""
     for places in ([0.0, 1.0, 2.5], [0.0, 1.0, 0.5]):

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import oracle
 import pytest
-from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params
+from marks import BOX
+from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params, ready
 
 from openmm_dpd import RunError
 from openmm_dpd.base.neighbours import coincident_pairs
@@ -14,8 +15,6 @@ from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
-
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 
 
 def engine_of(scene, **choices) -> PairEngine:
@@ -113,8 +112,7 @@ def test_same_bits_for_one_and_two_threads(box, density, two_threads):
         for _ in range(3):
             engine.prepare(scene.positions, box)
             energy, force, virial = engine.forces(CONSERVATIVE | DISSIPATIVE | RANDOM, scene.velocities, 1.0, 0.01, 5, 9)
-            swept = engine.sweep(scene.velocities, 1.0, 0.01, 5, 9)
-            results.append((energy, virial, force, swept))
+            results.append((energy, virial, force, engine.sweep(scene.velocities, 1.0, 0.01, 5, 9)))
     for other in results[1:]:
         assert other[:2] == results[0][:2]
         assert np.array_equal(other[2], results[0][2]) and np.array_equal(other[3], results[0][3])
@@ -234,11 +232,9 @@ def test_few_beads_in_a_huge_box():
 
 
 def test_particles_of_type_minus_one_take_no_part():
-    rng = np.random.default_rng(3)
-    x, types = rng.random((40, 3)) * 2, np.where(np.arange(40) % 3 == 0, -1, 0).astype(np.int32)
+    x, types = np.random.default_rng(3).random((40, 3)) * 2, np.where(np.arange(40) % 3 == 0, -1, 0).astype(np.int32)
     x[0] = np.nan  # not even looked at
-    engine = PairEngine(PairSpec(types, np.ones(40), (table_of(1.0),)))
-    engine.prepare(x, None)
+    engine = ready(PairEngine(PairSpec(types, np.ones(40), (table_of(1.0),))), x, None)
     members = np.flatnonzero(types == 0)
     found = oracle_pairs(x[members], None)
     assert unordered(listed_pairs(engine)) == sorted((int(members[i]), int(members[j])) for i, j in found)

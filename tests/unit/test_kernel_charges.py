@@ -26,8 +26,7 @@ BOXES = {
     "orthorhombic": np.diag([4.7, 6.3, 5.2]),
     "tilted": np.array([[6.0, 0, 0], [1.9, 5.5, 0], [-2.8, 2.2, 4.9]]),
 }
-#: Widths so narrow, or wide, that nothing is left of the clouds at the cutoff, and their tails in the oracle.
-KINDS = {
+KINDS = {  # Widths so narrow, or wide, that nothing is left of the clouds at the cutoff, and their tails in the oracle.
     "slater": (dpd.SlaterCharges, {"lamda": 0.13}, slater_tail, 0.13),
     "narrow": (dpd.SlaterCharges, {"lamda": 0.02}, slater_tail, 0.02),
     "gaussian": (dpd.GaussianCharges, {"width": 0.19}, gaussian_tail, 0.19),

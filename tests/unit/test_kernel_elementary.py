@@ -10,8 +10,7 @@ from openmm_dpd.kernels.elementary import erfc, exp, log, power, sine
 
 _RNG = np.random.default_rng(1)
 _WIDE = _RNG.uniform(-700, 700, 3000)
-#: Function, mpmath's, arguments, and the largest error: in units of the last place, or absolute.
-CASES = {
+CASES = {  # Function, mpmath's, arguments, and the largest error: in units of the last place, or absolute.
     "exp": (exp, mpmath.exp, np.concatenate([_RNG.uniform(-1, 1, 3000), _WIDE]), 1.0, None),
     "log": (log, mpmath.log, np.concatenate([_RNG.uniform(0.5, 2, 3000), 1 + 1e-3 * _RNG.normal(size=2000), np.exp(_WIDE)]), 1.0, None),
     "sine": (sine, lambda x: mpmath.sin(2 * mpmath.pi * x), np.concatenate([_RNG.uniform(-3, 3, 2000), np.arange(-8, 9) / 8]), None, 6e-16),
@@ -75,5 +74,4 @@ def test_no_library_decides_the_numbers_at_the_edges_of_the_cells_of_the_noise()
         places = [mpmath.mpf(1) / 2 + mpmath.mpf(k) / (2 * noise._CELLS) for k in range(1, noise._SMOOTH + 1)]
         true = [mpmath.sqrt(2) * mpmath.erfinv(2 * p - 1) * 2**noise.ROUNDED for p in places]
         assert all(float(abs(t - mpmath.floor(t) - 0.5)) > 2.0**noise.ROUNDED * 6e-15 for t in true)
-        found = noise._CUBICS[1:, 0] * 2.0**noise.ROUNDED
-        assert list(found) == [float(mpmath.nint(t)) for t in true[: noise._SMOOTH - 1]]
+        assert list(noise._CUBICS[1:, 0] * 2.0**noise.ROUNDED) == [float(mpmath.nint(t)) for t in true[: noise._SMOOTH - 1]]

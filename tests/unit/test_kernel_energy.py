@@ -3,7 +3,12 @@
 import numpy as np
 import oracle_energy as oracle
 import pytest
-from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
+from cases import cases
+from kernel_answers import close, noise_matrices, same_terms
+from kinds import ENERGY
+from marks import BOX
+from raising import raises
+from scenes import BOXES, MASSES, chains, fluid, listed_pairs, ready
 from scipy import stats
 
 import openmm_dpd as dpd
@@ -15,38 +20,17 @@ from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 DT, SEED, COUNTER = 0.02, 21, 5
-TABLE = {
-    ("A", "A"): EnergyDPD(A=25, sigma=3, kappa=2.0, cutoff=1.0),
-    ("A", "B"): EnergyDPD(A=31, sigma=2, kappa=1.0, cutoff=1.2),
-    ("B", "B"): EnergyDPD(A=18, sigma=4, kappa=3.0, cutoff=0.9),
-}
 EOS = {"A": ConstantHeatCapacity(40.0), "B": ConstantHeatCapacity(70.0)}
 
 
-def energy_fluid(box, *, make=fluid, eos=EOS, table=TABLE, seed=5, **options) -> dpd.Scene:
+def energy_fluid(box, *, make=fluid, eos=EOS, table=ENERGY, seed=5, **options) -> dpd.Scene:
     n = make(box=box).n_beads
-    theta = np.random.default_rng(seed).uniform(0.7, 1.4, n)
-    return make(table=table, box=box, internal=InternalEnergy(eos, theta), **options)
+    return make(table=table, box=box, internal=InternalEnergy(eos, np.random.default_rng(seed).uniform(0.7, 1.4, n)), **options)
 
 
 def prepared(scene, scheme="middle", dt=DT) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme=scheme).spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
-
-
-def noise_matrices(n: int):
-    """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for the heat."""
-    draw = noise_of(n, SEED, COUNTER, 1.0)
-    motion, heat = np.zeros((n, n)), np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1, n):
-            motion[i, j] = motion[j, i] = draw(i, j, 0)
-            heat[i, j] = draw(i, j, 1)
-            heat[j, i] = -heat[i, j]
-    return motion, heat
+    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme=scheme).spec), scene.positions, scene.box)
 
 
 def matrices(scene):
@@ -56,44 +40,21 @@ def matrices(scene):
     return {key: get(key) for key in ("A", "sigma", "kappa", "cutoff")}
 
 
-def close(got, expected, rtol=1e-12):
-    np.testing.assert_allclose(got, expected, rtol=0, atol=rtol * np.abs(expected).max())
-    assert np.abs(expected).max() > 1e-3
-
-
 @BOX
 def test_forces_and_heat_equal_the_oracle(box):
     scene = energy_fluid(box)
     engine, n = prepared(scene), scene.n_beads
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     theta = u.sum(axis=1) / np.array([EOS[t].capacity for t in scene.types])
-    motion, heat = noise_matrices(n)
-    expected = oracle.dpde_rates(
-        scene.positions,
-        scene.velocities,
-        theta,
-        scene.type_ids,
-        scene.bead_masses,
-        **matrices(scene),
-        box=box,
-        k_B=1.0,
-        dt=DT,
-        xi=motion,
-        xi_q=heat,
-    )
+    motion, heat = noise_matrices(n, SEED, COUNTER)
+    noise, state = {"xi": motion, "xi_q": heat}, (scene.positions, scene.velocities, theta, scene.type_ids, scene.bead_masses)
+    expected = oracle.dpde_rates(*state, **matrices(scene), box=box, k_B=1.0, dt=DT, **noise)
     parts = {}
     for which in (CONSERVATIVE, DISSIPATIVE, RANDOM):
         energy, force, virial = engine.forces(which, scene.velocities, 1.0, DT, SEED, COUNTER, u)
         parts[which] = (energy, force, virial, engine.rates.copy())
     terms = expected.terms
-    for which, force, virial in (
-        (CONSERVATIVE, terms.conservative, terms.virial_conservative),
-        (DISSIPATIVE, terms.dissipative, terms.virial_dissipative),
-        (RANDOM, terms.random, terms.virial_random),
-    ):
-        close(parts[which][1], force)
-        assert parts[which][2] == pytest.approx(np.trace(virial) if np.ndim(virial) else virial, rel=1e-11)
-    assert parts[CONSERVATIVE][0] == pytest.approx(terms.energy, rel=1e-12)
+    same_terms([parts[which] for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)], terms)
     close(parts[DISSIPATIVE][3], np.column_stack([expected.cond_deterministic, expected.mech_deterministic]))
     close(parts[RANDOM][3], np.column_stack([expected.cond_random, expected.mech_random]))
     assert abs((parts[DISSIPATIVE][3] + parts[RANDOM][3])[:, 0].sum()) < 1e-12 * np.abs(parts[RANDOM][3]).sum()
@@ -110,7 +71,7 @@ def test_frozen_sweep_equals_the_oracle(box):
     coefficients.pop("A")
     expected = oracle.shardlow_energy_sweep(
         scene.positions, scene.velocities, u[:, 0], u[:, 1], theta, listed_pairs(engine, 0), scene.type_ids, scene.bead_masses, **coefficients,
-        box=box, k_B=1.0, dt=DT, xi=noise_matrices(scene.n_beads)[0], xi_q=noise_matrices(scene.n_beads)[1],
+        box=box, k_B=1.0, dt=DT, xi=noise_matrices(scene.n_beads, SEED, COUNTER)[0], xi_q=noise_matrices(scene.n_beads, SEED, COUNTER)[1],
     )  # fmt: skip
     change = engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u)
     close(scene.velocities + change, expected.v)
@@ -121,9 +82,8 @@ def test_frozen_sweep_equals_the_oracle(box):
 @pytest.mark.parametrize("dt", [1e-4, 0.02, 3.0])
 @BOX
 def test_a_sweep_conserves_energy_and_momentum(box, dt, scheme):
-    scene = energy_fluid(
-        box, table={key: EnergyDPD(A=c.A, sigma=c.sigma, kappa=0.1 * c.kappa, cutoff=c.cutoff) for key, c in TABLE.items()}
-    )
+    table = {key: EnergyDPD(A=c.A, sigma=c.sigma, kappa=0.1 * c.kappa, cutoff=c.cutoff) for key, c in ENERGY.items()}
+    scene = energy_fluid(box, table=table)
     engine, v, mass = prepared(scene, scheme, dt), scene.velocities, scene.bead_masses
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     change = engine.sweep(v, 1.0, dt, SEED, COUNTER, u)
@@ -149,12 +109,10 @@ def test_small_steps_of_both_forms_agree():
 # -- what the exact update samples -----------------------------------------------------------------------------------------------------
 def cluster(eos, n=6, kappa=0.5, **options):
     """Beads of two masses, all within reach of each other and at rest in space: only the sweep acts."""
-    rng = np.random.default_rng(3)
-    x = rng.uniform(0, 0.5, (n, 3))
+    x = np.random.default_rng(3).uniform(0, 0.5, (n, 3))
     table = {("*", "*"): EnergyDPD(sigma=2.0, kappa=kappa, cutoff=1.5)}
-    return dpd.Scene(
-        MASSES, ["A", "B"] * (n // 2), x, table, 1.0, internal=InternalEnergy(eos, 1.0), velocities=np.zeros((n, 3)), **options
-    )
+    beads = {"internal": InternalEnergy(eos, 1.0), "velocities": np.zeros((n, 3))}
+    return dpd.Scene(MASSES, ["A", "B"] * (n // 2), x, table, 1.0, **beads, **options)
 
 
 def sampled(scene, scheme, dt, sweeps, thin):
@@ -209,8 +167,7 @@ def test_exact_sweep_with_a_table():
     for weight in (table, constant, constant):
         rest = np.convolve(rest, weight)[: len(grid)]
         rest = rest / rest.max()
-    # grid points are cells: the total of four cells lies two cells below the sum of their upper ends
-    density = table[:-4] * rest[::-1][4:]
+    density = table[:-4] * rest[::-1][4:]  # grid points are cells: the total of four cells lies two cells below the sum of their upper ends
     cdf = np.cumsum(density) / density.sum()
     p = stats.kstest(u[::4], lambda value: np.interp(value, grid[:-4], cdf)).pvalue
     assert p > 6e-5, p
@@ -268,24 +225,19 @@ def test_energy_out_of_range_names_the_bead():
         engine.sweep(scene.velocities, 1.0, 5.0, SEED, COUNTER, u)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"internal": None}, "need internal=InternalEnergy"),
-        ({"internal": InternalEnergy(EOS, 0.0)}, "bead 0 is 0; it must be > 0"),
-        ({"internal": InternalEnergy({"A": EOS["A"]}, 1.0)}, "no equation of state for bead type B"),
-        ({"internal": InternalEnergy(TabulatedEOS([1, 2], [1, 2]), 3.0)}, "3 of bead 0 is outside its equation of state"),
-    ],
+@cases(
+    "change, message",
+    ({"internal": None}, "need internal=InternalEnergy"),
+    ({"internal": InternalEnergy(EOS, 0.0)}, "bead 0 is 0; it must be > 0"),
+    ({"internal": InternalEnergy({"A": EOS["A"]}, 1.0)}, "no equation of state for bead type B"),
+    ({"internal": InternalEnergy(TabulatedEOS([1, 2], [1, 2]), 3.0)}, "3 of bead 0 is outside its equation of state"),
 )
 def test_bad_internal_energies(change, message):
-    with pytest.raises(ParameterError, match=message):
-        fluid(table=TABLE, box=BOXES["ortho"], **change)
+    raises(ParameterError, message, lambda: fluid(table=ENERGY, box=BOXES["ortho"], **change))
 
 
 def test_bad_equations_of_state():
-    with pytest.raises(ParameterError, match="must be a single number > 0"):
-        ConstantHeatCapacity(0.0)
+    raises(ParameterError, "must be a single number > 0", lambda: ConstantHeatCapacity(0.0))
     with pytest.raises(ParameterError, match=r"energies .* must increase; entry 3 \(1.5\) is not above entry 2 \(2\)"):
         TabulatedEOS([1, 2, 3], [1, 2, 1.5])
-    with pytest.raises(ParameterError, match="contradict each other"):
-        TabulatedEOS.from_functions(lambda theta: theta, (1, 2), lambda u: 2 * u)
+    raises(ParameterError, "contradict each other", lambda: TabulatedEOS.from_functions(lambda theta: theta, (1, 2), lambda u: 2 * u))

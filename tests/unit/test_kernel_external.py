@@ -38,8 +38,7 @@ EVERY_FORCE = pytest.mark.parametrize("name", FORCES)
 
 def grid_scene(name, box, n=200):
     """Positions that OpenMM's expressions, which round the place of a pattern to 2^-20 nm, take as they are."""
-    scene = fluid(box=BOXES[box], n=n, positions=None)
-    x = np.round(scene.positions * 2.0**20) / 2.0**20
+    x = np.round(fluid(box=BOXES[box], n=n, positions=None).positions * 2.0**20) / 2.0**20
     return fluid(box=BOXES[box], n=n, positions=x, body_forces=[FORCES[name](n)]), x
 
 
@@ -97,23 +96,13 @@ def everything(box):
     x, bonds, angles = chains.walks(25, 6, edges, 8, step=0.6, spread=0 if vectors is None else 1)
     r = np.linspace(0.05, 1.0, 80)
     x = np.round(x * 2.0**20) / 2.0**20
-    return dpd.Scene(
-        MASSES,
-        ["A", "B", "B"] * (len(x) // 3),
-        x,
-        [
-            dpd.PairTable({("*", "*"): dpd.DPD(A=25, gamma=4.5)}),
-            dpd.PairTable({("A", "A"): dpd.LennardJones(0.4, 0.05, 0.9, shift=True), ("A", "B"): dpd.NONE, ("B", "B"): dpd.NONE}),
-            dpd.PairTable({("A", "B"): dpd.TabulatedPair(r, 30 * np.exp(-3 * r)), ("B", "B"): dpd.NONE}),
-        ],
-        1.0,
-        box=vectors,
-        bonds=[dpd.HarmonicBonds(bonds[::2], 30.0, 0.6), dpd.FENEBonds(bonds[1::2], 20.0, 1.2)],
-        angles=[dpd.CosineAngles(angles, 3.0)],
-        bonded_factors=(0.0, 0.5, 0.25),
-        segments=dpd.SegmentalRepulsion(20.0, 0.6),
-        body_forces=[dpd.BodyForce((0.1, 0, 0), types="A"), dpd.PositionForce(("sin(z)", "0", "0")), dpd.BodyForce((0, 0, -0.2))],
-    )
+    lj = {("A", "A"): dpd.LennardJones(0.4, 0.05, 0.9, shift=True), ("A", "B"): dpd.NONE, ("B", "B"): dpd.NONE}
+    tables = [{("*", "*"): dpd.DPD(A=25, gamma=4.5)}, lj, {("A", "B"): dpd.TabulatedPair(r, 30 * np.exp(-3 * r)), ("B", "B"): dpd.NONE}]
+    bonded = {"bonds": [dpd.HarmonicBonds(bonds[::2], 30.0, 0.6), dpd.FENEBonds(bonds[1::2], 20.0, 1.2)]}
+    bonded |= {"angles": [dpd.CosineAngles(angles, 3.0)], "bonded_factors": (0.0, 0.5, 0.25), "segments": dpd.SegmentalRepulsion(20.0, 0.6)}
+    pushes = [dpd.BodyForce((0.1, 0, 0), types="A"), dpd.PositionForce(("sin(z)", "0", "0")), dpd.BodyForce((0, 0, -0.2))]
+    layers, types = [dpd.PairTable(table) for table in tables], ["A", "B", "B"] * (len(x) // 3)
+    return dpd.Scene(MASSES, types, x, layers, 1.0, box=vectors, **bonded, body_forces=pushes)
 
 
 @pytest.mark.parametrize("box", BOXES)

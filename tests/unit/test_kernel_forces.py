@@ -3,22 +3,20 @@
 import numpy as np
 import oracle
 import pytest
-from scenes import BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fluid, noise_of, oracle_params
+from marks import BOX
+from scenes import BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fluid, noise_of, oracle_params, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 TABLE = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 KT, DT, SEED, COUNTER = 1.3, 0.02, 21, 5
 
 
 def prepared(scene) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=DT, seed=SEED).spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
+    return ready(PairEngine(make_plan(scene, dt=DT, seed=SEED).spec), scene.positions, scene.box)
 
 
 def close(got, expected, rtol=1e-12):
@@ -88,9 +86,8 @@ def test_every_term_conserves_momentum_to_rounding(box):
 def test_overlaid_tables_add_up_and_draw_noise_of_their_own():
     first, second = EXTENDED, {("*", "*"): D(gamma=3.0, gamma_perp=1.0, cutoff=0.8)}
     both = fluid(first, kT=KT)
-    both = dpd.Scene(
-        both.masses, both.types, both.positions, [dpd.PairTable(first), dpd.PairTable(second)], KT, box=both.box, velocities=both.velocities
-    )
+    tables, v = [dpd.PairTable(first), dpd.PairTable(second)], both.velocities
+    both = dpd.Scene(both.masses, both.types, both.positions, tables, KT, box=both.box, velocities=v)
     force = prepared(both).forces(RANDOM, None, KT, DT, SEED, COUNTER)[1]
     x, types, box, n = both.positions, both.type_ids, both.box, both.n_beads
     expected = sum(oracle.random(x, types, oracle_params(both, k), box, KT, DT, noise_of(n, SEED, COUNTER, KT, k)).forces for k in (0, 1))
@@ -126,14 +123,12 @@ def test_sigma_fixed_and_gamma_fixed():
     by_gamma, by_sigma = D(gamma=4.5), D(sigma=3.0)
     np.testing.assert_allclose(forces(by_gamma, 1.0), forces(by_sigma, 1.0), rtol=1e-14)
     drag, noise = forces(by_sigma, 1.0)
-    # another temperature draws other numbers
-    cold, hot = (noise_of(2, SEED, COUNTER, kT)(0, 1, 0) for kT in (1.0, 4.0))
+    cold, hot = (noise_of(2, SEED, COUNTER, kT)(0, 1, 0) for kT in (1.0, 4.0))  # another temperature draws other numbers
     assert cold != hot
     np.testing.assert_allclose(forces(by_sigma, 4.0), [drag / 4, noise * hot / cold], rtol=1e-14)
     np.testing.assert_allclose(forces(by_gamma, 4.0), [drag, 2 * noise * hot / cold], rtol=1e-14)
     assert drag == pytest.approx(-4.5 * 0.75**2)
-    # e points from bead 1 to bead 0, along -x
-    assert noise == pytest.approx(-3.0 * 0.75 / np.sqrt(DT) * cold)
+    assert noise == pytest.approx(-3.0 * 0.75 / np.sqrt(DT) * cold)  # e points from bead 1 to bead 0, along -x
 
 
 def test_no_noise_at_zero_temperature():

@@ -4,14 +4,16 @@ import pickle
 from dataclasses import replace
 from itertools import combinations
 
+import lammps_peer
 import lammps_steps
 import numpy as np
 import openmm
 import oracle_density as od
 import pytest
 from devices import Device
+from marks import BOX
 from openmm import unit
-from scenes import BOXES, MASSES, noise_of
+from scenes import BOXES, MASSES, noise_of, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError, PlanError
@@ -43,7 +45,6 @@ def coefficients(kernel: str, **changed) -> dict:
 
 TABLES = {"lucy": coefficients("lucy"), "quadratic": coefficients("quadratic"), "NONE": {**coefficients("quadratic"), ("A", "B"): NONE}}
 TABLE = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 QUADRATIC = pytest.mark.parametrize("table", [TABLES["quadratic"], TABLES["NONE"]], ids=["quadratic", "NONE"])
 
 
@@ -80,9 +81,7 @@ class Fluid:
         inv_mass = 1.0 / self.mass if mobile is None else np.where(mobile, 1.0 / self.mass, 0.0)
         terms = (kernel_table(self.table, self.mass),) if terms is None else terms
         spec = PairSpec(self.types, inv_mass, terms, update, exceptions=compressed_exceptions(factors or {}, self.n))
-        engine = PairEngine(pickle.loads(pickle.dumps(spec)))
-        engine.prepare(self.x, self.box)
-        return engine
+        return ready(PairEngine(pickle.loads(pickle.dumps(spec))), self.x, self.box)
 
     def oracle(self):
         """Densities, pair terms, and the potential of the quadratic kernel."""
@@ -118,8 +117,6 @@ def gradient(fluid: Fluid, energy, h=1e-5) -> np.ndarray:
 
 
 # ------------------------------------------------------------------------------------------------ kernel
-
-
 @BOX
 @TABLE
 def test_forces_equal_the_oracle(table, box):
@@ -231,8 +228,7 @@ def test_laplacian_is_that_of_the_energy_over_mobile_beads(table, factors):
 
 
 def test_lucy_has_no_laplacian():
-    engine = Fluid(TABLES["lucy"]).engine()
-    assert np.isnan(engine.laplacian())
+    assert np.isnan(Fluid(TABLES["lucy"]).engine().laplacian())
 
 
 @pytest.mark.parametrize("update", [EXACT, SHARDLOW], ids=["exact", "shardlow"])
@@ -272,12 +268,9 @@ def test_coincident_beads_feel_all_others():
 
 
 # ------------------------------------------------------------------------------------------------ OpenMM
-
-
 def context_of(fluid: Fluid, device, factors=None, integrator=None, mobile=None) -> openmm.Context:
     """The forces that a scene gets with conservative="openmm", under another integrator."""
-    types = [NAMES[k] for k in fluid.types]
-    scene = dpd.Scene(MASSES, types, fluid.x, fluid.table, kT=KT, box=fluid.box, mobile=mobile)
+    scene = dpd.Scene(MASSES, [NAMES[k] for k in fluid.types], fluid.x, fluid.table, kT=KT, box=fluid.box, mobile=mobile)
     plan = dpd.make_plan(scene, dt=DT, scheme="mvv", conservative="openmm", platform=device.platform, seed=SEED)
     system = build_plan(replace(plan, exceptions=factors or {})).system
     platform = openmm.Platform.getPlatformByName(device.platform)
@@ -309,16 +302,14 @@ def test_openmm_forces_equal_the_kernel(table, box, device):
     first, second = np.flatnonzero(fluid.types == 0)[:2].tolist()
     fluid.x[second] = fluid.x[first] + [0.3, -0.2, 0.1]
     mobile, factors = np.arange(fluid.n) % 5 > 0, {(first, second): 0.0}
-    kernel = fluid.engine(factors=factors, mobile=mobile)
-    energy, force, _ = kernel.forces(CONSERVATIVE, None, 0.0, DT, 0, 0)
+    energy, force, _ = fluid.engine(factors=factors, mobile=mobile).forces(CONSERVATIVE, None, 0.0, DT, 0, 0)
     got_energy, got = state_of(context_of(fluid, device, factors, mobile=mobile))
     # nonbonded forces are single precision on the CPU platform too; GPU platforms keep tabulated functions as such even in double precision
     tolerance = {"Reference": 1e-10}.get(device.platform, 1e-6 if device.precision == "double" else 1e-5)
     # OpenMM does not promise forces on frozen beads
     np.testing.assert_allclose(got[mobile], force[mobile], rtol=0, atol=tolerance * np.abs(force).max())
     assert got_energy == pytest.approx(energy, rel=tolerance)
-    full = fluid.engine(mobile=mobile).forces(CONSERVATIVE, None, 0.0, DT, 0, 0)[1]
-    assert np.abs(force - full).max() > 0.1
+    assert np.abs(force - fluid.engine(mobile=mobile).forces(CONSERVATIVE, None, 0.0, DT, 0, 0)[1]).max() > 0.1
 
 
 def test_tables_that_have_no_potential_are_refused():
@@ -345,13 +336,9 @@ def test_what_openmm_forces_cannot_do():
 
 
 # ------------------------------------------------------------------------------------------------ live LAMMPS
-
-
 def test_densities_forces_and_energy_equal_lammps():
     """Step 0 at T = 0: conservative forces and drag."""
-    reason = lammps_steps.why_missing([("pair", "mdpd"), ("pair", "mdpd/rhosum")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "mdpd"), ("pair", "mdpd/rhosum"))
     table = TABLES["lucy"]
     fluid = Fluid(table, lammps_steps.peer_box(), n=150)
     fluid.x = np.random.default_rng(12).uniform(4.0, 7.0, (fluid.n, 3))

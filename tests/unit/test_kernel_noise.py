@@ -5,6 +5,7 @@ Seeds are fixed, so every statistical check gives the same number each time; bou
 
 import numpy as np
 import pytest
+from cases import cases
 from scipy import special, stats
 
 from openmm_dpd.kernels import noise
@@ -91,9 +92,8 @@ def test_moments_of_the_cubic_pieces():
     nodes, weights = np.polynomial.legendre.leggauss(12)
     nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
     cells = np.arange(248)[:, None]
-    drawn = from_bits(((cells.astype(np.uint64) << np.uint64(55)) | ((nodes * 2.0**52).astype(np.uint64) << np.uint64(3))).ravel()).reshape(
-        248, 12
-    )
+    bits = (cells.astype(np.uint64) << np.uint64(55)) | ((nodes * 2.0**52).astype(np.uint64) << np.uint64(3))
+    drawn = from_bits(bits.ravel()).reshape(248, 12)
     edge = special.ndtri(0.5 + 248 / 512)
     for k, moment in ((2, 1.0), (4, 3.0), (6, 15.0)):
         beyond = moment * special.gammaincc((k + 1) / 2, edge**2 / 2)
@@ -108,19 +108,17 @@ def test_the_outermost_numbers_are_finite():
     assert extremes[1] < -8 and extremes[5] > 8
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        pytest.param((5, 1, 0), (5, 2, 0), id="steps"),
-        pytest.param((5, 1, 0), (5, 2**31, 0), id="steps far apart"),
-        pytest.param((5, 1, 0), (6, 1, 0), id="seeds"),
-        pytest.param((5, 2, 0), (6, 1, 0), id="seed and step exchanged"),
-        pytest.param((0, 1, 0), (1, 0, 0), id="seed 0"),
-        pytest.param((5, 1, 0), (5, 1, 1), id="components 0 1"),
-        pytest.param((5, 1, 1), (5, 1, 2), id="components 1 2"),
-        pytest.param((5, 1, 1), (5, 1, 3), id="components 1 3"),
-        pytest.param((5, 1, 2), (5, 1, 3), id="components 2 3"),
-    ],
+@cases(
+    "first, second",
+    pytest.param((5, 1, 0), (5, 2, 0), id="steps"),
+    pytest.param((5, 1, 0), (5, 2**31, 0), id="steps far apart"),
+    pytest.param((5, 1, 0), (6, 1, 0), id="seeds"),
+    pytest.param((5, 2, 0), (6, 1, 0), id="seed and step exchanged"),
+    pytest.param((0, 1, 0), (1, 0, 0), id="seed 0"),
+    pytest.param((5, 1, 0), (5, 1, 1), id="components 0 1"),
+    pytest.param((5, 1, 1), (5, 1, 2), id="components 1 2"),
+    pytest.param((5, 1, 1), (5, 1, 3), id="components 1 3"),
+    pytest.param((5, 1, 2), (5, 1, 3), id="components 2 3"),
 )
 def test_no_correlation(first, second):
     """Correlations of x, x^2 and |x| with y, of 10^6 numbers of two streams: |r| < 4/sqrt(M) = 0.004."""
@@ -147,8 +145,7 @@ def test_sums_over_the_pairs_of_a_bead_are_normal():
 
 def test_keys_do_not_repeat():
     """No two of 10^6 (seed, counter) pairs share a key, nor any two of 10^6 pairs of beads a hash."""
-    keys = {int(noise.call_key(seed, counter)) for seed in range(1000) for counter in range(200)}
-    assert len(keys) == 1000 * 200
+    assert len({int(noise.call_key(seed, counter)) for seed in range(1000) for counter in range(200)}) == 1000 * 200
 
     @compiled
     def hashes(key, n):

@@ -67,8 +67,7 @@ def test_fingerprint_depends_on_every_bit():
         found.add(fingerprint(x, changed))
     found |= {fingerprint(x[::-1].copy(), parameters), fingerprint(x[:-1].copy(), parameters)}
     assert len(found) == 1 + x.size + 3 + 2
-    # nobody may take it for an energy, and it must not vanish either
-    assert all(0 <= value < 1e-250 for value in found)
+    assert all(0 <= value < 1e-250 for value in found)  # nobody may take it for an energy, and it must not vanish either
     assert fingerprint(x.copy(), parameters.copy()) == fingerprint(x, parameters)
 
 

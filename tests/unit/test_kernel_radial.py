@@ -63,10 +63,7 @@ def openmm_forces(name, types, factors, periodic):
     table = resolved(name)
     expression = resolved_kind(table).potential(table, NAMES)
     kept = {pair: factor for pair, factor in factors.items() if factor}
-    return [
-        nonbonded_force(expression, types, sorted(factors), periodic, listed=False),
-        exception_force(expression, types, kept, periodic),
-    ]
+    return [nonbonded_force(expression, types, sorted(factors), periodic, listed=False), exception_force(expression, types, kept, periodic)]
 
 
 @EVERY_TABLE
@@ -120,8 +117,7 @@ def test_forces_are_the_gradient_and_sum_up_to_nothing(name, box):
 @EVERY_TABLE
 def test_pickled_copies_do_the_same(name):
     x, types, factors = lattice(BOXES["tilted"])
-    terms = [radial_terms(resolved(name), types, NAMES, factors)]
-    check.check_pickle(terms, x, BOXES["tilted"])
+    check.check_pickle([radial_terms(resolved(name), types, NAMES, factors)], x, BOXES["tilted"])
 
 
 def two(name, distance):

@@ -6,7 +6,7 @@ components, in units of sigma w^s/sqrt(dt).  Seeds are fixed; bounds are 4 stand
 
 import numpy as np
 import pytest
-from scenes import D
+from scenes import D, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import RANDOM, PairEngine
@@ -31,14 +31,12 @@ def _dimers(seed=3):
 
 
 X, INDEX, E, R = _dimers()
-# two directions normal to e
-NORMALS = np.linalg.svd(E[:, None, :])[2][:, 1:]
+NORMALS = np.linalg.svd(E[:, None, :])[2][:, 1:]  # two directions normal to e
 
 
 def normalised(seeds=(7,) * CALLS, counters=tuple(range(CALLS)), kT=KT, factor=1.0, coefficient=COEFFICIENT):
     """(calls, pairs, 3): radial and two transverse components of the force on the first bead, over what they should be."""
-    scene = dpd.Scene({"W": 1.0}, ["W"] * len(X), X, {("W", "W"): coefficient}, kT)
-    engine = PairEngine(make_plan(scene, dt=DT, seed=1).spec)
+    engine = PairEngine(make_plan(dpd.Scene({"W": 1.0}, ["W"] * len(X), X, {("W", "W"): coefficient}, kT), dt=DT, seed=1).spec)
     engine.prepare(X, None)
     w = 1 - R / coefficient.cutoff
     par = np.sqrt(2 * kT * coefficient.gamma * factor / DT) * w**coefficient.exponent
@@ -77,8 +75,7 @@ def test_mean_and_variance(samples, part, error):
 
 def test_variance_of_near_and_far_pairs_apart(samples):
     """The weight w^s is right at every distance: the tenths of the pairs by distance, 20,000 radial numbers each, error 1 %."""
-    by_distance = np.argsort(R).reshape(10, -1)
-    for pairs in by_distance:
+    for pairs in np.argsort(R).reshape(10, -1):
         assert abs(variance_in_errors(samples[:, pairs, 0])) < 4
         assert abs(variance_in_errors(samples[:, pairs, 1:])) < 4
 
@@ -104,8 +101,7 @@ def test_no_correlation_between_components_steps_and_pairs(samples):
     for name, (a, b) in couples.items():
         assert abs(correlation_in_errors(a, b)) < 4, name
         assert abs(correlation_in_errors(a**2 - 1, b**2 - 1)) < 4 * 2, name
-    # the check sees a correlation of 2 %: it is nine standard errors
-    assert abs(correlation_in_errors(radial, first + 0.02 * radial)) > 4
+    assert abs(correlation_in_errors(radial, first + 0.02 * radial)) > 4  # the check sees a correlation of 2 %: it is nine standard errors
 
 
 def test_no_correlation_between_seeds(samples):
@@ -128,8 +124,7 @@ def test_covariance_of_all_beads_of_a_fluid_is_that_of_the_friction():
     from scenes import EXTENDED, fluid
 
     scene = fluid(EXTENDED, None, density=8.0, n=12, seed=2, kT=KT)
-    engine = PairEngine(make_plan(scene, dt=DT, seed=1).spec)
-    engine.prepare(scene.positions, None)
+    engine = ready(PairEngine(make_plan(scene, dt=DT, seed=1).spec), scene.positions, None)
     friction = np.array([-engine.forces(2, unit.reshape(12, 3), KT, DT, 0, 0)[1].ravel() for unit in np.eye(36)])
     np.testing.assert_allclose(friction, friction.T, atol=1e-12)
     forces = np.array([engine.forces(RANDOM, None, KT, DT, 3, counter)[1].ravel() for counter in range(3000)])

@@ -3,7 +3,8 @@
 import numpy as np
 import oracle
 import pytest
-from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params
+from marks import BOX
+from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine
@@ -11,15 +12,12 @@ from openmm_dpd.kernels.layer import EXACT, SHARDLOW
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
 
-BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
 UPDATE = pytest.mark.parametrize("scheme", ["middle", "shardlow"])
 KT, SEED, COUNTER = 1.3, 21, 5
 
 
 def prepared(scene, scheme) -> PairEngine:
-    engine = PairEngine(make_plan(scene, dt=0.1, seed=SEED, scheme=scheme).spec)
-    engine.prepare(scene.positions, scene.box)
-    return engine
+    return ready(PairEngine(make_plan(scene, dt=0.1, seed=SEED, scheme=scheme).spec), scene.positions, scene.box)
 
 
 def expected_of(scene, scheme, engine, dt, kT=KT, inv_mass=None, v=None, counter=COUNTER):
@@ -40,8 +38,7 @@ def check(scene, scheme, dt, kT=KT):
     expected = expected_of(scene, scheme, engine, dt, kT)
     np.testing.assert_allclose(scene.velocities + change, expected, rtol=0, atol=1e-12 * (1 + np.abs(expected).max()))
     assert np.abs(change).max() > 0.01
-    momentum = scene.bead_masses @ change
-    assert np.abs(momentum).max() < 1e-13 * np.sum(scene.bead_masses[:, None] * np.abs(scene.velocities))
+    assert np.abs(scene.bead_masses @ change).max() < 1e-13 * np.sum(scene.bead_masses[:, None] * np.abs(scene.velocities))
 
 
 @UPDATE
@@ -142,8 +139,7 @@ def test_maxwell_distribution_is_left_unchanged(scheme, dt):
     table = {("*", "*"): D(gamma=40.5, gamma_perp=3.0, exponent_perp=0.5, cutoff=1.0)}
     m = np.repeat([1.0, 2.7], pairs)
     v = rng.normal(size=(2 * pairs, 3)) * np.sqrt(KT / m)[:, None]
-    scene = dpd.Scene(masses, ["A"] * pairs + ["B"] * pairs, x, table, KT, velocities=v)
-    engine = prepared(scene, scheme)
+    engine = prepared(dpd.Scene(masses, ["A"] * pairs + ["B"] * pairs, x, table, KT, velocities=v), scheme)
     start, radial, transverse = v.copy(), [], []
     for counter in range(12):
         v = v + engine.sweep(v, KT, dt, SEED, counter)
@@ -155,8 +151,7 @@ def test_maxwell_distribution_is_left_unchanged(scheme, dt):
     for values, error in ((radial, np.sqrt(2 / pairs)), (transverse, np.sqrt(1 / pairs))):
         assert abs(np.mean(values[6:]) / scale - 1) < 4 * error
         assert abs(values[-1] / scale - 1) < 4 * error
-    centre = (v[:pairs] + 2.7 * v[pairs:]) - (start[:pairs] + 2.7 * start[pairs:])
-    assert np.abs(centre).max() < 1e-12
+    assert np.abs((v[:pairs] + 2.7 * v[pairs:]) - (start[:pairs] + 2.7 * start[pairs:])).max() < 1e-12
 
 
 @UPDATE

@@ -11,8 +11,7 @@ from openmm_dpd.kernels import threads
 @pytest.fixture
 def watch(monkeypatch, two_threads):
     """A fresh watch, two threads, and clocks that stop."""
-    fresh = threads._Watch()
-    monkeypatch.setattr(threads, "_WATCH", fresh)
+    monkeypatch.setattr(threads, "_WATCH", threads._Watch())
     threads.set_threads(2)
     clocks = {"passed": 100.0, "spent": 50.0}
     monkeypatch.setattr(time, "perf_counter", lambda: clocks["passed"])

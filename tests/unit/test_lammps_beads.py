@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
@@ -26,11 +27,8 @@ def test_lattices_fill_the_box_with_the_reduced_density(tmp_path, style, per_cel
 
 
 def test_a_lattice_constant_in_other_units(tmp_path):
-    state = state_of(
-        tmp_path,
-        "units metal\nlattice fcc 3.52 origin 0.25 0 0\nregion b block 0 2 0 2 0 2\ncreate_box 1 b\ncreate_atoms 1 box\n"
-        "mass 1 1\npair_style none\n",
-    )
+    text = "units metal\nlattice fcc 3.52 origin 0.25 0 0\nregion b block 0 2 0 2 0 2\ncreate_box 1 b\ncreate_atoms 1 box\n"
+    state = state_of(tmp_path, text + "mass 1 1\npair_style none\n")
     np.testing.assert_allclose(state.box.edges, 7.04)
     np.testing.assert_allclose(np.diag(state.first_run.scene().box), 0.704)
     assert len(state.atoms) == 32
@@ -44,14 +42,8 @@ def test_a_prism_makes_a_tilted_box(tmp_path):
 
 
 def test_a_box_tilted_too_far_is_reduced_for_the_scene(tmp_path):
-    text = """region b prism 0 5 0 5 0 5 4.0 0 0
-create_box 1 b
-create_atoms 1 single 1 1 1
-mass 1 1
-pair_style dpd 1 1 1
-pair_coeff 1 1 1 1
-fix 1 all nve
-"""
+    text = "region b prism 0 5 0 5 0 5 4.0 0 0\ncreate_box 1 b\ncreate_atoms 1 single 1 1 1\nmass 1 1\npair_style dpd 1 1 1\n"
+    text += "pair_coeff 1 1 1 1\nfix 1 all nve\n"
     state = state_of(tmp_path, text)
     assert state.first_run.scene().box[1].tolist() == [-1.0, 5.0, 0.0]
     assert any("tilted by more than half an edge" in note for note in state.notes)
@@ -82,12 +74,8 @@ create_atoms 1 random 20 5 NULL overlap 0.4 maxtry 500
 
 
 # -- groups, set, mass --------------------------------------------------------------------------------------------------------
-TWENTY = """region b block 0 10 0 10 0 10 units box
-create_box 3 b
-create_atoms 1 random 10 1 b
-create_atoms 2 random 10 2 b
-mass * 1.0
-"""
+TWENTY = "region b block 0 10 0 10 0 10 units box\ncreate_box 3 b\ncreate_atoms 1 random 10 1 b\ncreate_atoms 2 random 10 2 b\n"
+TWENTY += "mass * 1.0\n"
 
 
 def ids(state, name: str) -> list[int]:
@@ -99,14 +87,8 @@ def test_set(tmp_path):
         tmp_path,
         "atom_style full\n"
         + TWENTY
-        + """group few id 1:4
-set group few type 3 charge -0.5
-set atom 5*6 mol 7 x 12.5 vy 2.0
-set type 3 image 1 NULL -1
-set mol 7 vz -1
-pair_style none
-run 0
-""",
+        + "group few id 1:4\nset group few type 3 charge -0.5\nset atom 5*6 mol 7 x 12.5 vy 2.0\nset type 3 image 1 NULL -1\n"
+        "set mol 7 vz -1\npair_style none\nrun 0\n",
     )
     atoms = state.atoms
     assert atoms.types.tolist() == [3] * 4 + [1] * 6 + [2] * 10
@@ -119,8 +101,7 @@ run 0
 
 def test_set_random_types(tmp_path):
     text = TWENTY.replace("random 10 1", "random 1000 1") + "set type 1 {} 5\n"
-    exact = state_of(tmp_path, text.format("type/ratio 3 0.25")).atoms.types
-    assert int(np.sum(exact == 3)) == 250
+    assert int(np.sum(state_of(tmp_path, text.format("type/ratio 3 0.25")).atoms.types == 3)) == 250
     assert int(np.sum(state_of(tmp_path, text.format("type/subset 3 17")).atoms.types == 3)) == 17
     drawn = int(np.sum(state_of(tmp_path, text.format("type/fraction 3 0.25")).atoms.types == 3))
     assert abs(drawn - 250) < 4 * np.sqrt(1000 * 0.25 * 0.75)  # 4 standard errors
@@ -128,10 +109,8 @@ def test_set_random_types(tmp_path):
 
 
 def test_theta_of_atom_style_dpd(tmp_path):
-    state = state_of(
-        tmp_path,
-        "units metal\natom_style dpd\n" + TWENTY + "set group all dpd/theta 300\nvelocity all create 250 3\nset atom 2* dpd/theta NULL\n",
-    )
+    text = "set group all dpd/theta 300\nvelocity all create 250 3\nset atom 2* dpd/theta NULL\n"
+    state = state_of(tmp_path, "units metal\natom_style dpd\n" + TWENTY + text)
     assert state.atoms.thetas[0] == 300
     # the kinetic temperature of each bead; over all of them 250 K (57 of 60 degrees of freedom)
     speed2 = np.sum((state.atoms.velocities * state.units.velocity) ** 2, axis=1)
@@ -155,16 +134,14 @@ def test_ids_without_gaps(tmp_path, command):
 RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (RUN + "reset_atoms id\n", "reset_atoms id: the new ids that LAMMPS gives after a run depend on how it has sorted"),
-        (RUN + "group few id 1\ndelete_atoms group few\n", "keep the ids with 'compress no'"),
-        ("reset_atoms id sort yes\n", "sort yes is not supported"),
-        ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
-        ("reset_atoms image\n", "reset_atoms image is not supported"),
-        ("compute m all msd\nreset_atoms id\n", "define it afterwards"),
-    ],
+@cases(
+    "text, message",
+    (RUN + "reset_atoms id\n", "reset_atoms id: the new ids that LAMMPS gives after a run depend on how it has sorted"),
+    (RUN + "group few id 1\ndelete_atoms group few\n", "keep the ids with 'compress no'"),
+    ("reset_atoms id sort yes\n", "sort yes is not supported"),
+    ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
+    ("reset_atoms image\n", "reset_atoms image is not supported"),
+    ("compute m all msd\nreset_atoms id\n", "define it afterwards"),
 )
 def test_ids_that_lammps_would_give_otherwise(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(TWENTY + text)
@@ -183,14 +160,8 @@ def test_masses_by_range(tmp_path):
 
 
 # -- velocities ---------------------------------------------------------------------------------------------------------------
-THOUSAND = """units {units}
-region b block 0 40 0 40 0 40 units box
-create_box 2 b
-create_atoms 1 random 600 1 b
-create_atoms 2 random 400 2 b
-mass 1 1.0
-mass 2 18.0
-"""
+THOUSAND = "units {units}\nregion b block 0 40 0 40 0 40 units box\ncreate_box 2 b\ncreate_atoms 1 random 600 1 b\n"
+THOUSAND += "create_atoms 2 random 400 2 b\nmass 1 1.0\nmass 2 18.0\n"
 
 
 def kinetic_temperature(state, mask) -> float:
@@ -203,24 +174,19 @@ def kinetic_temperature(state, mask) -> float:
 @pytest.mark.parametrize("options", ["", "dist gaussian", "dist uniform loop geom rot yes", "mom no", "loop local dist gaussian"])
 def test_velocity_create(tmp_path, units, options):
     target = {"lj": 1.3, "real": 300.0, "metal": 250.0}[units]
-    state = state_of(
-        tmp_path,
-        THOUSAND.format(units=units) + f"group two type 2\nvelocity two set 1 2 3 units box\nvelocity all create {target} 87 {options}\n",
-    )
+    text = f"group two type 2\nvelocity two set 1 2 3 units box\nvelocity all create {target} 87 {options}\n"
+    state = state_of(tmp_path, THOUSAND.format(units=units) + text)
     everything = state.group("all")
     masses, v = state.bead_masses(), state.atoms.velocities * state.units.velocity
     assert kinetic_temperature(state, everything) == pytest.approx(target, rel=1e-12)
     scale = np.sqrt(state.units.thermal_energy * target * masses.sum())
-    momentum = masses @ v / scale
-    assert (np.abs(momentum).max() < 1e-12) == ("mom no" not in options)
+    assert (np.abs(masses @ v / scale).max() < 1e-12) == ("mom no" not in options)
     angular = np.sum(masses[:, None] * np.cross(state.atoms.positions - masses @ state.atoms.positions / masses.sum(), v), axis=0)
     assert (np.abs(angular).max() / scale / state.box.edges[0] < 1e-10) == ("rot yes" in options)
     # equipartition between the types: the ratio of mean m v^2 has a relative standard error of sqrt(2/1800 + 2/1200) at most
     energy = masses * np.sum(v**2, axis=1)
-    ratio = energy[masses > 1].mean() / energy[masses == 1].mean()
-    assert abs(ratio - 1) < 4 * np.sqrt(2 / 1800 + 2 / 1200)
-    # fourth moment distinguishes the distributions: 3 for Gaussian, 9/5 for uniform
-    reduced = (v * np.sqrt(masses)[:, None]).ravel()
+    assert abs(energy[masses > 1].mean() / energy[masses == 1].mean() - 1) < 4 * np.sqrt(2 / 1800 + 2 / 1200)
+    reduced = (v * np.sqrt(masses)[:, None]).ravel()  # fourth moment distinguishes the distributions: 3 for Gaussian, 9/5 for uniform
     kurtosis = np.mean(reduced**4) / np.mean(reduced**2) ** 2
     assert abs(kurtosis - (3 if "gaussian" in options else 1.8)) < 4 * (np.sqrt(24 / 3000) if "gaussian" in options else 0.02)
 
@@ -241,33 +207,24 @@ def test_sum_adds_to_what_is_there(tmp_path):
 
 
 def test_loop_all_goes_by_id_and_loop_geom_by_position(tmp_path):
-    # the same beads in two orders of creation
-    ends = "velocity all create 1.0 5 loop {}\n"
+    ends = "velocity all create 1.0 5 loop {}\n"  # the same beads in two orders of creation
     box = "region b block 0 9 0 9 0 9 units box\ncreate_box 1 b\nmass 1 1\n"
     points = [f"create_atoms 1 single {x} 1 2\n" for x in (1, 2, 4, 8)]
     for loop, by_position in (("all", False), ("geom", True)):
         one, other = (state_of(tmp_path, box + "".join(order) + ends.format(loop)) for order in (points, points[::-1]))
-        same = np.allclose(one.atoms.velocities, other.atoms.velocities[::-1])
-        assert same == by_position
+        assert np.allclose(one.atoms.velocities, other.atoms.velocities[::-1]) == by_position
 
 
 def test_seeds_matter(tmp_path):
     base = THOUSAND.format(units="lj")
     for loop in ("all", "geom"):
         first, second = (state_of(tmp_path, base + f"velocity all create 1.0 {seed} loop {loop}\n").atoms.velocities for seed in (5, 6))
-        correlation = np.sum(first * second) / np.sum(first**2)
-        assert abs(correlation) < 4 / np.sqrt(first.size)
+        assert abs(np.sum(first * second) / np.sum(first**2)) < 4 / np.sqrt(first.size)
 
 
 def test_velocity_set_ramp_scale_zero(tmp_path):
-    text = """lattice sc 0.125
-region b block 0 4 0 4 0 4
-create_box 1 b
-create_atoms 1 box
-mass 1 2
-velocity all set 1.0 NULL -0.5
-velocity all set 1.0 0.5 NULL units box sum yes
-"""
+    text = "lattice sc 0.125\nregion b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 box\nmass 1 2\nvelocity all set 1.0 NULL -0.5\n"
+    text += "velocity all set 1.0 0.5 NULL units box sum yes\n"
     state = state_of(tmp_path, text)
     np.testing.assert_allclose(state.atoms.velocities, np.tile([3, 0.5, -1], (64, 1)))  # the lattice spacing is 2
     state = state_of(tmp_path, text + "velocity all ramp vx 0 2 z 2 6 units box\n")
@@ -278,66 +235,63 @@ velocity all set 1.0 0.5 NULL units box sum yes
     np.testing.assert_allclose(state.atoms.velocities, 0, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("boundary p p s", "boundaries are periodic .p. or, behind fix wall/reflect, fixed .f., not .p p s."),
-        ("dimension 2", "only three dimensions"),
-        ("units si", "units must be one of lj, real, metal, not 'si'"),
-        ("atom_style sphere", "the atom style must be one of atomic,"),
-        ("lattice sc -1", "the scale of the lattice must be > 0"),
-        ("lattice square 1", "the lattice style must be one of"),
-        ("region b block 0 1 0 1 0", "region style block needs 6 values, but 5 follow"),
-        ("region b block 0 1 2 1 0 1", "the region's lower y, 2, is above its upper one, 1"),
-        ("region b block 0 1 0 EDGE 0 1", "is EDGE, but there is no box yet"),
-        ("region b cone 0", "the region style must be one of"),
-        ("region b union 2 a c", "there is no region 'a'; defined so far: none"),
-        ("create_box 1 b", "there is no region 'b'"),
-        ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
-        ("region b cylinder z 1 1 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
-        ("create_atoms 1 box", "create_atoms needs a simulation box"),
-        ("mass 1 1.0", "mass needs a simulation box"),
-        (TWENTY + "create_atoms 1 box", "need a lattice"),
-        (TWENTY + "create_atoms 4 box", "atom type 4 is out of range: there are 3"),
-        (
-            TWENTY + "region up block INF INF 1e3 INF INF INF\ncreate_atoms 1 random 10 1 up",
-            "region 'up' and the box have no volume in common",
-        ),
-        (TWENTY + "create_atoms 1 random 10", "create_atoms random needs 3 values, but 1 follow"),
-        (TWENTY + "create_atoms 1 random 10 5 nowhere", "there is no region 'nowhere'"),
-        (TWENTY + "create_atoms 1 mesh x", "the style of create_atoms must be one of"),
-        (TWENTY + "mass 1 0", "the mass must be > 0, but is 0"),
-        (TWENTY + "mass 4 1", "atom type 4 is out of range: there are 3"),
-        (TWENTY + "mass 1 nan", "the mass must be finite, but is nan"),
-        (TWENTY + "group g cluster 1", "group style 'cluster' is not supported"),
-        (TWENTY + "group g type x", "expected a whole number for an atom type, not 'x'"),
-        (TWENTY + "group g union h", "there is no group 'h'; defined so far: all"),
-        (TWENTY + "group all type 1", "group all is fixed"),
-        (TWENTY + "set atom 1 mass 2", "has one mass per type; use the mass command"),
-        (TWENTY + "set atom 1 charge 2", "atom_style atomic has no charges"),
-        (TWENTY + "set atom 1 type 4", "atom type 4 is out of range"),
-        (TWENTY + "set atom 1 shape 1 1 1", "set has no option 'shape' here"),
-        (TWENTY + "velocity all create 1.0", "velocity create needs 2 values, but 1 follow"),
-        (TWENTY + "velocity all create -1.0 5", "the temperature must be >= 0"),
-        (TWENTY + "velocity all create 1.0 5 dist odd", "dist must be one of uniform, gaussian, not 'odd'"),
-        (TWENTY + "velocity all create 1.0 5 mom maybe", "expected yes or no for mom, not 'maybe'"),
-        (
-            TWENTY + "mass * 1\ndelete_atoms group all\ncreate_atoms 1 single 0 0 0\nset atom 1 x 1\n"
-            "create_atoms 1 random 2147483648 5 NULL",
-            "create_atoms random: 2147483648 beads are too many",
-        ),
-        (TWENTY + "velocity all scale 1.0", "cannot be scaled to a temperature: it is 0"),
-        (TWENTY + "velocity none create 1.0 5", "there is no group 'none'"),
-        (TWENTY + "units real", "units must come before the simulation box"),
-        (
-            "region b block 0 1 0 1 0 1\ncreate_box 1 b\ncreate_atoms 1 single 0 0 0\nvelocity all set 0 0 0\nvelocity all create 1 1",
-            "no mass is set for atom type 1",
-        ),
-        ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
-        ("run_style respa 2 2", "only run_style verlet"),
-        ("atom_modify id no", "atom_modify id is not supported"),
-        ("restart 100", r"expected 'restart N file \[file\]'"),
-    ],
+@cases(
+    "text, message",
+    ("boundary p p s", "boundaries are periodic .p. or, behind fix wall/reflect, fixed .f., not .p p s."),
+    ("dimension 2", "only three dimensions"),
+    ("units si", "units must be one of lj, real, metal, not 'si'"),
+    ("atom_style sphere", "the atom style must be one of atomic,"),
+    ("lattice sc -1", "the scale of the lattice must be > 0"),
+    ("lattice square 1", "the lattice style must be one of"),
+    ("region b block 0 1 0 1 0", "region style block needs 6 values, but 5 follow"),
+    ("region b block 0 1 2 1 0 1", "the region's lower y, 2, is above its upper one, 1"),
+    ("region b block 0 1 0 EDGE 0 1", "is EDGE, but there is no box yet"),
+    ("region b cone 0", "the region style must be one of"),
+    ("region b union 2 a c", "there is no region 'a'; defined so far: none"),
+    ("create_box 1 b", "there is no region 'b'"),
+    ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
+    ("region b cylinder z 1 1 1 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
+    ("create_atoms 1 box", "create_atoms needs a simulation box"),
+    ("mass 1 1.0", "mass needs a simulation box"),
+    (TWENTY + "create_atoms 1 box", "need a lattice"),
+    (TWENTY + "create_atoms 4 box", "atom type 4 is out of range: there are 3"),
+    (
+        TWENTY + "region up block INF INF 1e3 INF INF INF\ncreate_atoms 1 random 10 1 up",
+        "region 'up' and the box have no volume in common",
+    ),
+    (TWENTY + "create_atoms 1 random 10", "create_atoms random needs 3 values, but 1 follow"),
+    (TWENTY + "create_atoms 1 random 10 5 nowhere", "there is no region 'nowhere'"),
+    (TWENTY + "create_atoms 1 mesh x", "the style of create_atoms must be one of"),
+    (TWENTY + "mass 1 0", "the mass must be > 0, but is 0"),
+    (TWENTY + "mass 4 1", "atom type 4 is out of range: there are 3"),
+    (TWENTY + "mass 1 nan", "the mass must be finite, but is nan"),
+    (TWENTY + "group g cluster 1", "group style 'cluster' is not supported"),
+    (TWENTY + "group g type x", "expected a whole number for an atom type, not 'x'"),
+    (TWENTY + "group g union h", "there is no group 'h'; defined so far: all"),
+    (TWENTY + "group all type 1", "group all is fixed"),
+    (TWENTY + "set atom 1 mass 2", "has one mass per type; use the mass command"),
+    (TWENTY + "set atom 1 charge 2", "atom_style atomic has no charges"),
+    (TWENTY + "set atom 1 type 4", "atom type 4 is out of range"),
+    (TWENTY + "set atom 1 shape 1 1 1", "set has no option 'shape' here"),
+    (TWENTY + "velocity all create 1.0", "velocity create needs 2 values, but 1 follow"),
+    (TWENTY + "velocity all create -1.0 5", "the temperature must be >= 0"),
+    (TWENTY + "velocity all create 1.0 5 dist odd", "dist must be one of uniform, gaussian, not 'odd'"),
+    (TWENTY + "velocity all create 1.0 5 mom maybe", "expected yes or no for mom, not 'maybe'"),
+    (
+        TWENTY + "mass * 1\ndelete_atoms group all\ncreate_atoms 1 single 0 0 0\nset atom 1 x 1\ncreate_atoms 1 random 2147483648 5 NULL",
+        "create_atoms random: 2147483648 beads are too many",
+    ),
+    (TWENTY + "velocity all scale 1.0", "cannot be scaled to a temperature: it is 0"),
+    (TWENTY + "velocity none create 1.0 5", "there is no group 'none'"),
+    (TWENTY + "units real", "units must come before the simulation box"),
+    (
+        "region b block 0 1 0 1 0 1\ncreate_box 1 b\ncreate_atoms 1 single 0 0 0\nvelocity all set 0 0 0\nvelocity all create 1 1",
+        "no mass is set for atom type 1",
+    ),
+    ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
+    ("run_style respa 2 2", "only run_style verlet"),
+    ("atom_modify id no", "atom_modify id is not supported"),
+    ("restart 100", r"expected 'restart N file \[file\]'"),
 )
 def test_errors(tmp_path, text, message):
     with pytest.raises(DeckError, match=message) as caught:

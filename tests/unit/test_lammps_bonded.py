@@ -23,10 +23,8 @@ def state_of(folder, text, *, units="lj", style="angle", bond_types=2, angle_typ
 
 
 def test_coefficients_in_three_systems_of_units(tmp_path):
-    text = (
-        "bond_style hybrid fene morse\nbond_coeff 1 fene 3 1.5 0.5 0.9\nbond_coeff 2 morse 5 2 0.7\n"
-        "angle_style hybrid harmonic cosine\nangle_coeff 1 harmonic 7 120\nangle_coeff 2 cosine 9\npair_style none\nfix 1 all nve\nrun 0\n"
-    )
+    text = "bond_style hybrid fene morse\nbond_coeff 1 fene 3 1.5 0.5 0.9\nbond_coeff 2 morse 5 2 0.7\nangle_style hybrid harmonic cosine\n"
+    text += "angle_coeff 1 harmonic 7 120\nangle_coeff 2 cosine 9\npair_style none\nfix 1 all nve\nrun 0\n"
     for name in ("lj", "real", "metal"):
         scene = state_of(tmp_path, text, units=name).first_run.scene()
         fene, morse = scene.bonds
@@ -62,16 +60,13 @@ def test_a_style_that_is_set_again_keeps_its_coefficients(tmp_path):
 @pytest.mark.parametrize("units", ["lj", "real"])
 def test_write_data_and_read_data(tmp_path, units):
     """Bonds, angles and their coefficients come back as they were."""
-    text = (
-        "bond_style hybrid fene morse\nbond_coeff 1 fene 3 1.5 0.5 0.9\nbond_coeff 2 morse 5 2 0.7\n"
-        "angle_style harmonic\nangle_coeff * 7 120\n" + PAIR
-    )
+    text = "bond_style hybrid fene morse\nbond_coeff 1 fene 3 1.5 0.5 0.9\nbond_coeff 2 morse 5 2 0.7\n"
+    text += "angle_style harmonic\nangle_coeff * 7 120\n" + PAIR
     state = state_of(tmp_path, text, units=units)
     (tmp_path / "data.again").write_text("\n".join(data_file_lines(state)) + "\n")
     deck = tmp_path / "in.again"
-    deck.write_text(
-        f"units {units}\natom_style angle\nbond_style hybrid fene morse\nangle_style harmonic\npair_style dpd 1 1 1\nread_data data.again\nfix 1 all nve\nrun 0\n"
-    )
+    styles = "atom_style angle\nbond_style hybrid fene morse\nangle_style harmonic\npair_style dpd 1 1 1\n"
+    deck.write_text(f"units {units}\n{styles}read_data data.again\nfix 1 all nve\nrun 0\n")
     again = read_deck(deck, stop_before_first_run=True, output=tmp_path)
     assert np.array_equal(again.angles, state.angles) and len(again.angles) == 12
     assert np.array_equal(again.bonds, state.bonds) and again.n_angle_types == 2

@@ -1,38 +1,24 @@
 """Charges in decks: what the commands read, and what they refuse."""
 
 import pytest
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import deck_scene
 from openmm_dpd.units import COULOMB
 
-DECK = """units {units}
-atom_style charge
-region box block 0 {edge} 0 {edge} 0 {edge}
-create_box 2 box
-create_atoms 1 random 20 7 NULL
-create_atoms 2 random 20 8 NULL
-mass * 1.0
-set type 2 charge {charge}
-{styles}
-fix move all nve
-run 0
-"""
-STYLES = """pair_style dpd/coul/slater/long 1.0 {one} 5 {lamda} {cutoff}
-pair_coeff 1 * 25 4.5
-pair_coeff 2 2 25 4.5 yes
-kspace_style pppm 1.0e-5
-"""
+DECK = "units {units}\natom_style charge\nregion box block 0 {edge} 0 {edge} 0 {edge}\ncreate_box 2 box\ncreate_atoms 1 random 20 7 NULL\n"
+DECK += "create_atoms 2 random 20 8 NULL\nmass * 1.0\nset type 2 charge {charge}\n{styles}\nfix move all nve\nrun 0\n"
+STYLES = "pair_style dpd/coul/slater/long 1.0 {one} 5 {lamda} {cutoff}\npair_coeff 1 * 25 4.5\npair_coeff 2 2 25 4.5 yes\n"
+STYLES += "kspace_style pppm 1.0e-5\n"
 LJ = {"units": "lj", "edge": 6, "charge": 0.0}
 
 
 def scene(tmp_path, styles, **settings):
-    values = {**LJ, **settings}
-    text = DECK.format(styles=styles, **values)
+    text = DECK.format(styles=styles, **{**LJ, **settings})
     # half of the second kind is positive, half negative
     text = text.replace("set type 2 charge 0.0", "set atom 21*30 charge 1.0\nset atom 31*40 charge -1.0")
-    (tmp_path / "in.deck").write_text(text)
-    return deck_scene(tmp_path / "in.deck")
+    return deck_scene(put(tmp_path / "in.deck", text))
 
 
 @pytest.mark.parametrize(("units", "length", "constant"), [("lj", 1.0, 1.0), ("real", 0.1, COULOMB), ("metal", 0.1, COULOMB)])
@@ -44,8 +30,7 @@ def test_what_a_deck_says(units, length, constant, tmp_path):
     charges = scene(tmp_path, styles, units=units, edge=edge).electrostatics
     assert (charges.lamda, charges.cutoff, charges.tolerance, charges.alpha) == pytest.approx((0.25, 2.0, 1e-5, 1.5))
     assert charges.grid == (24, 24, 32)
-    # the constants of real and metal are older than OpenMM's
-    assert charges.coulomb(1.0) == pytest.approx(constant / 2, rel=1e-6)
+    assert charges.coulomb(1.0) == pytest.approx(constant / 2, rel=1e-6)  # the constants of real and metal are older than OpenMM's
 
 
 SLATER = STYLES.format(one=1.0, lamda=0.25, cutoff=2.0)
@@ -86,6 +71,5 @@ def test_overlay_and_flags(tmp_path):
 
 def test_decks_without_charged_beads(tmp_path):
     text = SLATER
-    (tmp_path / "in.deck").write_text(DECK.format(styles=text, units="lj", edge=6, charge="0"))
     with pytest.raises(DeckError, match="no bead has a charge"):
-        deck_scene(tmp_path / "in.deck")
+        deck_scene(put(tmp_path / "in.deck", DECK.format(styles=text, units="lj", edge=6, charge="0")))

@@ -5,9 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import lammps_steps
+import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -16,15 +18,8 @@ from openmm_dpd.lammps.values.resolver import Resolver
 
 BLOCK = "block -2 4 0 5 1 7"
 PRISM = "prism -2 4 0 5 1 7 1.3 -0.8 0.9"
-BEADS = """atom_style {style}
-region b {region} units box
-create_box 2 b
-create_atoms 1 random 60 1 b overlap 0.4 maxtry 500
-create_atoms 2 random 40 2 b overlap 0.4 maxtry 500
-mass 1 1.0
-mass 2 2.5
-velocity all create {T} 5
-"""
+BEADS = "atom_style {style}\nregion b {region} units box\ncreate_box 2 b\ncreate_atoms 1 random 60 1 b overlap 0.4 maxtry 500\n"
+BEADS += "create_atoms 2 random 40 2 b overlap 0.4 maxtry 500\nmass 1 1.0\nmass 2 2.5\nvelocity all create {T} 5\n"
 MOVING = "group two type 2\npair_style dpd 0.0 1.0 7\npair_coeff * * {A} {gamma}\nfix move all nve\ntimestep {dt}\n"
 FLUID = MOVING.format(A=10.0, gamma=4.5, dt=0.02)
 FREE = MOVING.format(A=0.0, gamma=0.0, dt=0.01)
@@ -33,8 +28,7 @@ QUICK = RunOptions(platform="Reference", threads=1, seed=3)
 
 
 def request_of(tmp_path, text: str) -> RunRequest:
-    (tmp_path / "in.deck").write_text(text)
-    request = read_deck(tmp_path / "in.deck", stop_before_first_run=True, output=tmp_path).first_run
+    request = read_deck(put(tmp_path / "in.deck", text), stop_before_first_run=True, output=tmp_path).first_run
     assert request is not None
     return request
 
@@ -51,8 +45,6 @@ def rows_of(path: Path) -> list[list[float]]:
 
 
 # -- bins --------------------------------------------------------------------------------------------------------------------------
-
-
 def test_bounds_hold_for_their_own_axis(tmp_path):
     text = "compute ch all chunk/atom bin/2d x lower 1.0 y lower 1.0 bound x -1 3\ncompute no all chunk/atom bin/2d x lower 1 y lower 1 "
     request = request_of(tmp_path, DECK + text + "bound x -1 3 bound y 1 upper discard no\n")
@@ -75,9 +67,8 @@ def test_profile_along_two_axes(tmp_path):
     atoms = request.state.atoms
     second = (atoms.positions[:, 0] < 1) & (atoms.positions[:, 2] >= 4)
     assert list(average.profile) == ["coord1", "coord2", "ncount", "vx", "density/number"]
-    assert [column[1] for column in average.profile.values()] == pytest.approx(
-        [-0.5, 5.5, second.sum(), atoms.velocities[second, 0].mean(), second.sum() / 45]
-    )
+    expected = [-0.5, 5.5, second.sum(), atoms.velocities[second, 0].mean(), second.sum() / 45]
+    assert [column[1] for column in average.profile.values()] == pytest.approx(expected)
     values = request.thermo.values(context_of(request).sample)
     assert values["v_a"] == pytest.approx(5.5 + 10 * second.sum())
     assert values["f_p[2][4]"] == pytest.approx(atoms.velocities[second, 0].mean())
@@ -86,10 +77,9 @@ def test_profile_along_two_axes(tmp_path):
 
 # -- values of single beads -----------------------------------------------------------------------------------------------------------
 def test_formulas_of_single_beads(tmp_path):
-    text = (
-        "variable k atom 0.5*mass*(vx^2+vy^2+vz^2)\nvariable hot atom v_k>1&&!(type==2)\nvariable f atom ternary(v_hot,fx,-c_p[2])+round(x)\n"
-        "compute p all property/atom id y\ncompute s two reduce sum v_k\nvariable one equal c_s+x[3]+fy[4]\n"
-    )
+    text = "variable k atom 0.5*mass*(vx^2+vy^2+vz^2)\nvariable hot atom v_k>1&&!(type==2)\n"
+    text += "variable f atom ternary(v_hot,fx,-c_p[2])+round(x)\ncompute p all property/atom id y\n"
+    text += "compute s two reduce sum v_k\nvariable one equal c_s+x[3]+fy[4]\n"
     request = request_of(tmp_path, DECK + text)
     atoms = request.state.atoms
     forces = np.arange(300.0).reshape(100, 3)
@@ -106,23 +96,17 @@ def test_formulas_of_single_beads(tmp_path):
 
 
 def test_what_a_formula_of_single_beads_needs(tmp_path):
-    text = (
-        "compute ch all chunk/atom bin/1d x lower 1\nvariable a atom vx*fx\nvariable b atom v_a+pe\n"
-        "fix p all ave/chunk 1 1 1 ch v_b\nfix q all ave/chunk 1 1 1 ch vx\nvariable c equal y[7]\nfix r all ave/time 1 1 1 v_c\n"
-    )
+    text = "compute ch all chunk/atom bin/1d x lower 1\nvariable a atom vx*fx\nvariable b atom v_a+pe\nfix p all ave/chunk 1 1 1 ch v_b\n"
+    text += "fix q all ave/chunk 1 1 1 ch vx\nvariable c equal y[7]\nfix r all ave/time 1 1 1 v_c\n"
     request = request_of(tmp_path, DECK + text)
     needs = [set(average.needs(request.state)) for average in request.averages]
-    assert needs == [
-        {"velocities", "forces", "positions", "pair_energy", "bond_energy", "angle_energy", "dihedral_energy"},
-        {"velocities", "positions"},
-        {"positions"},
-    ]
+    energies = {"velocities", "forces", "positions", "pair_energy", "bond_energy", "angle_energy", "dihedral_energy"}
+    assert needs == [energies, {"velocities", "positions"}, {"positions"}]
 
 
 def test_vector_of_compute_temp(tmp_path):
     """Sums of m v_a v_b; thermo output divides them by the number of beads where it normalises, but not the temperature."""
-    text = "compute t two temp\nthermo_style custom c_t c_t[*]\nthermo_modify norm yes\n"
-    request = request_of(tmp_path, DECK + text)
+    request = request_of(tmp_path, DECK + "compute t two temp\nthermo_style custom c_t c_t[*]\nthermo_modify norm yes\n")
     atoms = request.state.atoms
     tensor = 2.5 * atoms.velocities[60:].T @ atoms.velocities[60:]
     expected = [tensor.trace() / (3 * 40 - 3), *(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] / 100)]
@@ -131,8 +115,7 @@ def test_vector_of_compute_temp(tmp_path):
 
 # -- averages -------------------------------------------------------------------------------------------------------------------------
 def test_values_that_are_not_averaged(tmp_path):
-    text = "variable s equal step\nfix a all ave/time 1 3 10 v_s v_s off 2 ave running\n"
-    request = request_of(tmp_path, DECK + text)
+    request = request_of(tmp_path, DECK + "variable s equal step\nfix a all ave/time 1 3 10 v_s v_s off 2 ave running\n")
     (average,) = request.averages
     for step in (8, 9, 10, 18, 19, 20):
         average.take(context_of(request, step))
@@ -141,59 +124,51 @@ def test_values_that_are_not_averaged(tmp_path):
 
 
 def test_vectors_of_averages(tmp_path):
-    text = (
-        "compute m all momentum\nfix v all ave/time 1 1 1 c_m mode vector\nfix two all ave/time 1 1 1 c_m c_m mode vector\n"
-        "fix w all ave/time 1 1 1 f_v mode vector\nfix s all ave/time 1 1 1 f_v[2] c_m[1*2] f_two[3][1]\n"
-        "thermo_style custom f_s[*] f_w[3] f_two[1][2]\n"
-    )
+    text = "compute m all momentum\nfix v all ave/time 1 1 1 c_m mode vector\nfix two all ave/time 1 1 1 c_m c_m mode vector\n"
+    text += "fix w all ave/time 1 1 1 f_v mode vector\nfix s all ave/time 1 1 1 f_v[2] c_m[1*2] f_two[3][1]\n"
+    text += "thermo_style custom f_s[*] f_w[3] f_two[1][2]\n"
     request = request_of(tmp_path, DECK + text)
     assert request.thermo.words == ("f_s[1]", "f_s[2]", "f_s[3]", "f_s[4]", "f_w[3]", "f_two[1][2]")
     assert set(request.thermo.values(context_of(request).sample).values()) == {0.0}
     request.state.atoms.velocities[:] += [1.0, 2.0, 3.0]
     for average in request.averages:
         average.take(context_of(request))
-    # 100 beads of mass 160: thermo output divides sums over beads by their number
-    expected = [3.2, 1.6, 3.2, 4.8, 4.8, 1.6]
+    expected = [3.2, 1.6, 3.2, 4.8, 4.8, 1.6]  # 100 beads of mass 160: thermo output divides sums over beads by their number
     assert list(request.thermo.values(context_of(request).sample).values()) == pytest.approx(expected)
 
 
 def test_report_has_the_last_averages_of_each_run(tmp_path):
-    (tmp_path / "in.deck").write_text(
-        DECK
-        + "compute m all momentum\nvariable s equal step\nfix s all ave/time 2 3 10 v_s c_m[1]\nfix v all ave/time 5 1 5 c_m mode vector\n"
-        "run 10\nrun 14\n"
-    )
-    report = run_deck(tmp_path / "in.deck", QUICK, out=tmp_path)
+    text = "compute m all momentum\nvariable s equal step\nfix s all ave/time 2 3 10 v_s c_m[1]\n"
+    text += "fix v all ave/time 5 1 5 c_m mode vector\nrun 10\nrun 14\n"
+    report = run_deck(put(tmp_path / "in.deck", DECK + text), QUICK, out=tmp_path)
     assert report["averages"] == report["runs"][1]["averages"]
     assert (report["averages"]["s"]["step"], report["averages"]["s"]["v_s"]) == (20, 18)
     assert report["runs"][0]["averages"]["s"]["v_s"] == 8
     assert report["averages"]["v"]["step"] == 20 and len(report["averages"]["v"]["c_m"]) == 3
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("compute x all chunk/atom bin/2d x lower 1 x lower 1\n", "every axis can be cut once only, not x, x"),
-        ("compute x all chunk/atom bin/3d x lower 1 y lower 1\n", "found 7 arguments"),
-        ("compute x all chunk/atom bin/2d x lower 1 y lower 1 bound z 0 1\n", "bound z, but the slices are along x, y"),
-        ("compute x all chunk/atom bin/3d x lower .001 y lower .001 z lower .001\n", "bins are too many"),
-        # each would give other profiles than LAMMPS if it were passed over
-        ("compute x all chunk/atom bin/1d x lower 1 ids once\n", "ids once is not supported"),
-        ("compute x all chunk/atom bin/1d x lower 1 ids nfreq\n", "ids nfreq is not supported"),
-        ("compute x all property/atom rho\n", "property/atom rho needs atom_style mdpd"),
-        ("variable a atom vx/0\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", r"in.deck:\d+: variable a: .* divide by zero"),
-        ("variable a atom v_a\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "refers to itself"),
-        ("variable a atom c_q[3]\ncompute q all property/atom x y\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "has 2 values per bead"),
-        ("variable a equal 1\nfix f all ave/chunk 1 1 1 ch v_a\n", "variable a is equal-style; only atom-style ones"),
-        ("variable a atom vx\nfix f all ave/time 1 1 1 v_a\n", "variable a is atom-style; only equal-style ones"),
-        ("variable a atom vx\nprint ${{a}}\n", "atom-style: it has a value for every bead"),
-        ("variable a atom random(0,1,5)\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "random is supported in equal-style"),
-        ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k has not several values"),
-        ("compute t all temp\nfix f all ave/time 1 1 1 c_t[7*]\n", "out of range: there are 6"),
-        ("compute t all temp\ncompute m all momentum\nfix f all ave/time 1 1 1 c_t c_m mode vector\n", "c_t c_m have different lengths"),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1]\n", "f_f: the fix has 3 columns; use f_f.row..column."),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1][4]\n", "the fix has 3 columns"),
-    ],
+@cases(
+    "text, message",
+    ("compute x all chunk/atom bin/2d x lower 1 x lower 1\n", "every axis can be cut once only, not x, x"),
+    ("compute x all chunk/atom bin/3d x lower 1 y lower 1\n", "found 7 arguments"),
+    ("compute x all chunk/atom bin/2d x lower 1 y lower 1 bound z 0 1\n", "bound z, but the slices are along x, y"),
+    ("compute x all chunk/atom bin/3d x lower .001 y lower .001 z lower .001\n", "bins are too many"),
+    # each would give other profiles than LAMMPS if it were passed over
+    ("compute x all chunk/atom bin/1d x lower 1 ids once\n", "ids once is not supported"),
+    ("compute x all chunk/atom bin/1d x lower 1 ids nfreq\n", "ids nfreq is not supported"),
+    ("compute x all property/atom rho\n", "property/atom rho needs atom_style mdpd"),
+    ("variable a atom vx/0\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", r"in.deck:\d+: variable a: .* divide by zero"),
+    ("variable a atom v_a\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "refers to itself"),
+    ("variable a atom c_q[3]\ncompute q all property/atom x y\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "has 2 values per bead"),
+    ("variable a equal 1\nfix f all ave/chunk 1 1 1 ch v_a\n", "variable a is equal-style; only atom-style ones"),
+    ("variable a atom vx\nfix f all ave/time 1 1 1 v_a\n", "variable a is atom-style; only equal-style ones"),
+    ("variable a atom vx\nprint ${{a}}\n", "atom-style: it has a value for every bead"),
+    ("variable a atom random(0,1,5)\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "random is supported in equal-style"),
+    ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k has not several values"),
+    ("compute t all temp\nfix f all ave/time 1 1 1 c_t[7*]\n", "out of range: there are 6"),
+    ("compute t all temp\ncompute m all momentum\nfix f all ave/time 1 1 1 c_t c_m mode vector\n", "c_t c_m have different lengths"),
+    ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1]\n", "f_f: the fix has 3 columns; use f_f.row..column."),
+    ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1][4]\n", "the fix has 3 columns"),
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(DECK + "compute ch all chunk/atom bin/1d x lower 1.0\n" + text.replace("{{", "{").replace("}}", "}"))
@@ -213,8 +188,7 @@ lammps.lammps(cmdargs=["-log", "none", "-screen", "none", "-nocite"]).file("in.d
 LISTS = "comm_modify vel yes\nneighbor 0.3 bin\nneigh_modify every 1 delay 0 check no\n"
 FORM = "format ' %.15g'"
 
-#: Name -> (box, forces, temperature, what is measured).
-CASES = {
+CASES = {  # Name -> (box, forces, temperature, what is measured).
     "schedules": (
         BLOCK,
         FLUID,
@@ -305,12 +279,9 @@ run 40
 def beside_lammps(tmp_path, start: str, atom_style: str, text: str) -> None:
     """Run a deck here and in LAMMPS, from one data file, and compare every file that its fixes write."""
     (tmp_path / "ours").mkdir()
-    (tmp_path / "in.start").write_text(start + "write_data data.start nocoeff\n")
-    read_deck(tmp_path / "in.start", stop_before_first_run=True, output=tmp_path)
-    (tmp_path / "in.deck").write_text(
-        f"atom_style {atom_style}\natom_modify map yes\nread_data data.start\n" + LISTS + text.format(form=FORM)
-    )
-    run_deck(tmp_path / "in.deck", QUICK, out=tmp_path / "ours")
+    read_deck(put(tmp_path / "in.start", start + "write_data data.start nocoeff\n"), stop_before_first_run=True, output=tmp_path)
+    head = f"atom_style {atom_style}\natom_modify map yes\nread_data data.start\n"
+    run_deck(put(tmp_path / "in.deck", head + LISTS + text.format(form=FORM)), QUICK, out=tmp_path / "ours")
     subprocess.run([sys.executable, "-c", LIVE], cwd=tmp_path, check=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
     found = sorted(tmp_path.glob("*.out"))
     assert len(found) == text.count(" file ")
@@ -320,28 +291,21 @@ def beside_lammps(tmp_path, start: str, atom_style: str, text: str) -> None:
         assert headers[0] == headers[1], theirs.name
         tables = [rows_of(path) for path in (mine, theirs)]
         assert tables[1] and [len(row) for row in tables[0]] == [len(row) for row in tables[1]], theirs.name
-        numbers = [np.concatenate(table) for table in tables]
-        np.testing.assert_allclose(*numbers, rtol=1e-9, atol=1e-9, err_msg=theirs.name)
+        np.testing.assert_allclose(*[np.concatenate(table) for table in tables], rtol=1e-9, atol=1e-9, err_msg=theirs.name)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_files_equal_lammps(tmp_path, name):
     """No noise: friction at temperature 0, or beads that fly freely and cross the box several times."""
-    reason = lammps_steps.why_missing([("pair", "dpd"), ("compute", "chunk/atom"), ("fix", "ave/chunk"), ("fix", "ave/time")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "dpd"), ("compute", "chunk/atom"), ("fix", "ave/chunk"), ("fix", "ave/time"))
     region, moving, temperature, text = CASES[name]
     beside_lammps(tmp_path, BEADS.format(style="atomic", region=region, T=temperature), "atomic", moving + text)
 
 
 def test_densities_of_mdpd_equal_lammps(tmp_path):
-    reason = lammps_steps.why_missing([("pair", "mdpd"), ("pair", "mdpd/rhosum"), ("fix", "mvv/dpd"), ("fix", "ave/chunk")])
-    if reason:
-        pytest.skip(reason)
-    text = (
-        "pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 7\npair_coeff * * mdpd/rhosum 0.75\n"
-        "pair_coeff * * mdpd -40 25 4.5 1.0 0.75\nfix move all mvv/dpd 0.5\ntimestep 0.005\n"
-        "compute ch all chunk/atom bin/1d x lower 1\ncompute d all property/atom rho\ncompute r all reduce max c_d\n"
-        "fix a all ave/chunk 2 3 10 ch c_d file a.out {form}\nfix b all ave/time 2 3 10 c_r file b.out {form}\nrun 20\n"
-    )
+    lammps_peer.need(("pair", "mdpd"), ("pair", "mdpd/rhosum"), ("fix", "mvv/dpd"), ("fix", "ave/chunk"))
+    text = "pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 7\npair_coeff * * mdpd/rhosum 0.75\n"
+    text += "pair_coeff * * mdpd -40 25 4.5 1.0 0.75\nfix move all mvv/dpd 0.5\ntimestep 0.005\n"
+    text += "compute ch all chunk/atom bin/1d x lower 1\ncompute d all property/atom rho\ncompute r all reduce max c_d\n"
+    text += "fix a all ave/chunk 2 3 10 ch c_d file a.out {form}\nfix b all ave/time 2 3 10 c_r file b.out {form}\nrun 20\n"
     beside_lammps(tmp_path, BEADS.format(style="mdpd", region=BLOCK, T=1.0), "mdpd", text)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import lammps_peer
 import pytest
+from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
@@ -76,25 +78,10 @@ def test_what_is_printed(tmp_path, monkeypatch, name):
         assert said(tmp_path / "theirs") == expected
 
 
+_TRUE = "1 < 2; 0.5; -1; a == a; a/b != a_b; 1.5e-3<2; 1 || 0 && 0; 2 < 3 == 1; !(1 > 2); !!2 == 1; 1.0 == 1"
+_FALSE = "0; a == A; 1 |^ 1; 1 || 1 |^ 1; 3 > 2 > 1"
 #: Each as LAMMPS has it; the fuzzer compares random ones.
-CONDITIONS = {
-    "1 < 2": True,
-    "0": False,
-    "0.5": True,
-    "-1": True,
-    "a == a": True,
-    "a == A": False,
-    "a/b != a_b": True,
-    "1.5e-3<2": True,
-    "1 || 0 && 0": True,
-    "1 |^ 1": False,
-    "1 || 1 |^ 1": False,
-    "2 < 3 == 1": True,
-    "3 > 2 > 1": False,
-    "!(1 > 2)": True,
-    "!!2 == 1": True,
-    "1.0 == 1": True,
-}
+CONDITIONS = {text: holds for texts, holds in ((_TRUE, True), (_FALSE, False)) for text in texts.split("; ")}
 
 
 @pytest.mark.parametrize("text", CONDITIONS)
@@ -102,9 +89,7 @@ def test_conditions(text):
     assert condition_holds(text) is CONDITIONS[text]
 
 
-@pytest.mark.parametrize(
-    "text", ["", "a", "a < b", "1 == a", "!a", "1 1", "1 = 1", "1 &", "+1", "(1", "1 +1", "1 ! 1", "a.b == a.b", "1 && a"]
-)
+@cases("text", "", "a", "a < b", "1 == a", "!a", "1 1", "1 = 1", "1 &", "+1", "(1", "1 +1", "1 ! 1", "a.b == a.b", "1 && a")
 def test_what_is_no_condition(text):
     with pytest.raises(ParameterError, match="cannot evaluate the condition"):
         condition_holds(text)
@@ -134,26 +119,18 @@ WRONG = {
 
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes_have_their_line(tmp_path, text):
-    (tmp_path / "in.bad").write_text(text + "\n", encoding="utf-8")
     with pytest.raises(DeckError, match=WRONG[text].replace("(", r"\(")) as raised:
-        read_deck(tmp_path / "in.bad")
+        read_deck(put(tmp_path / "in.bad", text + "\n"))
     assert str(raised.value).startswith(f"{tmp_path}/in.bad:{text.count(chr(10)) + 1}: ")
 
 
-RUNS = """region b block 0 4 0 4 0 4
-create_box 1 b
-create_atoms 1 random 20 5 NULL
-mass 1 1
-pair_style dpd 1 1 7
-pair_coeff 1 1 25 4.5
-fix 1 all nve
-"""
+RUNS = "region b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 20 5 NULL\nmass 1 1\npair_style dpd 1 1 7\n"
+RUNS += "pair_coeff 1 1 25 4.5\nfix 1 all nve\n"
 
 
 def test_quit_inside_of_pieces_ends_the_deck(tmp_path):
     """Pieces of a run count as runs; what a command in between says about the deck holds."""
-    path = tmp_path / "in.pieces"
-    path.write_text(RUNS + "run 7 every 3 'if \"$(step) >= 6\" then quit' 'print nothing'\nprint never\n", encoding="utf-8")
+    path = put(tmp_path / "in.pieces", RUNS + "run 7 every 3 'if \"$(step) >= 6\" then quit' 'print nothing'\nprint never\n")
     lines: list[str] = []
     report = run_deck(path, RunOptions(platform="Reference"), log=lines.append)
     assert [run["steps"] for run in report["runs"]] == [3, 3]
@@ -162,8 +139,7 @@ def test_quit_inside_of_pieces_ends_the_deck(tmp_path):
 
 def test_a_loop_over_runs(tmp_path):
     """One run for each value, which variables of the command line replace."""
-    path = tmp_path / "in.loop"
-    path.write_text(RUNS + "variable n index 1 2 3\nlabel a\nrun $n\nnext n\njump SELF a\n", encoding="utf-8")
+    path = put(tmp_path / "in.loop", RUNS + "variable n index 1 2 3\nlabel a\nrun $n\nnext n\njump SELF a\n")
     for given, steps in ({}, [1, 2, 3]), ({"n": "4"}, [4]):
         report = run_deck(path, RunOptions(platform="Reference"), variables=given)
         assert [run["steps"] for run in report["runs"]] == steps

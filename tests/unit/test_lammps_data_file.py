@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import read_deck
@@ -9,15 +12,7 @@ from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES
 from openmm_dpd.lammps.files.data_file import read_data_file
 from openmm_dpd.lammps.state.box import Box
 
-HEADER = """a title that could be anything: 5 atoms
-
-3 atoms
-2 atom types
-
--1 3 xlo xhi
-0.0 5e0 ylo yhi
-2 6 zlo zhi
-"""
+HEADER = "a title that could be anything: 5 atoms\n\n3 atoms\n2 atom types\n\n-1 3 xlo xhi\n0.0 5e0 ylo yhi\n2 6 zlo zhi\n"
 
 ATOMS = {
     "atomic": ["7 2 0 1 3", "2 1 1 2 4", "5 1 2 3 5"],
@@ -34,14 +29,11 @@ ATOMS = {
 
 
 def write(folder, text: str):
-    path = folder / "data"
-    path.write_text(text)
-    return path
+    return put(folder / "data", text)
 
 
 def deck(folder, text: str, **options):
-    path = folder / "in.deck"
-    path.write_text(text)
+    path = put(folder / "in.deck", text)
     return read_deck(path, stop_before_first_run=True, output=folder, **options)
 
 
@@ -50,8 +42,7 @@ def deck(folder, text: str, **options):
 def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
     section = f"Atoms # {style}" if hint else "Atoms"
     write(tmp_path, HEADER + f"\n{section}\n\n" + "\n".join(ATOMS[style]) + "\n")
-    state = deck(tmp_path, f"atom_style {style}{' 2' if style == 'tdpd' else ''}\nread_data data")
-    atoms = state.atoms
+    atoms = deck(tmp_path, f"atom_style {style}{' 2' if style == 'tdpd' else ''}\nread_data data").atoms
     assert atoms.ids.tolist() == [2, 5, 7]
     assert atoms.types.tolist() == [1, 1, 2]
     np.testing.assert_allclose(atoms.positions, [[1, 2, 4], [2, 3, 5], [0, 1, 3]])
@@ -65,13 +56,8 @@ def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
 
 
 def test_units_are_converted(tmp_path):
-    write(
-        tmp_path,
-        HEADER
-        + "\nMasses\n\n1 18\n2 3 # comment\n\nAtoms\n\n"
-        + "\n".join(ATOMS["atomic"])
-        + "\n\nVelocities\n\n7 1 0 0\n2 0 2 0\n5 0 0 3\n",
-    )
+    masses, velocities = "\nMasses\n\n1 18\n2 3 # comment\n", "\n\nVelocities\n\n7 1 0 0\n2 0 2 0\n5 0 0 3\n"
+    write(tmp_path, HEADER + masses + "\nAtoms\n\n" + "\n".join(ATOMS["atomic"]) + velocities)
     state = deck(tmp_path, "units real\nread_data data")
     assert state.box.edges.tolist() == [4, 5, 4] and state.atoms.positions[0].tolist() == [1, 2, 4]
     scene = state.first_run.scene()
@@ -124,24 +110,14 @@ def test_reduced_vectors_span_the_same_lattice(tilt):
 
 
 def test_coefficients_and_bonds_from_the_file(tmp_path):
-    write(
-        tmp_path,
-        HEADER.replace("2 atom types", "2 atom types\n2 bonds\n1 bond types\n1 extra bond per atom")
-        + "\nPairIJ Coeffs # dpd\n\n1 1 25 4.5 1.0\n1 2 30 4.5 0.9\n2 2 20 9 1.1\n\nBond Coeffs\n\n1 50 0.8\n\nMasses\n\n1 1\n2 1\n"
-        + "\nAtoms\n\n"
-        + "\n".join(ATOMS["bond"])
-        + "\n\nBonds\n\n1 1 7 2\n2 1 2 5\n",
-    )
-    state = deck(
-        tmp_path, "atom_style bond\nbond_style harmonic\npair_style dpd 1 1 1\nread_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve"
-    )
-    scene = state.first_run.scene()
+    head = HEADER.replace("2 atom types", "2 atom types\n2 bonds\n1 bond types\n1 extra bond per atom")
+    pairs = "\nPairIJ Coeffs # dpd\n\n1 1 25 4.5 1.0\n1 2 30 4.5 0.9\n2 2 20 9 1.1\n\nBond Coeffs\n\n1 50 0.8\n\nMasses\n\n1 1\n2 1\n"
+    write(tmp_path, head + pairs + "\nAtoms\n\n" + "\n".join(ATOMS["bond"]) + "\n\nBonds\n\n1 1 7 2\n2 1 2 5\n")
+    styles = "atom_style bond\nbond_style harmonic\npair_style dpd 1 1 1\n"
+    scene = deck(tmp_path, styles + "read_data data\nspecial_bonds lj 0.5 1 1\nfix 1 all nve").first_run.scene()
     entries = scene.pairs[0].resolve(["1", "2"])
-    assert {key: (term.A, term.gamma, term.cutoff) for key, term in entries.items()} == {
-        ("1", "1"): (25, 4.5, 1.0),
-        ("1", "2"): (30, 4.5, 0.9),
-        ("2", "2"): (20, 9, 1.1),
-    }
+    expected = {("1", "1"): (25, 4.5, 1.0), ("1", "2"): (30, 4.5, 0.9), ("2", "2"): (20, 9, 1.1)}
+    assert {key: (term.A, term.gamma, term.cutoff) for key, term in entries.items()} == expected
     (bonds,) = scene.bonds
     assert bonds.pairs.tolist() == [[2, 0], [0, 1]]  # indices in the order of the ids
     assert bonds.k.tolist() == [50, 50] and bonds.r0.tolist() == [0.8, 0.8]
@@ -203,38 +179,35 @@ fix 1 all nve
 GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomic"]) + "\n"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("2 1 1 2 4", "2 1 1 nan 4", r"data:18: a value of atom 2 is not finite: '2 1 1 nan 4'"),
-        ("2 1 1 2 4", "2 1 1 inf 4", r"data:18: a value of atom 2 is not finite"),
-        ("2 1 1 2 4", "2 1 1 2", r"data:18: expected an atom of atom_style atomic: id type x y z \[ix iy iz\], not '2 1 1 2'"),
-        ("2 1 1 2 4", "2 3 1 2 4", r"data:18: the atom type is out of range; there are 2"),
-        ("2 1 1 2 4", "7 1 1 2 4", r"data:18: atom id 7 appears twice"),
-        ("2 1 1 2 4", "2.5 1 1 2 4", r"data:18: the id of an atom must be a whole number, not 2.5"),
-        ("2 1 1 2 4", "0 1 1 2 4", r"data:18: atom ids start at 1"),
-        ("2 1 1 2 4", "2 1 1 x 4", r"data:18: expected an atom"),
-        ("2 1 1 2 4", "2 1 1 2 4 0 0 0.5", r"data:18: expected three image flags"),
-        ("2 1 1 2 4", "99999999999999999999 1 1 2 4", r"data:18: the id of an atom must be a whole number up to 2147483647, not 1e\+20"),
-        ("2 1 1 2 4", "2 1 1 2 4 0 0 99999999999999999999", r"data:18: an image flag of atom 2 is beyond 2147483647"),
-        ("3 atoms", "3.5 atoms", r"data:3: expected a whole number >= 0 before 'atoms', not '3.5'"),
-        ("3 atoms", "3 atoms\n5 impropers", r"data:4: impropers are not supported, but the header announces 5"),
-        ("3 atoms", "4 atoms", r"data:15: section Atoms has 3 lines, but the header announces 4"),
-        ("Masses", "Impropers", r"data:10: section or header line 'Impropers' is not supported"),
-        ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),
-        ("-1 3 xlo", "3 -1 xlo", r"the box must have a positive length along x, not -4"),
-        ("-1 3 xlo xhi\n", "", r"the header has no line 'xlo xhi'"),
-        ("-1 3 xlo", "-1 x xlo", r"data:6: expected numbers before 'xlo xhi'"),
-        ("1 1.0", "1 -1.0", r"data:12: the mass of type 1 must be > 0, but is -1"),
-        ("1 1.0", "3 1.0", r"data:12: atom type 3 is out of range; there are 2"),
-        ("Masses", "Velocities", r"data:10: section Velocities has 2 lines, but the header announces 3"),
-    ],
+@cases(
+    "old, new, message",
+    ("2 1 1 2 4", "2 1 1 nan 4", r"data:18: a value of atom 2 is not finite: '2 1 1 nan 4'"),
+    ("2 1 1 2 4", "2 1 1 inf 4", r"data:18: a value of atom 2 is not finite"),
+    ("2 1 1 2 4", "2 1 1 2", r"data:18: expected an atom of atom_style atomic: id type x y z \[ix iy iz\], not '2 1 1 2'"),
+    ("2 1 1 2 4", "2 3 1 2 4", r"data:18: the atom type is out of range; there are 2"),
+    ("2 1 1 2 4", "7 1 1 2 4", r"data:18: atom id 7 appears twice"),
+    ("2 1 1 2 4", "2.5 1 1 2 4", r"data:18: the id of an atom must be a whole number, not 2.5"),
+    ("2 1 1 2 4", "0 1 1 2 4", r"data:18: atom ids start at 1"),
+    ("2 1 1 2 4", "2 1 1 x 4", r"data:18: expected an atom"),
+    ("2 1 1 2 4", "2 1 1 2 4 0 0 0.5", r"data:18: expected three image flags"),
+    ("2 1 1 2 4", "99999999999999999999 1 1 2 4", r"data:18: the id of an atom must be a whole number up to 2147483647, not 1e\+20"),
+    ("2 1 1 2 4", "2 1 1 2 4 0 0 99999999999999999999", r"data:18: an image flag of atom 2 is beyond 2147483647"),
+    ("3 atoms", "3.5 atoms", r"data:3: expected a whole number >= 0 before 'atoms', not '3.5'"),
+    ("3 atoms", "3 atoms\n5 impropers", r"data:4: impropers are not supported, but the header announces 5"),
+    ("3 atoms", "4 atoms", r"data:15: section Atoms has 3 lines, but the header announces 4"),
+    ("Masses", "Impropers", r"data:10: section or header line 'Impropers' is not supported"),
+    ("2 atom types", "2 atom kinds", r"data:4: header line '2 atom kinds' is not supported"),
+    ("-1 3 xlo", "3 -1 xlo", r"the box must have a positive length along x, not -4"),
+    ("-1 3 xlo xhi\n", "", r"the header has no line 'xlo xhi'"),
+    ("-1 3 xlo", "-1 x xlo", r"data:6: expected numbers before 'xlo xhi'"),
+    ("1 1.0", "1 -1.0", r"data:12: the mass of type 1 must be > 0, but is -1"),
+    ("1 1.0", "3 1.0", r"data:12: atom type 3 is out of range; there are 2"),
+    ("Masses", "Velocities", r"data:10: section Velocities has 2 lines, but the header announces 3"),
 )
 def test_errors_name_file_and_line(tmp_path, old, new, message):
     assert old in GOOD
     path = write(tmp_path, GOOD.replace(old, new, 1))
-    with pytest.raises(DeckError, match=message):
-        read_data_file(path, "atomic")
+    raises(DeckError, message, lambda: read_data_file(path, "atomic"))
 
 
 def test_the_good_file_is_good(tmp_path):
@@ -243,14 +216,12 @@ def test_the_good_file_is_good(tmp_path):
 
 def test_bonds_need_a_style_that_has_them(tmp_path):
     path = write(tmp_path, GOOD.replace("2 atom types", "2 atom types\n1 bonds\n1 bond types") + "\nBonds\n\n1 1 2 5\n")
-    with pytest.raises(DeckError, match=r"data:23: atom_style atomic has no bonds"):
-        read_data_file(path, "atomic")
+    raises(DeckError, r"data:23: atom_style atomic has no bonds", lambda: read_data_file(path, "atomic"))
 
 
 def test_theta_must_be_positive(tmp_path):
     text = HEADER + "\nAtoms\n\n" + "\n".join(ATOMS["dpd"]).replace("300", "0") + "\n"
-    with pytest.raises(DeckError, match=r"data:13: the internal temperature \(theta\) must be > 0"):
-        read_data_file(write(tmp_path, text), "dpd")
+    raises(DeckError, r"data:13: the internal temperature \(theta\) must be > 0", lambda: read_data_file(write(tmp_path, text), "dpd"))
 
 
 def test_a_different_style_hint_is_noted(tmp_path):

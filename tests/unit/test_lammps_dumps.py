@@ -80,11 +80,9 @@ def test_xtc_with_a_position_too_large_for_its_precision(tmp_path):
 
 def test_xyz(tmp_path):
     """Names of the elements, and what mdtraj reads of it (in angstrom)."""
-    rows = run(
-        tmp_path, "real", "dump a all xyz 2 a.xyz\ndump_modify a element C O format line '%s %.6f %.6f %.6f'\ndump b g xyz 5 b.*.xyz\n"
-    )
-    trajectory = mdtraj.formats.XYZTrajectoryFile(str(tmp_path / "a.xyz"))
-    np.testing.assert_allclose(trajectory.read(), rows[:, :, 2:5], atol=1e-5)
+    text = "dump a all xyz 2 a.xyz\ndump_modify a element C O format line '%s %.6f %.6f %.6f'\n"
+    rows = run(tmp_path, "real", text + "dump b g xyz 5 b.*.xyz\n")
+    np.testing.assert_allclose(mdtraj.formats.XYZTrajectoryFile(str(tmp_path / "a.xyz")).read(), rows[:, :, 2:5], atol=1e-5)
     assert [line.split()[0] for line in (tmp_path / "a.xyz").read_text().splitlines()[2:22]] == 14 * ["C"] + 6 * ["O"]
     assert sorted(path.name for path in tmp_path.glob("b.*")) == ["b.0.xyz", "b.5.xyz"]
     assert (tmp_path / "b.5.xyz").read_text().splitlines()[:3][1] == " Atoms. Timestep: 5"
@@ -122,11 +120,12 @@ def test_mistakes(tmp_path, text):
 
 def test_a_deck_that_is_only_looked_at_leaves_the_files_of_its_runs_alone(tmp_path):
     """explain and deck_scene read decks as well."""
-    (tmp_path / "in.deck").write_text(
+    text = (
         "region b block 0 3 0 3 0 3\ncreate_box 1 b\nmass 1 1\ncreate_atoms 1 single 1 1 1 units box\npair_style zero 1\npair_coeff * *\n"
-        "fix 1 all nve\nfix p all print 5 x file p.txt\nfix t all ave/time 1 1 1 c_thermo_temp file t.txt\n"
-        "fix c all ave/correlate 1 1 1 c_thermo_temp file c.txt\ndump a all xyz 1 a.xyz\ndump b all dcd 1 b.dcd\nrun 1\n"
     )
+    text += "fix 1 all nve\nfix p all print 5 x file p.txt\nfix t all ave/time 1 1 1 c_thermo_temp file t.txt\n"
+    text += "fix c all ave/correlate 1 1 1 c_thermo_temp file c.txt\ndump a all xyz 1 a.xyz\ndump b all dcd 1 b.dcd\nrun 1\n"
+    (tmp_path / "in.deck").write_text(text)
     for name in ("p.txt", "t.txt", "c.txt", "a.xyz", "b.dcd"):
         (tmp_path / name).write_text("of an earlier run")
     read_deck(tmp_path / "in.deck", stop_before_first_run=True, output=tmp_path)

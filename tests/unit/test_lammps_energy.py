@@ -4,6 +4,9 @@ import re
 
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, read_deck
@@ -32,8 +35,7 @@ MANY = "pair_style hybrid/overlay mdpd/rhosum mdpd 1.0 1.0 7\npair_coeff * * mdp
 
 
 def state_of(tmp_path, text: str):
-    path = tmp_path / "in.deck"
-    path.write_text(text)
+    path = put(tmp_path / "in.deck", text)
     return read_deck(path, stop_before_first_run=True, output=tmp_path)
 
 
@@ -43,9 +45,8 @@ def scene_of(tmp_path, text: str):
 
 # -- what beads carry --------------------------------------------------------------------------------------------------------------
 def test_new_beads_and_set(tmp_path):
-    state = state_of(
-        tmp_path, EDPD_BOX + "variable w equal 2*0.6\nset type 2 edpd/temp v_w\nset atom 1*3 edpd/cv 50\nset group all edpd/cv 2e4\n"
-    )
+    text = "variable w equal 2*0.6\nset type 2 edpd/temp v_w\nset atom 1*3 edpd/cv 50\nset group all edpd/cv 2e4\n"
+    state = state_of(tmp_path, EDPD_BOX + text)
     assert state.atoms.temperatures.tolist() == [1.0] * 30 + [1.2] * 20
     assert state.atoms.capacities.tolist() == [2e4] * 50
     state = state_of(tmp_path, TDPD_BOX + "set type 1 cc 2 -0.5\nset atom 1 cc 1 3\n")
@@ -57,18 +58,15 @@ def test_theta_from_a_variable_and_from_velocities(tmp_path):
     text = METAL + "variable a equal 310\nvariable b equal -1\nset type 1 dpd/theta v_a\nvelocity all set 1 0 0\nset type 2 dpd/theta v_b\n"
     thetas = state_of(tmp_path, text).atoms.thetas
     assert thetas[:30].tolist() == [310] * 30
-    # m v^2 / (3 k_B) with 1 g/mol and 1 A/ps
-    np.testing.assert_allclose(thetas[30:], 1.0364269e-4 / (3 * KB))
+    np.testing.assert_allclose(thetas[30:], 1.0364269e-4 / (3 * KB))  # m v^2 / (3 k_B) with 1 g/mol and 1 A/ps
 
 
-@pytest.mark.parametrize(
-    ("start", "extra"),
-    [
-        (EDPD_BOX, "set type 1 edpd/temp 1.25\nset type 2 edpd/cv 300\n"),
-        (TDPD_BOX, "set type 1 cc 1 0.1\nset atom 3 cc 2 -7\n"),
-        (MDPD_BOX, ""),
-        (METAL, "set type 2 dpd/theta 280.5\n"),
-    ],
+@cases(
+    "start, extra",
+    (EDPD_BOX, "set type 1 edpd/temp 1.25\nset type 2 edpd/cv 300\n"),
+    (TDPD_BOX, "set type 1 cc 1 0.1\nset atom 3 cc 2 -7\n"),
+    (MDPD_BOX, ""),
+    (METAL, "set type 2 dpd/theta 280.5\n"),
 )
 def test_written_files_read_back_the_same(tmp_path, start, extra):
     state = state_of(tmp_path, start + extra)
@@ -90,9 +88,8 @@ def test_written_coefficients_read_back_the_same(tmp_path):
 
 # -- pair terms --------------------------------------------------------------------------------------------------------------------
 def test_energy_conserving_coefficients_in_metal_units(tmp_path):
-    scene = scene_of(
-        tmp_path, METAL + ENERGY + "pair_coeff 1 2 0.1 0.03 1e-5 9.5\nfix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n"
-    )
+    text = "pair_coeff 1 2 0.1 0.03 1e-5 9.5\nfix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n"
+    scene = scene_of(tmp_path, METAL + ENERGY + text)
     term, mixed = (scene.tables[0].entries[key] for key in (("1", "1"), ("1", "2")))
     assert EV == pytest.approx(96.485, rel=1e-4)
     assert (term.A, term.sigma, term.cutoff) == pytest.approx((0.075 * 10 * EV, 0.022 * 10 * EV, 1.0), rel=1e-12)
@@ -125,8 +122,7 @@ def test_tdpd_coefficients(tmp_path):
 
 
 def test_mdpd_and_rhosum_become_one_table(tmp_path):
-    scene = scene_of(tmp_path, MDPD_BOX + MANY + "pair_coeff 1 2 mdpd/rhosum 0.6\nfix 1 all mvv/dpd\n")
-    (table,) = scene.tables
+    (table,) = scene_of(tmp_path, MDPD_BOX + MANY + "pair_coeff 1 2 mdpd/rhosum 0.6\nfix 1 all mvv/dpd\n").tables
     expected = {pair: MDPD(-40, 25, 18, 1.0, 0.75, 0.6 if pair == ("1", "2") else 0.7, kernel="lucy") for pair in table.entries}
     assert table.entries == expected and len(expected) == 3
 
@@ -135,16 +131,14 @@ def test_mdpd_and_rhosum_become_one_table(tmp_path):
 SHARDLOW = "fix 1 all shardlow\nfix 2 all nve\nfix 3 all eos/cv 0.005\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "scheme", "weight"),
-    [
-        (METAL + ENERGY + "fix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n", "mvv", 0.5),
-        (METAL + ENERGY + SHARDLOW, "shardlow", 0.5),
-        (EDPD_BOX + HEAT + "fix 1 all mvv/edpd 0.7\n", "mvv", 0.7),
-        (TDPD_BOX + TRANSPORT + "fix 1 all mvv/tdpd 0.6\n", "mvv", 0.6),
-        (MDPD_BOX + MANY + "fix 1 all mvv/dpd\n", "mvv", 0.5),
-        (MDPD_BOX + MANY + "fix 1 all nve\n", "mvv", 0.5),
-    ],
+@cases(
+    "text, scheme, weight",
+    (METAL + ENERGY + "fix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n", "mvv", 0.5),
+    (METAL + ENERGY + SHARDLOW, "shardlow", 0.5),
+    (EDPD_BOX + HEAT + "fix 1 all mvv/edpd 0.7\n", "mvv", 0.7),
+    (TDPD_BOX + TRANSPORT + "fix 1 all mvv/tdpd 0.6\n", "mvv", 0.6),
+    (MDPD_BOX + MANY + "fix 1 all mvv/dpd\n", "mvv", 0.5),
+    (MDPD_BOX + MANY + "fix 1 all nve\n", "mvv", 0.5),
 )
 def test_schemes(tmp_path, text, scheme, weight):
     request = state_of(tmp_path, text).first_run
@@ -157,9 +151,8 @@ TABLE = "a table\n\nFIRST\nN 2\n\n1 10 0.01\n2 20 0.02\n\n# another\nSECOND\nN 3
 
 def test_equations_of_state_by_type(tmp_path):
     (tmp_path / "eos").write_text(TABLE.partition("\n")[2])
-    text = (
-        "group a type 1\ngroup b type 2\nfix 1 all shardlow\nfix 2 all nve\nfix 3 a eos/cv 0.005\nfix 4 b eos/table linear eos 100 SECOND\n"
-    )
+    text = "group a type 1\ngroup b type 2\nfix 1 all shardlow\nfix 2 all nve\n"
+    text += "fix 3 a eos/cv 0.005\nfix 4 b eos/table linear eos 100 SECOND\n"
     scene = scene_of(tmp_path, METAL + ENERGY + text)
     first, second = scene.internal.eos["1"], scene.internal.eos["2"]
     assert isinstance(first, ConstantHeatCapacity) and isinstance(second, TabulatedEOS)
@@ -168,23 +161,19 @@ def test_equations_of_state_by_type(tmp_path):
     np.testing.assert_allclose(scene.internal.energies(scene.type_ids, ["1", "2"])[30:, 1], 0.4 * EV)
 
 
-@pytest.mark.parametrize(
-    ("text", "keyword", "message"),
-    [
-        (TABLE.partition("\n")[2], "THIRD", r"eos: there is no equation of state THIRD in it; found FIRST, SECOND"),
-        ("A\nM 3\n1 1 1\n", "A", r"eos:2: expected 'N rows' with at least 2 rows after 'A', not 'M 3'"),
-        ("A\nN 3\n1 1 1\n2 2 2\n", "A", r"eos:2: equation of state A announces 3 rows, but has 2"),
-        ("A\nN 2\n1 1 1\n2 2 x\n", "A", r"eos:4: expected 'index T U', not '2 2 x'"),
-        ("A\nN 2\n1 0 1\n2 2 2\n", "A", r"eos:3: the temperatures of equation of state A must be > 0"),
-        ("A\nN 2\n1 1 1\n2 2 nan\n", "A", r"eos:4: a value of equation of state A is not finite"),
-        ("A\nN 3\n1 1 1\n\n2 2 2\n3 2 3\n", "A", r"eos:6: the temperatures of equation of state A must increase, but 2 follows 2"),
-        ("A\nN 3\n1 1 1\n2 2 0.5\n3 3 3\n", "A", r"eos:4: the energies of equation of state A must increase, but 0.5 follows 1"),
-    ],
+@cases(
+    "text, keyword, message",
+    (TABLE.partition("\n")[2], "THIRD", r"eos: there is no equation of state THIRD in it; found FIRST, SECOND"),
+    ("A\nM 3\n1 1 1\n", "A", r"eos:2: expected 'N rows' with at least 2 rows after 'A', not 'M 3'"),
+    ("A\nN 3\n1 1 1\n2 2 2\n", "A", r"eos:2: equation of state A announces 3 rows, but has 2"),
+    ("A\nN 2\n1 1 1\n2 2 x\n", "A", r"eos:4: expected 'index T U', not '2 2 x'"),
+    ("A\nN 2\n1 0 1\n2 2 2\n", "A", r"eos:3: the temperatures of equation of state A must be > 0"),
+    ("A\nN 2\n1 1 1\n2 2 nan\n", "A", r"eos:4: a value of equation of state A is not finite"),
+    ("A\nN 3\n1 1 1\n\n2 2 2\n3 2 3\n", "A", r"eos:6: the temperatures of equation of state A must increase, but 2 follows 2"),
+    ("A\nN 3\n1 1 1\n2 2 0.5\n3 3 3\n", "A", r"eos:4: the energies of equation of state A must increase, but 0.5 follows 1"),
 )
 def test_files_of_equations_of_state(tmp_path, text, keyword, message):
-    (tmp_path / "eos").write_text(text)
-    with pytest.raises(DeckError, match=message):
-        read_eos(tmp_path / "eos", keyword)
+    raises(DeckError, message, lambda: read_eos(put(tmp_path / "eos", text), keyword))
 
 
 def test_sources(tmp_path):
@@ -234,6 +223,10 @@ def test_compat(tmp_path):
 
 # -- errors ------------------------------------------------------------------------------------------------------------------------
 EOS = "fix 8 all eos/cv 0.005\n"
+_ALONE = "pair_style mdpd 1 1 7\npair_coeff * * -40 25 18 1.0 0.75\n"
+_PARTS = "group a id 1:10\ngroup c subtract all a\n" + SHARDLOW.replace("3 all", "3 a") + "fix 8 c eos/cv 0.006\n"
+_TWO = "group a type 1\ngroup b type 2\nfix 1 a nph iso 0 0 1\nfix 2 b nph iso 0 0 1\nfix 3 all dpd/energy\n"
+_NO_STYLE = "pair_style none\nfix 1 all dpd/energy\n"
 ERRORS = [
     ("units real\natom_style edpd\n", r"in.deck:2: atom_style edpd needs units lj, but the deck's are real"),
     ("atom_style mdpd\nunits metal\n", r"in.deck:2: atom_style mdpd needs units lj"),
@@ -253,24 +246,15 @@ ERRORS = [
     (TDPD_BOX + TRANSPORT.replace(" 2.5\n", "\n"), r"in.deck:8: expected 'A gamma .* epsilon_2 power_2', but found 10"),
     (MDPD_BOX + MANY.replace("1.0 0.75", "0.7 0.75"), r"in.deck:9: pair style mdpd, types \* \*: cutoff_B = 0.75 must not be longer"),
     (MDPD_BOX + MANY.replace("rhosum 0.7", "rhosum 1.2") + "fix 1 all nve\n", r"in.deck:9: .*cutoff_density = 1.2 must not be longer"),
-    (
-        MDPD_BOX + "pair_style mdpd 1 1 7\npair_coeff * * -40 25 18 1.0 0.75\n",
-        r"in.deck:7: pair style mdpd needs one mdpd/rhosum beside it",
-    ),
+    (MDPD_BOX + _ALONE, r"in.deck:7: pair style mdpd needs one mdpd/rhosum beside it"),
     (MDPD_BOX + "pair_style mdpd/rhosum\npair_coeff * * 0.7\n", r"in.deck:7: pair style mdpd/rhosum needs one mdpd beside it"),
     (MDPD_BOX + MANY.replace("* * mdpd/r", "1 1 mdpd/r"), r"in.deck:9: types 1 2 have no coefficients of mdpd/rhosum"),
     (METAL + ENERGY + "fix 1 all nve\n" + EOS, r"in.deck:9: pair style dpd/fdt/energy needs fix dpd/energy .* or fix shardlow"),
     (METAL + ENERGY + SHARDLOW + "fix 4 all dpd/energy\n", r"in.deck:14: fix 4: dpd/energy beside shardlow \(fix 1\)"),
-    (
-        METAL + "pair_style none\nfix 1 all dpd/energy\n",
-        r"in.deck:10: fix 1: dpd/energy needs pair style dpd/fdt/energy; the deck has none",
-    ),
+    (METAL + _NO_STYLE, r"in.deck:10: fix 1: dpd/energy needs pair style dpd/fdt/energy; the deck has none"),
     (METAL + ENERGY + SHARDLOW.rpartition("fix")[0], r"in.deck:9: .* needs a fix eos/cv or eos/table for every bead; bead 1 has none"),
     (METAL + ENERGY + SHARDLOW + EOS, r"in.deck:14: fix 8: bead 1 has an equation of state from fix 3 already"),
-    (
-        METAL + ENERGY + "group a id 1:10\ngroup c subtract all a\n" + SHARDLOW.replace("3 all", "3 a") + "fix 8 c eos/cv 0.006\n",
-        r"in.deck:16: fix 8: beads of type 1 have another equation of state by fix 3",
-    ),
+    (METAL + ENERGY + _PARTS, r"in.deck:16: fix 8: beads of type 1 have another equation of state by fix 3"),
     (METAL.rpartition("set")[0] + ENERGY + SHARDLOW, r"in.deck:\d+: the internal temperature of bead 1 is 0; it must be > 0"),
     (METAL + "fix 1 all eos/cv 0\n", r"in.deck:9: the heat capacity must be > 0"),
     (METAL + "fix 1 all eos/table spline f 10 A\n", r"in.deck:9: the style of eos/table must be one of linear"),
@@ -292,10 +276,7 @@ ERRORS = [
     (METAL + "fix 1 all nph iso 0 0 0\n", r"in.deck:9: the damping time of the box must be > 0"),
     (METAL + "fix 1 all nph tri 0 0 1\n", r"in.deck:9: fix nph has no option 'tri' here"),
     (METAL + "fix 1 all nph x 0 0 1 y 1 1 1 couple xyz\n", r"in.deck:9: fix nph: edges that change together"),
-    (
-        METAL + ENERGY + "group a type 1\ngroup b type 2\nfix 1 a nph iso 0 0 1\nfix 2 b nph iso 0 0 1\nfix 3 all dpd/energy\n" + EOS,
-        r"in.deck:14: fix 2: there is a fix nph already \(1\)",
-    ),
+    (METAL + ENERGY + _TWO + EOS, r"in.deck:14: fix 2: there is a fix nph already \(1\)"),
 ]
 
 
@@ -307,11 +288,9 @@ def test_errors_name_file_and_line(tmp_path, text, message):
 
 # -- runs --------------------------------------------------------------------------------------------------------------------------
 def run(tmp_path, text: str, **options):
-    path = tmp_path / "in.run"
-    path.write_text(text)
+    path = put(tmp_path / "in.run", text)
     runner = DeckRunner(RunOptions(platform="Reference", threads=1, **options))
-    state = read_deck(path, run_callback=runner, output=tmp_path)
-    return state, runner
+    return read_deck(path, run_callback=runner, output=tmp_path), runner
 
 
 @pytest.mark.parametrize("fixes", [SHARDLOW, "fix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n"])
@@ -322,8 +301,7 @@ def test_a_second_run_goes_on_with_the_energies(tmp_path, fixes):
     assert atoms.u_cond.sum() == pytest.approx(0, abs=1e-9) and np.abs(atoms.u_cond).max() > 1e-3
     np.testing.assert_allclose(atoms.thetas * 0.005 * EV, atoms.u_cond + atoms.u_mech, rtol=1e-12)
     again, runner = run(tmp_path, start + "run 20\nrun 0\n")
-    # everything is booked as mechanical energy then
-    np.testing.assert_array_equal(again.atoms.u_cond, 0)
+    np.testing.assert_array_equal(again.atoms.u_cond, 0)  # everything is booked as mechanical energy then
     np.testing.assert_allclose(again.atoms.u_mech, atoms.u_cond + atoms.u_mech, rtol=1e-12)
     totals = [result.rows["etotal"][-1] for result in runner.results]
     assert totals[0] == pytest.approx(totals[1], rel=1e-9)
@@ -354,8 +332,7 @@ def test_heat_between_two_beads_in_metal_units(tmp_path):
     """kappa (1/theta_i - 1/theta_j) w^2 in eV/ps, with w = 1/2."""
     box = "units metal\natom_style dpd\nregion b block 0 30 0 30 0 30 units box\ncreate_box 1 b\n"
     beads = "create_atoms 1 single 1 1 1\ncreate_atoms 1 single 1 6 1\nmass * 1.0\nset atom 1 dpd/theta 300\nset atom 2 dpd/theta 200\n"
-    path = tmp_path / "in.two"
-    path.write_text(box + beads + ENERGY + SHARDLOW + "run 0\n")
+    path = put(tmp_path / "in.two", box + beads + ENERGY + SHARDLOW + "run 0\n")
     heat = deck_forces(path, RunOptions(platform="Reference", threads=1))["rates_dissipative"][:, 0]
     expected = 3.2e-5 * (1 / 300 - 1 / 200) * 0.25
     np.testing.assert_allclose(heat, [expected, -expected], rtol=1e-12)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -24,28 +26,18 @@ group two type 2
 compute ch all chunk/atom bin/1d x lower 1.0
 """
 PLAIN = START.format(style="atomic") + "pair_style zero 1.0 nocoeff\npair_coeff * *\nfix move all nve\ntimestep 0.01\n"
-HEAT = (
-    START.format(style="edpd")
-    + "pair_style edpd 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1e-3 2 1.2\nfix move all mvv/edpd\ntimestep 0.01\n"
-)
-SPECIES = (
-    START.format(style="tdpd 2")
-    + "pair_style tdpd 1.0 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1.2 1 0 2 3 0 2\nfix move all mvv/tdpd\ntimestep 0.01\n"
-    + "set type 1 cc 1 2.0\nset type 2 cc 2 -1.0\n"
-)
-ENERGY = (
-    "units metal\n"
-    + START.format(style="dpd").replace("-2 4 0 5 1 7", "-20 40 0 50 10 70").replace("x lower 1.0", "x lower 10.0")
-    + "set type 1 dpd/theta 300\nset type 2 dpd/theta 400\nfix in all eos/cv 0.0005\ntimestep 0.001\n"
-    + "pair_style dpd/fdt/energy 10.0 7\npair_coeff * * 0.075 0.022 3.2e-5\nfix heat all dpd/energy\nfix move all nve\n"
-)
+_HEAT = "pair_style edpd 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1e-3 2 1.2\nfix move all mvv/edpd\ntimestep 0.01\n"
+HEAT = START.format(style="edpd") + _HEAT
+_SPECIES = "pair_style tdpd 1.0 1.2 7\npair_coeff * * 18.75 4.5 0.41 1.2 1.2 1 0 2 3 0 2\nfix move all mvv/tdpd\ntimestep 0.01\n"
+SPECIES = START.format(style="tdpd 2") + _SPECIES + "set type 1 cc 1 2.0\nset type 2 cc 2 -1.0\n"
+_TEN_TIMES = START.format(style="dpd").replace("-2 4 0 5 1 7", "-20 40 0 50 10 70").replace("x lower 1.0", "x lower 10.0")
+ENERGY = f"units metal\n{_TEN_TIMES}set type 1 dpd/theta 300\nset type 2 dpd/theta 400\nfix in all eos/cv 0.0005\ntimestep 0.001\n"
+ENERGY += "pair_style dpd/fdt/energy 10.0 7\npair_coeff * * 0.075 0.022 3.2e-5\nfix heat all dpd/energy\nfix move all nve\n"
 QUICK = RunOptions(platform="Reference", threads=1, seed=3)
 
 
 def write(tmp_path, text: str) -> Path:
-    path = tmp_path / "in.deck"
-    path.write_text(text)
-    return path
+    return put(tmp_path / "in.deck", text)
 
 
 def request_of(tmp_path, text: str) -> RunRequest:
@@ -87,8 +79,7 @@ def test_when_samples_are_taken():
     assert due_steps(Schedule(2, 3, 10, 0), 0, 20) == [(6, False), (8, False), (10, True), (16, False), (18, False), (20, True)]
     # with one sample a window is that step alone, the present one included
     assert due_steps(Schedule(10, 1, 10, 30), 30, 50) == [(30, True), (40, True), (50, True)]
-    # a window that has begun is left out
-    assert due_steps(Schedule(1, 10, 10, 5), 5, 20)[0] == (11, False)
+    assert due_steps(Schedule(1, 10, 10, 5), 5, 20)[0] == (11, False)  # a window that has begun is left out
     assert due_steps(Schedule(5, 2, 20, 15), 15, 20) == [(15, False), (20, True)]
     assert due_steps(Schedule(5, 2, 20, 0, start=50), 0, 60) == [(55, False), (60, True)]
 
@@ -107,17 +98,13 @@ def test_what_beads_carry_comes_from_the_running_scene(tmp_path):
     text = ENERGY + "compute b two dpd/atom\ncompute u two dpd\ncompute s all reduce sum c_b[2]\nthermo_style custom c_u[1]\n"
     request = request_of(tmp_path, text)
     units, n = request.state.units, 50
-    fields = {
-        "u_cond": np.linspace(-1, 1, n) * units.energy,
-        "u_mech": np.linspace(1, 2, n) * units.energy,
-        "theta": np.linspace(200, 500, n) * units.thermal_energy,
-    }
+    fields = {"u_cond": np.linspace(-1, 1, n) * units.energy, "u_mech": np.linspace(1, 2, n) * units.energy}
+    fields["theta"] = np.linspace(200, 500, n) * units.thermal_energy
     context = context_of(request, fields=fields)
     rows = context.bead_compute("b", None)
     assert not rows[:30].any()  # beads outside the group
-    np.testing.assert_allclose(
-        rows[30:, [0, 1, 3]], np.column_stack([np.linspace(-1, 1, n), np.linspace(1, 2, n), np.linspace(200, 500, n)])[30:]
-    )
+    expected = np.column_stack([np.linspace(-1, 1, n), np.linspace(1, 2, n), np.linspace(200, 500, n)])
+    np.testing.assert_allclose(rows[30:, [0, 1, 3]], expected[30:])
     theta = np.linspace(200, 500, n)[30:]
     expected = [np.linspace(-1, 1, n)[30:].sum(), np.linspace(1, 2, n)[30:].sum(), 0.0, 20 / np.sum(1 / theta), 20.0]
     np.testing.assert_allclose([context.compute("u", k) for k in range(1, 6)], expected)
@@ -137,34 +124,30 @@ def test_single_beads_in_formulas(tmp_path):
 
 
 def test_reduce(tmp_path):
-    text = PLAIN + (
-        "compute k all ke/atom\ncompute p all property/atom id mass\ncompute r two reduce sum c_k c_p[1] vx\ncompute a two reduce ave c_p[2]\n"
-        "compute m two reduce max c_p[1]\nthermo_style custom c_m c_a c_r[2]\nthermo_modify norm yes\n"
-    )
+    text = PLAIN + "compute k all ke/atom\ncompute p all property/atom id mass\ncompute r two reduce sum c_k c_p[1] vx\n"
+    text += "compute a two reduce ave c_p[2]\ncompute m two reduce max c_p[1]\n"
+    text += "thermo_style custom c_m c_a c_r[2]\nthermo_modify norm yes\n"
     request = request_of(tmp_path, text)
     context, atoms = context_of(request), request.state.atoms
     energy = 0.5 * 2.5 * np.sum(atoms.velocities[30:] ** 2)
     np.testing.assert_allclose([context.compute("r", k) for k in (1, 2, 3)], [energy, sum(range(31, 51)), atoms.velocities[30:, 0].sum()])
     assert context.compute("a", None) == 2.5
-    # sums are extensive, means and maxima are not
-    values = request.thermo.values(context.sample)
+    values = request.thermo.values(context.sample)  # sums are extensive, means and maxima are not
     assert values == pytest.approx({"c_m": 50, "c_a": 2.5, "c_r[2]": sum(range(31, 51)) / 50})
 
 
 # -- slices ------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("bins", "start", "count", "volume"),
-    [
-        ("x lower 1.0", -2.0, 6, 30.0),
-        ("x lower 4.0", -2.0, 2, 120.0),  # the last slice reaches beyond the box
-        ("x upper 4.0", -4.0, 2, 120.0),
-        ("x center 4.0", -3.0, 2, 120.0),
-        ("x 10.5 1.0", -2.5, 7, 30.0),
-        ("z -0.5 2.0", -0.5 + 0.0, 4, 60.0),
-        ("y lower 0.1", 0.0, 50, 3.6),  # 5/0.1 is not exactly 50
-        ("y lower 0.25 units reduced", 0.0, 4, 45.0),
-        ("x lower 1.0 bound x 0 3.5", 0.0, 4, 30.0),
-    ],
+@cases(
+    "bins, start, count, volume",
+    ("x lower 1.0", -2.0, 6, 30.0),
+    ("x lower 4.0", -2.0, 2, 120.0),  # the last slice reaches beyond the box
+    ("x upper 4.0", -4.0, 2, 120.0),
+    ("x center 4.0", -3.0, 2, 120.0),
+    ("x 10.5 1.0", -2.5, 7, 30.0),
+    ("z -0.5 2.0", -0.5 + 0.0, 4, 60.0),
+    ("y lower 0.1", 0.0, 50, 3.6),  # 5/0.1 is not exactly 50
+    ("y lower 0.25 units reduced", 0.0, 4, 45.0),
+    ("x lower 1.0 bound x 0 3.5", 0.0, 4, 30.0),
 )
 def test_slices(tmp_path, bins, start, count, volume):
     request = request_of(tmp_path, PLAIN.replace("x lower 1.0", bins))
@@ -179,10 +162,7 @@ def test_lattice_units_are_the_default(tmp_path):
     assert (slicing.thickness, slicing.origin) == (2.0, -2.0)
 
 
-@pytest.mark.parametrize(
-    ("options", "low", "high"),
-    [("", 0, 0), (" discard no", 1, 3), (" discard yes", 0, 0), (" discard mixed", 0, 0)],
-)
+@pytest.mark.parametrize(("options", "low", "high"), [("", 0, 0), (" discard no", 1, 3), (" discard yes", 0, 0), (" discard mixed", 0, 0)])
 def test_beads_beyond_the_bounds(tmp_path, options, low, high):
     request = request_of(tmp_path, PLAIN.replace("x lower 1.0", "x lower 1.0 bound x 0 3" + options))
     x, number = request.state.atoms.positions[:, 0], context_of(request).bead_compute("ch", None)
@@ -192,14 +172,11 @@ def test_beads_beyond_the_bounds(tmp_path, options, low, high):
 
 def test_a_box_that_has_grown_gets_more_slices(tmp_path):
     request = request_of(tmp_path, PLAIN)
-    box = np.diag([7.5, 5.0, 6.0])
-    context = context_of(request, box=box)
+    context = context_of(request, box=np.diag([7.5, 5.0, 6.0]))
     assert request.state.computes["ch"].settings.bins(context.box).count == 8
 
 
 # -- averages ----------------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("mode", "expected"), [("one", [1, 2, 3, 4]), ("running", [1, 1.5, 2, 2.5]), ("window 2", [1, 1.5, 2.5, 3.5])])
 def test_how_windows_combine(tmp_path, mode, expected):
     request = request_of(tmp_path, PLAIN + f"variable a equal step/10\nfix t all ave/time 10 1 10 v_a ave {mode} start 10 file t.out\n")
@@ -215,10 +192,8 @@ def test_how_windows_combine(tmp_path, mode, expected):
 
 
 def test_other_averages_in_formulas_and_thermo_output(tmp_path):
-    text = PLAIN + (
-        "variable a equal step\nfix s all ave/time 1 1 1 v_a v_a\nvariable twice equal 2*f_s[1]\nfix t all ave/time 1 2 2 v_twice\n"
-        "thermo_style custom step f_t f_s[2] v_twice\n"
-    )
+    text = PLAIN + "variable a equal step\nfix s all ave/time 1 1 1 v_a v_a\nvariable twice equal 2*f_s[1]\n"
+    text += "fix t all ave/time 1 2 2 v_twice\nthermo_style custom step f_t f_s[2] v_twice\n"
     request = request_of(tmp_path, text)
     assert request.thermo.values(context_of(request).sample)["f_t"] == 0  # before the first window is complete
     for step in (0, 1, 2):
@@ -229,10 +204,8 @@ def test_other_averages_in_formulas_and_thermo_output(tmp_path):
 
 
 def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
-    text = HEAT + (
-        "compute h all edpd/temp/atom\ncompute t two temp\nfix a all ave/chunk 1 1 1 ch c_h\nfix b all ave/chunk 1 1 1 ch temp\n"
-        "fix c all ave/time 1 1 1 c_t\nvariable e equal pe\nfix d all ave/time 1 1 1 v_e\n"
-    )
+    text = HEAT + "compute h all edpd/temp/atom\ncompute t two temp\nfix a all ave/chunk 1 1 1 ch c_h\nfix b all ave/chunk 1 1 1 ch temp\n"
+    text += "fix c all ave/time 1 1 1 c_t\nvariable e equal pe\nfix d all ave/time 1 1 1 v_e\n"
     request = request_of(tmp_path, text)
     needs = [set(average.needs(request.state)) for average in request.averages]
     potential = {"pair_energy", "bond_energy", "angle_energy", "dihedral_energy"}
@@ -241,11 +214,9 @@ def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
 
 # -- in a run -----------------------------------------------------------------------------------------------------------------------
 def test_a_run_takes_every_sample_and_reports_profiles(tmp_path):
-    text = HEAT + (
-        "set type 2 edpd/temp 1.1\ncompute h all edpd/temp/atom\nvariable s equal step\n"
-        "fix p all ave/chunk 2 3 10 ch c_h vx density/number file p.out\nfix t all ave/time 2 3 10 v_s file t.out\n"
-        "thermo 7\nthermo_style custom step f_t\nrun 20\nrun 13\n"
-    )
+    text = HEAT + "set type 2 edpd/temp 1.1\ncompute h all edpd/temp/atom\nvariable s equal step\n"
+    text += "fix p all ave/chunk 2 3 10 ch c_h vx density/number file p.out\nfix t all ave/time 2 3 10 v_s file t.out\n"
+    text += "thermo 7\nthermo_style custom step f_t\nrun 20\nrun 13\n"
     report = run_deck(write(tmp_path, text), QUICK, out=tmp_path)
     json.dumps(report)
     assert [head[0] for head, _ in blocks_of(tmp_path / "p.out")] == [10, 20, 30]
@@ -261,10 +232,9 @@ def test_a_run_takes_every_sample_and_reports_profiles(tmp_path):
 
 
 def test_concentrations_of_a_run_add_up(tmp_path):
-    text = SPECIES + (
-        "compute c1 all tdpd/cc/atom 1\ncompute c2 all tdpd/cc/atom 2\ncompute s1 all reduce sum c_c1\ncompute s2 all reduce sum c_c2\n"
-        "thermo_style custom step c_s1 c_s2\nthermo_modify norm no\ndump d all custom 5 d.out id c_c1 c_c2\nrun 5\n"
-    )
+    text = SPECIES + "compute c1 all tdpd/cc/atom 1\ncompute c2 all tdpd/cc/atom 2\ncompute s1 all reduce sum c_c1\n"
+    text += "compute s2 all reduce sum c_c2\nthermo_style custom step c_s1 c_s2\nthermo_modify norm no\n"
+    text += "dump d all custom 5 d.out id c_c1 c_c2\nrun 5\n"
     thermo = run_deck(write(tmp_path, text), QUICK, out=tmp_path)["thermo"]
     assert thermo["c_s1"]["last"] == pytest.approx(60) and thermo["c_s2"]["last"] == pytest.approx(-20)
     frames = (tmp_path / "d.out").read_text().split("ITEM: ATOMS id c_c1 c_c2\n")[1:]
@@ -291,35 +261,33 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
 
 
 # -- what is refused ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("compute x all chunk/atom bin/sphere 1 1 1 0 1 2\n", "only styles bin/1d, bin/2d, bin/3d are supported"),
-        ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
-        ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
-        ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),
-        ("compute x all chunk/atom bin/1d x lower 1 bound x 3 1\n", "the lower bound 3 is not below the upper one, 1"),
-        ("compute x all chunk/atom bin/1d x lower 1e-9\n", "a thickness of 1e-09 gives 6e\\+09 slices"),
-        ("compute x all chunk/atom bin/1d x lower 1 region r\n", "there is no region 'r'"),
-        ("compute x all dpd/atom\n", "compute dpd/atom needs atom_style dpd, but the deck has atom_style atomic"),
-        ("compute x all edpd/temp/atom\n", "compute edpd/temp/atom needs atom_style edpd"),
-        ("compute x all tdpd/cc/atom 1\n", "compute tdpd/cc/atom needs atom_style tdpd"),
-        ("compute x all reduce sum c_y\n", "there is no compute 'y'"),
-        ("compute x all reduce sum c_ch[1]\n", "compute ch .style chunk/atom. has one value per bead; use c_ch"),
-        ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
-        ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute ch .style chunk/atom. has values of single beads"),
-        ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
-        ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
-        ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),
-        ("fix f all ave/chunk 10 10 50 ch vx\n", "Nfreq must be a multiple of Nevery, at least Nrepeat.Nevery"),
-        ("fix f all ave/chunk 3 1 10 ch vx\n", "Nfreq must be a multiple of Nevery"),
-        ("fix f all ave/chunk 1 1 1 ch vx ave window\n", "needs 2 values"),
-        ("fix f all ave/time 1 1 1 v_no\n", "there is no variable 'no'"),
-        ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "off 3, but the fix averages 1"),
-        ("fix f all ave/time 1 1 1 c_thermo_temp\nreset_timestep 10\n", "reset_timestep is not possible while fix f counts steps"),
-        ("fix f all ave/time 1 1 1 c_thermo_temp\nthermo_style custom f_f[1]\n", "f_f: the fix averages 1 value; use f_f"),
-        ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "f_f: the fix has 3 columns; use f_f.row..column."),
-    ],
+@cases(
+    "text, message",
+    ("compute x all chunk/atom bin/sphere 1 1 1 0 1 2\n", "only styles bin/1d, bin/2d, bin/3d are supported"),
+    ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
+    ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
+    ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),
+    ("compute x all chunk/atom bin/1d x lower 1 bound x 3 1\n", "the lower bound 3 is not below the upper one, 1"),
+    ("compute x all chunk/atom bin/1d x lower 1e-9\n", "a thickness of 1e-09 gives 6e\\+09 slices"),
+    ("compute x all chunk/atom bin/1d x lower 1 region r\n", "there is no region 'r'"),
+    ("compute x all dpd/atom\n", "compute dpd/atom needs atom_style dpd, but the deck has atom_style atomic"),
+    ("compute x all edpd/temp/atom\n", "compute edpd/temp/atom needs atom_style edpd"),
+    ("compute x all tdpd/cc/atom 1\n", "compute tdpd/cc/atom needs atom_style tdpd"),
+    ("compute x all reduce sum c_y\n", "there is no compute 'y'"),
+    ("compute x all reduce sum c_ch[1]\n", "compute ch .style chunk/atom. has one value per bead; use c_ch"),
+    ("compute p all property/atom x y\ncompute x all reduce sum c_p\n", "has 2 values per bead; use c_p.1. and so on"),
+    ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute ch .style chunk/atom. has values of single beads"),
+    ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
+    ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
+    ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),
+    ("fix f all ave/chunk 10 10 50 ch vx\n", "Nfreq must be a multiple of Nevery, at least Nrepeat.Nevery"),
+    ("fix f all ave/chunk 3 1 10 ch vx\n", "Nfreq must be a multiple of Nevery"),
+    ("fix f all ave/chunk 1 1 1 ch vx ave window\n", "needs 2 values"),
+    ("fix f all ave/time 1 1 1 v_no\n", "there is no variable 'no'"),
+    ("fix f all ave/time 1 1 1 c_thermo_temp off 3\n", "off 3, but the fix averages 1"),
+    ("fix f all ave/time 1 1 1 c_thermo_temp\nreset_timestep 10\n", "reset_timestep is not possible while fix f counts steps"),
+    ("fix f all ave/time 1 1 1 c_thermo_temp\nthermo_style custom f_f[1]\n", "f_f: the fix averages 1 value; use f_f"),
+    ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f\n", "f_f: the fix has 3 columns; use f_f.row..column."),
 )
 def test_errors(tmp_path, text, message):
     with pytest.raises(DeckError, match=r"in.deck:\d+: .*" + message):

@@ -11,8 +11,7 @@ from openmm_dpd.lammps import RunOptions, read_deck
 from openmm_dpd.lammps.output.data_writer import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 EXAMPLES = ("dpde-vv", "dpde-shardlow", "dpdp-shardlow", "dpdh-shardlow", "dpde-table", "edpd", "tdpd", "mdpd")

@@ -3,31 +3,21 @@
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.base.errors import DeckError
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 FINISH = "\npair_style zero 1.0\npair_coeff * *\nmass * 1.0\nrun 0\n"
-THREE = """region b block 0 4 0 4 0 4
-create_box 2 b
-create_atoms 1 single 1 1 1
-create_atoms 2 single 3 3 3
-create_atoms 2 single 3 1 3
-mass * 1.0
-"""
+THREE = "region b block 0 4 0 4 0 4\ncreate_box 2 b\ncreate_atoms 1 single 1 1 1\ncreate_atoms 2 single 3 3 3\n"
+THREE += "create_atoms 2 single 3 1 3\nmass * 1.0\n"
 ROW = "region b block 0 8 0 8 0 8\ncreate_box 2 b\n" + "".join(f"create_atoms {1 + k % 2} single {k + 0.5} 1 1\n" for k in range(8))
 
 DECKS = {
-    "a region up to the edge, real": """units real
-lattice sc 3.3
-region box block 1 9 0 6 0 6
-create_box 1 box
-region half block EDGE 5.25 INF INF INF INF
-create_atoms 1 region half
-""",
+    "a region up to the edge, real": "units real\nlattice sc 3.3\nregion box block 1 9 0 6 0 6\ncreate_box 1 box\n"
+    "region half block EDGE 5.25 INF INF INF INF\ncreate_atoms 1 region half\n",
     "beads on a face, real": """units real
 lattice sc 1.1
 region box block 0 8 0 8 0 8
@@ -63,32 +53,15 @@ create_atoms 1 region r
 region t block EDGE 1.1 EDGE 4.1 1.1 EDGE
 group t region t
 """,
-    "lattices on faces of a tilted box, real": """units real
-lattice bcc 2.7
-region box prism 0 6 0 5 0 4 1.5 -0.5 1
-create_box 1 box
-create_atoms 1 box
-region p prism 1 4 1 3 1 3 0.5 0 0.5
-group p region p
-""",
+    "lattices on faces of a tilted box, real": "units real\nlattice bcc 2.7\nregion box prism 0 6 0 5 0 4 1.5 -0.5 1\ncreate_box 1 box\ncreate_atoms 1 box\n"
+    "region p prism 1 4 1 3 1 3 0.5 0 0.5\ngroup p region p\n",
     "set beyond the box": THREE
-    + """set type 1 z 5.0
-set type 1 z 6.5
-velocity all ramp vx 0 8 z 0 8
-group beyond region b
-set atom 2 image 3 NULL -1
-set atom 2 y -0.5
-""",
+    + "set type 1 z 5.0\nset type 1 z 6.5\nvelocity all ramp vx 0 8 z 0 8\ngroup beyond region b\nset atom 2 image 3 NULL -1\n"
+    "set atom 2 y -0.5\n",
     "set beyond a tilted box": THREE.replace("block 0 4 0 4 0 4", "prism 0 4 0 4 0 4 0.7 0 -0.3") + "set type 2 x -1.3\nset atom 1 y 4.6\n",
     "two runs": THREE + FINISH + "set atom 1 x 4.4\nset atom 2 z -1e-17\nregion low block INF INF INF INF INF 0\ngroup low region low\n",
-    "two runs in a tilted box": """units real
-lattice fcc 3.3
-region box prism 0 4 0 4 0 4 0.9 0.3 -0.7
-create_box 2 box
-create_atoms 1 box
-"""
-    + FINISH
-    + "region r block 1 2.5 1 2.5 1 2.5\ngroup r region r\n",
+    "two runs in a tilted box": "units real\nlattice fcc 3.3\nregion box prism 0 4 0 4 0 4 0.9 0.3 -0.7\ncreate_box 2 box\n"
+    "create_atoms 1 box\n" + FINISH + "region r block 1 2.5 1 2.5 1 2.5\ngroup r region r\n",
     "tilted boxes that are not sorted": "atom_modify sort 0 0\nlattice sc 1\nregion b prism 0 4 0 4 0 4 0.9 0.3 -0.7\ncreate_box 2 b\ncreate_atoms 1 box\n",
     "ids in storage order": ROW
     + "group d id 2 5 8\ndelete_atoms group d\ngroup three id 3\ncreate_atoms 1 single 7 7 7\ngroup f id 1 6\ndelete_atoms group f\ngroup last id 4\n",
@@ -129,11 +102,7 @@ create_atoms 3 single 15 0 0 units box
 group third type 3
 delete_atoms group mid compress no
 """,
-    "basis and subset": """lattice bcc 1.0
-region b block 0 5 0 5 0 5
-create_box 2 b
-create_atoms 1 box basis 2 2
-""",
+    "basis and subset": "lattice bcc 1.0\nregion b block 0 5 0 5 0 5\ncreate_box 2 b\ncreate_atoms 1 box basis 2 2\n",
     "spacings": "lattice custom 1.7 a1 1 0.2 0 a2 0 1.5 0.1 a3 0.3 0 2 basis 0 0 0 basis 0.5 0.5 0.25 origin 0.1 0.7 0 orient x 1 1 0 orient y -1 1 0 orient z 0 0 1\n"
     "region b block -1 4 0 3 0 5\ncreate_box 2 b\ncreate_atoms 1 box basis 2 2\nregion s sphere 1 1 1 1.2\ngroup s region s\n",
 }
@@ -159,11 +128,8 @@ def test_random_regions_on_random_lattices(tmp_path, seed):
         centre, radius = rng.integers(-1, 6, 3) / 2, rng.integers(1, 5) / 2
         place = " ".join(f"{value:g}" for value in centre)
         pairs = " ".join(f"{x:g} {x + y:g}" for x, y in zip(a, b, strict=True))
-        text = (
-            f"block {pairs}",
-            f"sphere {place} {radius:g}",
-            f"cylinder {'xyz'[k % 3]} {' '.join(place.split()[:2])} {radius:g} EDGE 1.5",
-        )
+        cylinder = f"cylinder {'xyz'[k % 3]} {' '.join(place.split()[:2])} {radius:g} EDGE 1.5"
+        text = (f"block {pairs}", f"sphere {place} {radius:g}", cylinder)
         lines += [f"region r{k} {text[k % 3]}", f"group g{k} region r{k}"]
     same_beads(tmp_path, "\n".join(lines) + FINISH)
 
@@ -189,9 +155,8 @@ def test_a_bead_that_lammps_loses_is_an_error(tmp_path, place, lost):
         return
     with pytest.raises(Exception, match="Lost atoms"):
         theirs(tmp_path, text)
-    with pytest.raises(
-        DeckError, match=f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"
-    ):
+    lost = f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"
+    with pytest.raises(DeckError, match=lost):
         ours(tmp_path, text)
 
 
@@ -202,15 +167,13 @@ def test_new_ids_after_a_run_are_an_error(tmp_path):
     same_beads(tmp_path, text.replace("group d\nrun", "group d compress no\nrun"))
 
 
-@pytest.mark.parametrize(
-    ("prepare", "count"),
-    [
-        ("create_atoms 1 box ratio 0.77 5", "all"),
-        ("create_atoms 1 box ratio 0.5 5", "all"),
-        ("create_atoms 1 box\nset type 1 type/ratio 2 0.35 77", "t"),
-        ("create_atoms 1 region c\nset group all type/ratio 2 0.5 7", "t"),
-        ("create_atoms 1 box\nset type 1 type/ratio 2 0.999 77", "t"),
-    ],
+@cases(
+    "prepare, count",
+    ("create_atoms 1 box ratio 0.77 5", "all"),
+    ("create_atoms 1 box ratio 0.5 5", "all"),
+    ("create_atoms 1 box\nset type 1 type/ratio 2 0.35 77", "t"),
+    ("create_atoms 1 region c\nset group all type/ratio 2 0.5 7", "t"),
+    ("create_atoms 1 box\nset type 1 type/ratio 2 0.999 77", "t"),
 )
 def test_fractions_of_beads(tmp_path, prepare, count):
     text = f"lattice sc 1.0\nregion b block 0 3 0 3 0 3\ncreate_box 2 b\nregion c block 0 2 0 2 0 1\n{prepare}\ngroup t type 2\n{FINISH}"

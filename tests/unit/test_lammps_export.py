@@ -8,6 +8,9 @@ import warnings
 import exported
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
@@ -109,10 +112,8 @@ def test_beads_on_which_only_body_forces_act(tmp_path):
 
 def test_an_exported_deck_keeps_its_corner(tmp_path):
     deck = tmp_path / "in.corner"
-    deck.write_text(
-        "units real\nregion b block -7 23 4 37 -2 31 units box\ncreate_box 1 b\ncreate_atoms 1 single 1 5 30\nmass 1 1\n"
-        "pair_style dpd 300 9 1\npair_coeff 1 1 0.5 1\nfix 1 all nve\nrun 1\n"
-    )
+    text = "units real\nregion b block -7 23 4 37 -2 31 units box\ncreate_box 1 b\ncreate_atoms 1 single 1 5 30\nmass 1 1\n"
+    deck.write_text(text + "pair_style dpd 300 9 1\npair_coeff 1 1 0.5 1\nfix 1 all nve\nrun 1\n")
     lines = export_deck(deck, tmp_path / "out").data.read_text().splitlines()
     bounds = {line.split()[2]: [float(word) for word in line.split()[:2]] for line in lines if line.endswith("hi")}
     assert bounds["xlo"] == pytest.approx([-7, 23]) and bounds["ylo"] == pytest.approx([4, 37]) and bounds["zlo"] == pytest.approx([-2, 31])
@@ -123,8 +124,7 @@ def test_an_exported_deck_keeps_its_corner(tmp_path):
 def test_numbers_keep_all_of_their_digits(tmp_path):
     scene = fluid()
     written = export_lammps(scene, tmp_path, "x", dt=0.1 / 3, steps=1)
-    found = deck_scene(written.deck)
-    np.testing.assert_array_equal(found.velocities, scene.velocities)
+    np.testing.assert_array_equal(deck_scene(written.deck).velocities, scene.velocities)
     state = read_lammps_data(written.data, scene)
     np.testing.assert_allclose(state.unwrapped[0], scene.positions, rtol=0, atol=4e-15)
     assert np.any(state.images)
@@ -147,15 +147,13 @@ def test_a_plan_brings_its_choices(tmp_path):
     assert not written.differences
 
 
-@pytest.mark.parametrize(
-    ("term", "expected"),
-    [
-        (dpd.DPD(A=25, gamma=4.5), "dpd 1.0 1.0 1"),
-        (dpd.DPD(gamma=4.5), "dpd/tstat 1.0 1.0 1.0 1"),
-        (dpd.DPD(A=25, sigma=3.0), "dpd/fdt 1.0 1.0 1"),
-        (dpd.DPD(A=25, gamma=4.5, exponent=0.5), "dpd/ext 1.0 1.0 1"),
-        (dpd.DPD(gamma=4.5, gamma_perp=1.0), "dpd/ext/tstat 1.0 1.0 1.0 1"),
-    ],
+@cases(
+    "term, expected",
+    (dpd.DPD(A=25, gamma=4.5), "dpd 1.0 1.0 1"),
+    (dpd.DPD(gamma=4.5), "dpd/tstat 1.0 1.0 1.0 1"),
+    (dpd.DPD(A=25, sigma=3.0), "dpd/fdt 1.0 1.0 1"),
+    (dpd.DPD(A=25, gamma=4.5, exponent=0.5), "dpd/ext 1.0 1.0 1"),
+    (dpd.DPD(gamma=4.5, gamma_perp=1.0), "dpd/ext/tstat 1.0 1.0 1.0 1"),
 )
 def test_the_plainest_style_is_taken(term, expected, tmp_path):
     written = export_lammps(fluid(pairs={("*", "*"): term}), tmp_path, "x", dt=0.01, steps=1, seed=1)
@@ -175,13 +173,11 @@ def test_masses_of_single_beads_become_types(tmp_path):
 
 def test_ramps_in_one_go_and_in_parts(tmp_path):
     def runs(begin, end, steps):
-        scene = fluid(kT=dpd.TemperatureRamp(1.0, 2.0, begin, end))
-        return export_lammps(scene, tmp_path, "x", dt=0.01, steps=steps, seed=1)
+        return export_lammps(fluid(kT=dpd.TemperatureRamp(1.0, 2.0, begin, end)), tmp_path, "x", dt=0.01, steps=steps, seed=1)
 
     written = runs(-50, 100, 80)
     assert words(written, "run") == ["80 start 0 stop 150"] and words(written, "reset_timestep") == ["50"]
-    found = deck_scene(written.deck)
-    assert found.kT == dpd.TemperatureRamp(1.0, 2.0, -50, 100)
+    assert deck_scene(written.deck).kT == dpd.TemperatureRamp(1.0, 2.0, -50, 100)
     assert words(runs(10, 40, 100), "run") == ["10", "30 start 10 stop 40", "60"]
     assert words(runs(200, 300, 100), "run") == ["100"]
     with pytest.raises(dpd.ParameterError, match="fixed sigma while the temperature changes"):
@@ -246,37 +242,31 @@ def test_nothing_is_said_where_nothing_differs(tmp_path):
 
 
 # -- errors -------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("choices", "message"),
-    [
-        ({"dt": None}, "dt, the step size, is missing"),
-        ({"dt": -1.0}, "dt must be one time > 0"),
-        ({"scheme": "leapfrog"}, "unknown scheme 'leapfrog'; it must be one of mvv"),
-        ({"units": "si"}, "unknown units 'si'"),
-        ({"name": "a b"}, "the name of an export"),
-        ({"name": "../x"}, "the name of an export"),
-        ({"steps": 1.5}, "steps must be a whole number"),
-        ({"lam": 2.0}, "between 0 and 1"),
-        ({"every": 0}, "every must be at least 1"),
-        ({"corner": [1.0]}, "corner must be three lengths"),
-    ],
+@cases(
+    "choices, message",
+    ({"dt": None}, "dt, the step size, is missing"),
+    ({"dt": -1.0}, "dt must be one time > 0"),
+    ({"scheme": "leapfrog"}, "unknown scheme 'leapfrog'; it must be one of mvv"),
+    ({"units": "si"}, "unknown units 'si'"),
+    ({"name": "a b"}, "the name of an export"),
+    ({"name": "../x"}, "the name of an export"),
+    ({"steps": 1.5}, "steps must be a whole number"),
+    ({"lam": 2.0}, "between 0 and 1"),
+    ({"every": 0}, "every must be at least 1"),
+    ({"corner": [1.0]}, "corner must be three lengths"),
 )
 def test_bad_choices(choices, message, tmp_path):
     arguments = {"dt": 0.01, "name": "x", **choices}
-    with pytest.raises(dpd.ParameterError, match=message):
-        export_lammps(fluid(), tmp_path, arguments.pop("name"), **arguments)
+    raises(dpd.ParameterError, message, lambda: export_lammps(fluid(), tmp_path, arguments.pop("name"), **arguments))
 
 
 def test_what_is_no_scene_and_what_is_no_folder(tmp_path):
-    with pytest.raises(dpd.ParameterError, match="expected a Scene"):
-        export_lammps("scene", tmp_path, "x", dt=0.01)
-    (tmp_path / "file").write_text("")
+    raises(dpd.ParameterError, "expected a Scene", lambda: export_lammps("scene", tmp_path, "x", dt=0.01))
     with pytest.raises(dpd.OutputError, match="the folder .*file.* cannot be written .*write elsewhere"):
-        export_lammps(fluid(), tmp_path / "file", "x", dt=0.01)
+        export_lammps(fluid(), put(tmp_path / "file", ""), "x", dt=0.01)
     if os.getuid():
         (tmp_path / "closed").mkdir(mode=0o500)
-        with pytest.raises(dpd.ParameterError, match="cannot be written"):
-            export_lammps(fluid(), tmp_path / "closed", "x", dt=0.01)
+        raises(dpd.ParameterError, "cannot be written", lambda: export_lammps(fluid(), tmp_path / "closed", "x", dt=0.01))
 
 
 def test_a_part_of_a_scene_that_is_not_known_is_an_error(tmp_path, monkeypatch):
@@ -295,8 +285,7 @@ def test_edpd_that_lammps_computes_wrongly(tmp_path):
     with pytest.raises(dpd.ParameterError, match="the last pair_coeff line only"):
         export_lammps(dataclasses.replace(beads, pairs=pairs), tmp_path, "x", dt=0.01)
     short = {("*", "*"): dpd.EDPD(A=18, gamma=1.0, kappa=0.1, cutoff_T=0.5)}
-    with pytest.raises(dpd.ParameterError, match="stale values"):
-        export_lammps(dataclasses.replace(beads, pairs=short), tmp_path, "x", dt=0.01)
+    raises(dpd.ParameterError, "stale values", lambda: export_lammps(dataclasses.replace(beads, pairs=short), tmp_path, "x", dt=0.01))
 
 
 # -- the command line ---------------------------------------------------------------------------------------------------------
@@ -324,17 +313,13 @@ def pair_scene(**changes) -> dpd.Scene:
 def dump(tmp_path, columns: str, *rows: str, header: str = HEADER):
     path = tmp_path / "x.dump"
     frames = [header.format(step=10 * k) + f"ITEM: ATOMS {columns}\n" + row for k, row in enumerate(rows)]
-    path.write_text("".join(frames))
-    return path
+    return put(path, "".join(frames))
 
 
 def test_ids_images_and_units(tmp_path):
-    path = dump(
-        tmp_path,
-        "id type x y z ix iy iz vx vy vz c_mine",
-        "2 1 1 2 3 0 -1 0 .5 0 0 7\n1 1 -1 1 1 1 0 0 1 0 0 8\n",
-        "1 1 -1 1 1.5 1 0 0 1 0 0 9\n2 1 1 2 3.5 0 -1 0 .5 0 0 10\n",
-    )
+    first = "2 1 1 2 3 0 -1 0 .5 0 0 7\n1 1 -1 1 1 1 0 0 1 0 0 8\n"
+    second = "1 1 -1 1 1.5 1 0 0 1 0 0 9\n2 1 1 2 3.5 0 -1 0 .5 0 0 10\n"
+    path = dump(tmp_path, "id type x y z ix iy iz vx vy vz c_mine", first, second)
     frames = read_lammps_dump(path, pair_scene())
     assert frames.steps.tolist() == [0, 10] and frames.ids.tolist() == [1, 2]
     np.testing.assert_array_equal(frames.positions[0], [[-1, 1, 1], [1, 2, 3]])
@@ -346,22 +331,19 @@ def test_ids_images_and_units(tmp_path):
     real = read_lammps_dump(path, units="real")
     np.testing.assert_allclose(real.unwrapped, frames.unwrapped * 0.1)
     np.testing.assert_allclose(real.velocities, frames.velocities * 100)
-    with pytest.raises(dpd.ParameterError, match="give the units of the file"):
-        read_lammps_dump(path, pair_scene(box=[40.0, 40, 40]))
+    raises(dpd.ParameterError, "give the units of the file", lambda: read_lammps_dump(path, pair_scene(box=[40.0, 40, 40])))
     trajectory = frames.trajectory(dt=0.5, unwrap=True)
     np.testing.assert_allclose(trajectory.xyz[0], [[5, 1, 1], [3, -2, 3]])  # from the corner of the box
     np.testing.assert_allclose(trajectory.time, [0, 5])
     np.testing.assert_allclose(trajectory.unitcell_lengths, 4)
 
 
-@pytest.mark.parametrize(
-    ("columns", "row"),
-    [
-        ("xu yu zu", "-3 0 7"),
-        ("xs ys zs ix iy iz", "0.75 0 0.75 -1 0 1"),
-        ("xsu ysu zsu", "-0.25 0 1.75"),
-        ("x y z ix iy iz", "1 0 3 -1 0 1"),
-    ],
+@cases(
+    "columns, row",
+    ("xu yu zu", "-3 0 7"),
+    ("xs ys zs ix iy iz", "0.75 0 0.75 -1 0 1"),
+    ("xsu ysu zsu", "-0.25 0 1.75"),
+    ("x y z ix iy iz", "1 0 3 -1 0 1"),
 )
 def test_every_kind_of_position(columns, row, tmp_path):
     path = dump(tmp_path, f"id {columns}", f"1 {row}\n2 {row}\n")
@@ -369,65 +351,49 @@ def test_every_kind_of_position(columns, row, tmp_path):
 
 
 def test_tilted_boxes_of_dumps(tmp_path):
-    header = (
-        "ITEM: UNITS\nlj\nITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n2\n"
-        "ITEM: BOX BOUNDS xy xz yz pp pp pp\n-0.5 5.0 1.0\n0.0 4.5 -0.5\n0.0 4.0 0.5\n"
-    )
+    header = "ITEM: UNITS\nlj\nITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n2\n"
+    header += "ITEM: BOX BOUNDS xy xz yz pp pp pp\n-0.5 5.0 1.0\n0.0 4.5 -0.5\n0.0 4.0 0.5\n"
     path = dump(tmp_path, "id xs ys zs ix iy iz", "1 0 0 0 0 0 1\n2 0.5 0 0 0 1 0\n", header=header)
     frames = read_lammps_dump(path)
     np.testing.assert_allclose(frames.boxes[0], [[4, 0, 0], [1, 4, 0], [-0.5, 0.5, 4]])
     np.testing.assert_allclose(frames.unwrapped[0], [[-0.5, 0.5, 4], [3, 4, 0]])
-    with pytest.raises(dpd.ParameterError, match="its units are lj, not real"):
-        read_lammps_dump(path, units="real")
+    raises(dpd.ParameterError, "its units are lj, not real", lambda: read_lammps_dump(path, units="real"))
 
 
-@pytest.mark.parametrize(
-    ("columns", "rows", "message"),
-    [
-        ("type x y z", ["1 1 1 1\n1 1 1 1\n"], "no column id"),
-        ("id vx vy vz", ["1 1 1 1\n2 1 1 1\n"], "no positions in it"),
-        ("id x y z", ["1 1 1 1\n"], "cut off"),
-        ("id x y z", ["1 1 1 1\n2 1 1\n"], r"x.dump:11: expected 4 values"),
-        ("id x y z", ["1 1 1 1\n2 1 1 a\n"], r"x.dump:11: expected a number in column z"),
-        ("id x y z", ["1 1 1 1\n1 1 1 1\n"], "id 1 appears twice"),
-        ("id x y z", ["1 1 1 1\n2 1 1 1\n", "1 1 1 1\n3 1 1 1\n"], "step 10 holds other beads than step 0"),
-        ("id x y z", ["1 1 1 1\n2 1 1 1\nrubbish\n"], "expected a line 'ITEM"),
-    ],
+@cases(
+    "columns, rows, message",
+    ("type x y z", ["1 1 1 1\n1 1 1 1\n"], "no column id"),
+    ("id vx vy vz", ["1 1 1 1\n2 1 1 1\n"], "no positions in it"),
+    ("id x y z", ["1 1 1 1\n"], "cut off"),
+    ("id x y z", ["1 1 1 1\n2 1 1\n"], r"x.dump:11: expected 4 values"),
+    ("id x y z", ["1 1 1 1\n2 1 1 a\n"], r"x.dump:11: expected a number in column z"),
+    ("id x y z", ["1 1 1 1\n1 1 1 1\n"], "id 1 appears twice"),
+    ("id x y z", ["1 1 1 1\n2 1 1 1\n", "1 1 1 1\n3 1 1 1\n"], "step 10 holds other beads than step 0"),
+    ("id x y z", ["1 1 1 1\n2 1 1 1\nrubbish\n"], "expected a line 'ITEM"),
 )
 def test_broken_dumps(columns, rows, message, tmp_path):
-    with pytest.raises(dpd.DeckError, match=message):
-        read_lammps_dump(dump(tmp_path, columns, *rows))
+    raises(dpd.DeckError, message, lambda: read_lammps_dump(dump(tmp_path, columns, *rows)))
 
 
 def test_missing_columns_and_wrong_scenes(tmp_path):
     path = dump(tmp_path, "id type x y z", "1 1 1 1 1\n2 1 1 1 1\n")
     frames = read_lammps_dump(path, pair_scene())
-    with pytest.raises(dpd.ParameterError, match="has no velocities; let LAMMPS write the columns vx vy vz"):
-        frames.scene()
-    with pytest.raises(dpd.ParameterError, match="ix iy iz, or xu yu zu"):
-        frames.trajectory(unwrap=True)
+    raises(dpd.ParameterError, "has no velocities; let LAMMPS write the columns vx vy vz", frames.scene)
+    raises(dpd.ParameterError, "ix iy iz, or xu yu zu", lambda: frames.trajectory(unwrap=True))
     assert frames.trajectory().n_atoms == 2
-    with pytest.raises(dpd.ParameterError, match="give the scene"):
-        read_lammps_dump(path).scene()
-    with pytest.raises(dpd.ParameterError, match="2 beads, but the scene has 240"):
-        read_lammps_dump(path, fluid())
-    with pytest.raises(dpd.ParameterError, match="there is no frame 3"):
-        frames.scene(3)
+    raises(dpd.ParameterError, "give the scene", lambda: read_lammps_dump(path).scene())
+    raises(dpd.ParameterError, "2 beads, but the scene has 240", lambda: read_lammps_dump(path, fluid()))
+    raises(dpd.ParameterError, "there is no frame 3", lambda: frames.scene(3))
     two = pair_scene(masses={"A": 1.0, "B": 1.0}, types=["A", "B"], pairs={("*", "*"): dpd.DPD(A=25)})
-    with pytest.raises(dpd.ParameterError, match="id 2 has the type 1, but bead 1 of the scene is 'B', type 2"):
-        read_lammps_dump(path, two)
-    with pytest.raises(dpd.DeckError, match="cannot read the file"):
-        read_lammps_dump(tmp_path / "nothing")
+    raises(dpd.ParameterError, "id 2 has the type 1, but bead 1 of the scene is 'B', type 2", lambda: read_lammps_dump(path, two))
+    raises(dpd.DeckError, "cannot read the file", lambda: read_lammps_dump(tmp_path / "nothing"))
 
 
 def test_internal_temperatures_come_from_the_computes(tmp_path):
     scene = pair_scene(pairs={("A", "A"): dpd.EnergyDPD(A=25, sigma=3)}, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(10.0), 1.0))
-    columns = "id x y z vx vy vz c_a[1] c_a[2] c_a[4]"
-    path = dump(tmp_path, columns, "1 0 0 0 0 0 0 5 15 2\n2 0 0 0 0 0 0 -5 35 3\n")
-    with pytest.raises(dpd.ParameterError, match="no internal temperatures"):
-        read_lammps_dump(path, scene).scene()
-    names = {"c_a[1]": "u_cond", "c_a[2]": "u_mech", "c_a[4]": "theta"}
-    found = read_lammps_dump(path, scene, names=names).scene()
+    path = dump(tmp_path, "id x y z vx vy vz c_a[1] c_a[2] c_a[4]", "1 0 0 0 0 0 0 5 15 2\n2 0 0 0 0 0 0 -5 35 3\n")
+    raises(dpd.ParameterError, "no internal temperatures", lambda: read_lammps_dump(path, scene).scene())
+    found = read_lammps_dump(path, scene, names={"c_a[1]": "u_cond", "c_a[2]": "u_mech", "c_a[4]": "theta"}).scene()
     np.testing.assert_allclose(found.internal.energies(found.type_ids, found.type_names), [[5, 15], [-5, 35]])
 
 
@@ -439,16 +405,11 @@ def test_broken_data_files(tmp_path):
 
     def broken(old: str, new: str):
         assert old in text
-        written.data.write_text(text.replace(old, new, 1))
-        return scene_from_data(written.data, scene)
+        return scene_from_data(put(written.data, text.replace(old, new, 1)), scene)
 
-    with pytest.raises(dpd.DeckError, match="section Atoms has 240 lines, but the header announces 241"):
-        broken("240 atoms", "241 atoms")
+    raises(dpd.DeckError, "section Atoms has 240 lines, but the header announces 241", lambda: broken("240 atoms", "241 atoms"))
     with pytest.raises(dpd.DeckError, match="expected an atom of atom_style atomic: id type x y z"):
         broken("Atoms # atomic\n\n1 ", "Atoms # atomic\n\nx ")
-    with pytest.raises(dpd.ParameterError, match="no velocities"):
-        broken("Velocities", "Speeds")
-    with pytest.raises(dpd.DeckError, match="has no line 'xlo xhi'"):
-        broken("xlo xhi", "xlow xhigh")
-    with pytest.raises(dpd.ParameterError, match="its units are lj, not real"):
-        scene_from_data(written.data, scene, units="real")
+    raises(dpd.ParameterError, "no velocities", lambda: broken("Velocities", "Speeds"))
+    raises(dpd.DeckError, "has no line 'xlo xhi'", lambda: broken("xlo xhi", "xlow xhigh"))
+    raises(dpd.ParameterError, "its units are lj, not real", lambda: scene_from_data(written.data, scene, units="real"))

@@ -4,8 +4,7 @@ import lammps_peer
 import pytest
 from test_lammps_thermo_live import both, numbers
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 #: Averages of every kind of value: sums over beads and others, single ones and vectors, of computes, variables and other averages.
 DECK = """units {units}
@@ -48,10 +47,7 @@ thermo_modify format float %.12g {norm}
 thermo 5
 run 5
 """
-UNITS = {
-    "lj": {"lattice": 0.8, "cutoff": 1.2, "sigma": 0.9, "dt": 0.001},
-    "real": {"lattice": 3.0, "cutoff": 4.0, "sigma": 3.0, "dt": 0.1},
-}
+UNITS = {"lj": {"lattice": 0.8, "cutoff": 1.2, "sigma": 0.9, "dt": 0.001}, "real": {"lattice": 3.0, "cutoff": 4.0, "sigma": 3.0, "dt": 0.1}}
 
 
 @pytest.mark.parametrize("norm", ["", "norm no", "norm yes"])

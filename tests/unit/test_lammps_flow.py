@@ -5,6 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from files_of_tests import put
 
 from openmm_dpd import BodyForce, DeckError, PositionForce
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
@@ -12,8 +13,7 @@ from openmm_dpd.lammps.output.data_writer import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.model.flow import SPECULAR, Wall
 
-MISSING = lammps_peer.why_missing()
-live = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+live = lammps_peer.needed()
 
 #: A box that does not begin at 0, and beads of two types and masses that fill it; some of them a box away.
 START = """units {units}
@@ -46,8 +46,7 @@ def ours(tmp_path, text: str):
 
 
 def first_scene(tmp_path, text: str):
-    (tmp_path / "in.deck").write_text(text)
-    return read_deck(tmp_path / "in.deck", stop_before_first_run=True).first_run.scene()
+    return read_deck(put(tmp_path / "in.deck", text), stop_before_first_run=True).first_run.scene()
 
 
 def error(tmp_path, text: str) -> str:
@@ -86,9 +85,8 @@ def test_setforce_holds_beads_still(tmp_path):
 
 
 def test_walls_at_the_faces(tmp_path):
-    scene = first_scene(
-        tmp_path, deck("fix 1 all nve\nfix 2 all wall/reflect zlo EDGE zhi 7.9 units box\nrun 1\n".replace("7.9", "8.0"), "p p f")
-    )
+    text = "fix 1 all nve\nfix 2 all wall/reflect zlo EDGE zhi 7.9 units box\nrun 1\n".replace("7.9", "8.0")
+    scene = first_scene(tmp_path, deck(text, "p p f"))
     assert scene.walls == (Wall("z", 1.0, "above", SPECULAR), Wall("z", 8.0, "below", SPECULAR))
     assert scene.box[2, 2] == 14 and scene.box[0, 0] == 7  # empty room behind the walls
 
@@ -116,11 +114,7 @@ REFUSED = {
         "p p p",
         "fix 2: fix shardlow moves beads regardless of their force",
     ),
-    "setforce beside nph": (
-        "fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n",
-        "p p p",
-        "fix 2: beside fix nph",
-    ),
+    "setforce beside nph": ("fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n", "p p p", "fix 2: beside fix nph"),
     "periodic wall": (NVE + "fix 2 all wall/reflect zlo EDGE\n", "p p p", "boundary p p f"),
     "moving wall": ("variable p equal 2\n" + NVE + "fix 2 all wall/reflect zlo v_p\n", "p p f", "walls that move"),
     "outside": (NVE + "fix 2 all wall/reflect zlo 0.5 units box\n", "p p f", "outside the box"),
@@ -160,8 +154,7 @@ FORCES = {
     "frozen": "velocity low set 0 0 0\nunfix 1\ngroup rest subtract all low\nfix 1 rest nve\nfix 2 low setforce 5 0 0\nfix 3 all addforce 1 1 1\n",
 }
 
-#: Those that set forces, and with them total forces before a fix.
-SET = [name for name, text in FORCES.items() if "setforce" in text]
+SET = [name for name, text in FORCES.items() if "setforce" in text]  # Those that set forces, and with them total forces before a fix.
 
 
 def last_frame(path: Path, n: int) -> np.ndarray:
@@ -177,8 +170,7 @@ def both(tmp_path, text: str, boundary: str = "p p p", gamma: str = "0", kept: s
     if gamma != "0":
         text = text.replace("pair_style dpd 0.0", "pair_style dpd 1e-300")
     here = text.partition("run ")[0]
-    (tmp_path / "in.start").write_text(here + "run 0\n")
-    start = read_deck(tmp_path / "in.start", stop_before_first_run=True)
+    start = read_deck(put(tmp_path / "in.start", here + "run 0\n"), stop_before_first_run=True)
     (tmp_path / "data.start").write_text("\n".join(data_file_lines(start, pair=None)) + "\n")
     state, _ = ours(tmp_path, text)
     mine = last_frame(tmp_path / "forces", len(state.atoms))

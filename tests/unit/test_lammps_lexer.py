@@ -1,6 +1,8 @@
 """Text of a deck to words: continuation, comments, quotes, substitution, variables."""
 
 import pytest
+from cases import cases
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps.language.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute
@@ -14,20 +16,17 @@ def lines(text: str) -> list[tuple[int, str]]:
 
 
 def test_numbers_of_lines_are_those_of_the_first_physical_line():
-    text = "units lj\n\n# only a comment\npair_coeff 1 1 &\n   25 &\n 4.5 # why\nrun 10\n"
-    found = lines(text)
+    found = lines("units lj\n\n# only a comment\npair_coeff 1 1 &\n   25 &\n 4.5 # why\nrun 10\n")
     assert [number for number, _ in found] == [1, 4, 7]
     assert split_words(found[1][1]) == ["pair_coeff", "1", "1", "25", "4.5"]
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        # LAMMPS joins lines before it looks for comments
-        ("variable q equal 1 # text &\nvariable r equal 2\nrun 1", [(1, "variable q equal 1"), (3, "run 1")]),
-        ("run 10 &", [(1, "run 10")]),
-        ("# one page\f the next\nrun\f10", [(2, "run\f10")]),
-    ],
+@cases(
+    "text, found",
+    # LAMMPS joins lines before it looks for comments
+    ("variable q equal 1 # text &\nvariable r equal 2\nrun 1", [(1, "variable q equal 1"), (3, "run 1")]),
+    ("run 10 &", [(1, "run 10")]),
+    ("# one page\f the next\nrun\f10", [(2, "run\f10")]),
 )
 def test_comments_and_marks_of_lines(text, found):
     assert lines(text) == found
@@ -43,24 +42,17 @@ def test_a_byte_order_mark_is_left_aside(tmp_path):
     assert lines(read_text(tmp_path / "deck")) == [(1, "units lj")]
 
 
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        (b"units lj\nprint \xc5ngstrom\n", 2),
-        (b'units lj\n\nprint "# \xc5ngstrom"\n', 3),
-        (b"units lj \xc5 # \xc5ngstrom\n", 1),
-    ],
+@cases(
+    "text, line", (b"units lj\nprint \xc5ngstrom\n", 2), (b'units lj\n\nprint "# \xc5ngstrom"\n', 3), (b"units lj \xc5 # \xc5ngstrom\n", 1)
 )
 def test_other_encodings_are_named_with_their_line(tmp_path, text, line):
     (tmp_path / "deck").write_bytes(text)
-    with pytest.raises(DeckError, match=rf"deck:{line}: the file is not UTF-8 text \(byte 0xc5\)"):
-        read_text(tmp_path / "deck")
+    raises(DeckError, rf"deck:{line}: the file is not UTF-8 text \(byte 0xc5\)", lambda: read_text(tmp_path / "deck"))
 
 
 def test_other_encodings_in_a_text_of_several_lines_are_an_error(tmp_path):
     (tmp_path / "deck").write_bytes(b'units lj\nprint """one\n# \xc5ngstrom"""\n')
-    with pytest.raises(DeckError, match="deck:2: the text of several lines that begins here is not UTF-8"):
-        lines(read_text(tmp_path / "deck"))
+    raises(DeckError, "deck:2: the text of several lines that begins here is not UTF-8", lambda: lines(read_text(tmp_path / "deck")))
 
 
 def test_other_encodings_are_read_in_comments(tmp_path):
@@ -68,18 +60,15 @@ def test_other_encodings_are_read_in_comments(tmp_path):
     assert lines(read_text(tmp_path / "deck")) == [(1, "units lj"), (3, "run 10")]
     (tmp_path / "data").write_bytes(b"M\xfcller's beads\n\n5 atoms\n")
     assert read_text(tmp_path / "data", title=True).split("\n")[2] == "5 atoms"
-    with pytest.raises(DeckError, match="data:1: .*0xfc"):
-        read_text(tmp_path / "data")
+    raises(DeckError, "data:1: .*0xfc", lambda: read_text(tmp_path / "data"))
 
 
-@pytest.mark.parametrize(
-    ("text", "kept"),
-    [
-        ("run 1 # 2", "run 1 "),
-        ('print "a # b" # c', 'print "a # b" '),
-        ("print 'a \" # b'", "print 'a \" # b'"),
-        ('print """x "y" # z""" # w', 'print """x "y" # z""" '),
-    ],
+@cases(
+    "text, kept",
+    ("run 1 # 2", "run 1 "),
+    ('print "a # b" # c', 'print "a # b" '),
+    ("print 'a \" # b'", "print 'a \" # b'"),
+    ('print """x "y" # z""" # w', 'print """x "y" # z""" '),
 )
 def test_comments_end_lines_outside_quotes_only(text, kept):
     assert strip_comment(text) == kept
@@ -96,24 +85,21 @@ def test_triple_quotes_reach_over_lines():
 
 
 def test_an_open_quote_is_an_error_with_its_line():
-    with pytest.raises(DeckError, match=r'deck:2: unbalanced quotes: " is never closed'):
-        lines('run 1\nprint "open\nrun 2')
+    raises(DeckError, r'deck:2: unbalanced quotes: " is never closed', lambda: lines('run 1\nprint "open\nrun 2'))
 
 
 def expand(text: str) -> str:
     return substitute(text, {"T": "1.5", "name": "value"}.__getitem__, lambda formula: {"1/3": 1 / 3, "sqrt(2)*(1+1)": 2.5}[formula])
 
 
-@pytest.mark.parametrize(
-    ("text", "result"),
-    [
-        ("dpd ${T} $T 1.0", "dpd 1.5 1.5 1.0"),
-        ("a${name}b", "avalueb"),
-        ("$(1/3)", "0.33333333333333331483"),
-        ("$(1/3:%.3f)x", "0.333x"),
-        ("$(sqrt(2)*(1+1))", "2.5"),
-        ("print '$T ${name}' $T", "print '$T ${name}' 1.5"),
-    ],
+@cases(
+    "text, result",
+    ("dpd ${T} $T 1.0", "dpd 1.5 1.5 1.0"),
+    ("a${name}b", "avalueb"),
+    ("$(1/3)", "0.33333333333333331483"),
+    ("$(1/3:%.3f)x", "0.333x"),
+    ("$(sqrt(2)*(1+1))", "2.5"),
+    ("print '$T ${name}' $T", "print '$T ${name}' 1.5"),
 )
 def test_substitution(text, result):
     assert expand(text) == result
@@ -160,21 +146,17 @@ def test_delete_forgets_a_variable():
     assert value(variables, "a") == "b"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("a equal 1 + 2", "put a formula with blanks into quotes"),
-        ("a python f", "variable style 'python' is not supported"),
-        ("a-b equal 1", "letters, digits and underscores"),
-        ("a equal", "expected one value"),
-        ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),
-    ],
+@cases(
+    "text, message",
+    ("a equal 1 + 2", "put a formula with blanks into quotes"),
+    ("a python f", "variable style 'python' is not supported"),
+    ("a-b equal 1", "letters, digits and underscores"),
+    ("a equal", "expected one value"),
+    ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),
 )
 def test_variables_that_cannot_be_defined(text, message):
-    with pytest.raises(ParameterError, match=message):
-        define(Variables({"outer": "1"}), text)
+    raises(ParameterError, message, lambda: define(Variables({"outer": "1"}), text))
 
 
 def test_an_unknown_variable_is_named_with_the_known_ones():
-    with pytest.raises(ParameterError, match="no variable 'b'; defined so far: a"):
-        Variables({"a": "1"}).get("b")
+    raises(ParameterError, "no variable 'b'; defined so far: a", lambda: Variables({"a": "1"}).get("b"))

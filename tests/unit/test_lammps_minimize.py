@@ -5,13 +5,13 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, explain_deck, run_deck
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 
 CRYSTAL = """lattice fcc 1.1
 region b block 0 3 0 3 0 3
@@ -27,19 +27,8 @@ displace_atoms all move v_jx v_jy 0.02
 group held id 1
 fix h held setforce 0 0 0
 """
-CHAINS = """units real
-atom_style molecular
-special_bonds lj 0 0 0
-bond_style harmonic
-angle_style harmonic
-read_data start.data
-bond_coeff 1 30 0.7
-angle_coeff 1 4 110
-mass 1 1
-comm_modify vel yes cutoff 3
-pair_style zero 1.2
-pair_coeff * *
-"""
+CHAINS = "units real\natom_style molecular\nspecial_bonds lj 0 0 0\nbond_style harmonic\nangle_style harmonic\nread_data start.data\n"
+CHAINS += "bond_coeff 1 30 0.7\nangle_coeff 1 4 110\nmass 1 1\ncomm_modify vel yes cutoff 3\npair_style zero 1.2\npair_coeff * *\n"
 
 
 def ours(folder: Path, text: str) -> tuple[list[list[float]], list[str]]:
@@ -69,26 +58,22 @@ def test_the_minimum_is_lammps_s(tmp_path, monkeypatch, start, words, style):
     assert rows[0][1] > rows[1][1]
 
 
-@pytest.mark.parametrize(
-    ("numbers", "reason"),
-    [
-        ("0 0 5 1000", "max iterations after 5 iterations"),
-        ("0 0 1000 4", "max force evaluations after 4 iterations"),
-        ("0 0 0 9", "max iterations after 0 iterations"),
-        ("0.5 0 100 100", "energy tolerance after 1 iterations"),
-        ("0 1e9 100 100", "force tolerance after 1 iterations"),
-        ("0 0 100 0", "max force evaluations after 1 iterations"),
-    ],
+@cases(
+    "numbers, reason",
+    ("0 0 5 1000", "max iterations after 5 iterations"),
+    ("0 0 1000 4", "max force evaluations after 4 iterations"),
+    ("0 0 0 9", "max iterations after 0 iterations"),
+    ("0.5 0 100 100", "energy tolerance after 1 iterations"),
+    ("0 1e9 100 100", "force tolerance after 1 iterations"),
+    ("0 0 100 0", "max force evaluations after 1 iterations"),
 )
 def test_when_it_stops(tmp_path, numbers, reason):
     """The step has advanced by the iterations, and dumps have beginning and end."""
-    text = f"{CRYSTAL}dump d all custom 1000 d.txt id x y z\nminimize {numbers}\nundump d\nrun 0\n"
-    rows, lines = ours(tmp_path, text)
+    rows, lines = ours(tmp_path, f"{CRYSTAL}dump d all custom 1000 d.txt id x y z\nminimize {numbers}\nundump d\nrun 0\n")
     assert any(reason in line for line in lines)
     steps = int(reason.split()[-2])
     assert [row[0] for row in rows] == [0, steps, steps]
-    frames = (tmp_path / "d.txt").read_text().count("TIMESTEP")
-    assert frames == (2 if steps else 1)
+    assert (tmp_path / "d.txt").read_text().count("TIMESTEP") == (2 if steps else 1)
 
 
 def test_held_beads_stay_and_velocities_do_not_change(tmp_path):

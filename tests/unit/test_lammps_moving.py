@@ -5,14 +5,15 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from files_of_tests import put
+from raising import raises
 from test_lammps_thermo_live import numbers, table
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.lammps.state.records import MomentumRemoval, without_rotation
 
-NO_LAMMPS = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(NO_LAMMPS is not None, reason=str(NO_LAMMPS))
+LAMMPS = lammps_peer.needed()
 
 CHAINS = """atom_style molecular
 special_bonds lj 0 0.5 1
@@ -88,12 +89,10 @@ def rows_of(lines: list[str]) -> list[list[str]]:
 @LAMMPS
 def test_what_is_printed_and_when(tmp_path):
     """At the first step before the table, then before the row; the momentum is gone by then."""
-    text = (
-        f"{CHAINS}fix m all momentum 2 linear 1 1 0 rescale\nthermo 2\nthermo_style custom step ke\nthermo_modify format float %.10g\n"
-        'fix p all print 2 "said $(step) $(ke:%.8g) $(vcm(all,z):%.8f)" file said.txt\n'
-        'fix q all print 3 "q $(step)" title "# here" append q.txt screen no\nrun 5\nrun 1\n'
-        "unfix p\nfix p all print 2 again screen no file said.txt\nrun 2\n"
-    )
+    text = f"{CHAINS}fix m all momentum 2 linear 1 1 0 rescale\nthermo 2\nthermo_style custom step ke\nthermo_modify format float %.10g\n"
+    text += 'fix p all print 2 "said $(step) $(ke:%.8g) $(vcm(all,z):%.8f)" file said.txt\n'
+    text += 'fix q all print 3 "q $(step)" title "# here" append q.txt screen no\nrun 5\nrun 1\n'
+    text += "unfix p\nfix p all print 2 again screen no file said.txt\nrun 2\n"
     theirs, ours = both(tmp_path, text)
     assert rows_of(ours) == rows_of(theirs)
     assert len(rows_of(ours)) == 3 + 4 + 2 + 6
@@ -113,14 +112,8 @@ def test_a_rigid_rotation_goes_and_nothing_else():
     np.testing.assert_allclose(np.sum(masses[:, None] * np.cross(x - masses @ x / masses.sum(), left), axis=0), 0, atol=1e-12)
 
 
-FEW = """region b block 0 4 0 4 0 4
-create_box 1 b
-create_atoms 1 random 20 5 NULL
-mass 1 1
-group some id 1:4
-pair_style dpd 1 1 7
-pair_coeff 1 1 25 4.5
-"""
+FEW = "region b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 20 5 NULL\nmass 1 1\ngroup some id 1:4\npair_style dpd 1 1 7\n"
+FEW += "pair_coeff 1 1 25 4.5\n"
 WRONG = {
     "fix 1 all nve\nfix p all print 1 x\nfix m all momentum 1 linear 1 1 1\nrun 1\n": "it comes after fix p",
     "fix 1 some nve\nfix m all momentum 1 angular\nrun 1\n": "has beads that no fix moves",
@@ -138,23 +131,18 @@ WRONG = {
 
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes(tmp_path, text):
-    (tmp_path / "in.bad").write_text(FEW + text, encoding="utf-8")
-    with pytest.raises(DeckError, match=WRONG[text]):
-        run_deck(tmp_path / "in.bad", RunOptions(platform="Reference"))
+    raises(DeckError, WRONG[text], lambda: run_deck(put(tmp_path / "in.bad", FEW + text), RunOptions(platform="Reference")))
 
 
 def test_random_displacements_do_not_depend_on_the_group(tmp_path):
     """They lie in the cube that is asked for, and one bead gets the same in any group."""
     found = []
     for group in ("all", "some"):
-        (tmp_path / "in").write_text(
-            FEW + f"displace_atoms {group} random 0.3 0.1 0 5\nwrite_data {group}.data\nfix 1 all nve\nrun 0\n", encoding="utf-8"
-        )
-        run_deck(tmp_path / "in", RunOptions(platform="Reference"), out=tmp_path)
+        text = f"displace_atoms {group} random 0.3 0.1 0 5\nwrite_data {group}.data\nfix 1 all nve\nrun 0\n"
+        run_deck(put(tmp_path / "in", FEW + text), RunOptions(platform="Reference"), out=tmp_path)
         lines = (tmp_path / f"{group}.data").read_text().splitlines()
-        rows = np.array(
-            [line.split()[:5] for line in lines[next(k for k, line in enumerate(lines) if line.startswith("Atoms")) + 2 :][:20]], float
-        )
+        start = next(k for k, line in enumerate(lines) if line.startswith("Atoms")) + 2
+        rows = np.array([line.split()[:5] for line in lines[start:][:20]], float)
         found.append(rows[np.argsort(rows[:, 0]), 2:])
     moved = np.any(found[0] != found[1], axis=1)
     assert not moved[:4].any() and moved[4:].all()

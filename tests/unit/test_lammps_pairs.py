@@ -2,18 +2,15 @@
 
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.model.pairs import DPD, NONE, LennardJones
 from openmm_dpd.units import METAL, REAL
 
-BOX = """region b block 0 {edge} 0 {edge} 0 {edge} units box
-create_box {types} b bond/types 2
-create_atoms 1 random 5 1 b
-mass * 1.0
-fix 1 all nve
-"""
+BOX = "region b block 0 {edge} 0 {edge} 0 {edge} units box\ncreate_box {types} b bond/types 2\ncreate_atoms 1 random 5 1 b\nmass * 1.0\n"
+BOX += "fix 1 all nve\n"
 
 
 def state_of(tmp_path, text: str, units: str = "lj", types: int = 3, edge: float = 20.0):
@@ -35,33 +32,23 @@ def dpd_values(table: dict) -> dict:
 def test_dpd_with_wildcards_later_lines_win(tmp_path):
     (table,) = tables_of(
         tmp_path,
-        """pair_style dpd 1.0 1.0 7
-pair_coeff * * 25 4.5
-pair_coeff 1 2* 30 5 0.9
-pair_coeff *2 3 31 6
-pair_coeff 3 1 32 7 1.5
-pair_coeff 2*3 2*3 33 8
-pair_coeff 2 * 34 9
-pair_coeff 2 1 none
-""",
+        "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5\npair_coeff 1 2* 30 5 0.9\npair_coeff *2 3 31 6\npair_coeff 3 1 32 7 1.5\n"
+        "pair_coeff 2*3 2*3 33 8\npair_coeff 2 * 34 9\npair_coeff 2 1 none\n",
     )
     # 'pair_coeff 2 *' is about pairs with i <= j only: (2, 2) and (2, 3)
     assert dpd_values(table) == {11: (25, 4.5, 1), 12: None, 13: (32, 7, 1.5), 22: (34, 9, 1), 23: (34, 9, 1), 33: (33, 8, 1)}
 
 
-@pytest.mark.parametrize(
-    ("style", "coefficients", "term"),
-    [
-        ("dpd 2.0 1.5 7", "25 4.5 1.2", DPD(A=25, gamma=4.5, cutoff=1.2)),
-        ("dpd/tstat 2.0 2.0 1.5 7", "4.5", DPD(gamma=4.5, cutoff=1.5)),
-        ("dpd/ext 2.0 1.5 7", "25 4.5 3.5 0.5 0.25", DPD(A=25, gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1.5)),
-        ("dpd/ext/tstat 2.0 2.0 1.5 7", "4.5 3.5 0.5 0.25 1", DPD(gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1)),
-        ("dpd/fdt 2.0 1.5 7", "25 3.0", DPD(A=25, sigma=3.0, cutoff=1.5)),
-    ],
+@cases(
+    "style, coefficients, term",
+    ("dpd 2.0 1.5 7", "25 4.5 1.2", DPD(A=25, gamma=4.5, cutoff=1.2)),
+    ("dpd/tstat 2.0 2.0 1.5 7", "4.5", DPD(gamma=4.5, cutoff=1.5)),
+    ("dpd/ext 2.0 1.5 7", "25 4.5 3.5 0.5 0.25", DPD(A=25, gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1.5)),
+    ("dpd/ext/tstat 2.0 2.0 1.5 7", "4.5 3.5 0.5 0.25 1", DPD(gamma=4.5, gamma_perp=3.5, exponent=0.5, exponent_perp=0.25, cutoff=1)),
+    ("dpd/fdt 2.0 1.5 7", "25 3.0", DPD(A=25, sigma=3.0, cutoff=1.5)),
 )
 def test_every_style_of_the_family(tmp_path, style, coefficients, term):
-    text = f"pair_style {style}\npair_coeff 1 1 {coefficients}\n"
-    state = state_of(tmp_path, text, types=1)
+    state = state_of(tmp_path, f"pair_style {style}\npair_coeff 1 1 {coefficients}\n", types=1)
     scene = state.first_run.scene()
     assert scene.pairs[0].resolve(["1"]) == {("1", "1"): term}
     assert scene.kT == 2.0
@@ -91,8 +78,7 @@ def test_repeating_the_style_keeps_coefficients_but_not_cutoffs(tmp_path):
     text = "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5\npair_coeff 1 2 30 4.5 0.8\npair_style dpd 2.0 1.3 8\n"
     state = state_of(tmp_path, text, types=2)
     scene = state.first_run.scene()
-    table = scene.pairs[0].resolve(scene.type_names)
-    assert dpd_values(table) == {11: (25, 4.5, 1.3), 12: (30, 4.5, 1.3), 22: (25, 4.5, 1.3)}
+    assert dpd_values(scene.pairs[0].resolve(scene.type_names)) == {11: (25, 4.5, 1.3), 12: (30, 4.5, 1.3), 22: (25, 4.5, 1.3)}
     assert (scene.kT, state.first_run.seed) == (2.0, 8)
 
 
@@ -105,11 +91,7 @@ def test_another_style_forgets_the_coefficients(tmp_path):
 MIXED = {
     "geometric": ((0.5 * 1.2) ** 0.5, (1.0 * 1.4) ** 0.5, (2.0 * 3.0) ** 0.5),
     "arithmetic": ((0.5 * 1.2) ** 0.5, 1.2, 2.5),
-    "sixthpower": (
-        2 * (0.5 * 1.2) ** 0.5 * 1.4**3 / (1 + 1.4**6),
-        ((1 + 1.4**6) / 2) ** (1 / 6),
-        ((2.0**6 + 3.0**6) / 2) ** (1 / 6),
-    ),
+    "sixthpower": (2 * (0.5 * 1.2) ** 0.5 * 1.4**3 / (1 + 1.4**6), ((1 + 1.4**6) / 2) ** (1 / 6), ((2.0**6 + 3.0**6) / 2) ** (1 / 6)),
 }
 
 
@@ -125,13 +107,8 @@ def test_lennard_jones_mixes(tmp_path, rule):
 
 
 def test_hybrid_overlay(tmp_path):
-    text = """pair_style hybrid/overlay lj/cut 2.5 dpd/tstat 1.0 1.0 1.5 7
-pair_coeff * * lj/cut 1.0 1.0
-pair_coeff * * dpd/tstat 4.5
-pair_coeff 1 2 dpd/tstat 9.0 1.2
-pair_coeff 2 2 none
-pair_modify pair lj/cut shift yes
-"""
+    text = "pair_style hybrid/overlay lj/cut 2.5 dpd/tstat 1.0 1.0 1.5 7\npair_coeff * * lj/cut 1.0 1.0\npair_coeff * * dpd/tstat 4.5\n"
+    text += "pair_coeff 1 2 dpd/tstat 9.0 1.2\npair_coeff 2 2 none\npair_modify pair lj/cut shift yes\n"
     lj, tstat = tables_of(tmp_path, text, types=2)
     assert lj["1", "2"] == LennardJones(1, 1, 2.5, shift=True)
     assert lj["2", "2"] is NONE and ("2", "2") not in tstat
@@ -139,36 +116,25 @@ pair_modify pair lj/cut shift yes
 
 
 def test_a_pair_set_to_none_can_be_set_again(tmp_path):
-    text = "pair_style dpd 1 1 1\npair_coeff * * none\npair_coeff 1 1 25 4.5\n"
-    (table,) = tables_of(tmp_path, text, types=2)
+    (table,) = tables_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * none\npair_coeff 1 1 25 4.5\n", types=2)
     assert dpd_values(table) == {11: (25, 4.5, 1), 12: None, 22: None}
 
 
 def test_hybrid_gives_each_pair_one_style(tmp_path):
-    text = """pair_style hybrid lj/cut 2.5 dpd 1.0 1.0 7
-pair_coeff * * lj/cut 1.0 1.0
-pair_coeff 1 2 dpd 25 4.5
-"""
+    text = "pair_style hybrid lj/cut 2.5 dpd 1.0 1.0 7\npair_coeff * * lj/cut 1.0 1.0\npair_coeff 1 2 dpd 25 4.5\n"
     lj, dpd = tables_of(tmp_path, text, types=2)
     assert set(lj) == {("1", "1"), ("2", "2")} and set(dpd) == {("1", "2")}
 
 
 def test_hybrid_mixes_pairs_of_one_style(tmp_path):
-    text = """pair_style hybrid/overlay lj/cut 2.5 zero 1.0
-pair_coeff 1 1 lj/cut 1.0 1.0
-pair_coeff 2 2 lj/cut 4.0 1.0
-pair_coeff 3 3 zero
-pair_coeff 1*2 3 zero
-"""
+    text = "pair_style hybrid/overlay lj/cut 2.5 zero 1.0\npair_coeff 1 1 lj/cut 1.0 1.0\npair_coeff 2 2 lj/cut 4.0 1.0\n"
+    text += "pair_coeff 3 3 zero\npair_coeff 1*2 3 zero\n"
     lj, _ = tables_of(tmp_path, text, types=3)
     assert lj["1", "2"].epsilon == pytest.approx(2.0)
 
 
 def test_one_style_used_twice_is_numbered(tmp_path):
-    text = """pair_style hybrid/overlay dpd 1.0 1.0 7 dpd 1.0 2.0 8
-pair_coeff * * dpd 1 25 4.5
-pair_coeff * * dpd 2 -5 0.0
-"""
+    text = "pair_style hybrid/overlay dpd 1.0 1.0 7 dpd 1.0 2.0 8\npair_coeff * * dpd 1 25 4.5\npair_coeff * * dpd 2 -5 0.0\n"
     first, second = tables_of(tmp_path, text, types=1)
     assert dpd_values(first) == {11: (25, 4.5, 1)}
     assert dpd_values(second) == {11: (-5, 0, 2)}
@@ -189,17 +155,15 @@ def test_none_at_all(tmp_path):
     assert set(table.values()) == {NONE}
 
 
-@pytest.mark.parametrize(
-    ("text", "factors"),
-    [
-        ("", (0, 0, 0)),
-        ("special_bonds lj/coul 0.5 1.0 0.25", (0.5, 1, 0.25)),
-        ("special_bonds lj 0.5 1.0 0.25 coul 0 0 0", (0.5, 1, 0.25)),
-        ("special_bonds lj 1 1 1\nspecial_bonds coul 0 0 0.5", (0, 0, 0)),  # each command starts from the defaults
-        ("special_bonds fene", (0, 1, 1)),
-        ("special_bonds amber", (0, 0, 0.5)),
-        ("special_bonds dreiding angle no", (0, 0, 1)),
-    ],
+@cases(
+    "text, factors",
+    ("", (0, 0, 0)),
+    ("special_bonds lj/coul 0.5 1.0 0.25", (0.5, 1, 0.25)),
+    ("special_bonds lj 0.5 1.0 0.25 coul 0 0 0", (0.5, 1, 0.25)),
+    ("special_bonds lj 1 1 1\nspecial_bonds coul 0 0 0.5", (0, 0, 0)),  # each command starts from the defaults
+    ("special_bonds fene", (0, 1, 1)),
+    ("special_bonds amber", (0, 0, 0.5)),
+    ("special_bonds dreiding angle no", (0, 0, 1)),
 )
 def test_special_bonds(tmp_path, text, factors):
     assert state_of(tmp_path, text + "\n").special == factors
@@ -223,54 +187,51 @@ def test_bonds_without_a_style_only_count_for_special_bonds(tmp_path):
 
 
 def test_special_factors_have_no_meaning_without_bonds(tmp_path):
-    scene = state_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\n").first_run.scene()
-    assert scene.bonded_factors == (1, 1, 1)
+    assert state_of(tmp_path, "pair_style dpd 1 1 1\npair_coeff * * 25 4.5\n").first_run.scene().bonded_factors == (1, 1, 1)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("pair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\n", "no pair coefficients for the type pairs 1 2, 2 2"),
-        ("pair_style dpd 1.0 1.0 7\npair_coeff * * 25 -4.5\n", r"in.deck:9: pair style dpd, types \* \*: gamma must be >= 0, but is -4.5"),
-        ("pair_style dpd -1.0 1.0 7\n", "in.deck:8: the temperature of dpd must be >= 0, but is -1.0"),
-        ("pair_style dpd 1.0 0 7\n", "the cutoff of dpd must be > 0"),
-        ("pair_style dpd 1.0 1.0 0\n", "the seed of dpd must be at least 1"),
-        ("pair_style dpd 1.0 1.0\n", "expected 'dpd T cutoff seed', but found 2 arguments"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 1 25\n", r"expected 'A gamma \[cutoff\]', but found 1 argument"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 4 25 4.5\n", "atom type 4 is out of range: there are 2"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 0 25 4.5\n", "atom type 0 is out of range"),
-        ("pair_style dpd 1 1 1\npair_coeff 1 x 25 4.5\n", "expected atom type as a number or a range such as 1\\*3, not 'x'"),
-        ("pair_style dpd 1 1 1\npair_coeff 2* 1 25 4.5\n", "names no pair of types with i <= j"),
-        ("pair_style dpd 1 1 1\npair_coeff * * 25 4.5 11\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box, 10"),
-        ("pair_style dpd 1 11 1\npair_coeff * * 25 4.5\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box"),
-        ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "asks for infinite friction"),
-        ("pair_style dpd/ext 1 1 1\npair_coeff * * 25 4.5 4.5 -0.5 0.5\n", "exponent must be >= 0"),
-        ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),
-        ("pair_style hybrid/overlay dpd 1 1 1 coul/long 10\n", "pair style 'coul/long' is not supported"),
-        ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * dpd 25 4.5\n", "pair style lj/cut is used by no type pair"),
-        (
-            "pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * 25 4.5\n",
-            "expected one of the styles dpd, lj/cut or none, not '25'",
-        ),
-        (
-            "pair_style hybrid/overlay dpd 1 1 1 dpd 1 1 1\npair_coeff * * dpd 25 4.5\n",
-            "expected a whole number for which of the 2 styles|there is no number 25",
-        ),
-        (
-            "pair_style hybrid/overlay dpd 1 1 1 dpd/tstat 1 2 1 3\npair_coeff * * dpd 25 4.5\npair_coeff * * dpd/tstat 4.5\n",
-            "pair styles dpd and dpd/tstat have different temperatures",
-        ),
-        ("pair_coeff 1 1 25 4.5\n", "pair_coeff needs a pair_style before it"),
-        ("pair_modify shift yes\n", "pair_modify needs a pair_style before it"),
-        ("pair_style lj/cut 2\npair_modify tail yes\n", "pair_modify tail yes is not supported"),
-        ("pair_style table quick 100\n", "the table style must be one of lookup, linear, spline, bitmap"),
-        ("pair_style table linear 100\npair_coeff * * nofile KEY\n", "there is no file 'nofile'"),
-        ("special_bonds lj 0.5 2.0 1.0\n", "must be between 0 and 1"),
-        ("bond_style quartic\n", "the bond style must be one of none, harmonic, fene, morse, zero, hybrid, not 'quartic'"),
-        ("bond_coeff 1 1 1\n", "bond_coeff needs a bond_style before it, such as 'bond_style harmonic'"),
-        ("bond_style harmonic\nbond_coeff 3 1 1\n", "bond type 3 is out of range: there are 2"),
-        ("bond_style harmonic\nbond_coeff 1 -1 1\n", "K must be >= 0, but is -1"),
-    ],
+@cases(
+    "text, message",
+    ("pair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\n", "no pair coefficients for the type pairs 1 2, 2 2"),
+    ("pair_style dpd 1.0 1.0 7\npair_coeff * * 25 -4.5\n", r"in.deck:9: pair style dpd, types \* \*: gamma must be >= 0, but is -4.5"),
+    ("pair_style dpd -1.0 1.0 7\n", "in.deck:8: the temperature of dpd must be >= 0, but is -1.0"),
+    ("pair_style dpd 1.0 0 7\n", "the cutoff of dpd must be > 0"),
+    ("pair_style dpd 1.0 1.0 0\n", "the seed of dpd must be at least 1"),
+    ("pair_style dpd 1.0 1.0\n", "expected 'dpd T cutoff seed', but found 2 arguments"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 1 25\n", r"expected 'A gamma \[cutoff\]', but found 1 argument"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 4 25 4.5\n", "atom type 4 is out of range: there are 2"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 0 25 4.5\n", "atom type 0 is out of range"),
+    ("pair_style dpd 1 1 1\npair_coeff 1 x 25 4.5\n", "expected atom type as a number or a range such as 1\\*3, not 'x'"),
+    ("pair_style dpd 1 1 1\npair_coeff 2* 1 25 4.5\n", "names no pair of types with i <= j"),
+    ("pair_style dpd 1 1 1\npair_coeff * * 25 4.5 11\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box, 10"),
+    ("pair_style dpd 1 11 1\npair_coeff * * 25 4.5\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box"),
+    ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "asks for infinite friction"),
+    ("pair_style dpd/ext 1 1 1\npair_coeff * * 25 4.5 4.5 -0.5 0.5\n", "exponent must be >= 0"),
+    ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),
+    ("pair_style hybrid/overlay dpd 1 1 1 coul/long 10\n", "pair style 'coul/long' is not supported"),
+    ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * dpd 25 4.5\n", "pair style lj/cut is used by no type pair"),
+    (
+        "pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * 25 4.5\n",
+        "expected one of the styles dpd, lj/cut or none, not '25'",
+    ),
+    (
+        "pair_style hybrid/overlay dpd 1 1 1 dpd 1 1 1\npair_coeff * * dpd 25 4.5\n",
+        "expected a whole number for which of the 2 styles|there is no number 25",
+    ),
+    (
+        "pair_style hybrid/overlay dpd 1 1 1 dpd/tstat 1 2 1 3\npair_coeff * * dpd 25 4.5\npair_coeff * * dpd/tstat 4.5\n",
+        "pair styles dpd and dpd/tstat have different temperatures",
+    ),
+    ("pair_coeff 1 1 25 4.5\n", "pair_coeff needs a pair_style before it"),
+    ("pair_modify shift yes\n", "pair_modify needs a pair_style before it"),
+    ("pair_style lj/cut 2\npair_modify tail yes\n", "pair_modify tail yes is not supported"),
+    ("pair_style table quick 100\n", "the table style must be one of lookup, linear, spline, bitmap"),
+    ("pair_style table linear 100\npair_coeff * * nofile KEY\n", "there is no file 'nofile'"),
+    ("special_bonds lj 0.5 2.0 1.0\n", "must be between 0 and 1"),
+    ("bond_style quartic\n", "the bond style must be one of none, harmonic, fene, morse, zero, hybrid, not 'quartic'"),
+    ("bond_coeff 1 1 1\n", "bond_coeff needs a bond_style before it, such as 'bond_style harmonic'"),
+    ("bond_style harmonic\nbond_coeff 3 1 1\n", "bond type 3 is out of range: there are 2"),
+    ("bond_style harmonic\nbond_coeff 1 -1 1\n", "K must be >= 0, but is -1"),
 )
 def test_errors(tmp_path, text, message):
     with pytest.raises(DeckError, match=message) as caught:

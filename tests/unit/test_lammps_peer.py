@@ -6,14 +6,15 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 FINISH = "\npair_style zero 1.0\npair_coeff * *\nmass * 1.0\nrun 0\n"  # LAMMPS wraps beads that were moved when a run begins
@@ -40,15 +41,8 @@ group s region s
 group c region c
 group i region i
 """,
-    "set in a tilted box": """lattice sc 1.0
-region b prism 0 5 0 4 0 6 1.3 -0.7 0.9 units box
-create_box 2 b
-create_atoms 1 region b
-mass * 1.0
-set atom 1*20 x 7.5
-set atom 5*9 vx 3
-set type 1 vz -1
-""",
+    "set in a tilted box": "lattice sc 1.0\nregion b prism 0 5 0 4 0 6 1.3 -0.7 0.9 units box\ncreate_box 2 b\n"
+    "create_atoms 1 region b\nmass * 1.0\nset atom 1*20 x 7.5\nset atom 5*9 vx 3\nset type 1 vz -1\n",
     "groups and velocities": """region b block -1 5 0 5 2 5 units box
 create_box 3 b
 mass * 1.0
@@ -95,20 +89,10 @@ def test_beads_of_the_example_decks(tmp_path, name):
 
 LJ = "pair_coeff 1 1 0.5 1.0\npair_coeff 2 2 1.2 1.4 2.4\npair_coeff 3 3 1 1\n"
 PAIRS = {
-    "wildcards": """pair_style dpd 1 1 7
-pair_coeff * * 25 4.5
-pair_coeff 1 2* 30 5 0.9
-pair_coeff *2 3 31 6
-pair_coeff 3 1 32 7 1.5
-pair_coeff 2*3 2*3 33 8
-pair_coeff 2 * 34 9
-""",
-    "repeated style": """pair_style dpd 1 1 7
-pair_coeff * * 25 4.5
-pair_coeff 1 2 30 5 0.9
-pair_style dpd 2 1.3 8
-pair_coeff 1 3 26 4 1.1
-""",
+    "wildcards": "pair_style dpd 1 1 7\npair_coeff * * 25 4.5\npair_coeff 1 2* 30 5 0.9\npair_coeff *2 3 31 6\n"
+    "pair_coeff 3 1 32 7 1.5\npair_coeff 2*3 2*3 33 8\npair_coeff 2 * 34 9\n",
+    "repeated style": "pair_style dpd 1 1 7\npair_coeff * * 25 4.5\npair_coeff 1 2 30 5 0.9\npair_style dpd 2 1.3 8\n"
+    "pair_coeff 1 3 26 4 1.1\n",
     "geometric": f"pair_style lj/cut 2.0\n{LJ}",
     "arithmetic": f"pair_style lj/cut 2.0\npair_modify mix arithmetic\n{LJ}",
     "sixthpower": f"pair_style lj/cut 2.0\npair_modify mix sixthpower\n{LJ}",
@@ -196,9 +180,7 @@ run 0 start 20 stop 60
     return prepare, both
 
 
-@pytest.mark.parametrize(
-    ("units", "norm", "scale"), [("lj", "", 1.0), ("lj", "norm no", 1.0), ("real", "", 4.0), ("metal", "norm yes", 4.0)]
-)
+@cases("units, norm, scale", ("lj", "", 1.0), ("lj", "norm no", 1.0), ("real", "", 4.0), ("metal", "norm yes", 4.0))
 def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
     """LAMMPS's energies, virial and forces are put in; every word and formula made of them must come out the same."""
     prepare, both = thermo_deck(units, norm, scale)
@@ -221,25 +203,18 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
         u, n = state.units, scene.n_beads
         kinetic = 0.5 * float(scene.bead_masses @ np.sum(scene.velocities**2, axis=1))
         beads = n if norm == "norm yes" or (units == "lj" and not norm) else 1
-        sample = DeckSample(
-            step=request.first_step,
-            kinetic=kinetic,
-            pair_energy=expected["evdwl"] * beads * u.energy,
-            bond_energy=expected["ebond"] * beads * u.energy,
-            virial=expected["press"] * u.pressure * 3 * state.box.volume * u.length**3 - 2 * kinetic,
-            force_norm=expected["fnorm"] * u.force,
-            force_max=expected["fmax"] * u.force,
-            positions=scene.positions,
-            velocities=scene.velocities,
-        )
+        energies = {"pair_energy": expected["evdwl"] * beads * u.energy, "bond_energy": expected["ebond"] * beads * u.energy}
+        virial = expected["press"] * u.pressure * 3 * state.box.volume * u.length**3 - 2 * kinetic
+        forces = {"force_norm": expected["fnorm"] * u.force, "force_max": expected["fmax"] * u.force}
+        moving = {"positions": scene.positions, "velocities": scene.velocities}
+        sample = DeckSample(step=request.first_step, kinetic=kinetic, virial=virial, **energies, **forces, **moving)
         assert all(getattr(sample, name) is not None for name in request.thermo.needs)
         found.update(request.thermo.values(sample))
         for dump in request.dumps:
             assert dump.due(request.first_step)
             dump.write(Resolver(state, sample, request.window))
 
-    path = tmp_path / "in.ours"
-    path.write_text(both)
+    path = put(tmp_path / "in.ours", both)
     read_deck(path, run_callback=callback, output=tmp_path)
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
     for name in ("atom", "custom"):
@@ -271,10 +246,8 @@ pair_coeff 1 2 0.4 1.5 8.0
 write_data data.ours pair ij
 """
     state = ours(tmp_path, text)
-    beads, _ = theirs(
-        tmp_path,
-        "units real\natom_style full\nbond_style harmonic\npair_style dpd 300 9 1\ncomm_modify vel yes\nread_data data.ours\nrun 0\n",
-    )
+    styles = "units real\natom_style full\nbond_style harmonic\npair_style dpd 300 9 1\ncomm_modify vel yes\n"
+    beads, _ = theirs(tmp_path, styles + "read_data data.ours\nrun 0\n")
     np.testing.assert_allclose(beads[:, 2:5], state.atoms.positions, rtol=1e-12)
     np.testing.assert_allclose(beads[:, 8:], state.atoms.velocities, rtol=1e-12)
     assert np.array_equal(beads[:, 5:8], state.atoms.images)
@@ -328,8 +301,7 @@ def test_steps_without_noise(tmp_path, name):
         first = lmp.last_thermo()
         lmp.command("run 6")
         last = lmp.last_thermo()
-    path = tmp_path / "in.ours"
-    path.write_text(deck + "run 6\n")
+    path = put(tmp_path / "in.ours", deck + "run 6\n")
     found = run_deck(path, RunOptions(platform="Reference", threads=1))["thermo"]
     for word, title in titles.items():
         assert first[title] != pytest.approx(last[title], rel=1e-4)  # something happens

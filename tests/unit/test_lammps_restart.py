@@ -9,8 +9,7 @@ from test_lammps_moving import chains
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 
-#: How beads are made and what moves them, which a restart file does not hold.
-SYSTEMS = {
+SYSTEMS = {  # How beads are made and what moves them, which a restart file does not hold.
     "dpd": (
         "units real\nregion b prism 0 20 1 21 0 22 3 0 2 units box\ncreate_box 2 b\ncreate_atoms 1 random 60 5 NULL\n"
         "create_atoms 2 random 30 6 NULL\nmass 1 40\nmass 2 60\ngroup ga id 1:20\n"
@@ -55,8 +54,7 @@ def test_runs_go_on_bit_for_bit(tmp_path, system, platform):
     after = rows(tmp_path, "after", f"read_restart between.6\n{fixes}{ROWS}run 6\n", platform)
     assert after == whole[4:] and len(after) == 5
     rows(tmp_path, "long", f"{start}{fixes}{ROWS}restart 6 point\nrun 10\n", platform)
-    middle = rows(tmp_path, "middle", f"read_restart point.6\n{fixes}{ROWS}run 6\n", platform)
-    assert middle == after
+    assert rows(tmp_path, "middle", f"read_restart point.6\n{fixes}{ROWS}run 6\n", platform) == after
     last = [(tmp_path / f"{name}.data").read_bytes() for name in ("whole", "after", "middle")]
     assert last[0] == last[1] == last[2]
 
@@ -96,9 +94,8 @@ def test_mistakes(tmp_path, text):
     (tmp_path / "text").write_text("no restart\n", encoding="utf-8")
     if lammps_peer.why_missing() is None:
         with lammps_peer.instance() as lmp:
-            lmp.commands_string(
-                f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 1\npair_style zero 1\npair_coeff * *\nwrite_restart {tmp_path}/theirs"
-            )
+            start = "region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 1\npair_style zero 1\npair_coeff * *\n"
+            lmp.commands_string(f"{start}write_restart {tmp_path}/theirs")
     elif "theirs" in text:
         pytest.skip("no LAMMPS to write one")
     (tmp_path / "in.bad").write_text(text, encoding="utf-8")

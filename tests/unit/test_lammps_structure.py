@@ -1,8 +1,9 @@
 """Computes rdf, msd and gyration: planted configurations, words that name their values, and files number by number beside LAMMPS."""
 
-import lammps_steps
+import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
 from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, beside_lammps, context_of, request_of
 
 from openmm_dpd.analysis import radial_distribution
@@ -35,10 +36,8 @@ def test_rdf_is_that_of_the_analysis(tmp_path):
 
 def test_rdf_in_averages(tmp_path):
     """``mode vector`` takes columns, side by side; ``c_r[*]`` is all of them."""
-    text = (
-        "compute r two rdf 5 2 2\nfix a all ave/time 1 2 10 c_r[*] mode vector\nfix b all ave/time 10 1 10 c_r[2] mode vector\n"
-        "fix c all ave/time 10 1 10 c_r[3][2] f_a[5][3] f_b[4]\nthermo_style custom f_a[3][2] f_c[1]\n"
-    )
+    text = "compute r two rdf 5 2 2\nfix a all ave/time 1 2 10 c_r[*] mode vector\nfix b all ave/time 10 1 10 c_r[2] mode vector\n"
+    text += "fix c all ave/time 10 1 10 c_r[3][2] f_a[5][3] f_b[4]\nthermo_style custom f_a[3][2] f_c[1]\n"
     request = request_of(tmp_path, DECK + text)
     averages = request.averages
     assert averages[0].words == ("c_r[1]", "c_r[2]", "c_r[3]")
@@ -52,19 +51,16 @@ def test_rdf_in_averages(tmp_path):
     assert averages[1].value(4) == pytest.approx(column[1, 3])
     assert averages[2].value(1) == pytest.approx(column[1, 2])
     assert averages[2].value(3) == pytest.approx(averages[1].value(4))
-    # the longest cutoff of the pair forces is 1
-    assert averages[0].value(5, 1) == pytest.approx(0.9)
+    assert averages[0].value(5, 1) == pytest.approx(0.9)  # the longest cutoff of the pair forces is 1
 
 
 # -- msd and gyration ----------------------------------------------------------------------------------------------------------
 def test_displacements_count_from_where_the_compute_stands(tmp_path):
-    text = "compute m all msd\ncompute c two msd com yes\ncompute g two gyration\n"
-    request = request_of(tmp_path, DECK + text)
+    request = request_of(tmp_path, DECK + "compute m all msd\ncompute c two msd com yes\ncompute g two gyration\n")
     moved = context_of(request, shift=(-18.0, 3.0, 0.5))
     assert [moved.compute("m", k) for k in (1, 2, 3, 4)] == pytest.approx([324, 9, 0.25, 333.25])
     assert [moved.compute("c", k) for k in (1, 2, 3, 4)] == pytest.approx([0, 0, 0, 0], abs=1e-12)
-    x = request.state.atoms.positions[60:]
-    tensor = np.cov(x.T, bias=True)
+    tensor = np.cov(request.state.atoms.positions[60:].T, bias=True)
     assert moved.compute("g", None) == pytest.approx(np.sqrt(tensor.trace()))
     assert [moved.compute("g", k) for k in range(1, 7)] == pytest.approx(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
@@ -99,8 +95,7 @@ def test_values_equal_naive_loops(tmp_path):
 def test_mean_positions_are_taken_once_a_step(tmp_path):
     request = request_of(tmp_path, DECK + "compute m all msd average yes\n")
     first = context_of(request, 1, shift=(1.0, 0, 0))
-    # the mean of the origin and these positions is 1/2
-    assert [first.compute("m", 1) for _ in range(3)] == pytest.approx([0.25] * 3)
+    assert [first.compute("m", 1) for _ in range(3)] == pytest.approx([0.25] * 3)  # the mean of the origin and these positions is 1/2
     assert context_of(request, 2, shift=(4.0, 0, 0)).compute("m", 4) == pytest.approx((4 - 5 / 3) ** 2)
 
 
@@ -116,26 +111,24 @@ def test_mean_positions_do_not_depend_on_who_reads_them(tmp_path):
     assert found[0] == found[1] and len(found[0]) == 7 and float(found[0][-1].split()[1]) > 0
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("compute r all rdf 0\n", "number of bins"),
-        ("compute r all rdf 10 1\n", "pairs of types"),
-        ("compute r all rdf 10 1 3\n", "atom type 3 is out of range"),
-        ("compute r all rdf 10 cutoff\n", "one value after cutoff"),
-        ("compute r all rdf 10 cutoff 2.6\nfix a all ave/time 1 1 1 c_r[2] mode vector\nrun 1\n", "more than half the smallest width"),
-        ("compute r all rdf 10\nthermo_style custom c_r[2]\n", r"table of values; use c_r\[row\]\[column\]"),
-        ("compute r all rdf 10\nthermo_style custom c_r[11][2]\n", "has 10 rows and 3 columns"),
-        ("compute r all rdf 10\nthermo_style custom c_r[*]\n", "table of values"),
-        ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r mode vector\n", "table of values"),
-        ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r[4] mode vector\n", "has 10 rows and 3 columns"),
-        ("compute t all temp\nthermo_style custom c_t[1][1]\n", "has no table of values"),
-        ("compute t all temp\nvariable a equal c_t[1][1]\nthermo_style custom v_a\nrun 1\n", "has no table of values"),
-        ("compute m all msd com maybe\n", "com"),
-        ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
-        ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
-        ("compute g all gyration x\n", "and no more"),
-    ],
+@cases(
+    "text, message",
+    ("compute r all rdf 0\n", "number of bins"),
+    ("compute r all rdf 10 1\n", "pairs of types"),
+    ("compute r all rdf 10 1 3\n", "atom type 3 is out of range"),
+    ("compute r all rdf 10 cutoff\n", "one value after cutoff"),
+    ("compute r all rdf 10 cutoff 2.6\nfix a all ave/time 1 1 1 c_r[2] mode vector\nrun 1\n", "more than half the smallest width"),
+    ("compute r all rdf 10\nthermo_style custom c_r[2]\n", r"table of values; use c_r\[row\]\[column\]"),
+    ("compute r all rdf 10\nthermo_style custom c_r[11][2]\n", "has 10 rows and 3 columns"),
+    ("compute r all rdf 10\nthermo_style custom c_r[*]\n", "table of values"),
+    ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r mode vector\n", "table of values"),
+    ("compute r all rdf 10\nfix a all ave/time 1 1 1 c_r[4] mode vector\n", "has 10 rows and 3 columns"),
+    ("compute t all temp\nthermo_style custom c_t[1][1]\n", "has no table of values"),
+    ("compute t all temp\nvariable a equal c_t[1][1]\nthermo_style custom v_a\nrun 1\n", "has no table of values"),
+    ("compute m all msd com maybe\n", "com"),
+    ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
+    ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
+    ("compute g all gyration x\n", "and no more"),
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(DECK + text)
@@ -170,16 +163,10 @@ run 20
 """
 
 
-@pytest.mark.parametrize(
-    ("region", "moving", "temperature"),
-    [(BLOCK, FLUID, 1.0), (BLOCK, FREE, 2000.0), (PRISM, FREE, 1000.0)],
-    ids=["fluid", "free", "tilted"],
-)
+@cases("region, moving, temperature", (BLOCK, FLUID, 1.0), (BLOCK, FREE, 2000.0), (PRISM, FREE, 1000.0), ids=["fluid", "free", "tilted"])
 def test_files_equal_lammps(tmp_path, region, moving, temperature):
     """With ``average yes`` LAMMPS 2025 finds beads of a tilted box that have not moved at all displaced: left out there."""
-    reason = lammps_steps.why_missing([("pair", "dpd"), ("compute", "rdf"), ("compute", "msd"), ("fix", "ave/time")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "dpd"), ("compute", "rdf"), ("compute", "msd"), ("fix", "ave/time"))
     means = "" if region is PRISM else "fix a all ave/time 5 1 5 c_a[*] c_b[*] file a.out {form}"
     measured = moving + MEASURED.replace("MEANS", means)
     beside_lammps(tmp_path, BEADS.format(style="atomic", region=region, T=temperature), "atomic", measured)
@@ -188,21 +175,15 @@ def test_files_equal_lammps(tmp_path, region, moving, temperature):
 @pytest.mark.parametrize("special", ["0 1 1", "1 0 0", "0.5 1 0"])
 def test_bonded_neighbours_equal_lammps(tmp_path, special):
     """Pairs whose factor is 0 are not in the list that the distribution is taken from."""
-    reason = lammps_steps.why_missing([("pair", "dpd"), ("compute", "rdf"), ("bond", "harmonic"), ("fix", "ave/time")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "dpd"), ("compute", "rdf"), ("bond", "harmonic"), ("fix", "ave/time"))
     rng = np.random.default_rng(2)
     x = (rng.random((12, 1, 3)) * 5 + np.cumsum(rng.normal(0, 0.3, (12, 5, 3)), axis=1)).reshape(-1, 3) % 5
     atoms = "".join(f"{k + 1} {k // 5 + 1} {k % 2 + 1} {a:.6f} {b:.6f} {c:.6f}\n" for k, (a, b, c) in enumerate(x))
     ends = [(5 * chain + k, 5 * chain + k + 1) for chain in range(12) for k in range(1, 5)]
     bonds = "".join(f"{k} 1 {i} {j}\n" for k, (i, j) in enumerate(ends, start=1))
-    (tmp_path / "chains.data").write_text(
-        "chains\n\n60 atoms\n48 bonds\n2 atom types\n1 bond types\n0 5 xlo xhi\n0 5 ylo yhi\n0 5 zlo zhi\n\n"
-        f"Masses\n\n1 1\n2 1\n\nAtoms # bond\n\n{atoms}\nBonds\n\n{bonds}"
-    )
-    text = (
-        f"special_bonds lj/coul {special}\nbond_style harmonic\nbond_coeff 1 10 0.5\n{FLUID}comm_modify cutoff 3.5\n"
-        "compute r all rdf 10 1 2 * * cutoff 1.5\ncompute g two gyration\n"
-        "fix r all ave/time 5 1 5 c_r[*] mode vector file r.out {form}\nfix g all ave/time 5 1 5 c_g file g.out {form}\nrun 10\n"
-    )
+    head = "chains\n\n60 atoms\n48 bonds\n2 atom types\n1 bond types\n0 5 xlo xhi\n0 5 ylo yhi\n0 5 zlo zhi\n\nMasses\n\n1 1\n2 1\n\n"
+    (tmp_path / "chains.data").write_text(f"{head}Atoms # bond\n\n{atoms}\nBonds\n\n{bonds}")
+    text = f"special_bonds lj/coul {special}\nbond_style harmonic\nbond_coeff 1 10 0.5\n{FLUID}comm_modify cutoff 3.5\n"
+    text += "compute r all rdf 10 1 2 * * cutoff 1.5\ncompute g two gyration\n"
+    text += "fix r all ave/time 5 1 5 c_r[*] mode vector file r.out {form}\nfix g all ave/time 5 1 5 c_g file g.out {form}\nrun 10\n"
     beside_lammps(tmp_path, "atom_style bond\nread_data chains.data\n", "bond", text)

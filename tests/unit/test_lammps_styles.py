@@ -17,8 +17,7 @@ from openmm_dpd.units import UNIT_SYSTEMS
 
 HERE = Line("", "in.deck", 1)
 
-#: Words after the name of each style, and those of a coefficient: # is a number, [#] a cutoff that may be left out.
-WORDS = {
+WORDS = {  # Words after the name of each style, and those of a coefficient: # is a number, [#] a cutoff that may be left out.
     "dpd": ("1.0 1.5 7", "# # [#]"),
     "dpd/tstat": ("1.0 2.0 1.5 7", "# [#]"),
     "dpd/ext": ("1.0 1.5 7", "# # # # # [#]"),
@@ -73,9 +72,8 @@ BONDED = {f"{what} {name}": (style, beads) for what, (beads, _) in JOINED.items(
 @pytest.mark.parametrize("name", BONDED)
 def test_bonded_coefficients_come_back(name, units):
     style, beads = BONDED[name]
-    values = style.coefficient(
-        drawn(" ".join("1" if dimension == "1" else "#" for dimension in style.columns.dimensions.values()), 3), "type", units
-    )
+    words = " ".join("1" if dimension == "1" else "#" for dimension in style.columns.dimensions.values())
+    values = style.coefficient(drawn(words, 3), "type", units)
     assert style.coefficient(style.words(values, units), "type", units) == pytest.approx(values, rel=1e-14)
     if style.kind is not None:
         terms = style.build(np.arange(beads)[None, :], values)
@@ -105,8 +103,7 @@ TERMS = {
 }
 
 
-#: LAMMPS has these in lj units only.
-REDUCED = (dpd.EDPD, dpd.TDPD, dpd.MDPD)
+REDUCED = (dpd.EDPD, dpd.TDPD, dpd.MDPD)  # LAMMPS has these in lj units only.
 
 
 @pytest.mark.parametrize(
@@ -115,9 +112,8 @@ REDUCED = (dpd.EDPD, dpd.TDPD, dpd.MDPD)
 )
 def test_terms_of_scenes_come_back(kind, k, units, tmp_path):
     term, kT = TERMS[kind][k], 1.3
-    scene = SimpleNamespace(
-        kT=kT, initial_kT=kT, bond_pairs=(), bonded_factors=(1.0, 1.0, 1.0), type_names=("W",), compat="lammps", bead_masses=np.ones(1)
-    )
+    known = {"bond_pairs": (), "bonded_factors": (1.0, 1.0, 1.0), "compat": "lammps", "bead_masses": np.ones(1)}
+    scene = SimpleNamespace(kT=kT, initial_kT=kT, type_names=("W",), **known)
     export = PairExport(scene, UNIT_SYSTEMS[units], False, "x", Differences())
     *others, use = EXPORTS[kind](export, {("W", "W"): term})
     for name, lines in export.tables.items():

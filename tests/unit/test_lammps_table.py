@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
+from raising import raises
 from scipy.interpolate import CubicSpline
 
 from openmm_dpd.base.errors import DeckError
@@ -81,34 +84,24 @@ def test_forces_with_kinks_are_kept(table):
     np.testing.assert_allclose(pair.forces, read_table(table, "NOISY").forces)
 
 
-@pytest.mark.parametrize(
-    ("keyword", "message"),
-    [
-        ("NONE", r"there is no table NONE in it; found FIRST, EVEN, COLUMN, BARE, SQUARE, NOISY, BITS, SHORT"),
-        ("BITS", r"table BITS is stored as BITMAP, which is not supported"),
-    ],
+@cases(
+    "keyword, message",
+    ("NONE", r"there is no table NONE in it; found FIRST, EVEN, COLUMN, BARE, SQUARE, NOISY, BITS, SHORT"),
+    ("BITS", r"table BITS is stored as BITMAP, which is not supported"),
 )
 def test_missing_and_unsupported(table, keyword, message):
-    with pytest.raises(DeckError, match=message):
-        read_table(table, keyword)
+    raises(DeckError, message, lambda: read_table(table, keyword))
 
 
 def test_rows_that_are_missing_or_not_numbers(tmp_path):
     path = tmp_path / "table"
     path.write_text("A\nN 3 R 1 2\n\n1 1 0 0\n2 1.5 x 0\n3 2 0 0\n")
-    with pytest.raises(DeckError, match=r"table:5: expected 'index r energy force'"):
-        read_table(path, "A")
-    path.write_text("A\nN 3 R 1 2\n\n1 1 0 0\n2 1.5 0 0\n")
-    with pytest.raises(DeckError, match=r"table A announces 3 rows, but has 2"):
-        read_table(path, "A")
+    raises(DeckError, r"table:5: expected 'index r energy force'", lambda: read_table(path, "A"))
+    raises(DeckError, r"table A announces 3 rows, but has 2", lambda: read_table(put(path, "A\nN 3 R 1 2\n\n1 1 0 0\n2 1.5 0 0\n"), "A"))
     path.write_text("A\nN 3\n\n1 1 0 0\n2 1.5 0 0\n3 1.2 0 0\n")
-    with pytest.raises(DeckError, match=r"table:5: the distances of table A must be > 0 and increase"):
-        read_table(path, "A")
-    path.write_text("A\nM 3\n\n1 1 0 0\n")
-    with pytest.raises(DeckError, match=r"table:2: expected the parameters 'N points"):
-        read_table(path, "A")
+    raises(DeckError, r"table:5: the distances of table A must be > 0 and increase", lambda: read_table(path, "A"))
+    raises(DeckError, r"table:2: expected the parameters 'N points", lambda: read_table(put(path, "A\nM 3\n\n1 1 0 0\n"), "A"))
 
 
 def test_a_cutoff_beyond_the_table(table):
-    with pytest.raises(ValueError, match="lies beyond the table"):
-        tabulated_pair(read_table(table, "EVEN"), 3.5, LJ)
+    raises(ValueError, "lies beyond the table", lambda: tabulated_pair(read_table(table, "EVEN"), 3.5, LJ))

@@ -10,8 +10,7 @@ from test_lammps_thermo_live import both
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, run_deck
 
-MISSING = lammps_peer.why_missing()
-LAMMPS = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+LAMMPS = lammps_peer.needed()
 
 WORDS = "pxx pyy pzz pxy pxz pyz"
 BEADS = """region box {box}
@@ -155,8 +154,7 @@ run 2
 
 @pytest.mark.parametrize("word", ["c_thermo_press[7]", "c_thermo_pe[1]", "c_thermo_temp[1][2]", "pyx"])
 def test_words_that_are_none(tmp_path, word):
-    (tmp_path / "in.bad").write_text(
-        f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nthermo_style custom step {word}\nrun 0\n", encoding="utf-8"
-    )
+    text = f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nthermo_style custom step {word}\nrun 0\n"
+    (tmp_path / "in.bad").write_text(text, encoding="utf-8")
     with pytest.raises(DeckError, match=r"in.bad:3: "):
         run_deck(tmp_path / "in.bad")

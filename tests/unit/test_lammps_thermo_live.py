@@ -5,13 +5,15 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, read_deck
 from openmm_dpd.lammps.run.runner import DeckRunner
 
-MISSING = lammps_peer.why_missing()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = lammps_peer.needed()
 
 
 def both(folder: Path, text: str, platform: str = "Reference") -> tuple[list[str], list[str]]:
@@ -25,9 +27,7 @@ def both(folder: Path, text: str, platform: str = "Reference") -> tuple[list[str
         lmp.command("log none")
     found.append(table((folder / "theirs" / "log").read_text().splitlines()))
     path, lines = folder / "in.ours", []
-    path.write_text(text, encoding="utf-8")
-    runner = DeckRunner(RunOptions(platform=platform, threads=1), lines.append)
-    read_deck(path, run_callback=runner, output=folder / "ours")
+    read_deck(put(path, text), run_callback=DeckRunner(RunOptions(platform=platform, threads=1), lines.append), output=folder / "ours")
     found.append(table("\n".join(lines).splitlines()))
     return found[0], found[1]
 
@@ -72,19 +72,17 @@ variable ce equal c_thermo_pe+c_pp
 FULL = "thermo_style custom step temp press ke enthalpy c_thermo_temp c_thermo_press v_ct v_cp v_ce c_pp c_pq c_pv c_ta\n"
 
 
-@pytest.mark.parametrize(
+@cases(
     "text",
-    [
-        FULL,
-        FULL + "thermo_modify temp ta\n",
-        FULL + "thermo_modify press pp\n",
-        FULL + "thermo_modify temp ta press pq\n",
-        FULL + "thermo_modify press pq temp ta\n",
-        "thermo_style custom step temp c_thermo_temp v_cp ke\nthermo_modify temp ta\n",
-        FULL + "thermo_modify temp ta\n" + FULL,
-        "thermo_modify temp ta\n" + FULL,
-        FULL + "thermo_modify temp ta\nthermo_modify temp thermo_temp\n",
-    ],
+    FULL,
+    FULL + "thermo_modify temp ta\n",
+    FULL + "thermo_modify press pp\n",
+    FULL + "thermo_modify temp ta press pq\n",
+    FULL + "thermo_modify press pq temp ta\n",
+    "thermo_style custom step temp c_thermo_temp v_cp ke\nthermo_modify temp ta\n",
+    FULL + "thermo_modify temp ta\n" + FULL,
+    "thermo_modify temp ta\n" + FULL,
+    FULL + "thermo_modify temp ta\nthermo_modify temp thermo_temp\n",
 )
 def test_built_in_computes_beside_thermo_modify(tmp_path, text):
     average = "fix a all ave/time 1 1 1 c_thermo_temp c_thermo_press c_pp c_pq v_ct v_cp file f.ave\n"
@@ -94,17 +92,15 @@ def test_built_in_computes_beside_thermo_modify(tmp_path, text):
 
 
 # -- layouts ------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
+@cases(
     "text",
-    [
-        "thermo_style multi",
-        "thermo_style multi\nthermo_modify format float %12.3e",
-        "thermo_style custom step temp pe press lx cella cellb cellc cellalpha atoms\nthermo_modify line multi",
-        "thermo_style custom step temp pe press cella atoms\nthermo_modify line multi format float %10.3f format int %5d format 2 %9.1f",
-        "thermo_style custom step temp pe press atoms\nthermo_modify format float %10.3f\nthermo_modify line multi",
-        'thermo_style custom step temp pe press\nthermo_modify line multi format line "%d %g %8.3f %12.5e"',
-        "thermo_style custom step temp cella press\nthermo_modify line one",
-    ],
+    "thermo_style multi",
+    "thermo_style multi\nthermo_modify format float %12.3e",
+    "thermo_style custom step temp pe press lx cella cellb cellc cellalpha atoms\nthermo_modify line multi",
+    "thermo_style custom step temp pe press cella atoms\nthermo_modify line multi format float %10.3f format int %5d format 2 %9.1f",
+    "thermo_style custom step temp pe press atoms\nthermo_modify format float %10.3f\nthermo_modify line multi",
+    'thermo_style custom step temp pe press\nthermo_modify line multi format line "%d %g %8.3f %12.5e"',
+    "thermo_style custom step temp cella press\nthermo_modify line one",
 )
 def test_layouts(tmp_path, text):
     theirs, ours = both(tmp_path, CHOICES + text + "\nrun 0\n")
@@ -129,9 +125,8 @@ group m type 1
 group f type 2
 velocity m set 1 0.2 0
 """
-ALONE = (
-    FOUR.partition("create_atoms 1 single 1.4")[0] + "mass * 1.0\npair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\nvelocity all set 1 2 3\n"
-)
+ALONE = FOUR.partition("create_atoms 1 single 1.4")[0] + "mass * 1.0\npair_style dpd 0.0 1.0 3\n"
+ALONE += "pair_coeff * * 25 4.5\nvelocity all set 1 2 3\n"
 FEW = {
     "immobile": (FOUR + "velocity f set 0.3 0 0\nfix 1 m nve\n", "temp pe ke etotal fnorm fmax press"),
     "held": (FOUR + "fix 1 all nve\nfix 2 f setforce 0 0 0\n", "temp pe ke etotal fnorm fmax press enthalpy"),
@@ -214,32 +209,24 @@ def test_formulas_that_both_refuse(tmp_path, formula):
     text = f'{FOUR}variable v equal {formula}\nprint "$({formula})"\n'
     with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR"):
         lmp.commands_string(text)
-    path = tmp_path / "in.ours"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(DeckError, match=r"in.ours:16: .*formula|in.ours:16: '\$\(' is never closed"):
-        read_deck(path)
+    path = put(tmp_path / "in.ours", text)
+    raises(DeckError, r"in.ours:16: .*formula|in.ours:16: '\$\(' is never closed", lambda: read_deck(path))
 
 
 @pytest.mark.parametrize("number", ["2_5", "٢٥", "2e1_0", "nan", "inf", "1d2", "0x19"])
 def test_numbers_that_both_refuse(tmp_path, number):
     text = f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 {number}\n"
-    # its message may be cut in the middle of a letter
-    with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):
+    with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):  # its message may be cut in the middle of a letter
         lmp.commands_string(text)
-    path = tmp_path / "in.ours"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(DeckError, match="in.ours:3: .*mass"):
-        read_deck(path)
+    path = put(tmp_path / "in.ours", text)
+    raises(DeckError, "in.ours:3: .*mass", lambda: read_deck(path))
     for place in (f"1 1 1 {number} 1", f"1 {number} 1 1 1", f"{number} 1 1 1 1"):
         data = tmp_path / "data"
-        data.write_text(
-            f"title\n\n1 atoms\n1 atom types\n\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\nAtoms # atomic\n\n{place}\n", encoding="utf-8"
-        )
+        head = "title\n\n1 atoms\n1 atom types\n\n0 4 xlo xhi\n0 4 ylo yhi\n0 4 zlo zhi\n\n"
+        data.write_text(f"{head}Atoms # atomic\n\n{place}\n", encoding="utf-8")
         with lammps_peer.instance() as lmp, pytest.raises(Exception, match="ERROR|utf-8"):
             lmp.command(f"read_data {data}")
-        path.write_text("read_data data\n")
-        with pytest.raises(DeckError, match="data:12: "):
-            read_deck(path)
+        raises(DeckError, "data:12: ", lambda: read_deck(put(path, "read_data data\n")))
 
 
 # -- steps at which ramps, oscillations and averages begin --------------------------------------------------------------------------------
@@ -276,37 +263,30 @@ def test_steps_of_averages(tmp_path, begin):
 
 
 # -- one temperature ---------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("styles", "coefficients", "temperature"),
-    [
-        ("dpd/ext 1.0 1.0 35 dpd/tstat 3.0 3.0 1.0 36", ("dpd/ext 25 0 4.5 1 1", "dpd/tstat 0.05"), None),
-        ("dpd 0.0 1.0 35 dpd/ext/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/ext/tstat 0 4.5 1 1"), 1.0),
-        ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 0", "dpd/tstat 4.5"), 1.0),
-        ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 3", "dpd/tstat 4.5"), None),
-        ("dpd 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/tstat 0"), 2.0),
-    ],
+@cases(
+    "styles, coefficients, temperature",
+    ("dpd/ext 1.0 1.0 35 dpd/tstat 3.0 3.0 1.0 36", ("dpd/ext 25 0 4.5 1 1", "dpd/tstat 0.05"), None),
+    ("dpd 0.0 1.0 35 dpd/ext/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/ext/tstat 0 4.5 1 1"), 1.0),
+    ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 0", "dpd/tstat 4.5"), 1.0),
+    ("dpd/fdt 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd/fdt 25 3", "dpd/tstat 4.5"), None),
+    ("dpd 2.0 1.0 35 dpd/tstat 1.0 1.0 1.0 36", ("dpd 25 0", "dpd/tstat 0"), 2.0),
 )
 def test_the_temperature_is_that_of_the_styles_with_friction(tmp_path, styles, coefficients, temperature):
     lines = "".join(f"pair_coeff * * {words}\n" for words in coefficients)
     path = tmp_path / "in.ours"
-    path.write_text(
-        FOUR.replace("pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\n", f"pair_style hybrid/overlay {styles}\n{lines}")
-        + "fix 1 all nve\nrun 0\n"
-    )
+    plain = "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\n"
+    path.write_text(FOUR.replace(plain, f"pair_style hybrid/overlay {styles}\n{lines}") + "fix 1 all nve\nrun 0\n")
     if temperature is None:
-        with pytest.raises(DeckError, match="in.ours:.*have different temperatures"):
-            read_deck(path)
+        raises(DeckError, "in.ours:.*have different temperatures", lambda: read_deck(path))
         return
     assert read_deck(path, stop_before_first_run=True).first_run.scene().kT == temperature
 
 
 # -- what differs is said or refused --------------------------------------------------------------------------------------------------------------
 def test_pre_no_is_said(tmp_path):
-    path = tmp_path / "in.ours"
-    path.write_text(FOUR + "fix 1 all nve\nrun 2\nrun 2 pre no\n")
+    path = put(tmp_path / "in.ours", FOUR + "fix 1 all nve\nrun 2\nrun 2 pre no\n")
     assert any("forces are evaluated anew" in note for note in read_deck(path).notes)
-    path.write_text(FOUR + "fix 1 all nve\nrun 2\nrun 2 pre yes post no\n")
-    assert not any("anew" in note for note in read_deck(path).notes)
+    assert not any("anew" in note for note in read_deck(put(path, FOUR + "fix 1 all nve\nrun 2\nrun 2 pre yes post no\n")).notes)
 
 
 @pytest.mark.parametrize("last", ["", "bond_coeff 3 harmonic 10 1\n"])
@@ -326,16 +306,8 @@ def test_lammps_reads_coefficients_of_hybrid_bonds(tmp_path, last):
 
 
 # -- beads on faces while a run measures -----------------------------------------------------------------------------------------
-ON_FACES = """units {units}
-lattice sc {scale}
-region box {box}
-create_box 2 box
-create_atoms 1 box
-mass * 1.0
-pair_style zero 0.5
-pair_coeff * *
-fix 1 all nve
-"""
+ON_FACES = "units {units}\nlattice sc {scale}\nregion box {box}\ncreate_box 2 box\ncreate_atoms 1 box\nmass * 1.0\npair_style zero 0.5\n"
+ON_FACES += "pair_coeff * *\nfix 1 all nve\n"
 
 
 def on_faces(units: str, tilt: str) -> str:

@@ -3,11 +3,13 @@
 import lammps_peer
 import numpy as np
 import pytest
+from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 
-MISSING = lammps_peer.why_missing()
+LAMMPS = lammps_peer.needed()
 
 #: The lattice has not the unit as its spacing: numbers are multiplied by it, values of variables are not.
 DECK = """lattice sc 0.5
@@ -31,11 +33,10 @@ COMMANDS = (
 )
 
 
-@pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+@LAMMPS
 @pytest.mark.parametrize("text", COMMANDS)
 def test_velocities_of_variables(tmp_path, text):
-    path = tmp_path / "in.deck"
-    path.write_text(DECK + text + "\nquit\n", encoding="utf-8")
+    path = put(tmp_path / "in.deck", DECK + text + "\nquit\n")
     state = read_deck(path, stop_before_first_run=True)
     with lammps_peer.instance() as lmp:
         lmp.commands_string(DECK + text)
@@ -44,17 +45,14 @@ def test_velocities_of_variables(tmp_path, text):
     np.testing.assert_allclose(state.atoms.velocities, expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("variable s string 3\nvelocity all set v_s 0 0", "velocity set: variable s is string-style"),
-        ("velocity all set v_none 0 0", "none"),
-        ("variable t equal temp\nvelocity all set v_t 0 0", "needs a run"),
-        ("variable q equal 1/(count(some)-5)\nvelocity all set v_q 0 0", "division by zero|1/"),
-    ],
+@cases(
+    "text, message",
+    ("variable s string 3\nvelocity all set v_s 0 0", "velocity set: variable s is string-style"),
+    ("velocity all set v_none 0 0", "none"),
+    ("variable t equal temp\nvelocity all set v_t 0 0", "needs a run"),
+    ("variable q equal 1/(count(some)-5)\nvelocity all set v_q 0 0", "division by zero|1/"),
 )
 def test_other_variables_are_refused(tmp_path, text, message):
-    path = tmp_path / "in.deck"
-    path.write_text(DECK + text + "\n", encoding="utf-8")
+    path = put(tmp_path / "in.deck", DECK + text + "\n")
     with pytest.raises(DeckError, match=rf"in.deck:\d+: .*({message})"):
         read_deck(path)

@@ -80,7 +80,6 @@ def test_an_error_before_any_line(kind, scale, threads, files, called):
         with pytest.raises(MemoryError), Lines(at, MemoryError(), KERNELS + files):
             forces_at(engine, places[1], scene)
         for which in (1, 0):
-            found = forces_at(engine, places[which], scene)
-            if not all(map(np.array_equal, found, expected[which])):
+            if not all(map(np.array_equal, forces_at(engine, places[which], scene), expected[which])):
                 wrong.append((at, trace.functions[at - 1], which))
     assert not wrong

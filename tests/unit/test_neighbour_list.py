@@ -56,8 +56,7 @@ def test_boxes_without_tilt_and_wide_ones_keep_their_list():
     assert not may_miss_pairs(np.diag([2.0, 2.0, 2.0]), 1.0)
     assert not may_miss_pairs(BOX, 0.9)
     assert may_miss_pairs(BOX, 1.8)
-    # a shift of a whole box, b_x - c_x
-    assert may_miss_pairs(np.array([[40.0, 0, 0], [20.0, 40.0, 0], [-20.0, 0, 40.0]]), 1.0)
+    assert may_miss_pairs(np.array([[40.0, 0, 0], [20.0, 40.0, 0], [-20.0, 0, 40.0]]), 1.0)  # a shift of a whole box, b_x - c_x
 
 
 def scene(pairs, seed: int = 7) -> dpd.Scene:
@@ -68,10 +67,7 @@ def scene(pairs, seed: int = 7) -> dpd.Scene:
 TABLES = {
     "DPD": {("A", "A"): dpd.DPD(A=25, gamma=4.5, cutoff=1.8)},
     "DPD without friction": {("A", "A"): dpd.DPD(A=25, cutoff=1.8)},
-    "tabulated": [
-        {("A", "A"): dpd.DPD(gamma=4.5, cutoff=1.0)},
-        {("A", "A"): dpd.TabulatedPair(SOFT, 20 * (1 - SOFT / 1.8) ** 2)},
-    ],
+    "tabulated": [{("A", "A"): dpd.DPD(gamma=4.5, cutoff=1.0)}, {("A", "A"): dpd.TabulatedPair(SOFT, 20 * (1 - SOFT / 1.8) ** 2)}],
 }
 
 
@@ -94,15 +90,13 @@ def test_densities_are_left_to_the_kernel():
     assert dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", seed=1).plan.execution.conservative == "kernel"
     with pytest.raises(PlanError, match="conservative='openmm' is not possible: .*tilted.*Reference platform.*CPU"):
         dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", conservative="openmm", seed=1)
-    assert (
-        dpd.build(scene({("A", "A"): term}), dt=0.01, platform="CPU", conservative="openmm", seed=1).plan.execution.conservative == "openmm"
-    )
+    built = dpd.build(scene({("A", "A"): term}), dt=0.01, platform="CPU", conservative="openmm", seed=1)
+    assert built.plan.execution.conservative == "openmm"
 
 
 def test_the_plan_says_so():
-    auto, openmm_force = (
-        dpd.build(scene(TABLES["DPD"]), dt=0.01, platform="Reference", conservative=choice, seed=1) for choice in ("auto", "openmm")
-    )
+    choices = {"dt": 0.01, "platform": "Reference", "seed": 1}
+    auto, openmm_force = (dpd.build(scene(TABLES["DPD"]), conservative=choice, **choices) for choice in ("auto", "openmm"))
     assert auto.plan.execution.conservative == "kernel"
     assert "over all pairs" in openmm_force.explain()
     assert "over all pairs" not in dpd.build(scene(TABLES["DPD"]), dt=0.01, platform="CPU", conservative="openmm", seed=1).explain()

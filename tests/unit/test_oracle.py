@@ -8,20 +8,17 @@ import oracle_density
 import oracle_energy
 import oracle_meso
 import pytest
+from cases import cases
 from scipy.integrate import solve_ivp
 
 
 # ------------------------------------------------------------------------------------------------- small scenes
 def two_types() -> oracle.PairParams:
     """Two types that differ in everything, transverse friction included."""
-    return oracle.PairParams(
-        A=np.array([[25.0, 31.0], [31.0, 18.0]]),
-        gamma=np.array([[4.5, 2.0], [2.0, 9.0]]),
-        gamma_perp=np.array([[1.5, 3.0], [3.0, 0.7]]),
-        s=np.array([[1.0, 0.5], [0.5, 0.8]]),
-        s_perp=np.array([[0.6, 1.0], [1.0, 1.3]]),
-        cutoff=np.array([[1.0, 1.2], [1.2, 0.9]]),
-    )
+    A, gamma = np.array([[25.0, 31.0], [31.0, 18.0]]), np.array([[4.5, 2.0], [2.0, 9.0]])
+    gamma_perp, cutoff = np.array([[1.5, 3.0], [3.0, 0.7]]), np.array([[1.0, 1.2], [1.2, 0.9]])
+    s, s_perp = np.array([[1.0, 0.5], [0.5, 0.8]]), np.array([[0.6, 1.0], [1.0, 1.3]])
+    return oracle.PairParams(A=A, gamma=gamma, gamma_perp=gamma_perp, s=s, s_perp=s_perp, cutoff=cutoff)
 
 
 def two_beads():
@@ -45,17 +42,14 @@ X2, V2, CUBE = np.array([[0.25, 1, 1], [2.75, 1, 1]]), np.array([[1.5, 1, -1], [
 XI, XI_T = np.array([[0, 0.6], [0.6, 0]]), np.array([[0, -1.5], [1.5, 0]])
 
 
-@pytest.mark.parametrize(
+@cases(
     "box",
-    [
-        np.array([[3.2, 0, 0], [1.5, 3.1, 0], [-1.4, 1.3, 3.4]]),
-        np.array([[4.0, 0, 0], [2.0, 4.0, 0], [-2.0, 2.0, 4.0]]),  # as tilted as a reduced cell can be
-        np.array([[3.0, 0, 0], [0.2, 5.0, 0], [1.4, -2.4, 7.0]]),
-    ],
+    np.array([[3.2, 0, 0], [1.5, 3.1, 0], [-1.4, 1.3, 3.4]]),
+    np.array([[4.0, 0, 0], [2.0, 4.0, 0], [-2.0, 2.0, 4.0]]),  # as tilted as a reduced cell can be
+    np.array([[3.0, 0, 0], [0.2, 5.0, 0], [1.4, -2.4, 7.0]]),
 )
 def test_triclinic_minimum_image_is_the_nearest_of_all_images(box):
-    rng = np.random.default_rng(3)
-    dr = rng.uniform(-1.5, 1.5, (500, 3)) @ box
+    dr = np.random.default_rng(3).uniform(-1.5, 1.5, (500, 3)) @ box
     images = np.array(list(itertools.product(range(-5, 6), repeat=3))) @ box
     nearest = np.min(np.linalg.norm(dr[:, None, :] + images, axis=2), axis=1)
     found = oracle.minimum_image(dr, box)
@@ -105,9 +99,8 @@ def test_two_beads_random():
 
 def test_rates_of_two_beads_worked_by_hand():
     """Theta 1 and 3: harmonic mean 3/2."""
-    got = oracle_energy.dpde_rates(
-        X2, V2, [1.0, 3.0], [0, 0], [2.0, 4.0], A=20.0, sigma=3.0, kappa=0.25, cutoff=1.0, box=CUBE, k_B=2.0, dt=0.25, xi=XI, xi_q=XI_T
-    )
+    beads, coefficients = (X2, V2, [1.0, 3.0], [0, 0], [2.0, 4.0]), {"A": 20.0, "sigma": 3.0, "kappa": 0.25, "cutoff": 1.0}
+    got = oracle_energy.dpde_rates(*beads, **coefficients, box=CUBE, k_B=2.0, dt=0.25, xi=XI, xi_q=XI_T)
     # gamma = 9/(2*2*1.5) = 1.5; D = -1.5/4*2 = -0.75; R = 3*0.5*0.6/0.5 = 1.8
     np.testing.assert_allclose(got.terms.conservative, [[10, 0, 0], [-10, 0, 0]])
     np.testing.assert_allclose(got.terms.dissipative, [[-0.75, 0, 0], [0.75, 0, 0]])
@@ -124,9 +117,8 @@ def test_rates_of_two_beads_worked_by_hand():
 
 def test_edpd_pair_worked_by_hand():
     """Tm = 2; sigma^2 = 4*4*3/4 = 12; wR^2 = 1/4; wT^2 = 1/16; K = 6*0.5*4 = 12, sqrt(2K) = sqrt(24)."""
-    got = oracle_meso.edpd_pair(
-        X2, V2, [1.0, 3.0], np.array([2.0, 3.0]), [0, 0], [2.0, 4.0], 10.0, 4.0, 2.0, 1.0, 0.5, 4.0, 1.0, CUBE, 0.25, XI, XI_T
-    )
+    beads = (X2, V2, [1.0, 3.0], np.array([2.0, 3.0]), [0, 0], [2.0, 4.0])
+    got = oracle_meso.edpd_pair(*beads, 10.0, 4.0, 2.0, 1.0, 0.5, 4.0, 1.0, CUBE, 0.25, XI, XI_T)
     np.testing.assert_allclose(got.terms.conservative[0], [10 * 2 * 0.5, 0, 0])
     np.testing.assert_allclose(got.terms.dissipative[0], [-4 / 4 * 2, 0, 0])
     np.testing.assert_allclose(got.terms.random[0], [np.sqrt(12) * 0.5 * 0.6 / 0.5, 0, 0])
@@ -183,13 +175,8 @@ def rounding(update, inv_m, g, dt):
 
 
 E = np.array([2.0, -1.0, 2.0]) / 3.0
-SETTINGS = list(
-    itertools.product(
-        [(1.0, 1.0), (1.0, 1 / 7.3), (0.4, 0.0), (0.0, 0.0)],
-        [(4.5, 0.0), (40.5, 3.0), (0.0, 900.0), (1e-7, 1e-9)],
-        [1e-4, 0.02, 0.5, 30.0],
-    )
-)
+_FRICTIONS = [(4.5, 0.0), (40.5, 3.0), (0.0, 900.0), (1e-7, 1e-9)]
+SETTINGS = list(itertools.product([(1.0, 1.0), (1.0, 1 / 7.3), (0.4, 0.0), (0.0, 0.0)], _FRICTIONS, [1e-4, 0.02, 0.5, 30.0]))
 
 
 @pytest.mark.parametrize("update", [oracle.ou_update, oracle.shardlow_update])

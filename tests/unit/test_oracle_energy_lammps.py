@@ -1,5 +1,6 @@
 """The oracle of beads with an internal energy against a live LAMMPS, noise included."""
 
+import lammps_peer
 import lammps_steps
 import numpy as np
 import oracle_energy as oe
@@ -13,9 +14,7 @@ CUTOFF = np.array([[1.0, 1.2], [1.2, 0.9]])
 
 @pytest.fixture(scope="module")
 def live_lammps():
-    reason = lammps_steps.why_missing([("pair", "dpd/fdt/energy"), ("fix", "shardlow"), ("fix", "eos/cv"), ("fix", "dpd/energy")])
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "dpd/fdt/energy"), ("fix", "shardlow"), ("fix", "eos/cv"), ("fix", "dpd/energy"))
 
 
 TYPE_MASSES = np.array([1.0, 2.7])
@@ -24,14 +23,10 @@ DPD_COLUMNS = {"dpd": "dpd/atom"}
 
 def dpd_commands(theta, seed, scale, fixes, dt, pairs=((0, 0), (0, 1), (1, 1))):
     """``scale`` multiplies sigma^2 and kappa: with temperatures as small, drag and conduction stay and noise goes."""
-    return [
-        *(f"set atom {k} dpd/theta {float(t)!r}" for k, t in enumerate(theta, start=1)),
-        f"pair_style dpd/fdt/energy 1.2 {seed}",
-        *(f"pair_coeff {a + 1} {b + 1} {A[a, b]} {SIGMA[a, b] * np.sqrt(scale)} {KAPPA[a, b] * scale} {CUTOFF[a, b]}" for a, b in pairs),
-        *fixes,
-        f"timestep {dt!r}",
-        "neigh_modify every 1 delay 0 check no",
-    ]
+    beads = [f"set atom {k} dpd/theta {float(t)!r}" for k, t in enumerate(theta, start=1)]
+    words = [f"{A[p]} {SIGMA[p] * np.sqrt(scale)} {KAPPA[p] * scale} {CUTOFF[p]}" for p in pairs]
+    terms = [f"pair_coeff {a + 1} {b + 1} {values}" for (a, b), values in zip(pairs, words, strict=True)]
+    return [*beads, f"pair_style dpd/fdt/energy 1.2 {seed}", *terms, *fixes, f"timestep {dt!r}", "neigh_modify every 1 delay 0 check no"]
 
 
 @pytest.mark.parametrize("types", [(0, 0), (0, 1), (1, 0)])
@@ -96,8 +91,7 @@ def test_shardlow_sweep_without_noise_equals_lammps(live_lammps):
     """Separate pairs, so that the order does not matter; one step; noise scaled away as above."""
     scale, dt, cv, n = 1e-16, 0.05, 2.5e16, 16
     rng = np.random.default_rng(3)
-    corners = 2.0 + 3.0 * np.array(np.unravel_index(np.arange(n // 2), (2, 2, 2))).T
-    x = np.repeat(corners, 2, axis=0)
+    x = np.repeat(2.0 + 3.0 * np.array(np.unravel_index(np.arange(n // 2), (2, 2, 2))).T, 2, axis=0)
     x[1::2] += rng.uniform(0.15, 0.45, (n // 2, 3))
     v, types, theta = rng.normal(size=(n, 3)), rng.integers(0, 2, n), scale * rng.uniform(0.7, 1.8, n)
     masses, box = TYPE_MASSES[types], lammps_steps.peer_box()
@@ -105,9 +99,8 @@ def test_shardlow_sweep_without_noise_equals_lammps(live_lammps):
     peer = lammps_steps.run("dpd", x, v, types, TYPE_MASSES, dpd_commands(theta, 99, scale, fixes, dt), 1, DPD_COLUMNS)
 
     order = [(k, k + 1) for k in range(0, n, 2)]
-    out = oe.shardlow_energy_sweep(
-        x, v, np.zeros(n), cv * theta, theta, order, types, masses, SIGMA * np.sqrt(scale), KAPPA * scale, CUTOFF, box, 1.0, dt, None, None
-    )
+    pairs = (SIGMA * np.sqrt(scale), KAPPA * scale, CUTOFF)
+    out = oe.shardlow_energy_sweep(x, v, np.zeros(n), cv * theta, theta, order, types, masses, *pairs, box, 1.0, dt, None, None)
 
     def force(x):
         return oe.dpde_rates(x, v, theta, types, masses, A, 0.0, 0.0, CUTOFF, box, 1.0, dt).terms.forces

@@ -1,5 +1,6 @@
 """The oracle of beads that carry heat and species against a live LAMMPS, noise included."""
 
+import lammps_peer
 import lammps_steps
 import numpy as np
 import oracle_energy as oe
@@ -21,11 +22,7 @@ POLYNOMIAL = np.array([0.5, -0.3, 0.8, 0.2])
 
 @pytest.fixture(scope="module")
 def live_lammps():
-    reason = lammps_steps.why_missing(
-        [("pair", "edpd"), ("pair", "tdpd"), ("fix", "mvv/edpd"), ("fix", "edpd/source"), ("fix", "tdpd/source")]
-    )
-    if reason:
-        pytest.skip(reason)
+    lammps_peer.need(("pair", "edpd"), ("pair", "tdpd"), ("fix", "mvv/edpd"), ("fix", "edpd/source"), ("fix", "tdpd/source"))
 
 
 BOX = lammps_steps.peer_box()
@@ -60,14 +57,9 @@ def test_edpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, case):
     seed, dt, lam, steps = 4711, 0.01, 0.65, 3
     options = {"A": 18.75, "gamma": 4.5, "power": 2.0, "cutoff": 1.0, "kappa": 0.02, "power_T": 2.0, "cutoff_T": 1.0} | case
     masses, start = np.array(options.pop("masses", (1.3, 1.3))), options.pop("x", X2)
-    commands = [
-        *(f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, t, c in zip((1, 2), T2, CV2, strict=True)),
-        f"pair_style edpd 1.0 {seed}",
-        edpd_line(options),
-        f"fix 1 all mvv/edpd {lam}",
-        "fix 2 all edpd/source cuboid 5 5 5 0.2 9 9 0.3",
-        f"timestep {dt}",
-    ]
+    beads = [f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, t, c in zip((1, 2), T2, CV2, strict=True)]
+    fixes = [f"fix 1 all mvv/edpd {lam}", "fix 2 all edpd/source cuboid 5 5 5 0.2 9 9 0.3", f"timestep {dt}"]
+    commands = [*beads, f"pair_style edpd 1.0 {seed}", edpd_line(options), *fixes]
     peer = lammps_steps.run("edpd", start, V2, (0, 1), masses, commands, steps, {"T": "edpd/temp/atom"})
     noise = iter(lammps_steps.lammps_normals(seed, steps + 1))
     source_on = iter([False] + [True] * steps)  # the source is not there at setup
@@ -97,13 +89,15 @@ def test_edpd_conduction_among_many_beads_equals_lammps(live_lammps):
     rng = np.random.default_rng(12)
     x, v = rng.uniform(4.0, 6.5, (n, 3)), rng.normal(size=(n, 3))
     T, cv, types = rng.uniform(0.7, 1.8, n), 1e16 * rng.uniform(1.0, 2.0, n), np.arange(n) % 2
+    beads = [f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, (t, c) in enumerate(zip(T, cv, strict=True), start=1)]
+    words = {
+        p: [EDPD[k][p] * (1e-16 if k == "kappa" else 1) for k in ("cutoff", "kappa", "power_T", "cutoff")] for p in ((0, 0), (0, 1), (1, 1))
+    }
+    terms = [f"pair_coeff {a + 1} {b + 1} {EDPD['A'][a, b]} 0.0 2.0 {' '.join(map(str, values))}" for (a, b), values in words.items()]
     commands = [
-        *(f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, (t, c) in enumerate(zip(T, cv, strict=True), start=1)),
+        *beads,
         "pair_style edpd 1.2 99",
-        *(
-            f"pair_coeff {a + 1} {b + 1} {EDPD['A'][a, b]} 0.0 2.0 {EDPD['cutoff'][a, b]} {EDPD['kappa'][a, b] * 1e-16} {EDPD['power_T'][a, b]} {EDPD['cutoff'][a, b]}"
-            for a, b in ((0, 0), (0, 1), (1, 1))
-        ),
+        *terms,
         "fix 1 all mvv/edpd 0.5",
         f"timestep {dt}",
         "neigh_modify every 1 delay 0 check no",
@@ -135,14 +129,9 @@ def test_tdpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, cutoff_C)
     seed, dt, lam, steps, kT = 4711, 0.01, 0.65, 3, 0.7
     C, masses = np.array([[1.0, 2.0], [0.4, 5.0]]), np.array([1.0, 2.7])
     options = {**MOMENTUM, "cutoff_C": cutoff_C, "kappa": [EDPD["kappa"], 2 * EDPD["kappa"]], "epsilon": [0.1, 0.2], "power_C": [2.0, 1.0]}
-    commands = [
-        *(f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(2) for s in range(2)),
-        f"pair_style tdpd {kT} 1.0 {seed}",
-        *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1))),
-        f"fix 1 all mvv/tdpd {lam}",
-        "fix 2 all tdpd/source 2 sphere 5 5 5 1.0 0.3",
-        f"timestep {dt}",
-    ]
+    beads = [f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(2) for s in range(2)]
+    pairs = [f"pair_style tdpd {kT} 1.0 {seed}", *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1)))]
+    commands = [*beads, *pairs, f"fix 1 all mvv/tdpd {lam}", "fix 2 all tdpd/source 2 sphere 5 5 5 1.0 0.3", f"timestep {dt}"]
     peer = lammps_steps.run("tdpd 2", X2, V2, (0, 1), masses, commands, steps, {"C1": "tdpd/cc/atom 1", "C2": "tdpd/cc/atom 2"})
     noise = iter(lammps_steps.pair_noise(seed, steps + 1, 3))
     source_on = iter([False] + [True] * steps)
@@ -150,9 +139,8 @@ def test_tdpd_pair_and_step_with_their_noise_equal_lammps(live_lammps, cutoff_C)
     def at(x, v, C):
         xi, *xi_C = next(noise)
         xi_C = [lammps_steps.two_bead_noise(z, False) for z in xi_C]
-        got = om.tdpd_pair(
-            x, v, C, (0, 1), **options, kT=kT, box=BOX, dt=dt, xi=lammps_steps.two_bead_noise(xi, True), xi_C=xi_C, compat="lammps"
-        )
+        drawn = {"xi": lammps_steps.two_bead_noise(xi, True), "xi_C": xi_C}
+        got = om.tdpd_pair(x, v, C, (0, 1), **options, kT=kT, box=BOX, dt=dt, **drawn, compat="lammps")
         source = om.tdpd_source(om.in_sphere(x, [5, 5, 5], 1.0), 1, 0.3, 2)
         at.terms = got.terms
         return got.terms.forces, got.Q + (source if next(source_on) else 0.0)
@@ -174,14 +162,9 @@ def test_tdpd_without_noise_equals_lammps_for_many_beads(live_lammps):
     masses = np.array([1.0, 2.7])[types]
     kappa = [EDPD["kappa"] * k for k in (1, 2, 3)]
     options = {**MOMENTUM, "cutoff_C": 0.85, "kappa": kappa, "epsilon": [0.0] * 3, "power_C": [2.0, 1.0, 0.5]}
-    commands = [
-        *(f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(n) for s in range(3)),
-        "pair_style tdpd 0.0 1.2 99",
-        *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1))),
-        f"fix 1 all mvv/tdpd {lam}",
-        f"timestep {dt}",
-        "neigh_modify every 1 delay 0 check no",
-    ]
+    beads = [f"set atom {k + 1} cc {s + 1} {C[k, s]}" for k in range(n) for s in range(3)]
+    pairs = ["pair_style tdpd 0.0 1.2 99", *(tdpd_line(a, b, options) for a, b in ((0, 0), (0, 1), (1, 1)))]
+    commands = [*beads, *pairs, f"fix 1 all mvv/tdpd {lam}", f"timestep {dt}", "neigh_modify every 1 delay 0 check no"]
     peer = lammps_steps.run("tdpd 3", x, v, types, (1.0, 2.7), commands, steps, {f"C{k}": f"tdpd/cc/atom {k}" for k in (1, 2, 3)})
 
     def at(x, v, C):

@@ -20,24 +20,12 @@ DISTANCES = np.linspace(0.1, 1.0, 12)
 
 
 def scene_arguments() -> dict:
-    return {
-        "masses": {"A": 1.0},
-        "types": ["A", "A", "A"],
-        "positions": np.array(X),
-        "pairs": {("A", "A"): dpd.DPD(A=25.0, gamma=4.5)},
-        "kT": 1.0,
-        "box": np.array([5.0, 5.0, 5.0]),
-        "velocities": np.array(X),
-        "bead_masses": np.array([1.0, 2.0, 3.0]),
-        "charges": np.array([1.0, -1.0, 0.0]),
-        "bonds": [dpd.HarmonicBonds(PAIRS, 1.0, 1.0)],
-        "mobile": np.array(MASK),
-        "molecules": np.array([1, 1, 2]),
-        "angles": [dpd.CosineAngles([[0, 1, 2]], 1.0)],
-        "body_forces": [dpd.BodyForce([1.0, 0, 0])],
-        "walls": [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 4.0, "below")],
-        "residues": ["R", "R", "S"],
-    }
+    table, walls = {("A", "A"): dpd.DPD(A=25.0, gamma=4.5)}, [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 4.0, "below")]
+    found = {"masses": {"A": 1.0}, "types": ["A", "A", "A"], "positions": np.array(X), "pairs": table, "kT": 1.0}
+    found |= {"box": np.array([5.0, 5.0, 5.0]), "velocities": np.array(X), "bead_masses": np.array([1.0, 2.0, 3.0])}
+    found |= {"charges": np.array([1.0, -1.0, 0.0]), "bonds": [dpd.HarmonicBonds(PAIRS, 1.0, 1.0)], "mobile": np.array(MASK)}
+    found |= {"molecules": np.array([1, 1, 2]), "angles": [dpd.CosineAngles([[0, 1, 2]], 1.0)]}
+    return found | {"body_forces": [dpd.BodyForce([1.0, 0, 0])], "walls": walls, "residues": ["R", "R", "S"]}
 
 
 def bonds(**coefficients: float) -> dict:
@@ -48,8 +36,7 @@ def dihedrals(*coefficients: str) -> dict:
     return {"quads": np.array([[0, 1, 2, 3]]), **{name: np.array([1.0]) for name in coefficients}}
 
 
-#: For each class that takes arrays, sequences or mappings, arguments made anew.
-EXAMPLES = {
+EXAMPLES = {  # For each class that takes arrays, sequences or mappings, arguments made anew.
     dpd.Scene: scene_arguments,
     dpd.HarmonicBonds: lambda: bonds(k=1.0, r0=1.0),
     dpd.FENEBonds: lambda: bonds(k=1.0, R0=1.0, epsilon=1.0, sigma=1.0),
@@ -80,19 +67,8 @@ EXAMPLES = {
     dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
 }
 
-#: Only numbers, text and other frozen classes in them.
-SCALARS = {
-    "ConstantHeatCapacity",
-    "DPD",
-    "EnergyDPD",
-    "EwaldSum",
-    "LennardJones",
-    "MDPD",
-    "SmearedCharges",
-    "Scheme",
-    "TemperatureRamp",
-    "Wall",
-}
+_SCALARS = "ConstantHeatCapacity DPD EnergyDPD EwaldSum LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall"
+SCALARS = set(_SCALARS.split())  # Only numbers, text and other frozen classes in them.
 
 
 def model_classes() -> set[type]:

@@ -7,6 +7,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from openmm import unit
+from raising import raises
 from scipy.integrate import quad
 
 from openmm_dpd import ParameterError
@@ -34,12 +35,9 @@ def table(name: str) -> dict:
 # -- units ------------------------------------------------------------------------------------------------------------------------
 def test_water_has_the_units_of_the_manual_of_dl_poly():
     """Its page of DPD units: three waters in a bead, at a mass density of 996.95 kg/m^3."""
-    water = water_mapping(
-        3,
-        mass_density=996.95 * unit.kilogram / unit.meter**3,
-        compressibility=4.525e-10 / unit.pascal,
-        diffusion=2.299e-9 * unit.meter**2 / unit.second,
-    )
+    compressibility, diffusion = 4.525e-10 / unit.pascal, 2.299e-9 * unit.meter**2 / unit.second
+    density = 996.95 * unit.kilogram / unit.meter**3
+    water = water_mapping(3, mass_density=density, compressibility=compressibility, diffusion=diffusion)
     assert water.mass == pytest.approx(54.04584)
     assert water.cutoff == pytest.approx(0.646378, rel=1e-5)
     assert water.thermal_energy == pytest.approx(2.478957, rel=1e-6)
@@ -79,19 +77,14 @@ def test_a_coefficient_in_openmm_units_is_the_reduced_one():
 
 def test_other_liquids_and_temperatures():
     room = water_mapping(3)
-    same = BeadMapping(3, room.molecule_mass, room.mass_density, room.temperature, room.compressibility, room.diffusion)
-    assert same == room
+    assert BeadMapping(3, room.molecule_mass, room.mass_density, room.temperature, room.compressibility, room.diffusion) == room
     with pytest.raises(ParameterError, match="known here at 298.15 K; at 320 K it needs mass_density, compressibility, diffusion"):
         water_mapping(3, temperature=320)
-    with pytest.raises(ParameterError, match="molecules must be a whole number"):
-        water_mapping(2.5)
-    with pytest.raises(ParameterError, match="mass_density has the unit"):
-        water_mapping(3, mass_density=1.0 * unit.meter)
+    raises(ParameterError, "molecules must be a whole number", lambda: water_mapping(2.5))
+    raises(ParameterError, "mass_density has the unit", lambda: water_mapping(3, mass_density=1.0 * unit.meter))
     bare = BeadMapping(3, room.molecule_mass, room.mass_density, room.temperature, room.compressibility)
-    with pytest.raises(ParameterError, match="no diffusion coefficient"):
-        bare.diffusion_time(0.15)
-    with pytest.raises(ParameterError, match="the dimension must be one of"):
-        room.quantity(1.0, "charge")
+    raises(ParameterError, "no diffusion coefficient", lambda: bare.diffusion_time(0.15))
+    raises(ParameterError, "the dimension must be one of", lambda: room.quantity(1.0, "charge"))
 
 
 # -- equations of state -----------------------------------------------------------------------------------------------------------
@@ -133,20 +126,17 @@ def test_the_table_is_hit_and_slopes_are_slopes():
 
 
 def test_bounds():
-    with pytest.raises(ParameterError, match=r"density = 1.5 is outside of 2 to 8.*extrapolate=True"):
-        pressure(25, 1.5)
+    raises(ParameterError, r"density = 1.5 is outside of 2 to 8.*extrapolate=True", lambda: pressure(25, 1.5))
     beyond = pressure(25, 1.9, extrapolate=True)
     assert beyond.extrapolated and beyond.error is None and not pressure(25, 3).extrapolated
-    with pytest.raises(ParameterError, match="needs an A outside of 5 to 110"):
-        repulsion_from_compressibility(500.0, 3.0)
+    raises(ParameterError, "needs an A outside of 5 to 110", lambda: repulsion_from_compressibility(500.0, 3.0))
     for equation in ("ideal", ["measured"], 3, {}):
         with pytest.raises(ParameterError, match="must be one of measured"):
             pressure(25, 3, equation=equation)
     for relation in ("ideal", np.array(["a", "b"])):
         with pytest.raises(ParameterError, match="must be one of measured"):
             chi_from_repulsion(10.0, relation=relation)
-    with pytest.raises(ParameterError, match="A must be > 0"):
-        pressure(0, 3)
+    raises(ParameterError, "A must be > 0", lambda: pressure(0, 3))
 
 
 # -- Flory-Huggins ----------------------------------------------------------------------------------------------------------------
@@ -159,10 +149,8 @@ def test_composition_is_where_both_phases_have_the_same_potential(chi):
 
 
 def test_wrong_compositions():
-    with pytest.raises(ParameterError, match="chi above 2"):
-        composition_from_chi(1.9)
-    with pytest.raises(ParameterError, match="between 0 and 1/2"):
-        chi_from_composition(0.5)
+    raises(ParameterError, "chi above 2", lambda: composition_from_chi(1.9))
+    raises(ParameterError, "between 0 and 1/2", lambda: chi_from_composition(0.5))
 
 
 def test_chi_from_solubility_parameters():
@@ -170,8 +158,7 @@ def test_chi_from_solubility_parameters():
     molar = chi_from_solubility(90 * unit.centimeter**3 / unit.mole, 20 * root, 17 * root, 300)
     bead = chi_from_solubility(90e21 / 6.02214076e23, 20 * root, 17 * root, 300 * unit.kelvin)
     assert molar == pytest.approx(90e-6 * 9e6 / (8.31446 * 300), rel=1e-5) == pytest.approx(bead)
-    with pytest.raises(ParameterError, match="the pressure has the unit"):
-        chi_from_solubility(0.1, 20 * unit.bar, 17.0, 300)
+    raises(ParameterError, "the pressure has the unit", lambda: chi_from_solubility(0.1, 20 * unit.bar, 17.0, 300))
     for delta in (1e300, 1e300 * root):
         with pytest.raises(ParameterError, match="inf"):
             chi_from_solubility(0.1, delta, 16.0, 300)
@@ -180,8 +167,7 @@ def test_chi_from_solubility_parameters():
 def test_chi_of_groot_and_warren():
     assert repulsion_from_chi(2.86, 3, relation="groot-warren").value == pytest.approx(10.0)
     assert chi_from_repulsion(10.0, 5, relation="groot-warren").value == pytest.approx(6.89)
-    with pytest.raises(ParameterError, match="densities 3 and 5"):
-        repulsion_from_chi(2.0, 4, relation="groot-warren")
+    raises(ParameterError, "densities 3 and 5", lambda: repulsion_from_chi(2.0, 4, relation="groot-warren"))
     for density, chi in ((3.0, 3.0), (3.0, 4.5), (5.0, 3.0), (5.0, 4.5)):
         theirs = repulsion_from_chi(chi, density, relation="groot-warren").value
         assert repulsion_from_chi(chi, density).value == pytest.approx(theirs, rel=0.1)
@@ -201,8 +187,7 @@ def test_chi_there_and_back_and_its_small_limit():
         dA = 1e-6
         like = 75 / density if A is None else A
         assert chi_from_repulsion(dA, density, A=A).value / dA == pytest.approx(overlap_energy(like, density), rel=1e-4)
-    with pytest.raises(ParameterError, match="chi = 9 is outside"):
-        repulsion_from_chi(9.0, 3.0)
+    raises(ParameterError, "chi = 9 is outside", lambda: repulsion_from_chi(9.0, 3.0))
 
 
 # -- transport --------------------------------------------------------------------------------------------------------------------
@@ -226,17 +211,12 @@ def test_transport_of_others():
 
 
 def test_transport_outside_of_its_table():
-    with pytest.raises(ParameterError, match=r"drag = 500 is outside of 2 to 120"):
-        transport(500.0)
+    raises(ParameterError, r"drag = 500 is outside of 2 to 120", lambda: transport(500.0))
     assert transport(130.0, extrapolate=True).viscosity.extrapolated
-    with pytest.raises(ParameterError, match="A = 50 and exponent = 0.5 were not varied together"):
-        transport(4.5, A=50, exponent=0.5)
-    with pytest.raises(ParameterError, match="schmidt = 1e[+]06 is outside of"):
-        friction_for(schmidt=1e6)
-    with pytest.raises(ParameterError, match="one of schmidt, viscosity and diffusion is wanted, not 2"):
-        friction_for(schmidt=3, viscosity=1)
-    with pytest.raises(ParameterError, match="both 0"):
-        transport(0.0)
+    raises(ParameterError, "A = 50 and exponent = 0.5 were not varied together", lambda: transport(4.5, A=50, exponent=0.5))
+    raises(ParameterError, "schmidt = 1e[+]06 is outside of", lambda: friction_for(schmidt=1e6))
+    raises(ParameterError, "one of schmidt, viscosity and diffusion is wanted, not 2", lambda: friction_for(schmidt=3, viscosity=1))
+    raises(ParameterError, "both 0", lambda: transport(0.0))
 
 
 def test_errors_offer_what_can_be_done():
@@ -246,6 +226,5 @@ def test_errors_offer_what_can_be_done():
     with pytest.raises(ParameterError) as found:
         friction_for(schmidt=2.0, exponent=3.0)
     assert "exponent = 3 is outside of 0.25 to 1" in str(found.value) and "extrapolate" not in str(found.value)
-    assert inverse_compressibility(25, 1.0, extrapolate=True).value == pytest.approx(
-        1 + 2 * (pressure(25, 1.0, extrapolate=True).value - 1)
-    )
+    expected = 1 + 2 * (pressure(25, 1.0, extrapolate=True).value - 1)
+    assert inverse_compressibility(25, 1.0, extrapolate=True).value == pytest.approx(expected)

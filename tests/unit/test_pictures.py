@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from cases import cases
 from matplotlib.figure import Figure
 
 from openmm_dpd.base.errors import ParameterError
@@ -42,8 +43,7 @@ def test_panels_labels_and_legend(tmp_path, drawn):
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["kinetic", "configurational", "set"]
     assert len(figure.axes[1].get_legend().get_texts()) == 2
     assert figure.axes[2].get_legend() is None
-    # rows and mean of two runs, and the line between them
-    data = [line.get_xdata() for line in figure.axes[2].lines]
+    data = [line.get_xdata() for line in figure.axes[2].lines]  # rows and mean of two runs, and the line between them
     assert [(float(x[0]), float(x[-1])) for x in data] == [(0.0, 49.5), (0.0, 49.5), (50.0, 99.5), (50.0, 99.5), (50.0, 50.0)]
 
 
@@ -76,8 +76,7 @@ def test_runs_are_kept_apart():
 
 def test_sliding_mean():
     line = 3.0 * np.arange(50) - 7
-    mean = _sliding_mean(line, 11)
-    assert np.allclose(mean[5:-5], line[5:-5], rtol=1e-12)
+    assert np.allclose(_sliding_mean(line, 11)[5:-5], line[5:-5], rtol=1e-12)
     values = np.random.default_rng(2).standard_normal(50)
     assert _sliding_mean(values, 11)[20] == pytest.approx(values[15:26].mean(), rel=1e-12)
     values[17] = np.nan
@@ -106,20 +105,18 @@ def test_the_start_neither_scales_the_axes_nor_has_a_mean(tmp_path, drawn):
     assert (shade.get_x(), shade.get_x() + shade.get_width()) == pytest.approx((time[0], time[30])) and "grey" in figure.get_supxlabel()
 
 
-@pytest.mark.parametrize(
-    ("columns", "options", "message"),
-    [
-        ({"temp": [1.0]}, {}, "no column 'time' to draw against; there are temp"),
-        (None, {}, "a mapping of words to rows, not None"),
-        ({"time": [0.0], "vol": [1.0]}, {}, "nothing to draw: none of temp, "),
-        ({"time": [], "temp": []}, {}, "no rows to draw"),
-        ({"time": [0.0, 1.0], "temp": [1.0]}, {}, r"'temp' has the shape \(1,\)"),
-        ({"time": [0.0, 2.0, 1.0], "temp": [1.0, 1.0, 1.0]}, {"runs": [1.0]}, r"goes back \(from 2 to 1 in row 2\)"),
-        ({"time": [0.0, 1.0], "temp": [1.0, 1.0]}, {"target": [1.0, 1.0, 1.0]}, r"target has the shape \(3,\)"),
-        ({"time": [1, 2], "temp": ["a", "b"]}, {}, "the column 'temp' must be numbers.*'a'"),
-        ({"time": [1, 2], "temp": [1, 2]}, {"target": "warm"}, "target must be numbers.*'warm'"),
-        ({"time": [1, 2], "temp": [1, 2]}, {"counted": [True]}, r"counted has the shape \(1,\)"),
-    ],
+@cases(
+    "columns, options, message",
+    ({"temp": [1.0]}, {}, "no column 'time' to draw against; there are temp"),
+    (None, {}, "a mapping of words to rows, not None"),
+    ({"time": [0.0], "vol": [1.0]}, {}, "nothing to draw: none of temp, "),
+    ({"time": [], "temp": []}, {}, "no rows to draw"),
+    ({"time": [0.0, 1.0], "temp": [1.0]}, {}, r"'temp' has the shape \(1,\)"),
+    ({"time": [0.0, 2.0, 1.0], "temp": [1.0, 1.0, 1.0]}, {"runs": [1.0]}, r"goes back \(from 2 to 1 in row 2\)"),
+    ({"time": [0.0, 1.0], "temp": [1.0, 1.0]}, {"target": [1.0, 1.0, 1.0]}, r"target has the shape \(3,\)"),
+    ({"time": [1, 2], "temp": ["a", "b"]}, {}, "the column 'temp' must be numbers.*'a'"),
+    ({"time": [1, 2], "temp": [1, 2]}, {"target": "warm"}, "target must be numbers.*'warm'"),
+    ({"time": [1, 2], "temp": [1, 2]}, {"counted": [True]}, r"counted has the shape \(1,\)"),
 )
 def test_what_cannot_be_drawn(tmp_path, columns, options, message):
     with pytest.raises(ParameterError, match=message):

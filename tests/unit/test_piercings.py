@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from openmm import app, unit
+from raising import raises
 from scipy.spatial.transform import Rotation
 
 from openmm_dpd.base.errors import ParameterError
@@ -40,11 +41,7 @@ def topology_of(molecules: list[tuple[str, np.ndarray, bool]], box) -> tuple[app
     return topology, np.concatenate([x for _, x, _ in molecules])
 
 
-BOXES = {
-    "none": None,
-    "orthorhombic": np.diag([3.0, 3.2, 3.4]),
-    "triclinic": np.array([[3.0, 0, 0], [1.2, 3.0, 0], [-1.1, 1.3, 3.0]]),
-}
+BOXES = {"none": None, "orthorhombic": np.diag([3.0, 3.2, 3.4]), "triclinic": np.array([[3.0, 0, 0], [1.2, 3.0, 0], [-1.1, 1.3, 3.0]])}
 
 
 def ten_rings(box: np.ndarray | None, shift: np.ndarray, seed: int):
@@ -149,9 +146,8 @@ def test_a_large_ring_on_request():
     assert find_piercings(topology, x) == []
     (found,) = find_piercings(topology, x, max_ring=12)
     assert found.bond == (14, 15)
-    assert str(found) == (
-        "the bond C2-C3 of CHAIN 2 of chain 2 passes through the ring C0 C11 C10 C9 C8 C7 C6 C5 C4 C3 C2 C1 of RING 1 of chain 1"
-    )
+    ring = "the ring C0 C11 C10 C9 C8 C7 C6 C5 C4 C3 C2 C1 of RING 1 of chain 1"
+    assert str(found) == f"the bond C2-C3 of CHAIN 2 of chain 2 passes through {ring}"
 
 
 @pytest.mark.parametrize("turn", range(3))
@@ -178,18 +174,12 @@ def test_bonds_are_pushed_out(frozen, turn):
 
 def test_bad_input():
     topology, x = topology_of([("RING", polygon(6), True), ("CHAIN", zigzag(6), False)], np.eye(3) * 2.0)
-    with pytest.raises(ParameterError, match=r"shape \(12, 3\)"):
-        find_piercings(topology, x[:-1])
-    with pytest.raises(ParameterError, match="nan at index"):
-        find_piercings(topology, np.where(np.arange(12)[:, None] == 3, np.nan, x))
-    with pytest.raises(ParameterError, match="half the smallest width of the box"):
-        find_piercings(topology, x, [0.4, 2, 2])
-    with pytest.raises(ParameterError, match="max_ring must be at least 3"):
-        find_piercings(topology, x, max_ring=2)
-    with pytest.raises(ParameterError, match=r"expected an openmm.app.Topology"):
-        find_piercings(None, x)
+    raises(ParameterError, r"shape \(12, 3\)", lambda: find_piercings(topology, x[:-1]))
+    raises(ParameterError, "nan at index", lambda: find_piercings(topology, np.where(np.arange(12)[:, None] == 3, np.nan, x)))
+    raises(ParameterError, "half the smallest width of the box", lambda: find_piercings(topology, x, [0.4, 2, 2]))
+    raises(ParameterError, "max_ring must be at least 3", lambda: find_piercings(topology, x, max_ring=2))
+    raises(ParameterError, r"expected an openmm.app.Topology", lambda: find_piercings(None, x))
     bare = app.Topology()
     bare.addAtom("AR", app.element.argon, bare.addResidue("AR", bare.addChain()))
-    with pytest.raises(ParameterError, match="no bonds"):
-        find_piercings(bare, [[0, 0, 0]])
+    raises(ParameterError, "no bonds", lambda: find_piercings(bare, [[0, 0, 0]]))
     assert len(find_piercings(topology, x * 10 * unit.angstrom, [2, 2, 2] * unit.nanometer)) == 1

@@ -23,16 +23,9 @@ NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.open
 MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc": OPENMM}
 
 #: The same for attributes of objects of other libraries, and for options by name.
-ATTRIBUTES = {
-    "_value": OPENMM,
-    "_getNumParticles": OPENMM,
-    "_getVectorAsNumpy": OPENMM,
-    "_cache": NUMBA,
-    "_rebuild": NUMBA,
-    "_reduce": NUMBA,
-    "_nrt": NUMBA,
-    "_default_value": "openmm_dpd.molecules.inputs.gsd_files",  # of gsd
-}
+ATTRIBUTES = dict.fromkeys(("_value", "_getNumParticles", "_getVectorAsNumpy"), OPENMM)
+ATTRIBUTES |= dict.fromkeys(("_cache", "_rebuild", "_reduce", "_nrt"), NUMBA)
+ATTRIBUTES["_default_value"] = "openmm_dpd.molecules.inputs.gsd_files"  # of gsd
 
 #: Attributes of the package's own classes that others look at, and the documented one of named tuples.
 OWN = {"_BEADS", "_DIMENSIONS", "_evaluated", "_replace", "_take"}
@@ -73,19 +66,12 @@ def private_names(tree: ast.AST) -> set[str]:
 
 
 def test_modules_are_imported_in_one_file_each():
-    found = {
-        (private, module)
-        for module, tree in TREES.items()
-        for private in MODULES
-        for name in imported(tree)
-        if name == private or name.startswith(f"{private}.")
-    }
+    found = {(p, module) for module, tree in TREES.items() for p in MODULES for name in imported(tree) if f"{name}.".startswith(f"{p}.")}
     assert found == set(MODULES.items())
 
 
 def test_attributes_are_used_in_one_file_each():
-    found = {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN}
-    assert found == set(ATTRIBUTES.items())
+    assert {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN} == set(ATTRIBUTES.items())
 
 
 def test_uses_are_found():
@@ -186,9 +172,7 @@ def test_instructions_do_what_loops_do():
 
     with advised(LLVMLITE, "the instructions of llvmlite"):
         sums, moved, counts = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES, np.uint32)
-        found = numba.njit(all_of_them)(a, b, sums, moved, counts, bits)
-        in_order = 0.0 + sum(a[1:].tolist(), a[0])
-        assert found == (in_order, 3, 2)
+        assert numba.njit(all_of_them)(a, b, sums, moved, counts, bits) == (0.0 + sum(a[1:].tolist(), a[0]), 3, 2)
         assert np.array_equal(sums, np.floor(a + b) * 2 - a) and np.array_equal(moved, a + 0.5)
         assert np.array_equal(counts, np.arange(7, 7 + LANES))
 
@@ -214,13 +198,8 @@ def test_quantities_hold_numbers_in_their_units():
     integrator.step(1)
     state = context.getState(energy=True, forces=True)
     energy, force = unit.kilojoule_per_mole, unit.kilojoule_per_mole / unit.nanometer
-    cases = [
-        (integrator.getStepSize(), unit.picosecond),
-        (state.getTime(), unit.picosecond),
-        (state.getPotentialEnergy(), energy),
-        (state.getForces(asNumpy=True), force),
-        (state.getPeriodicBoxVectors(asNumpy=True), unit.nanometer),
-    ]
+    cases = [(integrator.getStepSize(), unit.picosecond), (state.getTime(), unit.picosecond), (state.getPotentialEnergy(), energy)]
+    cases += [(state.getForces(asNumpy=True), force), (state.getPeriodicBoxVectors(asNumpy=True), unit.nanometer)]
     with advised(OPENMM, "Quantity"):
         from openmm_dpd.base.openmm_private import bare
 

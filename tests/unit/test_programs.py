@@ -7,6 +7,8 @@ from pathlib import Path
 
 import openmm
 import pytest
+from cases import cases
+from raising import raises
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
 from openmm_dpd.base.names import AHEAD, COUNTER, DT, KT, PARAMETERS, PHASE, PORTABLE, Phase
@@ -22,8 +24,7 @@ RAMP = TemperatureRamp(1.0, 2.0, 10, 110)
 KERNEL = Execution(conservative="kernel")
 LOOP = Execution(steps="loop", conservative="kernel")
 
-#: Name of a variant -> what differs from BASE.
-VARIANTS = {
+VARIANTS = {  # Name of a variant -> what differs from BASE.
     "kernel": dict(execution=KERNEL, settable=True),
     "looped": dict(execution=LOOP),
     "openmm": dict(),
@@ -33,12 +34,8 @@ VARIANTS = {
     "no_thermostat_kernel": dict(thermostat=False, execution=KERNEL),
 }
 #: Named schemes with a program, and words: a sweep at the end of a step that is kept, two sweeps, Shardlow's in the middle of a drift.
-WORDS = {
-    **{name: scheme for name, scheme in SCHEMES.items() if not scheme.native},
-    "baoab": scheme_of("B/2 A/2 O A/2 B/2"),
-    "obabo": scheme_of("O/2 B/2 A B/2 O/2"),
-    "asab": scheme_of("A/4 S A/4 B A/2"),
-}
+_WORDS = {"baoab": "B/2 A/2 O A/2 B/2", "obabo": "O/2 B/2 A B/2 O/2", "asab": "A/4 S A/4 B A/2"}
+WORDS = {name: scheme for name, scheme in SCHEMES.items() if not scheme.native} | {k: scheme_of(text) for k, text in _WORDS.items()}
 CASES = {f"{name}_{variant}": replace(BASE, scheme=scheme, **VARIANTS[variant]) for name, scheme in WORDS.items() for variant in VARIANTS}
 CASES["mvv_lambda_looped"] = replace(BASE, lam=0.65, execution=LOOP)
 CASES["mvv_lambda_kernel"] = replace(BASE, lam=0.65, execution=KERNEL)
@@ -56,8 +53,7 @@ CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
 CASE = pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
 
 
-#: The case whose listing is kept with its comments.
-COMMENTED = "middle_openmm"
+COMMENTED = "middle_openmm"  # The case whose listing is kept with its comments.
 
 
 def without_comments(listing: str) -> str:
@@ -118,8 +114,7 @@ def test_every_variable_is_used(options):
     text = " ".join(f"{step.target} {step.expression}" for step in program.steps)
     for name in (*program.globals_, *program.per_dof):
         assert name in re.findall(r"[A-Za-z_]\w*", text), name
-        # where the walls are never changes
-        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS, name
+        assert any(step.target == name for step in program.steps) or name in walls.CONSTANTS, name  # where the walls are never changes
 
 
 @CASE
@@ -219,33 +214,30 @@ def test_a_good_program_passes():
     p.check()
 
 
-@pytest.mark.parametrize(
-    ("kind", "target", "expression", "message"),
-    [
-        ("each", "v", "v+dt*acel/m", "unknown name acel"),
-        ("each", "v", "v+dt*F/m", "unknown name F"),
-        ("set", "k", "k+dpd_KT", "unknown name dpd_KT"),
-        ("each", "v", "sqr(v)", "unknown name sqr"),
-        ("each", "v", "v+f32", "unknown name f32"),
-        ("each", "vel", "v", "'vel' was not declared"),
-        ("set", "v", "1", "'v' was not declared"),
-        ("set", "dt", "1", "'dt' was not declared"),
-        ("each", "k", "v", "'k' was not declared"),
-        ("each", "f", "v", "'f' was not declared"),
-        ("each", "v", "f+f31", "one force group"),
-        ("each", "v", "f1/m+f2/m", "one force group"),
-        ("set", "k", "energy+energy31", "one force group"),
-        ("set", "k", "a+1", "'a'"),
-        ("set", "k", "x*2", "'x'"),
-    ],
+@cases(
+    "kind, target, expression, message",
+    ("each", "v", "v+dt*acel/m", "unknown name acel"),
+    ("each", "v", "v+dt*F/m", "unknown name F"),
+    ("set", "k", "k+dpd_KT", "unknown name dpd_KT"),
+    ("each", "v", "sqr(v)", "unknown name sqr"),
+    ("each", "v", "v+f32", "unknown name f32"),
+    ("each", "vel", "v", "'vel' was not declared"),
+    ("set", "v", "1", "'v' was not declared"),
+    ("set", "dt", "1", "'dt' was not declared"),
+    ("each", "k", "v", "'k' was not declared"),
+    ("each", "f", "v", "'f' was not declared"),
+    ("each", "v", "f+f31", "one force group"),
+    ("each", "v", "f1/m+f2/m", "one force group"),
+    ("set", "k", "energy+energy31", "one force group"),
+    ("set", "k", "a+1", "'a'"),
+    ("set", "k", "x*2", "'x'"),
 )
 def test_mistakes_that_openmm_would_not_report(kind, target, expression, message):
     p = program()
     p.declare("k", 1.0, "a number")
     p.declare_per_dof("a", "something")
     getattr(p, kind)(target, expression)
-    with pytest.raises(ProgramError, match=message):
-        p.check()
+    raises(ProgramError, message, p.check)
 
 
 @pytest.mark.parametrize("name", ["x", "v", "f", "m", "dt", "energy", "f7", "energy31", "gaussian", "sqrt", *PARAMETERS])
@@ -253,32 +245,26 @@ def test_mistakes_that_openmm_would_not_report(kind, target, expression, message
 def test_a_variable_must_not_shadow_a_reserved_name(name, per_dof):
     p = program()
     p.declare_per_dof(name, "") if per_dof else p.declare(name, 0.0, "")
-    with pytest.raises(ProgramError, match=f"'{name}' shadows"):
-        p.check()
+    raises(ProgramError, f"'{name}' shadows", p.check)
 
 
 def test_parameters_of_the_kernel_are_unknown_without_one():
     p = Program("test", "nowhere", replace(BASE, thermostat=False))
     p.begin()
     p.set(COUNTER, f"{COUNTER}+1")
-    with pytest.raises(ProgramError, match=COUNTER):
-        p.check()
+    raises(ProgramError, COUNTER, p.check)
 
 
 def test_blocks_and_updates_are_counted():
     p = program()
     p.if_changed().__enter__()
-    with pytest.raises(ProgramError, match="fingerprint|not closed"):
-        p.check()
+    raises(ProgramError, "fingerprint|not closed", p.check)
     p = program()
     p.begin()
-    with pytest.raises(ProgramError, match="exactly once"):
-        p.check()
-    with pytest.raises(ProgramError, match="exactly once"):
-        Program("test", "nowhere", BASE).check()
+    raises(ProgramError, "exactly once", p.check)
+    raises(ProgramError, "exactly once", lambda: Program("test", "nowhere", BASE).check())
 
 
 @pytest.mark.parametrize("name", [name for name in WORDS if name != "middle"])
 def test_constraints_need_a_scheme_that_keeps_them(name):
-    with pytest.raises(PlanError, match=f"{re.escape(WORDS[name].name)}.*middle"):
-        make_program(replace(BASE, scheme=WORDS[name], constraints=True))
+    raises(PlanError, f"{re.escape(WORDS[name].name)}.*middle", lambda: make_program(replace(BASE, scheme=WORDS[name], constraints=True)))

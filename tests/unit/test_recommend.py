@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from cases import cases
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -77,8 +79,7 @@ def test_corrections_of_lines_are_interpolated():
     table = StabilityTable(made_up(lambda scheme, p: power(scheme, p) * 2 ** (np.log10(p["mass"]) / 2)))
     for gamma in (4.5, 12.0, 40.5):
         for mass, factor in ((1.0, 1.0), (10.0, 2**0.5), (30.0, 2 ** (np.log10(30) / 2)), (100.0, 2.0)):
-            found = table.step("middle", Groups(gamma, 25.0, mass=mass), 0.01, "conf")
-            assert found == pytest.approx(0.06 * factor, rel=1e-9)
+            assert table.step("middle", Groups(gamma, 25.0, mass=mass), 0.01, "conf") == pytest.approx(0.06 * factor, rel=1e-9)
 
 
 def test_friction_counts_the_weight_function():
@@ -98,14 +99,12 @@ def test_missing_points_take_their_neighbours_in_friction():
 
 def test_a_table_without_a_plane_is_refused():
     data = made_up(power, repulsions=(25.0,))
-    with pytest.raises(ParameterError, match="two repulsions"):
-        StabilityTable(data)
+    raises(ParameterError, "two repulsions", lambda: StabilityTable(data))
 
 
 @pytest.mark.parametrize("change", [{"gamma": 500.0}, {"a": 26.0}, {"a": 0.5}, {"rho": 9.0}, {"mass": 200.0}, {"s": 2.0}, {"cv": 0.5}])
 def test_beyond_the_table_is_said(table, change):
-    at = Groups(**({"gamma": 4.5, "a": 25.0} | change))
-    (text,) = table.outside(at)
+    (text,) = table.outside(Groups(**({"gamma": 4.5, "a": 25.0} | change)))
     assert "the table has it" in text
 
 
@@ -188,20 +187,17 @@ def test_stiff_bonds_are_in_the_sentence(table):
 def test_atoms_beside_beads_are_refused():
     """Also with a table: the step is that of the atoms."""
     whole = dpd.MixedSystem(*[None] * 7)
-    with pytest.raises(ParameterError, match="step and scheme of the atoms"):
-        recommend(whole)
+    raises(ParameterError, "step and scheme of the atoms", lambda: recommend(whole))
 
 
-@pytest.mark.parametrize(
-    ("other", "words"),
-    [
-        (scene(gamma=4000), "friction"),
-        (scene(A=100), "repulsion"),
-        (scene(pairs={("W", "W"): dpd.LennardJones(epsilon=1, sigma=0.3, cutoff=1)}), "LennardJones"),
-        (scene(pairs={("W", "W"): dpd.DPD(A=-3, gamma=4.5)}), "attraction"),
-        (scene(gamma=0.0), "no friction"),
-        (scene(kT=0.0), "temperature"),
-    ],
+@cases(
+    "other, words",
+    (scene(gamma=4000), "friction"),
+    (scene(A=100), "repulsion"),
+    (scene(pairs={("W", "W"): dpd.LennardJones(epsilon=1, sigma=0.3, cutoff=1)}), "LennardJones"),
+    (scene(pairs={("W", "W"): dpd.DPD(A=-3, gamma=4.5)}), "attraction"),
+    (scene(gamma=0.0), "no friction"),
+    (scene(kT=0.0), "temperature"),
 )
 def test_no_recommendation_outside_of_the_table(table, other, words):
     found = recommend(other, table=table)
@@ -222,15 +218,13 @@ def mixture(aa, ab, bb, types=("A", "B"), **more) -> dpd.Scene:
     return dpd.Scene({"A": 1.0, "B": 1.0}, list(types) * (80 // len(types)), x, pairs, kT=1.0, box=[3.0] * 3, **more)
 
 
-@pytest.mark.parametrize(
+@cases(
     "layers",
-    [
-        [one(A=20), one(gamma=9)],
-        [one(gamma=9), one(A=20)],
-        [one(A=10, gamma=4.5)] * 2,
-        [one(A=20, gamma=3), one(sigma=12**0.5)],
-        [one(A=25, gamma=4.5), one(A=-5, gamma=4.5)],
-    ],
+    [one(A=20), one(gamma=9)],
+    [one(gamma=9), one(A=20)],
+    [one(A=10, gamma=4.5)] * 2,
+    [one(A=20, gamma=3), one(sigma=12**0.5)],
+    [one(A=25, gamma=4.5), one(A=-5, gamma=4.5)],
 )
 def test_layers_are_one_entry_with_the_sum(table, layers):
     """Groups, recommendation and prediction are those of A = 20, gamma = 9, however these are spread."""
@@ -291,8 +285,7 @@ def test_only_beads_that_are_there_and_move_count():
     common, other = dpd.DPD(A=5, gamma=2), dpd.DPD(A=20, gamma=8)
     (at,), _ = groups(mixture(common, other, other, types=("A",)))
     assert (at.gamma, at.a) == (pytest.approx(2), 5)
-    walls = mixture(common, common, other, mobile=np.arange(80) % 2 == 0)
-    (at,), _ = groups(walls)
+    (at,), _ = groups(mixture(common, common, other, mobile=np.arange(80) % 2 == 0))
     assert (at.gamma, at.a) == (pytest.approx(2), 5)
 
 
@@ -314,13 +307,11 @@ def test_energy_conserving_beads_have_a_heat_capacity():
 
 @pytest.mark.parametrize("error", [0.0, -0.01, 0.2, "much", None])
 def test_errors_out_of_bounds_are_refused(table, error):
-    with pytest.raises(ParameterError, match="error"):
-        recommend(scene(), error, table=table)
+    raises(ParameterError, "error", lambda: recommend(scene(), error, table=table))
 
 
 def test_something_else_is_refused():
-    with pytest.raises(ParameterError, match="Scene"):
-        recommend("fluid")
+    raises(ParameterError, "Scene", lambda: recommend("fluid"))
 
 
 # -- the sentence ----------------------------------------------------------------------------------------------------------------

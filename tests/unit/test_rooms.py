@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from cases import cases
 from import_graph import GRAPH, PACKAGE, PATHS, ROOT, TREES
 
 import openmm_dpd
@@ -34,22 +35,16 @@ def test_few_entries():
 
 def test_imports_go_one_way():
     """Those within functions and for type checkers too; there are no exceptions."""
-    wrong = [
-        f"{PATHS[module]} imports {PATHS[name]}"
-        for module in TREES
-        for name in GRAPH[module] & set(TREES)
-        if ORDER.index(ROOM[name]) > ORDER.index(ROOM[module])
-    ]
+    imports = [(module, name) for module in TREES for name in GRAPH[module] & set(TREES)]
+    wrong = [f"{PATHS[a]} imports {PATHS[b]}" for a, b in imports if ORDER.index(ROOM[b]) > ORDER.index(ROOM[a])]
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize(
-    ("room", "unknown"),
-    [
-        ("kernels", ("openmm", "openmm_dpd.model")),
-        ("model", ("openmm_dpd.kernels",)),
-        ("analysis", ("openmm", "openmm_dpd.model", "openmm_dpd.plan")),
-    ],
+@cases(
+    "room, unknown",
+    ("kernels", ("openmm", "openmm_dpd.model")),
+    ("model", ("openmm_dpd.kernels",)),
+    ("analysis", ("openmm", "openmm_dpd.model", "openmm_dpd.plan")),
 )
 def test_what_a_room_does_not_know(room, unknown):
     """Neither OpenMM nor the model in kernels, no kernels in the model, no Contexts in the analysis of trajectories."""

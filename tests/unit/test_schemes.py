@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from devices import Device
-from scenes import beads, run_of, state_of
+from files_of_tests import put
+from raising import raises
+from scenes import beads, run_of, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
@@ -46,9 +49,7 @@ run 20
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    path = tmp_path / "in.fluid"
-    path.write_text(DECK)
-    return path
+    return put(tmp_path / "in.fluid", DECK)
 
 
 def still(n: int = 81, **options) -> dpd.Scene:
@@ -58,64 +59,54 @@ def still(n: int = 81, **options) -> dpd.Scene:
 
 
 # -- reading and spelling ------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("text", "letters"),
-    [
-        ("A B O", [("A", 1), ("B", 1), ("O", 1)]),
-        ("B/2 A/2 O A/2 B/2", [("B", HALF), ("A", HALF), ("O", 1), ("A", HALF), ("B", HALF)]),
-        ("3B/5 A 2B/5 S", [("B", Fraction(3, 5)), ("A", 1), ("B", Fraction(2, 5)), ("S", 1)]),
-        ("1A/1 2B/2 O/2 S/2", [("A", 1), ("B", 1), ("O", HALF), ("S", HALF)]),
-        ("  B\t A/2\n O A/2  ", [("B", 1), ("A", HALF), ("O", 1), ("A", HALF)]),
-        ("118880B/1000000 A 881120B/1000000 O", [("B", Fraction(1486, 12500)), ("A", 1), ("B", Fraction(11014, 12500)), ("O", 1)]),
-    ],
+@cases(
+    "text, letters",
+    ("A B O", [("A", 1), ("B", 1), ("O", 1)]),
+    ("B/2 A/2 O A/2 B/2", [("B", HALF), ("A", HALF), ("O", 1), ("A", HALF), ("B", HALF)]),
+    ("3B/5 A 2B/5 S", [("B", Fraction(3, 5)), ("A", 1), ("B", Fraction(2, 5)), ("S", 1)]),
+    ("1A/1 2B/2 O/2 S/2", [("A", 1), ("B", 1), ("O", HALF), ("S", HALF)]),
+    ("  B\t A/2\n O A/2  ", [("B", 1), ("A", HALF), ("O", 1), ("A", HALF)]),
+    ("118880B/1000000 A 881120B/1000000 O", [("B", Fraction(1486, 12500)), ("A", 1), ("B", Fraction(11014, 12500)), ("O", 1)]),
 )
 def test_words_are_read(text, letters):
     assert read_word(text) == tuple((name, Fraction(part)) for name, part in letters)
     assert scheme_of(text).letters == read_word(text)
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("B/2 A/2 X A/2 B/2", r"'X' is no part of a step .*A \(drift\), B \(kick\), O .*, S "),
-        ("b/2 A O B/2", "'b/2' is no part|unknown scheme 'b/2"),
-        ("B/2 a O B/2", "'a' is no part"),
-        ("B A/2 o A/2", "'o' is no part"),
-        ("B-A-O", "'B-A-O' is no part"),
-        ("BAOAB", "'BAOAB' is no part"),
-        ("B/2A/2 O A/2 B/2", "'B/2A/2' is no part"),
-        ("-A 2A B O", "'-A' is no part"),
-        ("0.5B A O B/2", "'0.5B' is no part"),
-        ("B/2/2 A O", "'B/2/2' is no part"),
-        ("B/ A O", "'B/' is no part"),
-        ("A/0 B O", "'A/0' .* a number in it is 0"),
-        ("A 0B B O", "'0B' .* a number in it is 0"),
-        ("A B 0O/3 O", "'0O/3' .* a number in it is 0"),
-        ("A/2 B O", "drifts A .* add up to 1/2 of a step, not to 1"),
-        ("A A B O", "drifts A .* add up to 2 of"),
-        ("A B/3 B/3 O", "kicks B .* add up to 2/3"),
-        ("A B", "sweeps O and S .* add up to 0"),
-        ("A B O S", "sweeps O and S .* add up to 2"),
-        ("A B O/2 S/3", "sweeps O and S .* add up to 5/6"),
-        ("B O", "drifts A .* add up to 0"),
-        ("O", "drifts A"),
-    ],
+@cases(
+    "text, reason",
+    ("B/2 A/2 X A/2 B/2", r"'X' is no part of a step .*A \(drift\), B \(kick\), O .*, S "),
+    ("b/2 A O B/2", "'b/2' is no part|unknown scheme 'b/2"),
+    ("B/2 a O B/2", "'a' is no part"),
+    ("B A/2 o A/2", "'o' is no part"),
+    ("B-A-O", "'B-A-O' is no part"),
+    ("BAOAB", "'BAOAB' is no part"),
+    ("B/2A/2 O A/2 B/2", "'B/2A/2' is no part"),
+    ("-A 2A B O", "'-A' is no part"),
+    ("0.5B A O B/2", "'0.5B' is no part"),
+    ("B/2/2 A O", "'B/2/2' is no part"),
+    ("B/ A O", "'B/' is no part"),
+    ("A/0 B O", "'A/0' .* a number in it is 0"),
+    ("A 0B B O", "'0B' .* a number in it is 0"),
+    ("A B 0O/3 O", "'0O/3' .* a number in it is 0"),
+    ("A/2 B O", "drifts A .* add up to 1/2 of a step, not to 1"),
+    ("A A B O", "drifts A .* add up to 2 of"),
+    ("A B/3 B/3 O", "kicks B .* add up to 2/3"),
+    ("A B", "sweeps O and S .* add up to 0"),
+    ("A B O S", "sweeps O and S .* add up to 2"),
+    ("A B O/2 S/3", "sweeps O and S .* add up to 5/6"),
+    ("B O", "drifts A .* add up to 0"),
+    ("O", "drifts A"),
 )
 def test_words_are_refused_with_the_reason(text, reason):
-    with pytest.raises(ParameterError, match=reason):
-        scheme_of(text)
-    with pytest.raises(ParameterError, match=reason):
-        dpd.build(beads(), dt=0.02, scheme=text, platform="Reference")
+    raises(ParameterError, reason, lambda: scheme_of(text))
+    raises(ParameterError, reason, lambda: dpd.build(beads(), dt=0.02, scheme=text, platform="Reference"))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "  ", None, 3, 0.5, b"A B O", ["A", "B", "O"], ("middle",), True, "verlet", "Middle ", "MVV", "leap frog"]
-)
+@cases("text", "", "  ", None, 3, 0.5, b"A B O", ["A", "B", "O"], ("middle",), True, "verlet", "Middle ", "MVV", "leap frog")
 def test_what_is_no_word_is_an_unknown_scheme(text):
-    with pytest.raises(ParameterError, match="unknown scheme .*mvv, shardlow, middle, aboba, bababo, native, or a word such as"):
-        scheme_of(text)
-    with pytest.raises(ParameterError, match="unknown scheme"):
-        make_plan(beads(), dt=0.02, scheme=text)
+    raises(ParameterError, "unknown scheme .*mvv, shardlow, middle, aboba, bababo, native, or a word such as", lambda: scheme_of(text))
+    raises(ParameterError, "unknown scheme", lambda: make_plan(beads(), dt=0.02, scheme=text))
 
 
 @pytest.mark.parametrize("text", ["A B O", BAOAB, "3B/5 A 2B/5 S", "O/3 B A 2S/3", "A/4 S A/4 B A/2"])
@@ -135,8 +126,7 @@ def test_fractions_are_spelt_in_lowest_terms():
 @pytest.mark.parametrize("scheme", NAMED, ids=str)
 def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
     assert scheme_of(scheme.word) is scheme_of(scheme.name) is scheme
-    doubled = " ".join(f"{2 * part.numerator}{name}/{2 * part.denominator}" for name, part in scheme.letters)
-    assert scheme_of(doubled) is scheme
+    assert scheme_of(" ".join(f"{2 * part.numerator}{name}/{2 * part.denominator}" for name, part in scheme.letters)) is scheme
     assert make_plan(beads(), dt=0.02, scheme=scheme.word, seed=1).options.scheme is scheme
 
 
@@ -144,29 +134,26 @@ def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
 def test_a_run_by_the_word_is_the_run_by_the_name(scheme):
     ends = []
     for text in (scheme.name, scheme.word):
-        simulation = run_of(still(), REFERENCE, dt=0.02, scheme=text)
-        simulation.step(3)
+        simulation = stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3)
         ends.append(state_of(simulation.context))
     assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
 
 
 # -- what a word says about itself ---------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("text", "lag"),
-    [
-        ("middle", 0.5),
-        ("aboba", 0.0),
-        ("bababo", 0.0),
-        ("shardlow", 0.0),
-        ("mvv", 0.0),
-        ("native", 0.5),
-        (BAOAB, 0.0),
-        ("B A O", 0.5),
-        ("A B O", -0.5),
-        ("B/5 A 4B/5 O", -0.3),
-        ("A/2 O/2 B O/2 A/2", 0.0),
-        ("B/4 A/2 B/4 A/2 B/2 O", -0.125),
-    ],
+@cases(
+    "text, lag",
+    ("middle", 0.5),
+    ("aboba", 0.0),
+    ("bababo", 0.0),
+    ("shardlow", 0.0),
+    ("mvv", 0.0),
+    ("native", 0.5),
+    (BAOAB, 0.0),
+    ("B A O", 0.5),
+    ("A B O", -0.5),
+    ("B/5 A 4B/5 O", -0.3),
+    ("A/2 O/2 B O/2 A/2", 0.0),
+    ("B/4 A/2 B/4 A/2 B/2 O", -0.125),
 )
 def test_lag_of_the_velocities(text, lag):
     """By how much of a kick velocities are behind."""
@@ -180,19 +167,17 @@ def moments(scheme: Scheme) -> Fraction:
     return acts - HALF
 
 
-@pytest.mark.parametrize(
+@cases(
     "text",
-    [
-        *(scheme.name for scheme in NAMED),
-        BAOAB,
-        "A B O",
-        "B/5 A 4B/5 O",
-        "A/3 B/2 A/3 O B/2 A/3",
-        "A/4 S A/4 B A/2",
-        "A/3 B 2A/3 O",
-        "3A/4 B O A/4",
-        "B/4 A/4 B/2 3A/4 B/4 O",
-    ],
+    *(scheme.name for scheme in NAMED),
+    BAOAB,
+    "A B O",
+    "B/5 A 4B/5 O",
+    "A/3 B/2 A/3 O B/2 A/3",
+    "A/4 S A/4 B A/2",
+    "A/3 B 2A/3 O",
+    "3A/4 B O A/4",
+    "B/4 A/4 B/2 3A/4 B/4 O",
 )
 def test_lag_is_that_of_a_constant_field(text):
     """With v + lag f dt/m for v the positions are x + v dt + f dt^2/2m."""
@@ -235,17 +220,15 @@ def test_the_kinetic_part_of_a_harmonic_bond_is_right(text, deficit, friction):
     assert abs(errors[0]) < 2e-4 and abs(errors[1]) < 2e-4 / 15, errors
 
 
-@pytest.mark.parametrize(
-    ("text", "left"),
-    [
-        ("middle", "B A"),
-        ("shardlow", "B/2 A B/2"),
-        ("aboba", "A/2 B A/2"),
-        ("bababo", "B/5 A/2 3B/5 A/2 B/5"),
-        ("mvv", "B/2 A B/2"),
-        (BAOAB, "B/2 A B/2"),
-        ("B/2 O/2 B/2 A/2 S/2 A/2", "B A"),
-    ],
+@cases(
+    "text, left",
+    ("middle", "B A"),
+    ("shardlow", "B/2 A B/2"),
+    ("aboba", "A/2 B A/2"),
+    ("bababo", "B/5 A/2 3B/5 A/2 B/5"),
+    ("mvv", "B/2 A B/2"),
+    (BAOAB, "B/2 A B/2"),
+    ("B/2 O/2 B/2 A/2 S/2 A/2", "B A"),
 )
 def test_without_friction_sweeps_are_dropped(text, left):
     """... and what follows each other is one."""
@@ -294,12 +277,10 @@ def test_the_word_of_middle_keeps_constraints():
 
 
 def test_other_parameters_that_do_not_go_with_words():
-    with pytest.raises((ParameterError, PlanError), match="lam"):
-        dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference")
+    raises((ParameterError, PlanError), "lam", lambda: dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference"))
     heat = dpd.BeadTemperatures(1.0, 30.0)
     scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=heat)
-    with pytest.raises(PlanError, match="'mvv'.*B/2 A/2 O A/2 B/2"):
-        dpd.build(scene, dt=0.02, scheme=BAOAB, platform="Reference")
+    raises(PlanError, "'mvv'.*B/2 A/2 O A/2 B/2", lambda: dpd.build(scene, dt=0.02, scheme=BAOAB, platform="Reference"))
 
 
 def test_explanations_name_the_word():
@@ -341,11 +322,8 @@ def test_the_command_line_takes_a_word(deck, tmp_path, capsys):
 
 @pytest.mark.parametrize(("word", "reason"), [("A B", "add up to 0"), ("baoab", "unknown scheme"), ("", "unknown scheme")])
 def test_the_command_line_refuses_what_is_no_step(deck, tmp_path, capsys, word, reason):
-    for command in (
-        ["run", str(deck), "--quiet", "--out", str(tmp_path / "out")],
-        ["explain", str(deck)],
-        ["export", str(deck), str(tmp_path / "to")],
-    ):
+    run = ["run", str(deck), "--quiet", "--out", str(tmp_path / "out")]
+    for command in (run, ["explain", str(deck)], ["export", str(deck), str(tmp_path / "to")]):
         assert main([*command, "--scheme", word]) == 1
         error = capsys.readouterr().err
         assert reason in error and error.count("\n") == 1
@@ -353,10 +331,8 @@ def test_the_command_line_refuses_what_is_no_step(deck, tmp_path, capsys, word, 
 
 def test_a_deck_runs_as_the_scene_does(deck, tmp_path):
     """A deck's run with a word is that of its name."""
-    runs = [
-        run_deck(deck, RunOptions(scheme=text, platform="CPU", threads=1), out=tmp_path / text[0])["runs"]
-        for text in ("middle", "B A/2 O A/2")
-    ]
+    options = [RunOptions(scheme=text, platform="CPU", threads=1) for text in ("middle", "B A/2 O A/2")]
+    runs = [run_deck(deck, one, out=tmp_path / one.scheme[0])["runs"] for one in options]
     assert runs[0][0]["thermo"]["temp"]["last"] > 0
     assert [run["thermo"] for run in runs[0]] == [run["thermo"] for run in runs[1]]
 
@@ -377,8 +353,7 @@ def test_export_notes_that_lammps_has_no_such_scheme(text, tmp_path):
 
 # -- states --------------------------------------------------------------------------------------------------------------------------
 def saved(scheme: str, how: str) -> tuple:
-    simulation = run_of(still(), REFERENCE, dt=0.02, scheme=scheme)
-    simulation.step(2)
+    simulation = stepped(run_of(still(), REFERENCE, dt=0.02, scheme=scheme), 2)
     file = io.StringIO() if how == "State" else io.BytesIO()
     getattr(simulation, f"save{how}")(file)
     file.seek(0)
@@ -399,8 +374,7 @@ def test_states_go_from_a_name_to_its_word(how):
     simulation, file = saved("middle", how)
     other = run_of(still(), REFERENCE, dt=0.02, scheme="B A/2 O A/2")
     getattr(other, f"load{how}")(file)
-    for one in (simulation, other):
-        one.step(3)
+    step_all(3, simulation, other)
     assert np.array_equal(state_of(simulation.context)[1], state_of(other.context)[1])
 
 

@@ -6,6 +6,8 @@ import pickle
 import numpy as np
 import openmm
 import pytest
+from cases import cases
+from files_of_tests import put
 
 import openmm_dpd as dpd
 
@@ -45,21 +47,18 @@ def system_with(computation) -> str:
 
 
 @pytest.mark.parametrize("platform", ["CPU", "Reference"])
-@pytest.mark.parametrize(
+@cases(
     "more",
-    [
-        {},
-        {"bonds": [dpd.FENEBonds([[0, 1], [1, 2]], k=30.0, R0=6.0)], "segments": dpd.SegmentalRepulsion(A=100.0, cutoff=0.5)},
-        {"body_forces": [dpd.BodyForce([1.0, 0, 0])], "walls": None},
-    ],
+    {},
+    {"bonds": [dpd.FENEBonds([[0, 1], [1, 2]], k=30.0, R0=6.0)], "segments": dpd.SegmentalRepulsion(A=100.0, cutoff=0.5)},
+    {"body_forces": [dpd.BodyForce([1.0, 0, 0])], "walls": None},
     ids=["plain", "bonded", "pushed"],
 )
 def test_forces_of_this_package_are_read(tmp_path, platform, more):
     built = build(platform, **{key: value for key, value in more.items() if value is not None})
     path = tmp_path / "system.xml"
     path.write_text(openmm.XmlSerializer.serialize(built.system))
-    system = dpd.load_xml(path)
-    assert openmm.XmlSerializer.serialize(system) == path.read_text()
+    assert openmm.XmlSerializer.serialize(dpd.load_xml(path)) == path.read_text()
     with open(path) as file:
         assert dpd.load_xml(file).getNumParticles() == N
 
@@ -74,9 +73,8 @@ def test_planted_code_is_not_run(tmp_path, through):
     }[through]
     text = system_with(planted)
     assert not target.exists()
-    (tmp_path / "system.xml").write_text(text)
     with pytest.raises(dpd.ParameterError, match="holds a Python object that is not a force of this package .*it asks for"):
-        dpd.load_xml(tmp_path / "system.xml")
+        dpd.load_xml(put(tmp_path / "system.xml", text))
     assert not target.exists()
     if through == "function":  # which OpenMM itself does run
         openmm.XmlSerializer.deserialize(text)
@@ -112,9 +110,8 @@ def test_a_state_is_a_state(tmp_path):
         ("short.xml", (tmp_path / "state.xml").read_text()[:900], "no file that OpenMM's XmlSerializer wrote"),
         ("other.xml", "<State type='Stale'/>", "OpenMM cannot read this file"),
     ):
-        (tmp_path / name).write_text(text)
         with pytest.raises(dpd.ParameterError, match=message):
-            simulation.loadState(str(tmp_path / name))
+            simulation.loadState(str(put(tmp_path / name, text)))
     assert not (tmp_path / "witness").exists()
     assert simulation.context.getStepCount() == 2
     simulation.loadState(str(tmp_path / "state.xml"))

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from cases import cases
+from raising import raises
 
 from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average
@@ -35,8 +37,7 @@ def test_error_of_ar1_series(phi, rows):
     assert np.all((ratio > 0.5) & (ratio < 2.0))
     assert all(average.converged for average in averages)
     z = np.array([average.mean for average in averages]) / np.array([average.sem for average in averages])
-    # standard error of the spread of 100 unit normals: 0.07
-    assert 0.65 < z.std() < 1.3
+    assert 0.65 < z.std() < 1.3  # standard error of the spread of 100 unit normals: 0.07
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])
@@ -66,15 +67,13 @@ def test_errors_of_series_that_are_long_enough(times):
     assert np.mean([abs(average.mean) < 2 * average.sem for average in chosen]) > 0.85
 
 
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ([], Average(None, None, 0, None)),
-        ([2.5], Average(2.5, None, 0, None)),
-        ([1.0, 2.0], Average(1.5, None, 0, None)),
-        ([1.0, 2.0, 3.0, 6.0], Average(3.0, None, 0, None)),
-        ([0.1] * 7, Average(0.1, 0.0, 7, None, True)),
-    ],
+@cases(
+    "values, expected",
+    ([], Average(None, None, 0, None)),
+    ([2.5], Average(2.5, None, 0, None)),
+    ([1.0, 2.0], Average(1.5, None, 0, None)),
+    ([1.0, 2.0, 3.0, 6.0], Average(3.0, None, 0, None)),
+    ([0.1] * 7, Average(0.1, 0.0, 7, None, True)),
 )
 def test_short_series(values, expected):
     assert block_average(values) == expected
@@ -92,23 +91,16 @@ def test_five_rows_have_an_error():
 def test_values_that_are_not_finite_are_named(bad):
     values = np.ones(20)
     values[13] = bad
-    with pytest.raises(ParameterError, match=rf"the pressure is {bad} in row 13 "):
-        block_average(values, name="the pressure")
-    with pytest.raises(ValueError, match="row 13 "):
-        ratio_average(np.ones(20), values)
+    raises(ParameterError, rf"the pressure is {bad} in row 13 ", lambda: block_average(values, name="the pressure"))
+    raises(ValueError, "row 13 ", lambda: ratio_average(np.ones(20), values))
 
 
 def test_arguments_are_checked():
-    with pytest.raises(ParameterError, match=r"shape \(2, 2\)"):
-        block_average(np.ones((2, 2)))
-    with pytest.raises(ParameterError, match="min_blocks is 1"):
-        block_average([1.0, 2.0], min_blocks=1)
-    with pytest.raises(ParameterError, match="3 and 4 rows"):
-        ratio_average(np.ones(3), np.ones(4))
-    with pytest.raises(ParameterError, match="mean 0"):
-        ratio_average(np.ones(6), [1, -1, 1, -1, 1, -1])
-    with pytest.raises(ParameterError, match="sequence of numbers"):
-        block_average(["a"])
+    raises(ParameterError, r"shape \(2, 2\)", lambda: block_average(np.ones((2, 2))))
+    raises(ParameterError, "min_blocks is 1", lambda: block_average([1.0, 2.0], min_blocks=1))
+    raises(ParameterError, "3 and 4 rows", lambda: ratio_average(np.ones(3), np.ones(4)))
+    raises(ParameterError, "mean 0", lambda: ratio_average(np.ones(6), [1, -1, 1, -1, 1, -1]))
+    raises(ParameterError, "sequence of numbers", lambda: block_average(["a"]))
 
 
 def test_error_of_a_ratio():
@@ -118,8 +110,7 @@ def test_error_of_a_ratio():
     averages = [ratio_average(3 + u + v / 2, 2 + u / 2) for u, v in zip(x, y, strict=True)]
     ratios = np.array([average.mean for average in averages])
     reported = np.mean([average.sem for average in averages])
-    # the spread over 300 series is known to 4 %; the method's bias is up to 8 %
-    assert 0.85 < reported / ratios.std(ddof=1) < 1.2
+    assert 0.85 < reported / ratios.std(ddof=1) < 1.2  # the spread over 300 series is known to 4 %; the method's bias is up to 8 %
     assert abs(ratios.mean() - 1.5) < 4 * ratios.std(ddof=1) / np.sqrt(len(ratios))
 
 
@@ -166,5 +157,4 @@ def test_what_cannot_be_cut():
     """Constant and short series are left whole; of what drifts to its end half is left out."""
     assert equilibrated(np.ones(100)) == 0 == equilibrated(np.arange(9.0)) == equilibrated([])
     assert equilibrated(np.arange(1000.0)) == 500
-    with pytest.raises(ParameterError, match="is nan in row 1"):
-        equilibrated([1.0, np.nan])
+    raises(ParameterError, "is nan in row 1", lambda: equilibrated([1.0, np.nan]))

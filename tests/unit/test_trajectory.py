@@ -9,8 +9,11 @@ import mdtraj as md
 import numpy as np
 import openmm
 import pytest
+from cases import cases
+from files_of_tests import put
 from mdtraj.core.element import Element
 from openmm import app, unit
+from raising import raises
 
 from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.trajectory import (
@@ -36,8 +39,7 @@ def scene(beads: int, seed: int = 11):
     masses = np.array([MASS[name] for name in names])
     charges = rng.integers(-2, 3, beads) * 0.25
     first = np.arange(0, beads - 3, 8)
-    bonds = np.concatenate([np.stack([first + k, first + k + 1], axis=1) for k in range(3)])
-    return names, masses, charges, bonds
+    return names, masses, charges, np.concatenate([np.stack([first + k, first + k + 1], axis=1) for k in range(3)])
 
 
 @pytest.fixture
@@ -49,8 +51,7 @@ def psf(tmp_path):
 
 @pytest.fixture
 def trajectory(psf):
-    rng = np.random.default_rng(5)
-    xyz = rng.uniform(-3, 12, (6, 48, 3)).astype(np.float32)
+    xyz = np.random.default_rng(5).uniform(-3, 12, (6, 48, 3)).astype(np.float32)
     return md.Trajectory(xyz, load_topology(psf), unitcell_lengths=np.full((6, 3), 9.0), unitcell_angles=np.full((6, 3), 90.0))
 
 
@@ -68,8 +69,7 @@ def test_everything_comes_back(tmp_path, beads):
     assert [(a.index, b.index) for a, b in topology.bonds] == [tuple(pair) for pair in bonds.tolist()]
     assert [atom.index for atom in topology.atoms] == list(range(beads))
     assert topology.n_residues == beads - len(bonds)  # chains and single beads, no rings
-    beads_read = read_psf(tmp_path / "top.psf")
-    assert np.array_equal(beads_read.bonds, bonds)
+    assert np.array_equal(read_psf(tmp_path / "top.psf").bonds, bonds)
 
 
 def test_centre_of_mass_and_inertia(trajectory):
@@ -83,8 +83,7 @@ def test_centre_of_mass_and_inertia(trajectory):
     inertia = np.einsum("i,fi,ab->fab", masses, square, np.eye(3)) - np.einsum("i,fia,fib->fab", masses, moved, moved)
     assert np.allclose(md.compute_inertia_tensor(trajectory), inertia, rtol=1e-5)
     assert np.allclose(compute_rg(trajectory), np.sqrt((masses * square).sum(axis=1) / masses.sum()), rtol=1e-12)
-    # mdtraj's own Rg takes the distances from the geometric centre
-    about = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)
+    about = ((x - x.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)  # mdtraj's own Rg takes the distances from the geometric centre
     expected = np.sqrt((masses * about).sum(axis=1) / masses.sum())
     assert np.allclose(md.compute_rg(trajectory, masses=bead_masses(trajectory.topology)), expected, rtol=1e-5)
 
@@ -159,10 +158,8 @@ def test_load(trajectory, psf, tmp_path, suffix):
 
 def test_load_says_what_does_not_fit(trajectory, psf, tmp_path):
     trajectory.atom_slice(range(40)).save_dcd(tmp_path / "run.dcd")
-    with pytest.raises(ParameterError, match=r"run\.dcd cannot be read with a topology of 48 beads"):
-        load(tmp_path / "run.dcd", psf)
-    with pytest.raises(ParameterError, match=r"must be a \.dcd or \.xtc file"):
-        load(tmp_path / "run.trr", psf)
+    raises(ParameterError, r"run\.dcd cannot be read with a topology of 48 beads", lambda: load(tmp_path / "run.dcd", psf))
+    raises(ParameterError, r"must be a \.dcd or \.xtc file", lambda: load(tmp_path / "run.trr", psf))
 
 
 def test_saved_pdb_invents_no_element(trajectory, tmp_path):
@@ -196,43 +193,36 @@ def test_units_of_masses(tmp_path):
     assert bead_masses(load_topology(tmp_path / "top.psf")).tolist() == [2.0]
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"names": ["A", "B C"]}, "'B C' cannot be in a PSF file"),
-        ({"names": ["A", ""]}, "'' cannot be"),
-        ({"masses": [1.0]}, "masses must have one entry for each of the 2 names"),
-        ({"masses": [1.0, -2.0]}, "bead 1 has the mass -2"),
-        ({"masses": [1.0, np.nan]}, "masses holds nan"),
-        ({"charges": [1.0, 2.0, 3.0]}, "charges must have one entry"),
-        ({"bonds": [(0, 2)]}, r"bond 0 is \[0, 2\]"),
-        ({"bonds": [(0, 1), (1, 1)]}, r"bond 1 is \[1, 1\]"),
-        ({"bonds": [0, 1]}, "pairs of bead indices"),
-        ({"bonds": [(0, 1), (1,)]}, "differ in length"),
-        ({"molecules": [1, -1]}, "bead 1 has the molecule number -1"),
-        ({"molecules": [0.5, 1.0]}, "one integer"),
-    ],
+@cases(
+    "change, message",
+    ({"names": ["A", "B C"]}, "'B C' cannot be in a PSF file"),
+    ({"names": ["A", ""]}, "'' cannot be"),
+    ({"masses": [1.0]}, "masses must have one entry for each of the 2 names"),
+    ({"masses": [1.0, -2.0]}, "bead 1 has the mass -2"),
+    ({"masses": [1.0, np.nan]}, "masses holds nan"),
+    ({"charges": [1.0, 2.0, 3.0]}, "charges must have one entry"),
+    ({"bonds": [(0, 2)]}, r"bond 0 is \[0, 2\]"),
+    ({"bonds": [(0, 1), (1, 1)]}, r"bond 1 is \[1, 1\]"),
+    ({"bonds": [0, 1]}, "pairs of bead indices"),
+    ({"bonds": [(0, 1), (1,)]}, "differ in length"),
+    ({"molecules": [1, -1]}, "bead 1 has the molecule number -1"),
+    ({"molecules": [0.5, 1.0]}, "one integer"),
 )
 def test_what_cannot_be_written(tmp_path, change, message):
-    with pytest.raises(ParameterError, match=message):
-        write_psf(tmp_path / "top.psf", **({"names": ["A", "B"], "masses": [1.0, 1.0]} | change))
+    raises(ParameterError, message, lambda: write_psf(tmp_path / "top.psf", **({"names": ["A", "B"], "masses": [1.0, 1.0]} | change)))
     assert not (tmp_path / "top.psf").exists()
 
 
 def test_broken_files_name_the_line(psf):
     lines = psf.read_text().splitlines()
     with pytest.raises(ParameterError, match="no PSF file"):
-        psf.write_text("CRYST1\n")
-        load_topology(psf)
+        load_topology(put(psf, "CRYST1\n"))
     number = next(k for k, line in enumerate(lines) if "!NATOM" in line)
     broken = [*lines]
     broken[number + 3] = broken[number + 3][:40]
     psf.write_text("\n".join(broken))
-    with pytest.raises(ParameterError, match=rf"top\.psf:{number + 4}: cannot read bead 3 of 48"):
-        load_topology(psf)
-    psf.write_text("\n".join(lines[: number + 50]))
-    with pytest.raises(ParameterError, match="no readable !NBOND section"):
-        load_topology(psf)
+    raises(ParameterError, rf"top\.psf:{number + 4}: cannot read bead 3 of 48", lambda: load_topology(psf))
+    raises(ParameterError, "no readable !NBOND section", lambda: load_topology(put(psf, "\n".join(lines[: number + 50]))))
 
 
 # -- OpenMM ------------------------------------------------------------------------------------------------------------------------
@@ -247,20 +237,15 @@ def test_short_names_stay_different():
 
 def test_openmm_topology():
     topology = openmm_topology(["A", "B", "B", "W"], [3, 3, 4, 4], [(1, 0), (2, 3)], [5.0, 6.0, 7.0])
-    assert [(atom.name, atom.element, atom.residue.id) for atom in topology.atoms()] == [
-        ("A", None, "3"),
-        ("B", None, "3"),
-        ("B", None, "4"),
-        ("W", None, "4"),
-    ]
+    expected = [("A", None, "3"), ("B", None, "3"), ("B", None, "4"), ("W", None, "4")]
+    assert [(atom.name, atom.element, atom.residue.id) for atom in topology.atoms()] == expected
     assert [residue.id for residue in topology.residues()] == ["3", "4"]
     assert [(a.index, b.index) for a, b in topology.bonds()] == [(1, 0), (2, 3)]
     assert topology.getUnitCellDimensions().value_in_unit(unit.nanometer) == openmm.Vec3(5, 6, 7)
     assert openmm_topology(["A"]).getPeriodicBoxVectors() is None
     # molecules are residues, as in PSF files
     assert [residue.id for residue in openmm_topology(["A", "B", "A", "W", "A"], [1, 1, 1, 2, 2]).residues()] == ["1", "2"]
-    with pytest.raises(ParameterError, match=r"bond 0 is \[0, 1\]"):
-        openmm_topology(["A"], bonds=[(0, 1)])
+    raises(ParameterError, r"bond 0 is \[0, 1\]", lambda: openmm_topology(["A"], bonds=[(0, 1)]))
 
 
 def test_reporters_and_pdb(tmp_path):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm import unit
 
 import openmm_dpd as dpd
@@ -47,8 +48,7 @@ def test_beads_bonds_and_box(nglview):
     assert widget.shown[:2] == [("spacefill", "@0,1", 5.0), ("spacefill", "@2,3", 2.5)]
     assert widget.shown[2][:2] == ("licorice", "@0,1") and widget.shown[3][0] == "unitcell"
     assert widget.structure.ext == "pdb" and "CONECT    1    2" in widget.structure.text and "CRYST1   50.000" in widget.structure.text
-    state = built.simulation().context.getState(positions=True)
-    assert view(built, state=state).structure.text == widget.structure.text
+    assert view(built, state=built.simulation().context.getState(positions=True)).structure.text == widget.structure.text
 
 
 def test_radii(nglview):
@@ -57,13 +57,11 @@ def test_radii(nglview):
     assert view(scene(), radii=0.1).shown[0] == ("spacefill", "@0,1", 1.0)
 
 
-@pytest.mark.parametrize(
-    ("radii", "message"),
-    [
-        ({"W": 1.0}, "radii must have one entry for each of the types oil_drop, W; oil_drop is missing or unknown"),
-        (-1.0, "the radius of type 'oil_drop' must be >= 0, but is -1"),
-        (np.nan, "must be finite"),
-    ],
+@cases(
+    "radii, message",
+    ({"W": 1.0}, "radii must have one entry for each of the types oil_drop, W; oil_drop is missing or unknown"),
+    (-1.0, "the radius of type 'oil_drop' must be >= 0, but is -1"),
+    (np.nan, "must be finite"),
 )
 def test_bad_radii(nglview, radii, message):
     with pytest.raises(ParameterError, match=message):

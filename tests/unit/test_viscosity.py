@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm import unit
-from scenes import beads, chains, fluid
+from raising import raises
+from scenes import beads, chains, fluid, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
@@ -16,8 +18,7 @@ from openmm_dpd.measure import ProfileReporter, StressReporter
 def test_stress_of_pairs(which):
     """Against r_ij F_ij of all pairs, one pair at a time; its trace is the virial, and forces and energy are those without it."""
     scene = fluid(n=40, table={("*", "*"): dpd.DPD(A=25, gamma=4.5, exponent=0.7)})
-    engine = PairEngine(dpd.make_plan(scene, dt=0.01, platform="CPU").spec)
-    engine.prepare(scene.positions, scene.box)
+    engine = ready(PairEngine(dpd.make_plan(scene, dt=0.01, platform="CPU").spec), scene.positions, scene.box)
     plain = engine.forces(which, scene.velocities, 1.0, 0.01, 3, 5)
     forces = np.empty_like(scene.positions)
     with_stress = engine.sums(which | STRESS, scene.velocities, 1.0, 0.01, 3, 5, None, forces)
@@ -35,12 +36,9 @@ def test_stress_of_pairs(which):
             if distance >= 1.0:
                 continue
             if which == RANDOM:
-                # the force of one pair: that of the engine for these two beads alone, the others out of the way
-                spec = engine.spec
-                alone = PairEngine(
-                    type(spec)(np.where(np.isin(np.arange(40), [i, j]), types, -1).astype(np.int32), spec.inv_mass, spec.terms)
-                )
-                alone.prepare(scene.positions, scene.box)
+                spec = engine.spec  # the force of one pair: that of the engine for these two beads alone, the others out of the way
+                kept = np.where(np.isin(np.arange(40), [i, j]), types, -1).astype(np.int32)
+                alone = ready(PairEngine(type(spec)(kept, spec.inv_mass, spec.terms)), scene.positions, scene.box)
                 force = alone.forces(which, scene.velocities, 1.0, 0.01, 3, 5)[1][i]
             else:
                 w, e = 1 - distance, r / distance
@@ -65,8 +63,7 @@ def test_reporter_adds_kinetic_and_bond_parts():
 
 def test_instantaneous_viscosity_is_the_stress_of_a_shear():
     """Of an affine shear, averaged over its six directions that are independent; by hand for one pair along the diagonal."""
-    scene = beads(2, positions=np.array([[1.0, 1, 1], [1.3, 1.3, 1.3]]))
-    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    built = dpd.build(beads(2, positions=np.array([[1.0, 1, 1], [1.3, 1.3, 1.3]])), dt=0.01, platform="Reference", seed=1)
     reporter = StressReporter(1, built)
     reporter.report(built.simulation(), None)
     r = 0.3 * np.sqrt(3)
@@ -91,8 +88,7 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_refused_scenes(name):
     scene, message = REFUSED[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        StressReporter(1, dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference"))
+    raises(dpd.ParameterError, message, lambda: StressReporter(1, dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference")))
 
 
 # -- Green-Kubo ----------------------------------------------------------------------------------------------------------------
@@ -130,8 +126,7 @@ def test_friction_enters_with_the_two_signs():
     assert part.viscosity == pytest.approx(0.75 * whole.viscosity, rel=1e-9)
     for lag, sign in ((30, 1), (-30, -1)):
         white = np.random.default_rng(3).normal(size=(40000, 6))
-        late = 0.3 * np.roll(white, lag, axis=0)
-        found = green_kubo_viscosity(white, 0.01, volume=1.0, kT=1.0, t_max=0.5, friction=late)
+        found = green_kubo_viscosity(white, 0.01, volume=1.0, kT=1.0, t_max=0.5, friction=0.3 * np.roll(white, lag, axis=0))
         # half the variance of the others is in the two components with xx, yy, zz
         assert found.correlation[30] == pytest.approx(0.3 * sign * 0.8, abs=4 / np.sqrt(5 * 40000))
 
@@ -148,8 +143,7 @@ BAD_SERIES = {
 @pytest.mark.parametrize("name", BAD_SERIES)
 def test_refused_series(name):
     make, message = BAD_SERIES[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 # -- Poiseuille ----------------------------------------------------------------------------------------------------------------
@@ -157,13 +151,11 @@ def profile(function, bins: int = 20, length: float = 10.0, noise: float = 0.02,
     """Slabs that average a function exactly, with noise."""
     width = length / bins
     edges = np.arange(bins + 1) * width
-    fine = edges[:-1, None] + (np.arange(1000) + 0.5) * width / 1000
-    mean = function(fine).mean(axis=1)
+    mean = function(edges[:-1, None] + (np.arange(1000) + 0.5) * width / 1000).mean(axis=1)
     rows = mean + noise * np.random.default_rng(seed).normal(size=(n, bins))
     centres = edges[:-1] + width / 2
-    return VelocityProfile(
-        centres, width, rows.mean(axis=0), np.full(bins, noise / n**0.5), np.full(bins, 3.0), np.ones(bins), rows, length
-    )
+    errors = np.full(bins, noise / n**0.5), np.full(bins, 3.0)
+    return VelocityProfile(centres, width, rows.mean(axis=0), *errors, np.ones(bins), rows, length)
 
 
 def test_reverse_poiseuille_fit():
@@ -193,17 +185,14 @@ def test_channel_fit():
     assert np.isnan(found.fitted[[0, 1, 2, 3]]).all() and np.isfinite(found.fitted[4:16]).all()
 
 
-@pytest.mark.parametrize(
+@cases(
     "make, message",
-    [
-        (lambda p: poiseuille_viscosity(p, 0), "other than 0"),
-        (lambda p: poiseuille_viscosity(p, -0.05), "does not flow along"),
-        (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are left"),
-    ],
+    (lambda p: poiseuille_viscosity(p, 0), "other than 0"),
+    (lambda p: poiseuille_viscosity(p, -0.05), "does not flow along"),
+    (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are left"),
 )
 def test_refused_profiles(make, message):
-    with pytest.raises(dpd.ParameterError, match=message):
-        make(profile(lambda z: np.where(z < 5, 1, -1) * (z % 5) * (5 - z % 5)))
+    raises(dpd.ParameterError, message, lambda: make(profile(lambda z: np.where(z < 5, 1, -1) * (z % 5) * (5 - z % 5))))
 
 
 def test_profile_reporter_counts_and_averages():

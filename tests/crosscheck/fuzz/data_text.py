@@ -3,8 +3,7 @@
 Coefficients are left out: LAMMPS writes six digits of them.  Both files are read by both programs, and the forces compared.
 """
 
-#: Sections whose lines have no order.
-_SORTED = ("Atoms", "Velocities", "Bonds", "Angles")
+_SORTED = ("Atoms", "Velocities", "Bonds", "Angles")  # Sections whose lines have no order.
 
 
 def in_order(text: str) -> str:

@@ -1,11 +1,12 @@
 """A deck in the making: its lines, the files beside it, and what its commands have defined so far."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 from .draw import Draw
 
-#: Printed before every run: thermo output is looked for behind it.
-MARK = "=== run"
+MARK = "=== run"  # Printed before every run: thermo output is looked for behind it.
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,7 @@ class Units:
         return self.force * (self.length / self.velocity) ** 0.5
 
 
-UNITS = (
-    Units("lj"),
-    Units("real", 5.0, 1.0, 50.0, 0.003, 10.0, 300.0),
-    Units("metal", 5.0, 0.05, 50.0, 3.0, 0.01, 300.0),
-)
+UNITS = (Units("lj"), Units("real", 5.0, 1.0, 50.0, 0.003, 10.0, 300.0), Units("metal", 5.0, 0.05, 50.0, 3.0, 0.01, 300.0))
 
 
 @dataclass
@@ -120,10 +117,11 @@ class Deck:
         """Print text to a file, with any ``$`` in it."""
         self.add(f'print "{text}" append values.txt screen no')
 
-    def run(self, *words: object) -> None:
+    def run(self, *words: object) -> Deck:
         """A run command."""
         self.add(f'print "{MARK}"')
         self.add("run", *words)
+        return self
 
     def next_stage(self) -> None:
         """Begin another script."""

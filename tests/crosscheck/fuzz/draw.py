@@ -6,8 +6,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-#: One number in so many is spelled in another way than the shortest.
-SPELLED = 0.02
+SPELLED = 0.02  # One number in so many is spelled in another way than the shortest.
 
 
 class Draw(random.Random):
@@ -51,36 +50,10 @@ class Draw(random.Random):
         text = f"{value:.15g}"
         if not self.chance(SPELLED):
             return text
-        return self.pick(
-            [
-                f"{value:.15e}",
-                f"{value:+.15g}",
-                f"{value:.17f}",
-                text[text.startswith("0.") :],
-                text + "." * ("." not in text and "e" not in text),
-            ]
-        )
+        short, full = text[text.startswith("0.") :], text + "." * ("." not in text and "e" not in text)
+        return self.pick([f"{value:.15e}", f"{value:+.15g}", f"{value:.17f}", short, full])
 
 
+_SPOILED = "{}_0 1_{} {}e {}d0 0x{} ٣ １ {}f --{} {}.{}.{} inf nan -{} 1e400 {}.5 0 {}L"
 #: What becomes of a number in the area of mistakes: none of these is one, or it is a number that is out of bounds.
-SPOILED = (
-    "{}_0",
-    "1_{}",
-    "{}e",
-    "{}d0",
-    "0x{}",
-    "٣",
-    "１",
-    "{}f",
-    "--{}",
-    "{}.{}.{}",
-    "inf",
-    "nan",
-    "-{}",
-    "1e400",
-    "{}.5",
-    "0",
-    "{}L",
-    "{} {}",
-    "",
-)
+SPOILED = (*_SPOILED.split(" "), "{} {}", "")

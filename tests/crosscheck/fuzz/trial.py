@@ -55,8 +55,7 @@ def deck_of(seed: int, area: str | None = None) -> tuple[str, Deck]:
     draw = Draw(seed)
     if area is None:
         area = draw.choices(list(AREAS), [weight for weight, _ in AREAS.values()])[0]
-    # so that the areas do not begin with the same choices
-    draw = Draw(seed * 1_000_003 + zlib.crc32(area.encode()))
+    draw = Draw(seed * 1_000_003 + zlib.crc32(area.encode()))  # so that the areas do not begin with the same choices
     return area, AREAS[area][1](draw)
 
 

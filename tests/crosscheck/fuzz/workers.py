@@ -8,8 +8,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-#: A deck of the fuzzer takes a tenth of a second; what takes longer than this hangs (the first one may compile).
-PATIENCE = 120.0
+PATIENCE = 120.0  # A deck of the fuzzer takes a tenth of a second; what takes longer than this hangs (the first one may compile).
 
 
 @dataclass(frozen=True)
@@ -40,14 +39,9 @@ class Worker:
 
     def _start(self) -> subprocess.Popen:
         path = os.pathsep.join([*filter(None, [os.environ.get("PYTHONPATH")]), str(Path(__file__).resolve().parents[1])])
-        return subprocess.Popen(
-            [sys.executable, "-W", "ignore", "-c", f"from fuzz.worker import main; main({self.side!r})"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        )
+        command = [sys.executable, "-W", "ignore", "-c", f"from fuzz.worker import main; main({self.side!r})"]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+        return subprocess.Popen(command, **pipes, env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"})
 
     def run(self, folder: Path, deck: str, options: dict) -> Answer:
         """Run a deck in a folder."""

@@ -23,8 +23,7 @@ from .setup import setup
 from .streaming import streaming
 from .thermostats import thermostats
 
-#: Areas by name: weight, grammar.
-AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {
+AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {  # Areas by name: weight, grammar.
     "setup": (4.0, setup),
     "formulas": (1.5, formulas),
     "averages": (2.5, averages),

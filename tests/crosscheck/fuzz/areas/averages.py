@@ -5,8 +5,7 @@ from ..draw import Draw
 from .interactions import interactions
 from .scene import beads, conservative, draw_box, dump, groups, head, movers, thermo, timestep
 
-#: Values of single beads.
-_BEAD_WORDS = ("x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz")
+_BEAD_WORDS = ("x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz")  # Values of single beads.
 
 
 class Values:
@@ -26,9 +25,7 @@ class Values:
         """One more compute."""
         deck, draw = self.deck, self.draw
         name, group = deck.name("c"), deck.group()
-        style = draw.pick(
-            ["temp", "ke", "pe", "pressure", "com", "momentum", "gyration", "msd", "rdf", "reduce", "property/atom", "ke/atom"]
-        )
+        style = draw.pick("temp ke pe pressure com momentum gyration msd rdf reduce property/atom ke/atom".split())
         scalar, size = True, 0
         words: list[object] = []
         if style == "temp":
@@ -38,13 +35,7 @@ class Values:
             group, words = "all", draw.pick([[], [], ["pair"], ["bond"], ["pair", "bond"]])
         elif style == "pressure":
             size = 6
-            group, words = (
-                "all",
-                [
-                    draw.pick(["thermo_temp", *self.temperatures]),
-                    *draw.pick([[], [], ["virial"], ["ke"]]),
-                ],
-            )
+            group, words = ("all", [draw.pick(["thermo_temp", *self.temperatures]), *draw.pick([[], [], ["virial"], ["ke"]])])
         elif style in ("com", "momentum"):
             scalar, size = False, 3
         elif style == "gyration":
@@ -121,12 +112,8 @@ class Values:
         if draw.chance(0.25):
             k = "xyz".index(axes[0])
             edge, low = (1.0, 0.0) if reduced else (deck.edges[k], deck.low[k])
-            words += [
-                "bound",
-                axes[0],
-                draw.pick(["lower", float(f"{low + 0.2 * edge:.4g}")]),
-                draw.pick(["upper", float(f"{low + 0.85 * edge:.4g}")]),
-            ]
+            words += ["bound", axes[0], draw.pick(["lower", float(f"{low + 0.2 * edge:.4g}")])]
+            words.append(draw.pick(["upper", float(f"{low + 0.85 * edge:.4g}")]))
         deck.add("compute", name, deck.group(), "chunk/atom", f"bin/{cuts}d", *words)
         self.chunks.append(name)
 
@@ -176,12 +163,10 @@ class Values:
 
 def averages(draw: Draw) -> Deck:
     """A deck with computes and averages of a moving fluid."""
-    deck = Deck(draw)
-    head(deck, "atomic", ("lj", "lj", "lj", "real", "metal"))
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "lj", "real", "metal"))
     deck.add("atom_modify", "map", "yes")
     deck.cutoff = 1.0
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 25), 0.4)
     interactions(deck)
     groups(deck)

@@ -33,8 +33,7 @@ def _chains(deck: Deck) -> tuple[np.ndarray, list[list[int]], list[list[int]], l
     for _ in range(draw.whole(0, 6)):
         places.append(np.array([draw.random() for _ in range(3)]) @ box_vectors(deck) + np.array(deck.low))
         molecules.append(0)
-    # every type has to be there, since the header counts the types that are
-    bonds[0][0] = 2
+    bonds[0][0] = 2  # every type has to be there, since the header counts the types that are
     if angles:
         angles[0][0] = 2
     return np.round(places, 9), bonds, angles, molecules
@@ -57,28 +56,16 @@ def _coefficients(deck: Deck, command: str, styles: tuple[str, ...], table) -> N
 
 def bonded(draw: Draw) -> Deck:
     """A deck with bonds, perhaps angles."""
-    deck = Deck(draw)
     style = draw.pick(["bond", "angle", "molecular", "full"])
-    head(deck, style, ("lj", "lj", "real"))
+    deck = head(Deck(draw), style, ("lj", "lj", "real"))
     natural = deck.units
     draw_box(deck, 3.4, 4.5)
-    deck.types = draw.whole(1, 2)
     x, bonds, angles, molecules = _chains(deck)
     if style == "bond" or draw.chance(0.2):
         angles = []
     if draw.chance(0.6):
-        deck.add(
-            "special_bonds",
-            *draw.pick(
-                [
-                    ["lj", 1.0, 1.0, 1.0],
-                    ["lj/coul", 0.0, 0.5, 1.0],
-                    ["lj", draw.real(0, 1), draw.real(0, 1), draw.real(0, 1)],
-                    ["fene"],
-                    ["lj", 0.0, 1.0, 1.0],
-                ]
-            ),
-        )
+        random = ["lj", draw.real(0, 1), draw.real(0, 1), draw.real(0, 1)]
+        deck.add("special_bonds", *draw.pick([["lj", 1.0, 1.0, 1.0], ["lj/coul", 0.0, 0.5, 1.0], random, ["fene"], ["lj", 0.0, 1.0, 1.0]]))
     beads(deck, len(x), bonds=bonds, angles=angles, carried={"mol": molecules}, places=_inside(deck, x))
 
     def bond(name: str) -> list[object]:
@@ -117,11 +104,7 @@ def bonded(draw: Draw) -> Deck:
         deck.add("write_data", "out.data", *draw.pick([[], ["pair", "ij"], ["nocoeff"]]))
     if draw.chance(0.3):
         deck.add("group", "gone", "id", draw.whole(1, deck.beads))
-        deck.add(
-            "delete_atoms",
-            "group",
-            "gone",
-            *draw.pick([[], ["bond", "yes"], ["bond", "yes", "compress", "no"], ["compress", "yes", "bond", "yes"]]),
-        )
+        words = [[], ["bond", "yes"], ["bond", "yes", "compress", "no"], ["compress", "yes", "bond", "yes"]]
+        deck.add("delete_atoms", "group", "gone", *draw.pick(words))
         deck.run(1)
     return deck

@@ -8,15 +8,13 @@ from .scene import beads, draw_box, dump, groups, head, timestep
 
 def charges(draw: Draw) -> Deck:
     """A deck with charges of a sum of 0, in a slab of nothing."""
-    deck = Deck(draw)
+    deck = head(Deck(draw), draw.pick(["charge", "full"]), ("lj", "lj", "real"))
     deck.accuracy = LATTICE_SUM
-    head(deck, draw.pick(["charge", "full"]), ("lj", "lj", "real"))
     natural = deck.units
-    draw_box(deck, 3.0, 4.0, tilted=0.2)
+    draw_box(deck, 3.0, 4.0, tilted=0.2, types=1)
     count = 2 * draw.whole(1, 8)
     scale = 1.0 if natural.name == "lj" else 0.2
     values = [scale * round(draw.uniform(0.2, 2), 3) for _ in range(count // 2)]
-    deck.types = 1
     beads(deck, count, 0.4, carried={"q": values + [-value for value in values], "mol": [0] * count})
     lamda, reach = natural.length * draw.real(0.3, 0.6), natural.length * draw.real(1.2, 1.45)
     A, gamma = natural.force * draw.real(1, 25), natural.friction * draw.real(0, 5)
@@ -33,10 +31,8 @@ def charges(draw: Draw) -> Deck:
     groups(deck)
     deck.add("fix", 1, "all", "nve")
     timestep(deck)
-    # how the energy is split into a short part and a lattice sum is each program's own choice
-    deck.add("thermo", 1)
+    deck.add("thermo", 1)  # how the energy is split into a short part and a lattice sum is each program's own choice
     deck.add("thermo_style", "custom", "step", "temp", "press", "pe", "etotal", "fnorm")
     deck.add("thermo_modify", "format", "float", "%.15g")
     dump(deck)
-    deck.run(draw.whole(0, 2))
-    return deck
+    return deck.run(draw.whole(0, 2))

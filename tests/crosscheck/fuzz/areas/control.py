@@ -83,8 +83,7 @@ class _Script(Deck):
         self.add("next", *names)
         self.add("jump", "SELF", label)
         self.add("label", f"{label}_out")
-        # those that have come to an end are gone
-        for name in names:
+        for name in names:  # those that have come to an end are gone
             (self.texts_of if name in self.texts_of else self.numbers).remove(name)
             self.add("variable", name, "delete")
 
@@ -115,7 +114,6 @@ def control(draw: Draw) -> Deck:
     deck.numbers, deck.texts_of = [], []
     head(deck, "atomic", ("lj",))
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 8), 0.4)
     interactions(deck, ["dpd"])
     groups(deck)
@@ -128,5 +126,4 @@ def control(draw: Draw) -> Deck:
     conservative(deck)
     for _ in range(draw.whole(2, 6)):
         deck.act(2)
-    deck.run(draw.whole(0, 2))
-    return deck
+    return deck.run(draw.whole(0, 2))

@@ -19,8 +19,7 @@ def _rows(deck: Deck) -> Deck:
     draw = deck.draw
     style = draw.pick(["atomic", "charge", "bond", "angle", "molecular", "full"])
     head(deck, style)
-    draw_box(deck)
-    deck.types = draw.whole(1, 3)
+    draw_box(deck, types=3)
     count = draw.whole(1, 12)
     carried: dict = {"mol": [draw.whole(0, 3) for _ in range(count)], "q": [draw.real(-1, 1) for _ in range(count)]}
     beads(deck, count, 0.4, carried=carried)
@@ -28,8 +27,7 @@ def _rows(deck: Deck) -> Deck:
     deck.add("fix", 1, "all", "nve")
     thermo(deck)
     dump(deck)
-    deck.run(draw.whole(0, 3))
-    return deck
+    return deck.run(draw.whole(0, 3))
 
 
 def data(draw: Draw) -> Deck:

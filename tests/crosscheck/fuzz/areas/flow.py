@@ -9,14 +9,12 @@ from .scene import beads, conservative, draw_box, dump, groups, head, movers, th
 
 def flow(draw: Draw) -> Deck:
     """A deck with addforce, setforce or wall/reflect."""
-    deck = Deck(draw)
-    head(deck, "atomic", ("lj", "lj", "real", "metal"))
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "real", "metal"))
     natural = deck.units
     walls = [draw.chance(0.35) for _ in range(3)] if draw.chance(0.5) else [False] * 3
     if any(walls):
         deck.add("boundary", *("f" if wall else "p" for wall in walls))
     draw_box(deck, tilted=0.0 if any(walls) else 0.3)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(1, 15), 0.4)
     interactions(deck, [draw.pick(["dpd", "dpd", "dpd/ext", "lj/cut", "zero"])])
     groups(deck)

@@ -84,8 +84,7 @@ def formulas(draw: Draw) -> Deck:
     deck.add("pair_coeff", "*", "*")
     deck.add("fix", 1, "all", "nve")
     _of_beads(deck, grammar)
-    deck.run(0)
-    return deck
+    return deck.run(0)
 
 
 def _of_beads(deck: Deck, grammar: _Grammar) -> None:

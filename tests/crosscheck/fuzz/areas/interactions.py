@@ -103,11 +103,8 @@ def interactions(deck: Deck, names: list[str] | None = None, noise: float = 0.0)
         _modify(deck, names)
     else:
         overlay = len(names) == 1 or draw.chance(0.8)
-        deck.add(
-            "pair_style",
-            "hybrid/overlay" if overlay else "hybrid",
-            *(word for name in names for word in (name, *_settings(deck, name, noise))),
-        )
+        words = (word for name in names for word in (name, *_settings(deck, name, noise)))
+        deck.add("pair_style", "hybrid/overlay" if overlay else "hybrid", *words)
         called = [[name] if names.count(name) == 1 else [name, names[:k].count(name) + 1] for k, name in enumerate(names)]
         if overlay:
             for words in called:
@@ -129,7 +126,5 @@ def interactions(deck: Deck, names: list[str] | None = None, noise: float = 0.0)
 def _modify(deck: Deck, names: list[str]) -> None:
     draw = deck.draw
     if names == ["lj/cut"] and draw.chance(0.5):
-        deck.add(
-            "pair_modify",
-            *draw.pick([["shift", "yes"], ["mix", "arithmetic"], ["mix", "geometric"], ["mix", "sixthpower", "shift", "yes"]]),
-        )
+        options = [["shift", "yes"], ["mix", "arithmetic"], ["mix", "geometric"], ["mix", "sixthpower", "shift", "yes"]]
+        deck.add("pair_modify", *draw.pick(options))

@@ -10,15 +10,12 @@ from .scene import beads, draw_box, dump, groups, head, thermo
 
 def meso(draw: Draw) -> Deck:
     """A deck of dpd/fdt/energy, edpd, tdpd or mdpd."""
-    deck = Deck(draw)
     style = draw.pick(["dpd", "edpd", "tdpd", "mdpd"])
     species = draw.whole(1, 3)
-    head(deck, style, ("lj", "lj", "real") if style == "dpd" else ("lj",), species if style == "tdpd" else 0)
+    deck = head(Deck(draw), style, ("lj", "lj", "real") if style == "dpd" else ("lj",), species if style == "tdpd" else 0)
     natural = deck.units
     sweeps = style == "dpd" and draw.chance(0.4)
-    # LAMMPS has no neighbour lists for fix shardlow in tilted boxes
-    draw_box(deck, 2.7, 4.0, 0.0 if sweeps else 0.35)
-    deck.types = draw.whole(1, 2)
+    draw_box(deck, 2.7, 4.0, 0.0 if sweeps else 0.35)  # LAMMPS has no neighbour lists for fix shardlow in tilted boxes
     count = draw.whole(2, 25)
     carried: dict[str, list[float]] = {
         "dpd": {"theta": [natural.temperature * round(draw.uniform(0.5, 2), 4) for _ in range(count)]},
@@ -35,8 +32,7 @@ def meso(draw: Draw) -> Deck:
     columns = _extra(deck, style, species)
     thermo(deck, most=6)
     dump(deck, 1, *columns)
-    deck.run(draw.whole(0, 4))
-    return deck
+    return deck.run(draw.whole(0, 4))
 
 
 def _extra(deck: Deck, style: str, species: int) -> list[str]:

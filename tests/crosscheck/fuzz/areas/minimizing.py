@@ -7,8 +7,7 @@ from ..draw import Draw
 from .interactions import interactions
 from .scene import beads, conservative, draw_box, dump, groups, head, thermo, timestep
 
-#: How far a minimum is known: forces are below 1e-7 of a natural unit, energies depend on their square.
-MINIMUM = 1e-5
+MINIMUM = 1e-5  # How far a minimum is known: forces are below 1e-7 of a natural unit, energies depend on their square.
 
 
 def minimizing(draw: Draw) -> Deck:
@@ -26,7 +25,6 @@ def _nothing_to_do(deck: Deck) -> None:
     draw = deck.draw
     head(deck, "atomic", ("lj", "lj", "real", "metal"))
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(1, 12), 0.4, moving=0.0)
     forces = draw.chance(0.7)
     interactions(deck, [draw.pick(["dpd", "dpd/ext", "lj/cut"]) if forces else "zero"])
@@ -63,7 +61,7 @@ def _down(deck: Deck) -> None:
     draw = deck.draw
     head(deck, "molecular", ("lj", "lj", "real"))
     natural = deck.units
-    draw_box(deck, 4.0, 6.0)
+    draw_box(deck, 4.0, 6.0, types=1)
     count = draw.whole(2, 5)
     directions = np.array([[0.6 * (k + 0.1 * draw.random()), 0.3 * (k % 2), 0.1 * draw.random()] for k in range(count)])
     places = np.round(np.array(deck.low) + natural.length * (0.2 + directions), 9)
@@ -84,8 +82,7 @@ def _down(deck: Deck) -> None:
     deck.add("pair_style", "zero", 0.5 * natural.length)
     deck.add("pair_coeff", "*", "*")
     deck.add("comm_modify", "cutoff", 3.0 * natural.length)
-    # LAMMPS's cg goes to and fro about some minima until its iterations are used up
-    deck.add("min_style", draw.pick(["fire", "hftn"]))
+    deck.add("min_style", draw.pick(["fire", "hftn"]))  # LAMMPS's cg goes to and fro about some minima until its iterations are used up
     held = draw.chance(0.4)
     if held:
         deck.add("group", "held", "id", draw.whole(1, count))

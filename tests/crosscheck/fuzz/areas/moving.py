@@ -46,15 +46,12 @@ def _momentum(deck: Deck) -> None:
 
 def moving(draw: Draw) -> Deck:
     """A deck with some of that, and runs."""
-    deck = Deck(draw)
     style = draw.pick(["atomic", "atomic", "bond"])
-    head(deck, style, ("lj", "lj", "real"))
-    # then beads stay in the order in which they came, and commands that give new ids may come after runs
-    ordered = draw.chance(0.25)
+    deck = head(Deck(draw), style, ("lj", "lj", "real"))
+    ordered = draw.chance(0.25)  # then beads stay in the order in which they came, and commands that give new ids may come after runs
     if ordered:
         deck.add("atom_modify", "sort", 0, 0.0)
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     count = draw.whole(2, 8)
     beads(deck, count, 0.4, carried={"mol": [draw.whole(0, 3) for _ in range(count)]} if style == "bond" else {})
     if draw.chance(0.3):

@@ -9,11 +9,9 @@ from .scene import WORDS, beads, draw_box, groups, head, timestep
 
 def output(draw: Draw) -> Deck:
     """A deck about formats; numbers are rounded to few digits, text is compared word by word."""
-    deck = Deck(draw)
+    deck = head(Deck(draw), draw.pick(["atomic", "bond", "full"]), ("lj", "real"))
     deck.accuracy = 1e-6
-    head(deck, draw.pick(["atomic", "bond", "full"]), ("lj", "real"))
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 6), 0.4)
     interactions(deck, ["dpd"])
     groups(deck)
@@ -51,8 +49,7 @@ def output(draw: Draw) -> Deck:
         deck.add("dump_modify", "b", "unwrap", "yes", *(["sfactor", 0.5, "tfactor", 2] if draw.chance(0.3) else []))
     deck.run(draw.whole(0, 4))
     deck.say(f"step $(step) $(step:%08.3f) {draw.pick(['a', 'b'])} \\t")
-    deck.run(draw.whole(0, 3))
-    return deck
+    return deck.run(draw.whole(0, 3))
 
 
 def _xyz(deck: Deck) -> None:

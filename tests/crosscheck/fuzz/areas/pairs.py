@@ -8,11 +8,9 @@ from .scene import beads, conservative, draw_box, dump, groups, head, thermo, ti
 
 def pairs(draw: Draw) -> Deck:
     """A deck with pair forces and no noise."""
-    deck = Deck(draw)
-    head(deck, draw.pick(["atomic", "atomic", "charge", "bond"]))
+    deck = head(Deck(draw), draw.pick(["atomic", "atomic", "charge", "bond"]))
     deck.cutoff = draw.pick([1.0, 1.0, 1.2])
-    draw_box(deck, 2.0 * deck.cutoff + 0.05, 2.0 * deck.cutoff + draw.pick([0.3, 2.0]), tilted=0.5)
-    deck.types = draw.whole(1, 3)
+    draw_box(deck, 2.0 * deck.cutoff + 0.05, 2.0 * deck.cutoff + draw.pick([0.3, 2.0]), tilted=0.5, types=3)
     x = beads(deck, draw.pick([1, 2, 3, draw.whole(4, 40)]), draw.pick([0.4, 0.4, 0.0]))
     names = interactions(deck)
     if "lj/cut" not in names and "table" not in names and draw.chance(0.1):
@@ -23,5 +21,4 @@ def pairs(draw: Draw) -> Deck:
     thermo(deck)
     dump(deck)
     conservative(deck)
-    deck.run(draw.whole(0, 4))
-    return deck
+    return deck.run(draw.whole(0, 4))

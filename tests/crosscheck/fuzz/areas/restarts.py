@@ -10,16 +10,13 @@ _COLUMNS = "id type mass x y z xu yu zu ix iy iz vx vy vz fx fy fz"
 
 def restarts(draw: Draw) -> Deck:
     """Runs and what comes between them; the last one once more in a second script, from a restart file."""
-    deck = Deck(draw)
-    head(deck, "atomic", ("lj", "lj", "real", "metal"))
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "real", "metal"))
     settings = deck.lines[-2:]
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 15), 0.4)
     before = len(deck.lines)
     interactions(deck, [draw.pick(["dpd", "dpd/ext", "dpd/tstat", "lj/cut", "zero"])] * draw.pick([1, 1, 2]))
-    # LAMMPS keeps no coefficients of hybrid
-    repeated = deck.lines[before:] if "hybrid" in deck.lines[before] else []
+    repeated = deck.lines[before:] if "hybrid" in deck.lines[before] else []  # LAMMPS keeps no coefficients of hybrid
     groups(deck)
     timestep(deck)
     fixes = _fixes(deck)
@@ -28,12 +25,10 @@ def restarts(draw: Draw) -> Deck:
     steps = draw.whole(0, 4)
     middle = draw.chance(0.4) and steps > 0
     if middle:
-        # the clock of LAMMPS begins anew behind such a file
-        thermo = [line.replace(" time", " dt") for line in thermo]
+        thermo = [line.replace(" time", " dt") for line in thermo]  # the clock of LAMMPS begins anew behind such a file
     deck.lines += fixes + thermo
     if middle:
-        # a file from the middle of a run: what is gone on from is a run that ends there
-        deck.add("restart", steps, "r.*.restart")
+        deck.add("restart", steps, "r.*.restart")  # a file from the middle of a run: what is gone on from is a run that ends there
         deck.run(steps + draw.whole(1, 3))
     else:
         deck.run(steps)

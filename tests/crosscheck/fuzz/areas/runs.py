@@ -44,10 +44,8 @@ def _change(deck: Deck, values: Values, state: dict) -> None:
 
 def runs(draw: Draw) -> Deck:
     """A deck with several runs."""
-    deck = Deck(draw)
-    head(deck, draw.pick(["atomic", "atomic", "bond"]), ("lj", "lj", "lj", "real"))
+    deck = head(Deck(draw), draw.pick(["atomic", "atomic", "bond"]), ("lj", "lj", "lj", "real"))
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 15), 0.4)
     style = draw.pick(["dpd", "dpd/ext", "dpd/tstat", "lj/cut"])
     interactions(deck, [style])

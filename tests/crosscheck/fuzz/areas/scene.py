@@ -5,14 +5,13 @@ import numpy as np
 from ..deck import Deck
 from .lattices import units
 
-#: Columns of a bead in a data file, before its coordinates, by atom style.
-_BEFORE = {
+_BEFORE = {  # Columns of a bead in a data file, before its coordinates, by atom style.
     "atomic": "type", "charge": "type q", "bond": "mol type", "angle": "mol type", "molecular": "mol type", "full": "mol type q",
     "dpd": "type theta", "mdpd": "type rho", "edpd": "type temp cv", "tdpd": "type",
 }  # fmt: skip
 
 
-def head(deck: Deck, style: str, names: tuple[str, ...] = ("lj", "lj", "real", "metal"), species: int = 0) -> None:
+def head(deck: Deck, style: str, names: tuple[str, ...] = ("lj", "lj", "real", "metal"), species: int = 0) -> Deck:
     """Units and what LAMMPS needs to see every pair at every step, and to fold beads into the box at every step."""
     units(deck, names)
     deck.style = style
@@ -21,10 +20,11 @@ def head(deck: Deck, style: str, names: tuple[str, ...] = ("lj", "lj", "real", "
     deck.add("comm_modify", "vel", "yes")
     deck.add("neighbor", 0.3 * deck.units.length, "bin")
     deck.add("neigh_modify", "every", 1, "delay", 0, "check", "no")
+    return deck
 
 
-def draw_box(deck: Deck, low: float = 2.4, high: float = 4.0, tilted: float = 0.35) -> None:
-    """Edges in natural lengths."""
+def draw_box(deck: Deck, low: float = 2.4, high: float = 4.0, tilted: float = 0.35, types: int = 2) -> None:
+    """Edges in natural lengths; up to so many types of beads."""
     draw, length = deck.draw, deck.units.length
     deck.low = tuple(length * draw.pick([0.0, 0.0, -1.5, 0.7]) for _ in range(3))  # type: ignore[assignment]
     deck.edges = tuple(float(f"{length * draw.uniform(low, high):.4g}") for _ in range(3))  # type: ignore[assignment]
@@ -32,6 +32,7 @@ def draw_box(deck: Deck, low: float = 2.4, high: float = 4.0, tilted: float = 0.
     if draw.chance(tilted):
         factors = [draw.uniform(-0.5, 0.5) if draw.chance(0.7) else 0.0 for _ in range(3)]
         deck.tilt = tuple(float(f"{f * deck.edges[k]:.3g}") for f, k in zip(factors, (0, 0, 1), strict=True))  # type: ignore[assignment]
+    deck.types = draw.whole(1, types) if types > 1 else types
 
 
 def box_vectors(deck: Deck) -> np.ndarray:
@@ -118,11 +119,8 @@ def groups(deck: Deck) -> None:
     draw = deck.draw
     for _ in range(draw.whole(0, 3)):
         name, low = deck.name("g"), draw.whole(1, max(deck.beads, 1))
-        deck.add(
-            "group",
-            name,
-            *draw.pick([["id", f"1:{low}"], ["type", draw.whole(1, deck.types)], ["id", low], ["id", f"{low}:{deck.beads}:2"]]),
-        )
+        words = [["id", f"1:{low}"], ["type", draw.whole(1, deck.types)], ["id", low], ["id", f"{low}:{deck.beads}:2"]]
+        deck.add("group", name, *draw.pick(words))
         deck.groups.append(name)
 
 
@@ -135,14 +133,12 @@ def movers(deck: Deck, partial: float = 0.2) -> None:
         deck.add("compute", "movers", group, "temp")
 
 
-#: Thermo words that need nothing but beads.
-WORDS = (
+WORDS = (  # Thermo words that need nothing but beads.
     "temp press pe ke etotal enthalpy evdwl ecoul epair ebond eangle edihed eimp emol elong etail vol density lx ly lz xlo xhi ylo yhi zlo zhi "
     "xy xz yz cella cellb cellc cellalpha cellbeta cellgamma fmax fnorm elapsed elaplong dt time atoms bonds angles"
 ).split()
 
-#: The pressure tensor, which is not known of beads with fields.
-TENSOR = "pxx pyy pzz pxy pxz pyz".split()
+TENSOR = "pxx pyy pzz pxy pxz pyz".split()  # The pressure tensor, which is not known of beads with fields.
 _WITH_FIELDS = ("dpd", "edpd", "tdpd")
 
 

@@ -56,9 +56,8 @@ class _Builder:
             return
         deck.add("delete_atoms", *target, *(["compress", draw.pick(["yes", "no"])] if draw.chance(0.4) else []))
         if draw.chance(0.4):
-            deck.add(
-                *draw.pick([["reset_atoms", "id"], ["reset_atoms", "id", "sort", "no"], ["reset_ids"], ["reset_atom_ids", "sort", "no"]])
-            )
+            words = [["reset_atoms", "id"], ["reset_atoms", "id", "sort", "no"], ["reset_ids"], ["reset_atom_ids", "sort", "no"]]
+            deck.add(*draw.pick(words))
 
     # -- groups and what beads are ---------------------------------------------------------------------------------------
     def group(self) -> None:
@@ -92,14 +91,9 @@ class _Builder:
 
     def target(self) -> list[object]:
         deck, draw = self.deck, self.draw
-        return draw.pick(
-            [
-                ["atom", draw.pick([draw.whole(1, 10), "*", f"{draw.whole(1, 5)}*{draw.whole(6, 20)}", f"*{draw.whole(1, 9)}"])],
-                ["type", draw.pick([draw.whole(1, deck.types), "*"])],
-                ["group", draw.pick(deck.groups)],
-                ["region", draw.pick(deck.regions)],
-            ]
-        )
+        atoms = draw.pick([draw.whole(1, 10), "*", f"{draw.whole(1, 5)}*{draw.whole(6, 20)}", f"*{draw.whole(1, 9)}"])
+        types = draw.pick([draw.whole(1, deck.types), "*"])
+        return draw.pick([["atom", atoms], ["type", types], ["group", draw.pick(deck.groups)], ["region", draw.pick(deck.regions)]])
 
     def set(self) -> None:
         deck, draw, natural = self.deck, self.draw, self.deck.units
@@ -151,22 +145,9 @@ class _Builder:
         deck, draw = self.deck, self.draw
         group, place = draw.pick(deck.groups), draw.pick(deck.regions)
         axis = draw.pick("xyz")
-        deck.show(
-            *draw.some(
-                [
-                    f"count({group})",
-                    f"count({group},{place})",
-                    f"vcm({group},{axis})",
-                    f"ke({group})",
-                    f"bound({group},{axis}{draw.pick(['min', 'max'])})",
-                    f"xcm({group},{axis})",
-                    f"mass({group})",
-                    "atoms",
-                ],
-                1,
-                4,
-            )
-        )
+        words = [f"count({group})", f"count({group},{place})", f"vcm({group},{axis})", f"ke({group})"]
+        words += [f"bound({group},{axis}{draw.pick(['min', 'max'])})", f"xcm({group},{axis})", f"mass({group})", "atoms"]
+        deck.show(*draw.some(words, 1, 4))
 
 
 _WEIGHTS: dict[str, float] = {

@@ -25,15 +25,10 @@ def _set(deck: Deck) -> None:
     draw, natural, name = deck.draw, deck.units, deck.name("v")
     target = draw.pick([["group", deck.group()], ["type", draw.whole(1, deck.types)], ["atom", f"*{draw.whole(1, deck.beads)}"]])
     speed, axis = f"{natural.velocity:g}", draw.pick("xyz")
-    word, formula = draw.pick(
-        [
-            (f"v{axis}", f"{speed}*sin(x/{natural.length:g}+id)"),
-            (f"v{axis}", f"0.5*v{axis}+{speed}*(type==1)"),
-            (axis, f"{axis}+0.05*{natural.length:g}*sin(id)"),
-            ("type", f"1+(id>{draw.whole(1, deck.beads)})*{deck.types - 1}"),
-            ("image", "id-3.5"),
-        ]
-    )
+    spread, shifted = f"0.5*v{axis}+{speed}*(type==1)", f"{axis}+0.05*{natural.length:g}*sin(id)"
+    types = f"1+(id>{draw.whole(1, deck.beads)})*{deck.types - 1}"
+    choices = [(f"v{axis}", f"{speed}*sin(x/{natural.length:g}+id)"), (f"v{axis}", spread), (axis, shifted), ("type", types)]
+    word, formula = draw.pick([*choices, ("image", "id-3.5")])
     deck.add("variable", name, "atom", f'"{formula}"')
     deck.add("set", *target, word, *([f"v_{name}"] if word != "image" else [draw.pick(["NULL", 1]), f"v_{name}", 0]))
 
@@ -77,8 +72,7 @@ def _correlate(deck: Deck, values: Values) -> None:
         options += ["start", draw.whole(0, 8)]
     if draw.chance(0.3):
         options += ["prefactor", draw.real(-2, 2)]
-    # LAMMPS leaves titles of the types with lower out
-    options += ["title3", '"# rows"'] if kind.endswith("lower") else []
+    options += ["title3", '"# rows"'] if kind.endswith("lower") else []  # LAMMPS leaves titles of the types with lower out
     deck.add(
         "fix", name, "all", "ave/correlate", every, repeat, every * (repeat + draw.whole(0, 2)), *words, *options, "file", f"{name}.corr"
     )
@@ -96,11 +90,9 @@ def _frame(deck: Deck) -> None:
 
 def streaming(draw: Draw) -> Deck:
     """A deck with gravity, set with variables, temp/partial, temp/profile, compute_modify, ave/correlate and write_dump."""
-    deck = Deck(draw)
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "real", "metal"))
     deck.accuracy = 2e-6  # of the files that fix ave/correlate and dumps write with few digits
-    head(deck, "atomic", ("lj", "lj", "real", "metal"))
     draw_box(deck)
-    deck.types = draw.whole(1, 2)
     beads(deck, draw.whole(2, 20), 0.4)
     interactions(deck, [draw.pick(["dpd", "dpd/ext", "lj/cut", "zero"])])
     groups(deck)
@@ -134,5 +126,4 @@ def streaming(draw: Draw) -> Deck:
         draw.pick([_frame, _frame, _set])(deck)
     if draw.chance(0.3):
         deck.add("fix", "late", "all", "print", 50, '"never"', "file", "late.txt", "screen", "no")
-    deck.run(draw.whole(0, 4))
-    return deck
+    return deck.run(draw.whole(0, 4))

@@ -11,12 +11,10 @@ def thermostats(draw: Draw) -> Deck:
     The mean of v^2 of some 1,000 beads after a step has a standard error of sqrt(2/3000), or 3 %, and somewhat more because each pair
     pushes two beads; both sides have one each.  A third is about six of these.
     """
-    deck = Deck(draw)
+    deck = head(Deck(draw), "atomic", ("lj", "lj", "real"))
     deck.accuracy = 0.33
-    head(deck, "atomic", ("lj", "lj", "real"))
     natural = deck.units
     draw_box(deck, 7.0, 7.5, tilted=0.2)
-    deck.types = draw.whole(1, 2)
     x = points(deck, 1000)
     lines = ["beads", "", f"{len(x)} atoms", f"{deck.types} atom types"]
     lines += [f"{low:.15g} {low + edge:.15g} {a}lo {a}hi" for a, low, edge in zip("xyz", deck.low, deck.edges, strict=True)]
@@ -58,13 +56,8 @@ def _styles(deck: Deck) -> None:
         """Without repulsion, so that noise is all there is; one of two frictions may be missing."""
         along, across = draw.pick([(friction(), friction()), (0.0, friction()), (friction(), 0.0)])
         exponents = [draw.pick([1.0, 0.5, 2.0]) for _ in range(2)]
-        table: dict[str, list[object]] = {
-            "dpd": [0.0, along],
-            "dpd/tstat": [along],
-            "dpd/ext": [0.0, along, across, *exponents],
-            "dpd/ext/tstat": [along, across, *exponents],
-            "dpd/fdt": [0.0, natural.noise * draw.real(1, 4)],
-        }
+        table: dict[str, list[object]] = {"dpd": [0.0, along], "dpd/tstat": [along], "dpd/fdt": [0.0, natural.noise * draw.real(1, 4)]}
+        table |= {"dpd/ext": [0.0, along, across, *exponents], "dpd/ext/tstat": [along, across, *exponents]}
         return table[style]
 
     names = ["dpd", "dpd/tstat", "dpd/ext", "dpd/ext/tstat", "dpd/fdt"]

@@ -1,0 +1,31 @@
+"""What the kernel's forces, virials and noise are compared with."""
+
+import numpy as np
+import pytest
+from scenes import noise_of
+
+
+def close(got, expected, rtol=1e-12):
+    """Equal to rtol of the largest component, which is no rounding."""
+    np.testing.assert_allclose(got, expected, rtol=0, atol=rtol * np.abs(expected).max())
+    assert np.abs(expected).max() > 1e-3
+
+
+def noise_matrices(n: int, seed: int, counter: int):
+    """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for the heat."""
+    draw = noise_of(n, seed, counter, 1.0)
+    motion, heat = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1, n):
+            motion[i, j] = motion[j, i] = draw(i, j, 0)
+            heat[i, j] = draw(i, j, 1)
+            heat[j, i] = -heat[i, j]
+    return motion, heat
+
+
+def same_terms(parts, terms) -> None:
+    """Forces and virials of the conservative, dissipative and random part, (energy, force, virial, rates) each, are those of the oracle."""
+    for (_, force, virial, _), part in zip(parts, ("conservative", "dissipative", "random"), strict=True):
+        close(force, getattr(terms, part))
+        assert virial == pytest.approx(np.trace(getattr(terms, f"virial_{part}")), rel=1e-11)
+    assert parts[0][0] == pytest.approx(terms.energy, rel=1e-12)
