@@ -85,8 +85,7 @@ def test_against_lammps(tmp_path, box, device):
     x, bonds, angles = chains.walks(12, 6, box, 6)
     (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, box))
     expected, forces = chains.theirs(tmp_path, DECK)
-    deck = put(tmp_path / "in.chains", DECK + "run 0\n")
-    made = read_deck(deck, stop_before_first_run=True, output=tmp_path).first_run.scene()
+    made = read_deck(put(tmp_path / "in.chains", DECK + "run 0\n"), stop_before_first_run=True, output=tmp_path).first_run.scene()
     built = dpd.build(made, dt=0.01, platform=device.platform, seed=1)
     terms = dpd.force_terms(built, properties=device.properties)
     tolerance = 1e-9 if device.platform == "Reference" else 1e-5

@@ -134,8 +134,7 @@ def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
 def test_a_run_by_the_word_is_the_run_by_the_name(scheme):
     ends = []
     for text in (scheme.name, scheme.word):
-        simulation = stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3)
-        ends.append(state_of(simulation.context))
+        ends.append(state_of(stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3).context))
     assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
 
 
@@ -278,8 +277,7 @@ def test_the_word_of_middle_keeps_constraints():
 
 def test_other_parameters_that_do_not_go_with_words():
     raises((ParameterError, PlanError), "lam", lambda: dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference"))
-    heat = dpd.BeadTemperatures(1.0, 30.0)
-    scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=heat)
+    scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=dpd.BeadTemperatures(1.0, 30.0))
     raises(PlanError, "'mvv'.*B/2 A/2 O A/2 B/2", lambda: dpd.build(scene, dt=0.02, scheme=BAOAB, platform="Reference"))
 
 
