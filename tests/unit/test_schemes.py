@@ -12,6 +12,7 @@ import pytest
 from cases import cases
 from devices import Device
 from files_of_tests import put
+from fluid_deck import ONE_TYPE
 from raising import raises
 from scenes import beads, run_of, state_of, step_all, stepped
 
@@ -30,21 +31,7 @@ NAMED = [scheme for scheme in SCHEMES.values() if scheme.letters]
 BAOAB = "B/2 A/2 O A/2 B/2"
 REFERENCE = Device("Reference")
 
-DECK = """units lj
-atom_style atomic
-comm_modify vel yes
-region box block 0 4 0 4 0 4 units box
-create_box 1 box
-create_atoms 1 random 192 4243 box
-mass 1 1.0
-pair_style dpd 1.0 1.0 34387
-pair_coeff 1 1 25.0 4.5
-velocity all create 1.0 87287
-fix move all nve
-timestep 0.01
-thermo 10
-run 20
-"""
+DECK = ONE_TYPE + "timestep 0.01\nthermo 10\nrun 20\n"
 
 
 @pytest.fixture
