@@ -10,6 +10,18 @@ import numpy as np
 #: LAMMPS's hybrid bonds of three types and angles of two, and the same as formulas of r and theta.
 BONDS = {1: "harmonic 20.0 0.7", 2: "fene 30.0 1.5 0.8 0.9", 3: "morse 12.0 1.7 0.6"}
 ANGLES = {1: "harmonic 6.0 110.0", 2: "cosine 4.0"}
+DECK = f"""units lj
+atom_style angle
+newton on
+special_bonds lj 1 1 1
+comm_modify vel yes cutoff 3.0
+bond_style hybrid harmonic fene morse
+angle_style hybrid harmonic cosine
+pair_style dpd 0.0 1.0 33
+read_data data.chains
+{chr(10).join(f"bond_coeff {kind} {text}" for kind, text in BONDS.items())}
+{chr(10).join(f"angle_coeff {kind} {text}" for kind, text in ANGLES.items())}
+"""
 
 
 def fene(r: float) -> float:

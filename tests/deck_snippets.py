@@ -1,5 +1,8 @@
 """A small deck for every compute, fix, output style, variable style and command that decks may have, by the package's own tables."""
 
+from collections.abc import Callable
+from itertools import product
+
 from openmm_dpd.lammps.commands.fixes import AVERAGES, FIX_STYLES
 from openmm_dpd.lammps.language.variables import STYLES as VARIABLES
 from openmm_dpd.lammps.output.dumps import STYLES as DUMPS
@@ -7,6 +10,7 @@ from openmm_dpd.lammps.output.thermo import STYLES as LAYOUTS
 from openmm_dpd.lammps.run.deck import COMMANDS
 from openmm_dpd.lammps.values.computes import COMPUTES
 
+_RUNS = "timestep 0.01\nthermo 3\nBEFORE\nrun 7\nBETWEEN\nrun 6\n"
 BASES = {  # Decks that a snippet is put into: what is in front of its two runs, and perhaps between them.
     "fluid": """units lj
 comm_modify vel yes
@@ -21,13 +25,8 @@ pair_style dpd 1.0 1.0 34387
 pair_coeff * * 25.0 4.5
 velocity all create 1.0 87287
 fix move all nve
-timestep 0.01
-thermo 3
-BEFORE
-run 7
-BETWEEN
-run 6
-""",
+"""
+    + _RUNS,
     "energy": """units lj
 atom_style dpd
 comm_modify vel yes
@@ -42,13 +41,8 @@ pair_style dpd/fdt/energy 1.0 34387
 pair_coeff * * 25.0 3.0 0.5
 HEAD
 fix move all nve
-timestep 0.01
-thermo 3
-BEFORE
-run 7
-BETWEEN
-run 6
-""",
+"""
+    + _RUNS,
     "edpd": """units lj
 atom_style edpd
 comm_modify vel yes
@@ -62,13 +56,8 @@ velocity all create 1.0 87287
 pair_style edpd 1.58 34387
 pair_coeff * * 18.75 4.5 0.41 1.58 1.41e-5 2.0 1.58
 fix move all mvv/edpd 0.55
-timestep 0.01
-thermo 3
-BEFORE
-run 7
-BETWEEN
-run 6
-""",
+"""
+    + _RUNS,
     "tdpd": """units lj
 atom_style tdpd 2
 comm_modify vel yes
@@ -82,13 +71,8 @@ velocity all create 1.0 87287
 pair_style tdpd 1.0 1.58 34387
 pair_coeff * * 18.75 4.5 0.41 1.58 1.58 1.0 1e-5 2.0 3.0 1e-5 2.0
 fix move all mvv/tdpd 0.5
-timestep 0.01
-thermo 3
-BEFORE
-run 7
-BETWEEN
-run 6
-""",
+"""
+    + _RUNS,
     "bonds": """units lj
 atom_style angle
 comm_modify vel yes
@@ -102,13 +86,8 @@ pair_style dpd 1.0 1.0 34387
 pair_coeff * * 25.0 4.5
 velocity all create 1.0 87287
 fix move all nve
-timestep 0.01
-thermo 2
-BEFORE
-run 7
-BETWEEN
-run 6
-""",
+"""
+    + _RUNS.replace("3", "2"),
 }
 
 BASES["dihedrals"] = (
@@ -118,63 +97,25 @@ BASES["dihedrals"] = (
     .replace("angle_coeff 1 5 180", "angle_coeff 1 5 120\ndihedral_coeff 1 1 -2 3 0.5")
 )
 
+
+def _chains(said: str, style: str, chains: int, length: int, place: Callable[[int, int], str]) -> str:
+    """A data file of chains with all bonds, angles and dihedrals that they have."""
+    kinds = ("atoms", "bonds", "angles", "dihedrals")[:length]
+    lines = [said, "", *(f"{chains * (length - k)} {kind}" for k, kind in enumerate(kinds)), *(f"1 {kind[:-1]} types" for kind in kinds)]
+    lines += [*(f"0 3 {axis}lo {axis}hi" for axis in "xyz"), "", "Masses", "", "1 1.0", "", f"Atoms # {style}", ""]
+    lines += [f"{length * m + k + 1} {m + 1} 1 {place(m, k)}" for m in range(chains) for k in range(length)]
+    for order, kind in enumerate(kinds[1:], start=2):
+        lines += ["", kind.capitalize(), ""]
+        for n, (m, k) in enumerate(product(range(chains), range(length - order + 1)), start=1):
+            lines.append(f"{n} 1 " + " ".join(str(length * m + k + j + 1) for j in range(order)))
+    return "\n".join(lines) + "\n"
+
+
 FILES = {  # Files beside the decks.
-    "data.turns": """two chains
-
-8 atoms
-6 bonds
-4 angles
-2 dihedrals
-1 atom types
-1 bond types
-1 angle types
-1 dihedral types
-0 3 xlo xhi
-0 3 ylo yhi
-0 3 zlo zhi
-
-Masses
-
-1 1.0
-
-Atoms # molecular
-
-"""
-    + "".join(
-        f"{4 * m + k + 1} {m + 1} 1 {0.4 + 0.5 * k} {0.7 + 0.8 * m + 0.3 * (k % 2)} {0.5 + m + 0.2 * (k == 3)}\n"
-        for m in range(2)
-        for k in range(4)
-    )
-    + "\nBonds\n\n"
-    + "".join(f"{3 * m + k + 1} 1 {4 * m + k + 1} {4 * m + k + 2}\n" for m in range(2) for k in range(3))
-    + "\nAngles\n\n"
-    + "".join(f"{2 * m + k + 1} 1 {4 * m + k + 1} {4 * m + k + 2} {4 * m + k + 3}\n" for m in range(2) for k in range(2))
-    + "\nDihedrals\n\n"
-    + "".join(f"{m + 1} 1 {4 * m + 1} {4 * m + 2} {4 * m + 3} {4 * m + 4}\n" for m in range(2)),
-    "data.chain": """three chains
-
-9 atoms
-6 bonds
-3 angles
-1 atom types
-1 bond types
-1 angle types
-0 3 xlo xhi
-0 3 ylo yhi
-0 3 zlo zhi
-
-Masses
-
-1 1.0
-
-Atoms # angle
-
-"""
-    + "".join(f"{3 * m + k + 1} {m + 1} 1 {0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}\n" for m in range(3) for k in range(3))
-    + "\nBonds\n\n"
-    + "".join(f"{2 * m + k + 1} 1 {3 * m + k + 1} {3 * m + k + 2}\n" for m in range(3) for k in range(2))
-    + "\nAngles\n\n"
-    + "".join(f"{m + 1} 1 {3 * m + 1} {3 * m + 2} {3 * m + 3}\n" for m in range(3)),
+    "data.turns": _chains(
+        "two chains", "molecular", 2, 4, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m + 0.3 * (k % 2)} {0.5 + m + 0.2 * (k == 3)}"
+    ),
+    "data.chain": _chains("three chains", "angle", 3, 3, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}"),
     "eos.table": "# U(T)\n\nSOFT\nN 3\n\n1 0.1 5.0\n2 2.0 100.0\n3 5.0 400.0\n",
     "more.in": "variable included equal 2*temp\n",
 }

@@ -29,3 +29,10 @@ def same_terms(parts, terms) -> None:
         close(force, getattr(terms, part))
         assert virial == pytest.approx(np.trace(getattr(terms, f"virial_{part}")), rel=1e-11)
     assert parts[0][0] == pytest.approx(terms.energy, rel=1e-12)
+
+
+def scaled_by(factor: float, one, other) -> None:
+    """Energy, force and virial of the other are those of the one, times the factor."""
+    close(other[1], factor * one[1])
+    assert other[2] == pytest.approx(factor * one[2], rel=1e-12)
+    assert other[0] == pytest.approx(factor * one[0], rel=1e-12)

@@ -79,8 +79,7 @@ def _relaxed(scene: dpd.Scene, steps: int = 400) -> dpd.Scene:
 
 def _warm(name: str) -> dpd.Scene:
     n, edge = 375, 5.0
-    rng = np.random.default_rng(11)
-    types, x = ["A" if k % 3 else "B" for k in range(n)], rng.random((n, 3)) * edge
+    types, x = ["A" if k % 3 else "B" for k in range(n)], np.random.default_rng(11).random((n, 3)) * edge
     beads = {"masses": {"A": 1.0, "B": 2.0}, "types": types, "positions": x, "box": [edge] * 3}
     if name == "fluid":
         return dpd.Scene(pairs=exported.TWO, kT=1.0, **beads)

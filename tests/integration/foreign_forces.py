@@ -218,8 +218,7 @@ def atoms() -> Case:
     n, dt = 27, 0.004
     system, topology, x = _argon(n, MIXED_EDGE, 0.9)
     x[2:] = x[:2].mean(axis=0) + 0.6 * (x[2:] - x[2:].mean(axis=0))  # a drop in the middle
-    masses = np.full(len(x), ARGON)
-    return Case(system, topology, x, np.zeros_like(x), masses, dt, MIXED_KT, (0, 1), 1.0)
+    return Case(system, topology, x, np.zeros_like(x), np.full(len(x), ARGON), dt, MIXED_KT, (0, 1), 1.0)
 
 
 def among_beads(case: Case, cell: Cell) -> None:

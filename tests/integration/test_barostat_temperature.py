@@ -59,8 +59,7 @@ def test_before_the_context():
     built = fluid()
     dpd.add_barostat(built, 23.6, interval=5)
     built.integrator.setTemperature(200)
-    simulation = stepped(built.simulation(), 5)
-    assert held(simulation) == pytest.approx([200 * BOLTZMANN])
+    assert held(stepped(built.simulation(), 5)) == pytest.approx([200 * BOLTZMANN])
 
 
 @pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo"])

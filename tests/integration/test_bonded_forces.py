@@ -61,21 +61,7 @@ def test_forces_and_energy_on_every_platform(device):
     assert sample.potential == pytest.approx(sample.pair + sample.bond + sample.angle)
 
 
-DECK = f"""units lj
-atom_style angle
-newton on
-special_bonds lj 1 1 1
-comm_modify vel yes cutoff 3.0
-bond_style hybrid harmonic fene morse
-angle_style hybrid harmonic cosine
-pair_style dpd 0.0 1.0 33
-read_data data.chains
-{chr(10).join(f"bond_coeff {kind} {text}" for kind, text in chains.BONDS.items())}
-{chr(10).join(f"angle_coeff {kind} {text}" for kind, text in chains.ANGLES.items())}
-pair_coeff 1 1 25.0 4.5
-velocity all set 0 0 0
-fix 1 all nve
-"""
+DECK = chains.DECK + "pair_coeff 1 1 25.0 4.5\nvelocity all set 0 0 0\nfix 1 all nve\n"
 
 
 @LAMMPS
@@ -85,8 +71,7 @@ def test_against_lammps(tmp_path, box, device):
     x, bonds, angles = chains.walks(12, 6, box, 6)
     (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, box))
     expected, forces = chains.theirs(tmp_path, DECK)
-    deck = put(tmp_path / "in.chains", DECK + "run 0\n")
-    made = read_deck(deck, stop_before_first_run=True, output=tmp_path).first_run.scene()
+    made = read_deck(put(tmp_path / "in.chains", DECK + "run 0\n"), stop_before_first_run=True, output=tmp_path).first_run.scene()
     built = dpd.build(made, dt=0.01, platform=device.platform, seed=1)
     terms = dpd.force_terms(built, properties=device.properties)
     tolerance = 1e-9 if device.platform == "Reference" else 1e-5

@@ -179,8 +179,7 @@ def test_a_seeded_run_with_a_barostat_repeats(scheme, device):
     def volume(seed: int) -> float:
         built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, scheme=scheme, platform=device.platform, seed=seed)
         dpd.add_barostat(built, 20.0, interval=1)
-        simulation = stepped(built.simulation(properties=device.properties), 15)
-        return simulation.context.getState().getPeriodicBoxVolume()._value
+        return stepped(built.simulation(properties=device.properties), 15).context.getState().getPeriodicBoxVolume()._value
 
     first, second, other = volume(0), volume(0), volume(5)
     assert first == second

@@ -59,8 +59,7 @@ def test_steps_follow_the_scene_without_coincidence(conservative, scheme):
         v = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
         scene = dpd.Scene({"W": 1.0}, ["W"] * 3, x, {("W", "W"): D(A=25, gamma=4.5)}, 0.0, box=[4.0] * 3, velocities=v)
         built = dpd.build(scene, dt=0.001, scheme=scheme, conservative=conservative, platform="Reference", seed=1)
-        simulation = stepped(built.simulation(), 3)
-        return state_of(simulation.context)
+        return state_of(stepped(built.simulation(), 3).context)
 
     (x, v), (_, other) = run(0.0), run(1e-11)
     np.testing.assert_allclose(v, other, atol=1e-9)
@@ -115,6 +114,5 @@ def test_frozen_coincident_pair(host):
     """Two wall beads at one point stay there, and a third bead is pushed by both."""
     scene = scene_of(0.0, mobile=~np.isin(np.arange(60), [0, 1]))
     for conservative in ("kernel", "openmm"):
-        simulation = stepped(run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative), 10)
-        x, v = state_of(simulation.context)
+        x, v = state_of(stepped(run_of(scene, host, dt=0.02, scheme="aboba", conservative=conservative), 10).context)
         assert np.all(np.isfinite(v)) and np.array_equal(x[0], x[1])

@@ -15,8 +15,7 @@ from openmm_dpd.kernels.threads import set_threads
 
 
 def alone(scene, device, steps, **choices):
-    simulation = stepped(run_of(scene, device, dt=0.03, **choices), steps)
-    return state_of(simulation.context)
+    return state_of(stepped(run_of(scene, device, dt=0.03, **choices), steps).context)
 
 
 @SCHEME
@@ -35,8 +34,7 @@ def test_same_bits_whatever_the_threads_of_the_platform():
     built = [dpd.build(beads(), dt=0.04, platform="CPU", conservative="kernel", seed=3) for _ in range(2)]
     ends = []
     for count, each in zip(("1", "2"), built, strict=True):
-        simulation = stepped(each.simulation(properties={"Threads": count}), 20)
-        ends.append(state_of(simulation.context))
+        ends.append(state_of(stepped(each.simulation(properties={"Threads": count}), 20).context))
     assert same_bits(*ends)
 
 

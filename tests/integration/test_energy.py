@@ -32,8 +32,7 @@ def energy_scene(box=BOXES["ortho"], *, make=fluid, n=90, **options) -> dpd.Scen
 
 
 def with_walls() -> dpd.Scene:
-    n = 90
-    return energy_scene(mobile=np.arange(n) % 6 > 0, spread=0)  # single precision knows positions far outside the box badly
+    return energy_scene(mobile=np.arange(90) % 6 > 0, spread=0)  # single precision knows positions far outside the box badly
 
 
 def fields_of(simulation) -> np.ndarray:
@@ -171,8 +170,7 @@ def test_friction_and_noise_conserve_energy_at_any_step(device, scheme, dt):
 
 @SCHEME
 def test_the_sum_of_conducted_energy_stays_zero(scheme):
-    simulation = stepped(running(energy_scene(), DEVICES[1], scheme=scheme), 200)
-    u = fields_of(simulation)
+    u = fields_of(stepped(running(energy_scene(), DEVICES[1], scheme=scheme), 200))
     assert abs(u[:, 0].sum()) < 1e-12 * np.abs(u[:, 0]).sum()
     assert np.abs(u[:, 0]).max() > 0.1
 

@@ -8,6 +8,7 @@ import pytest
 from devices import Device
 from openmm import unit
 from scenes import beads, fluid, state_of
+from tired import Tired
 
 import openmm_dpd as dpd
 from openmm_dpd.model.eos import ConstantHeatCapacity
@@ -17,20 +18,6 @@ SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
 CONSERVATIVE = pytest.mark.parametrize("conservative", ["openmm", "kernel"])
 DT = 0.02
-
-
-class Tired:
-    """A force of the user's that does nothing, and raises when it is called for the k-th time after it was armed."""
-
-    def __init__(self):
-        self.left = 0
-
-    def __call__(self, state):
-        if self.left:
-            self.left -= 1
-            if not self.left:
-                raise RuntimeError("too tired to go on")
-        return 0.0 * unit.kilojoule_per_mole, np.zeros((len(state.getPositions(asNumpy=True)), 3))
 
 
 @dataclass

@@ -97,8 +97,7 @@ def test_no_pair_interacts(what, device):
         np.testing.assert_allclose(terms[name], [[2, 0, 0], [-2, 0, 0], [0, 0, 0]], rtol=0, atol=1e-5)
     else:
         assert (terms[name][0, 0] > 1) and terms[name][2, 1] == 0
-    simulation = stepped(built.simulation(properties=device.properties), 3)
-    assert np.isfinite(dpd.Observer(built).sample(simulation.context).total)
+    assert np.isfinite(dpd.Observer(built).sample(stepped(built.simulation(properties=device.properties), 3).context).total)
 
 
 def test_other_positions_and_velocities_than_the_scenes():

@@ -73,8 +73,7 @@ def test_each_file_that_cannot_be_written_has_one_line(deck, capsys, name, line,
     (out / name).mkdir(parents=True)
     assert main(arguments(deck, out, "--quiet")) == 1
     place = "" if line is None else f"{deck}:{line}: "
-    error = capsys.readouterr().err
-    assert f"openmm-dpd: error: {place}{what.format(out=out)}; write elsewhere\n" in error
+    assert f"openmm-dpd: error: {place}{what.format(out=out)}; write elsewhere\n" in capsys.readouterr().err
     assert no_traces(deck.parent)
     # what was measured before is there
     found = json.loads((deck.parent / "report.json").read_text())["steps"] if (deck.parent / "report.json").exists() else None

@@ -3,6 +3,7 @@
 import numpy as np
 import openmm
 import pytest
+from fluid_deck import ONE_TYPE
 from judged import any_seed, bounded, judge
 from scenes import beads, stepped
 
@@ -89,22 +90,7 @@ def test_stiff_dimers_have_the_temperature_that_was_set(scheme, colder, seed):
     assert abs(profile.profile.kT.mean() * n / (n - 1) - 1.0) < bounded(pressing)[2]  # about a mean velocity that is measured: N - 1 of N
 
 
-DECK = """units lj
-atom_style atomic
-comm_modify vel yes
-region box block 0 4 0 4 0 4 units box
-create_box 1 box
-create_atoms 1 random 192 4243 box
-mass 1 1.0
-pair_style dpd 1.0 1.0 34387
-pair_coeff 1 1 25.0 4.5
-velocity all create 1.0 87287
-fix move all nve
-timestep 0.05
-thermo 20
-thermo_style custom step temp press pxx pyy pzz pxy pxz pyz
-run 20
-"""
+DECK = ONE_TYPE + "timestep 0.05\nthermo 20\nthermo_style custom step temp press pxx pyy pzz pxy pxz pyz\nrun 20\n"
 
 
 @pytest.mark.parametrize("scheme", ["middle", "aboba"])

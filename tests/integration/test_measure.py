@@ -87,8 +87,7 @@ def test_virial_of_partners_by_finite_differences(coefficient):
         "lennard_jones": dpd.LennardJones(epsilon=0.7, sigma=0.5, cutoff=1.5, shift=True),
         "table": dpd.TabulatedPair(r, 3 * (1.5 - r) ** 3, forces=9 * (1.5 - r) ** 2),
     }[coefficient]
-    rng = np.random.default_rng(2)
-    grid = np.stack(np.meshgrid(*[np.arange(4.0)] * 3), -1).reshape(-1, 3) * 0.9 + 0.1 * rng.random((64, 3))
+    grid = np.stack(np.meshgrid(*[np.arange(4.0)] * 3), -1).reshape(-1, 3) * 0.9 + 0.1 * np.random.default_rng(2).random((64, 3))
 
     def sample(scale: float) -> dpd.Sample:
         pairs = [dpd.PairTable({("A", "A"): partner}), dpd.PairTable({("A", "A"): dpd.DPD(gamma=2.0, cutoff=1.2)})]

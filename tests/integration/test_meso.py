@@ -72,8 +72,7 @@ class Rates:
         self.engine.prepare(x, self.scene.box)
         force = self.engine.forces(7, v, self.scene.initial_kT, DT, SEED, self.counter, values)[1]
         rates = self.engine.rates.copy()
-        edges = np.diag(self.scene.box)
-        folded = (x - CORNER) % edges + CORNER
+        folded = (x - CORNER) % np.diag(self.scene.box) + CORNER
         for source in self.scene.sources:
             if isinstance(source.region, dpd.Block):
                 inside = oracle_meso.in_cuboid(folded, (source.region.low + source.region.high) / 2, source.region.high - source.region.low)
@@ -238,8 +237,7 @@ def test_many_body_scenes_on_every_device(device, kernel, scheme):
     """One step of every scheme on every platform, against Reference."""
     results = []
     for where in (DEVICES[0], device):
-        simulation = stepped(running(density_scene(kernel), where, scheme=scheme), 3)
-        results.append(state_of(simulation.context))
+        results.append(state_of(stepped(running(density_scene(kernel), where, scheme=scheme), 3).context))
     limit = device.choose(1e-4, 1e-4, 3e-3)  # the CPU platform's own forces are single precision
     assert np.abs(oracle.minimum_image(results[0][0] - results[1][0], BOXES["ortho"])).max() < limit
     assert np.abs(results[0][1] - results[1][1]).max() < 10 * limit

@@ -105,8 +105,7 @@ def test_factors_of_zero_need_no_bond_force_that_puts_back():
 def test_no_wall_velocities_without_moving_walls():
     assert make_plan(beads(), dt=0.02, seed=1).spec.wall_velocity is None
     assert make_plan(beads(mobile=np.arange(81) > 9, velocities=np.zeros((81, 3))), dt=0.02, seed=1).spec.wall_velocity is None
-    moving = beads(mobile=np.arange(81) > 9, velocities=np.ones((81, 3)))
-    assert make_plan(moving, dt=0.02, seed=1).spec.wall_velocity is not None
+    assert make_plan(beads(mobile=np.arange(81) > 9, velocities=np.ones((81, 3))), dt=0.02, seed=1).spec.wall_velocity is not None
 
 
 @SCHEMES

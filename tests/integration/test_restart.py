@@ -90,8 +90,7 @@ def test_restart_on_gpu_platforms(tmp_path, device, scheme):
         assert second.context.getParameter(COUNTER) == counter
         second.step(3)
         assert second.context.getParameter(COUNTER) == counter + 3  # one and the same noise: the history was not drawn anew
-        limit = device.choose(0.0, 1e-6, 2e-4)
-        assert np.abs(state_of(second.context)[1] - expected[1]).max() <= limit
+        assert np.abs(state_of(second.context)[1] - expected[1]).max() <= device.choose(0.0, 1e-6, 2e-4)
 
 
 def test_going_back_to_a_state_repeats_the_run(tmp_path):

@@ -47,8 +47,7 @@ def _hash(*arrays) -> str:
 
 def _of_kind(kind: str, scheme: str) -> str:
     built = made(kind, scheme)
-    simulation = stepped(running(built), 5)
-    found = everything(simulation.context, built)
+    found = everything(stepped(running(built), 5).context, built)
     return _hash(*(found[name] for name in sorted(found)))
 
 
@@ -58,8 +57,7 @@ def _of_charges(name: str) -> str:
     scene = fluid(box=np.diag([3.9] * 3), n=120, charges=q, electrostatics=CHARGES[name], velocities=None)
     built = dpd.build(scene, dt=0.01, scheme="middle", platform="Reference", seed=1)
     assert "charges" in built.plan.execution.held
-    simulation = stepped(running(built), 5)
-    found = everything(simulation.context, built)
+    found = everything(stepped(running(built), 5).context, built)
     return _hash(found["x"], found["v"])
 
 

@@ -56,20 +56,7 @@ def agree(stress, box, theirs, tolerance=1e-9):
 
 
 # -- LAMMPS --------------------------------------------------------------------------------------------------------------------
-BONDED = f"""units lj
-atom_style angle
-newton on
-special_bonds lj 0.5 0.25 1
-comm_modify vel yes cutoff 3.0
-bond_style hybrid harmonic fene morse
-angle_style hybrid harmonic cosine
-pair_style dpd 0.0 1.0 33
-read_data data.chains
-{chr(10).join(f"bond_coeff {kind} {text}" for kind, text in chains.BONDS.items())}
-{chr(10).join(f"angle_coeff {kind} {text}" for kind, text in chains.ANGLES.items())}
-pair_coeff 1 1 25.0 0.0
-fix 1 all nve
-"""
+BONDED = chains.DECK.replace("lj 1 1 1", "lj 0.5 0.25 1") + "pair_coeff 1 1 25.0 0.0\nfix 1 all nve\n"
 
 
 @LAMMPS

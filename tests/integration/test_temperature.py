@@ -28,8 +28,7 @@ def temperatures(scene, device=CPU, *, dt, steps, start, every=5, **choices):
 @pytest.mark.parametrize(("begin", "end"), [(0, 10), (3, 8), (-10, 10), (5, 6)])
 def test_temperature_of_every_step_of_a_ramp(choices, begin, end):
     """KT(k) = start + (stop - start)(k - begin)/(end - begin) in step k = 1, 2 ..., start before, stop after."""
-    scene = beads(kT=dpd.TemperatureRamp(1.0, 3.0, begin, end))
-    simulation = run_of(scene, REFERENCE, dt=0.02, conservative="kernel", **choices)
+    simulation = run_of(beads(kT=dpd.TemperatureRamp(1.0, 3.0, begin, end)), REFERENCE, dt=0.02, conservative="kernel", **choices)
     for k in range(1, 15):
         simulation.step(1)
         expected = 1.0 + 2.0 * min(1.0, max(0.0, (k - begin) / (end - begin)))
@@ -117,8 +116,7 @@ def test_moving_walls_drag_the_fluid_along():
     mobile = base.positions[:, 2] % 4.0 > 0.8
     velocities = np.where(mobile[:, None], 0.0, [2.0, 0.0, 0.0])
     scene = dpd.Scene(base.masses, base.types, base.positions, friction, 0.1, box=base.box, mobile=mobile, velocities=velocities)
-    simulation = stepped(run_of(scene, CPU, dt=0.05, scheme="middle"), 800)
-    x, v = state_of(simulation.context)
+    x, v = state_of(stepped(run_of(scene, CPU, dt=0.05, scheme="middle"), 800).context)
     flow = np.average(v[mobile], axis=0, weights=scene.bead_masses[mobile])
     np.testing.assert_allclose(flow, [2.0, 0.0, 0.0], atol=0.08)  # the mean velocity of 150 beads fluctuates by sqrt(kT/M) = 0.02
     assert np.array_equal(x[~mobile], scene.positions[~mobile])

@@ -165,8 +165,7 @@ def agrees_with_letters(word: str, *ways: tuple[bool, str]) -> None:
         expected.step()
     for loop, conservative in ways:
         built = dpd.build(scene, dt=0.02, scheme=word, platform="Reference", conservative=conservative, seed=11, loop=loop)
-        simulation = stepped(running(built), 3)
-        x, v = state_of(simulation.context)
+        x, v = state_of(stepped(running(built), 3).context)
         assert np.abs(x - expected.x).max() < 1e-11 and np.abs(v - expected.v).max() < 1e-11, (loop, conservative)
 
 
@@ -297,8 +296,7 @@ def test_threads_do_not_change_a_bit_of_many_terms(two_threads, scheme):
     ends = []
     for threads in (1, 2):
         dpd.set_threads(threads)
-        simulation = stepped(running(dpd.build(scene, dt=0.01, scheme=scheme, platform="CPU", seed=2), "CPU"), 12)
-        ends.append(state_of(simulation.context))
+        ends.append(state_of(stepped(running(dpd.build(scene, dt=0.01, scheme=scheme, platform="CPU", seed=2), "CPU"), 12).context))
     assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
 
 

@@ -11,8 +11,8 @@ import openmm
 import pytest
 from kinds import N, everything, made, running, same
 from lines import Lines
-from openmm import unit
 from scenes import beads, external_force
+from tired import Tired
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import RunError
@@ -207,29 +207,13 @@ def test_calls_of_openmm_that_fail(case, name, monkeypatch):
     assert not wrong
 
 
-class Tired:
-    """A force of the user's that pushes a little, and raises at the k-th evaluation after it was armed."""
-
-    def __init__(self):
-        self.left = 0
-
-    def __call__(self, state):
-        if self.left:
-            self.left -= 1
-            if not self.left:
-                raise RuntimeError("too tired to go on")
-        force = np.zeros((N, 3))
-        force[:, 1] = 0.1
-        return 0.0 * unit.kilojoule_per_mole, force
-
-
 @pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo", "O/2 B/2 A B/2 O/2"])
 @pytest.mark.parametrize("kind", ["dpd", "energies", "bonded", "ramp"])
 def test_a_force_of_the_users_that_raises(kind, scheme):
     """At any of its evaluations in ten steps."""
 
     def tired_run():
-        built, tired = made(kind, scheme, "CPU"), Tired()
+        built, tired = made(kind, scheme, "CPU"), Tired(0.1)
         built.system.addForce(openmm.PythonForce(tired))
         simulation = running(built, "CPU")
         simulation.integrator.step(BEFORE)

@@ -33,8 +33,7 @@ def scene(x, q, electrostatics, box=None, **options):
 def evaluate(scene, device):
     """Energy, forces and virial of the charges."""
     built = dpd.build(scene, dt=0.01, platform=device.platform, seed=1)
-    context = built.simulation(properties=device.properties).context
-    found = dpd.Observer(built).sample(context)
+    found = dpd.Observer(built).sample(built.simulation(properties=device.properties).context)
     forces = dpd.force_terms(built, properties=device.properties)["electrostatic"]
     return found.coulomb_real + found.coulomb_reciprocal, forces, found.virial_conservative
 
@@ -136,8 +135,7 @@ def test_virial_is_the_derivative_of_the_energy(loop):
 
     def at(s):
         built = dpd.build(scene(x * s, q, electrostatics, [5.0 * s] * 3), dt=0.01, platform="Reference", seed=1, loop=loop)
-        context = built.simulation().context
-        sample = dpd.Observer(built).sample(context)
+        sample = dpd.Observer(built).sample(built.simulation().context)
         return sample.coulomb_real + sample.coulomb_reciprocal, sample.virial_conservative
 
     h = 1e-4
@@ -303,8 +301,7 @@ def test_a_charged_box_warns():
     x, q = electrolyte(20, 5.0, 5)
     with pytest.warns(UserWarning, match="the charges add up to 1 e; in a periodic box"):
         charged = scene(x, np.where(np.arange(20) == 19, 1.0, q), charges_of("slater", 0.25, tolerance=1e-6, cutoff=2.2), [5.0] * 3)
-    energy = evaluate_energy(charged)
-    assert energy == pytest.approx(lattice_sum(x, charged.charges, np.eye(3) * 5, slater_tail, 0.25)[0], rel=1e-5)
+    assert evaluate_energy(charged) == pytest.approx(lattice_sum(x, charged.charges, np.eye(3) * 5, slater_tail, 0.25)[0], rel=1e-5)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         scene(x, np.where(np.arange(20) == 19, 1.0, q), charges_of("slater", 0.25))  # no box, nothing to make up for

@@ -137,8 +137,7 @@ def test_maxwell_distribution_is_left_unchanged(scheme, dt):
     x = np.concatenate([places, places + 0.3 * e])
     masses = {"A": 1.0, "B": 2.7}
     table = {("*", "*"): D(gamma=40.5, gamma_perp=3.0, exponent_perp=0.5, cutoff=1.0)}
-    m = np.repeat([1.0, 2.7], pairs)
-    v = rng.normal(size=(2 * pairs, 3)) * np.sqrt(KT / m)[:, None]
+    v = rng.normal(size=(2 * pairs, 3)) * np.sqrt(KT / np.repeat([1.0, 2.7], pairs))[:, None]
     engine = prepared(dpd.Scene(masses, ["A"] * pairs + ["B"] * pairs, x, table, KT, velocities=v), scheme)
     start, radial, transverse = v.copy(), [], []
     for counter in range(12):

@@ -22,8 +22,7 @@ def test_lattices_fill_the_box_with_the_reduced_density(tmp_path, style, per_cel
     assert len(state.atoms) / state.box.volume == pytest.approx(0.85)
     distances = np.linalg.norm(state.atoms.positions - state.atoms.positions[0], axis=1)
     nearest = {"sc": 1, "bcc": 3**0.5 / 2, "fcc": 2**-0.5, "diamond": 3**0.5 / 4, "hcp": 1}[style]
-    constant = state.lattice.spacing[0]
-    assert np.sort(distances)[1] == pytest.approx(nearest * constant)
+    assert np.sort(distances)[1] == pytest.approx(nearest * state.lattice.spacing[0])
 
 
 def test_a_lattice_constant_in_other_units(tmp_path):

@@ -33,8 +33,7 @@ def write(folder, text: str):
 
 
 def deck(folder, text: str, **options):
-    path = put(folder / "in.deck", text)
-    return read_deck(path, stop_before_first_run=True, output=folder, **options)
+    return read_deck(put(folder / "in.deck", text), stop_before_first_run=True, output=folder, **options)
 
 
 @pytest.mark.parametrize("style", ATOM_STYLES)

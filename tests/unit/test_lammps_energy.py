@@ -35,8 +35,7 @@ MANY = "pair_style hybrid/overlay mdpd/rhosum mdpd 1.0 1.0 7\npair_coeff * * mdp
 
 
 def state_of(tmp_path, text: str):
-    path = put(tmp_path / "in.deck", text)
-    return read_deck(path, stop_before_first_run=True, output=tmp_path)
+    return read_deck(put(tmp_path / "in.deck", text), stop_before_first_run=True, output=tmp_path)
 
 
 def scene_of(tmp_path, text: str):

@@ -169,8 +169,7 @@ def both(tmp_path, text: str, boundary: str = "p p p", gamma: str = "0", kept: s
         text = text.replace("units lj\n", "units lj\natom_style mdpd\n")
     if gamma != "0":
         text = text.replace("pair_style dpd 0.0", "pair_style dpd 1e-300")
-    here = text.partition("run ")[0]
-    start = read_deck(put(tmp_path / "in.start", here + "run 0\n"), stop_before_first_run=True)
+    start = read_deck(put(tmp_path / "in.start", text.partition("run ")[0] + "run 0\n"), stop_before_first_run=True)
     (tmp_path / "data.start").write_text("\n".join(data_file_lines(start, pair=None)) + "\n")
     state, _ = ours(tmp_path, text)
     mine = last_frame(tmp_path / "forces", len(state.atoms))

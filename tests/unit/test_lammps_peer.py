@@ -214,8 +214,7 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
             assert dump.due(request.first_step)
             dump.write(Resolver(state, sample, request.window))
 
-    path = put(tmp_path / "in.ours", both)
-    read_deck(path, run_callback=callback, output=tmp_path)
+    read_deck(put(tmp_path / "in.ours", both), run_callback=callback, output=tmp_path)
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
     for name in ("atom", "custom"):
         mine, reference = ((tmp_path / f"{kind}.{name}").read_text().split() for kind in ("dump", "theirs"))
@@ -301,8 +300,7 @@ def test_steps_without_noise(tmp_path, name):
         first = lmp.last_thermo()
         lmp.command("run 6")
         last = lmp.last_thermo()
-    path = put(tmp_path / "in.ours", deck + "run 6\n")
-    found = run_deck(path, RunOptions(platform="Reference", threads=1))["thermo"]
+    found = run_deck(put(tmp_path / "in.ours", deck + "run 6\n"), RunOptions(platform="Reference", threads=1))["thermo"]
     for word, title in titles.items():
         assert first[title] != pytest.approx(last[title], rel=1e-4)  # something happens
         assert (found[word]["first"], found[word]["last"]) == pytest.approx((first[title], last[title]), rel=1e-9)

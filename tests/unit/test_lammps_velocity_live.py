@@ -36,8 +36,7 @@ COMMANDS = (
 @LAMMPS
 @pytest.mark.parametrize("text", COMMANDS)
 def test_velocities_of_variables(tmp_path, text):
-    path = put(tmp_path / "in.deck", DECK + text + "\nquit\n")
-    state = read_deck(path, stop_before_first_run=True)
+    state = read_deck(put(tmp_path / "in.deck", DECK + text + "\nquit\n"), stop_before_first_run=True)
     with lammps_peer.instance() as lmp:
         lmp.commands_string(DECK + text)
         expected = np.array(lmp.gather_atoms("v", 1, 3)).reshape(-1, 3)

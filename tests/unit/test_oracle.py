@@ -60,8 +60,7 @@ def test_triclinic_minimum_image_is_the_nearest_of_all_images(box):
 
 def test_pair_list_cutoff_is_strict_and_coincident_beads_are_left_out():
     params = oracle.PairParams.build(cutoff=1.0)
-    x = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.5, 0, 0], [0.5, 0.5e-10, 0]])
-    pairs = oracle.pair_list(x, np.zeros(4, int), params, None)
+    pairs = oracle.pair_list(np.array([[0.0, 0, 0], [1.0, 0, 0], [0.5, 0, 0], [0.5, 0.5e-10, 0]]), np.zeros(4, int), params, None)
     # not (0, 1) at exactly the cutoff, not (2, 3) at 5e-11
     assert list(zip(pairs.i, pairs.j, strict=True)) == [(0, 2), (0, 3), (1, 2), (1, 3)]
     np.testing.assert_allclose(pairs.e[0], [-1, 0, 0])  # from j to i

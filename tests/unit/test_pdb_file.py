@@ -55,8 +55,7 @@ def test_long_names_are_listed(tmp_path):
 
 
 def test_tilted_boxes_and_openmm(tmp_path):
-    scene = random_scene(3)
-    write_pdb(tmp_path / "x.pdb", scene)
+    write_pdb(tmp_path / "x.pdb", random_scene(3))
     np.testing.assert_allclose(mdtraj.load(tmp_path / "x.pdb").unitcell_vectors[0], TILTED, atol=2e-3)
     single = dpd.Scene({"B": 1}, ["B"] * 3, np.eye(3), {("B", "B"): dpd.NONE}, kT=1, box=[4, 5, 6])
     write_pdb(tmp_path / "y.pdb", single)

@@ -12,6 +12,7 @@ import pytest
 from cases import cases
 from devices import Device
 from files_of_tests import put
+from fluid_deck import ONE_TYPE
 from raising import raises
 from scenes import beads, run_of, state_of, step_all, stepped
 
@@ -30,21 +31,7 @@ NAMED = [scheme for scheme in SCHEMES.values() if scheme.letters]
 BAOAB = "B/2 A/2 O A/2 B/2"
 REFERENCE = Device("Reference")
 
-DECK = """units lj
-atom_style atomic
-comm_modify vel yes
-region box block 0 4 0 4 0 4 units box
-create_box 1 box
-create_atoms 1 random 192 4243 box
-mass 1 1.0
-pair_style dpd 1.0 1.0 34387
-pair_coeff 1 1 25.0 4.5
-velocity all create 1.0 87287
-fix move all nve
-timestep 0.01
-thermo 10
-run 20
-"""
+DECK = ONE_TYPE + "timestep 0.01\nthermo 10\nrun 20\n"
 
 
 @pytest.fixture
@@ -134,8 +121,7 @@ def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
 def test_a_run_by_the_word_is_the_run_by_the_name(scheme):
     ends = []
     for text in (scheme.name, scheme.word):
-        simulation = stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3)
-        ends.append(state_of(simulation.context))
+        ends.append(state_of(stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3).context))
     assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
 
 
@@ -278,8 +264,7 @@ def test_the_word_of_middle_keeps_constraints():
 
 def test_other_parameters_that_do_not_go_with_words():
     raises((ParameterError, PlanError), "lam", lambda: dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference"))
-    heat = dpd.BeadTemperatures(1.0, 30.0)
-    scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=heat)
+    scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=dpd.BeadTemperatures(1.0, 30.0))
     raises(PlanError, "'mvv'.*B/2 A/2 O A/2 B/2", lambda: dpd.build(scene, dt=0.02, scheme=BAOAB, platform="Reference"))
 
 

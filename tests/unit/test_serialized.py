@@ -16,8 +16,7 @@ X = np.random.default_rng(6).random((N, 3)) * 3
 
 
 def build(platform: str = "CPU", **more) -> dpd.BuiltSystem:
-    pairs = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
-    scene = dpd.Scene({"W": 1.0}, ["W"] * N, X, pairs, kT=1.0, box=[3.0] * 3, **more)
+    scene = dpd.Scene({"W": 1.0}, ["W"] * N, X, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[3.0] * 3, **more)
     return dpd.build(scene, dt=0.02, platform=platform, seed=1)
 
 

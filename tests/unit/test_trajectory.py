@@ -256,8 +256,7 @@ def test_reporters_and_pdb(tmp_path):
     for mass in masses:
         system.addParticle(mass)
     system.setDefaultPeriodicBoxVectors(*topology.getPeriodicBoxVectors())
-    integrator = openmm.VerletIntegrator(0.001)
-    simulation = app.Simulation(topology, system, integrator, openmm.Platform.getPlatform("Reference"))
+    simulation = app.Simulation(topology, system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatform("Reference"))
     positions = np.random.default_rng(2).uniform(0, 6, (24, 3))
     simulation.context.setPositions(positions)
     write_psf(tmp_path / "top.psf", names=names, masses=masses, bonds=bonds)
