@@ -254,10 +254,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
     ("mass 1 1.0", "mass needs a simulation box"),
     (TWENTY + "create_atoms 1 box", "need a lattice"),
     (TWENTY + "create_atoms 4 box", "atom type 4 is out of range: there are 3"),
-    (
-        TWENTY + "region up block INF INF 1e3 INF INF INF\ncreate_atoms 1 random 10 1 up",
-        "region 'up' and the box have no volume in common",
-    ),
+    (TWENTY + "region up block INF INF 1e3 INF INF INF\ncreate_atoms 1 random 10 1 up", "region 'up' and the box have no volume in common"),
     (TWENTY + "create_atoms 1 random 10", "create_atoms random needs 3 values, but 1 follow"),
     (TWENTY + "create_atoms 1 random 10 5 nowhere", "there is no region 'nowhere'"),
     (TWENTY + "create_atoms 1 mesh x", "the style of create_atoms must be one of"),

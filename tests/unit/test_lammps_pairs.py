@@ -210,10 +210,7 @@ def test_special_factors_have_no_meaning_without_bonds(tmp_path):
     ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),
     ("pair_style hybrid/overlay dpd 1 1 1 coul/long 10\n", "pair style 'coul/long' is not supported"),
     ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * dpd 25 4.5\n", "pair style lj/cut is used by no type pair"),
-    (
-        "pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * 25 4.5\n",
-        "expected one of the styles dpd, lj/cut or none, not '25'",
-    ),
+    ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * 25 4.5\n", "expected one of the styles dpd, lj/cut or none, not '25'"),
     (
         "pair_style hybrid/overlay dpd 1 1 1 dpd 1 1 1\npair_coeff * * dpd 25 4.5\n",
         "expected a whole number for which of the 2 styles|there is no number 25",

@@ -248,10 +248,7 @@ def test_no_fix_at_all_is_said(tmp_path):
     ("fix 1 one nve\nfix 2 two mvv/dpd 0.65\nrun 1\n", r"different lambda \(0.5, 0.65\)"),
     ("fix 1 all mvv/dpd 1.5\n", "lambda must be between 0 and 1, but is 1.5"),
     ("fix 1 all adapt 1\n", "in.deck:13: fix style 'adapt' is not supported; supported are nve, mvv/dpd, mvv/edpd, "),
-    (
-        "fix 1 all langevin 1 1 1 7\n",
-        "fix style 'langevin' is not supported: friction and noise are in the pair style here, .* dpd/tstat",
-    ),
+    ("fix 1 all langevin 1 1 1 7\n", "fix style 'langevin' is not supported: friction and noise are in the pair style here, .* dpd/tstat"),
     ("fix 1 all nvt temp 1 1 1\n", "fix style 'nvt' is not supported: friction and noise are in the pair style"),
     ("fix 1 all npt temp 1 1 1 iso 1 1 1\n", "fix style 'npt' is not supported: fix nph holds the pressure"),
     ("fix 1 all nvt/sllod temp 1 1 1\n", "fix style 'nvt/sllod' is not supported: drive a flow by fix addforce"),
