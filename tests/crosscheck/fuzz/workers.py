@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-PATIENCE = 120.0  # A deck of the fuzzer takes a tenth of a second; what takes longer than this hangs (the first one may compile).
+PATIENCE = 300.0  # A deck of the fuzzer takes a tenth of a second; what takes longer than this hangs (the first one may compile).
 
 
 @dataclass(frozen=True)
