@@ -16,6 +16,7 @@ class Phase(IntEnum):
     CONSERVE = 3  # store the positions; conservative force
     FORCE_SEEN = 4  # all forces that the kernel computes, at the seen positions
     FORCE_KEPT = 5  # dissipative and random force at the kept positions
+    RUN = 6  # a whole step when the Context's state is updated, on the device
     SWEEP_SEEN = 100  # (+ pair update) impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
     READ = 300  # (+ block) take three values per bead from seen - kept: per-bead fields

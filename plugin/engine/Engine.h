@@ -135,7 +135,7 @@ public:
             move(now, 0, 0);
             sweep(now, phase%100 == 0, 1, 0, 0, true);
             look(now, false);
-            return 0.0;
+            return device.result(true, false);
         }
         int terms = (phase != FORCE_KEPT && conservative ? 1 : 0)|(inStep && thermostat ? 2 : 0);
         if (terms == 0)
