@@ -11,8 +11,7 @@ import openmm
 
 from .errors import PlanError
 from .forces.device_force import why_no_plugin
-from .kernels.engine import host_engine
-from .kernels.engines import EngineKind, register_engine
+from .kernels.engines import EngineKind, engine_kind, register_engine
 from .kinds import Kind
 from .platforms import opencl_is_a_gpu
 from .schemes import Scheme
@@ -24,7 +23,7 @@ DEVICE = register_engine(
     EngineKind(
         name="device",
         what="OpenMM's device, by the plugin openmm-dpd-device",
-        make=host_engine,
+        make=engine_kind("host").make,
         can=frozenset(
             (
                 "DPD",

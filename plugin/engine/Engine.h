@@ -138,6 +138,8 @@ public:
             return device.result(true, false);
         }
         int terms = (phase != FORCE_KEPT && conservative ? 1 : 0)|(inStep && thermostat ? 2 : 0);
+        if (!inStep && unseen)
+            look(now, false, true);
         if (terms == 0)
             return 0.0;
         do { // outside a step there is time to look whether all beads found a place
@@ -300,9 +302,10 @@ private:
 
     // See what the kernels have found: in time at the first step and when asked, else every ten seconds.  Returns whether something was full
     // and the present evaluation, which has changed nothing yet, has to be done again; in a step that is an error.
-    bool look(const Now& now, bool again) {
+    bool look(const Now& now, bool again, bool atOnce = false) {
         auto time = std::chrono::steady_clock::now();
-        if (!again && time-looked < std::chrono::seconds(10))
+        unseen = !again && !atOnce && time-looked < std::chrono::seconds(10);
+        if (unseen)
             return false;
         looked = time;
         std::vector<int> f(FLAGS);
@@ -435,6 +438,7 @@ private:
     Mixed4 edges, inverse, tilt;
     int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
     int here = 0, cells = 0;                   // where the present positions are, which cells are filled
+    bool unseen = false;                       // whether there were steps since the last look
     bool binned = false;                       // whether they hold the present positions
     std::chrono::steady_clock::time_point looked;
     Array types, params, more, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
