@@ -52,7 +52,7 @@ def is_gpu(platform: str | None) -> bool:
 
 
 def chosen_engine(
-    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, repulsive: bool, beads: int
+    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, beads: int
 ) -> tuple[str, str]:
     """Name of the engine, and why it is that one.
 
@@ -68,7 +68,7 @@ def chosen_engine(
     beyond = next((kind.name for kind in kinds if kind.name not in DEVICE.can), None)  # type: ignore[operator]
     reasons = {
         "OpenMM's own integrator steps": scheme.native,
-        "there is nothing for it to do": not (thermostat or repulsive),
+        "there is no friction and no noise": not thermostat,
         f"it has no {beyond}": beyond is not None,
         "it has no several tables": len(kinds) > 1,
         f"it takes no more than {MOST_BEADS:,} beads": beads > MOST_BEADS,

@@ -73,6 +73,7 @@ def create_mixed_system(
     scheme: str = "middle",
     platform: str | None = None,
     seed: int | None = None,
+    engine: str = "auto",
 ) -> MixedSystem:
     """Put the beads of a scene into a System made elsewhere, by openmm.app.ForceField say, and make the integrator that runs both.
 
@@ -88,7 +89,7 @@ def create_mixed_system(
         What acts between classes and bead types, ``{("solute", "W"): DPD(A=..., gamma=...)}``; tables of different kinds are laid over
         each other.  ``"*"`` stands for all classes beside a bead type, for all bead types beside a class.  Every class needs an entry
         with every bead type (or NONE).  Two classes may have friction (a DPD with A = 0), nothing else, and have none by default.
-    dt, scheme, platform, seed
+    dt, scheme, platform, seed, engine
         As in :func:`openmm_dpd.build.build`; constraints and virtual sites need ``middle``.
 
     Returns
@@ -124,7 +125,7 @@ def create_mixed_system(
     left_out = virtual_sites(system) | np.array([name is None for name in classes])
     whole = _whole(scene, system, x, classes, tables)
     host = Host.of(system, left_out)
-    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", platform=name, seed=seed, host=host)
+    plan = make_plan(whole, dt=dt, scheme=scheme, conservative="openmm", platform=name, seed=seed, engine=engine, host=host)
     built = build_plan(plan)
     merged, own = merged_systems(system, built.system, host.pair_group)
     run_in(built, merged, own, "create_mixed_system()")

@@ -81,6 +81,9 @@ VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABL
 #: Name of the force of the pair terms.
 PAIR_FORCE = "DPD pair terms"
 
+#: Part of what the plugin says where a device had too little room for cells or rows, and has more of it now.
+ROOM = "there is more room now"
+
 #: Usual force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
 PAIR_GROUP = 31
 

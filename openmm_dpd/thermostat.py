@@ -40,6 +40,7 @@ def add_thermostat(
     lam: float = 0.5,
     platform: str | None = None,
     seed: int | None = None,
+    engine: str = "auto",
     topology: app.Topology | None = None,
     positions=None,
 ) -> BuiltSystem:
@@ -67,7 +68,7 @@ def add_thermostat(
     types : sequence of str or None, optional
         Type name of each particle if ``friction`` is a table; None leaves a particle out of friction and noise.  Particles of mass 0
         (virtual sites, frozen atoms) are always left out.
-    scheme, lam, platform, seed
+    scheme, lam, platform, seed, engine
         As in :func:`openmm_dpd.build.build`; ``platform`` tunes the length of the trial drift of schemes that need one, and is where
         ``simulation()`` runs.
     topology : openmm.app.Topology, optional
@@ -124,7 +125,7 @@ def add_thermostat(
     left_out = ~moves | np.array([name is None for name in classes])
     if left_out.all():
         raise ParameterError("every particle is left out of the thermostat: those with a type name have mass 0")
-    plan = make_plan(scene, dt=dt, scheme=scheme, lam=lam, platform=chosen, seed=seed, host=Host.of(system, left_out))
+    plan = make_plan(scene, dt=dt, scheme=scheme, lam=lam, platform=chosen, seed=seed, engine=engine, host=Host.of(system, left_out))
     built = build_plan(plan)
     (force,) = map(copy.deepcopy, built.system.getForces())
     system.addForce(force)

@@ -23,7 +23,7 @@ import openmm
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 from .errors import PlanError
 from .made import Made, acting, lines_of, text_number, variables_number
-from .names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, SEED
+from .names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
 from .signals import CTRL_C, unbroken
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -64,7 +64,7 @@ def _heard(method: Callable, hear: str) -> Callable:
     @wraps(method)
     def heard(self, *arguments, **more):
         listener = getattr(self.getIntegrator(), hear, None)
-        if listener is not None:
+        if listener is not None and not (method.__name__ == "setParameter" and arguments and arguments[0] in VOLATILE):
             listener(self)
         return method(self, *arguments, **more)
 
@@ -146,9 +146,26 @@ class Watching:
 
     def _take(self, context: openmm.Context, steps: int) -> None:
         """Take a few steps, or none of them if one fails."""
+        if self.device_group is not None:
+            self._on_device(context, context.getStepCount() + steps)
+            return
         with self._or_back(context):
             super().step(steps)  # type: ignore[misc]
-            self._unverified = self.device_group is not None
+
+    def _on_device(self, context: openmm.Context, last: int) -> None:
+        """Step up to the step number ``last``; where a device had too little room, once more from the state that is remembered."""
+        self._before(context)
+        for again in (False, True):
+            try:
+                with self._or_back(context):
+                    super().step(last - context.getStepCount())  # type: ignore[misc]
+                    if again:
+                        self._ask(context)
+                    self._unverified = not again
+                break
+            except openmm.OpenMMException as error:
+                if again or ROOM not in str(error):
+                    raise
 
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:
@@ -157,7 +174,9 @@ class Watching:
             yield
         except BaseException:
             self._unverified = False
+            kept = self._remembered
             context.loadCheckpoint(before)
+            self._remembered = kept  # it is the state of now
             raise
 
     def _before(self, context: openmm.Context) -> bytes:
@@ -184,8 +203,18 @@ class Watching:
         """
         if self._unverified:
             self._unverified = False
-            with self._or_back(context):
-                context.getState(energy=True, groups={self.device_group})
+            last = context.getStepCount()
+            try:
+                with self._or_back(context):
+                    self._ask(context)
+            except openmm.OpenMMException as error:
+                if ROOM not in str(error):
+                    raise
+                self._on_device(context, last)
+                self._unverified = False
+
+    def _ask(self, context: openmm.Context) -> None:
+        context.getState(energy=True, groups={self.device_group})
 
     def _look(self, context: openmm.Context) -> None:
         """See whether something has changed that acts at once in OpenMM, or the Context is new, and where the state comes from."""

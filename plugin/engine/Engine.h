@@ -146,7 +146,7 @@ public:
             binned = false;
             bin(inStep ? now : Now{0, 0, 0, 0});
         } while (!inStep && look(now, true));
-        device.template run<dpdEvaluate_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, BOX());
+        device.template run<dpdEvaluate_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), BOX());
         if (inStep)
             look(now, false);
         return device.result(includeForces, includeEnergy);
@@ -333,10 +333,12 @@ private:
         expected = std::max(expected, 1.3*f[MOST_BOUND]);
         if (stop || grows)
             device.clear(flags);
+        if (stop)
+            begun = false; // measured anew: a step may need more of everything
         if (stop & FEW_PASSES && 0.5*now.dt*unit(now)*f[BOUND] > passRange[MOST_PASSES-1])
             throw OpenMM::OpenMMException("friction times step size is too large for pair updates; take a shorter step, or less friction");
         if (stop && !again)
-            throw OpenMM::OpenMMException("beads have come closer together than there was room for on the device; there is more room now: go on from the last checkpoint");
+            throw OpenMM::OpenMMException("beads have come closer together than there was room for on the device; there is more room now, so go on from the last checkpoint");
         return stop != 0;
     }
 
@@ -349,7 +351,7 @@ private:
             binned = false;
             bin(now);
             device.template run<dpdRows_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), rowCount, rows, rowsAcross, 0, random, u, res,
-                Mixed{0.5*now.dt}, Real{1/rate(now)}, flags, BOX());
+                Mixed{0.5*now.dt}, Real{1/rate(now)}, flags, number(), BOX());
         } while (look(now, true));
         begun = true;
     }
@@ -357,6 +359,8 @@ private:
     // The largest friction coefficient over the smallest mass: bounds of eigenvalues are counted in a millionth of it.
     double rate(const Now& now) const { return std::max(fluid.rate(now.kT)*inverseMass, 1e-30); }
     double unit(const Now& now) const { return rate(now)/1048576; }
+
+    int number() { return launch = launch < 2000000000 ? launch+1 : 1; } // of a launch, never 0
 
     // -- launches ------------------------------------------------------------------------------------------------------------------
     int next() const { return (cells+1)%3; }
@@ -377,7 +381,7 @@ private:
             here = 0;
         double fastest = now.dt > 0 ? fluid.maxCutoff()/now.dt : 0;
         device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, Mixed{kick*now.dt}, (int) moves, device.index(), types,
-            count[next()], beads[next()], cellOf[next()], count[spare()], numCells, cellRoom, flags, Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
+            count[next()], beads[next()], cellOf[next()], count[spare()], numCells, cellRoom, flags, number(), Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
         turn();
     }
 
@@ -393,7 +397,7 @@ private:
             move(now, 0, 0);
         int to = drift != 0 ? 1-here : here;
         device.template run<dpdKick_>(position(), correction(), position(to), correction(to), device.velm(), acc, device.force(), (int) others, (int) conservative,
-            Mixed{kick*now.dt}, (int) (drift != 0), TERMS(now, 0, 0), CELLS(), count[next()], beads[next()], cellOf[next()], count[spare()], numCells, flags,
+            Mixed{kick*now.dt}, (int) (drift != 0), TERMS(now, 0, 0), CELLS(), count[next()], beads[next()], cellOf[next()], count[spare()], numCells, flags, number(),
             DRIFT(drift*now.dt), BOX());
         if (drift != 0) {
             here = to;
@@ -411,16 +415,16 @@ private:
             bool last = k == pieces-1;
             Base &vel = toForce && k > 0 ? (Base&) seen : device.velm(), &velNew = toForce ? (Base&) seen : device.velm();
             device.template run<dpdRows_>(position(), correction(), vel, TERMS(now, h, k), CELLS(), rowCount, rows, rowsAcross, rowRoom, random, u, res, Mixed{0.5*h},
-                Real{1/rate(now)}, flags, BOX());
+                Real{1/rate(now)}, flags, number(), BOX());
             int launches = 0;
             while (launches+2 < MOST_PASSES && factor*expected > passRange[launches+1])
                 launches++;
             for (int pass = 0; pass < launches; pass++)
-                device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass == 0 ? res : pass%2 ? d1 : d0, pass%2 ? d0 : d1, flags,
+                device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass == 0 ? res : pass%2 ? d1 : d0, pass%2 ? d0 : d1, flags, number(),
                     limits, weights, Real{factor}, Mixed{0.5*h}, pass);
             bool moves = last && !toForce && (drift != 0 || here == 1);
             int to = moves ? 0 : here;
-            device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d0, d1, flags,
+            device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d0, d1, flags, number(),
                 limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, (int) moves,
                 DRIFT(last ? drift*now.dt : 0));
             if (moves) { // rows hold all that is needed of positions: no other bead reads them
@@ -437,7 +441,7 @@ private:
     std::vector<double> passRange;
     Mixed4 edges, inverse, tilt;
     int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
-    int here = 0, cells = 0;                   // where the present positions are, which cells are filled
+    int launch = 0, here = 0, cells = 0;                   // where the present positions are, which cells are filled
     bool unseen = false;                       // whether there were steps since the last look
     bool binned = false;                       // whether they hold the present positions
     std::chrono::steady_clock::time_point looked;

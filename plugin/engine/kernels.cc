@@ -4,7 +4,7 @@
 // order of beads in a cell nor that of threads changes a bit, and that momentum is conserved to the last one.
 //
 // Where anything is wrong (a cell or row is full, a bead runs away) a kernel sets flags[STOP], and all kernels after it do nothing: the host
-// finds out when it looks.
+// finds out when it looks.  Launches have numbers, so that all of the one that found it still counts what room would be needed.
 
 #define STOP 0        // why nothing goes on: a sum of the next five
 #define CELLS_FULL 1
@@ -16,6 +16,9 @@
 #define BOUND 3       // of the eigenvalues of M^-1 G, in units of 2^-20 of the rate that the host passes
 #define MOST_BOUND 4
 #define WHO 5         // index of a bead that runs away
+#define WHEN 6        // the number of the launch that has set STOP
+#define STOPPED (flags[STOP] != 0 && flags[WHEN] != 0 && flags[WHEN] != launch)
+#define HALT(why) { flags[WHEN] = launch; ATOMIC_OR(&flags[STOP], why); }
 
 #define GOLDEN 0x9E3779B97F4A7C15UL
 #define STREAM 0xD1342543DE82EF95UL
@@ -115,7 +118,7 @@ DEVICE real3 dpdDelta(mixed3 x, mixed3 y, BOX) { // from y to x, the nearest ima
 #define CELLS_ count, beads, cellOf, room
 
 DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL int* RESTRICT beads, GLOBAL int* RESTRICT cellOf, int room,
-        GLOBAL int* RESTRICT flags, BOX) {
+        GLOBAL int* RESTRICT flags, int launch, BOX) {
     if (type < 0) {
         cellOf[i] = -1;
         return;
@@ -126,7 +129,7 @@ DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL
     if (k < room)
         beads[cell*room+k] = i;
     else
-        ATOMIC_OR(&flags[STOP], CELLS_FULL);
+        HALT(CELLS_FULL)
     if (k+1 > flags[MOST_IN_CELL])
         ATOMIC_MAX(&flags[MOST_IN_CELL], k+1);
 }
@@ -271,8 +274,8 @@ DEVICE real dpdGather(int i, mixed3 x, int terms, GLOBAL const real4* RESTRICT p
 
 // For OpenMM: adds to its force and energy buffers.
 KERNEL void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
-        GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, BOX) {
-    if (flags[STOP] != 0)
+        GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
         return;
     mixed energy = 0;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
@@ -322,8 +325,8 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
 // nobody has in equilibrium (hottest is its square times the mass) and that crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
 KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL mixed4* RESTRICT velm, GLOBAL const mixed4* RESTRICT acc, mixed kick, int moves, GLOBAL const int* RESTRICT atomIndex,
-        GLOBAL const int* RESTRICT types, FILL, GLOBAL int* RESTRICT flags, mixed fastest2, mixed hottest, DRIFT, BOX) {
-    if (flags[STOP] != 0)
+        GLOBAL const int* RESTRICT types, FILL, GLOBAL int* RESTRICT flags, int launch, mixed fastest2, mixed hottest, DRIFT, BOX) {
+    if (STOPPED)
         return;
     CLEAR
     if (GLOBAL_ID == 0)
@@ -332,7 +335,7 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         mixed3 x = dpdLoad(pos, corr, i);
         mixed4 v = velm[i];
         if (fastest2 != 0 && v.w != 0 && !(v.x*v.x+v.y*v.y+v.z*v.z <= max(fastest2, hottest*v.w))) {
-            ATOMIC_OR(&flags[STOP], RUNAWAY);
+            HALT(RUNAWAY)
             flags[WHO] = atomIndex[i];
         }
         if (moves) {
@@ -349,7 +352,7 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             }
             dpdStore(posNew, corrNew, i, x, pos[i].w);
         }
-        dpdPut(i, types[i], x, count, beads, cellOf, room, flags, BOX_);
+        dpdPut(i, types[i], x, count, beads, cellOf, room, flags, launch, BOX_);
     }
 }
 
@@ -357,8 +360,8 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
 KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, int terms, mixed kick, int moves,
         TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
-        GLOBAL int* RESTRICT flags, DRIFT, BOX) {
-    if (flags[STOP] != 0)
+        GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
+    if (STOPPED)
         return;
     if (moves) {
         CLEAR
@@ -389,7 +392,7 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         }
         if (moves) {
             dpdStore(posNew, corrNew, i, x, pos[i].w);
-            dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, BOX_);
+            dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
         }
     }
 }
@@ -415,8 +418,8 @@ DEVICE real3 dpdFriction(real4 s, real t, real x, real y, real z) {
 
 KERNEL void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
         GLOBAL int* RESTRICT rowCount, GLOBAL real4* RESTRICT rows, GLOBAL real* RESTRICT rowsAcross, int rowRoom, GLOBAL mm_long* RESTRICT random,
-        GLOBAL real4* RESTRICT u, GLOBAL real4* RESTRICT res, mixed halfdt, real perRate, GLOBAL int* RESTRICT flags, BOX) {
-    if (flags[STOP] != 0)
+        GLOBAL real4* RESTRICT u, GLOBAL real4* RESTRICT res, mixed halfdt, real perRate, GLOBAL int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
         return;
     const mixed unit = 1/(mixed) 0x100000000;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
@@ -477,7 +480,7 @@ KERNEL void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         if (entries > flags[MOST_IN_ROW])
             ATOMIC_MAX(&flags[MOST_IN_ROW], entries);
         if (entries > rowRoom && rowRoom > 0) // without any room they are only counted
-            ATOMIC_OR(&flags[STOP], ROWS_FULL);
+            HALT(ROWS_FULL)
         rowCount[i] = entries;
         mixed scale = halfdt*v.w*unit;
         u[i] = make_real4((real) v.x, (real) v.y, (real) v.z, (real) v.w);
@@ -502,9 +505,9 @@ DEVICE int dpdPasses(GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRI
 
 KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross,
         GLOBAL real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL real4* RESTRICT resNew, GLOBAL const real4* RESTRICT d, GLOBAL real4* RESTRICT dNew,
-        GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, mixed halfdt, int pass) {
+        GLOBAL const int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, mixed halfdt, int pass) {
     int passes = dpdPasses(flags, limits, factor);
-    if (flags[STOP] != 0 || pass+1 >= passes)
+    if (STOPPED || pass+1 >= passes)
         return;
     real4 c = weights[passes*MOST_PASSES+pass]; // of the correction as it is, of the last correction and of the residual in the next one
     const mixed unit = 1/(mixed) 0x100000000;
@@ -538,13 +541,13 @@ KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
         GLOBAL const mixed4* RESTRICT vel, GLOBAL mixed4* RESTRICT velNew, GLOBAL const mixed4* RESTRICT acc,
         GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross, GLOBAL const mm_long* RESTRICT random,
         GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d0, GLOBAL const real4* RESTRICT d1,
-        GLOBAL int* RESTRICT flags, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
+        GLOBAL int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
         GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, DRIFT) {
-    if (flags[STOP] != 0)
+    if (STOPPED)
         return;
     int passes = dpdPasses(flags, limits, factor);
     if (passes-1 > launched || factor*(real) flags[BOUND] > limits[MOST_PASSES-1]) {
-        ATOMIC_OR(&flags[STOP], FEW_PASSES);
+        HALT(FEW_PASSES)
         return;
     }
     real scale = weights[passes*MOST_PASSES+passes-1].x;
