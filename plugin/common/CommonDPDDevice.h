@@ -26,8 +26,8 @@ public:
     Base& force() { return cc.getLongForceBuffer(); }
     Base& energy() { return cc.getEnergyBuffer(); }
     double result(bool, bool) { return 0.0; } // OpenMM adds up its buffers by itself
-    void beforeOthers() {}
-    void afterOthers() {}
+    void beforeOthers() { stepsBefore = cc.getStepsSinceReorder(); }
+    bool afterOthers() { return stepsBefore > 0 && cc.getStepsSinceReorder() == stepsBefore; } // whether beads have the order they had
 
     void make(Array& array, Kind kind, size_t size);
     void clear(Array& array) { cc.clearBuffer(array); }
@@ -74,6 +74,7 @@ private:
 
     OpenMM::ComputeContext& cc;
     const bool wide;
+    int stepsBefore = 0;
     std::map<std::string, OpenMM::ComputeKernel> kernels;
 };
 

@@ -390,8 +390,7 @@ private:
         if (others) {
             device.beforeOthers();
             context.calcForcesAndEnergy(true, false, context.getIntegrator().getIntegrationForceGroups());
-            device.afterOthers();
-            binned = false; // beads may have another order now
+            binned = device.afterOthers() && binned;
         }
         if (conservative && !binned)
             move(now, 0, 0);

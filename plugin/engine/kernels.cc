@@ -291,11 +291,9 @@ KERNEL void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RE
 #define DRIFT mixed drift, GLOBAL const mixed4* RESTRICT walls
 #define DRIFT_ drift, walls
 
-DEVICE void dpdReflect(mixed* x, mixed low, mixed high, mixed start, mixed period, bool* hit) {
-    mixed t = *x-period*floor((*x-start)/period);
-    mixed put = *x+2*max((mixed) 0, low-t)-2*max((mixed) 0, t-high);
-    *hit = put != *x;
-    *x = put;
+DEVICE mixed dpdReflected(mixed x, mixed low, mixed high, mixed start, mixed period) {
+    mixed t = x-period*floor((x-start)/period);
+    return x+2*max((mixed) 0, low-t)-2*max((mixed) 0, t-high);
 }
 
 DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
@@ -305,10 +303,10 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
 #ifdef WALLS
     // rows: lower walls, upper ones, where the period begins, its length, 1 along axes with bounce-back
     mixed4 low = walls[0], high = walls[1], start = walls[2], period = walls[3], back = walls[4];
-    bool hx, hy, hz;
-    dpdReflect(&x->x, low.x, high.x, start.x, period.x, &hx);
-    dpdReflect(&x->y, low.y, high.y, start.y, period.y, &hy);
-    dpdReflect(&x->z, low.z, high.z, start.z, period.z, &hz);
+    mixed3 put = make_mixed3(dpdReflected(x->x, low.x, high.x, start.x, period.x), dpdReflected(x->y, low.y, high.y, start.y, period.y),
+        dpdReflected(x->z, low.z, high.z, start.z, period.z));
+    bool hx = put.x != x->x, hy = put.y != x->y, hz = put.z != x->z;
+    *x = put;
     bool all = (hx && back.x != 0) || (hy && back.y != 0) || (hz && back.z != 0);
     if (all || hx)
         v->x = -v->x;

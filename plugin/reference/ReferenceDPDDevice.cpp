@@ -104,10 +104,11 @@ public:
         }
     }
     void beforeOthers() { give(); }
-    void afterOthers() {
+    bool afterOthers() {
         for (int i = 0; i < n; i++)
             for (int k = 0; k < 3; k++)
                 f.as<long long>()[k*n+i] = Kernels::realToFixedPoint((*data.forces)[i][k]);
+        return true;
     }
     double result(bool includeForces, bool) {
         for (int i = 0; includeForces && i < n; i++)

@@ -310,7 +310,7 @@ def test_large_scenes_are_not_compared(exact, monkeypatch, caplog):
 
 @pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo"])
 @pytest.mark.parametrize(
-    "table", [PLAIN, EXTENDED, {("*", "*"): D(gamma=3)}, {("*", "*"): D(A=25)}], ids=["plain", "ext", "tstat", "conservative"]
+    "table", [PLAIN, EXTENDED, {("*", "*"): D(gamma=3)}], ids=["plain", "ext", "tstat"]
 )
 def test_the_device_computes_what_the_host_does(table, scheme, usual):
     simulation = run_on(fluid(table, BOX, n=60, spread=0), usual, scheme)
@@ -356,6 +356,7 @@ def test_without_the_plugin_all_is_as_before(gpu, monkeypatch):
     [
         (lambda: fluid({("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, BOX, n=40), "middle", "it has no MDPD"),
         (lambda: fluid(PLAIN, BOX, n=40), "native", "OpenMM's own integrator steps"),
+        (lambda: fluid({("*", "*"): D(A=25)}, BOX, n=40), "middle", "there is no friction and no noise"),
     ],
 )
 def test_what_it_cannot_is_refused_by_name(scene, scheme, reason, exact):
