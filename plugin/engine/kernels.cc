@@ -208,14 +208,19 @@ DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, GLOBAL const real4* R
     return make_real3(sign*(x-along*e.x), sign*(y-along*e.y), sign*(z-along*e.z));
 }
 
+DEVICE int dpdWrap(int c, int n) {
+    return c < 0 ? c+n : c >= n ? c-n : c;
+}
+
 // All partners j of bead i within the longest cutoff: delta from j to i, r2 its square.
 #define PARTNERS \
     int cell = cellOf[i]; \
     int hx = cell%nx, hy = (cell/nx)%ny, hz = cell/(nx*ny); \
-    for (int c = 0; c < (nz < 3 ? nz : 3); c++) \
-    for (int b = 0; b < (ny < 3 ? ny : 3); b++) \
+    for (int line = 0; line < (nz < 3 ? nz : 3)*(ny < 3 ? ny : 3); line++) { \
+    int c = line/(ny < 3 ? ny : 3), b = line%(ny < 3 ? ny : 3); \
+    int first = ((nz < 3 ? c : dpdWrap(hz+c-1, nz))*ny+(ny < 3 ? b : dpdWrap(hy+b-1, ny)))*nx; \
     for (int a = 0; a < (nx < 3 ? nx : 3); a++) { \
-        int other = ((nz < 3 ? c : (hz+c+nz-1)%nz)*ny+(ny < 3 ? b : (hy+b+ny-1)%ny))*nx+(nx < 3 ? a : (hx+a+nx-1)%nx); \
+        int other = first+(nx < 3 ? a : dpdWrap(hx+a-1, nx)); \
         int n = count[other]; \
         for (int k = 0; k < n; k++) { \
             int j = beads[other*room+k]; \
@@ -225,7 +230,7 @@ DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, GLOBAL const real4* R
             real r2 = delta.x*delta.x+delta.y*delta.y+delta.z*delta.z; \
             if (r2 >= MAX_CUTOFF*MAX_CUTOFF || r2 == 0) \
                 continue;
-#define END_PARTNERS }}
+#define END_PARTNERS }}}
 
 #define CONSERVATIVE 1
 #define THERMOSTAT 2
