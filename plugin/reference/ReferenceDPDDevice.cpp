@@ -23,7 +23,7 @@ typedef unsigned long long mm_ulong;
 inline real3 make_real3(real x, real y, real z) { return {x, y, z}; }
 inline real4 make_real4(real x, real y, real z, real w) { return {x, y, z, w}; }
 template <class T> inline T add(T* at, T value) { T old = *at; *at += value; return old; }
-inline mm_long realToFixedPoint(double x) { return (mm_long) (x*4294967296.0); }
+inline mm_long realToFixedPoint(double x) { return std::llrint(x*4294967296.0); }
 
 // What the platforms with a compiler define for each System, one value for all here
 thread_local int NUM_ATOMS, STRIDE, NUM_TYPES;

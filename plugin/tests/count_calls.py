@@ -21,7 +21,9 @@ if scheme == "langevin":
     integrator = openmm.LangevinMiddleIntegrator(120, 1, 0.04)
     system = openmm.XmlSerializer.clone(built.system)
     system.removeForce(next(k for k, force in enumerate(system.getForces()) if isinstance(force, openmm.PythonForce)))
-    simulation = openmm.app.Simulation(built.topology, system, integrator, openmm.Platform.getPlatformByName("OpenCL"), {"Precision": "single"})
+    simulation = openmm.app.Simulation(
+        built.topology, system, integrator, openmm.Platform.getPlatformByName("OpenCL"), {"Precision": "single"}
+    )
     simulation.context.setPositions(x)
 else:
     built = dpd.build(scene, dt=0.04, scheme=scheme, platform="OpenCL", seed=1, engine="device")

@@ -309,9 +309,7 @@ def test_large_scenes_are_not_compared(exact, monkeypatch, caplog):
 
 
 @pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo"])
-@pytest.mark.parametrize(
-    "table", [PLAIN, EXTENDED, {("*", "*"): D(gamma=3)}], ids=["plain", "ext", "tstat"]
-)
+@pytest.mark.parametrize("table", [PLAIN, EXTENDED, {("*", "*"): D(gamma=3)}], ids=["plain", "ext", "tstat"])
 def test_the_device_computes_what_the_host_does(table, scheme, usual):
     simulation = run_on(fluid(table, BOX, n=60, spread=0), usual, scheme)
     found = device_check.differences(simulation.context, simulation._plan)
