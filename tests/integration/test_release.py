@@ -86,7 +86,7 @@ def documented() -> set[str]:
 
 
 def test_workflows_are_there():
-    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs"}
+    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs", "device"}
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
