@@ -3,13 +3,13 @@
 import importlib
 from functools import cache
 from types import ModuleType
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import openmm
 
 from .. import names
-from ..kernels.dpd import TermTable
 from ..kernels.layer import PairSpec
 from ..made import origin
 from ..names import Phase
@@ -66,8 +66,7 @@ def device_force(
     tolerance : float
         See :data:`TOLERANCE`.
     """
-    (table,) = spec.terms
-    assert isinstance(table, TermTable)
+    table: Any = spec.terms[0]  # make_plan has seen to it
     parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT, names.COUNTER: 0.0}
     parameters |= {names.SEED: float(options.seed)} | origin(options, integrator)
     start, bead, factor = spec.exceptions
