@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import openmm
 from openmm import app, unit
 
+from .device_check import check_device
 from .errors import ParameterError, PlanError
 from .explain import explain_plan
 from .html import fact_table
@@ -79,6 +80,8 @@ class BuiltSystem:
             context.applyConstraints(1e-6)
             context.computeVirtualSites()
             context.applyVelocityConstraints(1e-6)
+        if self.plan.execution.on_device:
+            check_device(context, self.plan)
         return simulation
 
     def view(self, **choices):

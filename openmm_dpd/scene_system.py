@@ -5,6 +5,7 @@ import openmm
 
 from .errors import PlanError
 from .forces.bonded import molecules
+from .forces.device_force import device_force
 from .forces.electrostatics import electrostatic_forces, needs_list
 from .forces.expressions import PairExpression, exception_force, nonbonded_force
 from .forces.external import external_force
@@ -12,12 +13,13 @@ from .forces.pair_force import PairForceFunction, pair_force
 from .forces.segments import segment_force, segment_spec
 from .integrators import NativeIntegrator, PairIntegrator
 from .kinds import bonded_forces, resolved_kind
-from .model.flow import PositionForce
+from .model.flow import PositionForce, gaps
 from .names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP
 from .neighbours import coincident_pairs
 from .pair_spec import Factors
 from .plan import Plan
 from .programs.native import native_marker
+from .programs.walls import planes
 
 
 def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function: PairForceFunction | None) -> openmm.System:
@@ -59,6 +61,11 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
             system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
     if function is not None:
         system.addForce(pair_force(function, options=options, integrator=integrator))
+    if plan.execution.on_device:
+        whole = plan.execution.steps == "device"
+        letters = options.scheme.steps(options.thermostat) if whole else ()
+        walls = planes(gaps(scene.walls, scene.box)) if whole and scene.walls else {}
+        system.addForce(device_force(plan.spec, letters, walls, options=options, integrator=integrator, periodic=periodic))
     if options.scheme.native:
         system.addForce(native_marker(options, integrator, periodic))
     return system
