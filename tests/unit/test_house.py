@@ -112,6 +112,7 @@ ADDED = {
     "steps for dihedrals, or why there is none": 76,
     "exp, log and their kin, with the same bits on every machine": 165,
     "a record of who computes what with its reasons, engines from outside of the package": 268,
+    "pair terms on OpenMM's devices: their Force, programs, guards, comparison with the host": 519,
 }
 
 
