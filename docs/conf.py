@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from sphinx.addnodes import pending_xref
+
 import openmm_dpd
 
 project = "openmm_dpd"
@@ -41,6 +43,14 @@ def escape_bars(app, what, name, obj, options, lines):
             lines[number] = re.sub(r"\|(\S(?:[^|]*\S)?)\|", r"\\|\1\\|", line)
 
 
+def leave_words(app, doctree):
+    """The type of an argument is often a plain word, such as number or path, and no reference to an attribute of that name."""
+    for node in list(doctree.findall(pending_xref)):
+        if node.get("refspecific") and node["reftype"] in ("class", "obj") and re.fullmatch("[a-z_]+", node["reftarget"]):
+            node.replace_self(node.children)
+
+
 def setup(app):
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("doctree-read", leave_words)

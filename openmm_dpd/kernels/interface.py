@@ -18,9 +18,8 @@ class Engine(Protocol):
     spec: PairSpec
     number: int  #: Of the positions that were placed last: what was computed there is valid while it stays
     body_scale: float  #: Factor of forces on single beads
-    #: (N, K) what the last call of :meth:`sums` and :meth:`swept` gave for the fields of the spec (per time, and in all).
-    rates: np.ndarray
-    increments: np.ndarray
+    rates: np.ndarray  #: (N, K) what the last call of :meth:`sums` gave for the fields of the spec, per time
+    increments: np.ndarray  #: (N, K) what the last call of :meth:`swept` gave for them, in all
 
     def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
         """Whether x are the positions that are kept."""

@@ -37,9 +37,8 @@ class StepSpec:
     slow_kicks: tuple[float, float] = (0.5, 0.5)  #: Over how many steps forces that are not the kernel's kick before and after
     slow_every: int = 1  #: How many steps lie between the two
     thermostat: bool = True  #: Whether there is friction or noise
-    #: Weights of the prediction of velocities and of fields in that scheme.
-    lam: float = 0.5
-    field_lam: float = 0.5
+    lam: float = 0.5  #: Weight of the prediction of velocities in that scheme
+    field_lam: float = 0.5  #: Weight of that of fields
     #: Planes that beads do not pass, five arrays (3,): low, high, start, period, back (see :mod:`openmm_dpd.simulation.programs.walls`).
     walls: tuple[np.ndarray, ...] | None = None
     ramp: Any = None  #: A TemperatureRamp of the model, or None
@@ -59,20 +58,17 @@ class StepSpec:
 class Moment:
     """What a step begins with; :meth:`StepLoop.run` changes it in place."""
 
-    #: (N, 3) positions and velocities; beads that do not move have the velocity 0.
-    x: np.ndarray
-    v: np.ndarray
-    box: np.ndarray | None  #: (3, 3)
+    x: np.ndarray  #: (N, 3) positions
+    v: np.ndarray  #: (N, 3) velocities; beads that do not move have the velocity 0
+    box: np.ndarray | None  #: (3, 3) box vectors
     dt: float  #: Step size
     kT: float  #: Thermal energy
-    #: Key of the noise.
-    seed: int
-    counter: int
+    seed: int  #: Key of the noise, with the counter
+    counter: int  #: The other part of the key
     ramped: float | None = None  #: Steps done, for a temperature ramp that the loop follows; None where the caller follows it
     slow_step: int = 0  #: Steps done since forces that are not the kernel's kicked
-    #: (N, K) fields and, if friction is a force, their changes per time.
-    values: np.ndarray | None = None
-    rates: np.ndarray | None = None
+    values: np.ndarray | None = None  #: (N, K) fields
+    rates: np.ndarray | None = None  #: (N, K) their changes per time, if friction is a force
     acc: np.ndarray | None = None  #: (N, 3) acceleration at x if friction is a force; None to have it computed
     predicted: np.ndarray | None = None  #: (N, 3) velocities that friction saw last, if they are not those of the half step
     #: If friction is a force: (N, 3) velocities before the slow forces kicked, where that makes a difference.

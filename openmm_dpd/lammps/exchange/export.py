@@ -20,13 +20,11 @@ from .export_job import DUMP, FINAL, Job, export_texts, make_job
 class LammpsExport:
     """Files that an export wrote."""
 
-    #: ``in.NAME`` and ``data.NAME``.
-    deck: Path
-    data: Path
+    deck: Path  #: ``in.NAME``
+    data: Path  #: ``data.NAME``
     tables: tuple[Path, ...]  #: Files of tables that the deck reads
-    #: Trajectory and final data file that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`.
-    dump: Path
-    final: Path
+    dump: Path  #: Trajectory that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`
+    final: Path  #: Data file that LAMMPS will write at the end, beside the deck
     differences: tuple[str, ...]  #: What LAMMPS will do differently (also comments of the deck)
 
 

@@ -40,9 +40,8 @@ class LammpsFrames:
     #: (F, N, 3) positions carried to their images; None if the file has neither image flags nor unwrapped positions.
     unwrapped: np.ndarray | None
     images: np.ndarray | None  #: (F, N, 3) image flags
-    #: (F, N, 3) each.
-    velocities: np.ndarray | None
-    forces: np.ndarray | None
+    velocities: np.ndarray | None  #: (F, N, 3)
+    forces: np.ndarray | None  #: (F, N, 3)
     types: np.ndarray | None  #: (N,) LAMMPS's atom types
     boxes: np.ndarray | None  #: (F, 3, 3) box vectors; None without a periodic box
     corners: np.ndarray  #: (F, 3) lower corners of the box

@@ -34,9 +34,8 @@ class RunRequest:
     steps: int  #: Number of steps
     dt: float  #: Time step in ps
     first_step: int  #: Number of the step before the first
-    #: Steps of ``start`` and ``stop``; None where the deck does not give them (then the run itself).
-    begin: int | None
-    end: int | None
+    begin: int | None  #: Step of ``start``; None where the deck does not give it (then the run itself)
+    end: int | None  #: Step of ``stop``, likewise
     seed: int | None  #: Seed of the first thermostatting pair style
     where: Line | None  #: The run command
     number: int = 0  #: Number of this run in the deck, from 0

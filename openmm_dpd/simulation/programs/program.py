@@ -63,9 +63,8 @@ class Program:
     name: str  #: Scheme
     reference: str  #: Where the scheme comes from
     options: ProgramOptions  #: What it is written for
-    #: Declared variables with their initial values, and what they are.
-    globals_: dict[str, tuple[float, str]] = field(default_factory=dict)
-    per_dof: dict[str, str] = field(default_factory=dict)
+    globals_: dict[str, tuple[float, str]] = field(default_factory=dict)  #: Declared variables: initial values, and what they are
+    per_dof: dict[str, str] = field(default_factory=dict)  #: Those with a value per degree of freedom, 0 at the start: what they are
     steps: list[Step] = field(default_factory=list)
 
     @property
