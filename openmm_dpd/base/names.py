@@ -16,6 +16,7 @@ class Phase(IntEnum):
     CONSERVE = 3  # store the positions; conservative force
     FORCE_SEEN = 4  # all forces that the kernel computes, at the seen positions
     FORCE_KEPT = 5  # dissipative and random force at the kept positions
+    RUN = 6  # a whole step when the Context's state is updated, on the device
     SWEEP_SEEN = 100  # (+ pair update) impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
     READ = 300  # (+ block) take three values per bead from seen - kept: per-bead fields
@@ -63,6 +64,8 @@ VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABL
 
 #: Name of the force of the pair terms.
 PAIR_FORCE = "DPD pair terms"
+#: Part of what the plugin says where a device had too little room for cells or rows, and has more of it now.
+ROOM = "there is more room now"
 #: Usual force group of the pair terms, outside the integration groups unless the kernel holds the conservative force.
 PAIR_GROUP = 31
 #: Groups of pair potentials, one for each cutoff, and then of the densities of many-body terms: the first one downwards to the last.

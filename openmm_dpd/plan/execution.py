@@ -20,9 +20,9 @@ class Execution:
     ----------
     engine : str
         Name of the pair kernel's engine (:mod:`openmm_dpd.kernels.engines`).
-    steps : {"program", "loop", "openmm"}
-        How steps are done: one by one by the integrator's program, many at once in a loop over the pair kernel's own arrays, or by OpenMM's
-        own integrator.
+    steps : {"program", "loop", "device", "openmm"}
+        How steps are done: one by one by the integrator's program, many at once in a loop over the pair kernel's own arrays, one by one by
+        the pair force on the device, or by OpenMM's own integrator.
     conservative : {"kernel", "openmm", "none"}
         What computes the conservative force of the pair terms.
     held : frozenset of str
@@ -45,6 +45,11 @@ class Execution:
     def looped(self) -> bool:
         """Whether many steps are done at once, so that a program may only count them."""
         return self.steps == "loop"
+
+    @property
+    def on_device(self) -> bool:
+        """Whether the pair terms are on OpenMM's device."""
+        return self.engine == "device"
 
     @property
     def pushes(self) -> bool:

@@ -138,10 +138,11 @@ def _execution_lines(plan: Plan) -> list[str]:
         lines.append("friction and noise: OpenMM's DPDIntegrator")
     elif options.thermostat:
         transverse = any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms)
-        lines.append(f"friction and noise: {plan.engine.what} behind a PythonForce" + (", with transverse terms" if transverse else ""))
+        behind = "" if execution.on_device else " behind a PythonForce"
+        lines.append(f"friction and noise: {plan.engine.what}{behind}" + (", with transverse terms" if transverse else ""))
     often = "each step" if options.slow_every == 1 else f"every {options.slow_every} steps"
     loop = f"up to ten at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"
-    steps = {"loop": loop, "program": "one by one, by the program", "openmm": "one by one"}
+    steps = {"loop": loop, "program": "one by one, by the program", "openmm": "one by one", "device": "whole ones on the device"}
     lines.append(f"steps: {steps[execution.steps]} ({execution.why['steps']})")
     parts: dict[tuple[bool, str], list[str]] = {}
     for part, why in execution.why.items():

@@ -22,6 +22,7 @@ from ..model.schemes import scheme_of
 from ..model.temperature import TemperatureRamp
 from .charge_forces import charge_factors, ewald_of, few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
+from .device import DEVICE, chosen_engine
 from .execution import DOUBLE_PLATFORMS, Execution, conservative_place, why_no_loop, why_parts
 from .host import Host
 from .kinds import Kind, bonded_kind, resolved_kind
@@ -182,8 +183,8 @@ def make_plan(
         In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
         Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
     engine : str, default "auto"
-        What evaluates the pair terms: "host" is the compiled kernel, which "auto" takes; others have to be registered
-        (:func:`openmm_dpd.kernels.engines.register_engine`).
+        What evaluates the pair terms: "host" is the compiled kernel, "device" the plugin openmm-dpd-device, which "auto" takes on a GPU
+        where it can; others have to be registered (:func:`openmm_dpd.kernels.engines.register_engine`).
     host : Host, optional
         A System made elsewhere whose particles are the first of the scene; its forces act beside the pair terms.
 
@@ -220,23 +221,28 @@ def make_plan(
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
     only = next(filter(None, reasons), None)
     double = platform in DOUBLE_PLATFORMS
-    faster = double or not listed(platform, scene.box, longest(layers))
+    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene.n_beads)
+    on_device = engine_name == DEVICE.name
+    faster = double or on_device or not listed(platform, scene.box, longest(layers))
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
     carriers = [kind for kind in kinds if kind.fields is not None]
     fields = carriers[0].fields(scene) if carriers else None  # type: ignore[misc]
     choices = field_options(scene, fields, longest(layers), double, lam)
     choices |= {"field_names": carriers[0].field_text} if carriers else {}
-    no_loop = why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
+    no_loop = "the device does them" if on_device else None
+    no_loop = no_loop or why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
     ewald = ewald_of(scene)
     held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
+    constrained = host is not None and host.constrained
+    whole = on_device and not constrained and not (chosen.predicts and thermostat)
     execution = Execution(
-        engine=engine_kind("host" if engine == "auto" else engine).name,
-        steps="openmm" if chosen.native else "program" if no_loop else "loop",
+        engine=engine_kind(engine_name).name,
+        steps="openmm" if chosen.native else "device" if whole else "program" if no_loop else "loop",
         conservative=where,
         held=held,
         precision="double" if double else "single",
         why={
-            "engine": "it runs everything" if engine == "auto" else "as asked for",
+            "engine": why_engine,
             "steps": no_loop or "the pair kernel holds all fast forces",
             "conservative": why_there,
             "precision": f"platform {platform}" if platform else "no platform is named",
@@ -254,7 +260,7 @@ def make_plan(
         slow_every=checked_interval(slow_every, no_loop),
         settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
         pair_group=PAIR_GROUP if host is None else host.pair_group,
-        constraints=host is not None and host.constrained,
+        constraints=constrained,
         seeded=seed is not None,
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(double),

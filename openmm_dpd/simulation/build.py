@@ -72,18 +72,25 @@ def build_plan(plan: Plan) -> BuiltSystem:
     scene, options = plan.scene, plan.options
     program = None if options.scheme.native else make_program(options)
     integrator = native_integrator(plan) if program is None else program.lower()
-    function = _pair_function(plan) if options.kernel and program is not None else None
+    execution = plan.execution
+    function = _pair_function(plan) if options.kernel and program is not None and not execution.on_device else None
     system = scene_system(plan, integrator, function)
     if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
         integrator.whole = WholeSteps(function, options.pair_group)
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
-    if scene.walls:
+    if scene.walls and execution.steps != "device":
         for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.interacting is not None:
         integrator.setPerDofVariableByName(ALONE, (~scene.interacting).astype(float))
+    if isinstance(integrator, PairIntegrator) and execution.on_device:
+        integrator.device_group = options.pair_group
+        if options.predicting:
+            integrator.no_barostat = (
+                f"on the device the scheme {options.scheme.name!r} cannot run beside a barostat; take scheme='middle', or engine='host'"
+            )
     built = BuiltSystem(
         system=system,
         integrator=integrator,

@@ -12,6 +12,7 @@ from ..base.wording import either
 from ..io.view import view
 from ..plan.explain import explain_plan
 from ..plan.plan import Plan
+from .device_check import check_device
 from .integrators import NativeIntegrator, PairIntegrator
 from .programs.program import Program
 from .simulation import DPDSimulation
@@ -79,6 +80,8 @@ class BuiltSystem:
             context.applyConstraints(1e-6)
             context.computeVirtualSites()
             context.applyVelocityConstraints(1e-6)
+        if self.plan.execution.on_device:
+            check_device(context, self.plan)
         return simulation
 
     def view(self, **choices):

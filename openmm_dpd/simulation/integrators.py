@@ -83,6 +83,12 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         if self._mixed and self.whole is None:
             self._forget_acceleration()
 
+    def changed(self, context: openmm.Context) -> None:
+        """As for all; on a device a kept acceleration is not compared with what it was computed from."""
+        super().changed(context)
+        if self.device_group is not None:
+            self._forget_acceleration()
+
     def _forget_acceleration(self) -> None:
         if "valid_for" in self.variables():
             openmm.CustomIntegrator.setGlobalVariableByName(self, "valid_for", -1.0)

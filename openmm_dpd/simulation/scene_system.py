@@ -6,8 +6,9 @@ import openmm
 from ..base.errors import PlanError
 from ..base.names import BONDED_GROUP, LAST_POTENTIAL_GROUP, POTENTIAL_GROUP
 from ..base.neighbours import coincident_pairs
-from ..model.flow import PositionForce
+from ..model.flow import PositionForce, gaps
 from ..plan.forces.bonded import molecules
+from ..plan.forces.device_force import device_force
 from ..plan.forces.electrostatics import electrostatic_forces, needs_list
 from ..plan.forces.expressions import PairExpression, exception_force, nonbonded_force
 from ..plan.forces.external import external_force
@@ -18,6 +19,7 @@ from ..plan.pair_spec import Factors
 from ..plan.plan import Plan
 from .integrators import NativeIntegrator, PairIntegrator
 from .programs.native import native_marker
+from .programs.walls import planes
 
 
 def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function: PairForceFunction | None) -> openmm.System:
@@ -59,6 +61,11 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
             system.addForce(external_force(term, scene.type_ids, scene.type_names, scene.box))
     if function is not None:
         system.addForce(pair_force(function, options=options, integrator=integrator))
+    if plan.execution.on_device:
+        whole = plan.execution.steps == "device"
+        letters = options.scheme.steps(options.thermostat) if whole else ()
+        walls = planes(gaps(scene.walls, scene.box)) if whole and scene.walls else {}
+        system.addForce(device_force(plan.spec, letters, walls, options=options, integrator=integrator, periodic=periodic))
     if options.scheme.native:
         system.addForce(native_marker(options, integrator, periodic))
     return system

@@ -10,16 +10,17 @@ script, or takes a failed step back.
 """
 
 import logging
+import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, wraps
 from typing import Any
 
 import openmm
 
 from ..base.errors import PlanError
-from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, SEED
+from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
 from ..base.openmm_private import context_of
 from ..base.signals import CTRL_C, unbroken
 from ..plan.made import Made, acting, lines_of, text_number, variables_number
@@ -29,18 +30,42 @@ _LOGGER = logging.getLogger("openmm_dpd")
 #: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
 PIECE = 10
 
+#: Seconds after which it is on a device.
+REMEMBERED = 10.0
+
 
 @lru_cache
 def watched(kind: type) -> type:
-    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew.  OpenMM leaves no sign of
-    that: its checkpoint brings everything back."""
+    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew, changed, or looked at.
+    OpenMM leaves no sign of that: its checkpoint brings everything back."""
 
     def reinitialize(self, preserveState=False):
         kind.reinitialize(self, preserveState)  # type: ignore[attr-defined]
         self.getIntegrator().bind(self)
 
     reinitialize.__doc__ = "As before; the next step looks at the System again."
-    return type(kind.__name__, (kind,), {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__})
+    methods: dict[str, Any] = {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__}
+    for names, hear in ((_CHANGING, "changed"), (_LOOKING, "verify")):
+        methods |= {name: _heard(getattr(kind, name), hear) for name in names}
+    return type(kind.__name__, (kind,), methods)
+
+
+#: Methods of a Context that change its state, and that read it.
+_CHANGING = "setPositions setVelocities setVelocitiesToTemperature setPeriodicBoxVectors setParameter setState loadCheckpoint".split()
+_LOOKING = ("getState", "createCheckpoint")
+
+
+def _heard(method: Callable, hear: str) -> Callable:
+    """A method of a Context that its integrator hears of before."""
+
+    @wraps(method)
+    def heard(self, *arguments, **more):
+        listener = getattr(self.getIntegrator(), hear, None)
+        if listener is not None and not (method.__name__ == "setParameter" and arguments and arguments[0] in VOLATILE):
+            listener(self)
+        return method(self, *arguments, **more)
+
+    return heard
 
 
 class Watching:
@@ -49,6 +74,12 @@ class Watching:
     made: Made | None = None
     #: What carries out many steps at once; None where OpenMM does them one by one.
     whole: Any = None
+    #: Group of a pair force on a device, whose kernels stop where anything is wrong, but say so only when they are asked.
+    device_group: int | None = None
+    #: Why no barostat may act, empty if one may.
+    no_barostat = ""
+    _remembered: tuple[float, bytes] | None = None
+    _unverified = False
     _known: weakref.ref | None = None
     _looked_at: tuple = ()
     _groups = 0
@@ -93,17 +124,75 @@ class Watching:
 
     def _take(self, context: openmm.Context, steps: int) -> None:
         """Take a few steps, or none of them if one fails."""
+        if self.device_group is not None:
+            self._on_device(context, context.getStepCount() + steps)
+            return
         with self._or_back(context):
             super().step(steps)  # type: ignore[misc]
 
+    def _on_device(self, context: openmm.Context, last: int) -> None:
+        """Step up to the step number ``last``; where a device had too little room, once more from the state that is remembered."""
+        self._before(context)
+        for again in (False, True):
+            try:
+                with self._or_back(context):
+                    super().step(last - context.getStepCount())  # type: ignore[misc]
+                    if again:
+                        self._ask(context)
+                    self._unverified = not again
+                break
+            except openmm.OpenMMException as error:
+                if again or ROOM not in str(error):
+                    raise
+
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:
-        before = context.createCheckpoint()
+        before = self._before(context)
         try:
             yield
         except BaseException:
+            self._unverified = False
+            kept = self._remembered
             context.loadCheckpoint(before)
+            self._remembered = kept  # it is the state of now
             raise
+
+    def _before(self, context: openmm.Context) -> bytes:
+        """A checkpoint to go back to: the present one, or on a device, where it costs as much as many steps, one of the last seconds."""
+        now = time.monotonic()
+        if self._remembered is not None and now - self._remembered[0] < REMEMBERED:
+            return self._remembered[1]
+        before = context.createCheckpoint()
+        self._remembered = None if self.device_group is None else (now, before)
+        return before
+
+    def changed(self, context: openmm.Context) -> None:
+        """Hear that somebody changes the state of the Context."""
+        self.verify(context)
+        self._remembered = None
+
+    def verify(self, context: openmm.Context) -> None:
+        """Ask a device whether the steps since the last time went well; if not, all is as it was when it was remembered.
+
+        Raises
+        ------
+        openmm.OpenMMException
+            If they did not, with the reason.
+        """
+        if self._unverified:
+            self._unverified = False
+            last = context.getStepCount()
+            try:
+                with self._or_back(context):
+                    self._ask(context)
+            except openmm.OpenMMException as error:
+                if ROOM not in str(error):
+                    raise
+                self._on_device(context, last)
+                self._unverified = False
+
+    def _ask(self, context: openmm.Context) -> None:
+        context.getState(energy=True, groups={self.device_group})
 
     def _look(self, context: openmm.Context) -> None:
         """See whether something has changed that acts at once in OpenMM, or the Context is new, and where the state comes from."""
@@ -115,6 +204,8 @@ class Watching:
             self._looked_at = now
         moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0]
         self._barostats = self._mixed or bool(moving)
+        if moving and self.no_barostat:
+            raise PlanError(self.no_barostat)
         self._piece = min([PIECE, *(barostat.getFrequency() for barostat in moving)])
         self.settle(context)
         parameters = context.getParameters()

@@ -86,7 +86,7 @@ def documented() -> set[str]:
 
 
 def test_workflows_are_there():
-    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs", "nightly"}
+    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs", "nightly", "device"}
 
 
 def test_every_dependency_has_one_lower_bound_and_no_other():

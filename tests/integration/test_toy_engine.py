@@ -329,7 +329,7 @@ def test_an_engine_with_nothing_to_do_is_refused(register):
         made(dimers(), "native")
     with pytest.raises(PlanError, match="the engine 'host' would have nothing to do"):
         made(replace_pairs(dpd.DPD(A=25)), engine="host")
-    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'toy', not 'gpu'"):
+    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'"):
         made(dimers(), engine="gpu")
     for name in ("toy", "auto"):
         with pytest.raises(ParameterError, match=f"there is an engine '{name}' already"):
@@ -363,5 +363,5 @@ def test_a_file_knows_the_engine(register):
 
     np.testing.assert_array_equal(forces_of(dpd.load_xml(io.StringIO(text))), force)
     del ENGINES["toy"]
-    with pytest.raises(openmm.OpenMMException, match="engine must be 'auto' or one of 'host', not 'toy'"):
+    with pytest.raises(openmm.OpenMMException, match="engine must be 'auto' or one of 'host', 'device', not 'toy'"):
         forces_of(dpd.load_xml(io.StringIO(text)))

@@ -3,7 +3,7 @@
 from ...base.errors import PlanError
 from ...model.schemes import SCHEMES
 from ...plan.program_options import ProgramOptions
-from . import mvv, splitting
+from . import device, mvv, splitting
 from .program import Program
 
 
@@ -16,7 +16,10 @@ def make_program(options: ProgramOptions) -> Program:
             f"the scheme {scheme.name!r} evaluates forces within the step, at positions where constraints and virtual sites do not hold; "
             f"use scheme={able} for this System"
         )
-    program = mvv.mvv_program(options) if options.predicting else splitting.splitting_program(options)
+    if options.execution.on_device:
+        program = device.device_program(options)
+    else:
+        program = mvv.mvv_program(options) if options.predicting else splitting.splitting_program(options)
     program.finish()
     program.check()
     return program

@@ -112,7 +112,8 @@ class Program:
         if self.options.kernel:
             # an error within a step leaves another phase behind, and barostats ask for energies
             self.phase(Phase.IDLE)
-        self.steps.append(Step("update", why="barostats and other updates of the Context's state"))
+        if self.options.execution.steps != "device":
+            self.update("barostats and other updates of the Context's state")
         if self.options.execution.looped:
             self.declare(AHEAD, 0.0, "steps that are done already: only barostats still act in them")
             self.steps.append(Step("if", expression=f"{AHEAD} < 1", why="is this step still to be done?"))
@@ -125,11 +126,15 @@ class Program:
             self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
             self.steps += [Step(*line) for line in AGREE]
 
+    def update(self, why: str) -> None:
+        """Have the Context's state updated."""
+        self.steps.append(Step("update", why=why))
+
     def finish(self) -> None:
         """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
         if self.options.kernel:
             self.phase(Phase.IDLE)
-        if self.options.kernel and (self.options.field_blocks or self.options.predicting):
+        if self.options.kernel and not self.options.execution.on_device and (self.options.field_blocks or self.options.predicting):
             self.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
             self.set(STAMP, "0")
         if self.options.execution.looped:

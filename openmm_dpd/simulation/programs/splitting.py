@@ -19,10 +19,10 @@ from .walls import add_reflection
 def splitting_program(options: ProgramOptions) -> Program:
     """The program of a scheme that is a word."""
     scheme = options.scheme
-    return _Writer(Program(scheme.name, scheme.reference, options), scheme.steps(options.thermostat)).written()
+    return Writer(Program(scheme.name, scheme.reference, options), scheme.steps(options.thermostat)).written()
 
 
-class _Writer:
+class Writer:
     """Writes the letters of one step."""
 
     def __init__(self, program: Program, letters: tuple[Letter, ...]):

@@ -1,0 +1,131 @@
+"""The plugin openmm-dpd-device on whatever device there is, one table: steps, differences from the host, temperatures, launches' cost, memory.
+
+    python benchmarks/device.py                                    # the fastest platform with the plugin
+    python benchmarks/device.py --platform CUDA --beads 10000 100000 1000000
+    python benchmarks/device.py --platform OpenCL --beads 3000 --seconds 2
+
+Standard fluid: rho = 3, A = 25, gamma = 4.5, rc = 1, dt = 0.04, beside OpenMM's DPDIntegrator on the same device and its LangevinMiddleIntegrator
+with the same repulsion, which is no DPD.  Rows are appended to --json, which a page of numbers can be made of.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform as machine
+import resource
+import time
+from pathlib import Path
+
+import numpy as np
+import openmm
+
+import openmm_dpd as dpd
+from openmm_dpd.plan.forces.device_force import why_no_plugin
+from openmm_dpd.simulation.device_check import differences
+from openmm_dpd.units import BOLTZMANN
+
+DT, GAMMA = 0.04, 4.5
+SCHEMES = ("mvv", "middle", "aboba", "bababo", "shardlow")
+
+
+def fluid(beads: int) -> dpd.Scene:
+    """The standard fluid, from a lattice that was shaken."""
+    edge = (beads / 3) ** (1 / 3)
+    side = int(np.ceil(beads ** (1 / 3)))
+    lattice = np.stack(np.meshgrid(*[np.arange(side)] * 3), -1).reshape(-1, 3)[:beads] * (edge / side)
+    positions = lattice + np.random.default_rng(1).random((beads, 3)) * (0.3 * edge / side)
+    return dpd.Scene({"W": 1}, ["W"] * beads, positions, {("W", "W"): dpd.DPD(A=25, gamma=GAMMA)}, kT=1, box=[edge] * 3)
+
+
+def langevin(scene: dpd.Scene, platform: str, properties: dict[str, str]) -> openmm.app.Simulation:
+    """OpenMM's Langevin dynamics with the same repulsion."""
+    built = dpd.build(scene, dt=DT, scheme="native", platform=platform, seed=1)
+    integrator = openmm.LangevinMiddleIntegrator(1 / BOLTZMANN, 1, DT)
+    simulation = openmm.app.Simulation(built.topology, built.system, integrator, openmm.Platform.getPlatformByName(platform), properties)
+    simulation.context.setPositions(built.positions)
+    simulation.context.setVelocities(built.velocities)
+    return simulation
+
+
+def timed(simulation: openmm.app.Simulation, seconds: float) -> float:
+    """Seconds per step, the best of three, after as many to warm up."""
+
+    def run(n: int) -> float:
+        begun = time.perf_counter()
+        simulation.step(n)
+        simulation.context.getState(velocities=True)
+        return (time.perf_counter() - begun) / n
+
+    run(10)
+    n = max(10, int(seconds / max(run(20), 1e-7)))
+    return min(run(n) for _ in range(3))
+
+
+def kinetic_kT(simulation: openmm.app.Simulation, samples: int = 20) -> float:
+    """Mean kinetic temperature of some samples, ten steps apart."""
+    found = []
+    for _ in range(samples):
+        simulation.step(10)
+        v = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
+        found.append(np.sum(v**2) / (3 * len(v) - 3))
+    return float(np.mean(found))
+
+
+def measure(name: str, beads: int, platform: str, precision: str, seconds: float) -> dict[str, object]:
+    """One row."""
+    scene, properties = fluid(beads), {"Precision": precision} if platform in ("OpenCL", "CUDA", "HIP") else {}
+    begun = time.perf_counter()
+    row: dict[str, object] = {"platform": platform, "precision": precision, "beads": beads, "scheme": name}
+    if name == "langevin":
+        simulation = langevin(scene, platform, properties)
+    else:
+        engine = "auto" if name == "native" else "device"
+        built = dpd.build(scene, dt=DT, scheme=name, platform=platform, seed=1, engine=engine)
+        simulation = built.simulation(properties=properties)
+    simulation.step(1)
+    row["built_s"] = time.perf_counter() - begun
+    if name not in ("langevin", "native") and beads <= 100_000:
+        row |= {what: error for what, (error, _) in differences(simulation.context, built.plan).items()}
+    row["steps_per_s"] = 1 / timed(simulation, seconds)
+    row["kT"] = kinetic_kT(simulation)
+    row["host_memory_MB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return row
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--platform", default=None)
+    parser.add_argument("--precision", nargs="+", default=["single", "mixed"])
+    parser.add_argument("--beads", type=int, nargs="+", default=[10_000, 100_000])
+    parser.add_argument("--schemes", nargs="+", default=[*SCHEMES, "native", "langevin"])
+    parser.add_argument("--seconds", type=float, default=2.0, help="of one measurement")
+    parser.add_argument("--json", type=Path, default=None)
+    given = parser.parse_args()
+    here = [openmm.Platform.getPlatform(k) for k in range(openmm.Platform.getNumPlatforms())]
+    able = {p.getName(): p.getSpeed() for p in here if why_no_plugin(p.getName()) is None}
+    if not able:
+        raise SystemExit(f"no platform has the plugin: {why_no_plugin('CUDA')}")
+    platform = given.platform or max(able, key=lambda name: able[name])
+    if platform not in able:
+        raise SystemExit(f"no measurements on {platform}: {why_no_plugin(platform)}")
+    print(f"{platform}, {machine.processor() or machine.machine()}, OpenMM {openmm.version.short_version}; dt = {DT}, gamma = {GAMMA}")
+    print(f"{'beads':>9} {'precision':>9} {'scheme':>9} {'steps/s':>10} {'kT':>7} {'built, s':>9}  differences from the host")
+    rows = []
+    for beads in given.beads:
+        for precision in given.precision if platform != "Reference" else ["double"]:
+            for name in given.schemes:
+                row = measure(name, beads, platform, precision, given.seconds)
+                rows.append(row)
+                errors = ", ".join(f"{what} {error:.1e}" for what, error in row.items() if what.startswith(("the ", "its ", "friction")))
+                print(
+                    f"{beads:9d} {precision:>9} {name:>9} {row['steps_per_s']:10.1f} {row['kT']:7.4f} {row['built_s']:9.2f}  {errors}",
+                    flush=True,
+                )
+                if given.json is not None:
+                    given.json.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()

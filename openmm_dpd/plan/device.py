@@ -1,0 +1,81 @@
+"""The engine ``device``: pair terms on OpenMM's own device, by the plugin openmm-dpd-device.
+
+It is chosen where the platform is a GPU, the plugin is there and the scene is within it.  What is measured from a State is measured by the
+host's kernel.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+
+import openmm
+
+from ..base.errors import PlanError
+from ..base.platforms import opencl_is_a_gpu
+from ..kernels.engines import EngineKind, engine_kind, register_engine
+from ..model.schemes import Scheme
+from .forces.device_force import why_no_plugin
+from .kinds import Kind
+
+#: More beads have no exact number in single precision.
+MOST_BEADS = 2**24 - 1
+
+DEVICE = register_engine(
+    EngineKind(
+        name="device",
+        what="OpenMM's device, by the plugin openmm-dpd-device",
+        make=engine_kind("host").make,
+        can=frozenset(
+            (
+                "DPD",
+                "friction as a force",
+                "exact pair updates",
+                "Shardlow's pair updates",
+                "scenes without a box",
+                "tilted boxes",
+                "factors of bonded neighbours",
+                "immobile beads",
+                "particles that are left out",
+                "stress",
+                "Laplacian",
+            )
+        ),
+    )
+)
+
+
+@cache
+def is_gpu(platform: str | None) -> bool:
+    """Whether a platform, by its name, is a GPU here."""
+    if platform == "OpenCL":
+        return opencl_is_a_gpu(openmm.Platform.getPlatformByName(platform))
+    return platform in ("CUDA", "HIP")
+
+
+def chosen_engine(
+    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, beads: int
+) -> tuple[str, str]:
+    """Name of the engine, and why it is that one.
+
+    Raises
+    ------
+    PlanError
+        If the device is asked for and cannot do it.
+    """
+    if engine == "auto" and not is_gpu(platform):
+        return "host", "it runs everything"
+    if engine not in ("auto", DEVICE.name):
+        return engine, "as asked for"
+    beyond = next((kind.name for kind in kinds if kind.name not in DEVICE.can), None)  # type: ignore[operator]
+    reasons = {
+        "OpenMM's own integrator steps": scheme.native,
+        "there is no friction and no noise": not thermostat,
+        f"it has no {beyond}": beyond is not None,
+        "it has no several tables": len(kinds) > 1,
+        f"it takes no more than {MOST_BEADS:,} beads": beads > MOST_BEADS,
+    }
+    reason = next((reason for reason, holds in reasons.items() if holds), None) or why_no_plugin(platform)
+    if reason is None:
+        return DEVICE.name, "the platform is a GPU" if engine == "auto" else "as asked for"
+    if engine == "auto":
+        return "host", f"not the device: {reason}"
+    raise PlanError(f"the engine {DEVICE.name!r} cannot run this scene on the platform {platform}: {reason}")

@@ -1,0 +1,103 @@
+"""The Force of the plugin ``openmm-dpd-device``: pair terms on OpenMM's own device, with no Python in them."""
+
+import importlib
+from functools import cache
+from types import ModuleType
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import openmm
+
+from ...base import names
+from ...base.names import Phase
+from ...kernels.layer import PairSpec
+from ...model.schemes import Letter
+from ..made import origin
+from ..program_options import ProgramOptions
+
+#: How exactly the linear systems of pair updates are solved: what is left, relative to what a midpoint step changes.
+TOLERANCE = 5e-4
+
+
+@cache
+def plugin() -> ModuleType | str:
+    """The plugin, its libraries loaded, or the reason why there is none."""
+    try:
+        return importlib.import_module("openmm_dpd_device")
+    except ImportError as error:
+        return "the package openmm-dpd-device is not installed" if error.name == "openmm_dpd_device" else str(error)
+
+
+def why_no_plugin(platform: str | None) -> str | None:
+    """Why the plugin cannot be used on a platform, or None."""
+    found = plugin()
+    if isinstance(found, str):
+        return found
+    name = "Reference" if platform == "CPU" else platform
+    if name in found.loaded:
+        return None
+    return found.failed.get(name, f"openmm-dpd-device knows no platform {platform}")
+
+
+def device_force(
+    spec: PairSpec,
+    letters: tuple[Letter, ...],
+    walls: dict[str, np.ndarray],
+    *,
+    options: ProgramOptions,
+    integrator: openmm.Integrator,
+    periodic: bool,
+    tolerance: float = TOLERANCE,
+) -> openmm.Force:
+    """The Force of one table of isothermal DPD terms.
+
+    Parameters
+    ----------
+    spec : PairSpec
+    letters : tuple of (letter, part of the step)
+        The word of a whole step, empty if the program goes line by line.
+    walls : dict
+        What :func:`openmm_dpd.simulation.programs.walls.planes` gives, or empty.
+    options, integrator
+        As for :func:`openmm_dpd.plan.forces.pair_force.pair_force`.
+    periodic : bool
+        Whether there is a box.
+    tolerance : float
+        See :data:`TOLERANCE`.
+    """
+    table: Any = spec.terms[0]  # make_plan has seen to it
+    parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT, names.COUNTER: 0.0}
+    parameters |= {names.SEED: float(options.seed)} | origin(options, integrator)
+    start, bead, factor = spec.exceptions
+    first = np.repeat(np.arange(len(spec.types)), np.diff(start)) if len(start) else np.zeros(0, int)
+    fixed = np.isnan(table.gamma)
+    lists = {
+        "types": spec.types,
+        "A": table.A,
+        "gamma": np.where(fixed, 0.0, table.gamma),
+        "sigma": np.where(fixed, table.sigma, -1.0),
+        "gammaAcross": table.gamma_perp,
+        "exponent": table.exponent,
+        "exponentAcross": table.exponent_perp,
+        "cutoff": table.cutoff,
+        "exceptionBeads": np.stack([first, bead], axis=1) if len(first) else (),
+        "exceptionFactors": factor if len(first) else (),
+        "wallVelocity": () if spec.wall_velocity is None else spec.wall_velocity,
+        "walls": np.stack(list(walls.values())) if walls else (),
+        "parts": [float(part) for _, part in letters],
+    }
+    attributes: dict[str, object] = {
+        "type": "DPDDeviceForce",
+        "version": 1,
+        "name": names.PAIR_FORCE,
+        "forceGroup": options.pair_group,
+        "periodic": int(periodic),
+        "tolerance": repr(tolerance),
+        "numTypes": len(table.A),
+        "letters": "".join(letter for letter, _ in letters),
+    }
+    attributes |= {name: " ".join(map(repr, np.ravel(values).tolist())) for name, values in lists.items()}
+    text = "".join(f" {name}={quoteattr(str(value))}" for name, value in attributes.items())
+    inside = "".join(f'<Parameter name="{name}" default="{value!r}"/>' for name, value in parameters.items())
+    return openmm.XmlSerializer.deserialize(f"<Force{text}><GlobalParameters>{inside}</GlobalParameters></Force>")

@@ -1,0 +1,87 @@
+"""The device beside the host's kernel, on the state of a Context: a kernel that computes something else is not run."""
+
+import logging
+
+import numpy as np
+import openmm
+from openmm import unit
+
+from ..base.errors import RunError
+from ..base.names import COUNTER, DT, KT, PHASE, SEED, Phase
+from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM
+from ..model.schemes import SWEEPS
+from ..plan.plan import Plan
+
+_LOGGER = logging.getLogger("openmm_dpd")
+
+#: Beads of the largest scene that is compared.
+MOST = 100_000
+
+#: Largest differences, relative to the largest force: single precision has 1e-5, the pair update solves its equations to 5e-4.
+FORCE, UPDATE = 1e-4, 5e-3
+
+
+def check_device(context: openmm.Context, plan: Plan) -> None:
+    """Compare forces, noise and one pair update.
+
+    Raises
+    ------
+    RunError
+        If they differ.
+    """
+    if plan.scene.n_beads > MOST:
+        _LOGGER.info("more than %d beads: the device is not compared with the host", MOST)
+        return
+    wrong = {what: error for what, (error, most) in differences(context, plan).items() if not error <= most}
+    if wrong:
+        listing = ", ".join(f"{what} by {error:.2g}" for what, error in wrong.items())
+        where = context.getPlatform().getName()
+        raise RunError(
+            f"the device computes something else than the host on the platform {where}, in parts of the largest: {listing}; take "
+            "engine='host', and tell the developers which device and driver this is"
+        )
+
+
+def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, float]]:
+    """How much the device differs from the host, and how much it may, by what is computed."""
+    options, spec = plan.options, plan.spec
+    state = context.getState(positions=True, velocities=True, parameters=True)
+    x, v = (a.value_in_unit_system(unit.md_unit_system) for a in (state.getPositions(asNumpy=True), state.getVelocities(asNumpy=True)))
+    box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+    parameters = state.getParameters()
+    conditions = (parameters[KT], parameters[DT], int(parameters[SEED]), int(parameters[COUNTER]))
+    engine = plan.new_engine()
+    engine.prepare(x, box)
+
+    def of_device(phase: int) -> tuple[float, np.ndarray]:
+        context.setParameter(PHASE, phase)
+        try:
+            found = context.getState(forces=True, energy=True, groups={options.pair_group})
+        finally:
+            context.setParameter(PHASE, Phase.IDLE)
+        force = found.getForces(asNumpy=True).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
+        return found.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole), force
+
+    found: dict[str, tuple[float, float]] = {}
+    mobile = (spec.inv_mass > 0) & (spec.types >= 0)
+    if plan.execution.pushes:
+        energy, expected, _ = engine.forces(CONSERVATIVE, None, *conditions)
+        device_energy, force = of_device(Phase.CONSERVE)
+        found["the conservative force"] = (_relative(force, expected), FORCE)
+        found["its energy"] = (abs(device_energy - energy) / max(abs(energy), 1e-9), FORCE)
+    if options.thermostat:
+        expected = engine.forces(DISSIPATIVE | RANDOM, v, *conditions)[1]
+        found["friction and noise"] = (_relative(of_device(Phase.FORCE_KEPT)[1], expected), FORCE)
+    if options.thermostat and options.scheme.sweeps:
+        # the impulse of a midpoint step is that of friction and noise at the mean of the velocities before and after
+        force = of_device(Phase.SWEEP_SEEN + SWEEPS.index("S"))[1]
+        between = v + 0.5 * conditions[1] * spec.inv_mass[:, None] * force
+        expected = engine.forces(DISSIPATIVE | RANDOM, between, *conditions)[1]
+        found["the pair update"] = (_relative(force[mobile], expected[mobile]), UPDATE)
+    return found
+
+
+def _relative(found: np.ndarray, expected: np.ndarray) -> float:
+    scale = float(np.abs(expected).max(initial=0.0))
+    error = float(np.abs(found - expected).max(initial=0.0))
+    return error / scale if scale > 0 else error

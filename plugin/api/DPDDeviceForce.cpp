@@ -1,0 +1,213 @@
+#include "DPDDeviceForce.h"
+#include "openmm/AndersenThermostat.h"
+#include "openmm/CMMotionRemover.h"
+#include "openmm/MonteCarloAnisotropicBarostat.h"
+#include "openmm/MonteCarloBarostat.h"
+#include "openmm/MonteCarloFlexibleBarostat.h"
+#include "openmm/MonteCarloMembraneBarostat.h"
+#include "openmm/OpenMMException.h"
+#include "openmm/serialization/SerializationNode.h"
+#include "openmm/serialization/SerializationProxy.h"
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <sstream>
+
+using namespace DPDDevice;
+using namespace OpenMM;
+using namespace std;
+
+double Fluid::maxCutoff() const {
+    return *max_element(cutoff.begin(), cutoff.end());
+}
+
+double Fluid::rate(double kT) const {
+    double largest = 0;
+    for (size_t k = 0; k < gamma.size(); k++)
+        largest = max({largest, sigma[k] < 0 ? gamma[k] : kT > 0 ? sigma[k]*sigma[k]/(2*kT) : 0.0, gammaAcross[k]});
+    return largest;
+}
+
+void Fluid::check() const {
+    size_t pairs = numTypes*numTypes;
+    for (auto table : {&A, &gamma, &sigma, &gammaAcross, &exponent, &exponentAcross, &cutoff})
+        if (numTypes < 1 || table->size() != pairs)
+            throw OpenMMException("DPDDeviceForce: a table of coefficients needs numTypes*numTypes values");
+    for (int type : types)
+        if (type < -1 || type >= numTypes)
+            throw OpenMMException("DPDDeviceForce: there is no such type");
+    if (exceptionBeads.size() != 2*exceptionFactors.size())
+        throw OpenMMException("DPDDeviceForce: each exception needs two particles and a factor");
+    int last = 0;
+    for (size_t k = 0; k < exceptionBeads.size(); k++) {
+        if (exceptionBeads[k] < 0 || exceptionBeads[k] >= (int) types.size() || (k%2 == 0 && exceptionBeads[k] < last))
+            throw OpenMMException("DPDDeviceForce: exceptions must be sorted by their first particle");
+        last = k%2 == 0 ? exceptionBeads[k] : last;
+    }
+    if (!wallVelocity.empty() && wallVelocity.size() != 3*types.size())
+        throw OpenMMException("DPDDeviceForce: velocities of immobile particles need three numbers for each particle");
+    if (!walls.empty() && walls.size() != 15)
+        throw OpenMMException("DPDDeviceForce: walls need 15 numbers");
+    if (!(maxCutoff() > 0) || !(tolerance > 0 && tolerance < 1))
+        throw OpenMMException("DPDDeviceForce: there must be a cutoff, and a tolerance between 0 and 1");
+    for (auto& letter : word)
+        if (string("ABOS").find(letter.first) == string::npos)
+            throw OpenMMException("DPDDeviceForce: the letters of a step are A, B, O and S");
+}
+
+namespace {
+
+bool exertsForces(const Force& force) {
+    return dynamic_cast<const DPDDeviceForce*>(&force) == nullptr && dynamic_cast<const MonteCarloBarostat*>(&force) == nullptr &&
+        dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force) == nullptr && dynamic_cast<const MonteCarloFlexibleBarostat*>(&force) == nullptr &&
+        dynamic_cast<const MonteCarloMembraneBarostat*>(&force) == nullptr && dynamic_cast<const AndersenThermostat*>(&force) == nullptr &&
+        dynamic_cast<const CMMotionRemover*>(&force) == nullptr;
+}
+
+class DPDDeviceForceImpl : public ForceImpl {
+public:
+    DPDDeviceForceImpl(const DPDDeviceForce& owner) : owner(owner) { forceGroup = owner.getForceGroup(); }
+    void initialize(ContextImpl& context) override {
+        const System& system = context.getSystem();
+        if ((int) owner.fluid.types.size() != system.getNumParticles())
+            throw OpenMMException("DPDDeviceForce must name the type of every particle of the System");
+        if (system.getNumParticles() >= 1<<24)
+            throw OpenMMException("DPDDeviceForce: more than 16,777,215 particles have no exact number in single precision");
+        owner.fluid.check();
+        int ours = 0;
+        for (int k = 0; k < system.getNumForces(); k++) {
+            others |= exertsForces(system.getForce(k));
+            ours += dynamic_cast<const DPDDeviceForce*>(&system.getForce(k)) != nullptr;
+        }
+        if (ours > 1)
+            throw OpenMMException("DPDDeviceForce: there can be one in a System");
+        constrained = system.getNumConstraints() > 0;
+        for (int i = 0; i < system.getNumParticles(); i++)
+            constrained |= system.isVirtualSite(i);
+        kernel = context.getPlatform().createKernel(DPDDeviceKernel::Name(), context);
+        kernel.getAs<DPDDeviceKernel>().initialize(system, owner);
+    }
+    const DPDDeviceForce& getOwner() const override { return owner; }
+    void updateContextState(ContextImpl& context, bool& forcesInvalid) override {
+        if ((int) context.getParameter("dpd_phase") != RUN)
+            return;
+        if (constrained)
+            throw OpenMMException("DPDDeviceForce: whole steps keep no constraints and no virtual sites");
+        stepping = true;
+        try {
+            kernel.getAs<DPDDeviceKernel>().step(context, others);
+        }
+        catch (...) {
+            stepping = false;
+            throw;
+        }
+        stepping = false;
+        forcesInvalid = true;
+    }
+    double calcForcesAndEnergy(ContextImpl& context, bool includeForces, bool includeEnergy, int groups) override {
+        if ((groups&(1<<forceGroup)) == 0 || stepping) // within a step this force is taken care of
+            return 0.0;
+        return kernel.getAs<DPDDeviceKernel>().execute(context, includeForces, includeEnergy);
+    }
+    map<string, double> getDefaultParameters() override { return owner.fluid.globals; }
+    vector<string> getKernelNames() override { return {DPDDeviceKernel::Name()}; }
+private:
+    const DPDDeviceForce& owner;
+    Kernel kernel;
+    bool others = false, constrained = false, stepping = false;
+};
+
+template <class T> string joined(const vector<T>& values) {
+    stringstream s;
+    s.precision(17);
+    for (size_t i = 0; i < values.size(); i++)
+        s << (i ? " " : "") << values[i];
+    return s.str();
+}
+
+template <class T> void split(const SerializationNode& node, const string& name, vector<T>& values) {
+    stringstream s(node.getStringProperty(name, ""));
+    values.clear();
+    for (T value; s >> value;)
+        values.push_back(value);
+    if (!s.eof())
+        throw OpenMMException("DPDDeviceForce: "+name+" must be a list of numbers");
+}
+
+class DPDDeviceForceProxy : public SerializationProxy {
+public:
+    DPDDeviceForceProxy() : SerializationProxy("DPDDeviceForce") {}
+    void serialize(const void* object, SerializationNode& node) const override {
+        const DPDDeviceForce& force = *reinterpret_cast<const DPDDeviceForce*>(object);
+        Fluid fluid = force.fluid;
+        node.setIntProperty("version", 1);
+        node.setIntProperty("forceGroup", force.getForceGroup());
+        node.setStringProperty("name", force.getName());
+        node.setBoolProperty("periodic", fluid.periodic);
+        node.setDoubleProperty("tolerance", fluid.tolerance);
+        node.setIntProperty("numTypes", fluid.numTypes);
+        node.setStringProperty("types", joined(fluid.types));
+        for (auto& item : tables(fluid))
+            node.setStringProperty(item.first, joined(*item.second));
+        node.setStringProperty("exceptionBeads", joined(fluid.exceptionBeads));
+        string letters;
+        vector<double> parts;
+        for (auto& letter : fluid.word) {
+            letters += letter.first;
+            parts.push_back(letter.second);
+        }
+        node.setStringProperty("letters", letters);
+        node.setStringProperty("parts", joined(parts));
+        SerializationNode& globals = node.createChildNode("GlobalParameters");
+        for (auto& item : fluid.globals)
+            globals.createChildNode("Parameter").setStringProperty("name", item.first).setDoubleProperty("default", item.second);
+    }
+    void* deserialize(const SerializationNode& node) const override {
+        if (node.getIntProperty("version") != 1)
+            throw OpenMMException("Unsupported version number");
+        unique_ptr<DPDDeviceForce> force(new DPDDeviceForce());
+        force->setForceGroup(node.getIntProperty("forceGroup", 0));
+        force->setName(node.getStringProperty("name", force->getName()));
+        Fluid& fluid = force->fluid;
+        fluid.periodic = node.getBoolProperty("periodic", true);
+        fluid.tolerance = node.getDoubleProperty("tolerance", fluid.tolerance);
+        fluid.numTypes = node.getIntProperty("numTypes", 1);
+        split(node, "types", fluid.types);
+        for (auto& item : tables(fluid))
+            split(node, item.first, *item.second);
+        split(node, "exceptionBeads", fluid.exceptionBeads);
+        string letters = node.getStringProperty("letters", "");
+        vector<double> parts;
+        split(node, "parts", parts);
+        if (letters.size() != parts.size())
+            throw OpenMMException("DPDDeviceForce: letters and parts of the word must be as many");
+        for (size_t k = 0; k < letters.size(); k++)
+            fluid.word.push_back({letters[k], parts[k]});
+        for (auto& child : node.getChildren())
+            if (child.getName() == "GlobalParameters")
+                for (auto& item : child.getChildren())
+                    fluid.globals[item.getStringProperty("name")] = item.getDoubleProperty("default");
+        fluid.check();
+        return force.release();
+    }
+private:
+    static vector<pair<string, vector<double>*> > tables(Fluid& fluid) {
+        return {{"A", &fluid.A}, {"gamma", &fluid.gamma}, {"sigma", &fluid.sigma}, {"gammaAcross", &fluid.gammaAcross}, {"exponent", &fluid.exponent},
+            {"exponentAcross", &fluid.exponentAcross}, {"cutoff", &fluid.cutoff}, {"exceptionFactors", &fluid.exceptionFactors},
+            {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}};
+    }
+};
+
+}
+
+DPDDeviceForce::DPDDeviceForce() {
+    fluid.globals = {{"dpd_phase", 0}, {"dpd_dt", 1}, {"dpd_kT", 1}, {"dpd_seed", 0}, {"dpd_counter", 0}};
+}
+
+ForceImpl* DPDDeviceForce::createImpl() const {
+    return new DPDDeviceForceImpl(*this);
+}
+
+extern "C" __attribute__((constructor)) void registerDPDDeviceProxies() {
+    SerializationProxy::registerProxy(typeid(DPDDeviceForce), new DPDDeviceForceProxy());
+}

@@ -1,0 +1,63 @@
+#ifndef DPD_DEVICE_FORCE_H_
+#define DPD_DEVICE_FORCE_H_
+// The pair terms of DPD as a Force: conservative DPD with an energy to everybody; friction, noise, pair updates and whole steps to the programs of
+// openmm_dpd, which ask for them by the context parameter dpd_phase.
+#include "openmm/Force.h"
+#include "openmm/KernelImpl.h"
+#include "openmm/System.h"
+#include "openmm/internal/ContextImpl.h"
+#include "openmm/internal/ForceImpl.h"
+#include <cstdint>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#define DPD_EXPORT __attribute__((visibility("default")))
+
+namespace DPDDevice {
+
+// Values of dpd_phase (openmm_dpd/names.py); all others ask for the conservative force.
+enum { FORCE_SEEN = 4, FORCE_KEPT = 5, RUN = 6, SWEEP = 100 };
+
+// What openmm_dpd knows of the pair terms; tables have numTypes*numTypes values.
+struct DPD_EXPORT Fluid {
+    int numTypes = 1;
+    bool periodic = true;
+    double tolerance = 5e-4;                    // of the pair updates, relative to what they change
+    std::vector<int> types;                     // -1: takes no part
+    std::vector<double> A, gamma, sigma, gammaAcross, exponent, exponentAcross, cutoff; // sigma < 0: gamma is the fixed one
+    std::vector<int> exceptionBeads;            // pairs, both ways, sorted by the first
+    std::vector<double> exceptionFactors;
+    std::vector<double> wallVelocity;           // three per particle, or none
+    std::vector<double> walls;                  // low, high, start, period, back along three axes, or none
+    std::vector<std::pair<char, double> > word; // letters of a whole step
+    std::map<std::string, double> globals;
+
+    double maxCutoff() const;
+    double rate(double kT) const;               // the largest friction coefficient
+    void check() const;
+};
+
+class DPD_EXPORT DPDDeviceForce : public OpenMM::Force {
+public:
+    DPDDeviceForce();
+    Fluid fluid;
+    bool usesPeriodicBoundaryConditions() const override { return fluid.periodic; }
+protected:
+    OpenMM::ForceImpl* createImpl() const override;
+};
+
+class DPD_EXPORT DPDDeviceKernel : public OpenMM::KernelImpl {
+public:
+    static std::string Name() { return "DPDDevice"; }
+    DPDDeviceKernel(std::string name, const OpenMM::Platform& platform) : OpenMM::KernelImpl(name, platform) {}
+    virtual void initialize(const OpenMM::System& system, const DPDDeviceForce& force) = 0;
+    // For calcForcesAndEnergy
+    virtual double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) = 0;
+    // A whole step; others: whether other Forces act in it
+    virtual void step(OpenMM::ContextImpl& context, bool others) = 0;
+};
+
+}
+#endif

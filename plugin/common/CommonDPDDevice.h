@@ -1,0 +1,118 @@
+#ifndef COMMON_DPD_DEVICE_H_
+#define COMMON_DPD_DEVICE_H_
+// The platforms with OpenMM's common compute interface: OpenCL, CUDA and HIP.
+#include "../engine/Engine.h"
+#include "openmm/KernelFactory.h"
+#include "openmm/common/ComputeArray.h"
+#include "openmm/common/ComputeContext.h"
+#include <memory>
+
+namespace DPDDevice {
+
+class CommonDevice {
+public:
+    using Base = OpenMM::ArrayInterface;
+    using Array = OpenMM::ComputeArray;
+    static constexpr bool everything = false; // the kernels are compiled for one scene
+
+    CommonDevice(OpenMM::ComputeContext& cc) : cc(cc), wide(cc.getUseDoublePrecision() || cc.getUseMixedPrecision()) {}
+    int beads() const { return cc.getNumAtoms(); }
+    int padded() const { return cc.getPaddedNumAtoms(); }
+    void box(OpenMM::Vec3& a, OpenMM::Vec3& b, OpenMM::Vec3& c) const { cc.getPeriodicBoxVectors(a, b, c); }
+    Base& posq() { return cc.getPosq(); }
+    Base& correction() { return cc.getUseMixedPrecision() ? cc.getPosqCorrection() : cc.getPosq(); }
+    Base& velm() { return cc.getVelm(); }
+    Base& index() { return cc.getAtomIndexArray(); }
+    Base& force() { return cc.getLongForceBuffer(); }
+    Base& energy() { return cc.getEnergyBuffer(); }
+    double result(bool, bool) { return 0.0; } // OpenMM adds up its buffers by itself
+    void beforeOthers() { stepsBefore = cc.getStepsSinceReorder(); }
+    bool afterOthers() { return stepsBefore > 0 && cc.getStepsSinceReorder() == stepsBefore; } // whether beads have the order they had
+
+    void make(Array& array, Kind kind, size_t size);
+    void clear(Array& array) { cc.clearBuffer(array); }
+    void upload(Array& array, Kind, const std::vector<int>& values) { array.upload(values); }
+    void upload(Array& array, Kind kind, const std::vector<double>& values);
+    void upload4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values);
+    void download(Array& array, std::vector<int>& values) { array.download(values); }
+
+    template <class Tag, class... T> void run(T&&... arguments) {
+        OpenMM::ComputeKernel& kernel = kernels[Tag::text];
+        auto all = std::tuple_cat(flat(std::forward<T>(arguments))...);
+        if (!kernel) {
+            kernel = program->createKernel(Tag::text);
+            for (size_t k = 0; k < std::tuple_size<decltype(all)>::value; k++)
+                kernel->addArg();
+        }
+        int at = 0;
+        std::apply([&](auto&&... values) { (set(*kernel, at++, values), ...); }, all);
+        kernel->execute(std::is_same<Tag, dpdEvaluate_>::value ? std::min((int) cc.getEnergyBuffer().getSize(), beads()) : beads(), block());
+    }
+
+    OpenMM::ComputeProgram program;
+
+private:
+    void set(OpenMM::ComputeKernelImpl& kernel, int at, Base& array) { kernel.setArg(at, array); }
+    void set(OpenMM::ComputeKernelImpl& kernel, int at, int value) { kernel.setArg(at, value); }
+    void set(OpenMM::ComputeKernelImpl& kernel, int at, long long value) { kernel.setArg(at, value); }
+    void set(OpenMM::ComputeKernelImpl& kernel, int at, Mixed value) { number(kernel, at, value.value, wide); }
+    void set(OpenMM::ComputeKernelImpl& kernel, int at, Real value) { number(kernel, at, value.value, cc.getUseDoublePrecision()); }
+    void set(OpenMM::ComputeKernelImpl& kernel, int at, Mixed4 v) {
+        if (wide)
+            kernel.setArg(at, OpenMM::mm_double4(v.x, v.y, v.z, v.w));
+        else
+            kernel.setArg(at, OpenMM::mm_float4((float) v.x, (float) v.y, (float) v.z, (float) v.w));
+    }
+    void number(OpenMM::ComputeKernelImpl& kernel, int at, double value, bool asDouble) {
+        if (asDouble)
+            kernel.setArg(at, value);
+        else
+            kernel.setArg(at, (float) value);
+    }
+    // OpenMM starts at most six blocks per multiprocessor, of 64 threads unless told otherwise: too few for many beads
+    int block() const { return beads() < 65536 ? 64 : std::min(256, cc.getMaxThreadBlockSize()); }
+
+    OpenMM::ComputeContext& cc;
+    const bool wide;
+    int stepsBefore = 0;
+    std::map<std::string, OpenMM::ComputeKernel> kernels;
+};
+
+class CommonDPDDeviceKernel : public DPDDeviceKernel {
+public:
+    // atomics: what OR and MAX of an int are called on this platform
+    CommonDPDDeviceKernel(std::string name, const OpenMM::Platform& platform, OpenMM::ComputeContext& cc, std::map<std::string, std::string> atomics) :
+        DPDDeviceKernel(name, platform), cc(cc), device(cc), atomics(atomics) {}
+    void initialize(const OpenMM::System& system, const DPDDeviceForce& force) override;
+    double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) override;
+    void step(OpenMM::ContextImpl& context, bool others) override;
+private:
+    class ForceInfo;
+    void compile();
+    OpenMM::ComputeContext& cc;
+    CommonDevice device;
+    std::map<std::string, std::string> atomics;
+    std::unique_ptr<Engine<CommonDevice> > engine;
+    bool triclinic = false;
+};
+
+// A factory for a platform's Contexts
+template <class PlatformData> class CommonFactory : public OpenMM::KernelFactory {
+public:
+    CommonFactory(std::map<std::string, std::string> atomics) : atomics(atomics) {}
+    OpenMM::KernelImpl* createKernelImpl(std::string name, const OpenMM::Platform& platform, OpenMM::ContextImpl& context) const override {
+        auto& data = *static_cast<PlatformData*>(context.getPlatformData());
+        return new CommonDPDDeviceKernel(name, platform, *data.contexts[0], atomics);
+    }
+private:
+    std::map<std::string, std::string> atomics;
+};
+
+template <class PlatformData> void registerFactory(const std::string& platform, std::map<std::string, std::string> atomics) {
+    for (int k = 0; k < OpenMM::Platform::getNumPlatforms(); k++)
+        if (OpenMM::Platform::getPlatform(k).getName() == platform)
+            OpenMM::Platform::getPlatform(k).registerKernelFactory(DPDDeviceKernel::Name(), new CommonFactory<PlatformData>(atomics));
+}
+
+}
+#endif

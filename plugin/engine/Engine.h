@@ -1,0 +1,452 @@
+#ifndef DPD_ENGINE_H_
+#define DPD_ENGINE_H_
+// Launches of kernels.cc, for any device: what evaluates the pair terms and carries out whole steps.
+//
+// A Device makes, fills and reads arrays, has OpenMM's own arrays of a Context, and runs a kernel with arguments one by one or in tuples.
+#include "../api/DPDDeviceForce.h"
+#include "Tables.h"
+#include "openmm/Integrator.h"
+#include "openmm/OpenMMException.h"
+#include <chrono>
+#include <map>
+#include <sstream>
+#include <tuple>
+
+namespace DPDDevice {
+
+// Kinds of numbers in arrays, and numbers whose type depends on the precision.
+enum class Kind { Int, Real, Real4, Long, Mixed4 };
+struct Real { double value; };
+struct Mixed { double value; };
+struct Mixed4 { double x, y, z, w; };
+
+// Arguments as one tuple: those that are tuples are taken apart.
+template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std::forward<T>(value)); }
+template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
+
+#define DPD_KERNELS(X) X(dpdMove) X(dpdEvaluate) X(dpdKick) X(dpdRows) X(dpdPass) X(dpdFinish)
+#define DPD_TAG(name) struct name##_ { static constexpr const char* text = #name; };
+DPD_KERNELS(DPD_TAG)
+#undef DPD_TAG
+
+template <class Device> class Engine {
+public:
+    using Array = typename Device::Array; // one of the Engine's
+    using Base = typename Device::Base;   // any of the device's
+
+    Engine(Device& device, const Fluid& fluid, const OpenMM::System& system) : device(device), fluid(fluid) {
+        int n = fluid.numTypes, beads = system.getNumParticles();
+        std::vector<std::array<double, 4> > first(n*n), second(n*n);
+        for (int k = 0; k < n*n; k++) {
+            bool fixedSigma = fluid.sigma[k] >= 0;
+            first[k] = {fluid.A[k], fixedSigma ? fluid.sigma[k] : std::sqrt(fluid.gamma[k]), fluid.cutoff[k] > 0 ? 1/fluid.cutoff[k] : 1e30, fixedSigma ? 1.0 : 0.0};
+            second[k] = {std::sqrt(fluid.gammaAcross[k]), fluid.exponent[k], fluid.exponentAcross[k], 0};
+            anyFixedSigma |= fixedSigma;
+            thermostat |= first[k][1] != 0 || second[k][0] != 0;
+            conservative |= fluid.A[k] != 0;
+        }
+        fill4(params, first);
+        fill4(more, second);
+        fill4(cubics, normalCubics());
+        std::vector<double> limits = passLimits(fluid.tolerance);
+        passRange = limits;
+        fill(this->limits, Kind::Real, limits);
+        fill4(weights, passWeights(limits));
+        std::vector<int> types = fluid.types, start(beads+1, 0), partner;
+        types.resize(device.padded(), -1);
+        fill(this->types, Kind::Int, types);
+        for (size_t k = 0; k < fluid.exceptionBeads.size(); k += 2) {
+            start[fluid.exceptionBeads[k]+1]++;
+            partner.push_back(fluid.exceptionBeads[k+1]);
+        }
+        for (int i = 0; i < beads; i++)
+            start[i+1] += start[i];
+        partner.push_back(0);
+        std::vector<double> factors = fluid.exceptionFactors;
+        factors.push_back(1);
+        fill(exceptionStart, Kind::Int, start);
+        fill(exceptionBead, Kind::Int, partner);
+        fill(exceptionFactor, Kind::Real, factors);
+        std::vector<std::array<double, 4> > wall(fluid.wallVelocity.empty() ? 1 : beads, {0, 0, 0, 0}), planes = {{-1e30, -1e30, -1e30, 0}, {1e30, 1e30, 1e30, 0}, {-1e9, -1e9, -1e9, 0}, {4e9, 4e9, 4e9, 0}, {0, 0, 0, 0}};
+        for (int i = 0; i < beads; i++) {
+            double mass = system.getParticleMass(i);
+            immobile |= mass == 0 && fluid.types[i] >= 0;
+            if (fluid.types[i] >= 0 && mass > 0)
+                inverseMass = std::max(inverseMass, 1/mass);
+        }
+        if (immobile) {
+            wall.resize(beads, {0, 0, 0, 0});
+            for (size_t k = 0; k < fluid.wallVelocity.size(); k++)
+                wall[k/3][k%3] = fluid.wallVelocity[k];
+        }
+        for (size_t k = 0; k < fluid.walls.size(); k++)
+            planes[k/3][k%3] = fluid.walls[k];
+        fill4(wallVelocity, wall);
+        device.make(walls, Kind::Mixed4, 5);
+        device.upload4(walls, Kind::Mixed4, planes);
+        int padded = device.padded();
+        for (auto array : {&posB, &corrB, &u, &res, &res2, &d0, &d1})
+            device.make(*array, Kind::Real4, padded);
+        for (auto array : {&acc, &seen})
+            device.make(*array, Kind::Mixed4, padded);
+        for (auto array : {&cellOf[0], &cellOf[1], &cellOf[2], &rowCount})
+            device.make(*array, Kind::Int, padded);
+        device.make(random, Kind::Long, 3*padded);
+        device.make(flags, Kind::Int, FLAGS);
+        device.make(rows, Kind::Real4, 1);
+        device.make(rowsAcross, Kind::Real, 1);
+        device.clear(flags);
+    }
+
+    // What kernels.cc is compiled with
+    std::map<std::string, std::string> defines(bool triclinic) const {
+        std::map<std::string, std::string> defines;
+        auto yes = [&](const char* name, bool holds) { if (holds) defines[name] = "1"; };
+        double most = 0;
+        for (size_t k = 0; k < fluid.exponent.size(); k++)
+            most = std::max({most, std::fabs(fluid.exponent[k]-1), fluid.gammaAcross[k]});
+        yes("TRICLINIC", fluid.periodic && triclinic);
+        yes("WALLS", !fluid.walls.empty());
+        yes("EXCEPTIONS", !fluid.exceptionFactors.empty());
+        yes("IMMOBILE", immobile);
+        yes("FIXED_SIGMA", anyFixedSigma);
+        yes("DETAILED", most > 0);
+        yes("TRANSVERSE", transverse());
+        defines["PERIODIC"] = fluid.periodic ? "1" : "0";
+        defines["NUM_TYPES"] = std::to_string(fluid.numTypes);
+        defines["MOST_PASSES"] = std::to_string(MOST_PASSES);
+        return defines;
+    }
+
+    double reach() const { return fluid.maxCutoff(); }
+
+    double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) {
+        int phase = (int) context.getParameter("dpd_phase");
+        bool inStep = phase == FORCE_SEEN || phase == FORCE_KEPT || phase >= SWEEP;
+        Now now = at(context);
+        place();
+        here = 0;
+        binned = false;
+        if (inStep)
+            begin(now);
+        if (phase >= SWEEP) {
+            if (!thermostat || !includeForces)
+                return 0.0;
+            move(now, 0, 0);
+            sweep(now, phase%100 == 0, 1, 0, 0, true);
+            look(now, false);
+            return device.result(true, false);
+        }
+        int terms = (phase != FORCE_KEPT && conservative ? 1 : 0)|(inStep && thermostat ? 2 : 0);
+        if (!inStep && unseen)
+            look(now, false, true);
+        if (terms == 0)
+            return 0.0;
+        do { // outside a step there is time to look whether all beads found a place
+            binned = false;
+            bin(inStep ? now : Now{0, 0, 0, 0});
+        } while (!inStep && look(now, true));
+        device.template run<dpdEvaluate_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), BOX());
+        if (inStep)
+            look(now, false);
+        return device.result(includeForces, includeEnergy);
+    }
+
+    // A whole step, from OpenMM's positions and velocities to OpenMM's.
+    void step(OpenMM::ContextImpl& context, bool others) {
+        Now now = at(context);
+        place();
+        here = 0;
+        binned = false;
+        begin(now);
+        auto& word = fluid.word;
+        if (word.empty())
+            throw OpenMM::OpenMMException("DPDDeviceForce: it knows no whole step");
+        bool known = false;  // whether acc is the acceleration here
+        double owed = 0;     // part of a kick by acc that velocities still lack
+        auto is = [&](size_t n, char letter) { return n < word.size() && word[n].first == letter; };
+        auto sweeps = [&](size_t n) { return is(n, 'O') || is(n, 'S'); };
+        for (size_t n = 0; n < word.size(); n++) {
+            char letter = word[n].first;
+            double part = word[n].second;
+            if (letter == 'A') {
+                move(now, owed, part);
+                owed = 0;
+                known = false;
+            }
+            else if (letter == 'B' && known)
+                owed += part;
+            else if (letter == 'B') {
+                // other Forces want positions in their place, where a sweep between two drifts puts them
+                bool drifts = is(n+1, 'A') && (!others || (sweeps(n+2) && is(n+3, 'A')));
+                kick(context, now, others, part, drifts ? word[n+1].second : 0);
+                known = !drifts;
+                n += drifts;
+            }
+            else {
+                if (owed != 0)
+                    move(now, owed, 0);
+                owed = 0;
+                now.counter++;
+                while (known && is(n+1, 'B'))
+                    owed += word[++n].second;
+                double drift = is(n+1, 'A') ? word[++n].second : 0;
+                if (!binned)
+                    move(now, 0, 0);
+                sweep(now, letter == 'O', part, owed, drift, false);
+                owed = 0;
+                known = known && drift == 0;
+            }
+        }
+        if (owed != 0 || here == 1)
+            move(now, owed, 0);
+        look(now, false);
+    }
+
+private:
+    static const int FLAGS = 8;
+    enum { STOP, MOST_IN_CELL, MOST_IN_ROW, BOUND, MOST_BOUND, WHO }; // of flags
+    enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8 };
+
+    struct Now { // parameters of the Context
+        double dt, kT;
+        uint64_t seed, counter;
+    };
+
+    Now at(OpenMM::ContextImpl& context) {
+        Now now = {context.getParameter("dpd_dt"), context.getParameter("dpd_kT"), (uint64_t) context.getParameter("dpd_seed"), (uint64_t) context.getParameter("dpd_counter")};
+        if (!(now.kT >= 0 && std::isfinite(now.kT)) || (anyFixedSigma && now.kT == 0))
+            throw OpenMM::OpenMMException("the context parameter dpd_kT must be >= 0 and finite (and > 0 where sigma is fixed), but is "+std::to_string(now.kT));
+        if (!(now.dt > 0))
+            throw OpenMM::OpenMMException("the step size must be > 0, but the integrator's is "+std::to_string(now.dt)+" ps");
+        return now;
+    }
+
+    // -- arguments -----------------------------------------------------------------------------------------------------------------
+    auto BOX() { return std::make_tuple(edges, inverse, tilt, grid[0], grid[1], grid[2]); }
+    auto CELLS() { return std::tie(count[cells], beads[cells], cellOf[cells], cellRoom); }
+    auto TERMS(const Now& now, double dt, int part) {
+        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params, more, cubics,
+            exceptionStart, exceptionBead, exceptionFactor, wallVelocity, (long long) noiseKey(now.seed, now.counter, now.kT, part),
+            Real{dt > 0 ? std::sqrt(2*now.kT/dt) : 0}, Real{now.kT > 0 ? 1/std::sqrt(2*now.kT) : 0});
+    }
+    auto DRIFT(double drift) { return std::tuple<Mixed, Base&>(Mixed{drift}, walls); }
+
+    Base& position(int where) { return where ? (Base&) posB : device.posq(); }
+    Base& correction(int where) { return where ? (Base&) corrB : device.correction(); }
+    Base& position() { return position(here); }
+    Base& correction() { return correction(here); }
+
+    bool transverse() const { return *std::max_element(fluid.gammaAcross.begin(), fluid.gammaAcross.end()) > 0; }
+
+    template <class T> void fill(Array& array, Kind kind, const std::vector<T>& values) {
+        device.make(array, kind, values.size());
+        device.upload(array, kind, values);
+    }
+    void fill4(Array& array, const std::vector<std::array<double, 4> >& values) {
+        device.make(array, Kind::Real4, values.size());
+        device.upload4(array, Kind::Real4, values);
+    }
+
+    // -- room ----------------------------------------------------------------------------------------------------------------------
+    // As many cells as fit between the faces of the box; without a box as many as beads need, which repeat.
+    void place() {
+        double reach = fluid.maxCutoff();
+        int n[3];
+        if (fluid.periodic) {
+            OpenMM::Vec3 a, b, c;
+            device.box(a, b, c);
+            if (reach > 0.5*std::min({a[0], b[1], c[2]})*(1+1e-9)) {
+                std::stringstream text;
+                text << "the box has shrunk to " << a[0] << " x " << b[1] << " x " << c[2] << " nm, less than twice the cutoff of " << reach << " nm";
+                throw OpenMM::OpenMMException(text.str());
+            }
+            edges = {a[0], b[1], c[2], 0};
+            tilt = {b[0], c[0], c[1], 0};
+            double volume = a[0]*b[1]*c[2];
+            OpenMM::Vec3 faces[3] = {b.cross(c), c.cross(a), a.cross(b)};
+            for (int k = 0; k < 3; k++)
+                n[k] = std::max(1, std::min(1024, (int) std::floor(volume/std::sqrt(faces[k].dot(faces[k]))/reach/1.0001)));
+        }
+        else {
+            n[0] = n[1] = n[2] = std::max(4, std::min(128, (int) std::cbrt((double) device.beads())));
+            double edge = n[0]*reach*1.0001;
+            edges = {edge, edge, edge, 0};
+            tilt = {0, 0, 0, 0};
+        }
+        inverse = {1/edges.x, 1/edges.y, 1/edges.z, 0};
+        if (std::equal(n, n+3, grid))
+            return;
+        std::copy(n, n+3, grid);
+        numCells = n[0]*n[1]*n[2];
+        makeCells();
+    }
+
+    void makeCells() {
+        if (cellRoom == 0)
+            cellRoom = std::max(8, 4*((device.beads()+numCells-1)/numCells)+8);
+        if (numCells > cellCapacity || cellRoom > madeRoom) {
+            cellCapacity = std::max(cellCapacity, numCells+numCells/8);
+            madeRoom = cellRoom;
+            if ((double) cellCapacity*cellRoom > 2e9)
+                throw OpenMM::OpenMMException("DPDDeviceForce: too many cells of beads for 32-bit numbers");
+            for (int k = 0; k < 3; k++) {
+                device.make(count[k], Kind::Int, cellCapacity);
+                device.make(beads[k], Kind::Int, (size_t) cellCapacity*cellRoom);
+            }
+        }
+        for (int k = 0; k < 3; k++)
+            device.clear(count[k]);
+        binned = false;
+    }
+
+    // See what the kernels have found: in time at the first step and when asked, else every ten seconds.  Returns whether something was full
+    // and the present evaluation, which has changed nothing yet, has to be done again; in a step that is an error.
+    bool look(const Now& now, bool again, bool atOnce = false) {
+        auto time = std::chrono::steady_clock::now();
+        unseen = !again && !atOnce && time-looked < std::chrono::seconds(10);
+        if (unseen)
+            return false;
+        looked = time;
+        std::vector<int> f(FLAGS);
+        device.download(flags, f);
+        int stop = f[STOP];
+        if (stop & RUNAWAY) {
+            device.clear(flags);
+            throw OpenMM::OpenMMException("bead "+std::to_string(f[WHO])+" has a velocity that is not finite, or crosses more than a cutoff in one step; the step size is too large"
+                " for this scheme, or the start is too far from equilibrium");
+        }
+        bool grows = false;
+        if (f[MOST_IN_CELL] > 0.85*cellRoom) {
+            cellRoom = f[MOST_IN_CELL]+f[MOST_IN_CELL]/2+4;
+            makeCells();
+            grows = true;
+        }
+        if (f[MOST_IN_ROW] > 0.85*rowRoom || rowRoom == 0) {
+            rowRoom = f[MOST_IN_ROW]+f[MOST_IN_ROW]/3+8;
+            if ((double) rowRoom*device.padded() > 2e9)
+                throw OpenMM::OpenMMException("DPDDeviceForce: too many partners of beads for 32-bit numbers");
+            device.make(rows, Kind::Real4, (size_t) rowRoom*device.padded());
+            if (transverse() || Device::everything)
+                device.make(rowsAcross, Kind::Real, (size_t) rowRoom*device.padded());
+        }
+        expected = std::max(expected, 1.3*f[MOST_BOUND]);
+        if (stop || grows)
+            device.clear(flags);
+        if (stop)
+            begun = false; // measured anew: a step may need more of everything
+        if (stop & FEW_PASSES && 0.5*now.dt*unit(now)*f[BOUND] > passRange[MOST_PASSES-1])
+            throw OpenMM::OpenMMException("friction times step size is too large for pair updates; take a shorter step, or less friction");
+        if (stop && !again)
+            throw OpenMM::OpenMMException("beads have come closer together than there was room for on the device; there is more room now, so go on from the last checkpoint");
+        return stop != 0;
+    }
+
+    // The first step of a Context: how much room its state needs.
+    void begin(const Now& now) {
+        if (begun || !thermostat)
+            return;
+        rowRoom = 0;
+        do {
+            binned = false;
+            bin(now);
+            device.template run<dpdRows_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), rowCount, rows, rowsAcross, 0, random, u, res,
+                Mixed{0.5*now.dt}, Real{1/rate(now)}, flags, number(), BOX());
+        } while (look(now, true));
+        begun = true;
+    }
+
+    // The largest friction coefficient over the smallest mass: bounds of eigenvalues are counted in a millionth of it.
+    double rate(const Now& now) const { return std::max(fluid.rate(now.kT)*inverseMass, 1e-30); }
+    double unit(const Now& now) const { return rate(now)/1048576; }
+
+    int number() { return launch = launch < 2000000000 ? launch+1 : 1; } // of a launch, never 0
+
+    // -- launches ------------------------------------------------------------------------------------------------------------------
+    int next() const { return (cells+1)%3; }
+    int spare() const { return (cells+2)%3; }
+
+    void turn() {
+        cells = next();
+        binned = true;
+    }
+
+    void bin(const Now& now) { move(now, 0, 0); }
+
+    // v += kick*acc, x += drift*v in units of the step, in place; the beads into cells
+    void move(const Now& now, double kick, double drift) {
+        bool moves = kick != 0 || drift != 0 || here == 1;
+        Base &from = position(), &fromCorr = correction();
+        if (moves)
+            here = 0;
+        double fastest = now.dt > 0 ? fluid.maxCutoff()/now.dt : 0;
+        device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, Mixed{kick*now.dt}, (int) moves, device.index(), types,
+            count[next()], beads[next()], cellOf[next()], count[spare()], numCells, cellRoom, flags, number(), Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
+        turn();
+    }
+
+    // acc = F/m, v += kick*acc, and a drift if there is one
+    void kick(OpenMM::ContextImpl& context, const Now& now, bool others, double kick, double drift) {
+        if (others) {
+            device.beforeOthers();
+            context.calcForcesAndEnergy(true, false, context.getIntegrator().getIntegrationForceGroups());
+            binned = device.afterOthers() && binned;
+        }
+        if (conservative && !binned)
+            move(now, 0, 0);
+        int to = drift != 0 ? 1-here : here;
+        device.template run<dpdKick_>(position(), correction(), position(to), correction(to), device.velm(), acc, device.force(), (int) others, (int) conservative,
+            Mixed{kick*now.dt}, (int) (drift != 0), TERMS(now, 0, 0), CELLS(), count[next()], beads[next()], cellOf[next()], count[spare()], numCells, flags, number(),
+            DRIFT(drift*now.dt), BOX());
+        if (drift != 0) {
+            here = to;
+            turn();
+        }
+    }
+
+    // A sweep over a part of the step at binned positions; exact ones in so many halves that what a midpoint step changes of an exponential is small.
+    void sweep(const Now& now, bool exact, double part, double kick, double drift, bool toForce) {
+        double h = part*now.dt, gamma = fluid.rate(now.kT)*inverseMass;
+        int pieces = exact ? std::max(1, (int) std::ceil(gamma*h/2.1)) : 1;
+        h /= pieces;
+        double factor = 0.5*h*unit(now);
+        for (int k = 0; k < pieces; k++) {
+            bool last = k == pieces-1;
+            Base &vel = toForce && k > 0 ? (Base&) seen : device.velm(), &velNew = toForce ? (Base&) seen : device.velm();
+            device.template run<dpdRows_>(position(), correction(), vel, TERMS(now, h, k), CELLS(), rowCount, rows, rowsAcross, rowRoom, random, u, res, Mixed{0.5*h},
+                Real{1/rate(now)}, flags, number(), BOX());
+            int launches = 0;
+            while (launches+2 < MOST_PASSES && factor*expected > passRange[launches+1])
+                launches++;
+            for (int pass = 0; pass < launches; pass++)
+                device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass == 0 ? res : pass%2 ? d1 : d0, pass%2 ? d0 : d1, flags, number(),
+                    limits, weights, Real{factor}, Mixed{0.5*h}, pass);
+            bool moves = last && !toForce && (drift != 0 || here == 1);
+            int to = moves ? 0 : here;
+            device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d0, d1, flags, number(),
+                limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, (int) moves,
+                DRIFT(last ? drift*now.dt : 0));
+            if (moves) { // rows hold all that is needed of positions: no other bead reads them
+                here = 0;
+                binned = binned && drift == 0;
+            }
+        }
+    }
+
+    Device& device;
+    const Fluid fluid;
+    bool thermostat = false, conservative = false, anyFixedSigma = false, immobile = false, begun = false;
+    double inverseMass = 0, expected = 0;      // the largest 1/m; the bound of eigenvalues for which passes are launched
+    std::vector<double> passRange;
+    Mixed4 edges, inverse, tilt;
+    int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
+    int launch = 0, here = 0, cells = 0;                   // where the present positions are, which cells are filled
+    bool unseen = false;                       // whether there were steps since the last look
+    bool binned = false;                       // whether they hold the present positions
+    std::chrono::steady_clock::time_point looked;
+    Array types, params, more, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
+    Array posB, corrB, acc, seen, count[3], beads[3], cellOf[3], flags, rowCount, rows, rowsAcross, random, u, res, res2, d0, d1;
+};
+
+}
+#endif

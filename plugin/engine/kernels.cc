@@ -1,0 +1,602 @@
+// Pair terms of DPD and whole steps on cells of our own: one source for OpenCL, CUDA, HIP and C++.
+//
+// No barriers, no local memory, one thread per bead.  Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the
+// order of beads in a cell nor that of threads changes a bit, and that momentum is conserved to the last one.
+//
+// Where anything is wrong (a cell or row is full, a bead runs away) a kernel sets flags[STOP], and all kernels after it do nothing: the host
+// finds out when it looks.  Launches have numbers, so that all of the one that found it still counts what room would be needed.
+
+#define STOP 0        // why nothing goes on: a sum of the next five
+#define CELLS_FULL 1
+#define ROWS_FULL 2
+#define FEW_PASSES 4
+#define RUNAWAY 8
+#define MOST_IN_CELL 1
+#define MOST_IN_ROW 2
+#define BOUND 3       // of the eigenvalues of M^-1 G, in units of 2^-20 of the rate that the host passes
+#define MOST_BOUND 4
+#define WHO 5         // index of a bead that runs away
+#define WHEN 6        // the number of the launch that has set STOP
+#define STOPPED (flags[STOP] != 0 && flags[WHEN] != 0 && flags[WHEN] != launch)
+#define HALT(why) { flags[WHEN] = launch; ATOMIC_OR(&flags[STOP], why); }
+
+#define GOLDEN 0x9E3779B97F4A7C15UL
+#define STREAM 0xD1342543DE82EF95UL
+#define SMOOTH 248
+
+DEVICE mm_ulong dpdMix(mm_ulong z) {
+    z = (z^(z>>30))*0xBF58476D1CE4E5B9UL;
+    z = (z^(z>>27))*0x94D049BB133111EBUL;
+    return z^(z>>31);
+}
+
+DEVICE mm_ulong dpdPairKey(mm_ulong key, int a, int b) {
+    mm_ulong low = (mm_ulong) (a < b ? a : b), high = (mm_ulong) (a < b ? b : a);
+    return dpdMix(dpdMix(((low<<32)|high)*GOLDEN+key)+key);
+}
+
+// Standard normal number of some bits, as openmm_dpd/kernels/noise.py makes it: a cubic in each cell of the inverse distribution function,
+// and in the last cells Wichura's PPND7 (algorithm AS 241).
+DEVICE real dpdNormal(mm_ulong bits, GLOBAL const real4* RESTRICT cubics) {
+    int cell = (int) ((bits>>55)&0xFF);
+    real place = ((real) (mm_long) ((bits&0x7FFFFFFFFFFFFFUL)>>3)+(real) 0.5)*(real) 2.220446049250313e-16;
+    real z;
+    if (cell < SMOOTH) {
+        real4 c = cubics[cell];
+        z = c.x+place*(c.y+place*(c.z+place*c.w));
+    }
+    else {
+        real p = ((real) (255-cell)+(1-place))*(real) (0.5/256);
+        real r = SQRT(-LOG(p));
+        if (r <= 5) {
+            r -= (real) 1.6;
+            z = ((((real) 0.17023821103*r+(real) 1.3067284816)*r+(real) 2.7568153900)*r+(real) 1.4234372777)/(((real) 0.12021132975*r+(real) 0.73700164250)*r+1);
+        }
+        else {
+            r -= 5;
+            z = ((((real) 0.017337203997*r+(real) 0.42868294337)*r+(real) 3.0812263860)*r+(real) 6.6579051150)/(((real) 0.012258202635*r+(real) 0.24197894225)*r+1);
+        }
+    }
+    return (bits>>63) != 0 ? -z : z;
+}
+
+DEVICE mixed3 dpdLoad(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, int i) {
+    real4 a = pos[i];
+#ifdef USE_MIXED_PRECISION
+    real4 b = corr[i];
+    return make_mixed3(a.x+(mixed) b.x, a.y+(mixed) b.y, a.z+(mixed) b.z);
+#else
+    return make_mixed3(a.x, a.y, a.z);
+#endif
+}
+
+DEVICE void dpdStore(GLOBAL real4* RESTRICT pos, GLOBAL real4* RESTRICT corr, int i, mixed3 x, real q) {
+    pos[i] = make_real4((real) x.x, (real) x.y, (real) x.z, q);
+#ifdef USE_MIXED_PRECISION
+    corr[i] = make_real4((real) (x.x-(real) x.x), (real) (x.y-(real) x.y), (real) (x.z-(real) x.z), 0);
+#endif
+}
+
+// The box: edges, their inverses, and the components below the diagonal (b.x, c.x, c.y).  Without a box it is the period of the cells alone.
+#define BOX mixed4 edges, mixed4 inverse, mixed4 tilt, int nx, int ny, int nz
+#define BOX_ edges, inverse, tilt, nx, ny, nz
+
+DEVICE int dpdAxis(mixed s, int n) {
+    int c = (int) ((s-floor(s))*n);
+    return c >= 0 && c < n ? c : 0; // rounded up to 1, or no number
+}
+
+DEVICE int dpdCellOf(mixed3 x, BOX) {
+    mixed sz = x.z*inverse.z;
+    mixed sy = (x.y-sz*tilt.z)*inverse.y;
+    mixed sx = (x.x-sz*tilt.y-sy*tilt.x)*inverse.x;
+    return (dpdAxis(sz, nz)*ny+dpdAxis(sy, ny))*nx+dpdAxis(sx, nx);
+}
+
+DEVICE real3 dpdDelta(mixed3 x, mixed3 y, BOX) { // from y to x, the nearest image
+    mixed3 d = make_mixed3(x.x-y.x, x.y-y.y, x.z-y.z);
+    if (!PERIODIC)
+        return make_real3((real) d.x, (real) d.y, (real) d.z);
+    mixed s = floor(d.z*inverse.z+(mixed) 0.5);
+    d.z -= s*edges.z;
+#ifdef TRICLINIC
+    d.y -= s*tilt.z;
+    d.x -= s*tilt.y;
+#endif
+    s = floor(d.y*inverse.y+(mixed) 0.5);
+    d.y -= s*edges.y;
+#ifdef TRICLINIC
+    d.x -= s*tilt.x;
+#endif
+    d.x -= floor(d.x*inverse.x+(mixed) 0.5)*edges.x;
+    return make_real3((real) d.x, (real) d.y, (real) d.z);
+}
+
+// Cells: how many beads are in each, which they are (`room` places per cell), and the cell of each bead (-1: it takes no part).
+#define FILL GLOBAL int* RESTRICT count, GLOBAL int* RESTRICT beads, GLOBAL int* RESTRICT cellOf, GLOBAL int* RESTRICT dirty, int cells, int room
+#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const int* RESTRICT beads, GLOBAL const int* RESTRICT cellOf, int room
+#define CELLS_ count, beads, cellOf, room
+
+DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL int* RESTRICT beads, GLOBAL int* RESTRICT cellOf, int room,
+        GLOBAL int* RESTRICT flags, int launch, BOX) {
+    if (type < 0) {
+        cellOf[i] = -1;
+        return;
+    }
+    int cell = dpdCellOf(x, BOX_);
+    cellOf[i] = cell;
+    int k = ATOMIC_ADD(&count[cell], 1);
+    if (k < room)
+        beads[cell*room+k] = i;
+    else
+        HALT(CELLS_FULL)
+    if (k+1 > flags[MOST_IN_CELL])
+        ATOMIC_MAX(&flags[MOST_IN_CELL], k+1);
+}
+
+// What the pair terms depend on beside positions and velocities.
+#define TERMS GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, GLOBAL const real4* RESTRICT params, \
+        GLOBAL const real4* RESTRICT more, GLOBAL const real4* RESTRICT cubics, GLOBAL const int* RESTRICT exceptionStart, \
+        GLOBAL const int* RESTRICT exceptionBead, GLOBAL const real* RESTRICT exceptionFactor, GLOBAL const real4* RESTRICT wallVelocity, \
+        mm_long key, real noise, real perRoot2kT
+#define TERMS_ atomIndex, types, params, more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, key, noise, perRoot2kT
+
+DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, GLOBAL const int* RESTRICT exceptionBead,
+        GLOBAL const real* RESTRICT exceptionFactor) {
+    for (int e = exceptionStart[a]; e < exceptionStart[a+1]; e++)
+        if (exceptionBead[e] == b)
+            return exceptionFactor[e];
+    return 1;
+}
+
+DEVICE mixed4 dpdVelocity(GLOBAL const mixed4* RESTRICT vel, int i, GLOBAL const int* RESTRICT atomIndex, GLOBAL const real4* RESTRICT wallVelocity) {
+    mixed4 v = vel[i];
+#ifdef IMMOBILE
+    if (v.w == 0) {
+        real4 wall = wallVelocity[atomIndex[i]];
+        v = make_mixed4(wall.x, wall.y, wall.z, 0);
+    }
+#endif
+    return v;
+}
+
+// Coefficients of a pair: what w^s is multiplied with in friction (its root) and noise, along the line between beads and across.
+typedef struct {
+    real A, rc, root, w, rootAcross, wAcross;
+} DPDPair;
+
+DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
+    real4 c = params[row];
+    real w = 1-r*c.z;
+    if (w <= 0)
+        return false;
+    p->A = c.x*w;
+    p->rc = 1/c.z;
+    p->root = c.y;
+    p->w = w;
+#ifdef FIXED_SIGMA
+    if (c.w != 0)
+        p->root *= perRoot2kT;
+#endif
+#ifdef DETAILED
+    real4 m = more[row];
+    p->rootAcross = m.x;
+    p->wAcross = m.z == 1 ? w : POW(w, m.z);
+    if (m.y != 1)
+        p->w = POW(w, m.y);
+#else
+    p->rootAcross = 0;
+    p->wAcross = 0;
+#endif
+#ifdef EXCEPTIONS
+    real f = dpdFactor(a, b, exceptionStart, exceptionBead, exceptionFactor);
+    if (f == 0)
+        return false;
+    real root = SQRT(f);
+    p->A *= f;
+    p->root *= root;
+    p->rootAcross *= root;
+#endif
+    return true;
+}
+
+// The noise across of a pair, a vector that is the force on the bead with the lower index.
+DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, GLOBAL const real4* RESTRICT cubics) {
+    real x = dpdNormal(dpdMix(pair+STREAM), cubics), y = dpdNormal(dpdMix(pair+2*STREAM), cubics), z = dpdNormal(dpdMix(pair+3*STREAM), cubics);
+    real along = e.x*x+e.y*y+e.z*z;
+    real sign = lower ? 1 : -1;
+    return make_real3(sign*(x-along*e.x), sign*(y-along*e.y), sign*(z-along*e.z));
+}
+
+DEVICE int dpdWrap(int c, int n) {
+    return c < 0 ? c+n : c >= n ? c-n : c;
+}
+
+// All partners j of bead i within the longest cutoff: delta from j to i, r2 its square.
+#define PARTNERS \
+    int cell = cellOf[i]; \
+    int hx = cell%nx, hy = (cell/nx)%ny, hz = cell/(nx*ny); \
+    for (int line = 0; line < (nz < 3 ? nz : 3)*(ny < 3 ? ny : 3); line++) { \
+    int c = line/(ny < 3 ? ny : 3), b = line%(ny < 3 ? ny : 3); \
+    int first = ((nz < 3 ? c : dpdWrap(hz+c-1, nz))*ny+(ny < 3 ? b : dpdWrap(hy+b-1, ny)))*nx; \
+    for (int a = 0; a < (nx < 3 ? nx : 3); a++) { \
+        int other = first+(nx < 3 ? a : dpdWrap(hx+a-1, nx)); \
+        int n = count[other]; \
+        for (int k = 0; k < n; k++) { \
+            int j = beads[other*room+k]; \
+            if (j == i) \
+                continue; \
+            real3 delta = dpdDelta(x, dpdLoad(pos, corr, j), BOX_); \
+            real r2 = delta.x*delta.x+delta.y*delta.y+delta.z*delta.z; \
+            if (r2 >= MAX_CUTOFF*MAX_CUTOFF || r2 == 0) \
+                continue;
+#define END_PARTNERS }}}
+
+#define CONSERVATIVE 1
+#define THERMOSTAT 2
+
+// Force on bead i, added to f, and half of the energy of its pairs.
+DEVICE real dpdGather(int i, mixed3 x, int terms, GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr,
+        GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS, mm_long* f, BOX) {
+    real energy = 0;
+    if (cellOf[i] < 0)
+        return energy;
+    int type = types[i]*NUM_TYPES, index = atomIndex[i];
+    mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
+    PARTNERS
+        real invR = RSQRT(r2), r = r2*invR;
+        int partner = atomIndex[j];
+        DPDPair p;
+        if (!dpdPair(&p, type+types[j], index, partner, r, TERMS_))
+            continue;
+        real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z), force = make_real3(0, 0, 0);
+        real size = 0;
+        if ((terms & CONSERVATIVE) != 0) {
+            real w = 1-r/p.rc;
+            size += p.A;
+            energy += (real) 0.25*p.A*w*p.rc;
+        }
+        if ((terms & THERMOSTAT) != 0) {
+            mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
+            mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
+            real3 u = make_real3((real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
+            real along = e.x*u.x+e.y*u.y+e.z*u.z, s = p.root*p.w;
+            size += s*(noise*dpdNormal(pair, cubics)-s*along);
+#ifdef TRANSVERSE
+            if (p.rootAcross != 0) {
+                real t = p.rootAcross*p.wAcross;
+                real3 z = dpdAcross(pair, e, index < partner, cubics);
+                force = make_real3(t*(noise*z.x-t*(u.x-along*e.x)), t*(noise*z.y-t*(u.y-along*e.y)), t*(noise*z.z-t*(u.z-along*e.z)));
+            }
+#endif
+        }
+        f[0] += realToFixedPoint(size*e.x+force.x);
+        f[1] += realToFixedPoint(size*e.y+force.y);
+        f[2] += realToFixedPoint(size*e.z+force.z);
+    END_PARTNERS
+    return energy;
+}
+
+// For OpenMM: adds to its force and energy buffers.
+KERNEL void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+        GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
+        return;
+    mixed energy = 0;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mm_long f[3] = {0, 0, 0};
+        energy += dpdGather(i, dpdLoad(pos, corr, i), terms, pos, corr, vel, TERMS_, CELLS_, f, BOX_);
+        ATOMIC_ADD(&force[i], (mm_ulong) f[0]);
+        ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) f[1]);
+        ATOMIC_ADD(&force[i+2*STRIDE], (mm_ulong) f[2]);
+    }
+    energyBuffer[GLOBAL_ID] += energy;
+}
+
+#define DRIFT mixed drift, GLOBAL const mixed4* RESTRICT walls
+#define DRIFT_ drift, walls
+
+DEVICE mixed dpdReflected(mixed x, mixed low, mixed high, mixed start, mixed period) {
+    mixed t = x-period*floor((x-start)/period);
+    return x+2*max((mixed) 0, low-t)-2*max((mixed) 0, t-high);
+}
+
+DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
+    x->x += drift*v->x;
+    x->y += drift*v->y;
+    x->z += drift*v->z;
+#ifdef WALLS
+    // rows: lower walls, upper ones, where the period begins, its length, 1 along axes with bounce-back
+    mixed4 low = walls[0], high = walls[1], start = walls[2], period = walls[3], back = walls[4];
+    mixed3 put = make_mixed3(dpdReflected(x->x, low.x, high.x, start.x, period.x), dpdReflected(x->y, low.y, high.y, start.y, period.y),
+        dpdReflected(x->z, low.z, high.z, start.z, period.z));
+    bool hx = put.x != x->x, hy = put.y != x->y, hz = put.z != x->z;
+    *x = put;
+    bool all = (hx && back.x != 0) || (hy && back.y != 0) || (hz && back.z != 0);
+    if (all || hx)
+        v->x = -v->x;
+    if (all || hy)
+        v->y = -v->y;
+    if (all || hz)
+        v->z = -v->z;
+#endif
+}
+
+#define CLEAR for (int c = GLOBAL_ID; c < cells; c += GLOBAL_SIZE) dirty[c] = 0;
+
+// v += kick*acc, x += drift*v, and the beads into cells.  Nobody reads positions of others here: posNew may be pos.  A bead runs away whose speed
+// nobody has in equilibrium (hottest is its square times the mass) and that crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
+KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
+        GLOBAL mixed4* RESTRICT velm, GLOBAL const mixed4* RESTRICT acc, mixed kick, int moves, GLOBAL const int* RESTRICT atomIndex,
+        GLOBAL const int* RESTRICT types, FILL, GLOBAL int* RESTRICT flags, int launch, mixed fastest2, mixed hottest, DRIFT, BOX) {
+    if (STOPPED)
+        return;
+    CLEAR
+    if (GLOBAL_ID == 0)
+        flags[BOUND] = 0;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mixed3 x = dpdLoad(pos, corr, i);
+        mixed4 v = velm[i];
+        if (fastest2 != 0 && v.w != 0 && !(v.x*v.x+v.y*v.y+v.z*v.z <= max(fastest2, hottest*v.w))) {
+            HALT(RUNAWAY)
+            flags[WHO] = atomIndex[i];
+        }
+        if (moves) {
+            if (v.w != 0) {
+                mixed4 a = acc[i];
+                if (kick != 0) {
+                    v.x += kick*a.x;
+                    v.y += kick*a.y;
+                    v.z += kick*a.z;
+                }
+                if (drift != 0)
+                    dpdDrift(&x, &v, DRIFT_);
+                velm[i] = v;
+            }
+            dpdStore(posNew, corrNew, i, x, pos[i].w);
+        }
+        dpdPut(i, types[i], x, count, beads, cellOf, room, flags, launch, BOX_);
+    }
+}
+
+// acc = F/m with the conservative force and that of others, v += kick*acc, x += drift*v, and the beads into the next cells if they move.
+KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
+        GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, int terms, mixed kick, int moves,
+        TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
+        GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
+    if (STOPPED)
+        return;
+    if (moves) {
+        CLEAR
+    }
+    if (GLOBAL_ID == 0)
+        flags[BOUND] = 0;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mm_long f[3] = {0, 0, 0};
+        mixed3 x = dpdLoad(pos, corr, i);
+        if (terms)
+            dpdGather(i, x, terms, pos, corr, velm, TERMS_, CELLS_, f, BOX_);
+        if (useOthers) {
+            f[0] += others[i];
+            f[1] += others[i+STRIDE];
+            f[2] += others[i+2*STRIDE];
+        }
+        mixed4 v = velm[i];
+        mixed scale = v.w/(mixed) 0x100000000;
+        mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
+        acc[i] = a;
+        if (v.w != 0) {
+            v.x += kick*a.x;
+            v.y += kick*a.y;
+            v.z += kick*a.z;
+            if (moves)
+                dpdDrift(&x, &v, DRIFT_);
+            velm[i] = v;
+        }
+        if (moves) {
+            dpdStore(posNew, corrNew, i, x, pos[i].w);
+            dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
+        }
+    }
+}
+
+// Pair updates of all pairs at once, an implicit midpoint step: (1 + h/2 M^-1 G) u = v + h/2 M^-1 R by Chebyshev iteration from u = v, and then
+// v += h M^-1 (R - G u).  It leaves Maxwell's distribution unchanged for any h, whatever the number of pairs.
+//
+// Rows: entry k of bead i at k*STRIDE+i is a vector s along the line to the partner, whose index is in w.  The friction of a difference of
+// velocities d is s (s.d), and with transverse friction sign*s (s.d) + t d, where t (with the sign) is in an array of its own.
+
+DEVICE real3 dpdFriction(real4 s, real t, real x, real y, real z) {
+    real along = s.x*x+s.y*y+s.z*z;
+#ifdef TRANSVERSE
+    if (t < 0) {
+        along = -along;
+        t = -t;
+    }
+    return make_real3(s.x*along+t*x, s.y*along+t*y, s.z*along+t*z);
+#else
+    return make_real3(s.x*along, s.y*along, s.z*along);
+#endif
+}
+
+KERNEL void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+        GLOBAL int* RESTRICT rowCount, GLOBAL real4* RESTRICT rows, GLOBAL real* RESTRICT rowsAcross, int rowRoom, GLOBAL mm_long* RESTRICT random,
+        GLOBAL real4* RESTRICT u, GLOBAL real4* RESTRICT res, mixed halfdt, real perRate, GLOBAL int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
+        return;
+    const mixed unit = 1/(mixed) 0x100000000;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
+        mm_long r[3] = {0, 0, 0}, f[3] = {0, 0, 0}, sum = 0;
+        int entries = 0;
+        if (cellOf[i] >= 0) {
+            mixed3 x = dpdLoad(pos, corr, i);
+            int type = types[i]*NUM_TYPES, index = atomIndex[i];
+            real inertia = SQRT((real) v.w);
+            PARTNERS
+                real invR = RSQRT(r2);
+                int partner = atomIndex[j];
+                DPDPair p;
+                if (!dpdPair(&p, type+types[j], index, partner, r2*invR, TERMS_))
+                    continue;
+                real s = p.root*p.w, t = p.rootAcross*p.wAcross, radial = s*s, across = t*t;
+                mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
+                if ((radial == 0 && across == 0) || (v.w == 0 && o.w == 0))
+                    continue;
+                real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z);
+                mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
+                real push = noise*s*dpdNormal(pair, cubics);
+                real3 kick = make_real3(push*e.x, push*e.y, push*e.z);
+#ifdef TRANSVERSE
+                if (t != 0) {
+                    real3 z = dpdAcross(pair, e, index < partner, cubics);
+                    kick = make_real3(kick.x+noise*t*z.x, kick.y+noise*t*z.y, kick.z+noise*t*z.z);
+                }
+                s = SQRT(fabs(radial-across));
+                if (radial < across)
+                    across = -across;
+#endif
+                real4 row = make_real4(s*e.x, s*e.y, s*e.z, (real) j);
+                real3 drag = dpdFriction(row, across, (real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
+                r[0] += realToFixedPoint(kick.x);
+                r[1] += realToFixedPoint(kick.y);
+                r[2] += realToFixedPoint(kick.z);
+                f[0] += realToFixedPoint(drag.x);
+                f[1] += realToFixedPoint(drag.y);
+                f[2] += realToFixedPoint(drag.z);
+                sum += realToFixedPoint(perRate*max(radial, (real) fabs(across))*(inertia+SQRT((real) o.w)));
+                if (entries < rowRoom) {
+                    rows[entries*STRIDE+i] = row;
+#ifdef TRANSVERSE
+                    rowsAcross[entries*STRIDE+i] = across;
+#endif
+                }
+                entries++;
+            END_PARTNERS
+            // Gershgorin's bound
+            int bound = (int) ((real) (unit*sum)*inertia*1048576)+1;
+            if (bound > flags[BOUND])
+                ATOMIC_MAX(&flags[BOUND], bound);
+            if (bound > flags[MOST_BOUND])
+                ATOMIC_MAX(&flags[MOST_BOUND], bound);
+        }
+        if (entries > flags[MOST_IN_ROW])
+            ATOMIC_MAX(&flags[MOST_IN_ROW], entries);
+        if (entries > rowRoom && rowRoom > 0) // without any room they are only counted
+            HALT(ROWS_FULL)
+        rowCount[i] = entries;
+        mixed scale = halfdt*v.w*unit;
+        u[i] = make_real4((real) v.x, (real) v.y, (real) v.z, (real) v.w);
+        res[i] = make_real4((real) (scale*(r[0]-f[0])), (real) (scale*(r[1]-f[1])), (real) (scale*(r[2]-f[2])), 0);
+        random[i] = r[0];
+        random[i+STRIDE] = r[1];
+        random[i+2*STRIDE] = r[2];
+    }
+}
+
+// How many passes the present bound needs: the host has the largest bound for each number of them.
+DEVICE int dpdPasses(GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRICT limits, real factor) {
+    real bound = factor*(real) flags[BOUND];
+    int passes = 1;
+    while (passes < MOST_PASSES && bound > limits[passes])
+        passes++;
+    return passes;
+}
+
+// The corrections are in d[pass%2]; the first one is the residual itself, up to a factor.
+#define CORRECTION(pass) ((pass) == 0 ? res : (pass)%2 ? d1 : d0)
+
+KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross,
+        GLOBAL real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL real4* RESTRICT resNew, GLOBAL const real4* RESTRICT d, GLOBAL real4* RESTRICT dNew,
+        GLOBAL const int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, mixed halfdt, int pass) {
+    int passes = dpdPasses(flags, limits, factor);
+    if (STOPPED || pass+1 >= passes)
+        return;
+    real4 c = weights[passes*MOST_PASSES+pass]; // of the correction as it is, of the last correction and of the residual in the next one
+    const mixed unit = 1/(mixed) 0x100000000;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        real4 a = d[i], x = u[i], r = res[i];
+        mm_long q[3] = {0, 0, 0};
+        int n = rowCount[i];
+        for (int k = 0; k < n; k++) {
+            real4 s = rows[k*STRIDE+i];
+            real4 o = d[(int) s.w];
+#ifdef TRANSVERSE
+            real3 f = dpdFriction(s, rowsAcross[k*STRIDE+i], a.x-o.x, a.y-o.y, a.z-o.z);
+#else
+            real3 f = dpdFriction(s, 0, a.x-o.x, a.y-o.y, a.z-o.z);
+#endif
+            q[0] += realToFixedPoint(f.x);
+            q[1] += realToFixedPoint(f.y);
+            q[2] += realToFixedPoint(f.z);
+        }
+        u[i] = make_real4(x.x+c.x*a.x, x.y+c.x*a.y, x.z+c.x*a.z, x.w);
+        real f = (real) (halfdt*unit)*x.w;
+        r = make_real4(r.x-c.x*(a.x+f*q[0]), r.y-c.x*(a.y+f*q[1]), r.z-c.x*(a.z+f*q[2]), 0);
+        resNew[i] = r;
+        dNew[i] = make_real4(c.y*a.x+c.z*r.x, c.y*a.y+c.z*r.y, c.y*a.z+c.z*r.z, 0);
+    }
+}
+
+// v += h/m (R - G u) with the last correction added to u, and v and x move on: kick by acc, drift.  Where the impulses are asked for by OpenMM,
+// they go to its force buffer too, divided by `share`.
+KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
+        GLOBAL const mixed4* RESTRICT vel, GLOBAL mixed4* RESTRICT velNew, GLOBAL const mixed4* RESTRICT acc,
+        GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross, GLOBAL const mm_long* RESTRICT random,
+        GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d0, GLOBAL const real4* RESTRICT d1,
+        GLOBAL int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
+        GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, DRIFT) {
+    if (STOPPED)
+        return;
+    int passes = dpdPasses(flags, limits, factor);
+    if (passes-1 > launched || factor*(real) flags[BOUND] > limits[MOST_PASSES-1]) {
+        HALT(FEW_PASSES)
+        return;
+    }
+    real scale = weights[passes*MOST_PASSES+passes-1].x;
+    GLOBAL const real4* RESTRICT d = CORRECTION(passes-1);
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        real4 a = d[i], y = u[i];
+        real vx = y.x+scale*a.x, vy = y.y+scale*a.y, vz = y.z+scale*a.z;
+        mm_long f[3] = {random[i], random[i+STRIDE], random[i+2*STRIDE]};
+        int n = rowCount[i];
+        for (int k = 0; k < n; k++) {
+            real4 s = rows[k*STRIDE+i];
+            int j = (int) s.w;
+            real4 b = d[j], o = u[j];
+            real x = vx-(o.x+scale*b.x), y_ = vy-(o.y+scale*b.y), z = vz-(o.z+scale*b.z);
+#ifdef TRANSVERSE
+            real3 g = dpdFriction(s, rowsAcross[k*STRIDE+i], x, y_, z);
+#else
+            real3 g = dpdFriction(s, 0, x, y_, z);
+#endif
+            f[0] -= realToFixedPoint(g.x);
+            f[1] -= realToFixedPoint(g.y);
+            f[2] -= realToFixedPoint(g.z);
+        }
+        if (share != 0) {
+            ATOMIC_ADD(&force[i], (mm_ulong) (f[0]/share));
+            ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) (f[1]/share));
+            ATOMIC_ADD(&force[i+2*STRIDE], (mm_ulong) (f[2]/share));
+        }
+        mixed4 v = vel[i];
+        mixed3 x = dpdLoad(pos, corr, i);
+        if (v.w != 0) {
+            mixed impulse = 2*halfdt*v.w/(mixed) 0x100000000;
+            v.x += impulse*f[0];
+            v.y += impulse*f[1];
+            v.z += impulse*f[2];
+            if (kick != 0) {
+                mixed4 c = acc[i];
+                v.x += kick*c.x;
+                v.y += kick*c.y;
+                v.z += kick*c.z;
+            }
+            if (moves)
+                dpdDrift(&x, &v, DRIFT_);
+        }
+        velNew[i] = v;
+        if (moves)
+            dpdStore(posNew, corrNew, i, x, pos[i].w);
+    }
+}

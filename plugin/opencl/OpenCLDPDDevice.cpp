@@ -1,0 +1,8 @@
+#include "../common/CommonDPDDevice.h"
+#include "openmm/opencl/OpenCLContext.h"
+#include "openmm/opencl/OpenCLPlatform.h"
+
+extern "C" DPD_EXPORT void registerPlatforms() {}
+extern "C" DPD_EXPORT void registerKernelFactories() {
+    DPDDevice::registerFactory<OpenMM::OpenCLPlatform::PlatformData>("OpenCL", {{"ATOMIC_OR", "atomic_or"}, {"ATOMIC_MAX", "atomic_max"}});
+}

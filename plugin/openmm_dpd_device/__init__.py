@@ -1,0 +1,42 @@
+"""Loads the compiled libraries into OpenMM, whose XML then knows the Force ``DPDDeviceForce``; openmm_dpd makes it and does the rest.
+
+Attributes
+----------
+loaded : list of str
+    Platforms whose library was loaded: "Reference" (and CPU), "OpenCL", "CUDA", "HIP".
+failed : dict
+    Why that of another one was not, by platform.
+"""
+
+from pathlib import Path
+
+import openmm
+
+from .built import OPENMM
+
+_LIBRARIES = {"Reference": "OpenMMDPDDevice", "OpenCL": "OpenMMDPDDeviceOpenCL", "CUDA": "OpenMMDPDDeviceCuda", "HIP": "OpenMMDPDDeviceHip"}
+
+loaded: list[str] = []
+failed: dict[str, str] = {}
+
+
+def _minor(version: str) -> list[str]:
+    return version.split(".")[:2]
+
+
+if _minor(openmm.version.short_version) != _minor(OPENMM):
+    raise ImportError(
+        f"openmm-dpd-device was built for OpenMM {OPENMM}, and this is {openmm.version.short_version}: their C++ classes differ; "
+        "install the plugin again, for this OpenMM"
+    )
+
+_here = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
+for _platform, _name in _LIBRARIES.items():
+    if _platform not in _here:
+        failed[_platform] = f"OpenMM has no platform {_platform} here"
+        continue
+    try:
+        openmm.Platform.loadPluginLibrary(str(Path(__file__).parent / f"lib{_name}.so"))
+        loaded.append(_platform)
+    except openmm.OpenMMException as error:
+        failed[_platform] = str(error)

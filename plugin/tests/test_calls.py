@@ -1,0 +1,101 @@
+"""What a step asks of the device: launches, transfers and waits under OpenCL, and all kernels compiled for CUDA, without a GPU."""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import openmm
+import pytest
+from conftest import available
+from devices import Device
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent.parent
+
+
+def compiled(tmp_path: Path, source: str, name: str, *flags: str) -> Path:
+    """A C file of this folder as a shared library."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler here")
+    made = tmp_path / name
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-w", *flags, "-o", str(made), str(HERE / source), "-ldl"], check=True)
+    return made
+
+
+def run(script: str, *arguments: str, **variables: str) -> str:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "1"} | variables
+    found = subprocess.run([sys.executable, str(HERE / script), *arguments], env=environment, capture_output=True, text=True, timeout=300)
+    assert found.returncode == 0, found.stdout + found.stderr
+    return found.stdout
+
+
+@pytest.fixture
+def per_step(tmp_path):
+    """Launches, blocking transfers and waits per step of Simulation.step."""
+    available(Device("OpenCL", "single"))
+    shim = compiled(tmp_path, "count.c", "count.so")
+    return lambda scheme, bonds="none": json.loads(run("count_calls.py", "200", scheme, bonds, LD_PRELOAD=str(shim)).splitlines()[-1])
+
+
+@pytest.mark.parametrize("scheme, most", [("middle", 7), ("aboba", 7), ("bababo", 9), ("mvv", 6)])
+def test_launches_of_a_step(per_step, scheme, most):
+    launches, transfers, waits = per_step(scheme)
+    assert 1 <= launches <= most and transfers == 0 and waits == 0
+
+
+@pytest.mark.parametrize("scheme", ["middle", "bababo", "mvv"])
+def test_launches_beside_bonds(per_step, scheme):
+    """At most eight more than OpenMM's own Langevin dynamics of the same beads."""
+    langevin = per_step("langevin", "bonds")[0]
+    launches, transfers, waits = per_step(scheme, "bonds")
+    assert launches <= langevin + 8 and transfers == 0 and waits == 0
+
+
+def cuda_packages() -> tuple[str, str]:
+    """Folders of NVRTC's library and of ptxas, or a skipped test."""
+    if not (Path(openmm.version.openmm_library_path) / "plugins" / "libOpenMMCUDA.so").exists():
+        pytest.skip("OpenMM has no CUDA platform here: pip install --no-deps openmm-cuda-12")
+    nvidia = importlib.util.find_spec("nvidia")
+    folders = [] if nvidia is None else list(nvidia.submodule_search_locations)
+    nvrtc, ptxas = (
+        next((f for f in (Path(p) / part for p in folders) if f.exists()), None) for part in ("cuda_nvrtc/lib", "cuda_nvcc/bin/ptxas")
+    )
+    if nvrtc is None or ptxas is None:
+        pytest.skip("there is no NVRTC or no ptxas here: pip install nvidia-cuda-nvrtc-cu12 nvidia-cuda-nvcc-cu12")
+    return str(nvrtc), str(ptxas)
+
+
+#: Registers of a thread: 256 threads of the most demanding kernel must fit into a multiprocessor twice.
+MOST_REGISTERS = 128
+
+
+@pytest.mark.parametrize("architecture", [70, 80, 90, 120])
+def test_all_kernels_compile_for_cuda(architecture, tmp_path):
+    """Through OpenMM's CUDA platform on a driver made for the test: it checks every launch, and no arithmetic."""
+    nvrtc, ptxas = cuda_packages()
+    compiled(tmp_path, "fake_cuda.c", "libcuda.so.1", "-Wl,-soname,libcuda.so.1")
+    versions = tmp_path / "cufft.map"
+    versions.write_text("libcufft.so.11 { global: *; };\n")
+    compiled(tmp_path, "fake_cufft.c", "libcufft.so.11", "-Wl,-soname,libcufft.so.11", f"-Wl,--version-script={versions}")
+    ptx = tmp_path / "ptx"
+    ptx.mkdir()
+    text = run("cuda_without_a_gpu.py", FAKE_SM=str(architecture), FAKE_DUMP=str(ptx), LD_LIBRARY_PATH=f"{tmp_path}:{nvrtc}")
+    assert len(text.splitlines()) == 18
+    assert all("transfers to the host 0.00, waits 0.00" in line for line in text.splitlines())
+    kernels = set()
+    for module in ptx.glob("*.ptx"):
+        if "dpdRows" not in module.read_text():
+            continue
+        found = subprocess.run([ptxas, f"-arch=sm_{architecture}", "-v", str(module), "-o", os.devnull], capture_output=True, text=True)
+        assert found.returncode == 0, found.stderr
+        for name, registers in re.findall(r"entry function '(dpd\w+)'.*?Used (\d+) registers", found.stderr, re.S):
+            kernels.add(name)
+            assert int(registers) <= MOST_REGISTERS, (name, registers)
+        assert not re.search(r"[1-9]\d* bytes spill", found.stderr), found.stderr
+    assert kernels == {"dpdMove", "dpdEvaluate", "dpdKick", "dpdRows", "dpdPass", "dpdFinish"}

@@ -1,0 +1,492 @@
+"""Schemes on the device: whole steps beside numpy and beside programs line by line, bits, restarts, errors, and what is refused."""
+
+import io
+import logging
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import openmm
+import oracle
+import pytest
+from conftest import available
+from devices import Device
+from midpoint import step
+from openmm import app, unit
+from scenes import BOXES, EXTENDED, MASSES, PLAIN, D, beads, chains, fluid, same_bits, state_of
+
+import openmm_dpd as dpd
+from openmm_dpd.base.errors import ParameterError, PlanError, RunError
+from openmm_dpd.model.schemes import SCHEMES, scheme_of
+from openmm_dpd.plan import device as device_engine
+from openmm_dpd.plan.forces import device_force as made
+from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.simulation import device_check
+from openmm_dpd.simulation.build import build_plan
+
+OWN = "A/4 O/2 A/4 B/3 S/2 A/2 2B/3"
+WORDS = [name for name, scheme in SCHEMES.items() if scheme.sweeps] + [OWN, "O B/2 A B/2"]
+BOX = BOXES["ortho"]
+
+
+def made_on(scene, device, scheme="middle", lines=False, **choices) -> dpd.BuiltSystem:
+    """Built for a device; ``lines``: by a program that goes line by line."""
+    plan = make_plan(scene, **{"dt": 0.02, "scheme": scheme, "platform": device.platform, "seed": 5, "engine": "device"} | choices)
+    if lines:
+        plan = replace(plan, options=replace(plan.options, execution=replace(plan.execution, steps="program")))
+    return build_plan(plan)
+
+
+def run_on(scene, device, scheme="middle", **choices) -> app.Simulation:
+    simulation = made_on(scene, device, scheme, **choices).simulation(properties=device.properties)
+    assert simulation.integrator.device_group is not None
+    return simulation
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Pair updates that are solved to rounding."""
+    monkeypatch.setitem(made.device_force.__kwdefaults__, "tolerance", 1e-12)
+
+
+# -- beside numpy, and beside each other ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["fluid", "chains", "immobile", "stiff"])
+@pytest.mark.parametrize("scheme", WORDS)
+def test_whole_steps_are_those_of_numpy(scheme, name, exact, solved):
+    scene = {
+        "fluid": lambda: fluid(PLAIN, BOX, n=50, spread=0),
+        "chains": lambda: chains(BOX, n=60, k=20.0),
+        "immobile": lambda: fluid(EXTENDED, BOXES["tilted"], n=50, spread=0, mobile=np.arange(50) > 7),
+        "stiff": lambda: fluid({("*", "*"): D(A=25, gamma=120.0)}, BOX, n=50, spread=0),
+    }[name]()
+    simulation = run_on(scene, exact, scheme)
+    bonds = openmm.Context(simulation.system, openmm.VerletIntegrator(0.02), openmm.Platform.getPlatformByName("Reference"))
+    x, v = state_of(simulation.context)
+    v = np.where(scene.immobile[:, None], scene.velocities, v)
+    counter, plain = 0, oracle.conservative
+
+    def with_bonds(x, *others):
+        bonds.setPositions(x)
+        state = bonds.getState(forces=True, groups=set(range(32)) - {31})
+        return replace_forces(plain(x, *others), state.getForces(asNumpy=True)._value)
+
+    for _ in range(3):
+        try:
+            oracle.conservative = with_bonds if name == "chains" else plain
+            x, v, counter = step(scene, scheme_of(scheme).letters, x, v, 0.02, 1.0, 5, counter)
+        finally:
+            oracle.conservative = plain
+        simulation.step(1)
+        found_x, found_v = state_of(simulation.context)
+        moving = ~scene.immobile
+        np.testing.assert_allclose(found_x[moving], x[moving], rtol=0, atol=1e-8)
+        np.testing.assert_allclose(found_v[moving], v[moving], rtol=0, atol=1e-7)
+    assert simulation.context.getParameter("dpd_counter") == counter
+
+
+def replace_forces(found, more):
+    return found._replace(forces=found.forces + more)
+
+
+def everything(**options) -> dpd.Scene:
+    """Bonds, walls, body forces and several types."""
+    rng = np.random.default_rng(4)
+    x = rng.random((80, 3)) * [4.0, 4.0, 3.2] + [0, 0, 0.3]
+    bonds = [dpd.HarmonicBonds([[2 * k, 2 * k + 1] for k in range(20)], k=30, r0=0.5)]
+    x[1:40:2] = x[0:40:2] + 0.2
+    return dpd.Scene(
+        MASSES, rng.choice(["A", "B"], 80).tolist(), x, EXTENDED, kT=1.0, box=[4.0, 4.0, 4.0], bonds=bonds,
+        bonded_factors=(0.0, 0.5, 1.0), velocities=rng.normal(size=(80, 3)), **options,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["specular", "bounce-back"])
+@pytest.mark.parametrize("scheme", WORDS)
+def test_whole_steps_are_those_of_the_program(scheme, kind, exact, solved):
+    """The same letters, by the plugin and by OpenMM's own kernels, with forces of others, walls and a ramp."""
+    ramp = dpd.TemperatureRamp(1.0, 2.0, 0, 20)
+    walls = [dpd.Wall("z", 0.2, "above", kind), dpd.Wall("z", 3.8, "below", kind)]
+    options = {"walls": walls, "body_forces": [dpd.BodyForce((1.0, 0, 0))]}
+    scene = everything(**options)
+    scene = replace_kT(scene, ramp, options)
+    pair = [run_on(scene, exact, scheme, lines=lines) for lines in (False, True)]
+    before = state_of(pair[0].context)[0]
+    for simulation in pair:
+        simulation.step(15)
+    (x, v), (lines_x, lines_v) = (state_of(simulation.context) for simulation in pair)
+    assert np.abs(x - before).max() > 0.2
+    np.testing.assert_allclose(x, lines_x, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(v, lines_v, rtol=0, atol=1e-6)
+
+
+def replace_kT(scene, ramp, options):
+    return dpd.Scene(
+        MASSES, scene.types, scene.positions, EXTENDED, kT=ramp, box=scene.box, bonds=scene.bonds, bonded_factors=scene.bonded_factors,
+        velocities=scene.velocities, **options,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("lam", [0.5, 0.65])
+@pytest.mark.parametrize("loop", ["walls", "plain", "chains"])
+def test_modified_velocity_verlet_is_the_hosts(lam, loop, exact):
+    """The same forces with the same noise: the same trajectory."""
+    scene = chains(BOX, n=60, k=20.0) if loop == "chains" else everything() if loop == "walls" else fluid(PLAIN, BOX, n=60, spread=0)
+    simulation = run_on(scene, exact, "mvv", lam=lam)
+    host = dpd.build(scene, dt=0.02, scheme="mvv", lam=lam, platform=exact.platform, seed=5, engine="host", loop=False)
+    host = host.simulation(properties=exact.properties)
+    for _ in range(3):
+        simulation.step(4)
+        host.step(4)
+        (x, v), (host_x, host_v) = (state_of(each.context) for each in (simulation, host))
+        np.testing.assert_allclose(x, host_x, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(v, host_v, rtol=0, atol=1e-5)
+
+
+def test_verlet_notices_new_positions(exact):
+    """The acceleration that is kept is not used at other positions."""
+    scene = fluid(PLAIN, BOX, n=60, spread=0)
+    runs = [run_on(scene, exact, "mvv") for _ in range(2)]
+    runs[0].step(7)
+    x, v = state_of(runs[0].context)
+    for simulation in runs:
+        simulation.context.setPositions(x[::-1])
+        simulation.context.setVelocities(v)
+        simulation.context.setParameter("dpd_counter", 7)
+        simulation.step(3)
+    assert same_bits(*(state_of(simulation.context) for simulation in runs))
+
+
+# -- bits -----------------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow", "mvv"])
+def test_two_runs_cut_runs_and_restarts_have_the_same_bits(scheme, device, tmp_path):
+    scene = beads(375, edge=5.0)
+    whole, cut = run_on(scene, device, scheme), run_on(scene, device, scheme)
+    whole.step(40)
+    expected = state_of(whole.context)
+    for n in (1, 12, 7):
+        cut.step(n)
+        cut.context.getState(energy=True, forces=True)
+    cut.saveCheckpoint(str(tmp_path / "checkpoint"))
+    cut.saveState(str(tmp_path / "state.xml"))
+    cut.step(20)
+    assert same_bits(state_of(cut.context), expected)
+    for load in ("checkpoint", "state"):
+        again = run_on(scene, device, scheme)
+        if load == "checkpoint":
+            again.loadCheckpoint(str(tmp_path / "checkpoint"))
+        else:
+            again.loadState(str(tmp_path / "state.xml"))
+        again.step(20)
+        assert same_bits(state_of(again.context), expected), load
+
+
+def test_a_barostat_acts_and_bits_are_the_same(usual):
+    scene = beads(375, edge=5.0)
+    states = []
+    for cuts in ((60,), (25, 35)):
+        built = made_on(scene, usual)
+        built.system.addForce(
+            openmm.MonteCarloBarostat(
+                20 * unit.kilojoule_per_mole / unit.nanometer**3 / unit.AVOGADRO_CONSTANT_NA, 1 / 0.00831446261815324, 5
+            )
+        )
+        simulation = built.simulation(properties=usual.properties)
+        for n in cuts:
+            simulation.step(n)
+        states.append((*state_of(simulation.context), simulation.context.getState().getPeriodicBoxVectors(asNumpy=True)._value))
+    assert same_bits(*states)
+    assert abs(states[0][2][0, 0] - 5.0) > 1e-3
+
+
+def test_it_steps_without_this_package(exact, tmp_path):
+    """From XML, by OpenMM and the plugin alone: the same bits."""
+    scene = everything()
+    built = made_on(scene, exact)
+    files = {"system": built.system, "integrator": built.integrator}
+    for name, thing in files.items():
+        (tmp_path / f"{name}.xml").write_text(openmm.XmlSerializer.serialize(thing))
+    simulation = built.simulation(properties=exact.properties)
+    before = simulation.context.getState(positions=True, velocities=True, parameters=True)
+    (tmp_path / "state.xml").write_text(openmm.XmlSerializer.serialize(before))
+    script = f"""
+import sys, openmm, openmm_dpd_device
+read = lambda name: openmm.XmlSerializer.deserialize(open({str(tmp_path)!r} + "/" + name + ".xml").read())
+integrator = read("integrator")
+context = openmm.Context(read("system"), integrator, openmm.Platform.getPlatformByName({exact.platform!r}), {exact.properties!r})
+context.setState(read("state"))
+integrator.step(20)
+assert "openmm_dpd" not in sys.modules
+state = context.getState(positions=True, velocities=True)
+open({str(tmp_path / "after.xml")!r}, "w").write(openmm.XmlSerializer.serialize(state))
+"""
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=120)
+    simulation.step(20)
+    after = openmm.XmlSerializer.deserialize((tmp_path / "after.xml").read_text())
+    x, v = state_of(simulation.context)
+    np.testing.assert_array_equal(after.getPositions(asNumpy=True)._value, x)
+    np.testing.assert_array_equal(after.getVelocities(asNumpy=True)._value, v)
+
+
+# -- errors ---------------------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
+def test_beads_that_run_away_are_an_error(scheme, usual):
+    scene = fluid(PLAIN, BOX, n=60, spread=0)
+    simulation = run_on(scene, usual, scheme)
+    simulation.step(10)
+    x, v = state_of(simulation.context)
+    v[17] = 1e4
+    simulation.context.setVelocities(v)
+    with pytest.raises(openmm.OpenMMException, match="bead 17 has a velocity that is not finite, or crosses more than a cutoff"):
+        simulation.step(10)
+        simulation.context.getState(positions=True)
+    assert same_bits(state_of(simulation.context), (x, v.astype(np.float32) if usual.precision == "single" else v))
+    v[17] = 0.0
+    simulation.context.setVelocities(v)
+    simulation.step(10)
+    assert np.isfinite(state_of(simulation.context)[0]).all()
+
+
+def test_a_run_that_is_not_a_number_is_an_error(usual):
+    simulation = run_on(fluid(PLAIN, BOX, n=60, spread=0), usual)
+    x, v = state_of(simulation.context)
+    v[3, 1] = np.nan
+    simulation.context.setVelocities(v)
+    with pytest.raises(openmm.OpenMMException, match="not finite"):
+        simulation.step(5)
+        simulation.context.getState(energy=True)
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
+def test_room_grows_and_no_pair_is_dropped(scheme, usual):
+    """Where cells or rows are too full the steps are done again: the bits are those of a Context that had the room."""
+    scene = beads(648, edge=6.0)
+    narrow, ample = (run_on(scene, usual, scheme, dt=0.002) for _ in range(2))
+    narrow.step(5)
+    x, v = state_of(narrow.context)
+    for simulation in (narrow, ample):
+        simulation.context.setPositions(1.0 + 0.2 * x)
+        simulation.context.setVelocities(v)
+        simulation.context.setParameter("dpd_counter", 5)
+        simulation.step(12)
+    assert same_bits(*(state_of(simulation.context) for simulation in (narrow, ample)))
+
+
+def test_without_the_guards_a_step_with_too_little_room_is_an_error(usual):
+    scene = beads(648, edge=6.0)
+    built = made_on(scene, usual, dt=0.002)
+    integrator = openmm.XmlSerializer.clone(built.integrator)
+    context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(usual.platform), usual.properties)
+    context.setPositions(scene.positions)
+    integrator.step(5)
+    x, _ = state_of(context)
+    context.setPositions(1.0 + 0.2 * x)
+    integrator.step(2)
+    with pytest.raises(openmm.OpenMMException, match="beads have come closer together than there was room for on the device"):
+        context.getState(energy=True)
+
+
+def test_a_broken_kernel_is_refused(usual, monkeypatch):
+    scene = fluid(PLAIN, BOX, n=60, spread=0)
+    real = made.device_force
+
+    def broken(spec, *arguments, **more):
+        (table,) = spec.terms
+        return real(replace(spec, terms=(replace(table, A=1.001 * table.A),)), *arguments, **more)
+
+    monkeypatch.setattr("openmm_dpd.simulation.scene_system.device_force", broken)
+    with pytest.raises(
+        RunError, match="the device computes something else than the host .* the conservative force by 0.001.*engine='host'"
+    ):
+        run_on(scene, usual)
+
+
+def test_large_scenes_are_not_compared(exact, monkeypatch, caplog):
+    monkeypatch.setattr(device_check, "MOST", 50)
+    monkeypatch.setattr(device_check, "differences", None)
+    with caplog.at_level(logging.INFO, "openmm_dpd"):
+        run_on(fluid(PLAIN, BOX, n=60, spread=0), exact)
+    assert "more than 50 beads: the device is not compared with the host" in caplog.text
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo"])
+@pytest.mark.parametrize("table", [PLAIN, EXTENDED, {("*", "*"): D(gamma=3)}], ids=["plain", "ext", "tstat"])
+def test_the_device_computes_what_the_host_does(table, scheme, usual):
+    simulation = run_on(fluid(table, BOX, n=60, spread=0), usual, scheme)
+    found = device_check.differences(simulation.context, simulation._plan)
+    assert found and all(error <= most for error, most in found.values())
+    assert all(error <= usual.choose(1e-8, 1e-5, 2e-5) for what, (error, _) in found.items() if what != "the pair update")
+
+
+# -- which engine, and what is refused ------------------------------------------------------------------------------------------------
+@pytest.fixture
+def gpu(monkeypatch) -> Device:
+    """The OpenCL platform here, taken for a GPU."""
+    found = available(Device("OpenCL", "single"))
+    monkeypatch.setattr(device_engine, "is_gpu", lambda platform: platform == "OpenCL")
+    return found
+
+
+def test_auto_takes_the_device_on_a_gpu(gpu):
+    scene = fluid(PLAIN, BOX, n=60, spread=0)
+    built = dpd.build(scene, dt=0.01, platform="OpenCL", seed=1)
+    text = built.explain()
+    assert "engine of the pair kernel: device (the platform is a GPU)" in text
+    assert "friction and noise: OpenMM's device, by the plugin openmm-dpd-device\n" in text
+    assert "steps: whole ones on the device" in text
+    assert "engine of the pair kernel: host (it runs everything)" in dpd.build(scene, dt=0.01, platform="CPU").explain()
+    many = fluid({("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, BOX, n=60, spread=0)
+    assert "engine of the pair kernel: host (not the device: it has no MDPD)" in dpd.build(many, dt=0.01, platform="OpenCL").explain()
+
+
+def test_without_the_plugin_all_is_as_before(gpu, monkeypatch):
+    scene = fluid(PLAIN, BOX, n=60, spread=0)
+    monkeypatch.setattr(made, "plugin", lambda: "the package openmm-dpd-device is not installed")
+    built = dpd.build(scene, dt=0.01, platform="OpenCL", seed=1)
+    assert "engine of the pair kernel: host (not the device: the package openmm-dpd-device is not installed)" in built.explain()
+    with pytest.raises(
+        PlanError, match="'device' cannot run this scene on the platform CPU: the package openmm-dpd-device is not installed"
+    ):
+        dpd.build(scene, dt=0.01, platform="CPU", engine="device")
+
+
+@pytest.mark.parametrize(
+    "scene, scheme, reason",
+    [
+        (lambda: fluid({("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, BOX, n=40), "middle", "it has no MDPD"),
+        (lambda: fluid(PLAIN, BOX, n=40), "native", "OpenMM's own integrator steps"),
+        (lambda: fluid({("*", "*"): D(A=25)}, BOX, n=40), "middle", "there is no friction and no noise"),
+    ],
+)
+def test_what_it_cannot_is_refused_by_name(scene, scheme, reason, exact):
+    with pytest.raises(PlanError, match=f"the engine 'device' cannot run this scene on the platform {exact.platform}: {reason}"):
+        made_on(scene(), exact, scheme)
+
+
+def test_several_tables_are_refused(exact):
+    scene = dpd.Scene(
+        MASSES, ["A"] * 8, np.random.default_rng(1).random((8, 3)) * 4, [{("*", "*"): D(A=1, gamma=1)}] * 2, kT=1.0, box=[4] * 3
+    )
+    with pytest.raises(PlanError, match="it has no several tables"):
+        made_on(scene, exact)
+
+
+def test_a_barostat_beside_verlet_is_refused(exact):
+    built = made_on(beads(375, edge=5.0), exact, "mvv")
+    built.system.addForce(openmm.MonteCarloBarostat(1.0, 120.0, 5))
+    simulation = built.simulation(properties=exact.properties)
+    with pytest.raises(
+        PlanError, match="on the device the scheme 'mvv' cannot run beside a barostat; take scheme='middle', or engine='host'"
+    ):
+        simulation.step(1)
+
+
+def test_an_engine_that_there_is_not(exact):
+    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'device', not 'gpu'"):
+        made_on(fluid(n=40), exact, engine="gpu")
+
+
+# -- measurements, temperatures, files --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
+def test_samples_are_the_hosts(scheme, device):
+    """From one State per report; the same numbers within the precision."""
+    scene = everything()
+    simulation = run_on(scene, device, scheme)
+    built = made_on(scene, device, scheme)
+    host = dpd.build(scene, dt=0.02, scheme=scheme, platform="Reference", seed=5, engine="host", loop=False)
+    there = host.simulation()
+    simulation.step(5)
+    state = simulation.context.getState(positions=True, velocities=True)
+    there.context.setPositions(state.getPositions())
+    there.context.setVelocities(state.getVelocities())
+    there.context.setParameter("dpd_counter", simulation.context.getParameter("dpd_counter"))
+    found, expected = dpd.Observer(built).sample(simulation.context), dpd.Observer(host).sample(there.context)
+    close = device.choose(1e-9, 1e-6, 3e-5)
+    for name in ("kinetic", "pair", "virial_conservative", "kT"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=close), name
+    if scheme == "middle":  # the other one's has friction at a velocity that only its own last step knows
+        np.testing.assert_allclose(found.forces, expected.forces, rtol=0, atol=close * np.abs(expected.forces).max())
+
+
+def test_temperature_and_step_size_may_be_set(exact):
+    simulation = run_on(beads(375, edge=5.0), exact)
+    simulation.step(3)
+    simulation.integrator.setTemperature(2 / 0.00831446261815324)
+    simulation.integrator.setStepSize(0.01)
+    simulation.step(3)
+    assert simulation.context.getParameter("dpd_kT") == pytest.approx(2.0)
+    assert simulation.context.getParameter("dpd_dt") == 0.01
+    for _ in range(40):
+        simulation.step(10)
+    _, v = state_of(simulation.context)
+    assert 1.6 < np.sum(v**2) / (3 * len(v) - 3) < 2.4
+
+
+def test_a_system_is_plain_xml(exact):
+    built = made_on(everything(), exact)
+    text = openmm.XmlSerializer.serialize(built.system)
+    assert "PythonForce" not in text
+    again = dpd.load_xml(io.StringIO(text))
+    assert openmm.XmlSerializer.serialize(again) == text
+
+
+def test_forces_added_later_act(exact):
+    scene = fluid(PLAIN, BOX, n=60, spread=0)
+    built = made_on(scene, exact)
+    pull = openmm.CustomExternalForce("-50*x")
+    for k in range(60):
+        pull.addParticle(k, [])
+    built.system.addForce(pull)
+    simulation = built.simulation(properties=exact.properties)
+    _, before = state_of(simulation.context)
+    simulation.step(10)
+    _, v = state_of(simulation.context)
+    mass = scene.bead_masses[:, None]
+    # 60 beads, 50 kJ/mol/nm for 0.2 ps
+    np.testing.assert_allclose((mass * (v - before)).sum(axis=0), [600.0, 0, 0], atol=1e-4)
+
+
+# -- Systems made elsewhere -------------------------------------------------------------------------------------------------------------
+def argon(constrained: bool) -> tuple[openmm.System, np.ndarray]:
+    """A Lennard-Jones fluid of 108 pairs, with constraints or without."""
+    system = openmm.System()
+    system.setDefaultPeriodicBoxVectors([2.4, 0, 0], [0, 2.4, 0], [0, 0, 2.4])
+    force = openmm.NonbondedForce()
+    force.setNonbondedMethod(force.CutoffPeriodic)
+    force.setCutoffDistance(0.9)
+    grid = np.stack(np.meshgrid(*[np.arange(6) * 0.4 + 0.05] * 3), -1).reshape(-1, 3)
+    for _ in range(216):
+        system.addParticle(39.9)
+        force.addParticle(0.0, 0.3, 0.9)
+    for k in range(0, 216, 2):
+        force.addException(k, k + 1, 0, 0.3, 0)
+        if constrained:
+            system.addConstraint(k, k + 1, 0.4)
+    system.addForce(force)
+    return system, grid
+
+
+@pytest.mark.parametrize("constrained", [False, True], ids=["free", "constrained"])
+def test_a_thermostat_for_a_system_made_elsewhere(constrained, usual):
+    system, x = argon(constrained)
+    topology = app.Topology()
+    chain = topology.addChain()
+    for _ in range(216):
+        topology.addAtom("AR", app.Element.getBySymbol("Ar"), topology.addResidue("AR", chain))
+    choices = {"platform": usual.platform, "seed": 3, "topology": topology, "positions": x, "engine": "device"}
+    built = dpd.add_thermostat(system, D(gamma=400, cutoff=0.6), 120, 0.004, **choices)
+    assert built.plan.execution.steps == ("program" if constrained else "device")
+    simulation = built.simulation(properties=usual.properties)
+    simulation.step(400)
+    samples = []
+    for _ in range(40):
+        simulation.step(10)
+        samples.append(2 * simulation.context.getState(energy=True).getKineticEnergy()._value)
+    _, v = state_of(simulation.context)
+    assert np.abs(v.sum(axis=0)).max() < usual.choose(1e-10, 1e-2, 1e-2)
+    freedom = 3 * 216 - 3 - (108 if constrained else 0)
+    assert np.mean(samples) / freedom / 0.00831446261815324 == pytest.approx(120, rel=0.05)
+    if constrained:
+        found, _ = state_of(simulation.context)
+        apart = found[1::2] - found[::2]
+        np.testing.assert_allclose(np.linalg.norm(apart - 2.4 * np.round(apart / 2.4), axis=1), 0.4, rtol=1e-4)
