@@ -8,6 +8,7 @@ import pytest
 from devices import CPU, DEVICES, REFERENCE
 from marks import SCHEME, SCHEMES
 from openmm import app, unit
+from raising import raises
 from scenes import BOXES, EXTENDED, D, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd
@@ -80,13 +81,11 @@ def test_another_seed(choices):
 def test_temperature_is_checked():
     simulation = started(REFERENCE)
     for wrong in (-1.0, float("nan")):
-        with pytest.raises(dpd.ParameterError, match="kT|temperature"):
-            dpd.set_kT(simulation.context, wrong)
+        raises(dpd.ParameterError, "kT|temperature", dpd.set_kT, simulation.context, wrong)
     dpd.set_kT(simulation.context, 300 * unit.kelvin)
     assert simulation.context.getParameter(KT) == pytest.approx(2.494, abs=1e-3)
     simulation.context.setParameter(KT, -1.0)
-    with pytest.raises(Exception, match="dpd_kT must be >= 0"):
-        simulation.step(1)
+    raises(Exception, "dpd_kT must be >= 0", lambda: simulation.step(1))
 
 
 # -- positions, box ------------------------------------------------------------------------------------------------------------------

@@ -4,7 +4,9 @@ import chains_of_beads as chains
 import lammps_peer
 import numpy as np
 import pytest
+from files_of_tests import put
 from openmm import unit
+from raising import raises
 from scenes import beads
 
 import openmm_dpd as dpd
@@ -164,8 +166,7 @@ def deck_of(folder, pair, coefficients=OVERLAY, skin=1.1, box=BOX, seed=5):
 
 
 def ours(folder, text, compat="consistent"):
-    path = folder / "in.ours"
-    path.write_text(text + "run 0\n")
+    path = put(folder / "in.ours", text + "run 0\n")
     scene = read_deck(path, stop_before_first_run=True, output=folder).first_run.override(compat=compat).scene()
     built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
     terms = dpd.force_terms(built)
@@ -204,8 +205,7 @@ def test_notes_of_a_deck(tmp_path):
     """Thermo output is not divided by the number of beads; the distance min has other points than LAMMPS's unless they are asked for."""
     text = deck_of(tmp_path, *CASES["min"])
     for compat in ("consistent", "lammps"):
-        (tmp_path / "in.ours").write_text(text + "run 0\n")
-        state = read_deck(tmp_path / "in.ours", stop_before_first_run=True, output=tmp_path)
+        state = read_deck(put(tmp_path / "in.ours", text + "run 0\n"), stop_before_first_run=True, output=tmp_path)
         state.first_run.override(compat=compat).scene()
         assert state.thermo.norm is False and any("not divided by the number of beads" in note for note in state.notes)
         assert any("the nearest points of two bonds are used" in note for note in state.notes) == (compat == "consistent")
@@ -242,8 +242,7 @@ DECK_ERRORS = {
 @pytest.mark.parametrize("name", DECK_ERRORS)
 def test_errors_of_decks(tmp_path, name):
     pair, coefficients, message = DECK_ERRORS[name]
-    with pytest.raises(dpd.DeckError, match=message.replace("|", r"\|").replace("*", r"\*")):
-        ours(tmp_path, deck_of(tmp_path, pair, coefficients))
+    raises(dpd.DeckError, message.replace("|", r"\|").replace("*", r"\*"), lambda: ours(tmp_path, deck_of(tmp_path, pair, coefficients)))
 
 
 S = dpd.SegmentalRepulsion
@@ -270,8 +269,7 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name):
     make, message = BAD[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 def test_a_box_too_small_for_the_nearest_points():

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.lammps.state.pair_setup import Spec
 from openmm_dpd.lammps.styles.columns import Columns, settings
@@ -79,5 +78,5 @@ def test_a_scene_is_written_with_it_and_read_again(style, tmp_path):
 
 
 def test_its_words_are_checked(style, tmp_path):
-    with pytest.raises(DeckError, match="in.toy:9.*A half"):
+    with pytest.raises(dpd.DeckError, match="in.toy:9.*A half"):
         deck_scene(deck(tmp_path, "toy/fluid", "25.0"))

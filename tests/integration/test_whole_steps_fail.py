@@ -15,7 +15,6 @@ from scenes import beads, external_force
 from tired import Tired
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.base.names import PORTABLE
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import PairEngine
@@ -128,7 +127,7 @@ CALLS = [
 UNUSED = {("swept", "mvv"), ("move", "mvv"), ("keep", "middle")} | {  # What a scheme does not call.
     (name, case) for name in ("move_accelerated", "accelerate") for case in ("middle", "energies", "force")
 }
-ERRORS = [RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
+ERRORS = [dpd.RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
@@ -157,7 +156,7 @@ def test_calls_that_fail(case, owner, name, error, monkeypatch):
         except (openmm.OpenMMException, KeyboardInterrupt, MemoryError) as found:
             tried += 1
             assert not same(all_of(simulation), expected)
-            if isinstance(error, RunError):
+            if isinstance(error, dpd.RunError):
                 assert isinstance(found, openmm.OpenMMException) and re.match(r"step \d+: too tired", str(found)), found
                 step = int(str(found).split(":")[0].split()[1])
                 assert BEFORE < step <= BEFORE + 10

@@ -5,10 +5,10 @@ import oracle_meso as oracle
 import pytest
 from kernel_answers import close, noise_matrices, same_terms, scaled_by
 from marks import BOX
+from raising import raises
 from scenes import BOXES, MASSES, chains, fluid, noise_of, ready
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels.edpd import clamped
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.model.edpd import EDPD
@@ -200,7 +200,7 @@ def test_a_temperature_must_stay_positive(value):
     scene = warm_fluid()
     temperature = scene.internal.values(scene.n_beads)
     temperature[[17, 30]] = value
-    with pytest.raises(RunError, match=rf"temperature of bead 17 is {value:g}; it must be > 0"):
+    with pytest.raises(dpd.RunError, match=rf"temperature of bead 17 is {value:g}; it must be > 0"):
         prepared(scene).forces(sum(PARTS), scene.velocities, 1.0, DT, SEED, COUNTER, temperature)
 
 
@@ -209,8 +209,7 @@ def test_a_negative_conduction_coefficient_names_the_temperature():
     scene = pair_of_beads(kappa_polynomial=(-8.0, 0, 0, 0))
     evaluate(scene, CONSERVATIVE)
     for which in (DISSIPATIVE, RANDOM):
-        with pytest.raises(RunError, match=r"conduction coefficient is -0.7 at the temperature 1.25 of beads (0 and 1|1 and 0)"):
-            evaluate(scene, which)
+        raises(dpd.RunError, r"conduction coefficient is -0.7 at the temperature 1.25 of beads (0 and 1|1 and 0)", evaluate, scene, which)
     evaluate(pair_of_beads(kappa=0.0, kappa_polynomial=(-8.0, 0, 0, 0)), DISSIPATIVE)
 
 
@@ -218,5 +217,4 @@ def test_there_is_no_sweep_and_no_laplacian():
     scene = pair_of_beads()
     engine = prepared(scene)
     assert np.isnan(engine.laplacian())
-    with pytest.raises(RunError, match="only the scheme mvv"):
-        engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, scene.internal.values(2))
+    raises(dpd.RunError, "only the scheme mvv", lambda: engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, scene.internal.values(2)))

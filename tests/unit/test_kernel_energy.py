@@ -12,7 +12,6 @@ from scenes import BOXES, MASSES, chains, fluid, listed_pairs, ready
 from scipy import stats
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError, RunError
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.energy_dpd import EnergyDPD
@@ -220,7 +219,7 @@ def test_energy_out_of_range_names_the_bead():
     scene = dpd.Scene(MASSES, list(scene.types), scene.positions, table, 1.0, internal=scene.internal, velocities=scene.velocities)
     engine = prepared(scene, "shardlow", 5.0)
     u = scene.internal.energies(scene.type_ids, scene.type_names)
-    with pytest.raises(RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"):
+    with pytest.raises(dpd.RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"):
         engine.sweep(scene.velocities, 1.0, 5.0, SEED, COUNTER, u)
 
 
@@ -232,11 +231,11 @@ def test_energy_out_of_range_names_the_bead():
     ({"internal": InternalEnergy(TabulatedEOS([1, 2], [1, 2]), 3.0)}, "3 of bead 0 is outside its equation of state"),
 )
 def test_bad_internal_energies(change, message):
-    raises(ParameterError, message, lambda: fluid(table=ENERGY, box=BOXES["ortho"], **change))
+    raises(dpd.ParameterError, message, lambda: fluid(table=ENERGY, box=BOXES["ortho"], **change))
 
 
 def test_bad_equations_of_state():
-    raises(ParameterError, "must be a single number > 0", lambda: ConstantHeatCapacity(0.0))
-    with pytest.raises(ParameterError, match=r"energies .* must increase; entry 3 \(1.5\) is not above entry 2 \(2\)"):
+    raises(dpd.ParameterError, "must be a single number > 0", lambda: ConstantHeatCapacity(0.0))
+    with pytest.raises(dpd.ParameterError, match=r"energies .* must increase; entry 3 \(1.5\) is not above entry 2 \(2\)"):
         TabulatedEOS([1, 2, 3], [1, 2, 1.5])
-    raises(ParameterError, "contradict each other", lambda: TabulatedEOS.from_functions(lambda theta: theta, (1, 2), lambda u: 2 * u))
+    raises(dpd.ParameterError, "contradict each other", lambda: TabulatedEOS.from_functions(lambda theta: theta, (1, 2), lambda u: 2 * u))

@@ -9,7 +9,6 @@ from marks import BOX
 from scenes import BOXES, MASSES, chains, fluid, ready
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
@@ -199,7 +198,7 @@ def test_noise_of_species_is_cut_at_five_and_that_of_the_motion_is_not():
 # -- errors -------------------------------------------------------------------------------------------------------------------------------
 def test_there_is_no_sweep():
     scene = pair_of_beads()
-    with pytest.raises(RunError, match="only the scheme mvv"):
+    with pytest.raises(dpd.RunError, match="only the scheme mvv"):
         prepared(scene).sweep(scene.velocities, KT, DT, SEED, COUNTER, scene.internal.values)
 
 
