@@ -13,6 +13,7 @@ import openmm
 import oracle
 import pytest
 from cases import cases
+from fluid_deck import ONE_TYPE
 from openmm import app
 from raising import raises
 from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of
@@ -212,20 +213,7 @@ def test_atoms_have_it_too(register, monkeypatch, way):
     raises(dpd.ParameterError, "engine must be 'auto' or one of 'host', 'toy', not 'gpu'", lambda: way("gpu"))
 
 
-DECK = """units lj
-comm_modify vel yes
-region box prism 0 3 0 3 0 3 {tilt} 0 0 units box
-create_box 1 box
-create_atoms 1 random 40 4243 box
-mass 1 1.0
-pair_style dpd 1.0 1.0 34387
-pair_coeff * * 25.0 4.5
-velocity all create 1.0 87287
-fix move all nve
-timestep 0.01
-thermo 5
-run 10
-"""
+DECK = ONE_TYPE.replace("192", "40").replace("block 0 4 0 4 0 4", "prism 0 3 0 3 0 3 {tilt} 0 0") + "timestep 0.01\nthermo 5\nrun 10\n"
 
 
 def test_decks_have_it_too(register, monkeypatch, tmp_path, capsys):

@@ -3,21 +3,18 @@
 import numpy as np
 import oracle_meso as oracle
 import pytest
-from kernel_answers import close, noise_matrices, same_terms, scaled_by
+from kernel_answers import COUNTER, DT, PARTS, SEED, close, noise_matrices, prepared, same_terms, scaled_by
 from marks import BOX
 from raising import raises
-from scenes import BOXES, MASSES, chains, fluid, noise_of, ready
+from scenes import BOXES, MASSES, chains, fluid, noise_of
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.edpd import clamped
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
-from openmm_dpd.plan.plan import make_plan
 
 COMPAT = pytest.mark.parametrize("compat", ["consistent", "lammps"])
-DT, SEED, COUNTER = 0.02, 21, 5
-PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)
 _POLYNOMIALS = {"exponent_polynomial": (0.5, -0.3, 0.8, 0.2), "kappa_polynomial": (0.5, -0.3, 0.2, 0.1)}
 _WIDE = {"cutoff": 1.2, "cutoff_T": 0.8, "exponent": 0.41, "exponent_T": 1.0, "exponent_polynomial": (-3.0, 0, 0, 0)}
 #: Conduction reaches further than the forces, less far, and as far; the exponent of AB falls to its smallest value where it is warm.
@@ -32,10 +29,6 @@ def warm_fluid(box=BOXES["ortho"], *, make=fluid, table=TABLE, seed=5, **options
     """Temperatures from 0.6 to 1.8 and heat capacities from 2 to 5."""
     rng, n = np.random.default_rng(seed), make(box=box).n_beads
     return make(table=table, box=box, internal=BeadTemperatures(rng.uniform(0.6, 1.8, n), rng.uniform(2.0, 5.0, n)), **options)
-
-
-def prepared(scene, dt=DT) -> PairEngine:
-    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec), scene.positions, scene.box)
 
 
 def evaluate(scene, which, v=None, counter=COUNTER, engine=None):
