@@ -156,8 +156,7 @@ def test_barostat_moves(choices, conservative):
     """A move is tried at each step; accepted or refused, noise is drawn once per step."""
     built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, platform="Reference", conservative=conservative, seed=8, **choices)
     pressure = 20.0 / unit.nanometer**3 * unit.kilojoule_per_mole / unit.AVOGADRO_CONSTANT_NA
-    barostat = openmm.MonteCarloBarostat(pressure, 120.27 * unit.kelvin, 1)
-    built.system.addForce(barostat)
+    built.system.addForce(openmm.MonteCarloBarostat(pressure, 120.27 * unit.kelvin, 1))
     simulation = built.simulation()
     context, volumes, drawn = simulation.context, [], []
     for _ in range(60):
@@ -196,8 +195,7 @@ def test_reporters_do_not_disturb(choices, conservative, tmp_path):
     watched = built.simulation()
     lines = io.StringIO()
     words = "step time potentialEnergy kineticEnergy totalEnergy temperature volume density speed"
-    columns = dict.fromkeys(words.split(), True)
-    watched.reporters.append(app.StateDataReporter(lines, 1, **columns))
+    watched.reporters.append(app.StateDataReporter(lines, 1, **dict.fromkeys(words.split(), True)))
     watched.reporters.append(app.DCDReporter(str(tmp_path / "run.dcd"), 1))
     watched.reporters.append(app.CheckpointReporter(str(tmp_path / "run.chk"), 2))
     observer = dpd.Observer(built)

@@ -9,7 +9,7 @@ import pytest
 from import_graph import ROOT
 from openmm_setters import BAROSTATS, FORCES, GENERIC, LIKE_ALL, METHODS, REFUSED, N, force_classes, setters
 from raising import raises
-from scenes import state_of
+from scenes import place, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN
@@ -56,8 +56,7 @@ class Run:
         return dpd.build(scene, dt=DT, scheme=scheme, platform="Reference", seed=1, loop=way == "whole")
 
     def put_back(self) -> None:
-        self.context.setPositions(START[0])
-        self.context.setVelocities(START[1])
+        place(self.context, START[0], START[1])
 
     def step(self, n: int) -> None:
         self.integrator.step(n)
@@ -366,8 +365,7 @@ def test_lines_that_were_added_before_are_executed():
     for way in ("whole", "program"):
         built = Run.built(way)
         built.integrator.addComputePerDof("v", "0.5*v")
-        run = Run(way, built=built)
-        ends.append(end(run))
+        ends.append(end(Run(way, built=built)))
         assert np.abs(ends[-1][1] - 0.25 * START[1]).max() < 1e-12
     assert not differ(ends[0][0], ends[1][0])
 
@@ -578,8 +576,7 @@ def test_molecules_are_scaled_by_beads_when_the_context_is_made_anew(way):
 def test_a_pressure_in_bar_beside_a_reduced_scene_is_said_in_its_units(kT, reported, caplog):
     for name, make in BAROSTATS.items():
         caplog.clear()
-        barostat = make(23.7, 0)
-        Run("whole", [barostat], kT=kT)
+        Run("whole", [make(23.7, 0)], kT=kT)
         found = [record.getMessage() for record in caplog.records if "23.7" in record.getMessage()]
         assert bool(found) == reported
         assert not reported or name in found[0] and "1.42725" in found[0] and "add_barostat" in found[0]

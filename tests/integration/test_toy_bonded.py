@@ -17,7 +17,7 @@ import numpy as np
 import openmm
 import pytest
 from raising import raises
-from scenes import beads
+from scenes import beads, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base import serialized
@@ -228,8 +228,7 @@ def test_loop_and_program_go_the_same_way(known):
     ends = []
     for loop in (True, False):
         built = dpd.build(scene(), dt=0.005, platform="Reference", conservative="kernel", seed=1, loop=loop)
-        simulation = built.simulation()
-        simulation.step(20)
+        simulation = stepped(built.simulation(), 20)
         ends.append(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value)
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-12)
 

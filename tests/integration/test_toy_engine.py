@@ -16,7 +16,7 @@ from cases import cases
 from fluid_deck import ONE_TYPE
 from openmm import app
 from raising import raises
-from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of
+from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
@@ -149,8 +149,7 @@ def test_it_is_measured_as_the_host_is(register):
     host, toy = (made(scene, "mvv", engine) for engine in ("host", "toy"))
     samples = []
     for built in (host, toy):
-        simulation = built.simulation()
-        simulation.step(5)
+        simulation = stepped(built.simulation(), 5)
         samples.append(dpd.Observer(built).sample(simulation.context))
         assert dpd.read_fields(simulation.context, built.plan) == {}
     for name in ("kinetic", "pair", "virial_conservative", "virial_dissipative", "virial_random", "gradient2", "forces"):

@@ -63,6 +63,20 @@ def all_of(simulation) -> dict:
     return found
 
 
+def failing(monkeypatch, owner, name: str, at: int, error) -> list[int]:
+    """Has a function fail when it is called for the at-th time; how many calls there are until then."""
+    real, left = getattr(owner, name), [at]
+
+    def call(*arguments, **named):
+        left[0] -= 1
+        if left[0] == 0:
+            raise error
+        return real(*arguments, **named)
+
+    monkeypatch.setattr(owner, name, call)
+    return left
+
+
 def interrupted(case, lines) -> dict[int, list[str]]:
     """What is wrong after an interruption before some of the lines of a piece, which ``lines`` chooses from their functions' names."""
     calm = started(*case)
@@ -142,15 +156,7 @@ def test_calls_that_fail(case, owner, name, error, monkeypatch):
     end = all_of(calm)
     real, tried = getattr(owner, name), 0
     for at in (1, 3, 8, 13, 18):
-        simulation, left = started(*chosen), [at]
-
-        def failing(*arguments, left=left, **named):
-            left[0] -= 1
-            if left[0] == 0:
-                raise error
-            return real(*arguments, **named)
-
-        monkeypatch.setattr(owner, name, failing)
+        simulation, left = started(*chosen), failing(monkeypatch, owner, name, at, error)
         try:
             simulation.integrator.step(10)
         except (openmm.OpenMMException, KeyboardInterrupt, MemoryError) as found:
@@ -185,15 +191,7 @@ def test_calls_of_openmm_that_fail(case, name, monkeypatch):
     after = all_of(calm)
     real, wrong, tried = getattr(openmm.Context, name), [], 0
     for at in (1, 2, 3):
-        simulation, left = started(*chosen), [at]
-
-        def failing(*arguments, left=left, **named):
-            left[0] -= 1
-            if left[0] == 0:
-                raise MemoryError
-            return real(*arguments, **named)
-
-        monkeypatch.setattr(openmm.Context, name, failing)
+        simulation, left = started(*chosen), failing(monkeypatch, openmm.Context, name, at, MemoryError())
         try:
             simulation.integrator.step(5)
         except MemoryError:

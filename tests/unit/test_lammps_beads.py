@@ -10,8 +10,7 @@ from openmm_dpd.lammps import read_deck
 
 
 def state_of(tmp_path, text: str):
-    path = put(tmp_path / "in.deck", text)
-    return read_deck(path, stop_before_first_run=True)
+    return read_deck(put(tmp_path / "in.deck", text), stop_before_first_run=True)
 
 
 # -- boxes and lattices ------------------------------------------------------------------------------------------------------

@@ -53,8 +53,7 @@ def test_pdb_of_a_scene(mixture, tmp_path):
     """OpenMM's topology carries the names of molecules, and a PDB file of it opens in mdtraj with bonds."""
     scene = mixture.scene(pairs={("*", "*"): dpd.DPD(A=25.0, gamma=4.5)}, kT=1.0)
     built = dpd.build(scene, dt=0.02, platform="Reference", seed=1)
-    names = [atom.residue.name for atom in built.topology.atoms()]
-    assert names == mixture.residues
+    assert [atom.residue.name for atom in built.topology.atoms()] == mixture.residues
     with open(tmp_path / "all.pdb", "w") as file:
         app.PDBFile.writeFile(built.topology, built.positions, file, keepIds=True)
     trajectory = mdtraj.load_pdb(str(tmp_path / "all.pdb"))

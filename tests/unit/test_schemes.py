@@ -118,9 +118,7 @@ def test_the_word_of_a_named_scheme_is_that_scheme(scheme):
 
 @pytest.mark.parametrize("scheme", NAMED, ids=str)
 def test_a_run_by_the_word_is_the_run_by_the_name(scheme):
-    ends = []
-    for text in (scheme.name, scheme.word):
-        ends.append(state_of(stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3).context))
+    ends = [state_of(stepped(run_of(still(), REFERENCE, dt=0.02, scheme=text), 3).context) for text in (scheme.name, scheme.word)]
     assert np.array_equal(ends[0][0], ends[1][0]) and np.array_equal(ends[0][1], ends[1][1])
 
 
