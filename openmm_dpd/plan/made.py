@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from zlib import crc32
 
 import numpy as np
@@ -30,6 +31,7 @@ LISTED = (
 )
 
 
+@lru_cache
 def text_number(text: str) -> float:
     """A number for a text in a context parameter; 0 for an empty one."""
     return float(crc32(text.encode()))

@@ -208,7 +208,7 @@ def test_atoms_have_it_too(register, monkeypatch, way):
         thermostat(types=("Ar", None) * 27)
     with pytest.raises(PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
         mixed(names=("Ar", None) * 13 + ("Ar",))
-    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'toy', not 'gpu'"):
+    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'"):
         way("gpu")
 
 
@@ -254,7 +254,7 @@ def test_decks_have_it_too(register, monkeypatch, tmp_path, capsys):
         assert main([command, "in.tilted", "--engine", "toy"]) == 1
         assert "in.tilted:13: the engine 'toy' cannot run this scene: it has no tilted boxes" in capsys.readouterr().err
         assert main([command, "in.toy", "--engine", "gpu"]) == 1
-        assert "error: --engine must be 'auto' or one of 'host', 'toy', not 'gpu'" in capsys.readouterr().err
+        assert "error: --engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("way", [lambda: made(dimers()), thermostat, mixed], ids=["build", "thermostat", "mixed"])
