@@ -6,6 +6,10 @@ from typing import Any
 
 import lammps_peer
 import numpy as np
+from files_of_tests import put
+
+import openmm_dpd as dpd
+from openmm_dpd.lammps import read_deck
 
 #: LAMMPS's hybrid bonds of three types and angles of two, and the same as formulas of r and theta.
 BONDS = {1: "harmonic 20.0 0.7", 2: "fene 30.0 1.5 0.8 0.9", 3: "morse 12.0 1.7 0.6"}
@@ -102,6 +106,38 @@ def data_file(x, bonds, angles, box, n_types=1, bond_types=3, angle_types=2) -> 
     lines += ["", "Bonds", ""] + [f"{k + 1} {k % bond_types + 1} {i + 1} {j + 1}" for k, (i, j) in enumerate(bonds.tolist())]
     lines += ["", "Angles", ""] + [f"{k + 1} {k % angle_types + 1} {i + 1} {j + 1} {m + 1}" for k, (i, j, m) in enumerate(angles.tolist())]
     return "\n".join(lines) + "\n"
+
+
+SEGMENTS = """units lj
+atom_style angle
+newton on
+special_bonds lj 1 1 1
+comm_modify vel yes cutoff 3.0
+neighbor {skin} bin
+bond_style harmonic
+angle_style cosine
+read_data data.chains
+bond_coeff * 100 0.8
+angle_coeff * 2
+pair_style {pair}
+{coefficients}
+velocity all set 0 0 0
+fix 1 all nve
+"""
+OVERLAY = "pair_coeff 1 1 dpd 25 4.5\npair_coeff 1 2 none\npair_coeff 2 2 srp 80"
+
+
+def segment_deck(folder: Path, pair: str, coefficients: str = OVERLAY, *, skin: float = 1.1, box: np.ndarray, seed: int = 5) -> str:
+    """A deck with segmental repulsion, its data file written beside it: 100 bonds of two types."""
+    x, bonds, angles = walks(20, 6, box, seed, step=0.8)
+    put(folder / "data.chains", data_file(x, bonds, angles, box, n_types=2, bond_types=2, angle_types=1))
+    return SEGMENTS.format(pair=pair, coefficients=coefficients, skin=skin)
+
+
+def scene_of(folder: Path, text: str, compat: str = "consistent") -> dpd.Scene:
+    """The scene in front of a deck's runs."""
+    state = read_deck(put(folder / "in.ours", text + "run 0\n"), stop_before_first_run=True, output=folder)
+    return state.first_run.override(compat=compat).scene()
 
 
 WORDS = ("pe", "ebond", "eangle", "emol", "evdwl", "press")

@@ -2,7 +2,18 @@
 
 import numpy as np
 import pytest
-from scenes import noise_of
+from scenes import noise_of, ready
+
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.plan.plan import make_plan
+
+DT, SEED, COUNTER = 0.02, 21, 5
+PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)
+
+
+def prepared(scene, scheme="mvv", dt=DT) -> PairEngine:
+    """The engine of a scene that knows where its beads are."""
+    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme=scheme).spec), scene.positions, scene.box)
 
 
 def close(got, expected, rtol=1e-12):

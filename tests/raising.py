@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 
-def raises(error: type[BaseException] | tuple[type[BaseException], ...], match: str, call: Callable[[], object]) -> None:
-    """The call fails with this error, and the message has what ``match`` looks for."""
+def raises(error: type[BaseException] | tuple[type[BaseException], ...], match: str, call: Callable, /, *values, **named) -> None:
+    """The call, with these arguments, fails with this error, and the message has what ``match`` looks for."""
     with pytest.raises(error, match=match):
-        call()
+        call(*values, **named)

@@ -53,10 +53,7 @@ def fluid(
     if n is None:
         n = min(250, max(40, int(density * (64.0 if box is None else np.prod(np.diag(box))))))
     fractional = rng.random((n, 3))
-    if box is None:
-        x = fractional * (n / density) ** (1 / 3)
-    else:
-        x = (fractional + rng.integers(-spread, spread + 1, (n, 3))) @ box
+    x = fractional * (n / density) ** (1 / 3) if box is None else (fractional + rng.integers(-spread, spread + 1, (n, 3))) @ box
     x = x if positions is None else positions
     names = list(masses)
     types = [names[k] for k in rng.integers(0, len(names), n)]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fluid_deck import IONS
 from judged import any_seed, judge
 from lammps_peer import instance, need
 
@@ -15,28 +16,15 @@ HERE = Path(__file__).parent
 DECKS = HERE.parents[1] / "examples" / "decks"
 REFERENCE = json.loads((HERE / "electrolyte_reference.json").read_text())
 
-DECK = """
-units lj
+DECK = f"""units lj
 atom_style full
 comm_modify vel yes
 region box block 0 8 0 8 0 8
-create_box 2 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 6
-create_atoms 1 random 60 71 NULL overlap 0.05 maxtry 50
-mass * 1.0
-set atom 1*30 type 2
-set atom 1*15 charge 1.0
-set atom 16*30 charge -1.0
-set atom 1 x 1.0 y 1.0 z 1.0
-set atom 16 x 1.4 y 1.0 z 1.2
-set atom 2 x 7.9 y 5.0 z 4.0
-set atom 17 x 0.2 y 5.1 z 4.0
+{IONS}set atom 17 x 0.2 y 5.1 z 4.0
 set atom 3 x 4.0 y 4.0 z 4.0
 set atom 4 x 4.0 y 4.9 z 4.0
-{styles}
-dielectric 0.5
-kspace_style ewald 1.0e-8
-special_bonds lj 1 1 1 coul {factor} 1 1
-bond_style zero nocoeff
+{{styles}}
+special_bonds lj 1 1 1 coul {{factor}} 1 1
 bond_coeff 1
 """
 STYLES = {

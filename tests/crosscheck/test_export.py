@@ -113,14 +113,17 @@ def _ours(scene: dpd.Scene, steps: int, seed: int) -> dict[str, np.ndarray]:
     }
 
 
-def _compare(name: str, steps: int, folder, seed: int) -> None:
+@any_seed(5)
+@pytest.mark.parametrize("steps", [400, pytest.param(20000, marks=[pytest.mark.slow, pytest.mark.long])])
+@pytest.mark.parametrize("name", ["fluid", "chains", "energy", "electrolyte"])
+def test_averages_of_a_run(name, steps, tmp_path, seed):
     """Averages of LAMMPS and of this package on the same exported deck: temperature, pressure and energy."""
     scene = _warm(name)
     if scene.internal is None:
         scene = _relaxed(scene)
-    written = export_lammps(scene, folder, name, dt=0.01, steps=steps, seed=seed + 16, every=10)
+    written = export_lammps(scene, tmp_path, name, dt=0.01, steps=steps, seed=seed + 16, every=10)
     assert not written.differences
-    theirs = exported.thermo(exported.run_lammps(folder, name))
+    theirs = exported.thermo(exported.run_lammps(tmp_path, name))
     ours = _ours(scene, steps, seed)
     late = theirs["Step"] > steps // 10
     for column, word in (("Temp", "kT"), ("Press", "pressure"), ("PotEng", "potential")):
@@ -133,20 +136,6 @@ def _compare(name: str, steps: int, folder, seed: int) -> None:
     frames = read_lammps_dump(written.dump, scene)
     np.testing.assert_allclose(scene_from_data(written.final, scene).positions, frames.scene().positions, atol=1e-12)
     assert frames.trajectory(dt=0.01).n_frames == len(frames) == steps // 10 + 1
-
-
-@any_seed(5)
-@pytest.mark.parametrize("name", ["fluid", "chains", "energy", "electrolyte"])
-def test_averages_of_a_short_run(name, tmp_path, seed):
-    _compare(name, 400, tmp_path, seed)
-
-
-@pytest.mark.slow
-@pytest.mark.long
-@any_seed(5)
-@pytest.mark.parametrize("name", ["fluid", "chains", "energy", "electrolyte"])
-def test_averages_of_a_long_run(name, tmp_path, seed):
-    _compare(name, 20000, tmp_path, seed)
 
 
 @pytest.mark.slow

@@ -5,10 +5,10 @@ import openmm
 import pytest
 from judged import any_seed, bounded
 from openmm import unit
+from raising import raises
 from scenes import stepped
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import PlanError
 from openmm_dpd.units import BOLTZMANN
 
 BARS = 16.6054
@@ -75,8 +75,7 @@ def test_one_without_the_other_is_refused(scheme, way):
     else:
         simulation.context.setParameter("MonteCarloTemperature", 300)
     reason = "MonteCarloBarostat samples volumes at .* K .*MonteCarloTemperature.* thermostat is at .* set both"
-    with pytest.raises(PlanError, match=reason):
-        simulation.step(5)
+    raises(dpd.PlanError, reason, lambda: simulation.step(5))
     if way != "barostat":
         simulation.context.setParameter("MonteCarloTemperature", 1.5 / BOLTZMANN)
     else:
@@ -87,8 +86,7 @@ def test_one_without_the_other_is_refused(scheme, way):
 def test_a_barostat_of_the_users_has_the_temperature_of_the_thermostat():
     built = fluid()
     built.system.addForce(openmm.MonteCarloBarostat(23.6 * BARS, 300, 25))
-    with pytest.raises(PlanError, match="at 300 K .* thermostat is at 120.27"):
-        built.simulation().step(1)
+    raises(dpd.PlanError, "at 300 K .* thermostat is at 120.27", lambda: built.simulation().step(1))
     off = fluid()
     off.system.addForce(openmm.MonteCarloBarostat(23.6 * BARS, 300, 0))
     off.simulation().step(1)
@@ -97,8 +95,7 @@ def test_a_barostat_of_the_users_has_the_temperature_of_the_thermostat():
 def test_no_ramp_beside_a_barostat():
     built = fluid(kT=dpd.TemperatureRamp(1.0, 2.0, 0, 100))
     built.system.addForce(barostats()[0])
-    with pytest.raises(PlanError, match="MonteCarloBarostat has one temperature; a temperature ramp"):
-        built.simulation().step(1)
+    raises(dpd.PlanError, "MonteCarloBarostat has one temperature; a temperature ramp", lambda: built.simulation().step(1))
 
 
 @pytest.mark.slow

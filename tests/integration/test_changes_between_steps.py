@@ -8,6 +8,7 @@ import pytest
 from devices import CPU, DEVICES, REFERENCE
 from marks import SCHEME, SCHEMES
 from openmm import app, unit
+from raising import raises
 from scenes import BOXES, EXTENDED, D, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd
@@ -80,13 +81,11 @@ def test_another_seed(choices):
 def test_temperature_is_checked():
     simulation = started(REFERENCE)
     for wrong in (-1.0, float("nan")):
-        with pytest.raises(dpd.ParameterError, match="kT|temperature"):
-            dpd.set_kT(simulation.context, wrong)
+        raises(dpd.ParameterError, "kT|temperature", dpd.set_kT, simulation.context, wrong)
     dpd.set_kT(simulation.context, 300 * unit.kelvin)
     assert simulation.context.getParameter(KT) == pytest.approx(2.494, abs=1e-3)
     simulation.context.setParameter(KT, -1.0)
-    with pytest.raises(Exception, match="dpd_kT must be >= 0"):
-        simulation.step(1)
+    raises(Exception, "dpd_kT must be >= 0", lambda: simulation.step(1))
 
 
 # -- positions, box ------------------------------------------------------------------------------------------------------------------
@@ -157,8 +156,7 @@ def test_barostat_moves(choices, conservative):
     """A move is tried at each step; accepted or refused, noise is drawn once per step."""
     built = dpd.build(beads(150, edge=4.0, seed=4), dt=0.02, platform="Reference", conservative=conservative, seed=8, **choices)
     pressure = 20.0 / unit.nanometer**3 * unit.kilojoule_per_mole / unit.AVOGADRO_CONSTANT_NA
-    barostat = openmm.MonteCarloBarostat(pressure, 120.27 * unit.kelvin, 1)
-    built.system.addForce(barostat)
+    built.system.addForce(openmm.MonteCarloBarostat(pressure, 120.27 * unit.kelvin, 1))
     simulation = built.simulation()
     context, volumes, drawn = simulation.context, [], []
     for _ in range(60):
@@ -197,8 +195,7 @@ def test_reporters_do_not_disturb(choices, conservative, tmp_path):
     watched = built.simulation()
     lines = io.StringIO()
     words = "step time potentialEnergy kineticEnergy totalEnergy temperature volume density speed"
-    columns = dict.fromkeys(words.split(), True)
-    watched.reporters.append(app.StateDataReporter(lines, 1, **columns))
+    watched.reporters.append(app.StateDataReporter(lines, 1, **dict.fromkeys(words.split(), True)))
     watched.reporters.append(app.DCDReporter(str(tmp_path / "run.dcd"), 1))
     watched.reporters.append(app.CheckpointReporter(str(tmp_path / "run.chk"), 2))
     observer = dpd.Observer(built)

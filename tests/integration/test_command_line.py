@@ -17,7 +17,6 @@ from fluid_deck import FLUID
 import openmm_dpd as dpd
 from openmm_dpd import __main__ as cli
 from openmm_dpd.__main__ import main
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.lammps import RunOptions, deck_forces, deck_scene, explain_deck, run_deck
 from openmm_dpd.trajectory import load
 
@@ -237,7 +236,7 @@ def test_ctrl_c_inside_a_force_callback_is_no_error(deck, capsys, monkeypatch):
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt:
-            raise RunError("the run stopped: <NULL>") from None
+            raise dpd.RunError("the run stopped: <NULL>") from None
 
     before = signal.getsignal(signal.SIGINT)
     monkeypatch.setattr(cli, "_run", interrupted)

@@ -10,6 +10,7 @@ import numpy as np
 import openmm
 import pytest
 from openmm import app, unit
+from raising import raises
 
 from openmm_dpd.base.errors import ParameterError, PlanError, RunError
 from openmm_dpd.molecules import PiercingWarning, find_piercings, relax_dense
@@ -199,8 +200,7 @@ def test_sizes_of_elements():
     assert sizes[4] == pytest.approx(0.34) and sizes[5] == pytest.approx(0.1)  # Bondi's radius of carbon is 0.17 nm
     assert relax_dense(system, topology, x, steps=5, platform="CPU").replaced == ("CustomNonbondedForce", "NonbondedForce")
     list(topology.atoms())[2].element = None
-    with pytest.raises(ParameterError, match="nothing says how large atom C of CH2 3 is"):
-        relax_dense(system, topology, x)
+    raises(ParameterError, "nothing says how large atom C of CH2 3 is", lambda: relax_dense(system, topology, x))
 
 
 def test_bad_input():
@@ -208,8 +208,7 @@ def test_bad_input():
 
     def refused(match: str, kind=ParameterError, **changed):
         given = {"system": system, "topology": topology, "positions": x} | changed
-        with pytest.raises(kind, match=match):
-            relax_dense(given.pop("system"), given.pop("topology"), given.pop("positions"), **given)
+        raises(kind, match, lambda: relax_dense(given.pop("system"), given.pop("topology"), given.pop("positions"), **given))
 
     def with_force(force) -> openmm.System:
         changed = openmm.XmlSerializer.clone(system)

@@ -9,6 +9,7 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
+from files_of_tests import put
 from scenes import beads
 
 import openmm_dpd as dpd
@@ -174,16 +175,14 @@ def test_against_lammps(tmp_path, box, steps):
         lmp.commands_string(text)
         lmp.commands_list(["dump f all custom 1 forces.txt id fx fy fz", "dump_modify f sort id format float %.17g", f"run {steps}"])
         expected = {word: lmp.get_thermo(word) for word in WORDS}
-    deck = tmp_path / "in.chains"
-    deck.write_text(text + f"run {steps}\n")
+    deck = put(tmp_path / "in.chains", text + f"run {steps}\n")
     report = run_deck(deck, RunOptions(platform="Reference", threads=1), out=tmp_path / "out")
     rows = {word: values["last"] for word, values in report["runs"][0]["thermo"].items()}
     assert expected["edihed"] != 0
     for word, value in expected.items():
         assert rows[word] == pytest.approx(value, rel=1e-8, abs=1e-8), word
     forces = np.loadtxt(tmp_path / "forces.txt", skiprows=9, max_rows=len(x))[:, 1:]
-    built = dpd.build(deck_scene(deck), dt=0.002, platform="Reference", seed=1)
-    terms = dpd.force_terms(built)
+    terms = dpd.force_terms(dpd.build(deck_scene(deck), dt=0.002, platform="Reference", seed=1))
     np.testing.assert_allclose(terms["bond"] + terms["conservative"], forces, rtol=0, atol=1e-9 * np.abs(forces).max())
 
 
@@ -192,8 +191,7 @@ def test_decks_and_export(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     x, bonds, angles, quads = walk()
     (tmp_path / "data.chains").write_text(data_file(x, bonds, angles, quads, BOX))
-    deck = tmp_path / "in.chains"
-    deck.write_text(DECK + "write_data data.again\nwrite_restart restart.chains\nrun 0\n")
+    deck = put(tmp_path / "in.chains", DECK + "write_data data.again\nwrite_restart restart.chains\nrun 0\n")
     out = tmp_path / "out"
     run_deck(deck, RunOptions(platform="Reference", threads=1), out=out)
     assert np.array_equal(np.sort(read_psf(out / "topology.psf").dihedrals, axis=0), quads)

@@ -7,10 +7,10 @@ from devices import DEVICES
 from judged import any_seed, judge, ratios
 from kinds import ENERGY, TABULATED
 from openmm import unit
+from raising import raises
 from scenes import BOXES, fluid, state_of, step_all, stepped
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.base.names import COUNTER
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine
 from openmm_dpd.model.energy_dpd import EnergyDPD
@@ -239,8 +239,7 @@ def test_reading_and_setting(device):
         ({"theta": 1.0, "u_cond": 0.0}, "either theta or the energies"),
         ({"theta": 2.0 * fields["theta"]}, "is immobile .* do not move are reservoirs"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            write_fields(simulation.context, plan, **wrong)
+        raises(dpd.ParameterError, message, write_fields, simulation.context, plan, **wrong)
 
 
 @SCHEME
@@ -340,11 +339,9 @@ def test_volume_moves_conserve_enthalpy_and_hold_the_pressure(seed):
 def test_barostats_are_refused_where_they_do_not_fit(scene):
     built = dpd.build(scene(), dt=DT, platform="Reference", seed=1)
     make, other = (add_barostat, EnthalpyBarostat) if scene is fluid else (EnthalpyBarostat, add_barostat)
-    with pytest.raises(PlanError, match="internal energies"):
-        other(built, 1.0)
+    raises(dpd.PlanError, "internal energies", lambda: other(built, 1.0))
     for wrong in ({"interval": 0}, {"axes": (False, False, False)}, {"pressure": 1 * unit.kelvin}, {"pressure": float("nan")}):
-        with pytest.raises(ParameterError):
+        with pytest.raises(dpd.ParameterError):
             make(built, **{"pressure": 1.0, **wrong})
     make(built, 10 * unit.bar)
-    with pytest.raises(PlanError, match="without a box"):
-        make(dpd.build(scene(box=None), dt=DT, platform="Reference", seed=1), 1.0)
+    raises(dpd.PlanError, "without a box", lambda: make(dpd.build(scene(box=None), dt=DT, platform="Reference", seed=1), 1.0))

@@ -12,7 +12,6 @@ from raising import raises
 from scenes import D, beads, run_of, state_of, stepped
 
 import openmm_dpd as dpd
-from openmm_dpd import DPDError, ParameterError, PlanError
 from openmm_dpd.base.names import KT
 
 N = 20
@@ -158,9 +157,9 @@ WRONG = {  # What is wrong -> what makes it, and what the message has to say.
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_input(name):
     make, message = WRONG[name]
-    with pytest.raises(DPDError, match=message) as caught:
+    with pytest.raises(dpd.DPDError, match=message) as caught:
         make()
-    assert isinstance(caught.value, ParameterError)
+    assert isinstance(caught.value, dpd.ParameterError)
     assert "\n" not in str(caught.value)
 
 
@@ -176,9 +175,9 @@ def test_lists_of_quantities_keep_their_units():
 
 def test_reporter_that_is_refused_leaves_the_file(tmp_path):
     path = put(tmp_path / "rows.csv", "precious")
-    with pytest.raises(ParameterError):
+    with pytest.raises(dpd.ParameterError):
         dpd.DPDReporter(path, 0, build())
-    with pytest.raises(ParameterError):
+    with pytest.raises(dpd.ParameterError):
         dpd.DPDReporter(path, 10, build().simulation())
     assert path.read_text() == "precious"
     with pytest.raises(FileNotFoundError):
@@ -195,7 +194,7 @@ NATIVE = {
 @pytest.mark.parametrize("name", NATIVE)
 def test_what_the_native_scheme_cannot_express(name):
     coefficient, message = NATIVE[name]
-    raises(PlanError, message, lambda: build(scene(pairs={("W", "W"): coefficient}), scheme="native"))
+    raises(dpd.PlanError, message, lambda: build(scene(pairs={("W", "W"): coefficient}), scheme="native"))
 
 
 SMALL_TILTED = [[3.0, 0, 0], [1.4, 3.0, 0], [0, 0, 3.0]]
@@ -215,25 +214,24 @@ def test_scenes_that_the_native_scheme_cannot_run(name):
     if message is None:
         build(scene(**changes), scheme="native").simulation().step(2)
     else:
-        raises(PlanError, message, lambda: build(scene(**changes), scheme="native"))
+        raises(dpd.PlanError, message, lambda: build(scene(**changes), scheme="native"))
 
 
 def test_native_needs_openmms_force_and_no_ramp():
-    raises(PlanError, "openmm", lambda: build(scheme="native", conservative="kernel"))
-    raises(PlanError, "ramp", lambda: build(scene(kT=dpd.TemperatureRamp(1, 2, 0, 5)), scheme="native"))
+    raises(dpd.PlanError, "openmm", lambda: build(scheme="native", conservative="kernel"))
+    raises(dpd.PlanError, "ramp", lambda: build(scene(kT=dpd.TemperatureRamp(1, 2, 0, 5)), scheme="native"))
 
 
 def test_one_barostat_before_the_context_is_made():
     built = build()
     dpd.add_barostat(built, 20.0)
-    raises(PlanError, "has a MonteCarloBarostat already", lambda: dpd.add_barostat(built, 20.0, coupled=False))
+    raises(dpd.PlanError, "has a MonteCarloBarostat already", lambda: dpd.add_barostat(built, 20.0, coupled=False))
     for scheme in ("middle", "native"):
         built = build(scheme=scheme)
         simulation = built.simulation()
-        with pytest.raises(PlanError, match="before the Simulation is made"):
-            dpd.add_barostat(built, 20.0)
+        raises(dpd.PlanError, "before the Simulation is made", dpd.add_barostat, built, 20.0)
         assert simulation.context.getStepCount() == 0
-    raises(PlanError, "temperature.*is 0", lambda: dpd.add_barostat(build(scene(kT=0.0)), 20.0))
+    raises(dpd.PlanError, "temperature.*is 0", lambda: dpd.add_barostat(build(scene(kT=0.0)), 20.0))
 
 
 # -- while stepping --------------------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import openmm
 import pytest
 from devices import Device
 from openmm import unit
+from raising import raises
 from scenes import beads, fluid, state_of
 from tired import Tired
 
@@ -134,8 +135,7 @@ def test_a_failure_in_the_middle_of_many_steps(host, scheme):
     for k in (5, 14, 23):
         run, tired = tired_run("plain", host, scheme, "kernel")
         tired.left = k
-        with pytest.raises(Exception, match="too tired"):
-            run.simulation.step(25)
+        raises(Exception, "too tired", run.simulation.step, 25)
         found = run.now()
         agrees(found, calm.known[found["steps"]], 1e-9)
         run.simulation.step(30 - found["steps"])
@@ -169,8 +169,7 @@ def test_a_state_saved_after_a_failure_restarts(host, scheme, tmp_path):
     run, tired = tired_run("plain", host, scheme, "kernel")
     run.simulation.step(3)
     tired.left = 2
-    with pytest.raises(Exception, match="too tired"):
-        run.simulation.step(5)
+    raises(Exception, "too tired", lambda: run.simulation.step(5))
     run.simulation.saveState(str(tmp_path / "state.xml"))
     run.simulation.saveCheckpoint(str(tmp_path / "state.chk"))
     for load in ("loadState", "loadCheckpoint"):
@@ -187,8 +186,7 @@ def test_minimizing_and_energies_after_a_failure(host):
     run, tired = tired_run("plain", host, "middle", "kernel")
     run.simulation.step(2)
     tired.left = 2
-    with pytest.raises(Exception, match="too tired"):
-        run.simulation.step(5)
+    raises(Exception, "too tired", lambda: run.simulation.step(5))
     x, v = state_of(run.simulation.context)
     fresh, _ = tired_run("plain", host, "middle", "kernel")
     fresh.simulation.context.setPositions(x)

@@ -99,14 +99,19 @@ def momentum(context) -> np.ndarray:
     return np.array(masses) @ state(context)[1]
 
 
+def fluid_of(scheme, platform, conservative):
+    """The fluid, built; skips what there is not."""
+    if scheme == "native" and conservative == "kernel":
+        pytest.skip("native has no kernel")
+    return dpd.build(pushed(), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
+
+
 @SCHEME
 @HOST
 @CONSERVATIVE
 def test_forces_in_every_group_add_up(scheme, platform, conservative):
     """One in each of the groups from 0 to 30 that is free, of different sizes."""
-    if scheme == "native" and conservative == "kernel":
-        pytest.skip("native has no kernel")
-    built = dpd.build(pushed(), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
+    built = fluid_of(scheme, platform, conservative)
     free = sorted(set(range(32)) - {force.getForceGroup() for force in built.system.getForces()} - {31})
     assert len(free) >= 30  # of its own the package has one group here, or none beside 31
     for group in free:
@@ -283,9 +288,7 @@ def test_added_particles_are_refused(scheme, platform, conservative):
     """By one line, at the first step at the latest."""
     if lacking(platform):
         pytest.skip(lacking(platform))
-    if scheme == "native" and conservative == "kernel":
-        pytest.skip("native has no kernel")
-    built = dpd.build(pushed(), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
+    built = fluid_of(scheme, platform, conservative)
     built.system.addParticle(1.0)
     with pytest.raises(REFUSED) as caught:
         context = openmm.Context(built.system, built.integrator, openmm.Platform.getPlatformByName(platform))
@@ -350,9 +353,7 @@ def test_a_force_on_a_constrained_pair_moves_both_or_is_refused(scheme, platform
 @CONSERVATIVE
 def test_forces_can_come_and_go_between_steps(scheme, platform, conservative):
     """Added, changed, and taken away again with reinitialize: what acts is what the System has."""
-    if scheme == "native" and conservative == "kernel":
-        pytest.skip("native has no kernel")
-    built = dpd.build(pushed(), dt=DT, scheme=scheme, conservative=conservative, platform=platform, seed=3)
+    built = fluid_of(scheme, platform, conservative)
     simulation = stepped(built.simulation(), 3)
     total = 0.0
     for group, strength in ((7, 10.0), (30, -4.0), (None, -10.0)):

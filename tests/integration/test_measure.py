@@ -9,10 +9,10 @@ from cases import cases
 from judged import any_seed, judge
 from kinds import everything, made, running, same
 from openmm import unit
+from raising import raises
 from scenes import external_force
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.measure.bonded_sums import bond_sums
 from openmm_dpd.measure.stress_parts import stress_parts
 
@@ -146,8 +146,7 @@ def test_reporter_refuses_unknown_columns():
     built = dpd.build(fluid(), dt=0.01, platform="Reference", seed=3)
     with pytest.raises(dpd.ParameterError, match="unknown columns kt; they must be among step"):
         dpd.DPDReporter(io.StringIO(), 2, built, columns=("kt",))
-    with pytest.raises(dpd.ParameterError, match="interval.*at least 1, not 0"):
-        dpd.DPDReporter(io.StringIO(), 0, built)
+    raises(dpd.ParameterError, "interval.*at least 1, not 0", lambda: dpd.DPDReporter(io.StringIO(), 0, built))
 
 
 def test_the_set_temperature_of_openmms_integrator():
@@ -234,7 +233,7 @@ def test_temperatures_of_few_beads(tied, seed):
 
 def test_an_observer_is_for_one_system():
     few = _few_beads("nothing")
-    with pytest.raises(ParameterError, match="the Context has 120 particles, but this Observer is for a System of 8"):
+    with pytest.raises(dpd.ParameterError, match="the Context has 120 particles, but this Observer is for a System of 8"):
         dpd.Observer(few).sample(dpd.build(fluid(), dt=0.01, platform="Reference").simulation().context)
 
 
@@ -243,8 +242,7 @@ def test_bonds_fit_into_the_box():
     bonds = dpd.HarmonicBonds([[0, 1], [1, 2]], k=[10.0, 10.0], r0=[0.5, 2.1])
     pairs = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
     long = "beads 1 and 2 .counted from 0. has the rest length 2.1 nm, over half the box, whose width is 4 nm"
-    with pytest.raises(ParameterError, match=long):
-        dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, box=[4, 5, 5], bonds=[bonds])
+    raises(dpd.ParameterError, long, lambda: dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, box=[4, 5, 5], bonds=[bonds]))
     dpd.Scene({"W": 1.0}, ["W"] * 3, x, pairs, kT=1.0, bonds=[bonds])
 
 

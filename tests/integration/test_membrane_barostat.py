@@ -9,7 +9,6 @@ from openmm import unit
 from raising import raises
 
 import openmm_dpd as dpd
-from openmm_dpd import ParameterError, PlanError
 from openmm_dpd.analysis import surface_tension
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.molecules import Bilayer, grafmueller_2009, pack, relax
@@ -91,16 +90,16 @@ def test_edges_change_as_the_modes_say(xymode, zmode):
     ({"pressure": 20.0, "surface_tension": [0.0, 0.0]}, "the surface tension must be a single number"),
 )
 def test_what_would_not_act_is_refused(options, message):
-    raises((ParameterError, PlanError), message, lambda: dpd.add_barostat(build(), **{"surface_tension": 0.0, **options}))
+    raises((dpd.ParameterError, dpd.PlanError), message, lambda: dpd.add_barostat(build(), **{"surface_tension": 0.0, **options}))
 
 
 def test_other_refusals_hold_with_a_tension():
-    with pytest.raises(PlanError, match="orthorhombic"):
+    with pytest.raises(dpd.PlanError, match="orthorhombic"):
         dpd.add_barostat(build(fluid(box=[[4, 0, 0], [1, 4, 0], [0, 0, 4]])), 20.0, surface_tension=0)
-    raises(PlanError, "temperature.*is 0", lambda: dpd.add_barostat(build(fluid(kT=0.0)), 20.0, surface_tension=0))
+    raises(dpd.PlanError, "temperature.*is 0", lambda: dpd.add_barostat(build(fluid(kT=0.0)), 20.0, surface_tension=0))
     built = build()
     dpd.add_barostat(built, 20.0, surface_tension=0)
-    raises(PlanError, "has a MonteCarloMembraneBarostat already", lambda: dpd.add_barostat(built, 20.0))
+    raises(dpd.PlanError, "has a MonteCarloMembraneBarostat already", lambda: dpd.add_barostat(built, 20.0))
 
 
 def test_a_restart_has_box_and_step_and_takes_the_new_temperature(tmp_path):

@@ -235,9 +235,7 @@ def test_local_density_is_a_measured_quantity(device):
 @pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 def test_many_body_scenes_on_every_device(device, kernel, scheme):
     """One step of every scheme on every platform, against Reference."""
-    results = []
-    for where in (DEVICES[0], device):
-        results.append(state_of(stepped(running(density_scene(kernel), where, scheme=scheme), 3).context))
+    results = [state_of(stepped(running(density_scene(kernel), where, scheme=scheme), 3).context) for where in (DEVICES[0], device)]
     limit = device.choose(1e-4, 1e-4, 3e-3)  # the CPU platform's own forces are single precision
     assert np.abs(oracle.minimum_image(results[0][0] - results[1][0], BOXES["ortho"])).max() < limit
     assert np.abs(results[0][1] - results[1][1]).max() < 10 * limit

@@ -11,6 +11,7 @@ import pytest
 from cases import cases
 from judged import any_seed
 from openmm import app, unit
+from raising import raises
 
 import openmm_dpd as dpd
 
@@ -266,8 +267,7 @@ def test_what_is_not_measured_of_atoms_and_beads():
             dpd.DPDReporter(StringIO(), 2, whole, columns)
     with pytest.raises(dpd.ParameterError, match="columns kT_beads are not measured for a scene alone"):
         dpd.DPDReporter(StringIO(), 2, dpd.build(beads(x), dt=0.001, platform="Reference"), ["step", "kT_beads"])
-    with pytest.raises(dpd.ParameterError, match="force_terms separates the terms of a scene alone; .*getState"):
-        dpd.force_terms(whole)
+    raises(dpd.ParameterError, "force_terms separates the terms of a scene alone; .*getState", lambda: dpd.force_terms(whole))
 
 
 @pytest.mark.slow
@@ -394,8 +394,7 @@ def test_beads_that_interact_with_atoms_only():
     found = forces(context_of(whole.system, whole.positions, "Reference"), whole.integrator.getIntegrationForceGroups())
     expected, _ = cross_forces(x, classes(topology), scene, attraction=False)
     np.testing.assert_allclose(found[len(x) :], expected[len(x) :], atol=1e-6 * np.abs(expected).max())
-    with pytest.raises(dpd.PlanError, match="this System has a Simulation already"):
-        whole.simulation("Reference"), whole.simulation("Reference")
+    raises(dpd.PlanError, "this System has a Simulation already", lambda: whole.simulation("Reference"), whole.simulation("Reference"))
 
 
 @cases(
@@ -441,8 +440,7 @@ def test_bad_input(changes, error, message):
     if "rename" in changes:
         arguments["atoms"] = [changes["rename"] if name == "water" else name for name in arguments["atoms"]]
     arguments |= {name: value for name, value in changes.items() if name in (*arguments, "scheme", "platform")}
-    with pytest.raises(error, match=message):
-        dpd.create_mixed_system(system=system, **arguments)
+    raises(error, message, lambda: dpd.create_mixed_system(system=system, **arguments))
 
 
 @pytest.mark.parametrize("method", ["NoCutoff", "CutoffNonPeriodic"])

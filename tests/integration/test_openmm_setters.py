@@ -8,7 +8,8 @@ import openmm
 import pytest
 from import_graph import ROOT
 from openmm_setters import BAROSTATS, FORCES, GENERIC, LIKE_ALL, METHODS, REFUSED, N, force_classes, setters
-from scenes import state_of
+from raising import raises
+from scenes import place, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN
@@ -55,8 +56,7 @@ class Run:
         return dpd.build(scene, dt=DT, scheme=scheme, platform="Reference", seed=1, loop=way == "whole")
 
     def put_back(self) -> None:
-        self.context.setPositions(START[0])
-        self.context.setVelocities(START[1])
+        place(self.context, START[0], START[1])
 
     def step(self, n: int) -> None:
         self.integrator.step(n)
@@ -268,8 +268,7 @@ def test_methods_of_system_context_and_integrator(method, way):
         if word.startswith("anew"):
             same([untouched, run])
             run.context.reinitialize(preserveState=True)
-        with pytest.raises(dpd.PlanError, match=reason):
-            run.step(1)
+        raises(dpd.PlanError, reason, lambda: run.step(1))
         return
     CHANGES[method](own)
     if word == "anew":
@@ -304,8 +303,7 @@ def test_groups_that_a_program_does_not_take_over_act_when_the_context_is_made_a
 def test_groups_of_the_package_stay(way):
     run = Run(way)
     run.integrator.setIntegrationForceGroups({0})
-    with pytest.raises(dpd.PlanError, match="force group .* was in the integration force groups"):
-        run.step(1)
+    raises(dpd.PlanError, "force group .* was in the integration force groups", lambda: run.step(1))
 
 
 @pytest.mark.parametrize("way", ["whole", "program"])
@@ -317,8 +315,7 @@ def test_forces_of_the_package_stay(way):
     ):
         run = Run(way)
         change(run, next(k for k, force in enumerate(run.system.getForces()) if force.getName() == "DPD pair terms"))
-        with pytest.raises(dpd.PlanError, match=reason):
-            run.step(1)
+        raises(dpd.PlanError, reason, run.step, 1)
 
 
 def test_a_lattice_sum_in_the_group_of_the_pair_terms_is_refused():
@@ -330,8 +327,7 @@ def test_a_lattice_sum_in_the_group_of_the_pair_terms_is_refused():
     force.setReciprocalSpaceForceGroup(31)
     run.step(1)
     run.context.reinitialize(preserveState=True)
-    with pytest.raises(dpd.PlanError, match="is in force group 31"):
-        run.step(1)
+    raises(dpd.PlanError, "is in force group 31", lambda: run.step(1))
 
 
 @pytest.mark.parametrize("way", ["whole", "program", "host"])
@@ -369,8 +365,7 @@ def test_lines_that_were_added_before_are_executed():
     for way in ("whole", "program"):
         built = Run.built(way)
         built.integrator.addComputePerDof("v", "0.5*v")
-        run = Run(way, built=built)
-        ends.append(end(run))
+        ends.append(end(Run(way, built=built)))
         assert np.abs(ends[-1][1] - 0.25 * START[1]).max() < 1e-12
     assert not differ(ends[0][0], ends[1][0])
 
@@ -511,8 +506,7 @@ def test_a_barostat_that_is_switched_on_has_the_temperature_of_the_thermostat(wa
     run.context.setParameter("MonteCarloTemperature", 300.0)
     run.step(3)
     users(run).setFrequency(5)
-    with pytest.raises(dpd.PlanError, match="samples volumes at 300 K"):
-        run.step(1)
+    raises(dpd.PlanError, "samples volumes at 300 K", lambda: run.step(1))
     users(run).setFrequency(0)
     run.integrator.setTemperature(250.0)  # that of a barostat that is off as well
     run.step(3)
@@ -582,8 +576,7 @@ def test_molecules_are_scaled_by_beads_when_the_context_is_made_anew(way):
 def test_a_pressure_in_bar_beside_a_reduced_scene_is_said_in_its_units(kT, reported, caplog):
     for name, make in BAROSTATS.items():
         caplog.clear()
-        barostat = make(23.7, 0)
-        Run("whole", [barostat], kT=kT)
+        Run("whole", [make(23.7, 0)], kT=kT)
         found = [record.getMessage() for record in caplog.records if "23.7" in record.getMessage()]
         assert bool(found) == reported
         assert not reported or name in found[0] and "1.42725" in found[0] and "add_barostat" in found[0]

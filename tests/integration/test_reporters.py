@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 import pytest
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -86,8 +87,7 @@ def test_columns_that_will_be_nan_are_named_with_the_reason(caplog):
 def test_a_wrong_argument_is_named_and_nothing_follows(tmp_path):
     """An exception in __del__, which Python only prints, is an error under pytest."""
     wrong = r"^DPDReporter wants as built what openmm_dpd.build.*create_mixed_system\(\) returned, not a Scene$"
-    with pytest.raises(ParameterError, match=wrong):
-        dpd.DPDReporter(tmp_path / "x", 10, scene())
+    raises(ParameterError, wrong, lambda: dpd.DPDReporter(tmp_path / "x", 10, scene()))
     with pytest.raises(TypeError):
         dpd.DPDReporter(tmp_path / "x", 10)
     gc.collect()
@@ -147,16 +147,14 @@ def test_frames_go_on_after_those_that_are_there(tmp_path):
     fewer = start(other)
     fewer.reporters.append(dpd.FieldReporter(path, 2, other, append=True))
     other = r"cannot append to .*fields.npz: its frames hold .*theta \[81\].*, and this one .*theta \[80\]"
-    with pytest.raises(ParameterError, match=other):
-        fewer.step(2)
+    raises(ParameterError, other, lambda: fewer.step(2))
     drops = dpd.build(
         dpd.Scene({"W": 1.0}, ["W"] * 81, x, {("W", "W"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, kT=1.0, box=[3.0] * 3),
         dt=0.01, platform="CPU", seed=1,
     )  # fmt: skip
     drop = start(drops)
     drop.reporters.append(dpd.FieldReporter(path, 2, drops, append=True))
-    with pytest.raises(ParameterError, match=r"its frames hold step, theta \[81\], .*, and this one density \[81\], step, time"):
-        drop.step(2)
+    raises(ParameterError, r"its frames hold step, theta \[81\], .*, and this one density \[81\], step, time", lambda: drop.step(2))
     assert len(dpd.load_fields(path)["step"]) == 6
 
     path.write_bytes(path.read_bytes()[:-50])

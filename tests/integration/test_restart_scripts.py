@@ -37,8 +37,10 @@ def one_thread(platform) -> dict[str, str]:
     return {"Threads": "1"} if platform == "CPU" else {}
 
 
-def hand_over(first, second, how, tmp_path):
-    """Save the state of one Simulation and load it into another."""
+def hand_over(first, second, how, tmp_path, after=0):
+    """Save the state of one Simulation after these steps and load it into another."""
+    if after:
+        first.step(after)
     path = str(tmp_path / "saved")
     getattr(first, f"save{how}")(path)
     getattr(second, f"load{how}")(path)
@@ -64,8 +66,7 @@ def test_the_temperature_of_the_script_wins(platform, how, scheme, tmp_path, cap
     """Equilibrate hot, go on cold: as if the temperature had been set by hand, and said once."""
     caplog.set_level(logging.WARNING, "openmm_dpd")
     first, second = script(platform, scheme, seed=3), script(platform, scheme, kT=2.0)
-    first.step(BEFORE)
-    hand_over(first, second, how, tmp_path)
+    hand_over(first, second, how, tmp_path, after=BEFORE)
     dpd.set_kT(first.context, 2.0)
     for simulation in (first, second):
         simulation.step(AFTER)
@@ -81,8 +82,7 @@ def test_the_same_script_goes_on_without_a_word(platform, how, scheme, tmp_path,
     """Nothing differs: nothing is said, and the trajectory is that of the uninterrupted run."""
     caplog.set_level(logging.WARNING, "openmm_dpd")
     first, second = script(platform, scheme, seed=3), script(platform, scheme, seed=3)
-    first.step(BEFORE)
-    hand_over(first, second, how, tmp_path)
+    hand_over(first, second, how, tmp_path, after=BEFORE)
     step_all(AFTER, first, second)
     same(first, second)
     assert parameter(second, "dpd_kT") == 1.0
@@ -118,8 +118,7 @@ def test_a_temperature_changed_during_the_run_stays(platform, how, scheme, by, t
 def test_the_new_temperature_is_what_the_next_script_finds(how, scheme, tmp_path, caplog):
     """Three scripts: 1.0 wrote, 2.0 went on and wrote, 2.0 goes on once more, without a word."""
     first, second, third = script("Reference", scheme, seed=3), script("Reference", scheme, kT=2.0), script("Reference", scheme, kT=2.0)
-    first.step(BEFORE)
-    hand_over(first, second, how, tmp_path)
+    hand_over(first, second, how, tmp_path, after=BEFORE)
     second.step(3)
     caplog.clear()
     caplog.set_level(logging.WARNING, "openmm_dpd")
@@ -137,8 +136,7 @@ def test_the_new_temperature_is_what_the_next_script_finds(how, scheme, tmp_path
 def test_seed_and_counter_are_those_of_the_state(platform, how, scheme, kT, tmp_path):
     """The script names no seed; its temperature does not matter for that."""
     first, second = script(platform, scheme, seed=12345), script(platform, scheme, kT=kT)
-    first.step(BEFORE)
-    hand_over(first, second, how, tmp_path)
+    hand_over(first, second, how, tmp_path, after=BEFORE)
     second.step(AFTER)
     assert parameter(second, "dpd_seed") == 12345
     assert parameter(second, "dpd_counter") == parameter(first, "dpd_counter") + AFTER * parameter(first, "dpd_counter") / BEFORE
@@ -149,8 +147,7 @@ def test_seed_and_counter_are_those_of_the_state(platform, how, scheme, kT, tmp_
 def test_a_seed_that_the_script_names_holds(platform, how, scheme, seed, tmp_path):
     """A branch: as if the seed had been set by hand after loading; the counter goes on."""
     first, second = script(platform, scheme, seed=12345), script(platform, scheme, seed=seed)
-    first.step(BEFORE)
-    hand_over(first, second, how, tmp_path)
+    hand_over(first, second, how, tmp_path, after=BEFORE)
     first.context.setParameter("dpd_seed", seed)
     step_all(AFTER, first, second)
     assert parameter(second, "dpd_seed") == seed
@@ -179,8 +176,7 @@ def test_a_ramp_goes_on_where_it_was(platform, how, scheme, tmp_path, caplog):
     caplog.set_level(logging.WARNING, "openmm_dpd")
     ramp = dpd.TemperatureRamp(kT_start=1.0, kT_end=2.0, first_step=4, last_step=20)
     first, second = script(platform, scheme, kT=ramp, seed=3), script(platform, scheme, kT=ramp, seed=3)
-    first.step(BEFORE)
-    hand_over(first, second, how, tmp_path)
+    hand_over(first, second, how, tmp_path, after=BEFORE)
     for n in (5, 20):
         step_all(n, first, second)
         assert parameter(second, "dpd_kT") == parameter(first, "dpd_kT")

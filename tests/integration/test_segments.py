@@ -4,7 +4,10 @@ import chains_of_beads as chains
 import lammps_peer
 import numpy as np
 import pytest
+from chains_of_beads import OVERLAY
+from files_of_tests import put
 from openmm import unit
+from raising import raises
 from scenes import beads
 
 import openmm_dpd as dpd
@@ -136,38 +139,8 @@ def test_beside_a_repulsion_that_depends_on_temperatures():
 
 
 # -- decks ---------------------------------------------------------------------------------------------------------------------
-DECK = """units lj
-atom_style angle
-newton on
-special_bonds lj 1 1 1
-comm_modify vel yes cutoff 3.0
-neighbor {skin} bin
-bond_style harmonic
-angle_style cosine
-read_data data.chains
-bond_coeff * 100 0.8
-angle_coeff * 2
-pair_style {pair}
-{coefficients}
-velocity all set 0 0 0
-fix 1 all nve
-"""
-OVERLAY = "pair_coeff 1 1 dpd 25 4.5\npair_coeff 1 2 none\npair_coeff 2 2 srp 80"
-
-
-def deck_of(folder, pair, coefficients=OVERLAY, skin=1.1, box=BOX, seed=5):
-    """The deck's text, its data file written beside it: 100 bonds of two types."""
-    x, bonds, angles = chains.walks(20, 6, box, seed, step=0.8)
-    text = chains.data_file(x, bonds, angles, box, n_types=2, bond_types=2, angle_types=1)
-    (folder / "data.chains").write_text(text)
-    return DECK.format(pair=pair, coefficients=coefficients, skin=skin)
-
-
 def ours(folder, text, compat="consistent"):
-    path = folder / "in.ours"
-    path.write_text(text + "run 0\n")
-    scene = read_deck(path, stop_before_first_run=True, output=folder).first_run.override(compat=compat).scene()
-    built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)
+    built = dpd.build(chains.scene_of(folder, text, compat), dt=0.01, platform="Reference", seed=1)
     terms = dpd.force_terms(built)
     return dpd.Observer(built).sample(built.simulation().context), terms["bond"] + terms["conservative"]
 
@@ -187,7 +160,7 @@ CASES = {
 @pytest.mark.parametrize("box", [np.diag([6.2, 5.9, 6.4]), BOX], ids=["orthogonal", "tilted"])
 def test_decks_against_lammps(tmp_path, name, box):
     """Energies, forces and pressure to 1e-9; the distance min with LAMMPS's points and a list of LAMMPS's that reaches far enough."""
-    text = deck_of(tmp_path, *CASES[name], box=box)
+    text = chains.segment_deck(tmp_path, *CASES[name], box=box)
     expected, forces = chains.theirs(tmp_path, text)
     forces = forces[:120]  # then come the placeholders of the bonds
     sample, force = ours(tmp_path, text, compat="lammps")
@@ -202,10 +175,9 @@ def test_decks_against_lammps(tmp_path, name, box):
 
 def test_notes_of_a_deck(tmp_path):
     """Thermo output is not divided by the number of beads; the distance min has other points than LAMMPS's unless they are asked for."""
-    text = deck_of(tmp_path, *CASES["min"])
+    text = chains.segment_deck(tmp_path, *CASES["min"], box=BOX)
     for compat in ("consistent", "lammps"):
-        (tmp_path / "in.ours").write_text(text + "run 0\n")
-        state = read_deck(tmp_path / "in.ours", stop_before_first_run=True, output=tmp_path)
+        state = read_deck(put(tmp_path / "in.ours", text + "run 0\n"), stop_before_first_run=True, output=tmp_path)
         state.first_run.override(compat=compat).scene()
         assert state.thermo.norm is False and any("not divided by the number of beads" in note for note in state.notes)
         assert any("the nearest points of two bonds are used" in note for note in state.notes) == (compat == "consistent")
@@ -242,8 +214,11 @@ DECK_ERRORS = {
 @pytest.mark.parametrize("name", DECK_ERRORS)
 def test_errors_of_decks(tmp_path, name):
     pair, coefficients, message = DECK_ERRORS[name]
-    with pytest.raises(dpd.DeckError, match=message.replace("|", r"\|").replace("*", r"\*")):
-        ours(tmp_path, deck_of(tmp_path, pair, coefficients))
+    raises(
+        dpd.DeckError,
+        message.replace("|", r"\|").replace("*", r"\*"),
+        lambda: ours(tmp_path, chains.segment_deck(tmp_path, pair, coefficients, box=BOX)),
+    )
 
 
 S = dpd.SegmentalRepulsion
@@ -270,8 +245,7 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name):
     make, message = BAD[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 def test_a_box_too_small_for_the_nearest_points():

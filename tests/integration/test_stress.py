@@ -7,13 +7,13 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
+from fluid_deck import IONS
 from judged import any_seed
 from openmm import unit
 from scenes import beads, same_bits, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import green_kubo_viscosity, surface_tension
-from openmm_dpd.lammps import read_deck
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.measure.stress_parts import stress_parts
 
@@ -41,12 +41,6 @@ def their_pressure(commands: list[str]) -> np.ndarray:
         return np.array([lmp.get_thermo(word) for word in words])
 
 
-def deck_scene(folder, text, compat="consistent") -> dpd.Scene:
-    path = folder / "in.ours"
-    path.write_text(text + "run 0\n")
-    return read_deck(path, stop_before_first_run=True, output=folder).first_run.override(compat=compat).scene()
-
-
 def lines(text: str) -> list[str]:
     return [line for line in text.splitlines() if line.strip()]
 
@@ -68,61 +62,27 @@ def test_bonds_and_angles_against_lammps(tmp_path, box):
     text = BONDED + "group some id 1:30\nvelocity all set 0.3 -1.2 0.9\nvelocity some set 1.4 0.2 -0.8\n"
     theirs = their_pressure([f"shell cd {tmp_path}", *lines(text)])
     for platform in ("Reference", "CPU"):
-        agree(stress_of(deck_scene(tmp_path, text), platform), box, theirs)
-
-
-SRP = """units lj
-atom_style angle
-newton on
-special_bonds lj 1 1 1
-comm_modify vel yes cutoff 3.0
-neighbor 1.1 bin
-bond_style harmonic
-angle_style cosine
-read_data data.chains
-bond_coeff * 100 0.8
-angle_coeff * 2
-pair_style hybrid/overlay dpd 0.0 1.0 33 srp 0.9 * {points}
-pair_coeff 1 1 dpd 25 0.0
-pair_coeff 1 2 none
-pair_coeff 2 2 srp 80
-velocity all set 0 0 0
-fix 1 all nve
-"""
+        agree(stress_of(chains.scene_of(tmp_path, text), platform), box, theirs)
 
 
 @LAMMPS
 @SHAPES
 @pytest.mark.parametrize("points", ["mid", "min"])
 def test_segmental_repulsion_against_lammps(tmp_path, box, points):
-    x, bonds, angles = chains.walks(20, 6, box, 5, step=0.8)
-    (tmp_path / "data.chains").write_text(chains.data_file(x, bonds, angles, box, n_types=2, bond_types=2, angle_types=1))
-    text = SRP.format(points=points)
+    text = chains.segment_deck(tmp_path, f"hybrid/overlay dpd 0.0 1.0 33 srp 0.9 * {points}", chains.OVERLAY.replace("4.5", "0.0"), box=box)
     theirs = their_pressure([f"shell cd {tmp_path}", *lines(text)])
-    agree(stress_of(deck_scene(tmp_path, text, compat="lammps")), box, theirs)
+    agree(stress_of(chains.scene_of(tmp_path, text, compat="lammps")), box, theirs)
 
 
-CHARGES = """units lj
+CHARGES = f"""units lj
 atom_style full
 region box prism 0 8 0 7.5 0 8.5 1.0 -0.5 0.7
-create_box 2 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 6
-create_atoms 1 random 60 71 NULL overlap 0.05 maxtry 50
-mass * 1.0
-set atom 1*30 type 2
-set atom 1*15 charge 1.0
-set atom 16*30 charge -1.0
-set atom 1 x 1.0 y 1.0 z 1.0
-set atom 16 x 1.4 y 1.0 z 1.2
-set atom 2 x 7.9 y 5.0 z 4.0
-set atom 17 x 8.2 y 5.1 z 4.0
+{IONS}set atom 17 x 8.2 y 5.1 z 4.0
 pair_style dpd/coul/slater/long 0.0 1.0 1 0.25 3.7
 pair_coeff * * 25 0
 pair_coeff 2 2 25 0 yes
 comm_modify vel yes
-dielectric 0.5
-kspace_style ewald 1.0e-8
 special_bonds lj 1 1 1 coul 0.5 1 1
-bond_style zero nocoeff
 bond_coeff 1
 create_bonds single/bond 1 1 16
 create_bonds single/bond 1 2 17

@@ -16,11 +16,11 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
-from scenes import beads
+from raising import raises
+from scenes import beads, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base import serialized
-from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.kernels.angles import AngleTerms
 from openmm_dpd.kernels.bonded import BondTerms
 from openmm_dpd.kernels.dihedrals import DihedralTerms
@@ -228,8 +228,7 @@ def test_loop_and_program_go_the_same_way(known):
     ends = []
     for loop in (True, False):
         built = dpd.build(scene(), dt=0.005, platform="Reference", conservative="kernel", seed=1, loop=loop)
-        simulation = built.simulation()
-        simulation.step(20)
+        simulation = stepped(built.simulation(), 20)
         ends.append(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value)
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-12)
 
@@ -265,7 +264,7 @@ def test_they_are_explained_and_have_steps(known):
 
 def test_lammps_has_two_of_them(known, tmp_path):
     x, bonds, angles = chains.walks(40, 8, BOX, 3)
-    with pytest.raises(ParameterError, match="bonds of kind QuarticBonds cannot be exported to LAMMPS"):
+    with pytest.raises(dpd.ParameterError, match="bonds of kind QuarticBonds cannot be exported to LAMMPS"):
         export_lammps(scene(), tmp_path / "first", "toy", dt=0.005)
     made = beads(
         len(x),
@@ -293,8 +292,7 @@ def test_lammps_has_two_of_them(known, tmp_path):
         np.testing.assert_allclose(energies, expected, rtol=1e-6)
     for kind, what in ((HelixDihedrals, "dihedral"), (SquaredAngles, "angle")):
         kinds.BONDED_KINDS.pop(kind)
-        with pytest.raises(DeckError, match=f"the {what} style must be one of"):
-            deck_scene(deck)
+        raises(dpd.DeckError, f"the {what} style must be one of", deck_scene, deck)
 
 
 def test_molecules_of_them(known):
@@ -308,19 +306,19 @@ def test_molecules_of_them(known):
 
 @pytest.mark.parametrize("loop", [True, False])
 def test_a_kind_that_was_not_registered_is_refused(loop):
-    with pytest.raises(ParameterError, match="nothing is known of QuarticBonds; register their kind"):
+    with pytest.raises(dpd.ParameterError, match="nothing is known of QuarticBonds; register their kind"):
         dpd.build(scene(), dt=0.005, platform="CPU", seed=1, loop=loop)
 
 
 def test_kinds_that_make_no_sense(known):
-    with pytest.raises(ParameterError, match="there is a kind for QuarticBonds already"):
+    with pytest.raises(dpd.ParameterError, match="there is a kind for QuarticBonds already"):
         kinds.register_bonded(kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=BOND.energies))
     kinds.BONDED_KINDS.pop(QuarticBonds)
-    with pytest.raises(ParameterError, match="there are harmonic bonds already; give the energy of QuarticBonds another name"):
+    with pytest.raises(dpd.ParameterError, match="there are harmonic bonds already; give the energy of QuarticBonds another name"):
         kinds.register_bonded(
             kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("harmonic bonds", "0"),))
         )
-    with pytest.raises(ParameterError, match="the kernel of the kind QuarticBonds is for 3 beads, not 2"):
+    with pytest.raises(dpd.ParameterError, match="the kernel of the kind QuarticBonds is for 3 beads, not 2"):
         kinds.BondedKind(terms=QuarticBonds, kernel=SquaredAngleTerms, energies=BOND.energies)
 
 
@@ -330,5 +328,4 @@ def test_systems_with_them_are_read_where_they_are_known(known, tmp_path):
     path.write_text(openmm.XmlSerializer.serialize(built.system), encoding="utf-8")
     assert dpd.load_xml(path).getNumForces() == built.system.getNumForces()
     serialized._REGISTERED.discard(__name__)
-    with pytest.raises(ParameterError, match="asks for test_toy_bonded.QuarticBondTerms"):
-        dpd.load_xml(path)
+    raises(dpd.ParameterError, "asks for test_toy_bonded.QuarticBondTerms", lambda: dpd.load_xml(path))

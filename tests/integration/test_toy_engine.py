@@ -12,12 +12,14 @@ import numpy as np
 import openmm
 import oracle
 import pytest
+from cases import cases
+from fluid_deck import ONE_TYPE
 from openmm import app
-from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of
+from raising import raises
+from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
-from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.kernels.columns import Totals
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.kernels.engines import ENGINES, EngineKind, engine_kind, register_engine
@@ -147,8 +149,7 @@ def test_it_is_measured_as_the_host_is(register):
     host, toy = (made(scene, "mvv", engine) for engine in ("host", "toy"))
     samples = []
     for built in (host, toy):
-        simulation = built.simulation()
-        simulation.step(5)
+        simulation = stepped(built.simulation(), 5)
         samples.append(dpd.Observer(built).sample(simulation.context))
         assert dpd.read_fields(simulation.context, built.plan) == {}
     for name in ("kinetic", "pair", "virial_conservative", "virial_dissipative", "virial_random", "gradient2", "forces"):
@@ -204,28 +205,14 @@ def test_atoms_have_it_too(register, monkeypatch, way):
     assert np.abs(v - before).max() > 0.1
     np.testing.assert_allclose(x, expected_x, rtol=0, atol=1e-11)
     np.testing.assert_allclose(v, expected_v, rtol=0, atol=1e-10)
-    with pytest.raises(PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
+    with pytest.raises(dpd.PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
         thermostat(types=("Ar", None) * 27)
-    with pytest.raises(PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
+    with pytest.raises(dpd.PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
         mixed(names=("Ar", None) * 13 + ("Ar",))
-    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'"):
-        way("gpu")
+    raises(dpd.ParameterError, "engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'", lambda: way("gpu"))
 
 
-DECK = """units lj
-comm_modify vel yes
-region box prism 0 3 0 3 0 3 {tilt} 0 0 units box
-create_box 1 box
-create_atoms 1 random 40 4243 box
-mass 1 1.0
-pair_style dpd 1.0 1.0 34387
-pair_coeff * * 25.0 4.5
-velocity all create 1.0 87287
-fix move all nve
-timestep 0.01
-thermo 5
-run 10
-"""
+DECK = ONE_TYPE.replace("192", "40").replace("block 0 4 0 4 0 4", "prism 0 3 0 3 0 3 {tilt} 0 0") + "timestep 0.01\nthermo 5\nrun 10\n"
 
 
 def test_decks_have_it_too(register, monkeypatch, tmp_path, capsys):
@@ -266,27 +253,24 @@ def test_it_is_explained(register, way):
     assert "engine of the pair kernel: host (" in made(dimers(), engine="auto").explain()
 
 
-@pytest.mark.parametrize(
-    ("scene", "scheme", "lacks"),
-    [
-        (lambda: fluid(PLAIN, np.array([[3.0, 0, 0], [0.4, 3.0, 0], [0, 0, 3.0]]), n=40), "middle", "tilted boxes"),
-        (lambda: replace_pairs(dpd.MDPD(A=-40, B=25, gamma=4.5)), "middle", "MDPD"),
-        (lambda: dimers(mobile=np.arange(54) > 3), "middle", "immobile beads"),
-        (lambda: chains(np.diag([3.7, 3.6, 3.8]), n=60), "middle", "factors of bonded neighbours"),
-        (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)]), "middle", "harmonic bonds"),
-        (
-            lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))]),
-            "mvv",
-            "harmonic bonds",
-        ),
-        (lambda: dimers(body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "body forces"),
-    ],
+@cases(
+    "scene, scheme, lacks",
+    (lambda: fluid(PLAIN, np.array([[3.0, 0, 0], [0.4, 3.0, 0], [0, 0, 3.0]]), n=40), "middle", "tilted boxes"),
+    (lambda: replace_pairs(dpd.MDPD(A=-40, B=25, gamma=4.5)), "middle", "MDPD"),
+    (lambda: dimers(mobile=np.arange(54) > 3), "middle", "immobile beads"),
+    (lambda: chains(np.diag([3.7, 3.6, 3.8]), n=60), "middle", "factors of bonded neighbours"),
+    (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)]), "middle", "harmonic bonds"),
+    (
+        lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))]),
+        "mvv",
+        "harmonic bonds",
+    ),
+    (lambda: dimers(body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "body forces"),
 )
 def test_what_it_lacks_is_refused(register, scene, scheme, lacks):
     """The first thing in the order of ``Plan.needs``; the same scene runs where somebody else does it."""
     register()
-    with pytest.raises(PlanError, match=f"the engine 'toy' cannot run this scene: it has no {lacks}$"):
-        made(scene(), scheme)
+    raises(dpd.PlanError, f"the engine 'toy' cannot run this scene: it has no {lacks}$", lambda: made(scene(), scheme))
     made(scene(), scheme, "host")
 
 
@@ -309,15 +293,14 @@ def test_pair_updates_it_lacks(register):
     register(CAN - {"Shardlow's pair updates"})
     made(dimers(), "middle")
     for scheme in ("shardlow", OWN):
-        with pytest.raises(PlanError, match="it has no Shardlow's pair updates"):
+        with pytest.raises(dpd.PlanError, match="it has no Shardlow's pair updates"):
             made(dimers(), scheme)
 
 
 def test_measurements_it_lacks(register):
     register()
     built = made(dimers())
-    with pytest.raises(ParameterError, match="no stress tensor of this scene: the engine 'toy' has none"):
-        StressReporter(1, built)
+    raises(dpd.ParameterError, "no stress tensor of this scene: the engine 'toy' has none", lambda: StressReporter(1, built))
     observer = dpd.Observer(built)
     assert observer.no_laplacian == "the engine 'toy' has no Laplacian"
     assert observer.sample(built.simulation().context).laplacian is None
@@ -325,14 +308,11 @@ def test_measurements_it_lacks(register):
 
 def test_an_engine_with_nothing_to_do_is_refused(register):
     register()
-    with pytest.raises(PlanError, match="the engine 'toy' would have nothing to do: OpenMM's own integrator steps"):
-        made(dimers(), "native")
-    with pytest.raises(PlanError, match="the engine 'host' would have nothing to do"):
-        made(replace_pairs(dpd.DPD(A=25)), engine="host")
-    with pytest.raises(ParameterError, match="engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'"):
-        made(dimers(), engine="gpu")
+    raises(dpd.PlanError, "the engine 'toy' would have nothing to do: OpenMM's own integrator steps", lambda: made(dimers(), "native"))
+    raises(dpd.PlanError, "the engine 'host' would have nothing to do", lambda: made(replace_pairs(dpd.DPD(A=25)), engine="host"))
+    raises(dpd.ParameterError, "engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'", lambda: made(dimers(), engine="gpu"))
     for name in ("toy", "auto"):
-        with pytest.raises(ParameterError, match=f"there is an engine '{name}' already"):
+        with pytest.raises(dpd.ParameterError, match=f"there is an engine '{name}' already"):
             register_engine(replace(engine_kind("toy"), name=name))
 
 

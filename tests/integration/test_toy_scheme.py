@@ -2,7 +2,7 @@
 
 import pytest
 from devices import Device
-from scenes import beads, run_of, same_bits, state_of
+from scenes import beads, run_of, same_bits, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES, Scheme, read_word
@@ -22,8 +22,7 @@ def baoab(monkeypatch) -> None:
 
 def moved(scheme: str):
     """Positions and velocities after five steps."""
-    simulation = run_of(beads(), REFERENCE, scheme=scheme, dt=0.02)
-    simulation.step(5)
+    simulation = stepped(run_of(beads(), REFERENCE, scheme=scheme, dt=0.02), 5)
     return state_of(simulation.context)
 
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
+from fluid_deck import ONE_TYPE
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.lammps.state.pair_setup import Spec
 from openmm_dpd.lammps.styles.columns import Columns, settings
@@ -15,21 +15,7 @@ from openmm_dpd.lammps.styles.writing import StyleUse, exact
 #: pair_style toy/fluid T cutoff seed; pair_coeff 1 1 A half, with half the friction of dpd.
 COLUMNS = Columns({"A": "force", "half": "friction"})
 
-DECK = """units lj
-atom_style atomic
-comm_modify vel yes
-region box block 0 4 0 4 0 4 units box
-create_box 1 box
-create_atoms 1 random 192 4243 box
-mass 1 1.0
-pair_style {style} 1.0 1.0 34387
-pair_coeff 1 1 {words}
-velocity all create 1.0 87287
-fix move all nve
-timestep 0.01
-thermo 10
-run 20
-"""
+DECK = ONE_TYPE.replace("style dpd", "style {style}").replace("25.0 4.5", "{words}") + "timestep 0.01\nthermo 10\nrun 20\n"
 
 
 def fluid(A: float, half: float, cutoff: float) -> dpd.DPD:
@@ -79,5 +65,5 @@ def test_a_scene_is_written_with_it_and_read_again(style, tmp_path):
 
 
 def test_its_words_are_checked(style, tmp_path):
-    with pytest.raises(DeckError, match="in.toy:9.*A half"):
+    with pytest.raises(dpd.DeckError, match="in.toy:9.*A half"):
         deck_scene(deck(tmp_path, "toy/fluid", "25.0"))

@@ -15,7 +15,6 @@ from scenes import beads, external_force
 from tired import Tired
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.base.names import PORTABLE
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import PairEngine
@@ -62,6 +61,20 @@ def all_of(simulation) -> dict:
     parameters = simulation.context.getParameters()
     found |= {name: np.asarray(parameters[name]) for name in parameters if name not in ("dpd_phase", "dpd_tau", "dpd_begun")}
     return found
+
+
+def failing(monkeypatch, owner, name: str, at: int, error) -> list[int]:
+    """Has a function fail when it is called for the at-th time; how many calls there are until then."""
+    real, left = getattr(owner, name), [at]
+
+    def call(*arguments, **named):
+        left[0] -= 1
+        if left[0] == 0:
+            raise error
+        return real(*arguments, **named)
+
+    monkeypatch.setattr(owner, name, call)
+    return left
 
 
 def interrupted(case, lines) -> dict[int, list[str]]:
@@ -128,7 +141,7 @@ CALLS = [
 UNUSED = {("swept", "mvv"), ("move", "mvv"), ("keep", "middle")} | {  # What a scheme does not call.
     (name, case) for name in ("move_accelerated", "accelerate") for case in ("middle", "energies", "force")
 }
-ERRORS = [RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
+ERRORS = [dpd.RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
@@ -143,21 +156,13 @@ def test_calls_that_fail(case, owner, name, error, monkeypatch):
     end = all_of(calm)
     real, tried = getattr(owner, name), 0
     for at in (1, 3, 8, 13, 18):
-        simulation, left = started(*chosen), [at]
-
-        def failing(*arguments, left=left, **named):
-            left[0] -= 1
-            if left[0] == 0:
-                raise error
-            return real(*arguments, **named)
-
-        monkeypatch.setattr(owner, name, failing)
+        simulation, left = started(*chosen), failing(monkeypatch, owner, name, at, error)
         try:
             simulation.integrator.step(10)
         except (openmm.OpenMMException, KeyboardInterrupt, MemoryError) as found:
             tried += 1
             assert not same(all_of(simulation), expected)
-            if isinstance(error, RunError):
+            if isinstance(error, dpd.RunError):
                 assert isinstance(found, openmm.OpenMMException) and re.match(r"step \d+: too tired", str(found)), found
                 step = int(str(found).split(":")[0].split()[1])
                 assert BEFORE < step <= BEFORE + 10
@@ -186,15 +191,7 @@ def test_calls_of_openmm_that_fail(case, name, monkeypatch):
     after = all_of(calm)
     real, wrong, tried = getattr(openmm.Context, name), [], 0
     for at in (1, 2, 3):
-        simulation, left = started(*chosen), [at]
-
-        def failing(*arguments, left=left, **named):
-            left[0] -= 1
-            if left[0] == 0:
-                raise MemoryError
-            return real(*arguments, **named)
-
-        monkeypatch.setattr(openmm.Context, name, failing)
+        simulation, left = started(*chosen), failing(monkeypatch, openmm.Context, name, at, MemoryError())
         try:
             simulation.integrator.step(5)
         except MemoryError:

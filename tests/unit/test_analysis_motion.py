@@ -184,8 +184,7 @@ def test_time_that_goes_back_is_refused_by_name():
     twice = mdtraj.join([once[:9], once[6:]], check_topology=False)
     for trajectory in (twice, [once[:9], once[6:]]):
         back = "frame 9: time goes back from 4.5 to 3.5 ps; of frames a restarted run wrote twice keep the last"
-        with pytest.raises(ParameterError, match=back):
-            mean_squared_displacement(trajectory, interval=0.5)
+        raises(ParameterError, back, mean_squared_displacement, trajectory, interval=0.5)
     kept = twice[sorted({time: frame for frame, time in enumerate(twice.time)}.values())]
     expected = mean_squared_displacement(once, interval=0.5).y
     np.testing.assert_array_equal(mean_squared_displacement(kept, interval=0.5).y, expected)
@@ -243,8 +242,7 @@ def test_velocities_and_frames_must_match():
         (np.full((4, 5, 3), np.nan), "a velocity is not finite"),
         ("v.npz", "not str"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            velocity_profile(trajectory, velocities)
+        raises(ParameterError, message, velocity_profile, trajectory, velocities)
     raises(ParameterError, "at least 2 frames", lambda: velocity_autocorrelation(np.zeros((1, 5, 3)), interval=1))
     for beads, message in (
         ([7], "indices must be from 0 to 4; there is 7"),
@@ -254,8 +252,7 @@ def test_velocities_and_frames_must_match():
         (np.ones(4, dtype=bool), "indices or a mask of 5, not bool"),
         ([], "no beads are selected"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            velocity_autocorrelation(np.zeros((4, 5, 3)), beads, interval=1)
+        raises(ParameterError, message, velocity_autocorrelation, np.zeros((4, 5, 3)), beads, interval=1)
     assert velocity_autocorrelation(np.ones((4, 5, 3)), np.arange(5) < 2, interval=1, lags=[1]).y == [3]
 
 
@@ -326,8 +323,7 @@ def test_sizes_of_unlike_molecules():
         (lambda: end_to_end_distance(trajectory, [[0, 9]]), "from 0 to 8"),
         (lambda: end_to_end_distance(trajectory.atom_slice([0, 1, 2, 3])), "no linear chain"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            call()
+        raises(ParameterError, message, call)
 
 
 # -- tension -------------------------------------------------------------------------------------------------------------------
@@ -352,8 +348,7 @@ def test_surface_tension():
         ((diagonal, -1.0), "all above 0"),
         (("a", 1.0), "must be numbers"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            surface_tension(*arguments)
+        raises(ParameterError, message, surface_tension, *arguments)
     raises(ParameterError, "interfaces must be 1 or 2", lambda: surface_tension(diagonal, 20.0, interfaces=3))
 
 
@@ -368,8 +363,7 @@ def test_bad_requests_for_displacements():
         ({"interval": 1, "axes": "w"}, "axis must be"),
         ({"interval": 1, "unwrap": "yes"}, "unwrap must be"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            mean_squared_displacement(trajectory, **more)
+        raises(ParameterError, message, mean_squared_displacement, trajectory, **more)
     raises(ParameterError, "at least 2 frames", lambda: mean_squared_displacement(trajectory[0], interval=1))
 
 
@@ -393,8 +387,7 @@ def test_every_result_has_a_picture(tmp_path):
     assert isinstance(g["A"], Curve)
     raises(ParameterError, "nothing to draw", lambda: draw.profile_picture(tmp_path / "x.png", {"A": [1, 2]}))
     for picture in (draw.profile_picture, draw.displacement_picture, draw.cluster_picture):
-        with pytest.raises(ParameterError, match="not None"):
-            picture(tmp_path / "x.png", None)
+        raises(ParameterError, "not None", picture, tmp_path / "x.png", None)
 
 
 @pytest.mark.parametrize("name", ["text.npz", "missing.npz"])

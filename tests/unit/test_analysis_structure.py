@@ -365,8 +365,7 @@ def test_errors():
         (lambda: area_per_lipid(trajectory, True), "lipids must be their number"),
         (lambda: area_per_lipid(trajectory, 0), "number of lipids must be above 0"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            call()
+        raises(ParameterError, message, call)
     broken = random_trajectory(1, 10, 3, box)
     broken.xyz[2, 4, 1] = np.nan
     raises(ParameterError, "frame 2 .* is not finite", lambda: density_profile(chunks(broken, 1)))

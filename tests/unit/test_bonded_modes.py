@@ -158,11 +158,9 @@ def test_dihedrals_whose_beads_come_into_line_have_no_step():
         (found(dpd.HarmonicAngles(row(60, 3), 5.0, 1.9)), "beads 0, 1 and 2 "),
         (found(dpd.CosineAngles(row(60, 3), 200.0)), "beads 0, 1 and 2 "),
     ):
-        why = why_no_step(open_scene)
-        assert why.startswith(f"no angle keeps the {beads}")
+        assert why_no_step(open_scene).startswith(f"no angle keeps the {beads}")
         assert "dihedrals" not in {modes.what for modes in bonded_modes(open_scene)}
-    weak = scene(dihedrals=[dpd.OPLSDihedrals(row(60, 4), 0.0, 0.0, 0.0, 0.0)])
-    assert bonded_modes(weak) == []
+    assert bonded_modes(scene(dihedrals=[dpd.OPLSDihedrals(row(60, 4), 0.0, 0.0, 0.0, 0.0)])) == []
 
 
 def test_other_bonds_and_bound_beads_count():

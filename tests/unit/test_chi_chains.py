@@ -9,7 +9,6 @@ from openmm import unit
 from raising import raises
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import FENESpring, Spring, bead, branched, pack
 from openmm_dpd.parameters import (
     chain_chi_slope,
@@ -81,19 +80,19 @@ def test_the_slope_of_all_is_the_sum_over_its_beads():
 
 def test_bad_input_of_slopes():
     run = built(mixture())
-    raises(ParameterError, "no bead is of type 'X'; there are 'T', 'H', 'W'", lambda: measured_chi_slope(run, "X"))
-    raises(ParameterError, "indices must be from 0 to 77; there is 90", lambda: measured_chi_slope(run, [0, 90]))
-    raises(ParameterError, "no two beads of different molecules", lambda: measured_chi_slope(run, [0], [1]))
-    raises(ParameterError, "wants as built what", lambda: measured_chi_slope(run.plan.scene))
-    raises(ParameterError, "steps", lambda: measured_chi_slope(run, steps=0))
+    raises(dpd.ParameterError, "no bead is of type 'X'; there are 'T', 'H', 'W'", lambda: measured_chi_slope(run, "X"))
+    raises(dpd.ParameterError, "indices must be from 0 to 77; there is 90", lambda: measured_chi_slope(run, [0, 90]))
+    raises(dpd.ParameterError, "no two beads of different molecules", lambda: measured_chi_slope(run, [0], [1]))
+    raises(dpd.ParameterError, "wants as built what", lambda: measured_chi_slope(run.plan.scene))
+    raises(dpd.ParameterError, "steps", lambda: measured_chi_slope(run, steps=0))
     pairs = {("*", "*"): dpd.DPD(A=25.0, gamma=4.5), ("W", "W"): dpd.DPD(A=25.0, gamma=4.5, cutoff=1.2)}
     mix = mixture()
     other = dpd.build(mix.scene(pairs=pairs, kT=1.0), dt=0.02, scheme="bababo", platform="CPU", seed=3)
-    raises(ParameterError, "needs one cutoff for all of the beads; they have 1, 1.2 nm", lambda: measured_chi_slope(other))
+    raises(dpd.ParameterError, "needs one cutoff for all of the beads; they have 1, 1.2 nm", lambda: measured_chi_slope(other))
     measured_chi_slope(other, "T", "W", steps=1, settle=0)
     tables = [dpd.PairTable({**pairs, ("H", "W"): dpd.NONE}), dpd.PairTable({("H", "W"): dpd.LennardJones(1.0, 0.3, 0.9)})]
     none = dpd.build(mix.scene(pairs=tables, kT=1.0), dt=0.001, scheme="bababo", platform="CPU", seed=3)
-    raises(ParameterError, "which types H and W do not have", lambda: measured_chi_slope(none, "H", "W"))
+    raises(dpd.ParameterError, "which types H and W do not have", lambda: measured_chi_slope(none, "H", "W"))
 
 
 def test_compositions_of_chains():
@@ -101,8 +100,8 @@ def test_compositions_of_chains():
         phi = composition_from_chi(3.0 / beads, beads=beads)
         assert phi == pytest.approx(composition_from_chi(3.0), rel=1e-12)
         assert chi_from_composition(phi, beads=beads) == pytest.approx(3.0 / beads)
-    raises(ParameterError, "chi times 4 beads above 2", lambda: composition_from_chi(0.4, beads=4))
-    raises(ParameterError, "beads", lambda: chi_from_composition(0.1, beads=0))
+    raises(dpd.ParameterError, "chi times 4 beads above 2", lambda: composition_from_chi(0.4, beads=4))
+    raises(dpd.ParameterError, "beads", lambda: chi_from_composition(0.1, beads=0))
 
 
 def test_chains_there_and_back_and_their_small_limit():
@@ -127,16 +126,16 @@ def test_longer_chains_and_shorter_bonds_have_fewer_contacts():
 
 
 def test_bounds_of_chains():
-    raises(ParameterError, "r0 = 0.2 is outside of 0.3 to 0.9", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(64.0, 0.2)))
-    raises(ParameterError, "k = 3 is outside of 25 to 100", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(3.0, 0.0)))
-    raises(ParameterError, "beads = 30 is outside of 1 to 20", lambda: chain_chi_slope(30, SOFT))
-    raises(ParameterError, "beads is 4 and bond is None", lambda: repulsion_from_chi(0.5, beads=4))
-    raises(ParameterError, "beads is 1 and bond is Spring", lambda: chi_from_repulsion(1.0, bond=SOFT))
-    raises(ParameterError, "bond must be a Spring", lambda: chain_chi_slope(4, FENESpring(10.0, 2.0)))
-    raises(ParameterError, "chains were measured at A = 75/density", lambda: repulsion_from_chi(0.5, beads=4, bond=SOFT, A=78.0))
-    with pytest.raises(ParameterError, match="for single beads; leave beads and bond out"):
+    raises(dpd.ParameterError, "r0 = 0.2 is outside of 0.3 to 0.9", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(64.0, 0.2)))
+    raises(dpd.ParameterError, "k = 3 is outside of 25 to 100", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(3.0, 0.0)))
+    raises(dpd.ParameterError, "beads = 30 is outside of 1 to 20", lambda: chain_chi_slope(30, SOFT))
+    raises(dpd.ParameterError, "beads is 4 and bond is None", lambda: repulsion_from_chi(0.5, beads=4))
+    raises(dpd.ParameterError, "beads is 1 and bond is Spring", lambda: chi_from_repulsion(1.0, bond=SOFT))
+    raises(dpd.ParameterError, "bond must be a Spring", lambda: chain_chi_slope(4, FENESpring(10.0, 2.0)))
+    raises(dpd.ParameterError, "chains were measured at A = 75/density", lambda: repulsion_from_chi(0.5, beads=4, bond=SOFT, A=78.0))
+    with pytest.raises(dpd.ParameterError, match="for single beads; leave beads and bond out"):
         repulsion_from_chi(0.5, beads=4, bond=SOFT, relation="groot-warren")
-    raises(ParameterError, "chi = 3 is outside of 0 to", lambda: repulsion_from_chi(3.0, beads=4, bond=SOFT))
+    raises(dpd.ParameterError, "chi = 3 is outside of 0 to", lambda: repulsion_from_chi(3.0, beads=4, bond=SOFT))
     far = repulsion_from_chi(3.0, beads=4, bond=SOFT, extrapolate=True)
     assert far.extrapolated and far.error is None
     assert math.isfinite(far.value)

@@ -9,6 +9,7 @@ import pytest
 from devices import DEVICES
 from openmm import unit
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.units import COULOMB
@@ -269,8 +270,7 @@ BAD = [
 
 @pytest.mark.parametrize(("message", "options"), BAD)
 def test_bad_values_of_charges(message, options):
-    with pytest.raises(dpd.ParameterError, match=message):
-        dpd.SlaterCharges(**options)
+    raises(dpd.ParameterError, message, lambda: dpd.SlaterCharges(**options))
 
 
 def test_bad_scenes():
@@ -291,10 +291,8 @@ def test_bad_scenes():
         "the smearing reaches to": lambda: scene(x, q, charges_of("slater", 0.6), [5.0] * 3),
         "a Bjerrum length needs a temperature": lambda: dpd.Scene({"W": 1}, ["W"] * 20, x, table, kT=0, charges=q, electrostatics=clouds),
     }.items():
-        with pytest.raises(dpd.ParameterError, match=message):
-            make()
-    with pytest.raises(dpd.ParameterError, match="charges"):
-        scene(x, [*q[:-1], np.nan], good, [5.0] * 3)
+        raises(dpd.ParameterError, message, make)
+    raises(dpd.ParameterError, "charges", lambda: scene(x, [*q[:-1], np.nan], good, [5.0] * 3))
 
 
 def test_a_charged_box_warns():

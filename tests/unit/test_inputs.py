@@ -4,11 +4,12 @@ import mdtraj
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from openmm import app, unit
+from raising import raises
 from random_scenes import MASSES, PAIRS, SEEDS, TILTED, check, psf_of, random_scene, tables, terms
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.inputs import BeadArrays, scene_from_beads, scene_from_lammps_data, scene_from_mdtraj, scene_from_psf, scene_from_topology
 from openmm_dpd.lammps import export_lammps
 from openmm_dpd.molecules import CosineBend, FENESpring, Spring, Twist
@@ -86,7 +87,7 @@ def test_data_file_and_back(tmp_path, seed, units):
     for what, groups in joined.items():
         if groups:
             count = sum(len(group.beads) for group in groups)
-            with pytest.raises(ParameterError, match=f"has {count} {what}, the first one between types .*, but no {what} are given"):
+            with pytest.raises(dpd.ParameterError, match=f"has {count} {what}, the first one between types .*, but no {what} are given"):
                 scene_from_lammps_data(done.data, names, pairs=PAIRS, kT=1.0, units=units, **joined | {what: None})
 
 
@@ -133,14 +134,12 @@ def water_and_oil() -> tuple[app.Topology, np.ndarray]:
     return topology, np.random.default_rng(1).random((4, 3))
 
 
-@pytest.mark.parametrize(
+@cases(
     "typing",
-    [
-        {"HOH": "W", "OIL": "T"},
-        {"O": "W", "C1": "T"},
-        {("HOH", "O"): "W", "OIL": "T"},
-        lambda atom: "W" if atom.residue.name == "HOH" else "T",
-    ],
+    {"HOH": "W", "OIL": "T"},
+    {"O": "W", "C1": "T"},
+    {("HOH", "O"): "W", "OIL": "T"},
+    lambda atom: "W" if atom.residue.name == "HOH" else "T",
     ids=["residues", "atoms", "both", "function"],
 )
 def test_typing(typing):
@@ -208,19 +207,16 @@ MISTAKES = [
 def test_what_is_missing_or_wrong_is_named(change, message):
     topology, x = water_and_oil()
     given = {"topology": topology, "positions": x, "typing": {"HOH": "W", "OIL": "T"}, "pairs": PAIRS, "kT": 1.0}
-    with pytest.raises(ParameterError, match=message):
-        scene_from_topology(**given | {"bonds": {("T", "T"): Spring(5, 0.5)}} | change)
+    raises(dpd.ParameterError, message, lambda: scene_from_topology(**given | {"bonds": {("T", "T"): Spring(5, 0.5)}} | change))
 
 
 def test_no_box_and_no_masses():
     topology = openmm_topology(["A", "B"])
     given = {"positions": np.zeros((2, 3)), "pairs": PAIRS, "kT": 1.0}
-    with pytest.raises(ParameterError, match="the topology has no masses; give masses"):
-        scene_from_topology(topology, **given, box=[3, 3, 3])
-    with pytest.raises(ParameterError, match="the topology has no periodic box; give box="):
-        scene_from_topology(topology, **given, masses=1.0)
+    raises(dpd.ParameterError, "the topology has no masses; give masses", lambda: scene_from_topology(topology, **given, box=[3, 3, 3]))
+    raises(dpd.ParameterError, "the topology has no periodic box; give box=", lambda: scene_from_topology(topology, **given, masses=1.0))
     assert scene_from_topology(topology, **given, masses=1.0, periodic=False).box is None
-    with pytest.raises(ParameterError, match="has no bonds that the given bonds could act on; a sequence of bonds"):
+    with pytest.raises(dpd.ParameterError, match="has no bonds that the given bonds could act on; a sequence of bonds"):
         scene_from_topology(topology, **given, masses=1.0, periodic=False, bonds=Spring(1, 1))
     ready = [dpd.HarmonicBonds([(0, 1)], k=1.0, r0=0.5)]
     assert scene_from_topology(topology, **given, masses=1.0, periodic=False, bonds=ready).bond_pairs.tolist() == [[0, 1]]
@@ -245,10 +241,10 @@ def test_psf_of_another_program(tmp_path):
         lines[start + k] = " ".join(words)
     (tmp_path / "other.psf").write_text("\n".join(lines), encoding="utf-8")
     given = {"pairs": {("*", "*"): dpd.NONE}, "kT": 1.0, "box": scene.box}
-    with pytest.raises(ParameterError, match="has 1 impropers, which a Scene cannot hold; leave_out=.'impropers',. goes on without"):
+    with pytest.raises(dpd.ParameterError, match="has 1 impropers, which a Scene cannot hold; leave_out=.'impropers',. goes on without"):
         scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: "X", **given, bonds=Spring(1, 1))
     given["leave_out"] = ("impropers", "angles")
-    with pytest.raises(ParameterError, match=r"has 2 dihedrals, the first one .* leave_out=.'dihedrals',. leaves them out"):
+    with pytest.raises(dpd.ParameterError, match=r"has 2 dihedrals, the first one .* leave_out=.'dihedrals',. leaves them out"):
         scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
     given["leave_out"] += ("dihedrals",)
     found = scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
@@ -258,15 +254,13 @@ def test_psf_of_another_program(tmp_path):
     assert found.bonded_factors == (1.0, 1.0, 1.0) and not found.angles and not found.dihedrals
 
 
-@pytest.mark.parametrize(
-    ("positions", "change", "message"),
-    [
-        ("no.dcd", {}, "no.dcd cannot be read as positions of 27 beads"),
-        ("short.dcd", {"frame": 3}, "short.dcd has 1 frames; there is no frame 3"),
-        ("short.dcd", {}, r"short.dcd cannot be read as positions of 27 beads|is of shape \(5, 3\)"),
-        (np.zeros((4, 3)), {}, r"top.psf has 27 beads, but positions is of shape \(4, 3\)"),
-        (np.zeros((27, 3)), {"box": None}, "top.psf has no periodic box"),
-    ],
+@cases(
+    "positions, change, message",
+    ("no.dcd", {}, "no.dcd cannot be read as positions of 27 beads"),
+    ("short.dcd", {"frame": 3}, "short.dcd has 1 frames; there is no frame 3"),
+    ("short.dcd", {}, r"short.dcd cannot be read as positions of 27 beads|is of shape \(5, 3\)"),
+    (np.zeros((4, 3)), {}, r"top.psf has 27 beads, but positions is of shape \(4, 3\)"),
+    (np.zeros((27, 3)), {"box": None}, "top.psf has no periodic box"),
 )
 def test_positions_that_do_not_fit(tmp_path, monkeypatch, positions, change, message):
     monkeypatch.chdir(tmp_path)
@@ -274,7 +268,7 @@ def test_positions_that_do_not_fit(tmp_path, monkeypatch, positions, change, mes
     assert scene.n_beads == 27
     psf_of(scene, "top.psf")
     mdtraj.Trajectory(np.zeros((1, 5, 3)), None).save_dcd("short.dcd")
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(dpd.ParameterError, match=message):
         scene_from_psf("top.psf", positions, **{"pairs": PAIRS, "kT": 1.0, "box": TILTED, **tables(scene), **change})
 
 
@@ -285,9 +279,8 @@ def test_frames_of_mdtraj():
     given = {"typing": {"HOH": "W", "OIL": "T"}, "pairs": PAIRS, "kT": 1.0, "bonds": Spring(5, 0.5), "box": [3, 3, 3]}
     np.testing.assert_allclose(scene_from_mdtraj(trajectory, **given, frame=0).positions, x, atol=1e-6)
     np.testing.assert_allclose(scene_from_mdtraj(trajectory, **given).positions, x + 1, atol=1e-6)
-    with pytest.raises(ParameterError, match="the trajectory has 2 frames; there is no frame 2"):
-        scene_from_mdtraj(trajectory, **given, frame=2)
-    with pytest.raises(ParameterError, match="expected an mdtraj.Trajectory with a topology"):
+    raises(dpd.ParameterError, "the trajectory has 2 frames; there is no frame 2", lambda: scene_from_mdtraj(trajectory, **given, frame=2))
+    with pytest.raises(dpd.ParameterError, match="expected an mdtraj.Trajectory with a topology"):
         scene_from_mdtraj(mdtraj.Trajectory(x[None], None), **given)
 
 
@@ -355,53 +348,48 @@ def test_coefficients_of_a_data_file(tmp_path):
     assert named.types == ("A", "A", "B", "B") and [type(group) for group in named.bonds] == [dpd.HarmonicBonds, dpd.FENEBonds]
 
 
-@pytest.mark.parametrize(
-    ("hint", "change", "given", "message"),
-    [
-        ("", ("", ""), {}, "has 2 bonds, the first one between types '1', '1' ..1.., but no bonds are given"),
-        ("", ("", ""), {"bonds": {"1": Spring(1, 1)}}, "no spring is given for the bond between types '1', '2' ..2.."),
-        ("", ("", ""), {"bonds": {"7": Spring(1, 1)}}, "there is no type '7' in .*; there are 1, 2"),
-        ("", ("# molecular", ""), {}, "does not say its atom style behind 'Atoms #'"),
-        ("", ("", ""), {"atom_style": "full"}, "the file says atom_style molecular, not full"),
-        ("", ("# molecular", "# edpd"), {}, "atom_style edpd cannot be taken .its beads carry more"),
-        ("", ("", ""), {"types": {1: "A"}}, "types must name each of the 2 atom types"),
-        ("", ("", ""), {"types": {1: "A", 2: "A"}}, "a name of its own"),
-        ("", ("", ""), {"units": "si"}, "unknown units 'si'"),
-        (" # harmonic", ("1 50 0.7", "1 50"), {}, r"data.x:\d+: .*K r0"),
-        (" # class2", ("", ""), {}, "no bonds are given"),
-        ("", ("1 angle types", "1 angle types\n2 impropers"), {}, "impropers are not supported, but the header announces 2"),
-    ],
+@cases(
+    "hint, change, given, message",
+    ("", ("", ""), {}, "has 2 bonds, the first one between types '1', '1' ..1.., but no bonds are given"),
+    ("", ("", ""), {"bonds": {"1": Spring(1, 1)}}, "no spring is given for the bond between types '1', '2' ..2.."),
+    ("", ("", ""), {"bonds": {"7": Spring(1, 1)}}, "there is no type '7' in .*; there are 1, 2"),
+    ("", ("# molecular", ""), {}, "does not say its atom style behind 'Atoms #'"),
+    ("", ("", ""), {"atom_style": "full"}, "the file says atom_style molecular, not full"),
+    ("", ("# molecular", "# edpd"), {}, "atom_style edpd cannot be taken .its beads carry more"),
+    ("", ("", ""), {"types": {1: "A"}}, "types must name each of the 2 atom types"),
+    ("", ("", ""), {"types": {1: "A", 2: "A"}}, "a name of its own"),
+    ("", ("", ""), {"units": "si"}, "unknown units 'si'"),
+    (" # harmonic", ("1 50 0.7", "1 50"), {}, r"data.x:\d+: .*K r0"),
+    (" # class2", ("", ""), {}, "no bonds are given"),
+    ("", ("1 angle types", "1 angle types\n2 impropers"), {}, "impropers are not supported, but the header announces 2"),
 )
 def test_data_files_that_do_not_say_enough(tmp_path, hint, change, given, message):
     path = data_file(tmp_path, hint, DATA.replace(*change) if change[0] else DATA)
-    with pytest.raises((ParameterError, DeckError), match=message):
-        scene_from_lammps_data(path, **{"pairs": PAIRS, "kT": 1.0, **given})
+    raises((dpd.ParameterError, dpd.DeckError), message, lambda: scene_from_lammps_data(path, **{"pairs": PAIRS, "kT": 1.0, **given}))
 
 
 # -- arrays ----------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"positions": None}, "my table has no positions; give positions"),
-        ({"positions": np.zeros((2, 3))}, r"positions must have shape \(3, 3\)"),
-        ({"masses": np.ones(2)}, r"my table has 3 types of beads, but masses of shape \(2,\)"),
-        ({"masses": np.array([1, np.nan, 1])}, "the masses of my table holds nan"),
-        ({"velocities": np.full((3, 3), np.inf)}, "velocities holds inf"),
-        ({"charges": np.ones(4)}, r"charges must have shape \(3,\)"),
-        ({"molecules": np.ones(2, int)}, "molecules must have one entry per bead"),
-        ({"residues": ["A"]}, "residues must name the molecule of each of the 3 beads"),
-        ({"bonds": np.array([(0, 3)])}, r"bond 0 is \[0, 3\]; it must join two different beads of 0 to 2"),
-        ({"bonds": np.array([(0, 1), (1, 0)])}, "the bond between beads 0 and 1 .counted from 0. is listed twice"),
-        ({"bond_names": ["a", "b"]}, "my table has 1 bonds, but 2 names of their types"),
-        ({"angles": np.array([(0, 1, 1)])}, "it must join three different beads"),
-        ({"types": []}, "my table has no beads"),
-    ],
+@cases(
+    "change, message",
+    ({"positions": None}, "my table has no positions; give positions"),
+    ({"positions": np.zeros((2, 3))}, r"positions must have shape \(3, 3\)"),
+    ({"masses": np.ones(2)}, r"my table has 3 types of beads, but masses of shape \(2,\)"),
+    ({"masses": np.array([1, np.nan, 1])}, "the masses of my table holds nan"),
+    ({"velocities": np.full((3, 3), np.inf)}, "velocities holds inf"),
+    ({"charges": np.ones(4)}, r"charges must have shape \(3,\)"),
+    ({"molecules": np.ones(2, int)}, "molecules must have one entry per bead"),
+    ({"residues": ["A"]}, "residues must name the molecule of each of the 3 beads"),
+    ({"bonds": np.array([(0, 3)])}, r"bond 0 is \[0, 3\]; it must join two different beads of 0 to 2"),
+    ({"bonds": np.array([(0, 1), (1, 0)])}, "the bond between beads 0 and 1 .counted from 0. is listed twice"),
+    ({"bond_names": ["a", "b"]}, "my table has 1 bonds, but 2 names of their types"),
+    ({"angles": np.array([(0, 1, 1)])}, "it must join three different beads"),
+    ({"types": []}, "my table has no beads"),
 )
 def test_arrays_that_do_not_fit(change, message):
     good = {"types": ["A", "A", "B"], "positions": np.eye(3), "source": "my table", "masses": np.ones(3), "bonds": np.array([(0, 1)])}
     given = {"pairs": PAIRS, "kT": 1.0, "box": [4, 4, 4], "bonds": Spring(1, 1)}
     assert scene_from_beads(BeadArrays(**good), **given).bond_pairs.tolist() == [[0, 1]]
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(dpd.ParameterError, match=message):
         scene_from_beads(BeadArrays(**good | change), **given, **({"angles": CosineBend(1)} if "angles" in change else {}))
 
 

@@ -10,7 +10,6 @@ from raising import raises
 from scipy.optimize import brentq
 
 import openmm_dpd as dpd
-from openmm_dpd import ParameterError
 from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.molecules import Molecule, Spring, Twist, linear, pack
 from openmm_dpd.parameters import Estimate, ExcessChemicalPotential, chi_from_log_p, excess_chemical_potential, log_p, repulsion_from_log_p
@@ -99,7 +98,7 @@ def test_values_errors_and_units():
     assert abs(found.at(0.5).value - 4.5) < 4 * found.at(0.5).error
     assert found.at(1.0, 0.5).value == pytest.approx(found.value - found.at(0.5).value)
     assert found.at(1.0, 0.5).error < math.hypot(found.error, found.at(0.5).error)
-    raises(ParameterError, "up to a part of 1; 1.1", lambda: found.at(1.1))
+    raises(dpd.ParameterError, "up to a part of 1; 1.1", lambda: found.at(1.1))
 
 
 def test_a_dense_solvent_is_corrected():
@@ -128,18 +127,17 @@ def test_what_cannot_be_switched_is_refused():
         ("not LennardJones", one, solvent([PAIRS, tables["LennardJones"]])),
     ]
     for message, molecule, given in cases:
-        with pytest.raises(ParameterError, match=message):
-            excess_chemical_potential(molecule, given)
-    with pytest.raises(ParameterError, match="at least 3.3 cutoffs wide, 4.29"):
+        raises(dpd.ParameterError, message, excess_chemical_potential, molecule, given)
+    with pytest.raises(dpd.ParameterError, match="at least 3.3 cutoffs wide, 4.29"):
         excess_chemical_potential(one, replace(scene, box=np.diag([4.0, 5.0, 5.5])))
     unseen = pack({}, box=[5.0] * 3, solvent="W", seed=1).scene(pairs=PAIRS, kT=1.0, masses=MASSES)
-    raises(ParameterError, "nothing acts between B1? and this solvent", lambda: excess_chemical_potential(Molecule(("B",)), unseen))
-    raises(ParameterError, "copies must be 3 to 32, not 40", lambda: excess_chemical_potential(one, scene, copies=40))
-    raises(ParameterError, "a time of 2 at least, not 1", lambda: excess_chemical_potential(one, scene, time=1.0))
-    with pytest.raises(ParameterError, match=r"no pair coefficients for types .*\(W, B\)"):
+    raises(dpd.ParameterError, "nothing acts between B1? and this solvent", lambda: excess_chemical_potential(Molecule(("B",)), unseen))
+    raises(dpd.ParameterError, "copies must be 3 to 32, not 40", lambda: excess_chemical_potential(one, scene, copies=40))
+    raises(dpd.ParameterError, "a time of 2 at least, not 1", lambda: excess_chemical_potential(one, scene, time=1.0))
+    with pytest.raises(dpd.ParameterError, match=r"no pair coefficients for types .*\(W, B\)"):
         solvent({("*", "A"): dpd.DPD(A=25, gamma=4.5), ("W", "W"): dpd.DPD(A=25, gamma=4.5)})
-    raises(ParameterError, "different temperatures", lambda: log_p(one, scene, replace(scene, kT=2.0)))
-    with pytest.raises(ParameterError, match="repel water alike, with one A > 0, but they have A = 10, 40"):
+    raises(dpd.ParameterError, "different temperatures", lambda: log_p(one, scene, replace(scene, kT=2.0)))
+    with pytest.raises(dpd.ParameterError, match="repel water alike, with one A > 0, but they have A = 10, 40"):
         repulsion_from_log_p(3.0, one, scene, scene)
 
 
@@ -173,4 +171,4 @@ def test_errors_of_log_p_are_those_of_chi():
     found = chi_from_log_p(Estimate(4.0, 0.1, "measured", {}), 2, chi_octanol=Estimate(0.3, 0.05, "measured", {}))
     assert found.error == pytest.approx(math.hypot(0.1 * math.log(10) / 2, 0.05))
     assert chi_from_log_p(-1.0, 2).value < 0
-    raises(ParameterError, "beads", lambda: chi_from_log_p(1.0, 0))
+    raises(dpd.ParameterError, "beads", lambda: chi_from_log_p(1.0, 0))

@@ -5,6 +5,7 @@ import inspect
 import numpy as np
 import pytest
 from judged import LEVEL, SHIFT, any_seed, bounded, judge, ratios
+from raising import raises
 
 
 def series(tau: float, rows: int, count: int = 3000) -> np.ndarray:
@@ -39,8 +40,7 @@ def test_three_seeds_have_to_fail(wrong):
 
     assert list(inspect.signature(test).parameters) == ["other"]
     if wrong == 3:
-        with pytest.raises(AssertionError, match="of another"):
-            test(other="of another")
+        raises(AssertionError, "of another", lambda: test(other="of another"))
     else:
         test(other="")
     assert seen == [5, 1005, 2005][: wrong + 1] and LEVEL**3 < 1e-8
@@ -55,8 +55,7 @@ def test_what_fails():
         (good, 0.01, r"not below 0\.01"),
         (np.cumsum(good), 1.0, "run longer"),
     ):
-        with pytest.raises(AssertionError, match=message):
-            judge(series, 0.0, error=error)
+        raises(AssertionError, message, judge, series, 0.0, error=error)
 
 
 def test_a_ratio_of_means():

@@ -46,8 +46,7 @@ def oracle_pairs(x, box, cutoff=1.0) -> list[tuple[int, int]]:
 @pytest.mark.parametrize("density", [0.3, 3.0])
 def test_every_pair_is_listed_once(box, table, density):
     scene = fluid(table, box, density, seed=3)
-    engine = engine_of(scene)
-    engine.prepare(scene.positions, box)
+    engine = ready(engine_of(scene), scene.positions, box)
     found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
     pairs = listed_pairs(engine)
     assert unordered(pairs) == sorted(zip(found.i.tolist(), found.j.tolist(), strict=True))
@@ -58,8 +57,7 @@ def test_every_pair_is_listed_once(box, table, density):
 def test_geometry_of_the_listed_pairs(box):
     """Unit vector from j to i and distance, by minimum image."""
     scene = fluid(EXTENDED, box, seed=5)
-    engine = engine_of(scene)
-    engine.prepare(scene.positions, box)
+    engine = ready(engine_of(scene), scene.positions, box)
     found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
     expected = {(i, j): (*e, r) for i, j, r, e in zip(*found, strict=True)}
     pairs = engine.lists[0]
@@ -81,8 +79,7 @@ def test_lattice_beads_exactly_on_the_faces_of_a_tilted_box(seed):
     box[1, 0], box[2, 0], box[2, 1] = tilt[0] * edges[0], tilt[1] * edges[0], tilt[2] * edges[1]
     lattice = np.array(list(itertools.product(range(5), repeat=3))) / 5.0
     x = (lattice + rng.integers(-2, 3, lattice.shape)) @ box
-    engine = simple_engine(len(x))
-    engine.prepare(x, box)
+    engine = ready(simple_engine(len(x)), x, box)
     # pairs at the cutoff itself may fall on either side of it by rounding
     inside, outside = (set(oracle_pairs(x, box, cutoff)) for cutoff in (1 - 1e-9, 1 + 1e-9))
     pairs = unordered(listed_pairs(engine))
@@ -122,8 +119,7 @@ def test_same_bits_for_one_and_two_threads(box, density, two_threads):
 def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
     """Any number of chunks of beads and tasks of columns, also more than there are beads in a cell or columns: the same sorted beads and pairs."""
     scene = fluid(EXTENDED, box, seed=4)
-    engine = engine_of(scene)
-    engine.prepare(scene.positions, box)
+    engine = ready(engine_of(scene), scene.positions, box)
     pairs, expected = engine.lists[0], listed_pairs(engine)
     order, geometry, rows = pairs.order.copy(), pairs.arrays.geometry.copy(), pairs.rows
     grid = pairs.grid(scene.positions, box)
@@ -183,8 +179,7 @@ def test_a_new_box_at_the_same_positions_is_noticed():
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_very_few_beads(box, n):
     x = np.array([[0.1, 0.2, 0.3], [3.95, 0.2, 0.3], [0.1, 0.2, 0.9]])[:n]
-    engine = simple_engine(n)
-    engine.prepare(x, box)
+    engine = ready(simple_engine(n), x, box)
     assert unordered(listed_pairs(engine)) == oracle_pairs(x, box)
     assert engine.sweep(np.zeros((n, 3)), 1.0, 0.01, 1, 1).shape == (n, 3)
 
@@ -193,8 +188,7 @@ def test_very_few_beads(box, n):
 @pytest.mark.parametrize("box", [None, np.diag([4.0] * 3), np.diag([2.0] * 3)], ids=["none", "box", "narrow"])
 def test_beads_closer_than_1e_10_are_no_pair(distance, box):
     x = np.array([[0.0, 0.0, 0.0], [distance, 0.0, 0.0], [0.5, 0.0, 0.0]])
-    engine = simple_engine(3)
-    engine.prepare(x, box)
+    engine = ready(simple_engine(3), x, box)
     assert unordered(listed_pairs(engine)) == [(0, 2), (1, 2)]
     x[1, 0] = 2e-10
     engine.prepare(x, box)
@@ -218,16 +212,14 @@ def test_position_that_is_not_finite_is_named(box, value):
 def test_beads_without_a_box_may_be_far_apart(far):
     """Cells are limited in number, for any extent (a million cells along each edge would overflow their count)."""
     x = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [far, far, -far], [far, 0.25 * far, -far], [far, far + 0.5, -far]])
-    engine = simple_engine(len(x))
-    engine.prepare(x, None)
+    engine = ready(simple_engine(len(x)), x, None)
     assert unordered(listed_pairs(engine)) == oracle_pairs(x, None)
 
 
 def test_few_beads_in_a_huge_box():
     box = np.diag([1e6, 2e6, 3e6])
     x = np.array([[0.2, 0.1, 0.1], [1e6 - 0.3, 0.1, 0.1], [5e5, 1e6, 1e6], [5e5, 1e6, 1e6 + 0.5]])
-    engine = simple_engine(len(x))
-    engine.prepare(x, box)
+    engine = ready(simple_engine(len(x)), x, box)
     assert unordered(listed_pairs(engine)) == [(0, 1), (2, 3)]
 
 
@@ -245,8 +237,7 @@ def test_particles_of_type_minus_one_take_no_part():
 @BOX
 def test_pairs_with_factor_zero_are_left_out(box):
     scene = chains(box)
-    engine = engine_of(scene)
-    engine.prepare(scene.positions, box)
+    engine = ready(engine_of(scene), scene.positions, box)
     factor = factor_of(scene)
     found = oracle.pair_list(scene.positions, scene.type_ids, oracle_params(scene), box)
     expected = [(i, j) for i, j in zip(found.i.tolist(), found.j.tolist(), strict=True) if factor(i, j) > 0]

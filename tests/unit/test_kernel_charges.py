@@ -10,7 +10,6 @@ import reference_forces as check
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.base.geometry import AXES_OF_TENSOR, symmetric_products
 from openmm_dpd.kernels.charges import cost, pme_cost
 from openmm_dpd.kernels.extras import warm_up_extras
@@ -235,7 +234,7 @@ def test_a_box_that_changes():
         wanted, forces, _ = exact("slater", x, q, box, {})
         assert energy == pytest.approx(wanted, abs=1e-7)
         np.testing.assert_allclose(force, forces, rtol=0, atol=1e-8 * np.abs(forces).max())
-    with pytest.raises(RunError, match="narrower than twice the cutoff of the charges, 2.3 nm"):
+    with pytest.raises(dpd.RunError, match="narrower than twice the cutoff of the charges, 2.3 nm"):
         evaluator.add_to(x, np.diag([4.6, 4.6, 4.5]), force, 1.0)
 
 
@@ -289,7 +288,7 @@ def test_what_is_no_number():
         assert check.evaluate([terms], moved, BOXES[box])[0] == check.evaluate([terms], x, BOXES[box])[0]
         for bad in (np.nan, np.inf):
             moved[charged, 1] = bad
-            with pytest.raises(RunError, match=f"position of bead {charged} is not finite"):
+            with pytest.raises(dpd.RunError, match=f"position of bead {charged} is not finite"):
                 check.evaluate([terms], moved, BOXES[box])
 
 

@@ -3,21 +3,18 @@
 import numpy as np
 import oracle_meso as oracle
 import pytest
-from kernel_answers import close, noise_matrices, same_terms, scaled_by
+from kernel_answers import COUNTER, DT, PARTS, SEED, close, noise_matrices, prepared, same_terms, scaled_by
 from marks import BOX
-from scenes import BOXES, MASSES, chains, fluid, noise_of, ready
+from raising import raises
+from scenes import BOXES, MASSES, chains, fluid, noise_of
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels.edpd import clamped
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
-from openmm_dpd.plan.plan import make_plan
 
 COMPAT = pytest.mark.parametrize("compat", ["consistent", "lammps"])
-DT, SEED, COUNTER = 0.02, 21, 5
-PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)
 _POLYNOMIALS = {"exponent_polynomial": (0.5, -0.3, 0.8, 0.2), "kappa_polynomial": (0.5, -0.3, 0.2, 0.1)}
 _WIDE = {"cutoff": 1.2, "cutoff_T": 0.8, "exponent": 0.41, "exponent_T": 1.0, "exponent_polynomial": (-3.0, 0, 0, 0)}
 #: Conduction reaches further than the forces, less far, and as far; the exponent of AB falls to its smallest value where it is warm.
@@ -32,10 +29,6 @@ def warm_fluid(box=BOXES["ortho"], *, make=fluid, table=TABLE, seed=5, **options
     """Temperatures from 0.6 to 1.8 and heat capacities from 2 to 5."""
     rng, n = np.random.default_rng(seed), make(box=box).n_beads
     return make(table=table, box=box, internal=BeadTemperatures(rng.uniform(0.6, 1.8, n), rng.uniform(2.0, 5.0, n)), **options)
-
-
-def prepared(scene, dt=DT) -> PairEngine:
-    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec), scene.positions, scene.box)
 
 
 def evaluate(scene, which, v=None, counter=COUNTER, engine=None):
@@ -109,8 +102,7 @@ def test_conduction_loses_no_heat_and_viscous_heat_is_the_work_of_the_forces():
     at_rest, moving = (evaluate(scene, RANDOM, v=v) for v in (0 * scene.velocities, scene.velocities))
     assert abs(at_rest[3].sum()) < 1e-12 * np.abs(at_rest[3]).sum()
     assert np.abs(at_rest[3]).max() > 0.1
-    work = np.sum(scene.velocities * moving[1])
-    assert moving[3].sum() == pytest.approx(-work, rel=1e-10)
+    assert moving[3].sum() == pytest.approx(-np.sum(scene.velocities * moving[1]), rel=1e-10)
     # deterministic: what friction takes, less what the kicks give on average, which does not depend on the velocities
     at_rest, moving = (evaluate(scene, DISSIPATIVE, v=v) for v in (0 * scene.velocities, scene.velocities))
     assert moving[3].sum() - at_rest[3].sum() == pytest.approx(-np.sum(scene.velocities * moving[1]), rel=1e-10)
@@ -200,7 +192,7 @@ def test_a_temperature_must_stay_positive(value):
     scene = warm_fluid()
     temperature = scene.internal.values(scene.n_beads)
     temperature[[17, 30]] = value
-    with pytest.raises(RunError, match=rf"temperature of bead 17 is {value:g}; it must be > 0"):
+    with pytest.raises(dpd.RunError, match=rf"temperature of bead 17 is {value:g}; it must be > 0"):
         prepared(scene).forces(sum(PARTS), scene.velocities, 1.0, DT, SEED, COUNTER, temperature)
 
 
@@ -209,8 +201,7 @@ def test_a_negative_conduction_coefficient_names_the_temperature():
     scene = pair_of_beads(kappa_polynomial=(-8.0, 0, 0, 0))
     evaluate(scene, CONSERVATIVE)
     for which in (DISSIPATIVE, RANDOM):
-        with pytest.raises(RunError, match=r"conduction coefficient is -0.7 at the temperature 1.25 of beads (0 and 1|1 and 0)"):
-            evaluate(scene, which)
+        raises(dpd.RunError, r"conduction coefficient is -0.7 at the temperature 1.25 of beads (0 and 1|1 and 0)", evaluate, scene, which)
     evaluate(pair_of_beads(kappa=0.0, kappa_polynomial=(-8.0, 0, 0, 0)), DISSIPATIVE)
 
 
@@ -218,5 +209,4 @@ def test_there_is_no_sweep_and_no_laplacian():
     scene = pair_of_beads()
     engine = prepared(scene)
     assert np.isnan(engine.laplacian())
-    with pytest.raises(RunError, match="only the scheme mvv"):
-        engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, scene.internal.values(2))
+    raises(dpd.RunError, "only the scheme mvv", lambda: engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, scene.internal.values(2)))

@@ -4,33 +4,26 @@ import numpy as np
 import oracle_energy as oracle
 import pytest
 from cases import cases
-from kernel_answers import close, noise_matrices, same_terms
+from kernel_answers import COUNTER, DT, SEED, close, noise_matrices, prepared, same_terms
 from kinds import ENERGY
 from marks import BOX
 from raising import raises
-from scenes import BOXES, MASSES, chains, fluid, listed_pairs, ready
+from scenes import BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError, RunError
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
-from openmm_dpd.plan.plan import make_plan
 
-DT, SEED, COUNTER = 0.02, 21, 5
 EOS = {"A": ConstantHeatCapacity(40.0), "B": ConstantHeatCapacity(70.0)}
 
 
 def energy_fluid(box, *, make=fluid, eos=EOS, table=ENERGY, seed=5, **options) -> dpd.Scene:
     n = make(box=box).n_beads
     return make(table=table, box=box, internal=InternalEnergy(eos, np.random.default_rng(seed).uniform(0.7, 1.4, n)), **options)
-
-
-def prepared(scene, scheme="middle", dt=DT) -> PairEngine:
-    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme=scheme).spec), scene.positions, scene.box)
 
 
 def matrices(scene):
@@ -43,7 +36,7 @@ def matrices(scene):
 @BOX
 def test_forces_and_heat_equal_the_oracle(box):
     scene = energy_fluid(box)
-    engine, n = prepared(scene), scene.n_beads
+    engine, n = prepared(scene, "middle"), scene.n_beads
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     theta = u.sum(axis=1) / np.array([EOS[t].capacity for t in scene.types])
     motion, heat = noise_matrices(n, SEED, COUNTER)
@@ -97,7 +90,7 @@ def test_small_steps_of_both_forms_agree():
     """A sweep over a time dt is dt times the rates to first order, noise included to order sqrt(dt)."""
     scene = energy_fluid(BOXES["ortho"])
     u, v, dt = scene.internal.energies(scene.type_ids, scene.type_names), scene.velocities, 1e-8
-    engine = prepared(scene)
+    engine = prepared(scene, "middle")
     force = engine.forces(DISSIPATIVE | RANDOM, v, 1.0, dt, SEED, COUNTER, u)[1]
     rates = engine.rates.copy()
     change = engine.sweep(v, 1.0, dt, SEED, COUNTER, u)
@@ -179,7 +172,7 @@ def test_threads_give_the_same_bits():
     for threads in (1, 2):
         set_threads(threads)
         try:
-            engine = prepared(scene)
+            engine = prepared(scene, "middle")
             force = engine.forces(7, scene.velocities, 1.0, DT, SEED, COUNTER, u)[1]
             rates = engine.rates.copy()
             results.append((force, rates, engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u), engine.increments.copy()))
@@ -192,7 +185,7 @@ def test_threads_give_the_same_bits():
 def test_factors_act_on_forces_and_their_heat():
     """f on A, f on sigma^2 (so that friction and noise stay in balance), nothing on conduction; energy stays conserved."""
     scene = energy_fluid(BOXES["ortho"], make=chains)
-    engine, v, mass = prepared(scene), scene.velocities, scene.bead_masses
+    engine, v, mass = prepared(scene, "middle"), scene.velocities, scene.bead_masses
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     change = engine.sweep(v, 1.0, DT, SEED, COUNTER, u)
     kinetic = [0.5 * mass @ np.sum(w**2, axis=1) for w in (v, v + change)]
@@ -220,7 +213,7 @@ def test_energy_out_of_range_names_the_bead():
     scene = dpd.Scene(MASSES, list(scene.types), scene.positions, table, 1.0, internal=scene.internal, velocities=scene.velocities)
     engine = prepared(scene, "shardlow", 5.0)
     u = scene.internal.energies(scene.type_ids, scene.type_names)
-    with pytest.raises(RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"):
+    with pytest.raises(dpd.RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"):
         engine.sweep(scene.velocities, 1.0, 5.0, SEED, COUNTER, u)
 
 
@@ -232,11 +225,11 @@ def test_energy_out_of_range_names_the_bead():
     ({"internal": InternalEnergy(TabulatedEOS([1, 2], [1, 2]), 3.0)}, "3 of bead 0 is outside its equation of state"),
 )
 def test_bad_internal_energies(change, message):
-    raises(ParameterError, message, lambda: fluid(table=ENERGY, box=BOXES["ortho"], **change))
+    raises(dpd.ParameterError, message, lambda: fluid(table=ENERGY, box=BOXES["ortho"], **change))
 
 
 def test_bad_equations_of_state():
-    raises(ParameterError, "must be a single number > 0", lambda: ConstantHeatCapacity(0.0))
-    with pytest.raises(ParameterError, match=r"energies .* must increase; entry 3 \(1.5\) is not above entry 2 \(2\)"):
+    raises(dpd.ParameterError, "must be a single number > 0", lambda: ConstantHeatCapacity(0.0))
+    with pytest.raises(dpd.ParameterError, match=r"energies .* must increase; entry 3 \(1.5\) is not above entry 2 \(2\)"):
         TabulatedEOS([1, 2, 3], [1, 2, 1.5])
-    raises(ParameterError, "contradict each other", lambda: TabulatedEOS.from_functions(lambda theta: theta, (1, 2), lambda u: 2 * u))
+    raises(dpd.ParameterError, "contradict each other", lambda: TabulatedEOS.from_functions(lambda theta: theta, (1, 2), lambda u: 2 * u))

@@ -10,7 +10,6 @@ from reference_forces import BOXES
 from scenes import BOXES as MORE_BOXES, MASSES, beads
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.plan.extra_forces import extras, radial_terms
 from openmm_dpd.plan.forces.expressions import exception_force, nonbonded_force
 from openmm_dpd.plan.forces.overlays import energy_spline
@@ -169,7 +168,7 @@ def test_beads_that_take_no_part():
     energy, force = check.evaluate([terms], np.random.default_rng(1).random((5, 3)), None)
     assert energy == 0.0 and not force.any()
     terms = radial_terms(resolved("lennard-jones"), np.zeros(5, np.int32), NAMES, {})
-    with pytest.raises(RunError, match="position of bead 0 is not finite"):
+    with pytest.raises(dpd.RunError, match="position of bead 0 is not finite"):
         check.evaluate([terms], np.full((5, 3), np.nan), np.diag([4.0] * 3))
 
 

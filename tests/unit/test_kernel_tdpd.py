@@ -4,22 +4,19 @@ import numpy as np
 import oracle as plain_oracle
 import oracle_meso as oracle
 import pytest
-from kernel_answers import close, same_terms, scaled_by
+from kernel_answers import COUNTER, DT, PARTS, SEED, close, prepared, same_terms, scaled_by
 from marks import BOX
-from scenes import BOXES, MASSES, chains, fluid, ready
+from scenes import BOXES, MASSES, chains, fluid
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.compiled import compiled
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.model.internal import Concentrations
 from openmm_dpd.model.tdpd import TDPD
-from openmm_dpd.plan.plan import make_plan
 
 SPECIES = pytest.mark.parametrize("n_species", [1, 3, 4])
-DT, SEED, COUNTER, KT = 0.02, 21, 5, 0.8
-PARTS = (CONSERVATIVE, DISSIPATIVE, RANDOM)
+KT = 0.8
 
 
 def species_table(n_species: int) -> dict:
@@ -37,10 +34,6 @@ def solution(box=BOXES["ortho"], n_species=3, *, make=fluid, table=None, seed=5,
     """Concentrations from -0.5 to 2 (nothing keeps them positive)."""
     values = np.random.default_rng(seed).uniform(-0.5, 2.0, (make(box=box).n_beads, n_species))
     return make(table=table or species_table(n_species), box=box, kT=kT, internal=Concentrations(values), **options)
-
-
-def prepared(scene, dt=DT) -> PairEngine:
-    return ready(PairEngine(make_plan(scene, dt=dt, seed=SEED, scheme="mvv").spec), scene.positions, scene.box)
 
 
 def evaluate(scene, which, counter=COUNTER, kT=KT, engine=None):
@@ -199,7 +192,7 @@ def test_noise_of_species_is_cut_at_five_and_that_of_the_motion_is_not():
 # -- errors -------------------------------------------------------------------------------------------------------------------------------
 def test_there_is_no_sweep():
     scene = pair_of_beads()
-    with pytest.raises(RunError, match="only the scheme mvv"):
+    with pytest.raises(dpd.RunError, match="only the scheme mvv"):
         prepared(scene).sweep(scene.velocities, KT, DT, SEED, COUNTER, scene.internal.values)
 
 

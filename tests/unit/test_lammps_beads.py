@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 from cases import cases
+from files_of_tests import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
 
 
 def state_of(tmp_path, text: str):
-    path = tmp_path / "in.deck"
-    path.write_text(text)
-    return read_deck(path, stop_before_first_run=True)
+    return read_deck(put(tmp_path / "in.deck", text), stop_before_first_run=True)
 
 
 # -- boxes and lattices ------------------------------------------------------------------------------------------------------
@@ -143,14 +142,12 @@ RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
     ("compute m all msd\nreset_atoms id\n", "define it afterwards"),
 )
 def test_ids_that_lammps_would_give_otherwise(tmp_path, text, message):
-    (tmp_path / "in.deck").write_text(TWENTY + text)
     with pytest.raises(DeckError, match=message):
-        read_deck(tmp_path / "in.deck")
+        read_deck(put(tmp_path / "in.deck", TWENTY + text))
 
 
 def test_without_sorting_the_order_stays_known(tmp_path):
-    (tmp_path / "in.unsorted").write_text("atom_modify sort 0 0.0\n" + TWENTY + RUN + GAPS + "reset_atoms id\n")
-    found = read_deck(tmp_path / "in.unsorted").atoms.positions
+    found = read_deck(put(tmp_path / "in.unsorted", "atom_modify sort 0 0.0\n" + TWENTY + RUN + GAPS + "reset_atoms id\n")).atoms.positions
     np.testing.assert_array_equal(found, state_of(tmp_path, TWENTY + GAPS + "reset_ids\n").atoms.positions)
 
 

@@ -36,7 +36,7 @@ def request_of(tmp_path, text: str) -> RunRequest:
 def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Resolver:
     """Resolver at a step at which all beads have moved by ``shift``."""
     atoms = request.state.atoms
-    sample = DeckSample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **values)
+    sample = DeckSample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **{"fields": {}, **values})
     return Resolver(request.state, sample, request.window)
 
 

@@ -6,6 +6,7 @@ import lammps_peer
 import pytest
 from cases import cases
 from files_of_tests import put
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
@@ -68,8 +69,7 @@ def test_what_is_printed(tmp_path, monkeypatch, name):
         (tmp_path / side).mkdir()
         for file, content in (FILES | {"in": text}).items():
             (tmp_path / side / file).write_text(content, encoding="utf-8")
-    with pytest.raises(DeckError, match="has no run command"):
-        read_deck(tmp_path / "ours" / "in", output=tmp_path / "ours")
+    raises(DeckError, "has no run command", lambda: read_deck(tmp_path / "ours" / "in", output=tmp_path / "ours"))
     assert said(tmp_path / "ours") == expected
     if NO_LAMMPS is None:
         with lammps_peer.instance() as lmp:
@@ -91,8 +91,7 @@ def test_conditions(text):
 
 @cases("text", "", "a", "a < b", "1 == a", "!a", "1 1", "1 = 1", "1 &", "+1", "(1", "1 +1", "1 ! 1", "a.b == a.b", "1 && a")
 def test_what_is_no_condition(text):
-    with pytest.raises(ParameterError, match="cannot evaluate the condition"):
-        condition_holds(text)
+    raises(ParameterError, "cannot evaluate the condition", lambda: condition_holds(text))
 
 
 WRONG = {

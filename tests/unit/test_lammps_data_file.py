@@ -225,5 +225,4 @@ def test_theta_must_be_positive(tmp_path):
 
 def test_a_different_style_hint_is_noted(tmp_path):
     write(tmp_path, GOOD.replace("Atoms", "Atoms # charge"))
-    state = deck(tmp_path, "read_data data")
-    assert any("says 'charge'" in note for note in state.notes)
+    assert any("says 'charge'" in note for note in deck(tmp_path, "read_data data").notes)

@@ -281,8 +281,7 @@ ERRORS = [
 
 @pytest.mark.parametrize(("text", "message"), ERRORS, ids=[re.sub(r"[^a-z0-9 ]", "", message)[:60] for _, message in ERRORS])
 def test_errors_name_file_and_line(tmp_path, text, message):
-    with pytest.raises(DeckError, match=message):
-        scene_of(tmp_path, text)
+    raises(DeckError, message, lambda: scene_of(tmp_path, text))
 
 
 # -- runs --------------------------------------------------------------------------------------------------------------------------

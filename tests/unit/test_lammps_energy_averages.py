@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from cases import cases
 from files_of_tests import put
+from test_lammps_chunks import QUICK, context_of, request_of
 
 from openmm_dpd.base.errors import DeckError
-from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
+from openmm_dpd.lammps import read_deck, run_deck
 from openmm_dpd.lammps.output.averages import Schedule
-from openmm_dpd.lammps.state.records import DeckSample
-from openmm_dpd.lammps.values.resolver import Resolver
 
 START = """atom_style {style}
 region b block -2 4 0 5 1 7 units box
@@ -33,24 +32,10 @@ SPECIES = START.format(style="tdpd 2") + _SPECIES + "set type 1 cc 1 2.0\nset ty
 _TEN_TIMES = START.format(style="dpd").replace("-2 4 0 5 1 7", "-20 40 0 50 10 70").replace("x lower 1.0", "x lower 10.0")
 ENERGY = f"units metal\n{_TEN_TIMES}set type 1 dpd/theta 300\nset type 2 dpd/theta 400\nfix in all eos/cv 0.0005\ntimestep 0.001\n"
 ENERGY += "pair_style dpd/fdt/energy 10.0 7\npair_coeff * * 0.075 0.022 3.2e-5\nfix heat all dpd/energy\nfix move all nve\n"
-QUICK = RunOptions(platform="Reference", threads=1, seed=3)
 
 
 def write(tmp_path, text: str) -> Path:
     return put(tmp_path / "in.deck", text)
-
-
-def request_of(tmp_path, text: str) -> RunRequest:
-    request = read_deck(write(tmp_path, text), stop_before_first_run=True, output=tmp_path).first_run
-    assert request is not None
-    return request
-
-
-def context_of(request: RunRequest, step: int = 0, shift=(0.0, 0.0, 0.0), **values) -> Resolver:
-    """Resolver at a step at which all beads have moved by ``shift``."""
-    atoms = request.state.atoms
-    sample = DeckSample(step, positions=atoms.positions + np.array(shift), velocities=atoms.velocities, **{"fields": {}, **values})
-    return Resolver(request.state, sample, request.window)
 
 
 def blocks_of(path: Path) -> list[tuple[list[float], np.ndarray]]:

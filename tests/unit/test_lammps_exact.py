@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from cases import cases
 from lammps_beads import ours, same_beads, theirs
+from raising import raises
 
 from openmm_dpd.base.errors import DeckError
 
@@ -153,17 +154,14 @@ def test_a_bead_that_lammps_loses_is_an_error(tmp_path, place, lost):
     if not lost:
         same_beads(tmp_path, text)
         return
-    with pytest.raises(Exception, match="Lost atoms"):
-        theirs(tmp_path, text)
+    raises(Exception, "Lost atoms", lambda: theirs(tmp_path, text))
     lost = f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"
-    with pytest.raises(DeckError, match=lost):
-        ours(tmp_path, text)
+    raises(DeckError, lost, lambda: ours(tmp_path, text))
 
 
 def test_new_ids_after_a_run_are_an_error(tmp_path):
     text = ROW + FINISH + "group d id 2\ndelete_atoms group d\nrun 0\n"
-    with pytest.raises(DeckError, match="the new ids that LAMMPS gives after a run .* 'compress no'"):
-        ours(tmp_path, text)
+    raises(DeckError, "the new ids that LAMMPS gives after a run .* 'compress no'", lambda: ours(tmp_path, text))
     same_beads(tmp_path, text.replace("group d\nrun", "group d compress no\nrun"))
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import lammps_peer
 import pytest
+from files_of_tests import put
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError
@@ -62,8 +63,7 @@ def test_runs_go_on_bit_for_bit(tmp_path, system, platform):
 def test_groups_masses_and_types_come_back_and_fixes_do_not(tmp_path):
     start, fixes = SYSTEMS["dpd"]
     rows(tmp_path, "first", f"{start}{fixes}run 2\nwrite_restart r\n")
-    path = tmp_path / "in.second"
-    path.write_text("read_restart r\nprint '$(count(ga)) $(mass(all)) $(step) $(dt)'\nfix 1 all nve\nrun 0\n", encoding="utf-8")
+    path = put(tmp_path / "in.second", "read_restart r\nprint '$(count(ga)) $(mass(all)) $(step) $(dt)'\nfix 1 all nve\nrun 0\n")
     lines: list[str] = []
     state = run_deck(path, RunOptions(platform="Reference"), out=tmp_path, log=lines.append)
     assert "20 4200 2 20" in lines and state["natoms"] == 90
@@ -98,6 +98,5 @@ def test_mistakes(tmp_path, text):
             lmp.commands_string(f"{start}write_restart {tmp_path}/theirs")
     elif "theirs" in text:
         pytest.skip("no LAMMPS to write one")
-    (tmp_path / "in.bad").write_text(text, encoding="utf-8")
     with pytest.raises(DeckError, match=WRONG[text]):
-        run_deck(tmp_path / "in.bad", RunOptions(platform="Reference"), out=tmp_path / "out")
+        run_deck(put(tmp_path / "in.bad", text), RunOptions(platform="Reference"), out=tmp_path / "out")

@@ -94,8 +94,7 @@ def test_missing_and_unsupported(table, keyword, message):
 
 
 def test_rows_that_are_missing_or_not_numbers(tmp_path):
-    path = tmp_path / "table"
-    path.write_text("A\nN 3 R 1 2\n\n1 1 0 0\n2 1.5 x 0\n3 2 0 0\n")
+    path = put(tmp_path / "table", "A\nN 3 R 1 2\n\n1 1 0 0\n2 1.5 x 0\n3 2 0 0\n")
     raises(DeckError, r"table:5: expected 'index r energy force'", lambda: read_table(path, "A"))
     raises(DeckError, r"table A announces 3 rows, but has 2", lambda: read_table(put(path, "A\nN 3 R 1 2\n\n1 1 0 0\n2 1.5 0 0\n"), "A"))
     path.write_text("A\nN 3\n\n1 1 0 0\n2 1.5 0 0\n3 1.2 0 0\n")

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm import unit
+from raising import raises
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError, RunError
 from openmm_dpd.molecules import (
     Bend,
     Bilayer,
@@ -45,16 +46,14 @@ def pairs_of(molecule) -> list[tuple[int, int]]:
 
 
 # -- sequences -------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("text", "types"),
-    [
-        ("A", "A"),
-        ("A3B2", "A A A B B"),
-        ("(AB)2C", "A B A B C"),
-        ("(A(BC)2)2", "A B C B C A B C B C"),
-        ("NaCl2", "Na Cl Cl"),
-        ("A12", " ".join("A" * 12)),
-    ],
+@cases(
+    "text, types",
+    ("A", "A"),
+    ("A3B2", "A A A B B"),
+    ("(AB)2C", "A B A B C"),
+    ("(A(BC)2)2", "A B C B C A B C B C"),
+    ("NaCl2", "Na Cl Cl"),
+    ("A12", " ".join("A" * 12)),
 )
 def test_sequences(text, types):
     assert sequence(text) == tuple(types.split())
@@ -62,8 +61,7 @@ def test_sequences(text, types):
 
 @pytest.mark.parametrize("text", ["", "a", "A-B", "(AB", "AB)", "A0", "2A", "()", "A 2", "A2²"])
 def test_texts_that_are_no_sequence(text):
-    with pytest.raises(ParameterError, match="bead types"):
-        sequence(text)
+    raises(dpd.ParameterError, "bead types", lambda: sequence(text))
 
 
 def test_formula_is_the_name():
@@ -128,8 +126,7 @@ def test_springs_and_bends_by_types():
     chain = linear("A2B", {("*", "*"): soft, ("B", "A"): hard}, {("B", "A", "A"): CosineBend(3.0)})
     assert [bond[2] for bond in chain.bonds] == [soft, hard]
     assert [angle[:3] for angle in chain.angles] == [(0, 1, 2)]
-    with pytest.raises(ParameterError, match="between types 'A' and 'B'"):
-        linear("A2B", {("A", "A"): soft})
+    raises(dpd.ParameterError, "between types 'A' and 'B'", lambda: linear("A2B", {("A", "A"): soft}))
 
 
 def test_lipid_of_the_literature():
@@ -178,56 +175,53 @@ def test_units():
     assert mixture.n_beads == 81
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Spring(-1.0, 0.7), "bond k must be >= 0"),
-        (lambda: Spring(1.0, 1.0 * unit.picosecond), "r0"),
-        (lambda: Bend(1.0, 90.0), "degree"),
-        (lambda: FENESpring(10.0, 0.0), "R0 must be > 0"),
-        (lambda: linear("A3", 50.0), "spring must be one of"),
-        (lambda: linear("A3", SPRING, SPRING), "bend must be one of"),
-        (lambda: linear("A4", SPRING, twist=Bend(1, 2)), "twist must be one of Twist, OPLSTwist, MultiHarmonicTwist"),
-        (lambda: linear("A4", SPRING, twist={("A", "A"): Twist(1, 1, 1)}), "keys of 4 types"),
-        (lambda: Twist(1, 2, 1), "dihedral d must be 1 or -1"),
-        (lambda: Molecule(("A", "A"), ((0, 1, SPRING),), dihedrals=((0, 1, 0, 1, Twist(1, 1, 1)),)), "different beads"),
-        (lambda: linear("A3", {("A",): SPRING}), "keys of 2 types"),
-        (lambda: linear([], SPRING), "type of each bead"),
-        (lambda: linear(["A", "*"], SPRING), "type of each bead"),
-        (lambda: linear("A3", SPRING, name="two words"), "without blanks"),
-        (lambda: linear("A3", SPRING, charges=[1.0]), "3 beads"),
-        (lambda: ring("A2", SPRING), "at least 3"),
-        (lambda: block_copolymer("A6", SPRING), "at least two types"),
-        (lambda: star("C", ["A2"] * 2, SPRING), "at least 3 arms"),
-        (lambda: star("C", "A2", SPRING), "at least 3 arms"),
-        (lambda: branched("B3", {3: "A"}, SPRING), "beads 0 to 2"),
-        (lambda: branched("B3", ["A"], SPRING), "must map"),
-        (lambda: star("C", 5, SPRING), "at least 3 arms"),
-        (lambda: lipid("H3", "T4", SPRING), "list with one entry"),
-        (lambda: lipid("H3", 2, SPRING), "list with one entry"),
-        (lambda: lipid("H3", ["T4"], SPRING, tails_at=1), "as many"),
-        (lambda: linear("A3", SPRING, charges=1.0), "3 beads"),
-        (lambda: linear("A(A1000)1000000", SPRING), "more than 10000000 beads"),
-        (lambda: join("A3", None, SPRING), "pairs of bead numbers"),
-        (lambda: join("A3", [(0, 1, 2)], SPRING), "joins two beads"),
-        (lambda: join("A3", [(0, 1), (1.5, 2)], SPRING), "whole number"),
-        (lambda: lipid("H3", ["T4"], SPRING, tails_at=[0, 1]), "as many"),
-        (lambda: Molecule(("A", "A")), "falls into parts"),
-        (lambda: Molecule(("A", "A"), ((0, 2, SPRING),)), "different beads of 0 to 1"),
-        (lambda: Molecule(("A", "A"), ((0, 0, SPRING),)), "different beads"),
-        (lambda: Molecule(("A", "A"), ((0, 1, SPRING), (1, 0, SPRING))), "twice"),
-        (lambda: Molecule(("A", "A"), ((0, 1),)), "bead indices and one of"),
-        (lambda: Molecule(("A", "A"), ((0, 1.0, SPRING),)), "whole number"),
-        (lambda: join("A3", [(0, 1), (1, 3)], SPRING), "names no bead"),
-        (lambda: grafmueller_2009(0), "at least 1"),
-        (lambda: unlike_repulsion(1.0, density=4.0), "densities 3 and 5"),
-        (lambda: unlike_repulsion(1.0, density="x"), "densities 3 and 5"),
-        (lambda: unlike_repulsion(float("nan")), "chi holds nan"),
-    ],
+@cases(
+    "make, message",
+    (lambda: Spring(-1.0, 0.7), "bond k must be >= 0"),
+    (lambda: Spring(1.0, 1.0 * unit.picosecond), "r0"),
+    (lambda: Bend(1.0, 90.0), "degree"),
+    (lambda: FENESpring(10.0, 0.0), "R0 must be > 0"),
+    (lambda: linear("A3", 50.0), "spring must be one of"),
+    (lambda: linear("A3", SPRING, SPRING), "bend must be one of"),
+    (lambda: linear("A4", SPRING, twist=Bend(1, 2)), "twist must be one of Twist, OPLSTwist, MultiHarmonicTwist"),
+    (lambda: linear("A4", SPRING, twist={("A", "A"): Twist(1, 1, 1)}), "keys of 4 types"),
+    (lambda: Twist(1, 2, 1), "dihedral d must be 1 or -1"),
+    (lambda: Molecule(("A", "A"), ((0, 1, SPRING),), dihedrals=((0, 1, 0, 1, Twist(1, 1, 1)),)), "different beads"),
+    (lambda: linear("A3", {("A",): SPRING}), "keys of 2 types"),
+    (lambda: linear([], SPRING), "type of each bead"),
+    (lambda: linear(["A", "*"], SPRING), "type of each bead"),
+    (lambda: linear("A3", SPRING, name="two words"), "without blanks"),
+    (lambda: linear("A3", SPRING, charges=[1.0]), "3 beads"),
+    (lambda: ring("A2", SPRING), "at least 3"),
+    (lambda: block_copolymer("A6", SPRING), "at least two types"),
+    (lambda: star("C", ["A2"] * 2, SPRING), "at least 3 arms"),
+    (lambda: star("C", "A2", SPRING), "at least 3 arms"),
+    (lambda: branched("B3", {3: "A"}, SPRING), "beads 0 to 2"),
+    (lambda: branched("B3", ["A"], SPRING), "must map"),
+    (lambda: star("C", 5, SPRING), "at least 3 arms"),
+    (lambda: lipid("H3", "T4", SPRING), "list with one entry"),
+    (lambda: lipid("H3", 2, SPRING), "list with one entry"),
+    (lambda: lipid("H3", ["T4"], SPRING, tails_at=1), "as many"),
+    (lambda: linear("A3", SPRING, charges=1.0), "3 beads"),
+    (lambda: linear("A(A1000)1000000", SPRING), "more than 10000000 beads"),
+    (lambda: join("A3", None, SPRING), "pairs of bead numbers"),
+    (lambda: join("A3", [(0, 1, 2)], SPRING), "joins two beads"),
+    (lambda: join("A3", [(0, 1), (1.5, 2)], SPRING), "whole number"),
+    (lambda: lipid("H3", ["T4"], SPRING, tails_at=[0, 1]), "as many"),
+    (lambda: Molecule(("A", "A")), "falls into parts"),
+    (lambda: Molecule(("A", "A"), ((0, 2, SPRING),)), "different beads of 0 to 1"),
+    (lambda: Molecule(("A", "A"), ((0, 0, SPRING),)), "different beads"),
+    (lambda: Molecule(("A", "A"), ((0, 1, SPRING), (1, 0, SPRING))), "twice"),
+    (lambda: Molecule(("A", "A"), ((0, 1),)), "bead indices and one of"),
+    (lambda: Molecule(("A", "A"), ((0, 1.0, SPRING),)), "whole number"),
+    (lambda: join("A3", [(0, 1), (1, 3)], SPRING), "names no bead"),
+    (lambda: grafmueller_2009(0), "at least 1"),
+    (lambda: unlike_repulsion(1.0, density=4.0), "densities 3 and 5"),
+    (lambda: unlike_repulsion(1.0, density="x"), "densities 3 and 5"),
+    (lambda: unlike_repulsion(float("nan")), "chi holds nan"),
 )
 def test_bad_molecules(make, message):
-    with pytest.raises(ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 # -- packing ---------------------------------------------------------------------------------------------------------------------
@@ -378,38 +372,35 @@ def test_solvent_of_several_beads():
     assert mixture.count("S3") == (375 - 20) // 3
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda c: pack({c: 100}, box=[4.0] * 3), "400 beads, but a density of 3 in a volume of 64 nm.3 is 192"),
-        (lambda c: pack({c: 10}), "must be given"),
-        (lambda c: pack({}, solvent=None), "nothing to pack"),
-        (lambda c: pack([c], box=[4.0] * 3), "must map"),
-        (lambda c: pack({"W": 10}, box=[4.0] * 3), "single bead"),
-        (lambda c: pack({c: -1}, box=[4.0] * 3), "at least 0"),
-        (lambda c: pack({c: 2.0}, box=[4.0] * 3), "whole number"),
-        (lambda c: pack({c: 1}, box=[4.0] * 3, density=0), "density"),
-        (lambda c: pack({c: 1}, box=[4.0] * 3, density=3 / unit.nanometer), "per volume"),
-        (lambda c: pack({c: 1}, box=[4.0] * 3, solvent=3), "solvent must be"),
-        (lambda c: pack({c: 1}, box=[4.0] * 3, seed=-1), "seed"),
-        (lambda c: pack({c: Scattered(1, dpd.Sphere([50, 50, 50], 1))}, box=[4.0] * 3), "no room"),
-        (lambda c: pack({c: Scattered(1, "left")}, box=[4.0] * 3), "Block or a Sphere"),
-        (lambda c: pack({c: Bilayer(2)}, box=[4.0, 4.0, 2.0]), "does not fit"),
-        (lambda c: pack({ring("A4", SPRING): Bilayer(2)}, box=[4.0] * 3), "has a ring"),
-        (lambda c: pack({c: Bilayer(2)}, box=[[6, 0, 0], [2, 6, 0], [1, 1, 6]]), "orthorhombic"),
-        (
-            lambda c: pack({c: Bilayer(2, centre=1), bead("B"): Bilayer(2, centre=9.5)}, box=[4, 4, 10]),
-            "bilayer of A4 and the .* B overlap",
-        ),
-        (lambda c: pack({c: Bilayer(2), bead("B"): Bilayer(2, normal="x")}, box=[9.0] * 3), "bilayer of A4 and the .* B cross"),
-        (lambda c: Bilayer(2, normal="w"), "'x', 'y' or 'z'"),
-        (lambda c: Bilayer(2, upper=3), "more than the 2"),
-        (lambda c: pack({c: 1}, box=[4.0] * 3, seed=1).beads("X"), "no molecule 'X'.*A4, W"),
-    ],
+@cases(
+    "make, message",
+    (lambda c: pack({c: 100}, box=[4.0] * 3), "400 beads, but a density of 3 in a volume of 64 nm.3 is 192"),
+    (lambda c: pack({c: 10}), "must be given"),
+    (lambda c: pack({}, solvent=None), "nothing to pack"),
+    (lambda c: pack([c], box=[4.0] * 3), "must map"),
+    (lambda c: pack({"W": 10}, box=[4.0] * 3), "single bead"),
+    (lambda c: pack({c: -1}, box=[4.0] * 3), "at least 0"),
+    (lambda c: pack({c: 2.0}, box=[4.0] * 3), "whole number"),
+    (lambda c: pack({c: 1}, box=[4.0] * 3, density=0), "density"),
+    (lambda c: pack({c: 1}, box=[4.0] * 3, density=3 / unit.nanometer), "per volume"),
+    (lambda c: pack({c: 1}, box=[4.0] * 3, solvent=3), "solvent must be"),
+    (lambda c: pack({c: 1}, box=[4.0] * 3, seed=-1), "seed"),
+    (lambda c: pack({c: Scattered(1, dpd.Sphere([50, 50, 50], 1))}, box=[4.0] * 3), "no room"),
+    (lambda c: pack({c: Scattered(1, "left")}, box=[4.0] * 3), "Block or a Sphere"),
+    (lambda c: pack({c: Bilayer(2)}, box=[4.0, 4.0, 2.0]), "does not fit"),
+    (lambda c: pack({ring("A4", SPRING): Bilayer(2)}, box=[4.0] * 3), "has a ring"),
+    (lambda c: pack({c: Bilayer(2)}, box=[[6, 0, 0], [2, 6, 0], [1, 1, 6]]), "orthorhombic"),
+    (
+        lambda c: pack({c: Bilayer(2, centre=1), bead("B"): Bilayer(2, centre=9.5)}, box=[4, 4, 10]),
+        "bilayer of A4 and the .* B overlap",
+    ),
+    (lambda c: pack({c: Bilayer(2), bead("B"): Bilayer(2, normal="x")}, box=[9.0] * 3), "bilayer of A4 and the .* B cross"),
+    (lambda c: Bilayer(2, normal="w"), "'x', 'y' or 'z'"),
+    (lambda c: Bilayer(2, upper=3), "more than the 2"),
+    (lambda c: pack({c: 1}, box=[4.0] * 3, seed=1).beads("X"), "no molecule 'X'.*A4, W"),
 )
 def test_bad_packing(make, message):
-    with pytest.raises(ParameterError, match=message):
-        make(linear("A4", SPRING))
+    raises(dpd.ParameterError, message, lambda: make(linear("A4", SPRING)))
 
 
 # -- scenes ----------------------------------------------------------------------------------------------------------------------
@@ -423,8 +414,7 @@ def test_scene_has_it_all():
     topology = dpd.build(scene, dt=0.01, platform="Reference", seed=1).topology
     names = [residue.name for residue in topology.residues()]
     assert names[0] == "A6B4" and names[-1] == "W" and topology.getNumBonds() == len(mixture.bond_pairs)
-    with pytest.raises(TypeError, match="presure"):
-        mixture.scene(pairs=PAIRS, kT=1.0, presure=1.0)
+    raises(TypeError, "presure", lambda: mixture.scene(pairs=PAIRS, kT=1.0, presure=1.0))
     heavy = mixture.scene(pairs=PAIRS, kT=1.0, masses={name: 2.0 for name in scene.masses})
     assert heavy.bead_masses.min() == 2.0
 
@@ -433,12 +423,10 @@ def test_names_and_masses_that_are_not_clear():
     short, long = linear("A2", SPRING, name="chain"), linear("A4", SPRING, name="chain")
     mixture = pack({short: 2, long: 3}, box=[4, 4, 4], seed=1)
     assert mixture.beads(long).shape == (3, 4)
-    with pytest.raises(ParameterError, match="2 kinds of molecules are called 'chain'"):
-        mixture.beads("chain")
+    raises(dpd.ParameterError, "2 kinds of molecules are called 'chain'", lambda: mixture.beads("chain"))
     # the same molecule as solvent: all of them
     assert pack({short: 2}, solvent=short, box=[2, 2, 2], seed=1).count(short) == 12
-    with pytest.raises(ParameterError, match="no mass of the bead type 'W'"):
-        mixture.write_psf("never_written.psf", masses={"A": 1.0})
+    raises(dpd.ParameterError, "no mass of the bead type 'W'", lambda: mixture.write_psf("never_written.psf", masses={"A": 1.0}))
 
 
 def test_relax_makes_it_quiet():
@@ -460,9 +448,12 @@ def test_relax_makes_it_quiet():
     assert relax(scene, iterations=0, platform="CPU").velocities is None
 
 
-@pytest.mark.parametrize(
+@cases(
     "spring",
-    [FENESpring(20.0, 1.5, 1.0, 0.5), FENESpring(30.0, 1.5, 1.0, 1.0), FENESpring(100.0, 0.6, 0.0, 1.0), MorseSpring(100.0, 3.0, 0.6)],
+    FENESpring(20.0, 1.5, 1.0, 0.5),
+    FENESpring(30.0, 1.5, 1.0, 1.0),
+    FENESpring(100.0, 0.6, 0.0, 1.0),
+    MorseSpring(100.0, 3.0, 0.6),
     ids=["fene with a light repulsion", "fene", "short fene", "morse"],
 )
 @pytest.mark.parametrize("conservative", ["kernel", "openmm"])
@@ -504,8 +495,6 @@ def test_relax_keeps_fixed_beads():
 
 def test_relax_says_what_is_wrong():
     mixture = pack({linear("A4", SPRING): 1}, box=[4.0] * 3, seed=1)
-    with pytest.raises(ParameterError, match="step size"):
-        relax(mixture.scene(pairs=PAIRS, kT=1.0), steps=10)
+    raises(dpd.ParameterError, "step size", lambda: relax(mixture.scene(pairs=PAIRS, kT=1.0), steps=10))
     hard = pack({linear("A4", Spring(1e6, 0.7)): 20}, box=[4.0] * 3, seed=1).scene(pairs=PAIRS, kT=1.0)
-    with pytest.raises(RunError, match="smaller dt than 10"):
-        relax(hard, steps=400, dt=10.0, platform="Reference")
+    raises(dpd.RunError, "smaller dt than 10", lambda: relax(hard, steps=400, dt=10.0, platform="Reference"))

@@ -3,10 +3,11 @@
 import mdtraj
 import numpy as np
 import pytest
+from cases import cases
 from openmm import app, unit
+from raising import raises
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import CosineBend, Spring, Twist, bead, linear, pack
 from openmm_dpd.trajectory import load_topology, openmm_topology, read_psf, write_psf
 
@@ -52,8 +53,7 @@ def test_pdb_of_a_scene(mixture, tmp_path):
     """OpenMM's topology carries the names of molecules, and a PDB file of it opens in mdtraj with bonds."""
     scene = mixture.scene(pairs={("*", "*"): dpd.DPD(A=25.0, gamma=4.5)}, kT=1.0)
     built = dpd.build(scene, dt=0.02, platform="Reference", seed=1)
-    names = [atom.residue.name for atom in built.topology.atoms()]
-    assert names == mixture.residues
+    assert [atom.residue.name for atom in built.topology.atoms()] == mixture.residues
     with open(tmp_path / "all.pdb", "w") as file:
         app.PDBFile.writeFile(built.topology, built.positions, file, keepIds=True)
     trajectory = mdtraj.load_pdb(str(tmp_path / "all.pdb"))
@@ -79,24 +79,20 @@ def test_many_angles_fill_lines(tmp_path):
     assert len(lines[start + 1].split()) == 9
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"angles": [(0, 1, 5)]}, "angle 0 is .0, 1, 5.; it must join three different beads of 0 to 2"),
-        ({"angles": [(0, 1, 0)]}, "three different"),
-        ({"angles": [(0, 1)]}, "triples"),
-        ({"dihedrals": [(0, 1, 2, 5)]}, "dihedral 0 is .0, 1, 2, 5.; it must join four different beads of 0 to 2"),
-        ({"residues": ["A"]}, "one name for each of the 3"),
-        ({"residues": ["A", "B C", "D"]}, "name of a molecule, 'B C'"),
-    ],
+@cases(
+    "given, message",
+    ({"angles": [(0, 1, 5)]}, "angle 0 is .0, 1, 5.; it must join three different beads of 0 to 2"),
+    ({"angles": [(0, 1, 0)]}, "three different"),
+    ({"angles": [(0, 1)]}, "triples"),
+    ({"dihedrals": [(0, 1, 2, 5)]}, "dihedral 0 is .0, 1, 2, 5.; it must join four different beads of 0 to 2"),
+    ({"residues": ["A"]}, "one name for each of the 3"),
+    ({"residues": ["A", "B C", "D"]}, "name of a molecule, 'B C'"),
 )
 def test_bad_topologies(tmp_path, given, message):
-    with pytest.raises(ParameterError, match=message):
-        write_psf(tmp_path / "bad.psf", names=["A"] * 3, masses=[1.0] * 3, **given)
+    raises(dpd.ParameterError, message, lambda: write_psf(tmp_path / "bad.psf", names=["A"] * 3, masses=[1.0] * 3, **given))
 
 
 def test_bad_residues():
-    with pytest.raises(ParameterError, match="one name for each of the 2"):
-        openmm_topology(["A", "A"], residues=["X"])
-    with pytest.raises(ParameterError, match="name the molecule of each of the 2 beads"):
+    raises(dpd.ParameterError, "one name for each of the 2", lambda: openmm_topology(["A", "A"], residues=["X"]))
+    with pytest.raises(dpd.ParameterError, match="name the molecule of each of the 2 beads"):
         dpd.Scene({"A": 1}, ["A"] * 2, np.zeros((2, 3)), {("A", "A"): dpd.DPD(A=1, gamma=1)}, kT=1.0, residues="AA")

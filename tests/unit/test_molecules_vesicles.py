@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from cases import cases
 from openmm import unit
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
 import openmm_dpd as dpd
-from openmm_dpd import ParameterError
 from openmm_dpd.analysis import cluster_labels
 from openmm_dpd.molecules import Bilayer, Mixture, Scattered, Spring, Vesicle, bead, grafmueller_2009, linear, pack, relax
 from openmm_dpd.molecules.vesicles import even_directions
@@ -96,25 +96,23 @@ def test_two_vesicles_a_bilayer_and_what_floats_around():
     assert np.all(np.linalg.norm(mixture.positions[mixture.beads(chain)].mean(axis=1) - [8, 8, 9], axis=1) < 1.0)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Vesicle(0, 1.4, 4.0), "radius of a vesicle must be > 0, but is 0"),
-        (lambda: Vesicle(2.0, 1.4, 4.0), "radius 2 with a membrane of 4 has no inside"),
-        (lambda: Vesicle(4.0, -1.4, 4.0), "one area > 0"),
-        (lambda: Vesicle(4.0, (1.4, 1.4, 1.4), 4.0), "one area > 0"),
-        (lambda: Vesicle(4.0, 1.4 * unit.nanometer, 4.0), "area per lipid has the unit nanometer"),
-        (lambda: Vesicle(4.0, 1.4, 4.0, (1, 2)), "three lengths"),
-        (lambda: packed(box=12.5), "diameter 12.57 nm.*box 12.5 nm wide"),
-        (lambda: packed(Vesicle(4.0, 1.4, 7.0), box=16.0), "make a membrane of 0.69.* to 6.45.* nm, not of 7 nm"),
-        (lambda: packed(Vesicle(4.0, 1.4, 0.5)), "make a membrane of .* not of 0.5 nm"),
-        (lambda: packed(more={grafmueller_2009(3).molecule: VESICLE}), "the vesicle of \\S+ and the vesicle of \\S+ overlap"),
-        (lambda: packed(more={linear("A3", Spring(50, 0.5)): Bilayer(10)}), "the bilayer of A3 and the vesicle of \\S+ overlap"),
-        (lambda: packed(Vesicle(4.0, 0.5, 4.57), box=13.0), "the molecules have .* beads"),
-    ],
+@cases(
+    "make, message",
+    (lambda: Vesicle(0, 1.4, 4.0), "radius of a vesicle must be > 0, but is 0"),
+    (lambda: Vesicle(2.0, 1.4, 4.0), "radius 2 with a membrane of 4 has no inside"),
+    (lambda: Vesicle(4.0, -1.4, 4.0), "one area > 0"),
+    (lambda: Vesicle(4.0, (1.4, 1.4, 1.4), 4.0), "one area > 0"),
+    (lambda: Vesicle(4.0, 1.4 * unit.nanometer, 4.0), "area per lipid has the unit nanometer"),
+    (lambda: Vesicle(4.0, 1.4, 4.0, (1, 2)), "three lengths"),
+    (lambda: packed(box=12.5), "diameter 12.57 nm.*box 12.5 nm wide"),
+    (lambda: packed(Vesicle(4.0, 1.4, 7.0), box=16.0), "make a membrane of 0.69.* to 6.45.* nm, not of 7 nm"),
+    (lambda: packed(Vesicle(4.0, 1.4, 0.5)), "make a membrane of .* not of 0.5 nm"),
+    (lambda: packed(more={grafmueller_2009(3).molecule: VESICLE}), "the vesicle of \\S+ and the vesicle of \\S+ overlap"),
+    (lambda: packed(more={linear("A3", Spring(50, 0.5)): Bilayer(10)}), "the bilayer of A3 and the vesicle of \\S+ overlap"),
+    (lambda: packed(Vesicle(4.0, 0.5, 4.57), box=13.0), "the molecules have .* beads"),
 )
 def test_bad_vesicles(make, message):
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(dpd.ParameterError, match=message):
         make()
 
 

@@ -6,7 +6,6 @@ import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
-from openmm_dpd import PlanError
 from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.plan.forces.expressions import PairExpression, nonbonded_force
 from openmm_dpd.plan.neighbour_list import may_miss_pairs
@@ -88,7 +87,7 @@ def test_forces_and_virials_on_reference_are_those_on_cpu(table, conservative):
 def test_densities_are_left_to_the_kernel():
     term = dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.8, cutoff_B=1.5)
     assert dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", seed=1).plan.execution.conservative == "kernel"
-    with pytest.raises(PlanError, match="conservative='openmm' is not possible: .*tilted.*Reference platform.*CPU"):
+    with pytest.raises(dpd.PlanError, match="conservative='openmm' is not possible: .*tilted.*Reference platform.*CPU"):
         dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", conservative="openmm", seed=1)
     built = dpd.build(scene({("A", "A"): term}), dt=0.01, platform="CPU", conservative="openmm", seed=1)
     assert built.plan.execution.conservative == "openmm"

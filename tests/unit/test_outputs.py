@@ -5,8 +5,10 @@ import re
 import numpy as np
 import openmm
 import pytest
+from cases import cases
 from full_disk import file_limit
 from openmm import unit
+from raising import raises
 from random_scenes import BENDS, PAIRS, SEEDS, SPRINGS, TILTED, TWISTS, check, random_scene, tables, terms
 
 import openmm_dpd as dpd
@@ -120,8 +122,7 @@ def test_beads_beside_atoms_are_refused(tmp_path):
     for _ in range(60):
         system.addParticle(40.0)
     built = dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
-    with pytest.raises(ParameterError, match="a System made elsewhere has particles that are no beads"):
-        write_xyz(tmp_path / "x.xyz", built)
+    raises(ParameterError, "a System made elsewhere has particles that are no beads", lambda: write_xyz(tmp_path / "x.xyz", built))
 
 
 def bare_frame(hoomd):
@@ -172,8 +173,7 @@ REFUSED = [
 def test_what_a_scene_cannot_hold(hoomd, change, message):
     frame = bare_frame(hoomd)
     change(frame)
-    with pytest.raises(ParameterError, match=message):
-        scene_from_gsd(frame, pairs=PAIRS, kT=1)
+    raises(ParameterError, message, lambda: scene_from_gsd(frame, pairs=PAIRS, kT=1))
 
 
 def test_what_is_left_out_on_request(hoomd):
@@ -193,8 +193,7 @@ def test_gsd_files_that_are_none(tmp_path, hoomd):
         (tmp_path / "no.gsd", "no.gsd cannot be read"),
         (3, "not 3"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            scene_from_gsd(source, pairs=PAIRS, kT=1)
+        raises(ParameterError, message, scene_from_gsd, source, pairs=PAIRS, kT=1)
     write_gsd(tmp_path / "x.gsd", random_scene(1))
     with pytest.raises(ParameterError, match="x.gsd has 1 frames; there is no frame 1"):
         scene_from_gsd(tmp_path / "x.gsd", pairs=PAIRS, kT=1, frame=1)
@@ -207,8 +206,7 @@ def test_no_gsd(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "gsd.hoomd", None)
     with pytest.raises(ParameterError, match=r"GSD files need the package gsd, which cannot be imported .*pip install 'openmm-dpd\[gsd\]'"):
         write_gsd(tmp_path / "x.gsd", random_scene(1))
-    with pytest.raises(ParameterError, match="GSD files need the package gsd"):
-        scene_from_gsd("x.gsd", pairs=PAIRS, kT=1)
+    raises(ParameterError, "GSD files need the package gsd", lambda: scene_from_gsd("x.gsd", pairs=PAIRS, kT=1))
 
 
 # -- runs ------------------------------------------------------------------------------------------------------------------------
@@ -262,12 +260,9 @@ def test_files_of_other_beads_are_not_gone_on_with(tmp_path, hoomd, kind):
             simulation.reporters.append(kind(tmp_path / "run", 1, built))
             simulation.step(1)
     before = (tmp_path / "run").read_bytes()
-    with pytest.raises(ParameterError, match="cannot append to .*run: it .*beads"):
-        kind(tmp_path / "run", 1, built, append=True)
-    with pytest.raises(ParameterError, match="interval between reports"):
-        kind(tmp_path / "run", 0, built)
-    with pytest.raises(ParameterError, match="expected a Scene or what openmm_dpd.build"):
-        kind(tmp_path / "run", 1, "built")
+    raises(ParameterError, "cannot append to .*run: it .*beads", lambda: kind(tmp_path / "run", 1, built, append=True))
+    raises(ParameterError, "interval between reports", lambda: kind(tmp_path / "run", 0, built))
+    raises(ParameterError, "expected a Scene or what openmm_dpd.build", lambda: kind(tmp_path / "run", 1, "built"))
     assert (tmp_path / "run").read_bytes() == before
 
 
@@ -304,8 +299,7 @@ def test_whole_files_before_a_failure_stay(tmp_path, hoomd, write):
     before = (tmp_path / "x").read_bytes()
     with file_limit(2000), pytest.raises(OutputError, match="file .*x cannot be written"):
         write(tmp_path / "x", scene)
-    with pytest.raises(OutputError, match="cannot be written"):
-        write(tmp_path / "no" / "x", scene)
+    raises(OutputError, "cannot be written", lambda: write(tmp_path / "no" / "x", scene))
     assert (tmp_path / "x").read_bytes() == before and [path.name for path in tmp_path.iterdir()] == ["x"]
 
 
@@ -316,8 +310,7 @@ def test_states_that_do_not_fit(tmp_path):
         write_xyz(tmp_path / "x.xyz", built, state=simulation.context.getState())
     with pytest.raises(ParameterError, match="the state has 60 particles, but the scene has 30 beads"):
         write_xyz(tmp_path / "x.xyz", fluid(30), state=state_of(simulation))
-    with pytest.raises(ParameterError, match="state must be an openmm.State"):
-        write_xyz(tmp_path / "x.xyz", built, state=simulation)
+    raises(ParameterError, "state must be an openmm.State", lambda: write_xyz(tmp_path / "x.xyz", built, state=simulation))
     write_xyz(tmp_path / "x.xyz", built, state=simulation.context.getState(positions=True))
     assert "velo" not in parsed_xyz(tmp_path / "x.xyz")[0]
 
@@ -350,15 +343,12 @@ def test_ase_reads_it(tmp_path):
     assert atoms.pbc.all() and atoms.get_chemical_symbols()[-4:] == ["C", "N", "O", "H"]
 
 
-@pytest.mark.parametrize(
-    ("species", "message"),
-    [
-        ({"A": "C"}, "species must map each of the types A, B to text"),
-        ({"A": "C", "B": "a b"}, "the name 'a b' cannot be"),
-        ("AB", "must map each"),
-    ],
+@cases(
+    "species, message",
+    ({"A": "C"}, "species must map each of the types A, B to text"),
+    ({"A": "C", "B": "a b"}, "the name 'a b' cannot be"),
+    ("AB", "must map each"),
 )
 def test_bad_species(tmp_path, species, message):
-    with pytest.raises(ParameterError, match=message):
-        write_xyz(tmp_path / "x.xyz", fluid(), species=species)
+    raises(ParameterError, message, lambda: write_xyz(tmp_path / "x.xyz", fluid(), species=species))
     assert not (tmp_path / "x.xyz").exists()

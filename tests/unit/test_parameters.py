@@ -131,11 +131,9 @@ def test_bounds():
     assert beyond.extrapolated and beyond.error is None and not pressure(25, 3).extrapolated
     raises(ParameterError, "needs an A outside of 5 to 110", lambda: repulsion_from_compressibility(500.0, 3.0))
     for equation in ("ideal", ["measured"], 3, {}):
-        with pytest.raises(ParameterError, match="must be one of measured"):
-            pressure(25, 3, equation=equation)
+        raises(ParameterError, "must be one of measured", pressure, 25, 3, equation=equation)
     for relation in ("ideal", np.array(["a", "b"])):
-        with pytest.raises(ParameterError, match="must be one of measured"):
-            chi_from_repulsion(10.0, relation=relation)
+        raises(ParameterError, "must be one of measured", chi_from_repulsion, 10.0, relation=relation)
     raises(ParameterError, "A must be > 0", lambda: pressure(0, 3))
 
 
@@ -160,8 +158,7 @@ def test_chi_from_solubility_parameters():
     assert molar == pytest.approx(90e-6 * 9e6 / (8.31446 * 300), rel=1e-5) == pytest.approx(bead)
     raises(ParameterError, "the pressure has the unit", lambda: chi_from_solubility(0.1, 20 * unit.bar, 17.0, 300))
     for delta in (1e300, 1e300 * root):
-        with pytest.raises(ParameterError, match="inf"):
-            chi_from_solubility(0.1, delta, 16.0, 300)
+        raises(ParameterError, "inf", chi_from_solubility, 0.1, delta, 16.0, 300)
 
 
 def test_chi_of_groot_and_warren():

@@ -8,7 +8,6 @@ from openmm import app, unit
 from random_scenes import MASSES, PAIRS, TILTED, random_scene
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import CosineBend, Spring, bead, linear, pack
 from openmm_dpd.outputs import write_pdb
 from openmm_dpd.trajectory import load_topology
@@ -70,7 +69,7 @@ def test_tilted_boxes_and_openmm(tmp_path):
 )
 def test_what_does_not_fit_into_a_pdb_file(tmp_path, x, count, message):
     scene = dpd.Scene({"B": 1}, ["B"] * count, np.full((count, 3), x), PAIRS, kT=1)
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(dpd.ParameterError, match=message):
         write_pdb(tmp_path / "x.pdb", scene)
 
 

@@ -6,7 +6,6 @@ from cases import cases
 from raising import raises
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.model.schemes import SCHEMES
 from openmm_dpd.simulation.advice.recommend import advice, predicted_error, recommend
 from openmm_dpd.simulation.advice.scene_groups import charge_frequency, groups
@@ -99,7 +98,7 @@ def test_missing_points_take_their_neighbours_in_friction():
 
 def test_a_table_without_a_plane_is_refused():
     data = made_up(power, repulsions=(25.0,))
-    raises(ParameterError, "two repulsions", lambda: StabilityTable(data))
+    raises(dpd.ParameterError, "two repulsions", lambda: StabilityTable(data))
 
 
 @pytest.mark.parametrize("change", [{"gamma": 500.0}, {"a": 26.0}, {"a": 0.5}, {"rho": 9.0}, {"mass": 200.0}, {"s": 2.0}, {"cv": 0.5}])
@@ -187,7 +186,7 @@ def test_stiff_bonds_are_in_the_sentence(table):
 def test_atoms_beside_beads_are_refused():
     """Also with a table: the step is that of the atoms."""
     whole = dpd.MixedSystem(*[None] * 7)
-    raises(ParameterError, "step and scheme of the atoms", lambda: recommend(whole))
+    raises(dpd.ParameterError, "step and scheme of the atoms", lambda: recommend(whole))
 
 
 @cases(
@@ -306,11 +305,11 @@ def test_energy_conserving_beads_have_a_heat_capacity():
 
 @pytest.mark.parametrize("error", [0.0, -0.01, 0.2, "much", None])
 def test_errors_out_of_bounds_are_refused(table, error):
-    raises(ParameterError, "error", lambda: recommend(scene(), error, table=table))
+    raises(dpd.ParameterError, "error", lambda: recommend(scene(), error, table=table))
 
 
 def test_something_else_is_refused():
-    raises(ParameterError, "Scene", lambda: recommend("fluid"))
+    raises(dpd.ParameterError, "Scene", lambda: recommend("fluid"))
 
 
 # -- the sentence ----------------------------------------------------------------------------------------------------------------

@@ -55,8 +55,7 @@ def system_with(computation) -> str:
 )
 def test_forces_of_this_package_are_read(tmp_path, platform, more):
     built = build(platform, **{key: value for key, value in more.items() if value is not None})
-    path = tmp_path / "system.xml"
-    path.write_text(openmm.XmlSerializer.serialize(built.system))
+    path = put(tmp_path / "system.xml", openmm.XmlSerializer.serialize(built.system))
     assert openmm.XmlSerializer.serialize(dpd.load_xml(path)) == path.read_text()
     with open(path) as file:
         assert dpd.load_xml(file).getNumParticles() == N

@@ -215,8 +215,7 @@ def test_what_cannot_be_written(tmp_path, change, message):
 
 def test_broken_files_name_the_line(psf):
     lines = psf.read_text().splitlines()
-    with pytest.raises(ParameterError, match="no PSF file"):
-        load_topology(put(psf, "CRYST1\n"))
+    raises(ParameterError, "no PSF file", lambda: load_topology(put(psf, "CRYST1\n")))
     number = next(k for k, line in enumerate(lines) if "!NATOM" in line)
     broken = [*lines]
     broken[number + 3] = broken[number + 3][:40]

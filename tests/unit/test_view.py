@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from cases import cases
 from openmm import unit
+from raising import raises
 
 import openmm_dpd as dpd
-from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.view import view
 
 
@@ -64,14 +64,12 @@ def test_radii(nglview):
     (np.nan, "must be finite"),
 )
 def test_bad_radii(nglview, radii, message):
-    with pytest.raises(ParameterError, match=message):
-        view(scene(), radii=radii)
+    raises(dpd.ParameterError, message, lambda: view(scene(), radii=radii))
 
 
 def test_no_nglview(monkeypatch):
     monkeypatch.setitem(sys.modules, "nglview", None)
-    with pytest.raises(ParameterError, match=r"the view in a notebook needs the package nglview.*pip install 'openmm-dpd\[view\]'"):
-        view(scene())
+    raises(dpd.ParameterError, r"the view in a notebook needs the package nglview.*pip install 'openmm-dpd\[view\]'", lambda: view(scene()))
 
 
 def test_nglview_itself():

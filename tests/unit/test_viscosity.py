@@ -202,8 +202,7 @@ def test_profile_reporter_counts_and_averages():
     scene = beads(5, positions=x, velocities=v, mobile=np.arange(5) < 4, table={("W", "W"): dpd.DPD(gamma=4.5)})
     built = dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference", seed=1)
     reporter = ProfileReporter(1, built, bins=6)
-    with pytest.raises(dpd.ParameterError, match="no sample"):
-        reporter.profile  # noqa: B018
+    raises(dpd.ParameterError, "no sample", lambda: reporter.profile)  # noqa: B018
     simulation = built.simulation()
     for _ in range(6):
         reporter.report(simulation, None)

@@ -65,9 +65,8 @@ def moving(draw: Draw) -> Deck:
         deck.edges = tuple(edge * n for edge, n in zip(deck.edges, copies, strict=True))  # type: ignore[assignment]
         for name in deck.groups:
             deck.show(f"count({name})")
-        if draw.chance(0.3) and style == "atomic":
-            if len(deck.groups) > 1:
-                deck.add("delete_atoms", "group", deck.groups[-1], *draw.pick([[], ["compress", "no"]]))
+        if draw.chance(0.3) and style == "atomic" and len(deck.groups) > 1:
+            deck.add("delete_atoms", "group", deck.groups[-1], *draw.pick([[], ["compress", "no"]]))
         if draw.chance(0.2):
             deck.add("reset_atoms", "id")
         if draw.chance(0.4):
