@@ -41,7 +41,9 @@ def per_step(tmp_path_factory):
     """Launches, blocking transfers and waits per step of Simulation.step."""
     available(Device("OpenCL", "single"))
     shim = compiled(tmp_path_factory.mktemp("shim"), "count.c", "count.so")
-    return cache(lambda scheme, bonds="none": json.loads(run("count_calls.py", "200", scheme, bonds, LD_PRELOAD=str(shim)).splitlines()[-1]))
+    return cache(
+        lambda scheme, bonds="none": json.loads(run("count_calls.py", "200", scheme, bonds, LD_PRELOAD=str(shim)).splitlines()[-1])
+    )
 
 
 @pytest.mark.parametrize("scheme, most", [("middle", 7), ("aboba", 7), ("bababo", 9), ("mvv", 3)])
