@@ -76,8 +76,6 @@ class Watching:
     whole: Any = None
     #: Group of a pair force on a device, whose kernels stop where anything is wrong, but say so only when they are asked.
     device_group: int | None = None
-    #: Why no barostat may act, empty if one may.
-    no_barostat = ""
     _remembered: tuple[float, bytes] | None = None
     _unverified = False
     _known: weakref.ref | None = None
@@ -136,6 +134,7 @@ class Watching:
         for again in (False, True):
             try:
                 with self._or_back(context):
+                    self._announce(last - context.getStepCount())
                     super().step(last - context.getStepCount())  # type: ignore[misc]
                     if again:
                         self._ask(context)
@@ -144,6 +143,9 @@ class Watching:
             except openmm.OpenMMException as error:
                 if again or ROOM not in str(error):
                     raise
+
+    def _announce(self, steps: int) -> None:
+        """Tell a program how many steps follow."""
 
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:
@@ -204,8 +206,6 @@ class Watching:
             self._looked_at = now
         moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0] if self._has_barostats else []
         self._barostats = self._mixed or bool(moving)
-        if moving and self.no_barostat:
-            raise PlanError(self.no_barostat)
         self._piece = min([PIECE, *(barostat.getFrequency() for barostat in moving)])
         self.settle(context)
         parameters = context.getParameters()
