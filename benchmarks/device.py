@@ -72,10 +72,15 @@ def kinetic_kT(simulation: openmm.app.Simulation, samples: int = 20) -> float:
     return float(np.mean(found))
 
 
+def resident() -> int:
+    """Bytes of this process in memory, those of the device where it is the CPU included."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
 def measure(name: str, beads: int, platform: str, precision: str, seconds: float) -> dict[str, object]:
     """One row."""
     scene, properties = fluid(beads), {"Precision": precision} if platform in ("OpenCL", "CUDA", "HIP") else {}
-    begun = time.perf_counter()
+    before, begun = resident(), time.perf_counter()
     row: dict[str, object] = {"platform": platform, "precision": precision, "beads": beads, "scheme": name}
     if name == "langevin":
         simulation = langevin(scene, platform, properties)
@@ -89,7 +94,7 @@ def measure(name: str, beads: int, platform: str, precision: str, seconds: float
         row |= {what: error for what, (error, _) in differences(simulation.context, built.plan).items()}
     row["steps_per_s"] = 1 / timed(simulation, seconds)
     row["kT"] = kinetic_kT(simulation)
-    row["host_memory_MB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    row["bytes_per_bead"] = (resident() - before) / beads
     return row
 
 
@@ -111,7 +116,7 @@ def main() -> None:
     if platform not in able:
         raise SystemExit(f"no measurements on {platform}: {why_no_plugin(platform)}")
     print(f"{platform}, {machine.processor() or machine.machine()}, OpenMM {openmm.version.short_version}; dt = {DT}, gamma = {GAMMA}")
-    print(f"{'beads':>9} {'precision':>9} {'scheme':>9} {'steps/s':>10} {'kT':>7} {'built, s':>9}  differences from the host")
+    print(f"{'beads':>9} {'precision':>9} {'scheme':>9} {'steps/s':>10} {'kT':>7} {'built, s':>9} {'B/bead':>7}  differences from the host")
     rows = []
     for beads in given.beads:
         for precision in given.precision if platform != "Reference" else ["double"]:
@@ -120,7 +125,7 @@ def main() -> None:
                 rows.append(row)
                 errors = ", ".join(f"{what} {error:.1e}" for what, error in row.items() if what.startswith(("the ", "its ", "friction")))
                 print(
-                    f"{beads:9d} {precision:>9} {name:>9} {row['steps_per_s']:10.1f} {row['kT']:7.4f} {row['built_s']:9.2f}  {errors}",
+                    f"{beads:9d} {precision:>9} {name:>9} {row['steps_per_s']:10.1f} {row['kT']:7.4f} {row['built_s']:9.2f} {row['bytes_per_bead']:7.0f}  {errors}",
                     flush=True,
                 )
                 if given.json is not None:

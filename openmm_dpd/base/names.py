@@ -16,11 +16,12 @@ class Phase(IntEnum):
     CONSERVE = 3  # store the positions; conservative force
     FORCE_SEEN = 4  # all forces that the kernel computes, at the seen positions
     FORCE_KEPT = 5  # dissipative and random force at the kept positions
-    RUN = 6  # a whole step when the Context's state is updated, on the device
     SWEEP_SEEN = 100  # (+ pair update) impulses/dt of a sweep at the seen positions
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
     READ = 300  # (+ block) take three values per bead from seen - kept: per-bead fields
     CHANGE = 400  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
+    EXCHANGE = 500  # (+ block) on the device: velocities and what is kept change places: 0 accelerations, 1 the velocities friction saw
+    RUN = 600  # (+ 1: nothing is kept from the last one) a whole step when the Context's state is updated, on the device
 
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"

@@ -9,7 +9,7 @@
 - ``xtc_write_frame``: ``mdtraj.formats.XTCTrajectoryFile`` writes frames too.
 """
 
-import gc
+from gc import get_referrers
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,8 @@ def vectors(state: openmm.State, kind: int) -> np.ndarray:
 def context_of(integrator: openmm.Integrator) -> openmm.Context | None:
     """The Context that was made with an integrator, None without one.  OpenMM has no way from an integrator to its Context, but the Context
     refers to its integrator, and Python knows who does."""
-    holders = gc.get_referrers(integrator)
-    owners = [*holders, *(owner for holder in holders if isinstance(holder, dict) for owner in gc.get_referrers(holder))]
+    holders = get_referrers(integrator)
+    owners = [*holders, *(owner for holder in holders if isinstance(holder, dict) for owner in get_referrers(holder))]
     return next((owner for owner in owners if isinstance(owner, openmm.Context) and owner.getIntegrator() is integrator), None)
 
 

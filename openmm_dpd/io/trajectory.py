@@ -11,6 +11,7 @@ Lengths are nm here and in mdtraj; DCD files hold float32 angstrom, so one reduc
 from __future__ import annotations
 
 import functools
+import gc
 import os
 from collections.abc import Sequence
 from itertools import count
@@ -97,9 +98,15 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, re
     topology = app.Topology()
     chain = topology.addChain(CHAIN)
     atoms = []
-    for number, beads in runs(numbers):
-        residue = topology.addResidue(called[beads[0]], chain, id=str(number))
-        atoms += [topology.addAtom(names[bead], None, residue) for bead in beads]
+    collecting = gc.isenabled()
+    gc.disable()  # all of these objects stay: to look for garbage among a million of them takes longer than to make them
+    try:
+        for number, beads in runs(numbers):
+            residue = topology.addResidue(called[beads[0]], chain, id=str(number))
+            atoms += [topology.addAtom(names[bead], None, residue) for bead in beads]
+    finally:
+        if collecting:
+            gc.enable()
     for i, j in pairs.tolist():
         topology.addBond(atoms[i], atoms[j])
     vectors = box_vectors(box)

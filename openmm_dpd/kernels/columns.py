@@ -24,13 +24,14 @@ from .threads import dispatch
 
 class Totals(NamedTuple):
     """Sums over pairs: energy; r_ij . F_ij of all terms, and of friction alone.  And if asked for (6,) r_ij F_ij (xx, yy, zz, xy, xz, yz),
-    and the Laplacian of the energy."""
+    the Laplacian of the energy, and r_ij . F_ij of the conservative terms alone."""
 
     energy: float
     virial: float
     drag: float
     stress: np.ndarray | None = None
     laplacian: float | None = None
+    conservative: float | None = None
 
 
 @inlined
@@ -84,7 +85,7 @@ def _share(pairs, data, scratch, colour, part):
         column = pairs.columns[task]
         begin, m = pairs.start[column], pairs.found[column]
         _before(pairs, data, begin, m, space)
-        energy, virial, drag = 0.0, 0.0, 0.0
+        energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
         if len(pairs.stress):
             xx, yy, zz, xy, xz, yz, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pairs.geometry
             dxx, dyy, dzz, dxy, dxz, dyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -94,6 +95,9 @@ def _share(pairs, data, scratch, colour, part):
                 energy += more[0]
                 virial += more[1]
                 drag += more[2]
+                if _PARTS:
+                    laplacian += more[3]
+                    conservative += more[4]
                 x, y, z = more[1] * g[0, n], more[1] * g[1, n], more[1] * g[2, n]
                 xx += x * g[0, n]
                 yy += y * g[1, n]
@@ -118,7 +122,11 @@ def _share(pairs, data, scratch, colour, part):
                 energy += more[0]
                 virial += more[1]
                 drag += more[2]
-        pairs.sums[column, 0], pairs.sums[column, 1], pairs.sums[column, 2] = energy, virial, drag
+                if _PARTS:
+                    laplacian += more[3]
+                    conservative += more[4]
+        sums = pairs.sums
+        sums[column, 0], sums[column, 1], sums[column, 2], sums[column, 3], sums[column, 4] = energy, virial, drag, laplacian, conservative
 
 
 def _over_pairs(pairs, data, scratch):
@@ -132,12 +140,14 @@ def _over_pairs(pairs, data, scratch):
     if _ENDS:
         for part in prange(parts):
             _last(pairs, data, beads * part // parts, beads * (part + 1) // parts)
-    energy, virial, drag = 0.0, 0.0, 0.0
+    energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
     for column in range(len(pairs.found)):
         energy += pairs.sums[column, 0]
         virial += pairs.sums[column, 1]
         drag += pairs.sums[column, 2]
-    return energy, virial, drag
+        laplacian += pairs.sums[column, 3]
+        conservative += pairs.sums[column, 4]
+    return energy, virial, drag, laplacian, conservative
 
 
 # what over_pairs() puts in
@@ -145,7 +155,7 @@ _before: Any = nothing
 _pair: Any = None
 _first: Any = None
 _last: Any = None
-_BEGINS = _ENDS = _DRAGS = False
+_BEGINS = _ENDS = _DRAGS = _PARTS = False
 
 
 def over_pairs(
@@ -157,12 +167,14 @@ def over_pairs(
     last: Callable | None = None,
     parallel: bool = True,
     drags: bool = False,
+    parts: bool = False,
 ) -> Callable:
     """Function (list of pairs, data) -> :class:`Totals`, which goes through all pairs; compiled under a name of its own.
 
-    With a third argument that is true it gives the stress tensor too; where it ``drags`` two, that of the friction's virial as well.
+    With a third argument that is true it gives the stress tensor too; where it ``drags`` two, that of the friction's virial as well.  The
+    function ``pair`` returns energy and two virials, one that ``parts`` the Laplacian and the conservative virial too.
     """
-    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before, "_DRAGS": drags}))
+    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before, "_DRAGS": drags, "_PARTS": parts}))
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
     loop = renamed(_over_pairs, name, {"_share": share} | around)
     kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
@@ -171,11 +183,12 @@ def over_pairs(
         arrays = pairs.arrays
         if tensor:
             arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
-        energy, virial, drag = dispatch(*kernels, arrays, data, pairs.scratch)
-        if not tensor:
-            return Totals(energy, virial, drag)
-        found = arrays.stress.reshape(1 + drags, -1, 6).sum(axis=1)
-        return Totals(energy, virial, drag, found if drags else found[0])
+        energy, virial, drag, *apart = dispatch(*kernels, arrays, data, pairs.scratch)
+        stress = None
+        if tensor:
+            found = arrays.stress.reshape(1 + drags, -1, 6).sum(axis=1)
+            stress = found if drags else found[0]
+        return Totals(energy, virial, drag, stress, *(apart if parts else ()))
 
     return call
 
@@ -229,9 +242,8 @@ def clear(pairs, data, begin, end):
 
 
 @helper
-def gather_and_clear(pairs, data, begin, end):
-    """The same, and sort the velocities ``seen`` (N, 3), 0 if there are none, into ``v`` (M, 3)."""
-    clear(pairs, data, begin, end)
+def gather(pairs, data, begin, end):
+    """Sort the velocities ``seen`` (N, 3), 0 if there are none, into ``v`` (M, 3)."""
     seen, v, order = data.seen, data.v, pairs.order
     for k in range(begin, end):
         if len(seen):
@@ -242,17 +254,43 @@ def gather_and_clear(pairs, data, begin, end):
 
 
 @helper
-def deliver(pairs, data, begin, end):
-    """Write the forces ``f`` to ``out`` (N, 3), or add them there."""
-    f, out, order = data.f, data.out, pairs.order
+def gather_and_clear(pairs, data, begin, end):
+    """Both."""
+    clear(pairs, data, begin, end)
+    gather(pairs, data, begin, end)
+
+
+@inlined
+def _put(f, out, add, order, begin, end):
     for k in range(begin, end):
         i = order[k]
-        if data.add:
+        if add:
             out[i, 0] += f[k, 0]
             out[i, 1] += f[k, 1]
             out[i, 2] += f[k, 2]
         else:
             out[i, 0], out[i, 1], out[i, 2] = f[k, 0], f[k, 1], f[k, 2]
+
+
+@helper
+def deliver(pairs, data, begin, end):
+    """Write the forces ``f`` to ``out`` (N, 3), or add them there."""
+    _put(data.f, data.out, data.add, pairs.order, begin, end)
+
+
+@helper
+def gather_and_clear_both(pairs, data, begin, end):
+    """:func:`gather_and_clear` where conservative forces ``c`` (M, 3) are added up apart too."""
+    gather_and_clear(pairs, data, begin, end)
+    for k in range(begin, end):
+        data.c[k, 0] = data.c[k, 1] = data.c[k, 2] = 0.0
+
+
+@helper
+def deliver_both(pairs, data, begin, end):
+    """:func:`deliver`, and the forces ``c`` to ``held`` (N, 3)."""
+    deliver(pairs, data, begin, end)
+    _put(data.c, data.held, data.add, pairs.order, begin, end)
 
 
 @inlined

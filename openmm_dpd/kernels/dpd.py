@@ -50,13 +50,16 @@ class SweptLayer:
 
     #: Whether A w is all of the repulsion.
     repels_by_pairs = False
+    #: Whether its forces can be written with the conservative ones apart.
+    parts_forces = False
 
     def __init__(self, table: Any, number: int, pairs: PairList, plain: bool, transverse: bool):
         self.table, self.number, self.pairs = table, number, pairs
         self._plain, self._transverse, self._motion = plain, transverse, SortedMotion(len(pairs.order))
         # of the last two temperatures: a step asks for conservative forces, at 0, and for friction
         self._coefficients: dict[float, np.ndarray] = {}
-        self._v = np.zeros((len(pairs.order), 3))  # scratch, in the order of the list
+        # scratch, in the order of the list; the second one is made when it is wanted
+        self._v, self._apart = np.zeros((len(pairs.order), 3)), np.zeros((0, 3))
         self._inv_mass = (pairs.common_inv_mass or None) if plain else None
 
     def _at(self, kT: float) -> np.ndarray:
@@ -90,11 +93,15 @@ class DPDLayer(SweptLayer):
         pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         plain = bool(pairs.alike and table.exponent.flat[0] == 1.0)
         super().__init__(table, number, pairs, plain, bool(np.any(table.gamma_perp != 0.0)))
+        self.parts_forces = not self._transverse
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
         noise = call.key(self.number), call.rsqrt_dt
-        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), *self._motion.arrays(call, out, add))
+        if call.held is not None and not len(self._apart):
+            self._apart = np.zeros((len(self.pairs.order), 3))
+        apart = () if call.held is None else (self._apart, call.held)
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), *self._motion.arrays(call, out, add), *apart)
         return forces.pair_forces(self.pairs, terms, self._transverse, call.which)
 
     def laplacian(self) -> float:

@@ -60,16 +60,18 @@ class PairEngine(Engine):
         """Remember the positions that were placed last, and have not changed since, for :meth:`prepare`."""
         self._x, self._kept = self._x.copy(), True
 
-    def sums(self, which: int, v, kT, dt, seed, counter, field_values=None, out=None) -> Totals:
+    def sums(self, which: int, v, kT, dt, seed, counter, field_values=None, out=None, held=None) -> Totals:
         """See :meth:`.interface.Engine.sums`."""
         force = np.empty((len(self.spec.types), 3)) if out is None else out
-        if not self._covered:
-            force[...] = 0.0
+        for written in () if self._covered else (force, held):
+            if written is not None:
+                written[...] = 0.0
         energy = virial = drag = 0.0
         stress, laplacian = np.zeros(6) if which & STRESS else None, 0.0 if which & LAPLACIAN else None
+        conservative = None if held is None else 0.0
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
-        call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values)
+        call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values, held=held)
         self.rates[...] = 0.0
         for number, layer in enumerate(self.layers):
             result = layer.forces(call, force, number > 0)
@@ -81,16 +83,21 @@ class PairEngine(Engine):
                 stress += result.stress
             if laplacian is not None:
                 laplacian += layer.laplacian() if result.laplacian is None else result.laplacian
+            if conservative is not None and result.conservative is not None:
+                conservative += result.conservative
             energy += result.energy
             virial += result.virial
             drag += result.drag
         if which & CONSERVATIVE:
+            before = force.copy() if held is not None and self.extras else None
             for extra in self.extras:
                 energy += extra.add_to(self._x, self._box, force, self.body_scale)
+            if before is not None:
+                held += force - before
         if self.spec.fields is not None and which & DISSIPATIVE:
             for source in self.spec.fields.sources:
                 source.add_to(self.rates, self._x, self._box)
-        return Totals(energy, virial, drag, stress, laplacian)
+        return Totals(energy, virial, drag, stress, laplacian, conservative)
 
     def swept(self, v: np.ndarray, kT, dt, seed, counter, field_values=None, out=None, update: int | None = None) -> np.ndarray:
         """See :meth:`.interface.Engine.swept`."""
@@ -113,17 +120,19 @@ class PairEngine(Engine):
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
     @property
+    def parts_forces(self) -> bool:
+        """See :class:`.interface.Engine`."""
+        return all(getattr(layer, "parts_forces", False) for layer in self.layers)
+
+    @property
     def repels_by_pairs(self) -> bool:
         """See :class:`.interface.Engine`."""
         return all(layer.repels_by_pairs for layer in self.layers)  # type: ignore[attr-defined]
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
         """See :meth:`.interface.Engine.tensors`."""
-        pairs, friction, moment = np.zeros(6), np.zeros(6), 0.0
-        for layer in self.layers:
-            more = layer.tensors(v, kT)  # type: ignore[attr-defined]
-            pairs, friction, moment = pairs + more[0], friction + more[1], moment + more[2]
-        return pairs, friction, moment
+        found = [layer.tensors(v, kT) for layer in self.layers]  # type: ignore[attr-defined]
+        return found[0] if len(found) == 1 else tuple(map(sum, zip(*found, strict=True)))  # type: ignore[return-value]
 
 
 def host_engine(spec: PairSpec) -> PairEngine:

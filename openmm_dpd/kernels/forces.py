@@ -9,12 +9,13 @@ Per listed pair, with w = 1 - r/rc and f the factor of bonded neighbours::
 The transverse noise vector is the force on the bead with the lower index.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from . import columns
 from .columns import add_stress, approach, clear, deliver, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
-from .compiled import helper, inlined
+from .compiled import helper, inlined, renamed
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
 from .noise import draw, normal
@@ -23,7 +24,10 @@ from .pairs import PairList
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)
 #: Rows of the scratch of a column.
-_DRAG, _PUSH, _ENERGY, _NOISE = range(4)
+_DRAG, _PUSH, _ENERGY, _NOISE, _HELD, _CURVE = range(6)
+
+
+_NOTHING = np.zeros((0, 3))
 
 
 class Repulsion(NamedTuple):
@@ -50,6 +54,8 @@ class Terms(NamedTuple):
     f: np.ndarray
     out: np.ndarray
     add: bool
+    c: np.ndarray = _NOTHING  #: (M, 3) conservative forces alone, which go to ``held`` (N, 3); of length 0 where nobody wants them
+    held: np.ndarray = _NOTHING
 
 
 @inlined
@@ -62,8 +68,29 @@ def _radial(values, k, A, cutoff, gamma, sigma, s, factor, r):
     values[_ENERGY, k] = factor * energy
 
 
-@helper
-def _radial_terms(pairs, data, begin, m, scratch):
+@inlined
+def _curvature(A, cutoff, r):
+    """Laplacian of the energy of a pair for each of its beads, A/rc - 2 A w/r."""
+    return A * (3.0 * r - 2.0 * cutoff) / (r * cutoff)
+
+
+@inlined
+def _mobile(pairs, i, j):
+    return (1.0 if pairs.inv_mass[i] > 0.0 else 0.0) + (1.0 if pairs.inv_mass[j] > 0.0 else 0.0)
+
+
+@inlined
+def _radial_apart(values, k, A, cutoff, gamma, sigma, s, factor, r):
+    _radial(values, k, A, cutoff, gamma, sigma, s, factor, r)
+    values[_HELD, k] = factor * soft(A, cutoff, r)[0]
+    values[_CURVE, k] = factor * _curvature(A, cutoff, r)
+
+
+# what is put in
+_each: Any = None
+
+
+def _terms(pairs, data, begin, m, scratch):
     values, g, c = scratch.values, pairs.geometry, data.coefficients
     if data.which & RANDOM:
         draw(data.key, pairs, begin, m, scratch)
@@ -76,13 +103,17 @@ def _radial_terms(pairs, data, begin, m, scratch):
         a, cutoff, sigma = conservative * c[0, A], c[0, CUTOFF], data.rsqrt_dt * c[0, SIGMA]
         gamma = c[0, GAMMA] if dissipative else 0.0
         for k in range(m):
-            _radial(values, k, a, cutoff, gamma, sigma, 1.0, 1.0, g[3, begin + k])
+            _each(values, k, a, cutoff, gamma, sigma, 1.0, 1.0, g[3, begin + k])
         return
     for k in range(m):
         n = begin + k
         row = row_of(pairs, pairs.pi[n], pairs.pj[n])
         a, gamma, sigma = conservative * c[row, A], c[row, GAMMA] if dissipative else 0.0, data.rsqrt_dt * c[row, SIGMA]
-        _radial(values, k, a, c[row, CUTOFF], gamma, sigma, c[row, EXPONENT], factor_of(pairs, n), g[3, n])
+        _each(values, k, a, c[row, CUTOFF], gamma, sigma, c[row, EXPONENT], factor_of(pairs, n), g[3, n])
+
+
+_radial_terms = helper(renamed(_terms, "radial_terms", {"_each": _radial}))
+_apart_terms = helper(renamed(_terms, "apart_terms", {"_each": _radial_apart}))
 
 
 @inlined
@@ -114,11 +145,17 @@ def _transverse_force(pairs, data, key, n, i, j):
 
 
 @inlined
-def _conservative(pairs, data, scratch, n, k, column):
+def _repulsion(pairs, coefficients, f, n):
     i, j = pairs.pi[n], pairs.pj[n]
     row = row_of(pairs, i, j)
-    radial, energy = soft(factor_of(pairs, n) * data.coefficients[row, A], data.coefficients[row, CUTOFF], pairs.geometry[3, n])
-    return energy, push_apart(pairs, data.f, n, i, j, radial), 0.0
+    radial, energy = soft(factor_of(pairs, n) * coefficients[row, A], coefficients[row, CUTOFF], pairs.geometry[3, n])
+    return energy, push_apart(pairs, f, n, i, j, radial)
+
+
+@inlined
+def _conservative(pairs, data, scratch, n, k, column):
+    energy, virial = _repulsion(pairs, data.coefficients, data.f, n)
+    return energy, virial, 0.0
 
 
 @inlined
@@ -151,13 +188,12 @@ _any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_cle
 
 def pair_forces(pairs: PairList, terms: Terms, transverse: bool, more: int) -> Sums:
     """Compute the forces.  ``transverse`` says whether there are transverse terms, ``more`` whether STRESS and LAPLACIAN are wanted."""
+    if len(terms.c):
+        return Sums(*_parted_forces(pairs, terms, more & STRESS))
     if terms.which != CONSERVATIVE:
         return Sums(*(_any_forces if transverse else _central_forces)(pairs, terms, more & STRESS))
-    given = Repulsion(terms.coefficients, *terms[-5:])
-    if not more & LAPLACIAN:
-        return Sums(*conservative_forces(pairs, given, more & STRESS))
-    found = _curved_forces(pairs, given, more & STRESS)
-    return Sums(found.energy, found.virial, stress=found.stress, laplacian=found.drag)
+    given = Repulsion(terms.coefficients, terms.seen, terms.v, terms.f, terms.out, terms.add)
+    return Sums(*(_curved_forces if more & LAPLACIAN else conservative_forces)(pairs, given, more & STRESS))
 
 
 class CoefficientRows(NamedTuple):
@@ -173,28 +209,37 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
     rc = data.coefficients[row, CUTOFF]
     if r >= rc:  # a list may reach further
         return 0.0, 0.0, 0.0
-    first, second = pairs.inv_mass[i] > 0.0, pairs.inv_mass[j] > 0.0
-    mobile = 2.0 if first and second else 1.0 if first or second else 0.0
-    w = 1.0 - r / rc
-    return mobile * factor_of(pairs, n) * data.coefficients[row, A] * (r - 2.0 * w * rc) / (rc * r), 0.0, 0.0
+    return _mobile(pairs, i, j) * factor_of(pairs, n) * _curvature(data.coefficients[row, A], rc, r), 0.0, 0.0
 
 
 @inlined
 def _curved(pairs, data, scratch, n, k, column):
     # first: after a force is written all has to be read again
     laplacian = _pair_laplacian(pairs, data, scratch, n, k, column)[0]
-    energy, virial, _ = _conservative(pairs, data, scratch, n, k, column)
-    return energy, virial, laplacian
+    energy, virial = _repulsion(pairs, data.coefficients, data.f, n)
+    return energy, virial, 0.0, laplacian, virial
+
+
+@inlined
+def _parted(pairs, data, scratch, n, k, column):
+    i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
+    laplacian = _mobile(pairs, i, j) * values[_CURVE, k]
+    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    conservative = push_apart(pairs, data.c, n, i, j, values[_HELD, k])
+    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
+    return values[_ENERGY, k], virial, -drag * pairs.geometry[3, n], laplacian, conservative
 
 
 _laplacian = over_pairs("laplacian", _pair_laplacian, parallel=False)
-# with the Laplacian in the place of the virial of friction
-_curved_forces = over_pairs("curved_forces", _curved, first=clear, last=deliver)
+_curved_forces = over_pairs("curved_forces", _curved, first=clear, last=deliver, parts=True)
+_parted_forces = over_pairs(
+    "parted_forces", _parted, _apart_terms, first=columns.gather_and_clear_both, last=columns.deliver_both, parts=True
+)
 
 
 def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
     """Sum over the mobile beads of the Laplacian of the conservative energy, from a table that begins with A and CUTOFF.  For U = A rc
-    w^2/2 it is U'' + 2U'/r = A/rc - 2 A w/r per pair and mobile bead."""
+    w^2/2 it is U'' + 2U'/r per pair and mobile bead."""
     return _laplacian(pairs, CoefficientRows(coefficients))[0]
 
 
@@ -214,7 +259,7 @@ def _pair_tensors(pairs, data, scratch, n, k, column):
     return drag * r, radial * r, -drag * approach(pairs, data.v, n, i, j)
 
 
-_tensors = over_pairs("pair_tensors", _pair_tensors, first=gather_and_clear, drags=True)
+_tensors = over_pairs("pair_tensors", _pair_tensors, first=columns.gather, drags=True)
 
 
 def pair_tensors(pairs: PairList, terms: Repulsion) -> tuple[np.ndarray, np.ndarray, float]:

@@ -43,13 +43,20 @@ class Engine(Protocol):
         counter: int,
         field_values: np.ndarray | None = None,
         out: np.ndarray | None = None,
+        held: np.ndarray | None = None,
     ) -> Totals:
         """Forces (N, 3) of the chosen terms at the placed positions, written to ``out`` if that is given, and sums over these terms.
 
         The other arguments are those of :class:`.layer.Call`; v is what the friction sees.  The energy is that of all conservative forces;
-        virials are those of pair terms alone, with the tensor if ``which`` has STRESS, and so is the Laplacian.
+        virials are those of pair terms alone, with the tensor if ``which`` has STRESS, and so is the Laplacian.  Engines that
+        :attr:`parts_forces`, and no others, are given ``held``: where conservative forces go too, and which are summed apart then.
         """
         ...
+
+    @property
+    def parts_forces(self) -> bool:
+        """Whether :meth:`sums` can write conservative forces apart."""
+        return False
 
     def swept(
         self,

@@ -45,7 +45,7 @@ class Pairs(NamedTuple):
     colour_start: np.ndarray
     start: np.ndarray  # start, found: column c has the pairs start[c]:start[c] + found[c]
     found: np.ndarray
-    sums: np.ndarray  #: (columns, 3) energy, virial and virial of the friction of each column, see :mod:`.columns`
+    sums: np.ndarray  #: (columns, 5) sums over the pairs of each column, see :mod:`.columns`
     stress: np.ndarray  #: (columns, 6) its stress tensor; of length 0 where none is asked for
 
 
@@ -60,7 +60,7 @@ class Scratch(NamedTuple):
 def _without_room(ny: int, nz: int) -> tuple[np.ndarray, ...]:
     """Columns that have no room for pairs yet: the last items of :class:`Pairs`."""
     columns = ny * nz
-    return *cells.colours(ny, nz), np.zeros(columns + 1, np.uint64), np.zeros(columns, np.uint64), np.zeros((columns, 3)), np.zeros((0, 6))
+    return *cells.colours(ny, nz), np.zeros(columns + 1, np.uint64), np.zeros(columns, np.uint64), np.zeros((columns, 5)), np.zeros((0, 6))
 
 
 class PairList:
@@ -93,7 +93,7 @@ class PairList:
         self.arrays = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *of_pairs, *_without_room(1, 1))
         self._shape, self._count = (1, 1, 1), np.zeros(2, np.uint64)
         self._space: listing.ListingSpace | None = None
-        self._longest, self._scratch = 0, Scratch(np.empty((0, 4, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
+        self._longest, self._scratch = 0, Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
@@ -185,7 +185,7 @@ class PairList:
         """Space for the longest column, one for each thread."""
         threads, longest = get_threads(), self._longest + 1
         if self._scratch.tail.shape != (threads, longest):
-            numbers = np.empty((threads, 4, longest)), np.empty((threads, longest), np.uint64)
+            numbers = np.empty((threads, 6, longest)), np.empty((threads, longest), np.uint64)
             self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
         return self._scratch
 

@@ -6,7 +6,7 @@ friction is a force.  All that a step begins with is in the :class:`Moment`, so 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..base.signals import CTRL_C
 from . import motion
 from .columns import Totals
 from .interface import Engine
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
+from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from .sweeps import EXACT, SHARDLOW
 
 #: Pair updates of the letters that sweep.
@@ -84,6 +84,7 @@ class Stepper(Protocol):
 
     spec: StepSpec
     tensor: bool  #: Whether the forces of last steps are to be summed with their stress tensor, where friction is a force
+    parted: bool  #: Whether their conservative forces are to be had apart too, from engines that can
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """Do n steps; ``slow`` are forces of others (N, 3), at the positions of the moment, that kick before and after.  RunError if a step
@@ -93,9 +94,18 @@ class Stepper(Protocol):
         """Conservative force (N, 3) at the positions that were placed last, and its sums, STRESS and LAPLACIAN as well if asked for."""
         ...
 
-    def last(self) -> tuple[Moment, np.ndarray, Totals] | None:
-        """Where friction is a force: the moment after the last step, all forces there and their sums, if the engine is still there."""
+    def last(self) -> "LastStep | None":
+        """Where friction is a force: what the last step computed, if the engine is still there."""
         ...
+
+
+class LastStep(NamedTuple):
+    """What the last step of a run has computed, where friction is a force."""
+
+    moment: Moment  #: After the step
+    force: np.ndarray  #: (N, 3) all forces there
+    totals: Totals
+    held: np.ndarray | None  #: (N, 3) conservative forces alone, if they were parted: the totals have their Laplacian and virial then
 
 
 @dataclass(eq=False)
@@ -117,8 +127,8 @@ class StepLoop:
         self.forced, self._summed, self.totals = -1, 0, Totals(0.0, 0.0, 0.0)
         #: the moment after the last step, None where there is none; whether the forces of last steps are summed with their stress tensor
         self.moment: Moment | None = None
-        self.tensor = False
-        self._last = False
+        self.tensor = self.parted = False
+        self._last, self._held = False, np.zeros((0, 3))
         #: whether the lists of the engine are those of the moment's positions
         self.placed = False
 
@@ -205,10 +215,11 @@ class StepLoop:
         self._place(m)
         self.conserve(m.values)
 
-    def last(self) -> tuple[Moment, np.ndarray, Totals] | None:
+    def last(self) -> LastStep | None:
         """See :class:`Stepper`."""
-        there = self.spec.predicts and self.forced == self.engine.number and self.moment is not None
-        return (self.moment, self.force, self.totals) if there else None  # type: ignore[return-value]
+        if not self.spec.predicts or self.forced != self.engine.number or self.moment is None:
+            return None
+        return LastStep(self.moment, self.force, self.totals, None if self.totals.conservative is None else self._held)
 
     def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
         """See :class:`Stepper`; what is there already is not computed again."""
@@ -216,9 +227,9 @@ class StepLoop:
             self._sum(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, values)
         return self.force, self.totals
 
-    def _sum(self, which: int, v: np.ndarray | None, kT: float, dt: float, seed: int, counter: int, values: np.ndarray | None) -> None:
+    def _sum(self, which: int, v, kT: float, dt: float, seed: int, counter: int, values: np.ndarray | None, **apart) -> None:
         self.forced = -1  # until all of it is there
-        self.totals = self.engine.sums(which, v, kT, dt, seed, counter, values, self.force)
+        self.totals = self.engine.sums(which, v, kT, dt, seed, counter, values, self.force, **apart)
         self.forced, self._summed = self.engine.number, which
 
     def _sweep(self, m: Moment, part: float, update: int) -> None:
@@ -276,8 +287,12 @@ class StepLoop:
         """Acceleration and rates at x, friction and noise included, and a kick of that duration."""
         assert m.acc is not None
         self._place(m)
-        which = CONSERVATIVE | DISSIPATIVE | RANDOM
-        self._sum(which | STRESS * (self.tensor and self._last), v, m.kT, m.dt, m.seed, m.counter, values)
+        which, apart = CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS * (self.tensor and self._last), {}
+        if self.parted and self._last and self.engine.parts_forces:
+            which |= LAPLACIAN
+            self._held = self._held if len(self._held) else np.empty_like(self.force)
+            apart = {"held": self._held}
+        self._sum(which, v, m.kT, m.dt, m.seed, m.counter, values, **apart)
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, kick)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)

@@ -4,7 +4,7 @@ Where the pair force carries out whole steps its own engine sums: the list of pa
 the next step need not compute again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from ..kernels.columns import Totals
 from ..kernels.fields import TEMPERATURE
 from ..kernels.interface import Engine
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
-from ..kernels.steps import Stepper
+from ..kernels.steps import LastStep, Stepper
 from ..plan.made import acting, groups_of, masses_of
 from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
@@ -69,9 +69,9 @@ def require_stress(plan: Plan) -> None:
 class Present:
     """Looks at Contexts that run what was built of a scene.
 
-    Of the last :meth:`look` it has ``x``, ``v`` and ``box`` (None without), the ``forces`` in the System, ``kT``, the key of the noise
-    (``seed``, ``counter``), the step size ``dt``, and as ``changed`` (N, 3), or None, what was added to the velocities after the last step,
-    whose forces have not seen it.
+    Of the last :meth:`look` it has ``x``, ``v`` and ``box`` (None without), those of the forces in the System that somebody else added
+    (``others``), ``kT``, the key of the noise (``seed``, ``counter``), the step size ``dt``, and as ``changed`` (N, 3), or None, what was
+    added to the velocities after the last step, whose forces have not seen it.
     """
 
     def __init__(self, built: BuiltSystem):
@@ -82,10 +82,23 @@ class Present:
         self._groups = built.integrator.getIntegrationForceGroups()
         self.mass, self._deficit = masses_of(built.system), kinetic_deficit(self.plan.options.scheme)
         self.changed: np.ndarray | None = None
+        #: How many forces the System has, if nothing acts beside the pair force.
+        self._alone: int | None = None
+
+    def foreign(self, forces: Sequence[openmm.Force]) -> list[openmm.Force]:
+        """Those of the forces of a scene that somebody else added."""
+        made = self.built.integrator.made
+        return [] if made is None else made.others(forces)
 
     def look(self, context: openmm.Context) -> openmm.State:
         """Take over the state of a Context."""
-        self._context, self.forces = context, context.getSystem().getForces()
+        self._context, system = context, context.getSystem()
+        if system.getNumForces() != self._alone:  # asking all of them takes as long as some of what is measured
+            forces = system.getForces()
+            beside = [force for force in acting(forces) if force.getName() != PAIR_FORCE]
+            self._beside = {group for force in beside for group in groups_of(force) if self._groups >> group & 1}
+            self.others = self.foreign(forces)
+            self._alone = None if self.others or self._beside else len(forces)
         state = context.getState(positions=True, velocities=True)
         self.x, self.v = vectors(state, openmm.State.Positions), vectors(state, openmm.State.Velocities)
         self.box = None if self.plan.scene.box is None else bare(state.getPeriodicBoxVectors(asNumpy=True))
@@ -93,6 +106,7 @@ class Present:
         self._values: np.ndarray | None = None
         self._charges: tuple[float, float, np.ndarray] | None = None
         self._prepared: Engine | None = None
+        self._last: tuple[LastStep | None] | None = None
         return state
 
     @property
@@ -125,35 +139,35 @@ class Present:
         """All conservative forces, with STRESS and LAPLACIAN of the pair terms if these are asked for."""
         engine, loop, fields = self.engine, self._loop, self.plan.spec.fields
         pairs, force = Totals(0.0, 0.0, 0.0), np.zeros_like(self.x) if engine is None else np.empty_like(self.x)
+        last = None if more & STRESS else self._last_step
+        if loop is not None:
+            loop.parted = True
         if loop is not None and not loop.spec.predicts:
             force[...], pairs = loop.conserve(self.values, more)
+        elif last is not None and last.held is not None:
+            force, found = last.held, last.totals
+            pairs = Totals(found.energy, found.conservative or 0.0, 0.0, None, found.laplacian if more else None)
         elif engine is not None:
             pairs = engine.sums(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, self.values, force)
         # outside a step the pair force does not know the temperatures that a repulsion may depend on
         if self._function is None and (fields is None or fields.kind != TEMPERATURE):
             state = self._context.getState(forces=True, energy=True, groups=self._groups)
             return Conservative(bare(state.getPotentialEnergy()), bare(state.getForces(asNumpy=True)), force, pairs)
-        groups = self._beside()
-        if not groups:
+        if not self._beside:
             return Conservative(pairs.energy, force, force, pairs)
-        state = self._context.getState(forces=True, energy=True, groups=groups)
+        state = self._context.getState(forces=True, energy=True, groups=self._beside)
         energy, beside = bare(state.getPotentialEnergy()), bare(state.getForces(asNumpy=True))
         return Conservative(pairs.energy + energy, force + beside, force, pairs)
-
-    def _beside(self) -> set[int]:
-        """Groups of forces that act beside the pair force."""
-        beside = [force for force in acting(self.forces) if force.getName() != PAIR_FORCE]
-        return {group for force in beside for group in groups_of(force) if self._groups >> group & 1}
 
     def friction(self, v: np.ndarray, conservative: Conservative) -> FrictionSums:
         """Friction at velocities (N, 3); in ``mvv``, where it is a force, friction and noise at those that the last step saw.  Where pairs
         are swept the noise has moved the beads already.  That of the next sweep has nothing to do with their present places and velocities:
         its virial has the mean 0, whatever they are, and would make that of the friction noisier, no more."""
-        engine, last = self.engine, self._last_step(False)
+        engine, last = self.engine, self._last_step
         if engine is None:
             return FrictionSums(conservative.force, 0.0, 0.0)
         if last is not None:
-            total, counted = last
+            total, counted = last.force, last.totals
             if conservative.force is not conservative.held:
                 total = conservative.force + (total - conservative.held)
             return FrictionSums(total, counted.drag, counted.virial - conservative.pairs.virial - counted.drag)
@@ -163,15 +177,17 @@ class Present:
         found = engine.sums(which, v, self.kT, self.dt, self.seed, self.counter, self.values, force)
         return FrictionSums(conservative.force + force if which & RANDOM else conservative.force, found.drag, found.virial - found.drag)
 
-    def _last_step(self, tensor: bool) -> tuple[np.ndarray, Totals] | None:
-        """All forces of the last step (``mvv``) and their sums, if nothing has changed since."""
-        loop, engine = self._loop, self.engine
-        last = None if loop is None or engine is None else loop.last()
-        if last is None or self.plan.spec.fields is not None:
-            return None  # with fields, the last step saw predicted ones
-        m, force, totals = last
-        same = (m.kT, m.seed, m.counter, m.dt) == (self.kT, self.seed, self.counter, self.dt) and motion.same(self.v, m.v)
-        return (force, totals) if same and not (tensor and totals.stress is None) else None
+    @property
+    def _last_step(self) -> LastStep | None:
+        """The last step (``mvv``), if nothing has changed since."""
+        if self._last is None:
+            loop, engine, found = self._loop, self.engine, None
+            if loop is not None and engine is not None and self.plan.spec.fields is None:  # with fields, it saw predicted ones
+                found = loop.last()
+            m = None if found is None else found.moment
+            there = m is not None and (m.kT, m.seed, m.counter, m.dt) == (self.kT, self.seed, self.counter, self.dt)
+            self._last = (found if m is not None and there and motion.same(self.v, m.v) else None,)
+        return self._last[0]
 
     # -- stress tensors ----------------------------------------------------------------------------------------------------------
     def stress(self) -> np.ndarray:
@@ -186,6 +202,8 @@ class Present:
 
     def beside_pairs(self) -> np.ndarray:
         """The same of everything but the pair terms."""
+        if not self._stress_parts and self._evaluator is None:
+            return np.zeros(6)
         return sum((part(self.x, self.box) for part in self._stress_parts), np.zeros(6)) + self.charges[2]
 
     @property
@@ -218,11 +236,11 @@ class Present:
         return stress_parts(self.plan)
 
     def _of_all_forces(self, engine: Engine) -> Totals:
-        loop, last = self._loop, self._last_step(True)
+        loop, last = self._loop, self._last_step
         if loop is not None:
             loop.tensor = True
-        if last is not None:
-            return last[1]
+        if last is not None and last.totals.stress is not None:
+            return last.totals
         which = CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS
         return engine.sums(which, self.force_velocities(), self.kT, self.dt, self.seed, self.counter, self.values)
 
@@ -253,7 +271,7 @@ class Present:
 
     def _slow_kick(self) -> np.ndarray | float:
         """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""
-        integrator, options, groups = self._context.getIntegrator(), self.plan.options, self._beside()
+        integrator, options, groups = self._context.getIntegrator(), self.plan.options, self._beside
         begun = integrator.getGlobalVariableByName("valid_for") != -1.0
         waiting = options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0
         if not self.plan.execution.looped or not groups or not begun or waiting:

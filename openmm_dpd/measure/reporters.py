@@ -171,8 +171,8 @@ class DPDReporter(Cadence):
     def report(self, simulation, state):
         """Write one row."""
         sample = self._observer.sample(simulation.context)
-        row = (COLUMNS[name](sample) for name in self._columns)
-        self._write(str(value) if isinstance(value, int) else f"{value:.10g}" for value in row)
+        row = [COLUMNS[name](sample) for name in self._columns]
+        self._write([str(value) if isinstance(value, int) else f"{value:.10g}" for value in row])
         wrong = self._watch.add(sample)
         if wrong is not None:
             _LOGGER.warning("step %d: %s", sample.step, wrong)

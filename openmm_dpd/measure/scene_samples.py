@@ -1,7 +1,7 @@
 """Samples of a scene, term by term."""
 
-from collections.abc import Sequence
 from functools import cached_property
+from math import isfinite
 
 import numpy as np
 import openmm
@@ -37,7 +37,7 @@ class SceneSampler:
     @property
     def no_laplacian(self) -> str | None:
         """Why there is no configurational temperature, or None."""
-        others = self._others(self.built.system.getForces())
+        others = self.present.foreign(self.built.system.getForces())
         if others and self.plan.scene.interacting is None:
             return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
         return self._no_laplacian
@@ -68,12 +68,7 @@ class SceneSampler:
     @property
     def uncounted(self) -> str | None:
         """Names of forces that do not count in virials and pressures, because somebody else added them to the System; None without any."""
-        return _names(self._others(self.built.system.getForces())) or None
-
-    def _others(self, forces: Sequence[openmm.Force]) -> list[openmm.Force]:
-        """Those of the forces of a scene that somebody else added."""
-        made = self.built.integrator.made
-        return [] if made is None else made.others(forces)
+        return _names(self.present.foreign(self.built.system.getForces())) or None
 
     @staticmethod
     def _half(weights: np.ndarray, vectors: np.ndarray) -> float:
@@ -85,13 +80,13 @@ class SceneSampler:
         plan, present = self.plan, self.present
         looked = present.look(context)
         x, v, box, mobile = present.x, present.v, present.box, self._mobile
-        others = self._others(present.forces)
+        others = present.others
         found = present.conservative(LAPLACIAN * (not others and self._no_laplacian is None and present.engine is not None))
         potential, every = found.potential, found.force
         # velocities behind the positions would show as a spurious drag of pairs that repel
         on_step = present.on_step(every)
         kinetic = self._half(self._mass, v)
-        if not np.isfinite(potential + kinetic):
+        if not isfinite(potential + kinetic):
             long = ", or a bond too long" if any(bonds.limited for bonds in plan.scene.bonds) else ""
             raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
         bond, bond_laplacian = bond_sums(plan, x, box, mobile)

@@ -14,7 +14,7 @@ from ..simulation.integrators import RAMPED, PairIntegrator
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
     """Thermal energy, seed, noise counter and step size of a Context."""
-    dt, parameters = bare(context.getIntegrator().getStepSize()), context.getParameters().asdict()
+    dt, parameters = bare(context.getIntegrator().getStepSize()), context.getParameters()
     if KT not in parameters:
         native = isinstance(context.getIntegrator(), openmm.DPDIntegrator)
         kT = BOLTZMANN * context.getIntegrator().getTemperature().value_in_unit(unit.kelvin) if native else plan.options.kT

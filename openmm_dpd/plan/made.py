@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from zlib import crc32
 
 import numpy as np
@@ -12,6 +13,7 @@ import openmm
 
 from ..base.errors import PlanError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES
+from ..base.openmm_private import bare
 from .program_options import ProgramOptions
 
 #: Forces that change the box now and then, and exert no force.
@@ -30,6 +32,7 @@ LISTED = (
 )
 
 
+@lru_cache
 def text_number(text: str) -> float:
     """A number for a text in a context parameter; 0 for an empty one."""
     return float(crc32(text.encode()))
@@ -198,7 +201,7 @@ def lines_of(integrator: openmm.Integrator) -> int:
 def masses_of(system: openmm.System) -> np.ndarray:
     """Masses of all particles, Da."""
     # OpenMM gives them in Da; to convert each takes ten seconds for a million
-    return np.array([m._value for m in map(system.getParticleMass, range(system.getNumParticles()))])
+    return np.array(list(map(bare, map(system.getParticleMass, range(system.getNumParticles())))))
 
 
 def virtual_sites(system: openmm.System) -> np.ndarray:

@@ -234,7 +234,7 @@ def make_plan(
     ewald = ewald_of(scene)
     held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
     constrained = host is not None and host.constrained
-    whole = on_device and not constrained and not (chosen.predicts and thermostat)
+    whole = on_device and not constrained
     execution = Execution(
         engine=engine_kind(engine_name).name,
         steps="openmm" if chosen.native else "device" if whole else "program" if no_loop else "loop",

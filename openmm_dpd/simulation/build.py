@@ -87,10 +87,6 @@ def build_plan(plan: Plan) -> BuiltSystem:
         integrator.setPerDofVariableByName(ALONE, (~scene.interacting).astype(float))
     if isinstance(integrator, PairIntegrator) and execution.on_device:
         integrator.device_group = options.pair_group
-        if options.predicting:
-            integrator.no_barostat = (
-                f"on the device the scheme {options.scheme.name!r} cannot run beside a barostat; take scheme='middle', or engine='host'"
-            )
     built = BuiltSystem(
         system=system,
         integrator=integrator,

@@ -10,7 +10,7 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError
-from ..base.names import BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
+from ..base.names import AHEAD, BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
 from .barostat_temperature import set_barostats
@@ -54,6 +54,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     """
 
     _variables: frozenset[str] = frozenset()
+    _touched = True
     whole: StepsAtOnce | None
 
     def _take(self, context: openmm.Context, steps: int) -> None:
@@ -80,14 +81,23 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def bind(self, context: openmm.Context) -> None:
         """As for all; forces of somebody else may have changed, which in a program are part of the acceleration it keeps."""
         super().bind(context)
+        self._touched = True
         if self._mixed and self.whole is None:
             self._forget_acceleration()
 
     def changed(self, context: openmm.Context) -> None:
-        """As for all; on a device a kept acceleration is not compared with what it was computed from."""
+        """As for all; a device knows of changes of positions and box alone."""
         super().changed(context)
         if self.device_group is not None:
+            self._touched = True
             self._forget_acceleration()
+
+    def _announce(self, steps: int) -> None:
+        put = openmm.CustomIntegrator.setGlobalVariableByName
+        put(self, AHEAD, float(steps))
+        if not self._touched and self.getGlobalVariableByName("valid_for") == 1.0:
+            put(self, "valid_for", 0.0)  # the pair force has had it since the last step
+        self._touched = False
 
     def _forget_acceleration(self) -> None:
         if "valid_for" in self.variables():

@@ -63,7 +63,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         system.addForce(pair_force(function, options=options, integrator=integrator))
     if plan.execution.on_device:
         whole = plan.execution.steps == "device"
-        letters = options.scheme.steps(options.thermostat) if whole else ()
+        letters = () if not whole else (("V", options.lam),) if options.predicting else options.scheme.steps(options.thermostat)
         walls = planes(gaps(scene.walls, scene.box)) if whole and scene.walls else {}
         system.addForce(device_force(plan.spec, letters, walls, options=options, integrator=integrator, periodic=periodic))
     if options.scheme.native:

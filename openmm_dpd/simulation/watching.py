@@ -35,9 +35,9 @@ REMEMBERED = 10.0
 
 
 @lru_cache
-def watched(kind: type) -> type:
-    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew, changed, or looked at.
-    OpenMM leaves no sign of that: its checkpoint brings everything back."""
+def watched(kind: type, looking: bool) -> type:
+    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew or changed, and on request
+    when one is looked at.  OpenMM leaves no sign of that: its checkpoint brings everything back."""
 
     def reinitialize(self, preserveState=False):
         kind.reinitialize(self, preserveState)  # type: ignore[attr-defined]
@@ -45,7 +45,7 @@ def watched(kind: type) -> type:
 
     reinitialize.__doc__ = "As before; the next step looks at the System again."
     methods: dict[str, Any] = {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__}
-    for names, hear in ((_CHANGING, "changed"), (_LOOKING, "verify")):
+    for names, hear in ((_CHANGING, "changed"), (_LOOKING if looking else (), "verify")):
         methods |= {name: _heard(getattr(kind, name), hear) for name in names}
     return type(kind.__name__, (kind,), methods)
 
@@ -76,8 +76,6 @@ class Watching:
     whole: Any = None
     #: Group of a pair force on a device, whose kernels stop where anything is wrong, but say so only when they are asked.
     device_group: int | None = None
-    #: Why no barostat may act, empty if one may.
-    no_barostat = ""
     _remembered: tuple[float, bytes] | None = None
     _unverified = False
     _known: weakref.ref | None = None
@@ -86,7 +84,7 @@ class Watching:
     _beside = 0.0
     _mixed = False
     _slow = True
-    _barostats = True
+    _barostats = _has_barostats = True
     _piece = PIECE
     _begun = False
 
@@ -102,7 +100,7 @@ class Watching:
     def bind(self, context: openmm.Context) -> None:
         """Say which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
         if not hasattr(context, "watched"):
-            context.__class__ = watched(type(context))  # type: ignore[arg-type]
+            context.__class__ = watched(type(context), self.device_group is not None)  # type: ignore[arg-type]
         self._known, self._looked_at = weakref.ref(context), ()
         self._groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
 
@@ -136,6 +134,7 @@ class Watching:
         for again in (False, True):
             try:
                 with self._or_back(context):
+                    self._announce(last - context.getStepCount())
                     super().step(last - context.getStepCount())  # type: ignore[misc]
                     if again:
                         self._ask(context)
@@ -144,6 +143,9 @@ class Watching:
             except openmm.OpenMMException as error:
                 if again or ROOM not in str(error):
                     raise
+
+    def _announce(self, steps: int) -> None:
+        """Tell a program how many steps follow."""
 
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:
@@ -202,10 +204,8 @@ class Watching:
         if now != self._looked_at:
             self._look_at_everything(context, groups)
             self._looked_at = now
-        moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0]
+        moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0] if self._has_barostats else []
         self._barostats = self._mixed or bool(moving)
-        if moving and self.no_barostat:
-            raise PlanError(self.no_barostat)
         self._piece = min([PIECE, *(barostat.getFrequency() for barostat in moving)])
         self.settle(context)
         parameters = context.getParameters()
@@ -232,6 +232,7 @@ class Watching:
         if "dt" in context.getParameters():
             raise PlanError("a force has a global parameter called dt, which is the step size in a CustomIntegrator; rename it")
         self._beside = text_number(" ".join(f"{type(force).__name__} {force.getName()} {force.getForceGroup()}" for force in others))
+        self._has_barostats = bool(barostats(context))
         # a force taken from the System acts until the Context is made anew
         self._mixed = bool(others) or (self._mixed and not new)
         self._slow = self._mixed or any(name != PAIR_FORCE and groups >> group & 1 for name, group in made.own)

@@ -52,8 +52,6 @@ class WholeSteps:
             moment = self._moment(integrator, context, state, parameters, dt, own)
             loop = own.loop
             assert loop is not None
-            used = integrator.getIntegrationForceGroups()
-            groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
 
             def forces(m: Moment, done: int) -> np.ndarray:
                 if done:
@@ -62,6 +60,8 @@ class WholeSteps:
                     context.setTime(clock[done])
                     if self.spec.ramp is not None:
                         context.setParameter(shared.KT, m.kT)
+                used = integrator.getIntegrationForceGroups()
+                groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
                 return bare(context.getState(forces=True, groups=groups).getForces(asNumpy=True))
 
             loop.run(moment, n, forces if slow else None)

@@ -51,8 +51,8 @@ void Fluid::check() const {
     if (!(maxCutoff() > 0) || !(tolerance > 0 && tolerance < 1))
         throw OpenMMException("DPDDeviceForce: there must be a cutoff, and a tolerance between 0 and 1");
     for (auto& letter : word)
-        if (string("ABOS").find(letter.first) == string::npos)
-            throw OpenMMException("DPDDeviceForce: the letters of a step are A, B, O and S");
+        if (string(word.size() == 1 ? "V" : "ABOS").find(letter.first) == string::npos)
+            throw OpenMMException("DPDDeviceForce: the letters of a step are A, B, O and S, or V alone");
 }
 
 namespace {
@@ -89,7 +89,7 @@ public:
     }
     const DPDDeviceForce& getOwner() const override { return owner; }
     void updateContextState(ContextImpl& context, bool& forcesInvalid) override {
-        if ((int) context.getParameter("dpd_phase") != RUN)
+        if ((int) context.getParameter("dpd_phase") < RUN)
             return;
         if (constrained)
             throw OpenMMException("DPDDeviceForce: whole steps keep no constraints and no virtual sites");

@@ -17,8 +17,8 @@
 
 namespace DPDDevice {
 
-// Values of dpd_phase (openmm_dpd/names.py); all others ask for the conservative force.
-enum { FORCE_SEEN = 4, FORCE_KEPT = 5, RUN = 6, SWEEP = 100 };
+// Values of dpd_phase (openmm_dpd/base/names.py); all others ask for the conservative force.
+enum { FORCE_SEEN = 4, FORCE_KEPT = 5, SWEEP = 100, EXCHANGE = 500, RUN = 600 };
 
 // What openmm_dpd knows of the pair terms; tables have numTypes*numTypes values.
 struct DPD_EXPORT Fluid {
@@ -31,7 +31,7 @@ struct DPD_EXPORT Fluid {
     std::vector<double> exceptionFactors;
     std::vector<double> wallVelocity;           // three per particle, or none
     std::vector<double> walls;                  // low, high, start, period, back along three axes, or none
-    std::vector<std::pair<char, double> > word; // letters of a whole step
+    std::vector<std::pair<char, double> > word; // letters of a whole step, or V: modified velocity Verlet with this weight of the prediction
     std::map<std::string, double> globals;
 
     double maxCutoff() const;

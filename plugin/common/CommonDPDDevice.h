@@ -26,6 +26,10 @@ public:
     Base& force() { return cc.getLongForceBuffer(); }
     Base& energy() { return cc.getEnergyBuffer(); }
     double result(bool, bool) { return 0.0; } // OpenMM adds up its buffers by itself
+    void give() {}
+    // Whether somebody may have moved beads since the last step: forces were evaluated, or it was not OpenMM's count of steps alone that went on
+    bool touched() { return std::make_tuple(cc.getComputeForceCount(), cc.getStepCount(), cc.getStepsSinceReorder()) != expected; }
+    void note() { expected = std::make_tuple(cc.getComputeForceCount(), cc.getStepCount()+1, cc.getStepsSinceReorder()+1); }
     void beforeOthers() { stepsBefore = cc.getStepsSinceReorder(); }
     bool afterOthers() { return stepsBefore > 0 && cc.getStepsSinceReorder() == stepsBefore; } // whether beads have the order they had
 
@@ -75,6 +79,7 @@ private:
     OpenMM::ComputeContext& cc;
     const bool wide;
     int stepsBefore = 0;
+    std::tuple<int, long long, int> expected;
     std::map<std::string, OpenMM::ComputeKernel> kernels;
 };
 

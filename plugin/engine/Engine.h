@@ -24,7 +24,7 @@ struct Mixed4 { double x, y, z, w; };
 template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std::forward<T>(value)); }
 template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
 
-#define DPD_KERNELS(X) X(dpdMove) X(dpdEvaluate) X(dpdKick) X(dpdRows) X(dpdPass) X(dpdFinish)
+#define DPD_KERNELS(X) X(dpdMove) X(dpdEvaluate) X(dpdKick) X(dpdCompare) X(dpdExchange) X(dpdRows) X(dpdPass) X(dpdFinish)
 #define DPD_TAG(name) struct name##_ { static constexpr const char* text = #name; };
 DPD_KERNELS(DPD_TAG)
 #undef DPD_TAG
@@ -122,11 +122,19 @@ public:
 
     double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) {
         int phase = (int) context.getParameter("dpd_phase");
+        if (phase >= RUN) // a barostat asks
+            phase = 0;
         bool inStep = phase == FORCE_SEEN || phase == FORCE_KEPT || phase >= SWEEP;
         Now now = at(context);
         place();
         here = 0;
         binned = false;
+        if (phase >= EXCHANGE) {
+            device.template run<dpdExchange_>(position(), correction(), posB, corrB, device.velm(), phase%100 == 0 ? acc : seen, flags, number());
+            device.give();
+            keep();
+            return 0.0;
+        }
         if (inStep)
             begin(now);
         if (phase >= SWEEP) {
@@ -162,6 +170,11 @@ public:
         auto& word = fluid.word;
         if (word.empty())
             throw OpenMM::OpenMMException("DPDDeviceForce: it knows no whole step");
+        if (word[0].first == 'V') {
+            verlet(context, now, others, word[0].second, (int) context.getParameter("dpd_phase") > RUN);
+            look(now, false);
+            return;
+        }
         bool known = false;  // whether acc is the acceleration here
         double owed = 0;     // part of a kick by acc that velocities still lack
         auto is = [&](size_t n, char letter) { return n < word.size() && word[n].first == letter; };
@@ -205,7 +218,7 @@ public:
 
 private:
     static const int FLAGS = 8;
-    enum { STOP, MOST_IN_CELL, MOST_IN_ROW, BOUND, MOST_BOUND, WHO }; // of flags
+    enum { STOP, MOST_IN_CELL, MOST_IN_ROW, BOUND, MOST_BOUND, WHO, WHEN, MOVED }; // of flags
     enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8 };
 
     struct Now { // parameters of the Context
@@ -373,30 +386,62 @@ private:
 
     void bin(const Now& now) { move(now, 0, 0); }
 
-    // v += kick*acc, x += drift*v in units of the step, in place; the beads into cells
-    void move(const Now& now, double kick, double drift) {
-        bool moves = kick != 0 || drift != 0 || here == 1;
+    // Modified velocity Verlet: the acceleration of a step serves the next one, unless positions, box or parameters have changed in between.
+    void verlet(OpenMM::ContextImpl& context, Now now, bool others, double lam, bool anew) {
+        if (anew || !kept() || moved())
+            kick(context, now, others, 0, 0, &device.velm());
+        move(now, 0.5, 1, lam);
+        now.counter++;
+        kick(context, now, others, 0.5, 0, &seen);
+        keep();
+    }
+
+    // The positions, and what tells of changes since; within the same step it is known that there is none.
+    void keep() {
+        device.note();
+        keptBox = edges;
+        keptTilt = tilt;
+        haveKept = true;
+    }
+
+    bool kept() const {
+        auto same = [](const Mixed4& a, const Mixed4& b) { return a.x == b.x && a.y == b.y && a.z == b.z; };
+        return haveKept && same(edges, keptBox) && same(tilt, keptTilt);
+    }
+
+    bool moved() {
+        if (!device.touched())
+            return false;
+        device.template run<dpdCompare_>(position(), correction(), posB, corrB, flags, number());
+        std::vector<int> f(FLAGS);
+        device.download(flags, f);
+        return f[MOVED] == launch;
+    }
+
+    // v += kick*acc, x += drift*v in units of the step, in place; the beads into cells.  predict: v + predict*acc is what friction will see
+    void move(const Now& now, double kick, double drift, double predict = -1) {
+        int moves = predict >= 0 ? 2 : kick != 0 || drift != 0 || here == 1;
         Base &from = position(), &fromCorr = correction();
         if (moves)
             here = 0;
         double fastest = now.dt > 0 ? fluid.maxCutoff()/now.dt : 0;
-        device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, Mixed{kick*now.dt}, (int) moves, device.index(), types,
-            count[next()], beads[next()], cellOf[next()], count[spare()], numCells, cellRoom, flags, number(), Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
+        device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves, device.index(),
+            types, count[next()], beads[next()], cellOf[next()], count[spare()], numCells, cellRoom, flags, number(), Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
         turn();
     }
 
-    // acc = F/m, v += kick*acc, and a drift if there is one
-    void kick(OpenMM::ContextImpl& context, const Now& now, bool others, double kick, double drift) {
+    // acc = F/m, v += kick*acc, and a drift if there is one; with friction and noise if it is said which velocities they see, and positions are kept
+    void kick(OpenMM::ContextImpl& context, const Now& now, bool others, double kick, double drift, Base* friction = nullptr) {
         if (others) {
             device.beforeOthers();
             context.calcForcesAndEnergy(true, false, context.getIntegrator().getIntegrationForceGroups());
             binned = device.afterOthers() && binned;
         }
-        if (conservative && !binned)
+        int terms = (conservative ? 1 : 0)|(friction ? 2 : 0), to = drift != 0 || friction ? 1-here : here;
+        if (terms && !binned)
             move(now, 0, 0);
-        int to = drift != 0 ? 1-here : here;
-        device.template run<dpdKick_>(position(), correction(), position(to), correction(to), device.velm(), acc, device.force(), (int) others, (int) conservative,
-            Mixed{kick*now.dt}, (int) (drift != 0), TERMS(now, 0, 0), CELLS(), count[next()], beads[next()], cellOf[next()], count[spare()], numCells, flags, number(),
+        device.template run<dpdKick_>(position(), correction(), position(to), correction(to), friction ? *friction : device.velm(), device.velm(), acc, device.force(),
+            (int) others, terms, Mixed{kick*now.dt}, friction ? 2 : (int) (drift != 0), TERMS(now, friction ? now.dt : 0, 0), CELLS(), count[next()], beads[next()], cellOf[next()], count[spare()], numCells, flags, number(),
             DRIFT(drift*now.dt), BOX());
         if (drift != 0) {
             here = to;
@@ -438,7 +483,8 @@ private:
     bool thermostat = false, conservative = false, anyFixedSigma = false, immobile = false, begun = false;
     double inverseMass = 0, expected = 0;      // the largest 1/m; the bound of eigenvalues for which passes are launched
     std::vector<double> passRange;
-    Mixed4 edges, inverse, tilt;
+    Mixed4 edges, inverse, tilt, keptBox, keptTilt;
+    bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox
     int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
     int launch = 0, here = 0, cells = 0;                   // where the present positions are, which cells are filled
     bool unseen = false;                       // whether there were steps since the last look

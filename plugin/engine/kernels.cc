@@ -17,6 +17,7 @@
 #define MOST_BOUND 4
 #define WHO 5         // index of a bead that runs away
 #define WHEN 6        // the number of the launch that has set STOP
+#define MOVED 7       // of the launch that has found other positions than those kept
 #define STOPPED (flags[STOP] != 0 && flags[WHEN] != 0 && flags[WHEN] != launch)
 #define HALT(why) { flags[WHEN] = launch; ATOMIC_OR(&flags[STOP], why); }
 
@@ -324,11 +325,12 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
 
 #define CLEAR for (int c = GLOBAL_ID; c < cells; c += GLOBAL_SIZE) dirty[c] = 0;
 
-// v += kick*acc, x += drift*v, and the beads into cells.  Nobody reads positions of others here: posNew may be pos.  A bead runs away whose speed
-// nobody has in equilibrium (hottest is its square times the mass) and that crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
+// v += kick*acc, x += drift*v, and the beads into cells; moves: 0 into cells only, 2 with v + predict*acc to `seen`.  Nobody reads positions of
+// others here: posNew may be pos.  A bead runs away whose speed nobody has in equilibrium (hottest is its square times the mass) and that
+// crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
 KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL mixed4* RESTRICT velm, GLOBAL const mixed4* RESTRICT acc, mixed kick, int moves, GLOBAL const int* RESTRICT atomIndex,
-        GLOBAL const int* RESTRICT types, FILL, GLOBAL int* RESTRICT flags, int launch, mixed fastest2, mixed hottest, DRIFT, BOX) {
+        GLOBAL mixed4* RESTRICT velm, GLOBAL const mixed4* RESTRICT acc, GLOBAL mixed4* RESTRICT seen, mixed kick, mixed predict, int moves,
+        GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, FILL, GLOBAL int* RESTRICT flags, int launch, mixed fastest2, mixed hottest, DRIFT, BOX) {
     if (STOPPED)
         return;
     CLEAR
@@ -343,30 +345,36 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         }
         if (moves) {
             if (v.w != 0) {
-                mixed4 a = acc[i];
+                mixed4 a = acc[i], s = make_mixed4(v.x+predict*a.x, v.y+predict*a.y, v.z+predict*a.z, v.w);
                 if (kick != 0) {
                     v.x += kick*a.x;
                     v.y += kick*a.y;
                     v.z += kick*a.z;
                 }
+                mixed4 straight = v;
                 if (drift != 0)
                     dpdDrift(&x, &v, DRIFT_);
                 velm[i] = v;
+                if (moves == 2) // turned round by walls as v is
+                    seen[i] = make_mixed4(v.x == straight.x ? s.x : -s.x, v.y == straight.y ? s.y : -s.y, v.z == straight.z ? s.z : -s.z, v.w);
             }
+            else if (moves == 2)
+                seen[i] = v;
             dpdStore(posNew, corrNew, i, x, pos[i].w);
         }
         dpdPut(i, types[i], x, count, beads, cellOf, room, flags, launch, BOX_);
     }
 }
 
-// acc = F/m with the conservative force and that of others, v += kick*acc, x += drift*v, and the beads into the next cells if they move.
+// acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
+// posNew.  `seen` are the velocities of friction, which may be velm without it.
 KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, int terms, mixed kick, int moves,
+        GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, int terms, mixed kick, int moves,
         TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
-    if (moves) {
+    if (moves == 1) {
         CLEAR
     }
     if (GLOBAL_ID == 0)
@@ -375,7 +383,7 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         mm_long f[3] = {0, 0, 0};
         mixed3 x = dpdLoad(pos, corr, i);
         if (terms)
-            dpdGather(i, x, terms, pos, corr, velm, TERMS_, CELLS_, f, BOX_);
+            dpdGather(i, x, terms, pos, corr, seen, TERMS_, CELLS_, f, BOX_);
         if (useOthers) {
             f[0] += others[i];
             f[1] += others[i+STRIDE];
@@ -385,18 +393,41 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         mixed scale = v.w/(mixed) 0x100000000;
         mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
         acc[i] = a;
-        if (v.w != 0) {
+        if (v.w != 0 && kick != 0) {
             v.x += kick*a.x;
             v.y += kick*a.y;
             v.z += kick*a.z;
-            if (moves)
+            if (moves == 1)
                 dpdDrift(&x, &v, DRIFT_);
             velm[i] = v;
         }
-        if (moves) {
+        if (moves)
             dpdStore(posNew, corrNew, i, x, pos[i].w);
+        if (moves == 1)
             dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
-        }
+    }
+}
+
+// Whether positions are those that were kept.
+KERNEL void dpdCompare(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const real4* RESTRICT posKept,
+        GLOBAL const real4* RESTRICT corrKept, GLOBAL int* RESTRICT flags, int launch) {
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mixed3 x = dpdLoad(pos, corr, i), y = dpdLoad(posKept, corrKept, i);
+        if (x.x != y.x || x.y != y.y || x.z != y.z)
+            flags[MOVED] = launch;
+    }
+}
+
+// Velocities and what is kept change places, and the positions are kept.
+KERNEL void dpdExchange(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posKept,
+        GLOBAL real4* RESTRICT corrKept, GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT kept, GLOBAL const int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mixed4 v = velm[i], k = kept[i];
+        velm[i] = make_mixed4(k.x, k.y, k.z, v.w);
+        kept[i] = v;
+        dpdStore(posKept, corrKept, i, dpdLoad(pos, corr, i), pos[i].w);
     }
 }
 

@@ -103,6 +103,8 @@ public:
             (*data.velocities)[i] = Vec3(b.x, b.y, b.z);
         }
     }
+    bool touched() { return true; } // nobody says
+    void note() {}
     void beforeOthers() { give(); }
     bool afterOthers() {
         for (int i = 0; i < n; i++)

@@ -138,7 +138,14 @@ def test_the_usual_tolerance_is_enough(usual):
     close(found(context, Phase.SWEEP_SEEN + 1)[1], expected, 1e-3)
 
 
-@pytest.mark.parametrize("gamma, dt", [(4.5, 0.05), (4.5, 0.12), (40.5, 0.05), (40.5, 0.12), (135.0, 0.05), (135.0, 0.12)])
+@pytest.mark.parametrize(
+    "gamma, dt",
+    [
+        (4.5, 0.12),
+        (40.5, 0.12),
+        *(pytest.param(*few, marks=pytest.mark.slow) for few in [(4.5, 0.05), (40.5, 0.05), (135.0, 0.05), (135.0, 0.12)]),
+    ],
+)
 @pytest.mark.parametrize("letter", ["O", "S"])
 def test_updates_at_frozen_positions_keep_the_temperature(letter, gamma, dt, usual):
     """Within 0.3 %, and four errors, where an update that is not exact is wrong by several per cent."""

@@ -209,7 +209,7 @@ def test_atoms_have_it_too(register, monkeypatch, way):
         thermostat(types=("Ar", None) * 27)
     with pytest.raises(dpd.PlanError, match="the engine 'toy' cannot run this scene: it has no particles that are left out$"):
         mixed(names=("Ar", None) * 13 + ("Ar",))
-    raises(dpd.ParameterError, "engine must be 'auto' or one of 'host', 'toy', not 'gpu'", lambda: way("gpu"))
+    raises(dpd.ParameterError, "engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'", lambda: way("gpu"))
 
 
 DECK = ONE_TYPE.replace("192", "40").replace("block 0 4 0 4 0 4", "prism 0 3 0 3 0 3 {tilt} 0 0") + "timestep 0.01\nthermo 5\nrun 10\n"
@@ -241,7 +241,7 @@ def test_decks_have_it_too(register, monkeypatch, tmp_path, capsys):
         assert main([command, "in.tilted", "--engine", "toy"]) == 1
         assert "in.tilted:13: the engine 'toy' cannot run this scene: it has no tilted boxes" in capsys.readouterr().err
         assert main([command, "in.toy", "--engine", "gpu"]) == 1
-        assert "error: --engine must be 'auto' or one of 'host', 'toy', not 'gpu'" in capsys.readouterr().err
+        assert "error: --engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("way", [lambda: made(dimers()), thermostat, mixed], ids=["build", "thermostat", "mixed"])

@@ -20,7 +20,7 @@ from openmm_dpd.kernels.vectors import LANES, bits_set, copy_shifted, count_up, 
 NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.openmm_private", "openmm_dpd.kernels.vectors"
 
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
-MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc": OPENMM}
+MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc.get_referrers": OPENMM}
 
 #: The same for attributes of objects of other libraries, and for options by name.
 ATTRIBUTES = dict.fromkeys(("_value", "_getNumParticles", "_getVectorAsNumpy"), OPENMM)

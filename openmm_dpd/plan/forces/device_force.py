@@ -1,6 +1,8 @@
 """The Force of the plugin ``openmm-dpd-device``: pair terms on OpenMM's own device, with no Python in them."""
 
 import importlib
+from collections.abc import Sequence
+from fractions import Fraction
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -12,7 +14,6 @@ import openmm
 from ...base import names
 from ...base.names import Phase
 from ...kernels.layer import PairSpec
-from ...model.schemes import Letter
 from ..made import origin
 from ..program_options import ProgramOptions
 
@@ -42,7 +43,7 @@ def why_no_plugin(platform: str | None) -> str | None:
 
 def device_force(
     spec: PairSpec,
-    letters: tuple[Letter, ...],
+    letters: Sequence[tuple[str, Fraction | float]],
     walls: dict[str, np.ndarray],
     *,
     options: ProgramOptions,
@@ -56,7 +57,7 @@ def device_force(
     ----------
     spec : PairSpec
     letters : tuple of (letter, part of the step)
-        The word of a whole step, empty if the program goes line by line.
+        The word of a whole step, empty if the program goes line by line; ("V", lam) is modified velocity Verlet.
     walls : dict
         What :func:`openmm_dpd.simulation.programs.walls.planes` gives, or empty.
     options, integrator

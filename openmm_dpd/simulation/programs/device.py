@@ -1,12 +1,12 @@
 """Programs where the plugin holds the pair terms: it reads OpenMM's velocities itself, so that no drift has to show them.
 
 Either the plugin carries out a whole step when the Context's state is updated (phase RUN), or it is one force among others, which the lines
-of a program evaluate: where constraints hold, and for modified velocity Verlet.
+of a program evaluate: where constraints hold.
 """
 
 from fractions import Fraction
 
-from ...base.names import Phase
+from ...base.names import AHEAD, PHASE, Phase
 from ...model.schemes import SWEEPS
 from ...plan.program_options import ProgramOptions
 from .program import Program
@@ -16,59 +16,56 @@ from .walls import add_reflection
 
 def device_program(options: ProgramOptions) -> Program:
     """The program of a scheme on the device."""
+    p = Program(options.scheme.name, options.scheme.reference, options)
     if options.execution.steps == "device":
-        return _whole_step(options)
-    p = Program(options.scheme.name, options.scheme.reference, options)
-    return _mvv(p) if options.predicting else DeviceWriter(p, options.scheme.steps(options.thermostat)).written()
+        return _verlet(p) if options.predicting else _word(p)
+    return DeviceWriter(p, options.scheme.steps(options.thermostat)).written()
 
 
-def _whole_step(options: ProgramOptions) -> Program:
+def _word(p: Program) -> Program:
     """One step by the plugin."""
-    p = Program(options.scheme.name, options.scheme.reference, options)
     p.begin()
     p.next_temperature()
     p.phase(Phase.RUN)
-    p.update("a whole step by the pair force; barostats and other updates of the Context's state")
-    sweeps = sum(letter in SWEEPS for letter, _ in options.scheme.steps(options.thermostat))
+    p.update(_WHOLE)
+    sweeps = sum(letter in SWEEPS for letter, _ in p.options.scheme.steps(p.options.thermostat))
     if sweeps:
         p.set("dpd_counter", f"dpd_counter+{sweeps}", "noise that was used")
     return p
 
 
-def _mvv(p: Program) -> Program:
-    """Modified velocity Verlet, as :mod:`.mvv` has it; ``valid_for`` is 1 where ``acc`` is the acceleration at the present positions."""
-    options = p.options
+_WHOLE = "a whole step by the pair force; barostats and other updates of the Context's state"
+
+
+def _verlet(p: Program) -> Program:
+    """Modified velocity Verlet, as :mod:`.mvv` has it, by the plugin.  It keeps the acceleration from step to step, and finds out by itself
+    where positions or the box have changed; states and checkpoints have it as ``acc`` after the last step of a call."""
     p.declare_per_dof("acc", "acceleration at x, friction and noise included")
-    p.declare("valid_for", -1.0, "1 where acc is valid")
+    p.declare("valid_for", -1.0, "who has the acceleration at x: 1 acc, 0 the pair force alone, -1 nobody")
+    p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
-    with p.when("valid_for != 1", "is there no acceleration yet?"):
-        _accelerate(p)
-    predicted = options.lam != 0.5
-    if predicted:
-        p.declare_per_dof("vp", "predicted velocity")
-        p.each("vp", f"v+{options.lam!r}*dt*acc", "what the friction will see")
-    p.each("v", "v+0.5*dt*acc", "half kick")
-    p.each("x", "x+dt*v", "drift")
-    add_reflection(p, ("vp",) if predicted else ())
+    with p.when("valid_for = 1", "did somebody bring an acceleration?"):
+        _exchange(p, "v", "acc")
     p.next_temperature()
-    p.set("dpd_counter", "dpd_counter+1", "new noise")
-    if predicted:
-        p.declare_per_dof("vh", "velocity after the first half kick")
-        p.each("vh", "v")
-        p.each("v", "vp", "shown to the pair force")
-    _accelerate(p)
-    p.each("v", f"{'vh' if predicted else 'v'}+0.5*dt*acc", "half kick")
-    p.set("valid_for", "1")
+    p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)", "RUN, anew where there is no acceleration")
+    p.update(_WHOLE)
+    p.set("dpd_counter", "dpd_counter+1", "noise that was used")
+    p.set("valid_for", "0")
+    with p.when(f"{AHEAD} = 1", "is it the last step of a call?"):
+        _exchange(p, "acc", "v")
+        if p.options.lam != 0.5:
+            p.declare_per_dof("vp", "predicted velocity")
+            _exchange(p, "vp", "v", 1)
+        p.set("valid_for", "1")
+    p.set(AHEAD, f"{AHEAD}-1")
     return p
 
 
-def _accelerate(p: Program) -> None:
-    """Acc from all forces, friction and noise included, at x and v."""
-    p.phase(Phase.FORCE_SEEN)
-    p.each("acc", "f/m" if p.options.execution.pushes else f"{p.pair_force}/m", "the pair force reads the velocities")
-    if not p.options.execution.pushes:
-        p.each("acc", "acc+f/m", "forces of others")
-    p.leave_to_body_forces()
+def _exchange(p: Program, target: str, source: str, block: int = 0) -> None:
+    """Assign while the velocities and what the pair force keeps have changed places; it exerts no force then."""
+    for name, value in ((target, source), ("acc", "acc")):
+        p.phase(Phase.EXCHANGE, block)
+        p.each(name, f"{value}+{p.pair_force}")
 
 
 class DeviceWriter(Writer):
