@@ -12,6 +12,7 @@ up as tensors too: forces are along the line between the two beads, and what els
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,18 +87,18 @@ def _share(pairs, data, scratch, colour, part):
         begin, m = pairs.start[column], pairs.found[column]
         _before(pairs, data, begin, m, space)
         energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
-        if len(pairs.stress):
-            xx, yy, zz, xy, xz, yz, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pairs.geometry
-            dxx, dyy, dzz, dxy, dxz, dyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(m):
-                n = begin + k
-                more = _pair(pairs, data, space, n, k, column)
-                energy += more[0]
-                virial += more[1]
-                drag += more[2]
-                if _PARTS:
-                    laplacian += more[3]
-                    conservative += more[4]
+        xx, yy, zz, xy, xz, yz, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pairs.geometry
+        dxx, dyy, dzz, dxy, dxz, dyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(m):
+            n = begin + k
+            more = _pair(pairs, data, space, n, k, column)
+            energy += more[0]
+            virial += more[1]
+            drag += more[2]
+            if _PARTS:
+                laplacian += more[3]
+                conservative += more[4]
+            if _TENSOR:
                 x, y, z = more[1] * g[0, n], more[1] * g[1, n], more[1] * g[2, n]
                 xx += x * g[0, n]
                 yy += y * g[1, n]
@@ -105,26 +106,18 @@ def _share(pairs, data, scratch, colour, part):
                 xy += x * g[1, n]
                 xz += x * g[2, n]
                 yz += y * g[2, n]
-                if _DRAGS:
-                    x, y, z = more[2] * g[0, n], more[2] * g[1, n], more[2] * g[2, n]
-                    dxx += x * g[0, n]
-                    dyy += y * g[1, n]
-                    dzz += z * g[2, n]
-                    dxy += x * g[1, n]
-                    dxz += x * g[2, n]
-                    dyz += y * g[2, n]
-            add_stress(pairs.stress, column, xx, yy, zz, xy, xz, yz)
             if _DRAGS:
-                add_stress(pairs.stress, len(pairs.found) + column, dxx, dyy, dzz, dxy, dxz, dyz)
-        else:  # a loop of its own, which nothing slows down
-            for k in range(m):
-                more = _pair(pairs, data, space, begin + k, k, column)
-                energy += more[0]
-                virial += more[1]
-                drag += more[2]
-                if _PARTS:
-                    laplacian += more[3]
-                    conservative += more[4]
+                x, y, z = more[2] * g[0, n], more[2] * g[1, n], more[2] * g[2, n]
+                dxx += x * g[0, n]
+                dyy += y * g[1, n]
+                dzz += z * g[2, n]
+                dxy += x * g[1, n]
+                dxz += x * g[2, n]
+                dyz += y * g[2, n]
+        if _TENSOR:
+            add_stress(pairs.stress, column, xx, yy, zz, xy, xz, yz)
+        if _DRAGS:
+            add_stress(pairs.stress, len(pairs.found) + column, dxx, dyy, dzz, dxy, dxz, dyz)
         sums = pairs.sums
         sums[column, 0], sums[column, 1], sums[column, 2], sums[column, 3], sums[column, 4] = energy, virial, drag, laplacian, conservative
 
@@ -155,7 +148,7 @@ _before: Any = nothing
 _pair: Any = None
 _first: Any = None
 _last: Any = None
-_BEGINS = _ENDS = _DRAGS = _PARTS = False
+_BEGINS = _ENDS = _TENSOR = _DRAGS = _PARTS = False
 
 
 def over_pairs(
@@ -174,16 +167,21 @@ def over_pairs(
     With a third argument that is true it gives the stress tensor too; where it ``drags`` two, that of the friction's virial as well.  The
     function ``pair`` returns energy and two virials, one that ``parts`` the Laplacian and the conservative virial too.
     """
-    share = helper(renamed(_share, f"{name}_share", {"_pair": pair, "_before": before, "_DRAGS": drags, "_PARTS": parts}))
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
-    loop = renamed(_over_pairs, name, {"_share": share} | around)
-    kernels = serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
+
+    @cache
+    def kernels(tensor: bool) -> tuple[Any, Any]:
+        """Those with tensors apart: many runs ask for none, and to compile both takes a second."""
+        word = f"{name}_tensor" if tensor else name
+        inside = {"_pair": pair, "_before": before, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
+        loop = renamed(_over_pairs, word, {"_share": helper(renamed(_share, f"{word}_share", inside))} | around)
+        return serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
 
     def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:
         arrays = pairs.arrays
         if tensor:
             arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
-        energy, virial, drag, *apart = dispatch(*kernels, arrays, data, pairs.scratch)
+        energy, virial, drag, *apart = dispatch(*kernels(bool(tensor)), arrays, data, pairs.scratch)
         stress = None
         if tensor:
             found = arrays.stress.reshape(1 + drags, -1, 6).sum(axis=1)

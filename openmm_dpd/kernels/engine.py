@@ -150,19 +150,19 @@ _MODELS = {
 
 
 def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
-    """Compile all the kernels a run of ``spec`` can need (or load them from the cache), with a notice for each kind of model."""
+    """Compile the kernels that steps of ``spec`` need (or load them from the cache), with a notice for each kind of model."""
     tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
-    kinds = (tables, spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
+    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
     if not spec.terms or kinds in _WARM:
         return
     models = " and ".join(dict.fromkeys(_MODELS.get(type(table).__name__, "pair terms") for table in spec.terms))
-    with announced(models, 20, log):
+    with announced(models, 10, log):
         _use_all(spec)
     _WARM.add(kinds)
 
 
 def _use_all(spec: PairSpec) -> None:
-    """Call every kernel of a spec once."""
+    """Call every kernel that steps need once.  Measurements, which are asked for later or never, have others."""
     # few enough beads to be quick, in a box with three cells along each edge
     few = np.arange(30) % len(spec.types)
     fields = None if spec.fields is None else spec.fields.of(few)
@@ -172,7 +172,7 @@ def _use_all(spec: PairSpec) -> None:
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
     field_values = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
-    for which in (CONSERVATIVE, CONSERVATIVE | LAPLACIAN, CONSERVATIVE | DISSIPATIVE | RANDOM):
-        engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
+    which = CONSERVATIVE if spec.sweeps else CONSERVATIVE | DISSIPATIVE | RANDOM
+    engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
     if spec.sweeps:
         engine.sweep(np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
