@@ -81,13 +81,8 @@ def segment_energy(x, segments, box, A, cutoff, distance, sharing=False) -> floa
 
 def shortest(gap: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
     """Distance of two segments whose midpoints are ``gap`` apart: the inner minimum, or that of one end and the other segment."""
-    found = []
-    for s in (-0.5, 0.5):
-        for t in (np.clip((gap + s * a) @ b / (b @ b), -0.5, 0.5),):
-            found.append(np.linalg.norm(gap + s * a - t * b))
-    for t in (-0.5, 0.5):
-        s = np.clip(-(gap - t * b) @ a / (a @ a), -0.5, 0.5)
-        found.append(np.linalg.norm(gap + s * a - t * b))
+    found = [np.linalg.norm(gap + s * a - np.clip((gap + s * a) @ b / (b @ b), -0.5, 0.5) * b) for s in (-0.5, 0.5)]
+    found += [np.linalg.norm(gap - t * b + np.clip(-(gap - t * b) @ a / (a @ a), -0.5, 0.5) * a) for t in (-0.5, 0.5)]
     s, t = np.linalg.lstsq(np.array([a, -b]).T, -gap, rcond=None)[0]
     if abs(s) <= 0.5 and abs(t) <= 0.5:
         found.append(np.linalg.norm(gap + s * a - t * b))

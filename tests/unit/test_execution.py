@@ -81,6 +81,8 @@ def test_everything_has_a_reason_that_is_told():
             assert re.search(rf"^[\w, ]*\b{part}\b[\w, ]*: {'in' if part in execution.held else 'outside of'} the pair kernel", text, re.M)
         steps.add(execution.steps)
     assert steps == {"program", "loop", "openmm"}
+    plan = dpd.make_plan(KINDS["energies"](), dt=0.01, scheme="mvv", platform="OpenCL", conservative="kernel", seed=1)
+    assert plan.execution.why["steps"].startswith("velocities on the platform OpenCL are less than double precision")
 
 
 @pytest.mark.parametrize("part", [*BONDED, "overlays", "segments", "body forces", "charges"])

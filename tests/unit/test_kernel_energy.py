@@ -13,6 +13,7 @@ from scipy import stats
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
+from openmm_dpd.kernels.eos import log_ratio
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
@@ -226,6 +227,13 @@ def test_energy_out_of_range_names_the_bead():
 )
 def test_bad_internal_energies(change, message):
     raises(dpd.ParameterError, message, lambda: fluid(table=ENERGY, box=BOXES["ortho"], **change))
+
+
+def test_logarithms_of_ratios():
+    """Near 1 by the series alone, and far from it by roots."""
+    for logarithm in (*np.linspace(-0.3, 0.3, 60), *np.linspace(-60.0, 60.0, 60)):
+        ratio = np.exp(logarithm)
+        assert log_ratio(ratio, 1.0) == pytest.approx(np.log(ratio), rel=1e-14)
 
 
 def test_bad_equations_of_state():
