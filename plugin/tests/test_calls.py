@@ -53,11 +53,10 @@ def test_launches_of_a_step(per_step, scheme, most):
 
 
 @pytest.mark.parametrize("scheme", ["middle", "shardlow", "bababo", "mvv"])
-@pytest.mark.parametrize("beside", ["bonds", "bonds+charges"])
-def test_launches_beside_forces_of_openmm(per_step, scheme, beside):
+def test_launches_beside_bonds_and_charges(per_step, scheme):
     """At most eight more than OpenMM's own Langevin dynamics of the same beads; bababo has two forces per step."""
-    langevin = per_step("langevin", beside)[0] * (2 if scheme == "bababo" else 1)
-    launches, transfers, waits = per_step(scheme, beside)
+    langevin = per_step("langevin", "bonds+charges")[0] * (2 if scheme == "bababo" else 1)
+    launches, transfers, waits = per_step(scheme, "bonds+charges")
     assert launches <= langevin + 8 and transfers == 0 and waits == 0
 
 
