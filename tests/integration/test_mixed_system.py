@@ -394,7 +394,7 @@ def test_beads_that_interact_with_atoms_only():
     found = forces(context_of(whole.system, whole.positions, "Reference"), whole.integrator.getIntegrationForceGroups())
     expected, _ = cross_forces(x, classes(topology), scene, attraction=False)
     np.testing.assert_allclose(found[len(x) :], expected[len(x) :], atol=1e-6 * np.abs(expected).max())
-    raises(dpd.PlanError, "this System has a Simulation already", lambda: whole.simulation("Reference"), whole.simulation("Reference"))
+    raises(dpd.PlanError, "this System has a Simulation already", lambda: [whole.simulation("Reference") for _ in range(2)])
 
 
 @cases(

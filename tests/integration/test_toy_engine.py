@@ -239,7 +239,7 @@ def test_decks_have_it_too(register, monkeypatch, tmp_path, capsys):
     assert "engine of the pair kernel: toy (as asked for)" in capsys.readouterr().out
     for command in ("run", "explain"):
         assert main([command, "in.tilted", "--engine", "toy"]) == 1
-        assert "in.tilted:13: the engine 'toy' cannot run this scene: it has no tilted boxes" in capsys.readouterr().err
+        assert "in.tilted:14: the engine 'toy' cannot run this scene: it has no tilted boxes" in capsys.readouterr().err
         assert main([command, "in.toy", "--engine", "gpu"]) == 1
         assert "error: --engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'" in capsys.readouterr().err
 
