@@ -9,7 +9,7 @@ interrupted at any time; the same command goes on where it stopped.
     python benchmarks/atlas.py --only accuracy      # the runs that may share the machine with other work
     python benchmarks/atlas.py --only time          # the clock: on a quiet machine
     python benchmarks/atlas.py --only clock         # the same, for the accuracy that stands in docs/atlas.json: half an hour
-    python benchmarks/atlas.py --only page          # only JSON, pictures and tables, from what is there
+    python benchmarks/atlas.py --only page          # only JSON, pictures and tables, from the runs that are there, else from docs/atlas.json
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def main() -> None:
         for cores in options.cores:
             todo = timing.jobs(names, beads, steps, cores)
             timing.chain([j for j in todo if lacking is None or not j["method"].startswith("LAMMPS")], rounds, folder, store, say)
-    if options.only == "clock":
+    if options.only == "clock" or (options.only == "page" and not store.results):
         atlas = summary.retimed(json.loads((ROOT / "docs" / "atlas.json").read_text(encoding="utf-8")), timing.best(store))
     else:
         atlas = summary.atlas(store, settings, quick=options.quick)

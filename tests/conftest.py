@@ -3,7 +3,6 @@
 import os
 import signal
 from collections.abc import Iterator
-from functools import cache
 
 # a shell that starts the tests in the background has them ignore Ctrl-C, which some are about
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -12,26 +11,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")  # a second thread can be asked for on any machine; has to be set before numba is imported
 
 import numba
-import openmm
 import pytest
-from devices import DEVICES, MARKS, Device
+from devices import DEVICES, MARKS, Device, available
 
 from openmm_dpd.kernels.threads import set_threads
-
-
-@cache
-def why_missing(device: Device) -> str | None:
-    """None when a Context can be made on the device, otherwise the reason in words."""
-    names = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
-    if device.platform not in names:
-        return f"OpenMM has no platform {device.platform} here"
-    system = openmm.System()
-    system.addParticle(1.0)
-    try:
-        openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName(device.platform), device.properties)
-    except openmm.OpenMMException as error:
-        return f"no Context on {device}: {error}"
-    return None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -42,23 +25,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(mark)
 
 
-def _available(device: Device) -> Device:
-    reason = why_missing(device)
-    if reason is not None:
-        pytest.skip(reason)
-    return device
-
-
 @pytest.fixture(params=DEVICES, ids=str)
 def device(request) -> Device:
     """Every platform in every precision it has."""
-    return _available(request.param)
+    return available(request.param)
 
 
 @pytest.fixture(params=[d for d in DEVICES if d.exact], ids=str)
 def host(request) -> Device:
     """The platforms that hand positions and pair forces over in double precision, bit for bit."""
-    return _available(request.param)
+    return available(request.param)
 
 
 @pytest.fixture(autouse=True)

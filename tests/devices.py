@@ -1,8 +1,11 @@
 """Platforms and precisions the tests run on."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import openmm
+import pytest
 
 
 @dataclass(frozen=True)
@@ -42,3 +45,25 @@ MARKS = {"mixed": ("slow",), "double": ("slow", "long")}
 _GPUS = [platform for platform in ("OpenCL", "CUDA", "HIP") if platform == "OpenCL" or platform in _PRESENT]
 DEVICES = [Device("Reference"), Device("CPU"), *(Device(platform, precision) for platform in _GPUS for precision in PRECISIONS)]
 REFERENCE, CPU = DEVICES[:2]
+
+
+@cache
+def why_missing(device: Device) -> str | None:
+    """None when a Context can be made on the device, otherwise the reason in words."""
+    if device.platform not in _PRESENT:
+        return f"OpenMM has no platform {device.platform} here"
+    system = openmm.System()
+    system.addParticle(1.0)
+    try:
+        openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName(device.platform), device.properties)
+    except openmm.OpenMMException as error:
+        return f"no Context on {device}: {error}"
+    return None
+
+
+def available(device: Device, why: Callable[[Device], str | None] = why_missing) -> Device:
+    """The device, or a skipped test."""
+    reason = why(device)
+    if reason is not None:
+        pytest.skip(reason)
+    return device

@@ -73,8 +73,10 @@ def ours(job: dict, method: Method, folder: Path) -> dict:
     """A run in OpenMM."""
     fluid, dt = FLUIDS[job["fluid"]], job["dt"]
     scene = started(job, folder)
-    built = dpd.build(scene, dt=dt, scheme=method.scheme, lam=method.lam, platform=method.platform, seed=job["seed"])
-    simulation = built.simulation(properties={"Threads": "1"} if method.platform == "CPU" else None)
+    choices = {"scheme": method.scheme, "lam": method.lam, "platform": method.platform, "engine": method.engine, "seed": job["seed"]}
+    built = dpd.build(scene, dt=dt, **choices)
+    properties = {"Threads": "1"} if method.platform == "CPU" else {"Precision": method.precision} if method.precision else None
+    simulation = built.simulation(properties=properties)
     observer, context = dpd.Observer(built), simulation.context
     series = Series(np.diag(scene.box), range_of_pairs(scene))
     every = max(1, round(fluid.sample / dt))

@@ -114,12 +114,11 @@ def _seen(value: np.ndarray, sem: np.ndarray, bound: float) -> np.ndarray:
 
 
 def _first(x: np.ndarray, size: np.ndarray, bound: float) -> float | None:
-    """log(dt) of the first crossing from below that the next point confirms; None if there is none, -inf if it lies before the first."""
+    """log(dt) of the first crossing from below, whatever longer steps do; None if there is none, -inf if it lies before the first."""
     over = size > bound
-    confirmed = over & np.append(over[1:], True)
-    if not confirmed.any():
+    if not over.any():
         return None
-    k = int(np.argmax(confirmed))
+    k = int(np.argmax(over))
     if k == 0:
         return -np.inf
     low, high = np.log(np.maximum(size[k - 1 : k + 1], 1e-2 * bound))

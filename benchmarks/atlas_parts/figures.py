@@ -22,6 +22,7 @@ COLOURS = {
     "OpenMM DPDIntegrator, CPU": "black", "OpenMM DPDIntegrator, OpenCL": "tab:brown",
 }  # fmt: skip
 SPARE = ("tab:pink", "gold", "teal", "navy")
+EVERY = ("T_conf", "U", "T_kin", "P", "g", "D")
 
 LABELS = {
     "T_conf": "error of the configurational temperature / %",
@@ -35,6 +36,11 @@ LABELS = {
 }
 
 
+#: What the cost is that of.
+_WORDS = {"T_conf": "T_conf within 1 %", "U": "energy within 1 %", "T_kin": "T_kin within 1 %", "P": "pressure within 1 %"}
+_WORDS |= {"g": "g(r) within 1 %", "D": "diffusion within 1 %", "drift": "drift below 1e-7 per ps", "agree": "temperatures within 1 %"}
+
+
 def draw(atlas: dict, folder: Path) -> None:
     """All pictures for which there is data."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -44,15 +50,16 @@ def draw(atlas: dict, folder: Path) -> None:
         title = f"{fluid['title'].capitalize()}: how wrong a result is at a given time step"
         _chart(fluid, measures, "step", folder / f"atlas_{name}_step.png", title, f"time step / {unit}")
         title = f"{fluid['title'].capitalize()}: how wrong a result is for the time it takes (1 core)"
-        _chart(fluid, measures, "wall", folder / f"atlas_{name}_wall.png", title, "wall seconds for one unit of simulated time")
+        every = measures if name == "energy" else EVERY
+        _chart(fluid, every, "wall", folder / f"atlas_{name}_wall.png", title, "wall seconds for one unit of simulated time")
         if name != "energy":
             title = f"{fluid['title'].capitalize()}: other quantities"
-            _chart(fluid, ("T_kin", "P", "g", "D"), "step", folder / f"atlas_{name}_more.png", title, f"time step / {unit}")
-    _bars(atlas, folder / "atlas_summary.png")
+            _chart(fluid, EVERY[2:], "step", folder / f"atlas_{name}_more.png", title, f"time step / {unit}")
+    _costs(atlas, folder / "atlas_summary.png")
 
 
 def series(entry: dict, measure: str, against: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, |error| and its standard error of one method."""
+    """x, error and its standard error of one method."""
     x, y, e = [], [], []
     clock = entry["ms"].get("1", {})
     steps, ms = np.array([float(dt) for dt in clock]), np.array(list(clock.values()))
@@ -62,7 +69,7 @@ def series(entry: dict, measure: str, against: str) -> tuple[np.ndarray, np.ndar
         if pair is None or (against == "wall" and not len(steps)):
             continue
         x.append(row["dt"] if against == "step" else 1e-3 * np.interp(row["dt"], steps, ms) / row["dt"])
-        y.append(abs(pair[0]))
+        y.append(pair[0])
         e.append(pair[1] or 0.0)
     scale = 1.0 if measure == "drift" else 100.0
     return np.array(x), scale * np.array(y), scale * np.array(e)
@@ -90,12 +97,11 @@ def _chart(fluid: dict, measures: tuple[str, ...], against: str, file: Path, tit
             x, y, e = series(entry, measure, against)
             if not len(x):
                 continue
-            drawn, ours = True, entry["kind"] == "ours"
-            low = np.minimum(e, np.maximum(y, floor) * 0.9)
-            axes.errorbar(
-                x, np.maximum(y, floor), yerr=[low, e], color=colours[name], marker="o" if ours else "s", linestyle="-" if ours else "--",
-                markerfacecolor=None if ours else "white", capsize=2, linewidth=1.6, markersize=5, label=name,
-            )  # fmt: skip
+            drawn, ours, size = True, entry["kind"] == "ours", np.maximum(np.abs(y), floor)
+            line, colour = "-" if ours else "--", colours[name]
+            axes.errorbar(x, size, yerr=[np.minimum(e, size * 0.9), e], color=colour, linestyle=line, capsize=2, linewidth=1.4, label=name)
+            for marker, which in (("^", y > 0), ("v", y < 0)) if measure != "g" else (("o", y >= 0),):
+                axes.plot(x[which], size[which], marker, color=colour, markerfacecolor=colour if ours else "white", markersize=6)
         axes.axhline(bound, color="black", linewidth=0.8)
         axes.axhspan(floor, bound, color="tab:green", alpha=0.08)
         axes.set(xscale="log", yscale="log", xlabel=label, ylabel=LABELS[measure])
@@ -110,6 +116,7 @@ def _chart(fluid: dict, measures: tuple[str, ...], against: str, file: Path, tit
             f"{'below the line: accurate enough' if measure != 'drift' else 'below the line: less than 1e-7'}; {better}", fontsize=9
         )
     if drawn:
+        title += "\nupward triangles: too large, downward: too small; open: other programs"
         handles, labels = grid.ravel()[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
         figure.suptitle(title)
@@ -117,35 +124,38 @@ def _chart(fluid: dict, measures: tuple[str, ...], against: str, file: Path, tit
     plt.close(figure)
 
 
-def _bars(atlas: dict, file: Path) -> None:
-    """Wall time for a unit of simulated time at 1 %, every method, for the fluids that were timed."""
+def _costs(atlas: dict, file: Path) -> None:
+    """Wall time for a unit of simulated time within the bounds, every method and measure, for the fluids that were timed."""
     timed = {name: f for name, f in atlas["fluids"].items() if any(entry["wall"].get("1") for entry in f["methods"].values())}
     if not timed:
         return
     columns = min(2, len(timed))
     lines = -(-len(timed) // columns)
-    figure, grid = plt.subplots(lines, columns, figsize=(6.5 * columns, 4.2 * lines), layout="constrained", squeeze=False)
+    figure, grid = plt.subplots(lines, columns, figsize=(6.5 * columns, 4.6 * lines), layout="constrained", squeeze=False)
     for axes in grid.ravel()[len(timed) :]:
         axes.remove()
     for axes, (name, fluid) in zip(grid.ravel(), timed.items(), strict=False):
-        measures = ("drift", "agree") if name == "energy" else ("T_conf", "U")
+        measures = ("drift", "agree") if name == "energy" else EVERY
         rows = [(m, entry) for m, entry in fluid["methods"].items() if entry["wall"].get("1")][::-1]
-        for k, (_, entry) in enumerate(rows):
-            for shift, measure, colour in ((0.2, measures[0], "tab:blue"), (-0.2, measures[1], "tab:orange")):
-                wall = entry["wall"]["1"].get(measure)
-                if wall:
-                    axes.barh(
-                        k + shift, wall["seconds"], 0.38, xerr=wall["sem"], color=colour, alpha=1.0 if entry["kind"] == "ours" else 0.45
-                    )
+        for number, measure in enumerate(measures):
+            known = [(k, entry, entry["wall"]["1"][measure]) for k, (_, entry) in enumerate(rows) if entry["wall"]["1"].get(measure)]
+            for k, entry, wall in known:
+                style = {"color": f"C{number}", "marker": "o", "markersize": 5, "capsize": 2}
+                style |= {} if entry["kind"] == "ours" else {"markerfacecolor": "white"}
+                towards = {"<=": {"xuplims": True}, ">=": {"xlolims": True}}.get(wall["bound"], {})
+                error = 0.25 * wall["seconds"] if towards else wall["sem"]
+                axes.errorbar(wall["seconds"], k + 0.32 - 0.64 * number / (len(measures) - 1), xerr=error, **style, **towards)
+            axes.plot([], [], "o", color=f"C{number}", label=_WORDS[measure])
         axes.set_yticks(range(len(rows)), [m for m, _ in rows], fontsize=8)
+        axes.hlines(np.arange(len(rows) - 1) + 0.5, 0, 1, transform=axes.get_yaxis_transform(), color="black", linewidth=0.3)
         axes.set(xscale="log", xlabel="wall seconds for one unit of simulated time, 1 core")
         # a span of less than a decade or so gets names for its minor ticks, which run into each other
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        words = ("drift below 1e-7 per ps", "temperatures agree within 1 %") if name == "energy" else ("configurational temperature within 1 %", "potential energy within 1 %")  # fmt: skip
-        axes.set_title(f"{fluid['title']}\nblue: {words[0]}\norange: {words[1]}", fontsize=9)
+        axes.set_title(fluid["title"], fontsize=10)
+        axes.legend(fontsize=7, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.06), frameon=False)
         axes.grid(alpha=0.25, axis="x")
-    figure.suptitle("What an accurate result costs (shorter is better; pale bars: other programs)")
+    figure.suptitle("What an accurate result costs: left is better; open: other programs; arrows: bounds")
     figure.savefig(file, dpi=110)
     plt.close(figure)

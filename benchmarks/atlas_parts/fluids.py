@@ -46,7 +46,7 @@ class Method:
     name : key in the results, and label in figures
     kind : "ours", "native" (OpenMM's DPDIntegrator) or "lammps"
     steps : "force", "sweep", "frozen" or "long", the list of step sizes
-    scheme, lam, platform : for kinds that run in OpenMM
+    scheme, lam, platform, engine, precision : for kinds that run in OpenMM
     style : LAMMPS pair style (fluids without a deck)
     slow : fewer and shorter runs (DPDIntegrator on the CPU platform takes ten times as long as anything else)
     """
@@ -57,6 +57,8 @@ class Method:
     scheme: str = "middle"
     lam: float = 0.5
     platform: str = "CPU"
+    engine: str = "auto"
+    precision: str = ""
     style: str = ""
     slow: bool = False
 

@@ -96,27 +96,38 @@ def _fluid(name: str, mine: list[dict], runs: list[dict], times: dict) -> dict:
 
 
 def retimed(before: dict, times: dict) -> dict:
-    """The object of an earlier run with new times: trajectories, and so steps and errors, are what they were."""
-    fluids = {}
+    """The object of an earlier run with new times: trajectories, and so errors, are what they were."""
+    timed = {(name, method, threads) for name, method, threads, _ in times}
+    kept = {
+        (name, method, int(threads), float(dt)): ms
+        for name, fluid in before["fluids"].items()
+        for method, entry in fluid["methods"].items()
+        for threads, row in entry["ms"].items()
+        for dt, ms in row.items()
+        if (name, method, int(threads)) not in timed
+    }
+    times, fluids = kept | times, {}
     for name, fluid in before["fluids"].items():
         entries = {}
         for method, entry in fluid["methods"].items():
-            new: dict[str, dict] = {}
-            for (f, m, threads, dt), ms in sorted(times.items()):
+            limits, ms = _limits(entry["runs"], FLUIDS[name].conserves), dict[str, dict]()
+            for (f, m, threads, dt), found in sorted(times.items()):
                 if (f, m) == (name, method):
-                    new.setdefault(str(threads), {})[f"{dt:g}"] = short(ms)
+                    ms.setdefault(str(threads), {})[f"{dt:g}"] = short(found)
             walls = {
-                threads: {measure: _wall(limit, times, name, method, int(threads)) for measure, limit in entry["limits"].items() if limit}
-                for threads in new
+                threads: {measure: _wall(limit, times, name, method, int(threads)) for measure, limit in limits.items() if limit}
+                for threads in ms
             }
-            entries[method] = entry | {"ms": entry["ms"] | new, "wall": entry["wall"] | walls}
+            entries[method] = entry | {"limits": limits, "ms": ms, "wall": walls}
         fluids[name] = fluid | {"methods": entries}
-    return before | {
-        "date": datetime.date.today().isoformat(),
-        "machine": machine(),
-        "fluids": fluids,
-        "targets": [t for fluid, peer, aims in TARGETS if fluid in fluids for t in _targets(fluids[fluid], fluid, peer, aims)],
-    }
+    return (
+        before
+        | ({"date": datetime.date.today().isoformat(), "machine": machine()} if timed else {})
+        | {
+            "fluids": fluids,
+            "targets": [t for fluid, peer, aims in TARGETS if fluid in fluids for t in _targets(fluids[fluid], fluid, peer, aims)],
+        }
+    )
 
 
 def merged(runs: list[dict]) -> list[dict]:
@@ -206,7 +217,7 @@ def _targets(fluid: dict, name: str, peer: str, aims: dict[int, float]) -> list[
         for scheme, entry in fluid["methods"].items():
             mine = entry["wall"].get(str(cores))
             if entry["kind"] == "ours" and mine and all(mine.get(m) for m in measures):
-                ratios[scheme] = {m: _ratio(other[m], mine[m]) for m in measures}
+                ratios[scheme] = {m: ratio(other[m], mine[m]) for m in measures}
         if ratios:
             best = max(ratios, key=lambda s: min(ratios[s][m]["ratio"] for m in measures))
             reached = all(ratios[best][m]["ratio"] >= aim and ratios[best][m]["bound"] != "<=" for m in measures)
@@ -214,7 +225,8 @@ def _targets(fluid: dict, name: str, peer: str, aims: dict[int, float]) -> list[
     return found
 
 
-def _ratio(peer: dict, mine: dict) -> dict:
+def ratio(peer: dict, mine: dict) -> dict:
+    """How many times less wall time, with its error, and what kind of bound it is."""
     ratio = peer["seconds"] / mine["seconds"]
     relative = float(np.hypot(peer["sem"] / peer["seconds"], mine["sem"] / mine["seconds"]))
     # a peer's lower bound and our upper bound both make the true ratio larger

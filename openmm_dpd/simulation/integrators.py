@@ -95,7 +95,9 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def _announce(self, steps: int) -> None:
         put = openmm.CustomIntegrator.setGlobalVariableByName
         put(self, AHEAD, float(steps))
-        if not self._touched and self.getGlobalVariableByName("valid_for") == 1.0:
+        if self.getGlobalVariableByName("valid_for") != 1.0:
+            put(self, "valid_for", -1.0)  # forces of others may have other parameters than in the last call
+        elif not self._touched:
             put(self, "valid_for", 0.0)  # the pair force has had it since the last step
         self._touched = False
 

@@ -46,7 +46,7 @@ def watched(kind: type, looking: bool) -> type:
     reinitialize.__doc__ = "As before; the next step looks at the System again."
     methods: dict[str, Any] = {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__}
     for names, hear in ((_CHANGING, "changed"), (_LOOKING if looking else (), "verify")):
-        methods |= {name: _heard(getattr(kind, name), hear) for name in names}
+        methods |= {name: _heard(kind, name, hear) for name in names}
     return type(kind.__name__, (kind,), methods)
 
 
@@ -55,15 +55,15 @@ _CHANGING = "setPositions setVelocities setVelocitiesToTemperature setPeriodicBo
 _LOOKING = ("getState", "createCheckpoint")
 
 
-def _heard(method: Callable, hear: str) -> Callable:
-    """A method of a Context that its integrator hears of before."""
+def _heard(kind: type, name: str, hear: str) -> Callable:
+    """A method of a class of Contexts that its integrator hears of before."""
 
-    @wraps(method)
+    @wraps(getattr(kind, name))
     def heard(self, *arguments, **more):
         listener = getattr(self.getIntegrator(), hear, None)
-        if listener is not None and not (method.__name__ == "setParameter" and arguments and arguments[0] in VOLATILE):
+        if listener is not None and not (name == "setParameter" and arguments and arguments[0] in VOLATILE):
             listener(self)
-        return method(self, *arguments, **more)
+        return getattr(kind, name)(self, *arguments, **more)
 
     return heard
 

@@ -170,12 +170,19 @@ public:
         auto& word = fluid.word;
         if (word.empty())
             throw OpenMM::OpenMMException("DPDDeviceForce: it knows no whole step");
+        bool anew = (int) context.getParameter("dpd_phase") > RUN || !kept();
         if (word[0].first == 'V') {
-            verlet(context, now, others, word[0].second, (int) context.getParameter("dpd_phase") > RUN);
+            verlet(context, now, others, word[0].second, anew);
             look(now, false);
             return;
         }
-        bool known = false;  // whether acc is the acceleration here
+        // whether acc is the acceleration here: where a step ends with a kick at the positions where the next one begins with one, it serves both
+        std::string letters;
+        for (auto& letter : word)
+            letters += letter.first;
+        bool serves = letters.find('B') < letters.find('A') && letters.rfind('B') > letters.rfind('A'), known = serves;
+        if (serves && (anew || device.touched()))
+            kick(context, now, others, 0, 0);
         double owed = 0;     // part of a kick by acc that velocities still lack
         auto is = [&](size_t n, char letter) { return n < word.size() && word[n].first == letter; };
         auto sweeps = [&](size_t n) { return is(n, 'O') || is(n, 'S'); };
@@ -213,6 +220,8 @@ public:
         }
         if (owed != 0 || here == 1)
             move(now, owed, 0);
+        if (serves)
+            keep();
         look(now, false);
     }
 
@@ -388,7 +397,7 @@ private:
 
     // Modified velocity Verlet: the acceleration of a step serves the next one, unless positions, box or parameters have changed in between.
     void verlet(OpenMM::ContextImpl& context, Now now, bool others, double lam, bool anew) {
-        if (anew || !kept() || moved())
+        if (anew || moved())
             kick(context, now, others, 0, 0, &device.velm());
         move(now, 0.5, 1, lam);
         now.counter++;

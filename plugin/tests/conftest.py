@@ -4,36 +4,16 @@ import os
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
-from functools import cache
-
-import openmm
+import devices
 import pytest
 from devices import DEVICES, Device
 
 from openmm_dpd.plan.forces.device_force import why_no_plugin
 
 
-@cache
-def why_missing(device: Device) -> str | None:
-    """None when the plugin runs on the device, otherwise the reason in words."""
-    reason = why_no_plugin(device.platform)
-    if reason is not None:
-        return reason
-    system = openmm.System()
-    system.addParticle(1.0)
-    try:
-        openmm.Context(system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatformByName(device.platform), device.properties)
-    except openmm.OpenMMException as error:
-        return f"no Context on {device}: {error}"
-    return None
-
-
 def available(device: Device) -> Device:
-    """The device, or a skipped test."""
-    reason = why_missing(device)
-    if reason is not None:
-        pytest.skip(reason)
-    return device
+    """The device with the plugin on it, or a skipped test."""
+    return devices.available(device, lambda device: why_no_plugin(device.platform) or devices.why_missing(device))
 
 
 @pytest.fixture(params=[d for d in DEVICES if d.platform != "CPU"], ids=str)

@@ -15,7 +15,8 @@ from foreign_forces import covering, lacking, outcome
 import openmm_dpd as dpd
 
 PLATFORMS = {"Reference": Device("Reference"), "OpenCL": Device("OpenCL", "single")}
-CELLS = [cell for cell in covering(2, tuple(PLATFORMS)) if cell.scheme != "native"]
+PAIRS, TRIPLES = ([cell for cell in covering(strength, tuple(PLATFORMS)) if cell.scheme != "native"] for strength in (2, 3))
+CELLS = PAIRS + [pytest.param(cell, marks=pytest.mark.slow) for cell in TRIPLES if cell not in PAIRS]
 
 
 @pytest.mark.parametrize("cell", CELLS, ids=str)

@@ -181,6 +181,31 @@ def test_verlet_notices_what_has_changed(what, lines, usual):
     assert same == (what != "nothing")
 
 
+@pytest.mark.parametrize("scheme", ["shardlow", "bababo"])
+def test_forces_of_others_may_change_between_calls(scheme, usual):
+    """The acceleration at the end of a step serves the next one, unless it may not be right any more."""
+    scene = fluid(PLAIN, BOX, n=60, spread=0)
+    pair = []
+    for strength in (0.0, 50.0):
+        built = made_on(scene, usual, scheme)
+        pull = openmm.CustomExternalForce("-k*x")
+        pull.addPerParticleParameter("k")
+        for k in range(60):
+            pull.addParticle(k, [strength])
+        built.system.addForce(pull)
+        pair.append(built.simulation(properties=usual.properties))
+    changed, expected = pair
+    changed.step(7)
+    expected.context.setState(changed.context.getState(positions=True, velocities=True, parameters=True))
+    force = changed.system.getForces()[-1]
+    for k in range(60):
+        force.setParticleParameters(k, k, [50.0])
+    force.updateParametersInContext(changed.context)
+    for simulation in pair:
+        simulation.step(3)
+    assert same_bits(*(state_of(simulation.context) for simulation in pair))
+
+
 # -- bits -----------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow", "mvv"])
 def test_two_runs_cut_runs_and_restarts_have_the_same_bits(scheme, device, tmp_path):

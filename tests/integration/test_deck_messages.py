@@ -81,7 +81,7 @@ def test_only_what_is_compiled_is_announced(monkeypatch, cold):
     with notice.announced("eDPD", 20, lambda line: (said.append(line), heard.set())):
         kernel(1)
         heard.wait(10.0 if cold else 0.1)
-    assert [line.startswith("compiling the kernels of eDPD, some 10 s") for line in said] == [True] * cold
+    assert [line.startswith("compiling the kernels of eDPD, some 20 s") for line in said] == [True] * cold
 
 
 def test_image_flags_are_given_for_all_beads_or_for_none(tmp_path):

@@ -56,6 +56,11 @@ class Expression(ABC):
     what: str
     pattern: re.Pattern[str]
     levels: tuple[dict[str, Any], ...]
+    ranks: dict[str, int]  #: The level of each operator
+
+    def __init_subclass__(cls):
+        if "levels" in vars(cls):
+            cls.ranks = {operator: level for level, operators in enumerate(cls.levels) for operator in operators}
 
     def __init__(self, text: str):
         self.text, self.at, self.tokens = text, 0, _tokens(self.pattern, text)
@@ -94,7 +99,7 @@ class Expression(ABC):
 
     def binary(self, level: int) -> Any:
         left = self.unary()
-        while (found := next((k for k in range(level, len(self.levels)) if self.peek()[1] in self.levels[k]), None)) is not None:
+        while (found := self.ranks.get(self.peek()[1], -1)) >= level:
             operator = self.take()[1]
             left = self.combined(operator, self.levels[found][operator], left, self.binary(found + 1))
         return left

@@ -7,6 +7,7 @@ does it: the same operations on the same numbers in the same order.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -76,10 +77,16 @@ class Box:
     def following(self, vectors: np.ndarray) -> Box:
         """The box with the vectors (3, 3) that a simulation has now (reduced, same unit); its lower corner stays.  It is this box itself
         unless they differ from its own by more than rounding."""
-        own = self.reduced_vectors
-        if np.all(np.abs(vectors - own) <= 1e-9 * (self.edges.min() + np.abs(own))):
+        own, rounding = self._own
+        if (np.abs(vectors - own) <= rounding).all():
             return self
         return Box(self.low, self.low + np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]]), self.triclinic)
+
+    @cached_property
+    def _own(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its reduced vectors, and what of them is rounding."""
+        own = self.reduced_vectors
+        return own, 1e-9 * (self.edges.min() + np.abs(own))
 
     # -- positions -----------------------------------------------------------------------------------------------------------------
     def fractions(self, positions: np.ndarray) -> np.ndarray:

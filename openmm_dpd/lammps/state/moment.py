@@ -170,7 +170,11 @@ class DeckMoment(ABC):
     def pressure_component(self, index: int) -> float:
         """Component (0 to 5) of the pressure tensor that thermo output prints."""
         name = self.state.thermo.press
-        return self.compute(name, index + 1) if name != "thermo_press" else float(self.pressure_tensor(name)[index])
+        return self.compute(name, index + 1) if name != "thermo_press" else float(self._tensor[index])
+
+    @cached_property
+    def _tensor(self) -> np.ndarray:
+        return self.pressure_tensor("thermo_press")  # a formula asks for several components
 
     # -- names ----------------------------------------------------------------------------------------------------------------
     @abstractmethod

@@ -23,34 +23,31 @@ def device_program(options: ProgramOptions) -> Program:
 
 
 def _word(p: Program) -> Program:
-    """One step by the plugin."""
+    """One step by the plugin; a kick at the end of a step leaves its acceleration to one at the beginning of the next."""
     p.begin()
-    p.next_temperature()
-    p.phase(Phase.RUN)
-    p.update(_WHOLE)
-    sweeps = sum(letter in SWEEPS for letter, _ in p.options.scheme.steps(p.options.thermostat))
-    if sweeps:
-        p.set("dpd_counter", f"dpd_counter+{sweeps}", "noise that was used")
+    _run(p, sum(letter in SWEEPS for letter, _ in p.options.scheme.steps(p.options.thermostat)))
     return p
 
 
-_WHOLE = "a whole step by the pair force; barostats and other updates of the Context's state"
+def _run(p: Program, draws: int) -> None:
+    """A step, with new noise so many times."""
+    p.declare("valid_for", -1.0, "who has the acceleration at x: 1 acc, 0 the pair force alone, -1 nobody")
+    p.next_temperature()
+    p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)", "RUN, anew where there is no acceleration")
+    p.update("a whole step by the pair force; barostats and other updates of the Context's state")
+    p.set("dpd_counter", f"dpd_counter+{draws}", "noise that was used")
+    p.set("valid_for", "0")
 
 
 def _verlet(p: Program) -> Program:
     """Modified velocity Verlet, as :mod:`.mvv` has it, by the plugin.  It keeps the acceleration from step to step, and finds out by itself
     where positions or the box have changed; states and checkpoints have it as ``acc`` after the last step of a call."""
     p.declare_per_dof("acc", "acceleration at x, friction and noise included")
-    p.declare("valid_for", -1.0, "who has the acceleration at x: 1 acc, 0 the pair force alone, -1 nobody")
     p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
     with p.when("valid_for = 1", "did somebody bring an acceleration?"):
         _exchange(p, "v", "acc")
-    p.next_temperature()
-    p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)", "RUN, anew where there is no acceleration")
-    p.update(_WHOLE)
-    p.set("dpd_counter", "dpd_counter+1", "noise that was used")
-    p.set("valid_for", "0")
+    _run(p, 1)
     with p.when(f"{AHEAD} = 1", "is it the last step of a call?"):
         _exchange(p, "acc", "v")
         if p.options.lam != 0.5:

@@ -1,0 +1,77 @@
+"""Averages of the plugin openmm-dpd-device beside those of the host: temperatures, energy, pressure and g(r) of every named scheme.
+
+    python benchmarks/device_physics.py                      # a quarter of an hour on two cores and PoCL
+    python benchmarks/device_physics.py --platform CUDA --beads 24000 --time 1000
+
+The standard fluid at gamma = 4.5 and dt = 0.05, each number with its standard error; then the diffusion coefficient of ``middle`` at gamma =
+40.5 and dt = 0.1, beside that of the host at a step of 0.02.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from atlas_parts.drivers import ours  # noqa: E402
+from atlas_parts.fluids import Method  # noqa: E402
+
+import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.model.schemes import SCHEMES  # noqa: E402
+
+QUANTITIES = ("T_kin", "T_conf", "U", "P")
+
+
+def compared(found: dict, other: dict) -> str:
+    """Numbers of two runs, the second as a difference in per cent; of g(r) the largest difference and the largest in standard errors."""
+    text = []
+    for name in QUANTITIES:
+        (mean, error), (reference, uncertain) = found[name], other[name]
+        text.append(
+            f"{name} {mean:.4f}({error:.4f}) {100 * (mean / reference - 1):+.2f}({100 * np.hypot(error, uncertain) / reference:.2f}) %"
+        )
+    g, reference = (np.array(run["g"]) for run in (found, other))
+    difference = np.abs(g.mean(axis=0) - reference.mean(axis=0))
+    error = np.sqrt(sum(blocks.var(axis=0, ddof=1) / len(blocks) for blocks in (g, reference)))
+    largest = float(np.max(difference[error > 0] / error[error > 0]))
+    return "  ".join(text) + f"  g {difference.max():.4f}, {largest:.1f} errors at most in {len(difference)} bins"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--platform", default="OpenCL")
+    parser.add_argument("--precision", nargs="+", default=["single", "mixed"])
+    parser.add_argument("--schemes", nargs="+", default=[name for name, known in SCHEMES.items() if not known.native])
+    parser.add_argument("--beads", type=int, default=3000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--time", type=float, default=150.0, help="of the device; the host's runs are twice as long")
+    given = parser.parse_args()
+    dpd.set_threads(1)
+    job = {"beads": given.beads, "seed": given.seed, "kT": 1.0, "equilibrate": 20.0}
+
+    def run(fluid: str, scheme: str, dt: float, time: float, precision: str = "") -> dict:
+        device = {"platform": given.platform, "engine": "device", "precision": precision} if precision else {"engine": "host"}
+        times = {"dt": dt, "time": time, "discard": 0.1 * time}
+        return ours(job | times | {"fluid": fluid}, Method(scheme, "ours", "", scheme, **device), Path(folder))
+
+    with tempfile.TemporaryDirectory() as folder:
+        for scheme in given.schemes:
+            host = run("weak", scheme, 0.05, 2 * given.time)
+            for precision in given.precision:
+                print(f"{scheme:9s} {precision:7s} {compared(run('weak', scheme, 0.05, given.time, precision), host)}", flush=True)
+        limit = run("strong", "middle", 0.02, 4 * given.time)["D"]
+        found = run("strong", "middle", 0.1, 3 * given.time, given.precision[0])["D"]
+        error = np.hypot(found[1], limit[1]) / limit[0]
+        print(
+            f"D {found[0]:.4f}({found[1]:.4f}), limit {limit[0]:.4f}({limit[1]:.4f}): {100 * (found[0] / limit[0] - 1):+.1f}({100 * error:.1f}) %"
+        )
+
+
+if __name__ == "__main__":
+    main()
