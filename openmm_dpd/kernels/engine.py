@@ -89,11 +89,10 @@ class PairEngine(Engine):
             virial += result.virial
             drag += result.drag
         if which & CONSERVATIVE:
-            before = force.copy() if held is not None and self.extras else None
             for extra in self.extras:
                 energy += extra.add_to(self._x, self._box, force, self.body_scale)
-            if before is not None:
-                held += force - before
+                if held is not None:  # once more, so that both have the bits that they have alone
+                    extra.add_to(self._x, self._box, held, self.body_scale)
         if self.spec.fields is not None and which & DISSIPATIVE:
             for source in self.spec.fields.sources:
                 source.add_to(self.rates, self._x, self._box)

@@ -82,7 +82,8 @@ def _mobile(pairs, i, j):
 @inlined
 def _radial_apart(values, k, A, cutoff, gamma, sigma, s, factor, r):
     _radial(values, k, A, cutoff, gamma, sigma, s, factor, r)
-    values[_HELD, k] = factor * soft(A, cutoff, r)[0]
+    # rounded as where there is nothing else: samples have the same bits whether a run was cut before them
+    values[_HELD, k], values[_ENERGY, k] = soft(factor * A, cutoff, r)
     values[_CURVE, k] = factor * _curvature(A, cutoff, r)
 
 

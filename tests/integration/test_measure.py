@@ -10,7 +10,7 @@ from judged import any_seed, judge
 from kinds import everything, made, running, same
 from openmm import unit
 from raising import raises
-from scenes import external_force
+from scenes import PLAIN, chains, external_force
 
 import openmm_dpd as dpd
 from openmm_dpd.measure.bonded_sums import bond_sums
@@ -266,3 +266,17 @@ def test_samples_share_the_engine_of_the_run(kind, scheme):
             assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-9, abs=1e-9 * size), name
         assert found.laplacian == (None if expected.laplacian is None else pytest.approx(expected.laplacian, rel=1e-9))
     assert not same(everything(measured.context, measured.built), everything(alone.context, alone.built))
+
+
+@cases("options", {}, {"bonded_factors": (0.5, 0.3, 0.7)}, {"mobile": np.arange(100) % 9 > 0})
+def test_samples_have_the_same_bits_where_a_run_was_cut(options):
+    """Conservative forces come with the last step where somebody measures, and alone after a restart."""
+    built = [dpd.build(chains(table=PLAIN, k=20.0, **options), dt=0.01, scheme="mvv", platform="CPU", seed=1) for _ in range(2)]
+    (first, one), (second, other) = ((b.simulation().context, dpd.Observer(b)) for b in built)
+    built[0].integrator.step(3)
+    one.sample(first)
+    built[0].integrator.step(2), built[1].integrator.step(5)
+    found, expected = one.sample(first), other.sample(second)
+    assert one._sampler.present._last_step.held is not None and other._sampler.present._last_step.held is None
+    for name in ("potential", "virial_conservative", "gradient2", "laplacian", "virial_dissipative"):
+        assert getattr(found, name) == getattr(expected, name), name
