@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter  # noqa: E402
 
-from .summary import BOUND, DRIFT  # noqa: E402
+from .summary import BOUND, DRIFT, EVERY  # noqa: E402
 
 #: Colour and marker of each method: ours filled, peers open.
 COLOURS = {
@@ -22,7 +22,6 @@ COLOURS = {
     "OpenMM DPDIntegrator, CPU": "black", "OpenMM DPDIntegrator, OpenCL": "tab:brown",
 }  # fmt: skip
 SPARE = ("tab:pink", "gold", "teal", "navy")
-EVERY = ("T_conf", "U", "T_kin", "P", "g", "D")
 
 LABELS = {
     "T_conf": "error of the configurational temperature / %",

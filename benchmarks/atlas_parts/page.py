@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from .summary import ratio, step_of
+from .summary import EVERY, ratio, step_of
 
 MEASURES = {"T_conf": "T_conf", "U": "potential energy", "T_kin": "T_kin", "P": "pressure", "g": "g(r)", "D": "diffusion", "drift": "drift", "agree": "temperatures agree", "both": "both"}  # fmt: skip
 
@@ -110,10 +110,10 @@ def gains(atlas: dict) -> str:
         columns.append(
             [
                 _same_step(ours["mvv"], theirs["LAMMPS dpd + nve"]),
-                *(_gain(ours, theirs, m) for m in ("T_conf", "U", "T_kin", "P", "g", "D")),
+                *(_gain(ours, theirs, m) for m in EVERY),
             ]
         )
-    words = ["the same step", *(f"1 % of {MEASURES[m]}" for m in ("T_conf", "U", "T_kin", "P", "g", "D"))]
+    words = ["the same step", *(f"1 % of {MEASURES[m]}" for m in EVERY)]
     return table(header, [[word, *weak, *strong] for word, weak, strong in zip(words, *columns, strict=True)])
 
 
@@ -155,7 +155,7 @@ def _references(atlas: dict) -> str:
 
 
 def _limits(name: str, fluid: dict) -> str:
-    measures = ("drift", "agree", "both") if name == "energy" else ("T_conf", "U", "T_kin", "P", "g", "D")
+    measures = ("drift", "agree", "both") if name == "energy" else EVERY
     main = measures[:2]
     cores = sorted({c for entry in fluid["methods"].values() for c in entry["wall"]})
     header = [

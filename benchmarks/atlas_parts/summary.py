@@ -17,6 +17,8 @@ from .errors import crossing, errors, heat_capacity, pooled, reference
 from .fluids import FLUIDS, methods
 from .store import Store
 
+#: What is compared where no energy is conserved.
+EVERY = ("T_conf", "U", "T_kin", "P", "g", "D")
 #: Error at which methods are compared, and the drift per ps that is accepted where energy is conserved.
 BOUND, DRIFT = 0.01, 1e-7
 
@@ -166,7 +168,7 @@ def _limits(table: list[dict], conserves: bool) -> dict:
         steps = [limit.get("dt", limit.get("at_least")) for limit in both]
         found["both"] = both[int(np.argmin(steps))] if len(both) == 2 else next((v for v in found.values() if v and "at_most" in v), None)
         return found
-    return {name: _limit(table, lambda e, name=name: e.get(name), BOUND) for name in ("T_conf", "U", "T_kin", "P", "g", "D")}
+    return {name: _limit(table, lambda e, name=name: e.get(name), BOUND) for name in EVERY}
 
 
 def _disagreement(found: dict) -> list[float] | None:

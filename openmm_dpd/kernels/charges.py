@@ -165,7 +165,7 @@ def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force, stress)
         energy += qq * value
         push(force, beads[i], beads[j], pull * dx, pull * dy, pull * dz)
         if len(stress):
-            add_stress(stress, 0, pull * dx * dx, pull * dy * dy, pull * dz * dz, pull * dx * dy, pull * dx * dz, pull * dy * dz)
+            add_stress(stress, 0, (pull * dx * dx, pull * dy * dy, pull * dz * dz, pull * dx * dy, pull * dx * dz, pull * dy * dz))
     return energy
 
 

@@ -36,15 +36,19 @@ class Totals(NamedTuple):
 
 
 @inlined
-def add_stress(stress, column, xx, yy, zz, xy, xz, yz):
-    """Add to the stress tensor of a column."""
-    stress[column, 0] += xx
-    stress[column, 1] += yy
-    stress[column, 2] += zz
-    # central forces make these symmetric; transverse ones on average only, and LAMMPS takes this half
-    stress[column, 3] += xy
-    stress[column, 4] += xz
-    stress[column, 5] += yz
+def add_stress(stress, column, tensor):
+    """Add (xx, yy, zz, xy, xz, yz) to the stress tensor of a column."""
+    # central forces make the last three symmetric; transverse ones on average only, and LAMMPS takes this half
+    for k in range(6):
+        stress[column, k] += tensor[k]
+
+
+@inlined
+def _with(tensor, g, n, virial):
+    """A tensor (xx, yy, zz, xy, xz, yz) and that of a force along the line between the beads of a pair."""
+    x, y, z = virial * g[0, n], virial * g[1, n], virial * g[2, n]
+    xx, yy, zz, xy, xz, yz = tensor
+    return xx + x * g[0, n], yy + y * g[1, n], zz + z * g[2, n], xy + x * g[1, n], xz + x * g[2, n], yz + y * g[2, n]
 
 
 @helper
@@ -87,8 +91,7 @@ def _share(pairs, data, scratch, colour, part):
         begin, m = pairs.start[column], pairs.found[column]
         _before(pairs, data, begin, m, space)
         energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
-        xx, yy, zz, xy, xz, yz, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pairs.geometry
-        dxx, dyy, dzz, dxy, dxz, dyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        tensor = drags = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for k in range(m):
             n = begin + k
             more = _pair(pairs, data, space, n, k, column)
@@ -99,25 +102,13 @@ def _share(pairs, data, scratch, colour, part):
                 laplacian += more[3]
                 conservative += more[4]
             if _TENSOR:
-                x, y, z = more[1] * g[0, n], more[1] * g[1, n], more[1] * g[2, n]
-                xx += x * g[0, n]
-                yy += y * g[1, n]
-                zz += z * g[2, n]
-                xy += x * g[1, n]
-                xz += x * g[2, n]
-                yz += y * g[2, n]
+                tensor = _with(tensor, pairs.geometry, n, more[1])
             if _DRAGS:
-                x, y, z = more[2] * g[0, n], more[2] * g[1, n], more[2] * g[2, n]
-                dxx += x * g[0, n]
-                dyy += y * g[1, n]
-                dzz += z * g[2, n]
-                dxy += x * g[1, n]
-                dxz += x * g[2, n]
-                dyz += y * g[2, n]
+                drags = _with(drags, pairs.geometry, n, more[2])
         if _TENSOR:
-            add_stress(pairs.stress, column, xx, yy, zz, xy, xz, yz)
+            add_stress(pairs.stress, column, tensor)
         if _DRAGS:
-            add_stress(pairs.stress, len(pairs.found) + column, dxx, dyy, dzz, dxy, dxz, dyz)
+            add_stress(pairs.stress, len(pairs.found) + column, drags)
         sums = pairs.sums
         sums[column, 0], sums[column, 1], sums[column, 2], sums[column, 3], sums[column, 4] = energy, virial, drag, laplacian, conservative
 

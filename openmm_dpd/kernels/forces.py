@@ -177,7 +177,7 @@ def _any(pairs, data, scratch, n, k, column):
     push(data.f, i, j, tx, ty, tz)
     if len(pairs.stress):
         x, y, z = g[3, n] * g[0, n], g[3, n] * g[1, n], g[3, n] * g[2, n]
-        add_stress(pairs.stress, column, x * tx, y * ty, z * tz, x * ty, x * tz, y * tz)
+        add_stress(pairs.stress, column, (x * tx, y * ty, z * tz, x * ty, x * tz, y * tz))
     return values[_ENERGY, k], virial, -drag * g[3, n]
 
 

@@ -155,7 +155,7 @@ def _contact(pairs, data, scratch, n, k, column):
     radial = data.A * w / d
     fx, fy, fz = radial * dx, radial * dy, radial * dz
     # the shares of F at both ends of a segment have the contact point as their centre
-    add_stress(data.stress, column, dx * fx, dy * fy, dz * fz, dx * fy, dx * fz, dy * fz)
+    add_stress(data.stress, column, (dx * fx, dy * fy, dz * fz, dx * fy, dx * fz, dy * fz))
     _share(data.f, i, s, fx, fy, fz)
     _share(data.f, j, t, -fx, -fy, -fz)
     return energy, radial * d * d, 0.0
