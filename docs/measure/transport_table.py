@@ -49,12 +49,14 @@ def step_of(point: dict) -> float:
     return float(min(0.05 * min(1.0, (25.0 / point["A"]) ** 0.5), 0.33 / rate))
 
 
-def measure(point: dict, time: float, seed: int, beads: int = BEADS, dt: float | None = None) -> dict:
-    """Diffusion coefficient and viscosity, each with its standard error."""
+def measure(
+    point: dict, time: float, seed: int, beads: int = BEADS, dt: float | None = None, scheme: str = "bababo", speed: float = 0.3
+) -> dict:
+    """Diffusion coefficient and viscosity, each with its standard error; the force is one for a flow of about this speed."""
     edge = (beads / DENSITY) ** (1 / 3)
     wave = 2 * np.pi / edge
     guess = 0.85 * (1 + 0.02 * point["drag"])
-    push = 0.3 * guess * wave**2 / DENSITY
+    push = speed * guess * wave**2 / DENSITY
     force = dpd.BodyForce([push, 0, 0], pattern="sine", axis="z")
     scene = dpd.Scene(
         {"W": 1.0},
@@ -67,7 +69,7 @@ def measure(point: dict, time: float, seed: int, beads: int = BEADS, dt: float |
     )
     step = step_of(point) if dt is None else dt
     every = max(1, round(EVERY / step))
-    built = dpd.build(scene, dt=EVERY / every, scheme="bababo", platform="CPU", seed=seed)
+    built = dpd.build(scene, dt=EVERY / every, scheme=scheme, platform="CPU", seed=seed)
     simulation = built.simulation()
     simulation.step(round(30.0 / EVERY) * every)
     frames = round(time / EVERY)

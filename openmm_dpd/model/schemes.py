@@ -160,6 +160,13 @@ _ALL = (
         constraints=True,
     ),
     _word(
+        "basa",
+        "B A/2 S A/2",
+        "Zhang et al. 2019, with Shardlow's pair updates; Jensen and Gronbech-Jensen 2019",
+        "as middle, with a sweep of Shardlow's updates: of each pair alone it diffuses as it should at any step",
+        constraints=True,
+    ),
+    _word(
         "aboba",
         "A/2 B/2 O B/2 A/2",
         "Shang 2021, ABOBA, with exact pair updates",
@@ -170,6 +177,18 @@ _ALL = (
         "B/5 A/2 3B/5 A/2 B/5 O",
         "McLachlan 1995 with weights for sampling, and exact pair updates",
         "kick, half drift, kick, half drift, kick, sweep of exact pair updates: two forces per step, for steps twice as long",
+    ),
+    _word(
+        "bababs",
+        "B/5 A/2 3B/5 A/2 B/5 S",
+        "as bababo, with Shardlow's pair updates; Jensen and Gronbech-Jensen 2019",
+        "as bababo, with a sweep of Shardlow's updates: half the error of diffusion under strong friction",
+    ),
+    _word(
+        "bab3",
+        "3B/25 3A/10 19B/50 2A/5 19B/50 3A/10 3B/25 O",
+        "Blanes, Casas and Sanz-Serna 2014, with weights for sampling, and exact pair updates",
+        "three forces per step, for steps half as long again as those of bababo: structure, and stiff bonds",
     ),
     Scheme("native", (), "OpenMM", "OpenMM's own DPDIntegrator", friction="openmm"),
 )

@@ -1,0 +1,118 @@
+"""Diffusion and viscosity of the standard fluid over friction, scheme and step: what ``recommend(..., quantity=...)`` knows about dynamics.
+
+Each run drives a fluid of density 3 and repulsion 25 by a force f sin(2 pi z/L) along x: viscosity from the amplitude of the flow, diffusion
+from the displacements across it (docs/measure/transport_table.py).  Runs what is missing in ``out/transport``, then writes
+openmm_dpd/simulation/advice/transport.json; it can be interrupted at any time.
+
+    python benchmarks/transport.py                     # an hour of one core
+    python benchmarks/transport.py --time 1500         # a quarter of it; errors twice as large
+    python benchmarks/transport.py --only table        # only the file, from the runs that are there
+    python benchmarks/transport.py --words 'B A/2 S/2 S/2 A/2' --friction 40.5 --only runs  # others beside them
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import functools
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "docs" / "measure")]
+
+import transport_table  # noqa: E402
+from atlas_parts.store import Store, carry_out  # noqa: E402
+from atlas_parts.summary import machine, write  # noqa: E402
+
+import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.base.errors import DPDError  # noqa: E402
+
+#: Steps are these parts of the time between samples.
+FAST, LONG, LONGER = (20, 15, 12, 10, 8, 6), (12, 10, 8, 6, 5, 4), (6, 5, 4, 3)
+STEPS = {"middle": FAST, "basa": FAST, "aboba": FAST, "bababo": LONG, "bababs": LONG, "bab3": LONGER}
+#: Frictions, with the finest steps of each that are the limit of short ones for all schemes.
+FRICTIONS = {4.5: 25, 40.5: 50, 135.0: 100, 450.0: 250}
+#: Schemes whose runs at the finest step are the limit, and how much longer these are.
+LIMIT, LONG_RUNS = ("basa", "middle"), 2.0
+#: Beads, and the speed of the flow: fast enough to be seen, slow enough for the viscosity at rest within what differences need.
+BEADS, SPEED = 1000, 0.5
+
+
+def jobs(length: float, frictions: list[float], words: list[str]) -> list[dict]:
+    """All runs as plain data, the limits first."""
+    found = []
+    for gamma in frictions:
+        finest = transport_table.EVERY / FRICTIONS[gamma]
+        found += [{"gamma": gamma, "scheme": s, "dt": finest, "time": LONG_RUNS * length, "seed": 1} for s in LIMIT if not words]
+        for scheme in words or STEPS:
+            steps = [transport_table.EVERY / n for n in STEPS.get(scheme, FAST)]
+            found += [{"gamma": gamma, "scheme": scheme, "dt": dt, "time": length, "seed": 2} for dt in steps]
+    return found
+
+
+def work(job: dict) -> dict:
+    """One run."""
+    dpd.set_threads(1)
+    begun = time.perf_counter()
+    point = {**transport_table.BASE, "drag": job["gamma"]}
+    try:
+        found = transport_table.measure(point, job["time"], job["seed"], BEADS, job["dt"], job["scheme"], SPEED)
+        report = {name: round(found[name], 5) for name in ("D", "D_error", "eta", "eta_error")}
+    except DPDError as error:
+        report = {"failed": str(error).splitlines()[0][:200]}
+    return job | report | {"seconds": round(time.perf_counter() - begun, 1)}
+
+
+def mean(rows: list[dict], name: str) -> tuple[float, float]:
+    """Weighted mean of runs, and its standard error."""
+    value, weight = np.array([[row[name], row[f"{name}_error"] ** -2] for row in rows]).T
+    return float(np.sum(value * weight) / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def tabulate(results: list[dict]) -> dict:
+    """Relative errors of D and viscosity of every run beside the limit of short steps, with their standard errors."""
+    points = []
+    for gamma in sorted({row["gamma"] for row in results}):
+        good = [row for row in results if row["gamma"] == gamma and "failed" not in row]
+        limit = {name: mean([row for row in good if row["seed"] == 1], name) for name in ("D", "eta")}
+        schemes: dict[str, list] = {}
+        for row in sorted((row for row in good if row["seed"] != 1), key=lambda row: row["dt"]):
+            errors = [
+                [round(row[name] / value - 1, 5), round(float(np.hypot(row[f"{name}_error"], sem)) / value, 5)]
+                for name, (value, sem) in limit.items()
+            ]
+            schemes.setdefault(row["scheme"], []).append([round(row["dt"], 6), *errors])
+        points.append({"gamma": gamma} | {name: [round(part, 5) for part in pair] for name, pair in limit.items()} | {"schemes": schemes})
+    return {
+        "about": "relative errors of diffusion and viscosity beside the limit of short steps: scheme: [dt, [D, sem], [eta, sem]] in units of "
+        "rc (m/kT)^(1/2), at density 3 and repulsion 25; written by benchmarks/transport.py",
+        "date": datetime.date.today().isoformat(),
+        "machine": machine(),
+        "points": points,
+    }
+
+
+def main() -> None:
+    """Run what is missing, write the file."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--time", type=float, default=6000.0, help="length of a run")
+    parser.add_argument("--friction", type=float, nargs="+", default=list(FRICTIONS), choices=FRICTIONS)
+    parser.add_argument("--words", nargs="+", default=[], help="only these schemes or words")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--only", choices=("runs", "table"))
+    options = parser.parse_args()
+    store = Store(ROOT / "out" / "transport" / "results.jsonl")
+    if options.only != "table":
+        left = [job for job in jobs(options.time, options.friction, options.words) if job not in store]
+        carry_out(left, work, store, options.processes, functools.partial(print, flush=True))
+    if options.only != "runs":
+        named = [row for row in store.results.values() if row["scheme"] in STEPS]
+        write(tabulate(named), ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json")
+
+
+if __name__ == "__main__":
+    main()
