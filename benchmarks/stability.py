@@ -42,7 +42,7 @@ from openmm_dpd.base.errors import DPDError  # noqa: E402
 from openmm_dpd.simulation.advice.stability_table import StabilityTable, shipped_table  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
-SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo", "native")
+SCHEMES = ("mvv", "shardlow", "middle", "basa", "aboba", "bababo", "bababs", "bab3", "native")
 #: Name of the native scheme in the atlas.
 NATIVE = "OpenMM DPDIntegrator, CPU"
 
@@ -51,7 +51,7 @@ LEVELS = (0.01, 0.05, 0.10)
 
 #: First step that is tried, and the factor between two of them; errors go as a power of the step between two.  Those of bababo do not:
 #: they pass through zero more than once.
-FIRST, FACTORS = 0.05, {"bababo": 1.2}
+FIRST, FACTORS = 0.05, {"bababo": 1.2, "bababs": 1.2, "bab3": 1.2}
 FACTOR = 1.5
 
 #: Shortest step that is tried where nothing blows up.
@@ -352,7 +352,7 @@ def tabulate(store: Store, costs: dict[str, float], before: dict) -> dict:
 
 def costs(file: Path) -> dict[str, float]:
     """Time of a step of each scheme beside that of mvv, from the atlas, or from docs/validation.md where there is none yet."""
-    usual = {"mvv": 1.0, "shardlow": 1.33, "middle": 1.18, "aboba": 1.0, "bababo": 1.4, "native": 20.0}
+    usual = {"mvv": 1.0, "shardlow": 1.33, "middle": 1.18, "basa": 1.18, "aboba": 1.0, "bababo": 1.4, "bababs": 1.4, "bab3": 2.0, "native": 20.0}
     atlas = json.loads(file.read_text()) if file.exists() else {"quick": True}
     if atlas["quick"]:
         return usual

@@ -11,7 +11,10 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 #: What a report adds to a job.
-RESULTS = ("failed", "seconds", "samples", "T_kin", "T_conf", "theta", "U", "P", "D", "g", "drift", "ms", "levels", "ladder", "error")
+RESULTS = (
+    "failed", "seconds", "samples", "T_kin", "T_conf", "theta", "U", "P", "D", "D_error", "eta", "eta_error", "g", "drift", "ms", "levels",
+    "ladder", "error",
+)  # fmt: skip
 
 
 def key(job: dict) -> str:
