@@ -9,6 +9,7 @@ interrupted at any time; the same command goes on where it stopped.
     python benchmarks/atlas.py --only accuracy      # the runs that may share the machine with other work
     python benchmarks/atlas.py --only time          # the clock: on a quiet machine
     python benchmarks/atlas.py --only clock         # the same, for the accuracy that stands in docs/atlas.json: half an hour
+    python benchmarks/atlas.py --methods basa bab3  # these beside what stands in docs/atlas.json, their times brought to its machine by bababo's
     python benchmarks/atlas.py --only page          # only JSON, pictures and tables, from the runs that are there, else from docs/atlas.json
 """
 
@@ -63,8 +64,8 @@ def job(fluid, method, dt: float, settings: dict, part: str = "accuracy", kT: fl
     }  # fmt: skip
 
 
-def accuracy_jobs(names: list[str], settings: dict, quick: bool, lammps: bool) -> list[dict]:
-    """Reference, calibration and error runs."""
+def accuracy_jobs(names: list[str], settings: dict, quick: bool, lammps: bool, wanted: list[str]) -> list[dict]:
+    """Reference, calibration and error runs; of the wanted methods, or of all."""
     jobs, seen = [], set()
     for fluid in (FLUIDS[name] for name in names):
         known = {m.name: m for m in methods(fluid.name)}
@@ -75,6 +76,8 @@ def accuracy_jobs(names: list[str], settings: dict, quick: bool, lammps: bool) -
                 seen.add(fluid.statics)
                 jobs += [job(fluid, known["aboba"], 0.02, settings, "calibration", kT, 2.0) for kT in (0.98, 1.02)]
         for method in known.values():
+            if wanted and method.name not in wanted:
+                continue
             if method.kind != "lammps" or lammps:
                 steps = fluid.dts(method, quick)
                 jobs += [job(fluid, method, dt, settings) for dt in steps]
@@ -91,6 +94,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="short runs, to see that everything works")
     parser.add_argument("--only", choices=("accuracy", "time", "clock", "page"), help="only this part")
     parser.add_argument("--fluids", nargs="+", choices=FLUIDS, default=list(FLUIDS))
+    parser.add_argument("--methods", nargs="+", default=[], help="only these, added to docs/atlas.json")
     parser.add_argument("--processes", type=int, default=2, help="runs at a time, one core each (accuracy only)")
     parser.add_argument("--cores", type=int, nargs="+", default=[1, 2], help="numbers of cores that are timed")
     parser.add_argument("--time-scale", type=float, default=1.0, help="length of the accuracy runs, in times of the usual")
@@ -105,17 +109,21 @@ def main() -> None:
     if lacking:
         say(f"without LAMMPS: {lacking}")
     if options.only in (None, "accuracy"):
-        jobs = accuracy_jobs(names, settings, options.quick, lacking is None)
+        jobs = accuracy_jobs(names, settings, options.quick, lacking is None, options.methods)
         carry_out(jobs, functools.partial(drivers.run, folder=folder), store, options.processes, say)
     if options.only in (None, "time", "clock"):
         beads, steps, rounds = settings["clock"]
         for cores in options.cores:
-            todo = timing.jobs(names, beads, steps, cores)
-            timing.chain([j for j in todo if lacking is None or not j["method"].startswith("LAMMPS")], rounds, folder, store, say)
+            todo = [j for j in timing.jobs(names, beads, steps, cores) if lacking is None or not j["method"].startswith("LAMMPS")]
+            timed = [j for j in todo if not options.methods or j["method"] in (summary.YARDSTICK, *options.methods)]
+            timing.chain(timed, rounds, folder, store, say)
     if options.only == "clock" or (options.only == "page" and not store.results):
         atlas = summary.retimed(json.loads((ROOT / "docs" / "atlas.json").read_text(encoding="utf-8")), timing.best(store))
     else:
         atlas = summary.atlas(store, settings, quick=options.quick)
+        if options.methods:
+            before = json.loads((ROOT / "docs" / "atlas.json").read_text(encoding="utf-8"))
+            atlas = summary.extended(before, atlas, timing.best(store), options.methods)
     publish = options.publish or not options.quick
     target = ROOT / "docs" if publish else folder
     summary.write(atlas, target / "atlas.json")

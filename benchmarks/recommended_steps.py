@@ -1,10 +1,13 @@
-"""Recommended steps, run: are both temperatures right within what was asked for?
+"""Recommended steps, run: is what was asked for right, and would another scheme or a longer step have cost less?
 
-Every scene of atlas_parts/scenes.py takes the scheme and the step that ``recommend`` gives it for an error of 1 %, and runs until both
-temperatures are known to 0.25 %.  They are to be within 1.5 % and two standard errors (steps of the table are known to a tenth or two,
-and errors go with their square).  Results are kept in ``out/recommended``, under scheme and step, so that what is not changed is not run again.
+Every scene of atlas_parts/scenes.py takes the scheme and the step that ``recommend`` gives it for an error of 1 %, and runs from equilibrium
+until both temperatures are known to 0.25 %.  They are to be within 1.5 % and two standard errors (steps of the table are known to a tenth or
+two, and errors go with their square).  With ``--twelve`` the potential energy has to be right as well, beside a run at a quarter of the step
+with ``middle``, no run of 100,000 steps may stop, and every scheme is tried at the step at which it would cost 1.3 times less: each should
+be wrong there, or the recommendation is too careful.  Results are kept in ``out/recommended``, so that nothing is run again.
 
     python benchmarks/recommended_steps.py                  # about ten minutes of one core
+    python benchmarks/recommended_steps.py --twelve         # an hour of one core
     python benchmarks/recommended_steps.py --only layers    # scenes with this in their name
     python benchmarks/recommended_steps.py --scheme middle  # the step of this scheme, not of the cheapest
 """
@@ -13,43 +16,81 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 
-from atlas_parts.scenes import SCENES, deviations  # noqa: E402
+from atlas_parts.scenes import SCENES, TWELVE, Averages, averages  # noqa: E402
 from atlas_parts.store import Store  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.model.schemes import SCHEMES  # noqa: E402
 
-#: Deviation that is allowed beside two standard errors.
-ALLOWED = 0.015
+#: Deviation that is allowed beside two standard errors; how much less another choice may cost; steps that a run has to take.
+ALLOWED, CHEAPER, STEPS = 0.015, 1.3, 100_000
+
+
+class Runs:
+    """Runs of one scene, from the store where they are there."""
+
+    def __init__(self, name: str, options: argparse.Namespace, store: Store):
+        self.name, self.options, self.store = name, options, store
+        self.scene = SCENES[name](options.beads)
+
+    def __call__(self, scheme: str, dt: float, enough: float = 0.0025, steps: int = 0) -> Averages | None:
+        """Averages of a run; None if it stops."""
+        dt = float(f"{dt:.4g}")
+        job = {"scene": self.name, "scheme": scheme, "dt": dt, "beads": self.options.beads, "longest": self.options.longest, "steps": steps}
+        job["enough"] = enough
+        if job not in self.store:
+            dpd.set_threads(1)
+            found = averages(self.scene, scheme, dt, longest=self.options.longest, enough=enough, steps=steps)
+            self.store.add(job | ({"failed": "stops"} if found is None else {"averages": asdict(found)}))
+        known = self.store.get(job)
+        return None if "failed" in known else Averages(**known["averages"])
+
+
+def text(pair: tuple[float, float]) -> str:
+    """A deviation with its standard error."""
+    return f"{100 * pair[0]:+.2f}({100 * pair[1]:.2f}) %"
+
+
+def right(pairs: list[tuple[float, float]]) -> bool:
+    """Whether all deviations are allowed."""
+    return all(abs(value) < ALLOWED + 2 * sem for value, sem in pairs)
 
 
 def row(name: str, options: argparse.Namespace, store: Store) -> tuple[str, bool]:
     """A line of the table, and whether the scene is within bounds (or refused)."""
-    scene = SCENES[name](options.beads)
-    found = dpd.recommend(scene, options.error)
+    run = Runs(name, options, store)
+    found = dpd.recommend(run.scene, options.error)
     choice = next((c for c in found.choices if options.scheme in (None, c.scheme)), None)
     if choice is None:
-        return f"| {name} | no advice: {'; '.join(found.notes)} | | | |", True
-    dt = float(f"{choice.dt:.4g}")
-    job = {"scene": name, "scheme": choice.scheme, "dt": dt, "beads": options.beads, "longest": options.longest}
-    if job not in store:
-        dpd.set_threads(1)
-        result = deviations(scene, choice.scheme, dt, longest=options.longest, enough=0.0025)
-        # the names under which a store keeps results
-        store.add(job | ({"failed": "stops"} if result is None else {"T_kin": result["kin"], "T_conf": result["conf"]}))
-    result = store.get(job)
-    head = f"| {name} | {choice.scheme} {dt:g} ({choice.limit}) |"
-    if "failed" in result:
-        return head + " stops | stops | **no** |", False
-    pairs = [result["T_kin"], result["T_conf"]]
-    good = all(abs(value) < ALLOWED + 2 * sem for value, sem in pairs)
-    texts = " | ".join(f"{100 * value:+.2f}({100 * sem:.2f}) %" for value, sem in pairs)
-    return f"{head} {texts} | {'yes' if good else '**no**'} |", good
+        return f"| {name} | no advice: {'; '.join(found.notes)} | | | | | |", True
+    result = run(choice.scheme, choice.dt, steps=STEPS if options.twelve else 0)
+    head = f"| {name} | {choice.scheme} {choice.dt:.4g} ({choice.limit}) |"
+    if result is None:
+        return head + " stops | stops | | **no** | |", False
+    pairs, energy, rivals = list(result.temperatures), "", ""
+    if options.twelve:
+        reference = run("middle", 0.25 * next(c.dt for c in found.choices if c.scheme == "middle"), 0.001)
+        assert reference is not None, "a quarter of the step of middle stops"
+        kT = run.scene.initial_kT
+        off = result.potential_off(reference, kT)
+        pairs, energy = [*pairs, off], text(off)
+        better = []
+        for other in (c for c in found.choices if c.scheme != "native"):
+            # the step at which it costs so much less
+            dt = CHEAPER * other.dt * other.relative_cost / choice.relative_cost
+            tried = run(other.scheme, dt)
+            if tried is not None and right([*tried.temperatures, tried.potential_off(reference, kT)]):
+                better.append(f"{other.scheme} {dt:.3g}")
+        rivals = ", ".join(better) or "none"
+    good = right(pairs)
+    texts = " | ".join(text(pair) for pair in result.temperatures)
+    return f"{head} {texts} | {energy} | {'yes' if good else '**no**'} | {rivals} |", good and rivals in ("", "none")
 
 
 def main() -> None:
@@ -60,11 +101,13 @@ def main() -> None:
     parser.add_argument("--error", type=float, default=0.01)
     parser.add_argument("--beads", type=int, default=900)
     parser.add_argument("--longest", type=float, default=2500.0, help="longest simulated time of a run")
+    parser.add_argument("--twelve", action="store_true", help="one scene of each kind, with its potential energy, stability and cost")
     options = parser.parse_args()
     store = Store(ROOT / "out" / "recommended" / "results.jsonl")
-    print("| scene | recommended (set by) | kinetic | configurational | within |\n| --- | --- | --- | --- | --- |")
+    print("| scene | recommended (set by) | kinetic | configurational | potential energy | within | right for less |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
     good = True
-    for name in SCENES:
+    for name in TWELVE if options.twelve else SCENES:
         if options.only in name:
             line, fine = row(name, options, store)
             print(line, flush=True)

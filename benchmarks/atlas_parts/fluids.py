@@ -15,18 +15,20 @@ from openmm_dpd.model.schemes import SCHEMES
 
 DECKS = Path(__file__).resolve().parents[2] / "examples" / "decks"
 
-#: Step sizes of schemes whose friction is a force, of those that sweep, of those that freeze temperatures in a sweep, and of the one with two
-#: forces per step.
+#: Step sizes of schemes whose friction is a force, of those that sweep, of those that freeze temperatures in a sweep, and of those with two
+#: and three forces per step.
 DTS = {
     "weak": {
         "force": (0.01, 0.015, 0.02, 0.03, 0.04, 0.06, 0.08),
         "sweep": (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.10),
         "long": (0.04, 0.06, 0.08, 0.10, 0.11, 0.12, 0.13, 0.14, 0.16),
+        "longer": (0.08, 0.12, 0.15, 0.17, 0.18, 0.19, 0.20, 0.22, 0.25),
     },
     "strong": {
         "force": (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06),
         "sweep": (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.10),
         "long": (0.04, 0.06, 0.08, 0.10, 0.11, 0.12, 0.13, 0.14, 0.16),
+        "longer": (0.08, 0.12, 0.15, 0.17, 0.18, 0.19, 0.20, 0.22, 0.25),
     },
     "energy": {
         "force": (0.0005, 0.001, 0.003, 0.01),
@@ -35,6 +37,9 @@ DTS = {
         "long": (0.02, 0.06, 0.10, 0.15, 0.20, 0.30, 0.40, 0.50, 0.60),
     },
 }
+
+#: Schemes that are compared with others where friction, and nothing else, is what matters.
+PLAIN = {"basa", "bababs", "bab3"}
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ class Method:
     ----------
     name : key in the results, and label in figures
     kind : "ours", "native" (OpenMM's DPDIntegrator) or "lammps"
-    steps : "force", "sweep", "frozen" or "long", the list of step sizes
+    steps : "force", "sweep", "frozen", "long" or "longer", the list of step sizes
     scheme, lam, platform, engine, precision : for kinds that run in OpenMM
     style : LAMMPS pair style (fluids without a deck)
     slow : fewer and shorter runs (DPDIntegrator on the CPU platform takes ten times as long as anything else)
@@ -152,8 +157,9 @@ def available(fluid: Fluid) -> bool:
 def methods(name: str) -> tuple[Method, ...]:
     """Every scheme here and every peer that can run a fluid."""
     fluid = FLUIDS[name]
-    kinds = {"mvv": "force", "shardlow": "frozen" if fluid.conserves else "force", "bababo": "long"}
-    ours = [Method(s, "ours", kinds.get(s, "sweep"), s) for s in SCHEMES if s != "native"]
+    kinds = {"mvv": "force", "shardlow": "frozen" if fluid.conserves else "force", "bababo": "long", "bababs": "long", "bab3": "longer"}
+    left_out = {"native"} | (PLAIN if fluid.conserves or fluid.deck else set())
+    ours = [Method(s, "ours", kinds.get(s, "sweep"), s) for s in SCHEMES if s not in left_out]
     if not fluid.conserves:
         ours.insert(1, Method("mvv, lambda 0.65", "ours", "force", "mvv", 0.65))
     peers = [Method(f"LAMMPS {style} + {fix_of(style)}", "lammps", "frozen" if fluid.conserves else "force", style=style) for style in fluid.styles]  # fmt: skip

@@ -20,6 +20,9 @@ COLOURS = {
     "middle": "tab:blue",
     "aboba": "tab:green",
     "bababo": "tab:cyan",
+    "basa": "royalblue",
+    "bababs": "darkcyan",
+    "bab3": "magenta",
     "native": "tab:orange",
 }
 
@@ -54,9 +57,12 @@ def plane(table: dict, scheme: str, take) -> tuple[list, list, np.ndarray]:
 
 def _planes(table: dict, file: Path, take, title: str) -> None:
     schemes = list(table["cost"])
-    figure, grid = plt.subplots(1, len(schemes), figsize=(3.4 * len(schemes), 3.6), layout="constrained", squeeze=False)
+    rows = -(-len(schemes) // 3)
+    figure, grid = plt.subplots(rows, 3, figsize=(12.5, 3.4 * rows), layout="constrained", squeeze=False)
     image = None
-    for axes, scheme in zip(grid[0], schemes, strict=True):
+    for axes in grid.flat[len(schemes) :]:
+        axes.set_axis_off()
+    for axes, scheme in zip(grid.flat, schemes, strict=False):
         gammas, repulsions, values = plane(table, scheme, take)
         if not gammas:
             continue

@@ -6,14 +6,18 @@ Reduced units: cutoff 1 (where there is one only), mass of the lightest bead 1, 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import openmm
 
 import openmm_dpd as dpd
 from openmm_dpd import DPD
-from openmm_dpd.molecules import Bend, Spring, Twist, linear, pack
+from openmm_dpd.lammps import deck_scene
+from openmm_dpd.molecules import Bend, Bilayer, Spring, Twist, grafmueller_2009, linear, pack, relax
 from openmm_dpd.stats import block_average, ratio_average
+
+from .fluids import DECKS
 
 #: Longest step of the run that brings random positions to equilibrium, and its time; stiff bonds take a shorter one.
 FIRST, SETTLE = 0.004, 8.0
@@ -52,6 +56,13 @@ def twisted(beads: int) -> dpd.Scene:
     return mixture.scene(pairs={("A", "A"): DPD(A=25, gamma=4.5)}, kT=1.0)
 
 
+def bilayer(beads: int) -> dpd.Scene:
+    """Lipids and water in a box of edges 7, 7 and 9, whatever number of beads is asked for: a bilayer that has nearly no tension."""
+    model = grafmueller_2009()
+    mixture = pack({model.molecule: Bilayer(70)}, solvent="W", density=model.density, box=[7.0, 7.0, 9.0], seed=1)
+    return relax(mixture.scene(pairs=model.pairs(), kT=1.0))
+
+
 def conserving(beads: int, capacity: float) -> dpd.Scene:
     """Beads with internal energies."""
     inside = dpd.InternalEnergy(dpd.ConstantHeatCapacity(capacity), 1.0)
@@ -72,6 +83,9 @@ _COMMON = DPD(A=25, gamma=4.5)
 #: Name and scene of a number of beads.
 SCENES: dict[str, Callable[[int], dpd.Scene]] = {
     "one entry": lambda n: fluid(n, _one(A=25, gamma=4.5)),
+    "soft": lambda n: fluid(n, _one(A=8, gamma=4.5)),
+    "stiff": lambda n: fluid(n, _one(A=75, gamma=4.5)),
+    "strong friction": lambda n: fluid(n, _one(A=25, gamma=135)),
     "one entry, A 50, friction 9": lambda n: fluid(n, _one(A=50, gamma=9)),
     "repulsion and friction in two layers": lambda n: fluid(n, [_one(A=25), _one(gamma=4.5)]),
     "two layers, A 25 and friction 4.5 each": lambda n: fluid(n, [_one(A=25, gamma=4.5)] * 2),
@@ -100,15 +114,54 @@ SCENES: dict[str, Callable[[int], dpd.Scene]] = {
     "friction 200, exponent 0.25": lambda n: fluid(n, _one(A=25, gamma=200, exponent=0.25)),
     "density 5, A 40, friction 10": lambda n: fluid(n, _one(A=40, gamma=10), rho=5.0),
     "friction 1, across 20": lambda n: fluid(n, _one(A=25, gamma=1, gamma_perp=20)),
+    "lipid bilayer": bilayer,
+    "electrolyte, A 78": lambda n: deck_scene(DECKS / "in.electrolyte"),
     "heat capacity 60": lambda n: conserving(n, 60.0),
     "heat capacity 10": lambda n: conserving(n, 10.0),
 }  # fmt: skip
 
 
-def deviations(
-    scene: dpd.Scene, scheme: str, dt: float, *, longest: float, enough: float = 0.0, seed: int = 4
-) -> dict[str, tuple[float, float]] | None:
-    """Relative deviation of the temperatures with its standard error; None if the run stops.
+#: One of each kind: those whose potential energy counts, too, and whose cost is compared with that of all other schemes.
+TWELVE = (
+    "one entry",
+    "soft",
+    "stiff",
+    "strong friction",
+    "two components, A 25, 35, 60, masses 1:2",
+    "chains, k 4, rest length 0",
+    "chains, k 100",
+    "FENE chains, k 30, R0 1.5",
+    "Morse chains, D 50, alpha 8",
+    "chains, k 100, angles k 50",
+    "lipid bilayer",
+    "electrolyte, A 78",
+)
+
+
+@dataclass(frozen=True)
+class Averages:
+    """What a run says, each with its standard error."""
+
+    kin: tuple[float, float]  #: Relative deviation of the kinetic temperature
+    conf: tuple[float, float]  #: and of the configurational one; of the kinetic one again where there is no Laplacian
+    potential: tuple[float, float]  #: Potential energy per bead, kJ/mol
+    spread: float  #: Variance of the potential energy, per bead: kT^2 dU/dkT
+
+    @property
+    def temperatures(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Both deviations."""
+        return self.kin, self.conf
+
+    def potential_off(self, other: Averages, kT: float) -> tuple[float, float]:
+        """Deviation of the potential energy from that of another run, as the relative change of temperature that makes it."""
+        scale = kT / other.spread
+        return scale * (self.potential[0] - other.potential[0]), scale * float(np.hypot(self.potential[1], other.potential[1]))
+
+
+def averages(
+    scene: dpd.Scene, scheme: str, dt: float, *, longest: float, enough: float = 0.0, steps: int = 0, seed: int = 4
+) -> Averages | None:
+    """Averages of a run that starts from equilibrium; None if it stops.
 
     Parameters
     ----------
@@ -119,13 +172,10 @@ def deviations(
     longest : float
         Longest simulated time, ps.
     enough : float
-        Standard error of both at which the run may end before.
+        Standard error of both temperatures at which measuring may end before.
+    steps : int
+        Steps that are done at least.
     seed : int
-
-    Returns
-    -------
-    dict
-        ``kin`` and ``conf``: (deviation, standard error), beside internal temperatures where there are any.
     """
     short = min(FIRST, dt / 2)
     first = dpd.build(scene, dt=short, scheme="middle", platform="CPU", seed=3).simulation(properties={"Threads": "1"})
@@ -136,19 +186,23 @@ def deviations(
     simulation.context.setPositions(state.getPositions())
     simulation.context.setVelocities(state.getVelocities())
     every = max(1, round(0.12 / dt))
-    rows: list[tuple[float, float, float]] = []
+    rows: list[tuple[float, ...]] = []
     try:
         simulation.step(round(8.0 / dt))
         while len(rows) * every * dt < longest:
             for _ in range(200):
                 simulation.step(every)
                 s = observer.sample(simulation.context)
-                target = s.theta if scene.internal is not None else 1.0
-                rows.append((s.kT / target, s.gradient2, s.laplacian * target))
-            kinetic, above, below = np.array(rows).T
-            kin, conf = block_average(kinetic), ratio_average(above, below)
+                target = s.theta if scene.internal is not None else scene.initial_kT
+                # some overlays and lattice sums have no Laplacian; what their positions say is the potential energy
+                conf = (s.kT / target, 1.0) if s.laplacian is None else (s.gradient2, s.laplacian * target)
+                rows.append((s.kT / target, *conf, s.potential / scene.n_beads))
+            kinetic, above, below, potential = np.array(rows).T
+            kin, conf, energy = block_average(kinetic), ratio_average(above, below), block_average(potential)
             if max(kin.sem, conf.sem) < enough and len(rows) > 2000:
                 break
+        simulation.step(max(0, steps - simulation.currentStep))
     except (openmm.OpenMMException, dpd.DPDError):
         return None
-    return {"kin": (kin.mean - 1, kin.sem), "conf": (conf.mean - 1, conf.sem)}
+    spread = float(np.var(potential)) * scene.n_beads
+    return Averages((kin.mean - 1, kin.sem), (conf.mean - 1, conf.sem), (energy.mean, energy.sem), spread)

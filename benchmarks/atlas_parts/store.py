@@ -13,7 +13,7 @@ from pathlib import Path
 #: What a report adds to a job.
 RESULTS = (
     "failed", "seconds", "samples", "T_kin", "T_conf", "theta", "U", "P", "D", "D_error", "eta", "eta_error", "g", "drift", "ms", "levels",
-    "ladder", "error",
+    "ladder", "error", "averages",
 )  # fmt: skip
 
 

@@ -132,6 +132,29 @@ def retimed(before: dict, times: dict) -> dict:
     )
 
 
+#: The method whose times bring those of two machines together.
+YARDSTICK = "bababo"
+
+
+def extended(before: dict, fresh: dict, times: dict, names: list[str]) -> dict:
+    """The object of an earlier run with methods of a later one; their times are brought to the earlier one's machine by the yardstick's."""
+    fluids = {}
+    for name, fluid in before["fluids"].items():
+        added = {}
+        for method, entry in fresh["fluids"].get(name, {}).get("methods", {}).items():
+            if method not in names:
+                continue
+            ms = {}
+            for threads, row in entry["ms"].items():
+                here = [found for (f, m, t, _), found in times.items() if (f, m, t) == (name, YARDSTICK, int(threads))]
+                there = list(fluid["methods"][YARDSTICK]["ms"][threads].values())
+                scale = float(np.mean(there) / np.mean(here))
+                ms[threads] = {dt: short(scale * value) for dt, value in row.items()}
+            added[method] = entry | {"ms": ms}
+        fluids[name] = fluid | {"methods": fluid["methods"] | added}
+    return retimed(before | {"fluids": fluids}, {})
+
+
 def merged(runs: list[dict]) -> list[dict]:
     """One result for each step, in order; of runs with several seeds the averages, with the spread of their drifts as its error.
 

@@ -21,7 +21,7 @@ for kinetic, positions in found["bababo"]:
 kinetic, positions = found["mvv"][-1]
 assert abs(kinetic.mean - 1.341) < 4 * np.hypot(kinetic.sem, 0.004)
 assert abs(positions.mean - 1.828) < 4 * np.hypot(positions.sem, 0.007)
-assert dpd.recommend(scene, error=0.01).scheme == "bababo"
+assert dpd.recommend(scene, error=0.01).scheme == "bab3"
 """,
     # the size of a chain is 1.42(1) in the stored run
     "polymers": """

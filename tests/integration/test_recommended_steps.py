@@ -1,7 +1,7 @@
 """Recommended steps of scenes that lie between the points of the table, run; benchmarks/recommended_steps.py has more of them."""
 
 import pytest
-from atlas_parts.scenes import SCENES, deviations, fluid
+from atlas_parts.scenes import SCENES, averages, fluid
 from cases import cases
 from judged import any_seed
 
@@ -35,11 +35,11 @@ def test_recommended_step_has_the_error_it_promises(name, seed):
     density, gamma, repulsion, exponent = FLUIDS[name]
     scene = fluid(500, {("A", "A"): dpd.DPD(A=repulsion, gamma=gamma, exponent=exponent)}, rho=density)
     found = dpd.recommend(scene, error=0.02)
-    for value, sem in deviations(scene, found.scheme, found.dt, longest=60.0, seed=seed).values():
+    for value, sem in averages(scene, found.scheme, found.dt, longest=60.0, seed=seed).temperatures:
         assert sem < 0.01
         assert abs(value) < 0.04 + 4 * sem
-    beyond = deviations(scene, found.scheme, 3 * found.dt, longest=20.0, seed=seed)
-    assert beyond is None or max(abs(value) - 4 * sem for value, sem in beyond.values()) > 0.02
+    beyond = averages(scene, found.scheme, 3 * found.dt, longest=20.0, seed=seed)
+    assert beyond is None or max(abs(value) - 4 * sem for value, sem in beyond.temperatures) > 0.02
 
 
 @pytest.mark.slow
@@ -49,9 +49,9 @@ def test_recommended_step_of_a_sum_is_right(name, seed):
     """Asked for 1 %: both temperatures within 1.5 % and four standard errors."""
     scene = SCENES[name](600)
     found = dpd.recommend(scene)
-    result = deviations(scene, found.scheme, found.dt, longest=SUMS[name], seed=seed)
+    result = averages(scene, found.scheme, found.dt, longest=SUMS[name], seed=seed)
     assert result is not None, "the run stops"
-    for value, sem in result.values():
+    for value, sem in result.temperatures:
         assert sem < 0.003
         assert abs(value) < 0.015 + 4 * sem
 
@@ -65,15 +65,14 @@ def test_recommended_step_of_a_sum_is_right(name, seed):
 )
 def test_recommended_step_of_chains_is_neither_too_long_nor_too_short(name, longer, seed):
     """Asked for 1 %: within 1.5 % and four standard errors; at a step so much longer the run stops or is off by more than 1.5 % (k = 100
-    takes 0.05 and more with bababo, where velocity Verlet's limit would give 0.008).
+    takes 0.05 and more, where velocity Verlet's limit would give 0.008).
     """
     scene = SCENES[name](300)
     found = dpd.recommend(scene)
-    assert found.scheme == "bababo"
-    result = deviations(scene, "bababo", found.dt, longest=120.0, seed=seed)
+    result = averages(scene, found.scheme, found.dt, longest=120.0, seed=seed)
     assert result is not None, "the run stops"
-    for value, sem in result.values():
+    for value, sem in result.temperatures:
         assert sem < 0.008
         assert abs(value) < 0.015 + 4 * sem
-    beyond = deviations(scene, "bababo", longer * found.dt, longest=40.0, seed=seed)
-    assert beyond is None or max(abs(value) - 4 * sem for value, sem in beyond.values()) > 0.015
+    beyond = averages(scene, found.scheme, longer * found.dt, longest=40.0, seed=seed)
+    assert beyond is None or max(abs(value) - 4 * sem for value, sem in beyond.temperatures) > 0.015

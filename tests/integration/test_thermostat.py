@@ -36,11 +36,11 @@ def run(system, topology, positions, integrator, steps: int):
     return simulation
 
 
-@pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
-def test_constraints_and_virtual_sites_hold(model):
+@pytest.mark.parametrize("model, scheme", [("tip3p", "middle"), ("tip4pew", "middle"), ("tip4pew", "basa")])
+def test_constraints_and_virtual_sites_hold(model, scheme):
     topology, positions, system = water(model)
-    integrator = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, seed=2).integrator
-    simulation = run(system, topology, positions, integrator, 30)
+    built = dpd.add_thermostat(system, dpd.DPD(gamma=2, cutoff=0.7), 300 * unit.kelvin, 2 * unit.femtosecond, scheme=scheme, seed=2)
+    simulation = run(system, topology, positions, built.integrator, 30)
     x = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
     for k in range(system.getNumConstraints()):
         i, j, distance = system.getConstraintParameters(k)

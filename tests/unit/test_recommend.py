@@ -10,6 +10,7 @@ from openmm_dpd.model.schemes import SCHEMES
 from openmm_dpd.simulation.advice.recommend import advice, predicted_error, recommend
 from openmm_dpd.simulation.advice.scene_groups import charge_frequency, groups
 from openmm_dpd.simulation.advice.stability_table import LEVELS, Groups, StabilityTable, shipped_table
+from openmm_dpd.simulation.advice.transport_steps import TransportTable
 
 BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}
 
@@ -48,7 +49,7 @@ def scene(gamma=4.5, A=25.0, rho=3.0, *, kT=1.0, cutoff=1.0, mass=1.0, n=81, **m
     """A fluid of one type."""
     edge = (n / rho) ** (1 / 3) * cutoff
     pairs = more.pop("pairs", {("W", "W"): dpd.DPD(A=A, gamma=gamma, cutoff=cutoff)})
-    x = np.random.default_rng(1).random((n, 3)) * edge
+    x = np.random.default_rng(1).random((n, 3)) * edge * more.pop("squeezed", 1.0)
     return dpd.Scene({"W": mass}, ["W"] * n, x, pairs, kT=kT, box=[edge] * 3, **more)
 
 
@@ -149,27 +150,40 @@ def test_stiff_bonds_limit_the_step_by_what_each_scheme_does_to_them(table):
     assert {c.limit for c in found.values()} == {"bonds"}
 
 
-def test_charges_are_named_with_their_frequency(table):
-    """Slater clouds at r = 0: -U'' = 4/3 l_B kT/lamda^3, and omega^2 = U''(1/m + 1/m); the answer is that of the fluid alone."""
-    q = np.zeros(81)
-    q[:2] = 1.0, -1.0
-    charged = scene(charges=q, electrostatics=dpd.SlaterCharges(lamda=0.2, bjerrum_length=0.5, cutoff=1.4))
-    omega = (4 / 3 * 0.5 / 0.2**3 * 2) ** 0.5
-    assert charge_frequency(charged) == pytest.approx(omega, rel=1e-3)
-    found = recommend(charged, table=table)
-    assert found.dt == recommend(scene(), table=table).dt
-    (note,) = found.notes
-    assert "charges are not in the table" in note and f"{0.2 / omega:.2g} ps" in note
-    assert note in str(found) and advice(charged, "mvv", 0.02, table=table).endswith(note)
+def test_charges_limit_the_step_by_their_frequency(table):
+    """Slater clouds at r = 0: -U'' = 4/3 l_B kT/lamda^3, and omega^2 = U''(1/m + 1/m), taken for a bond: velocity Verlet is 1 % off at 0.2."""
+
+    def charged(lamda: float) -> dpd.Scene:
+        q = np.zeros(81)
+        q[:2] = 1.0, -1.0
+        return scene(charges=q, electrostatics=dpd.SlaterCharges(lamda=lamda, bjerrum_length=0.5, cutoff=1.4))
+
+    omega = (4 / 3 * 0.5 / 0.05**3 * 2) ** 0.5
+    assert charge_frequency(charged(0.05)) == pytest.approx(omega, rel=1e-3)
+    found = next(c for c in recommend(charged(0.05), table=table).choices if c.scheme == "mvv")
+    assert (found.dt, found.limit) == (pytest.approx(2 * (0.01 / 1.01) ** 0.5 / omega, rel=0.02), "charges")
+    assert "(charge temperature)" in advice(charged(0.05), "mvv", 0.01, table=table)
+    assert recommend(charged(0.3), table=table).dt == recommend(scene(), table=table).dt
     assert charge_frequency(scene()) == 0.0
 
 
-def test_angles_limit_the_step_and_segments_are_named(table):
+def test_angles_limit_the_step(table):
     bonds = [dpd.HarmonicBonds([[0, 1], [1, 2]], 1.0, 0.5)]
     bent = scene(bonds=bonds, angles=[dpd.HarmonicAngles([[0, 1, 2]], 5000.0, 2.0)])
     assert {c.limit for c in recommend(bent, table=table).choices} == {"angles"}
-    crossing = scene(bonds=bonds, segments=dpd.SegmentalRepulsion(100.0, 0.8))
-    assert any("segmental repulsion is not in the table" in note for note in recommend(crossing, table=table).notes)
+
+
+@pytest.mark.parametrize(
+    "more, what",
+    [
+        ({"bonds": [dpd.HarmonicBonds([[0, 1], [1, 2]], 1.0, 0.5)], "segments": dpd.SegmentalRepulsion(100.0, 0.8)}, "segmental repulsion"),
+        ({"walls": [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 2.0, "below")], "squeezed": 0.6}, "walls"),
+        ({"pairs": {("W", "W"): dpd.MDPD(A=-40, B=25, gamma=18, cutoff=1.0, cutoff_B=0.75)}}, "MDPD"),
+    ],
+)
+def test_what_was_not_measured_has_no_step(table, more, what):
+    found = recommend(scene(**more), table=table)
+    assert found.dt is None and what in found.notes[0] and "benchmarks/recommended_steps.py" in found.notes[0]
 
 
 def test_stiff_bonds_are_in_the_sentence(table):
@@ -310,6 +324,63 @@ def test_errors_out_of_bounds_are_refused(table, error):
 
 def test_something_else_is_refused():
     raises(dpd.ParameterError, "Scene", lambda: recommend("fluid"))
+
+
+# -- what has to be right ----------------------------------------------------------------------------------------------------------
+def test_structure_leaves_out_what_is_read_from_velocities():
+    """aboba's velocities are too hot at whole steps, its positions are right; so with bonds, of which velocities are off at (omega dt)^2/4."""
+    fluid, bonded = scene(), scene(A=6, bonds=[dpd.HarmonicBonds([[0, 1]], 1000.0, 0.5)])
+
+    def step(of: dpd.Scene, **more) -> float:
+        return next(c.dt for c in recommend(of, **more).choices if c.scheme == "aboba")
+
+    assert step(fluid, quantity="structure") > 1.3 * step(fluid)
+    assert step(bonded) == pytest.approx(2 * (0.01 / 1.01) ** 0.5 / 4000**0.5, rel=0.03)
+    assert step(bonded, quantity="structure") > 3 * step(bonded)
+
+
+def test_motion_limits_the_step_too():
+    """The errors of the made-up table grow with the square of the step: diffusion is 1 % off at 0.05 and 0.02 of the ends, viscosity never."""
+    rows = {4.5: 0.05, 450.0: 0.02}
+    points = [
+        {"gamma": g, "schemes": {"basa": [[k * dt, [0.01 * k * k, 0.002], [-0.002, 0.001]] for k in (0.5, 2.0)]}} for g, dt in rows.items()
+    ]
+    motion = TransportTable({"points": points})
+    assert motion.step("basa", Groups(4.5, 25.0), 0.01, "diffusion").dt == pytest.approx(0.05, rel=0.01)
+    assert motion.step("basa", Groups(45.0, 25.0), 0.01, "diffusion").dt == pytest.approx((0.05 * 0.02) ** 0.5, rel=0.01)
+    assert motion.step("basa", Groups(4.5, 25.0), 0.0025, "diffusion").dt == pytest.approx(0.025, rel=0.01)
+    assert motion.step("basa", Groups(4.5, 25.0), 0.01, "viscosity").dt == pytest.approx(0.1)
+    # 0.25 +- 0.2 % at half the step and 4 +- 0.2 % at twice it
+    assert 0.002 < motion.step("basa", Groups(4.5, 25.0), 0.01, "diffusion").error < 0.02
+    assert not motion.covers(Groups(500.0, 25.0))
+
+
+def test_shipped_motion_is_slower_under_strong_friction():
+    """Shardlow's updates diffuse right at steps at which exact ones do not, and no step is longer than that of the temperatures."""
+    for quantity in ("diffusion", "viscosity"):
+        found = {c.scheme: c for c in recommend(scene(gamma=40.5), quantity=quantity).choices}
+        plain = {c.scheme: c for c in recommend(scene(gamma=40.5)).choices}
+        assert all(c.dt <= plain[name].dt for name, c in found.items())
+        assert quantity in str(recommend(scene(gamma=40.5), quantity=quantity))
+    found = {c.scheme: c for c in recommend(scene(gamma=40.5), quantity="diffusion").choices}
+    assert found["basa"].dt > 1.2 * found["middle"].dt and found["bababs"].dt > 1.2 * found["bababo"].dt
+    assert "measured at frictions" in recommend(scene(gamma=1), quantity="diffusion").notes[-1]
+
+
+def test_what_else_is_wrong_is_told():
+    """bab3 takes the longest steps under strong friction, and beads diffuse too fast there."""
+    found = recommend(scene(gamma=40.5))
+    assert found.scheme == "bab3" and any("diffusion is some +" in note and "quantity='diffusion'" in note for note in found.notes)
+    assert not recommend(scene(gamma=40.5), quantity="diffusion").notes
+
+
+def test_a_measured_step_has_an_error():
+    best = recommend(scene()).choices[0]
+    assert 0 < best.dt_error < 0.3 * best.dt and "±" in str(best)
+
+
+def test_an_unknown_quantity_is_refused():
+    raises(dpd.ParameterError, "unknown quantity 'colour'", lambda: recommend(scene(), quantity="colour"))
 
 
 # -- the sentence ----------------------------------------------------------------------------------------------------------------

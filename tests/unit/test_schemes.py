@@ -91,7 +91,11 @@ def test_words_are_refused_with_the_reason(text, reason):
 
 @cases("text", "", "  ", None, 3, 0.5, b"A B O", ["A", "B", "O"], ("middle",), True, "verlet", "Middle ", "MVV", "leap frog")
 def test_what_is_no_word_is_an_unknown_scheme(text):
-    raises(dpd.ParameterError, "unknown scheme .*mvv, shardlow, middle, aboba, bababo, native, or a word such as", lambda: scheme_of(text))
+    raises(
+        dpd.ParameterError,
+        "unknown scheme .*mvv, shardlow, middle, basa, aboba, bababo, bababs, bab3, native, or a word such as",
+        lambda: scheme_of(text),
+    )
     raises(dpd.ParameterError, "unknown scheme", lambda: make_plan(beads(), dt=0.02, scheme=text))
 
 

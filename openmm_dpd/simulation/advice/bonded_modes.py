@@ -36,7 +36,7 @@ _PARTS = 25
 class Modes:
     """Vibrations of one kind of bonded terms, near the stiffest of them."""
 
-    what: str  #: "bonds", "angles" or "dihedrals"
+    what: str  #: "bonds", "angles", "dihedrals" or "charges"
     omega: np.ndarray  #: (n,) frequencies, rad/ps, with the thermal mean of each curvature
     #: (m,) curvatures of the stiffest term over its thermal range, in equal parts, beside their mean; (1,) for a harmonic term.
     fluctuation: np.ndarray
@@ -62,11 +62,11 @@ class Modes:
         springs = self.what == "bonds" and len(self.fluctuation) == 1
         return (SAFE if springs or not exact_for_springs(scheme) else _UNKNOWN) * largest_stable(scheme) / self.fastest
 
-    def step(self, scheme: Scheme, error: float) -> float:
-        """Longest step at which, and below which, both temperatures are within an error, ps."""
+    def step(self, scheme: Scheme, error: float, kinetic: bool = True) -> float:
+        """Longest step at which, and below which, temperatures are within an error, ps; the kinetic one only if it counts."""
         steps = self.longest(scheme) * np.geomspace(1e-3, 1.0, 600)
         conf, kin = self.errors(scheme, steps)
-        within = np.maximum(np.abs(conf), np.abs(kin)) <= error
+        within = np.maximum(np.abs(conf), np.abs(kin) if kinetic else 0.0) <= error
         return float(steps[-1] if within.all() else steps[max(int(np.argmin(within)) - 1, 0)])
 
 

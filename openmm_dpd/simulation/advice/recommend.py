@@ -7,18 +7,23 @@ import numpy as np
 
 from ...base.errors import DPDError, ParameterError, what_is
 from ...base.units import to_md
-from ...base.wording import in_units
+from ...base.wording import in_number, in_units, unit_name
 from ...model.scene import Scene
 from ...model.schemes import SCHEMES, scheme_of
 from ...plan.plan import make_plan
 from ..mixed_system import MixedSystem
 from ..programs.native import why_not
 from .bonded_modes import Modes, bonded_modes, why_no_step
-from .scene_groups import groups, surroundings
+from .scene_groups import charge_frequency, groups, surroundings
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
+from .transport_steps import MEASURED, MeasuredStep, shipped_transport
 
 #: Smallest error that may be asked for; below, no table could have measured it.
 SMALLEST = 1e-4
+#: What may be asked to be right, beside both temperatures ("temperature"): positions alone, or a quantity of the motion as well.
+QUANTITIES = ("temperature", "structure", *MEASURED)
+#: Error of diffusion and viscosity that is told where only temperatures were asked for.
+_MOTION = 0.03
 #: Errors at which :func:`advice` compares schemes.
 _COMPARED = (0.003, 0.05)
 
@@ -30,18 +35,24 @@ class Choice:
     Attributes
     ----------
     scheme : str
-    dt : float
-        Step at which the error is reached, ps.
+    dt, dt_error : float
+        Step at which the error is reached, and the standard error of the measurement it comes from (0 if it is calculated), ps.
     relative_cost : float
-        Time for the same simulated time and the same error, beside ``mvv``.
+        Time for the same simulated time and the same error, beside ``mvv``, or the first scheme that has a step.
     limit : str
-        What limits the step: "configurational temperature", "kinetic temperature", "stability", "bonds", "angles" or "dihedrals".
+        What limits the step: "configurational temperature", "kinetic temperature", "diffusion", "viscosity", "stability", "bonds",
+        "angles", "dihedrals" or "charges".
     """
 
     scheme: str
     dt: float
+    dt_error: float
     relative_cost: float
     limit: str
+
+    def __str__(self) -> str:
+        known = f" ± {in_number(self.dt_error, 'time', 1)}" if self.dt_error else ""
+        return f"{in_number(self.dt, 'time', 2)}{known} {unit_name('time')}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -57,7 +68,9 @@ class Recommendation:
     relative_cost : float or None
         Time for the same simulated time beside ``mvv`` at the same error.
     error : float
-        Relative error of the temperature that was asked for.
+        Relative error that was asked for.
+    quantity : str
+        Of what.
     choices : tuple of Choice
         All schemes, the cheapest first.
     notes : tuple of str
@@ -68,6 +81,7 @@ class Recommendation:
     dt: float | None
     relative_cost: float | None
     error: float
+    quantity: str = "temperature"
     choices: tuple[Choice, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -75,44 +89,43 @@ class Recommendation:
         lines = [f"note: {note}" for note in self.notes]
         if self.scheme is None or self.dt is None:
             return "\n".join(["no recommendation", *lines])
-        head = f"for temperatures within {100 * self.error:g} %: {self.scheme} at dt = {in_units(self.dt, 'time', 2)}"
+        what = {"temperature": "temperatures", "structure": "structure"}.get(self.quantity, f"temperatures and {self.quantity}")
+        head = f"for {what} within {100 * self.error:g} %: {self.scheme} at dt = {in_units(self.dt, 'time', 2)}"
+        other = "mvv" if any(one.scheme == "mvv" for one in self.choices) else self.scheme
         table = [
-            f"  {one.scheme:10s} dt {in_units(one.dt, 'time', 2)}, {one.relative_cost:.2f} times the time of mvv, set by {one.limit}"
-            for one in self.choices
+            f"  {one.scheme:10s} dt {one}, {one.relative_cost:.2f} times the time of {other}, set by {one.limit}" for one in self.choices
         ]
         return "\n".join([head, *table, *lines])
 
 
-def recommend(
-    scene: Scene, error: float = 0.01, *, configurations_only: bool = False, table: StabilityTable | None = None
-) -> Recommendation:
-    """Scheme, step and relative cost for an error of the temperature.
+def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature", table: StabilityTable | None = None) -> Recommendation:
+    """Scheme, step and relative cost for an error.
 
     Parameters
     ----------
     scene : Scene
     error : float, default 0.01
-        Relative error of the temperatures that is accepted, from 0.0001 to 0.1.
-    configurations_only : bool
-        Whether what is read from velocities may be further off (``aboba``).
+        Relative error that is accepted, from 0.0001 to 0.1.
+    quantity : {"temperature", "structure", "diffusion", "viscosity"}
+        What has to be right: kinetic and configurational temperature; only the latter, where nothing is read from velocities; both, and
+        the coefficient of diffusion or the viscosity of a fluid of this friction (measured at density 3 and repulsion 25).
     table : StabilityTable, optional
         Another table than the one that comes with the package.
 
     Raises
     ------
     ParameterError
-        If the error is out of bounds, or it is no Scene.
+        If the error is out of bounds, the quantity unknown, or it is no Scene.
 
     Notes
     -----
     The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.simulation.advice.scene_groups.groups` combines layers and
     pairs of types. Bonds, angles and dihedrals limit the step by what each scheme does to their vibrations
-    (:mod:`openmm_dpd.simulation.advice.bonded_modes`).  The recommendation leaves out segmental repulsion, beads without friction among
-    themselves, and charges; ``notes`` names them, charges with the frequency of two opposite ones on top of each other.  There is none
-    where the beads of a dihedral may come into line.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's
-    DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Without friction, or with an attraction or another
-    potential between beads, there is no recommendation. Beads beside atoms (:func:`openmm_dpd.create_mixed_system`) take the step of the
-    atoms and are refused.
+    (:mod:`openmm_dpd.simulation.advice.bonded_modes`), charges by that of two opposite ones on top of each other.  There is no
+    recommendation for walls, segmental repulsion, many-body beads, other potentials between beads or an attraction, without friction, and
+    where the beads of a dihedral may come into line; ``notes`` say so.  The steps of ``native`` were measured on the CPU platform; on GPU
+    platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Beads beside atoms
+    (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are refused.
     """
     if isinstance(scene, MixedSystem):
         raise ParameterError(
@@ -125,20 +138,47 @@ def recommend(
         raise ParameterError(
             f"error must be a fraction of the temperature from {SMALLEST:g} to {LEVELS[-1]:g} (0.01 is 1 %), not {error!r}"
         )
+    if quantity not in QUANTITIES:
+        raise ParameterError(f"unknown quantity {quantity!r}; it must be one of {', '.join(QUANTITIES)}")
     table = table or shipped_table()
     pairs, notes = groups(scene)
     outside = [f"outside of the table: {text}" for text in dict.fromkeys(text for at in pairs for text in table.outside(at))]
     unbound = why_no_step(scene)
+    motion = shipped_transport() if quantity in MEASURED else None
+    if motion and not all(motion.covers(at) for at in pairs):
+        outside.append(
+            f"outside of the table: {quantity} has been measured at frictions from {motion.frictions[0]:g} to {motion.frictions[-1]:g}"
+        )
     if not pairs or outside or unbound:
-        return Recommendation(None, None, None, error, notes=(*notes, *outside, *([unbound] if unbound else [])))
-    able = [scheme for scheme in table.schemes if _runs(scene, scheme)]
-    modes = bonded_modes(scene, surroundings(pairs))
-    steps = {scheme: _step(table, scheme, modes, pairs, error, configurations_only) for scheme in able}
-    costs = {scheme: table.cost[scheme] / dt for scheme, (dt, _) in steps.items()}
+        return Recommendation(None, None, None, error, quantity, notes=(*notes, *outside, *([unbound] if unbound else [])))
+    able = [scheme for scheme in (motion.schemes if motion else table.schemes) if scheme in table.schemes and _runs(scene, scheme)]
+    modes = _modes(scene, pairs)
+    steps = {scheme: _step(table, scheme, modes, pairs, error, quantity) for scheme in able}
+    costs = {scheme: table.cost[scheme] / step.dt for scheme, (step, _) in steps.items()}
     usual = costs.get("mvv", min(costs.values()))
-    choices = [Choice(s, steps[s][0], costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]
+    choices = [Choice(s, steps[s][0].dt, steps[s][0].error, costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]
     best = choices[0]
-    return Recommendation(best.scheme, best.dt, best.relative_cost, error, tuple(choices), tuple(notes))
+    if quantity == "temperature":
+        notes += _motion_notes(best, pairs)
+    return Recommendation(best.scheme, best.dt, best.relative_cost, error, quantity, tuple(choices), tuple(notes))
+
+
+def _motion_notes(choice: Choice, pairs: list[Groups]) -> list[str]:
+    """What else goes wrong at a step that is right for temperatures."""
+    motion, found = shipped_transport(), []
+    for quantity in MEASURED if choice.scheme in motion.schemes else ():
+        errors = [motion.error(choice.scheme, at, choice.dt / at.unit_time, quantity) for at in pairs if motion.covers(at)]
+        worst = max(errors, key=abs, default=0.0)
+        if abs(worst) > _MOTION:
+            found.append(f"{quantity} is some {100 * worst:+.0f} % off at this step; recommend(..., quantity={quantity!r}) bounds that")
+    return found
+
+
+def _modes(scene: Scene, pairs: list[Groups]) -> list[Modes]:
+    """Vibrations of bonded terms, and of two opposite charges."""
+    around, frequency = surroundings(pairs), charge_frequency(scene)
+    charges = [Modes("charges", np.array([frequency]), np.ones(1), frequency)] if frequency else []
+    return [*bonded_modes(scene, around), *charges]
 
 
 def _runs(scene: Scene, scheme: str) -> bool:
@@ -152,17 +192,22 @@ def _runs(scene: Scene, scheme: str) -> bool:
 
 
 def _step(
-    table: StabilityTable, scheme: str, modes: list[Modes], pairs: list[Groups], error: float, configurations_only: bool
-) -> tuple[float, str]:
+    table: StabilityTable, scheme: str, modes: list[Modes], pairs: list[Groups], error: float, quantity: str
+) -> tuple[MeasuredStep, str]:
     """Smallest of all limits, ps, and which one it is."""
+    temperatures = {"conf": "configurational temperature"} | ({} if quantity == "structure" else {"kin": "kinetic temperature"})
     limits = []
     for at in pairs:
         unit = at.unit_time
-        limits.append((unit * table.step(scheme, at, error, "conf"), "configurational temperature"))
-        if not configurations_only:
-            limits.append((unit * table.step(scheme, at, error, "kin"), "kinetic temperature"))
-        limits.append((unit * SAFE * table.blow(scheme, at), "stability"))
-    limits += [(one.step(scheme_of(scheme), error), one.what) for one in modes]
+        for kind, name in temperatures.items():
+            dt = unit * table.step(scheme, at, error, kind)
+            limits.append((MeasuredStep(dt, dt * table.spread(scheme, at, error, kind)), name))
+        if quantity in MEASURED:
+            dt, sem = shipped_transport().step(scheme, at, error, quantity)
+            limits.append((MeasuredStep(unit * dt, unit * sem), quantity))
+        limits.append((MeasuredStep(unit * SAFE * table.blow(scheme, at), 0.0), "stability"))
+    word = scheme_of(scheme)
+    limits += [(MeasuredStep(one.step(word, error, kinetic=quantity != "structure"), 0.0), one.what) for one in modes]
     return min(limits)
 
 
@@ -178,11 +223,11 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
     for at in pairs:
         for kind in ("conf", "kin"):
             worst = max(worst, (table.error(scheme, at, dt / at.unit_time, kind), table.sign(scheme, at, kind), kind))
-    for modes in bonded_modes(scene, surroundings(pairs)):
+    for modes in _modes(scene, pairs):
         for off in modes.errors(word, np.array([dt])):
             size = abs(float(off[0]))
             worst = max(worst, (size if size <= LEVELS[-1] else np.inf, -1 if off[0] < 0 else 1, modes.what))
-    names = {"conf": "configurational", "kin": "kinetic", "bonds": "bond", "angles": "angle", "dihedrals": "dihedral"}
+    names = {"conf": "configurational", "kin": "kinetic", "bonds": "bond", "angles": "angle", "dihedrals": "dihedral", "charges": "charge"}
     return worst[0] * (worst[1] or 1), names[worst[2]]
 
 

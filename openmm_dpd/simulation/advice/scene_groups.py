@@ -4,12 +4,14 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from ...base.wording import in_units
 from ...model.internal import InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...plan.kinds import kind_for
 from .stability_table import Groups, drag
+
+#: What measures a scene that is not in the table.
+_SCRIPT = "benchmarks/recommended_steps.py measures the temperatures of scenes at a step"
 
 
 def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
@@ -37,9 +39,13 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     moves = ~scene.immobile
     if not moves.any():
         return [], ["no bead moves"]
+    unmeasured = {"walls, which heat beads near them": scene.walls, "segmental repulsion": scene.segments}
+    for what, there in unmeasured.items():
+        if there:
+            return [], [f"the table of steps does not have {what}; {_SCRIPT}"]
     for table in scene.tables:
         if table.kind is not None and kind_for(table.kind).frictions is None:
-            return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it"]
+            return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it; {_SCRIPT}"]
     terms = _terms(scene, moves)
     curvatures = {pair: _curvatures(layers) for pair, layers in terms.items()}
     if any(value < 0 for found in curvatures.values() for value in found.values()):
@@ -108,19 +114,6 @@ def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
     """What a scene has that the table does not cover."""
     alone = [first for (first, second), value in drags.items() if first == second and not value]
     notes = [f"beads of type {name} have no friction among themselves; the step is for a mixture where others are near" for name in alone]
-    if scene.walls:
-        notes.append("walls are not in the table of steps; beads heat at bare ones at steps that the fluid takes well")
-    if scene.segments is not None:
-        notes.append("segmental repulsion is not in the table of steps")
-    if scene.electrostatics is not None:
-        text = "charges are not in the table of steps"
-        frequency = charge_frequency(scene)
-        if frequency > 0:
-            text += (
-                f"; opposite ones on top of each other vibrate, which is 1 % hot at a step of "
-                f"{in_units(0.2 / frequency, 'time', 2)} if it is taken for a bond"
-            )
-        notes.append(text)
     return notes
 
 

@@ -105,17 +105,27 @@ class StabilityTable:
             return float(LEVELS[0] * (dt / steps[0]) ** 2)
         return float("inf") if dt > steps[-1] * (1 + 1e-6) else float(np.exp(np.interp(np.log(dt), np.log(steps), np.log(LEVELS))))
 
+    def spread(self, scheme: str, at: Groups, error: float, kind: str) -> float:
+        """Relative standard error of :meth:`step`: that of the nearest point of the plane, at the nearest level."""
+        level = min(LEVELS, key=lambda one: abs(np.log(one / error)))
+        found = self._near(scheme, at)["schemes"][scheme][kind] or {}
+        dt, sem, _ = found.get(f"{100 * level:g}") or (1.0, 0.0, "")
+        return float(sem / dt)
+
     def blow(self, scheme: str, at: Groups) -> float:
         """Step (reduced) that blows up."""
         return float(np.exp(self._interpolated(scheme, ("blow",), at)))
 
     def sign(self, scheme: str, at: Groups, kind: str) -> int:
         """+1 if the fluid gets too hot, -1 if too cold, at the nearest point of the plane."""
-        near = min(
+        return int(self._near(scheme, at)["schemes"][scheme]["sign"][kind])
+
+    def _near(self, scheme: str, at: Groups) -> Mapping[str, Any]:
+        """The nearest point of the plane that has a scheme."""
+        return min(
             (p for p in self.plane if scheme in p["schemes"]),
             key=lambda p: abs(np.log(p["gamma"] / at.friction)) + abs(p["a"] ** 0.5 - at.a**0.5),
         )
-        return int(near["schemes"][scheme]["sign"][kind])
 
     def _levels(self, scheme: str, at: Groups, kind: str) -> np.ndarray:
         found = [np.exp(self._interpolated(scheme, (kind, f"{100 * level:g}"), at)) for level in LEVELS]
