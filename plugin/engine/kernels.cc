@@ -367,10 +367,10 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
 }
 
 // acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
-// posNew.  `seen` are the velocities of friction, which may be velm without it.
+// posNew.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
 KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, int terms, mixed kick, int moves,
-        TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
+        GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
+        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
@@ -389,6 +389,8 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             f[1] += others[i+STRIDE];
             f[2] += others[i+2*STRIDE];
         }
+        for (int k = i; k < 3*STRIDE && useOthers == 2; k += STRIDE)
+            kept[k] = others[k];
         mixed4 v = velm[i];
         mixed scale = v.w/(mixed) 0x100000000;
         mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
@@ -405,6 +407,21 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             dpdStore(posNew, corrNew, i, x, pos[i].w);
         if (moves == 1)
             dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
+    }
+}
+
+// What the force of others has changed by since it was kept is added to acc.
+KERNEL void dpdRenew(GLOBAL const mm_long* RESTRICT others, GLOBAL const mm_long* RESTRICT kept, GLOBAL const mixed4* RESTRICT velm,
+        GLOBAL mixed4* RESTRICT acc, GLOBAL const int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mixed4 a = acc[i];
+        mixed scale = velm[i].w/(mixed) 0x100000000;
+        a.x += scale*(others[i]-kept[i]);
+        a.y += scale*(others[i+STRIDE]-kept[i+STRIDE]);
+        a.z += scale*(others[i+2*STRIDE]-kept[i+2*STRIDE]);
+        acc[i] = a;
     }
 }
 
@@ -534,9 +551,7 @@ DEVICE int dpdPasses(GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRI
     return passes;
 }
 
-// The corrections are in d[pass%2]; the first one is the residual itself, up to a factor.
-#define CORRECTION(pass) ((pass) == 0 ? res : (pass)%2 ? d1 : d0)
-
+// Corrections are in d: in `res` and d1 by turns, the first one is the residual itself, up to a factor.
 KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross,
         GLOBAL real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL real4* RESTRICT resNew, GLOBAL const real4* RESTRICT d, GLOBAL real4* RESTRICT dNew,
         GLOBAL const int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, mixed halfdt, int pass) {
@@ -574,7 +589,7 @@ KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RES
 KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* RESTRICT vel, GLOBAL mixed4* RESTRICT velNew, GLOBAL const mixed4* RESTRICT acc,
         GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross, GLOBAL const mm_long* RESTRICT random,
-        GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d0, GLOBAL const real4* RESTRICT d1,
+        GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d1,
         GLOBAL int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
         GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, DRIFT) {
     if (STOPPED)
@@ -585,7 +600,7 @@ KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
         return;
     }
     real scale = weights[passes*MOST_PASSES+passes-1].x;
-    GLOBAL const real4* RESTRICT d = CORRECTION(passes-1);
+    GLOBAL const real4* RESTRICT d = passes%2 ? res : d1;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         real4 a = d[i], y = u[i];
         real vx = y.x+scale*a.x, vy = y.y+scale*a.y, vz = y.z+scale*a.z;
