@@ -131,7 +131,7 @@ public:
             needSeen();
             device.template run<dpdExchange_>(position(), correction(), posB, corrB, device.velm(), phase%100 == 0 ? acc : seen, flags, number());
             device.give();
-            keep();
+            keep(now);
             return 0.0;
         }
         if (inStep)
@@ -171,7 +171,7 @@ public:
         bool predicts = word[0].first == 'V';
         begin(now, !predicts);
         int asked = (int) context.getParameter("dpd_phase");
-        bool anew = asked == RUN_ANEW || !kept();
+        bool anew = asked == RUN_ANEW || !kept(now);
         if (predicts) {
             verlet(context, now, others, word[0].second, anew, asked == RUN_BESIDE);
             look(now, false);
@@ -222,7 +222,7 @@ public:
         if (owed != 0 || here == 1)
             move(now, owed, 0);
         if (serves)
-            keep();
+            keep(now);
         look(now, false);
     }
 
@@ -240,8 +240,11 @@ private:
         Now now = {context.getParameter("dpd_dt"), context.getParameter("dpd_kT"), (uint64_t) context.getParameter("dpd_seed"), (uint64_t) context.getParameter("dpd_counter")};
         if (!(now.kT >= 0 && std::isfinite(now.kT)) || (anyFixedSigma && now.kT == 0))
             throw OpenMM::OpenMMException("the context parameter dpd_kT must be >= 0 and finite (and > 0 where sigma is fixed), but is "+std::to_string(now.kT));
-        if (!(now.dt > 0))
-            throw OpenMM::OpenMMException("the step size must be > 0, but the integrator's is "+std::to_string(now.dt)+" ps");
+        if (!(now.dt > 0)) {
+            std::stringstream text;
+            text << "the step size must be > 0, but the integrator's is " << now.dt << " ps";
+            throw OpenMM::OpenMMException(text.str());
+        }
         return now;
     }
 
@@ -430,7 +433,7 @@ private:
         move(now, 0.5, 1, lam);
         now.counter++;
         kick(context, now, others, 0.5, 0, &seen);
-        keep();
+        keep(now);
     }
 
     // Whether forces of others could be compared with those that were kept: not if they gave beads another order.
@@ -442,16 +445,17 @@ private:
     }
 
     // The positions, and what tells of changes since; within the same step it is known that there is none.
-    void keep() {
+    void keep(const Now& now) {
         device.note();
+        keptStep = now.dt;
         keptBox = edges;
         keptTilt = tilt;
         haveKept = true;
     }
 
-    bool kept() const {
+    bool kept(const Now& now) const {
         auto same = [](const Mixed4& a, const Mixed4& b) { return a.x == b.x && a.y == b.y && a.z == b.z; };
-        return haveKept && same(edges, keptBox) && same(tilt, keptTilt);
+        return haveKept && now.dt == keptStep && same(edges, keptBox) && same(tilt, keptTilt);
     }
 
     bool moved() {
@@ -535,7 +539,8 @@ private:
     double inverseMass = 0, expected = 0;      // the largest 1/m; the bound of eigenvalues for which passes are launched
     std::vector<double> passRange;
     Mixed4 edges, inverse, tilt, keptBox, keptTilt;
-    bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox
+    double keptStep = 0;
+    bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox, with noise for keptStep
     bool sweeping = false, haveSeen = false, haveBeside = false; // which arrays were made beyond those that all need
     int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
     int launch = 0, here = 0, cells = 0, side = 0;         // where the present positions are, which counts and places of cells are filled
