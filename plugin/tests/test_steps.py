@@ -320,7 +320,6 @@ def test_arrays_are_those_that_a_scheme_needs(precision, mvv, middle, monkeypatc
         assert 0.5 * most < bytes_of_arrays() / n <= most, bytes_of_arrays() / n
 
 
-
 # -- errors ---------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["middle", "mvv"])
 def test_beads_that_run_away_are_an_error(scheme, usual):
@@ -379,18 +378,22 @@ def test_without_the_guards_a_step_with_too_little_room_is_an_error(usual):
         context.getState(energy=True)
 
 
-def test_a_broken_kernel_is_refused(usual, monkeypatch):
+@pytest.mark.parametrize(
+    "broken, wrong",
+    [("A", "the conservative force by 0.001.*, its energy by 0.001"), ("gamma", "friction and noise by 0.00.*, the pair update by 0.0")],
+)
+def test_a_broken_kernel_is_refused(broken, wrong, usual, monkeypatch):
+    """One whose repulsion is wrong by a part in a thousand, or whose friction by one in fifty."""
     scene = fluid(PLAIN, BOX, n=60, spread=0)
     real = made.device_force
 
-    def broken(spec, *arguments, **more):
+    def changed(spec, *arguments, **more):
         (table,) = spec.terms
-        return real(replace(spec, terms=(replace(table, A=1.001 * table.A),)), *arguments, **more)
+        by = {"A": 1.001, "gamma": 1.02}[broken]
+        return real(replace(spec, terms=(replace(table, **{broken: by * getattr(table, broken)}),)), *arguments, **more)
 
-    monkeypatch.setattr("openmm_dpd.simulation.scene_system.device_force", broken)
-    with pytest.raises(
-        RunError, match="the device computes something else than the host .* the conservative force by 0.001.*engine='host'"
-    ):
+    monkeypatch.setattr("openmm_dpd.simulation.scene_system.device_force", changed)
+    with pytest.raises(RunError, match=f"the device computes something else than the host .* {wrong}.*engine='host'"):
         run_on(scene, usual)
 
 
