@@ -375,7 +375,7 @@ private:
             throw OpenMM::OpenMMException("friction times step size is too large for pair updates; take a shorter step, or less friction");
         if (stop && !again)
             throw OpenMM::OpenMMException("beads have come closer together than there was room for on the device; there is more room now, so go on from the last checkpoint");
-        return stop != 0;
+        return stop != 0 || grows; // larger cells are empty
     }
 
     // The first step of a Context: how much room its state needs.

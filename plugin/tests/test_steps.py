@@ -364,6 +364,15 @@ def test_room_grows_and_no_pair_is_dropped(scheme, usual):
     assert same_bits(*(state_of(simulation.context) for simulation in (narrow, ample)))
 
 
+@pytest.mark.parametrize("crowd", range(4, 26))
+def test_cells_of_any_number_of_beads(crowd):
+    """Forces, noise and pair updates are the host's, however full the fullest cell is: a Simulation that is made is compared."""
+    found = available(Device("Reference"))
+    x = np.stack(np.meshgrid(*[np.arange(5) * 1.2 + 0.1] * 3), -1).reshape(-1, 3)[:100]
+    x[:crowd] = 2.5 + 0.4 * np.random.default_rng(1).random((crowd, 3))
+    run_on(beads(100, edge=6.0, positions=x), found)
+
+
 def test_without_the_guards_a_step_with_too_little_room_is_an_error(usual):
     scene = beads(648, edge=6.0)
     built = made_on(scene, usual, dt=0.002)
