@@ -11,7 +11,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")  # a second thread can be asked for on any machine; has to be set before numba is imported
 
 import numba
-import on_the_device
 import pytest
 from devices import DEVICES, MARKS, Device, available
 
@@ -21,9 +20,6 @@ from openmm_dpd.kernels.threads import set_threads
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Leave the further precisions of GPU platforms to the slow tests."""
     for item in items:
-        why = on_the_device.why_skipped(item.name) if on_the_device.ASKED else None
-        if why is not None:
-            item.add_marker(pytest.mark.skip(why))
         device = item.callspec.params.get("device") if hasattr(item, "callspec") else None
         for mark in MARKS.get(device.precision, ()) if isinstance(device, Device) else ():
             item.add_marker(mark)
@@ -39,12 +35,6 @@ def device(request) -> Device:
 def host(request) -> Device:
     """The platforms that hand positions and pair forces over in double precision, bit for bit."""
     return available(request.param)
-
-
-@pytest.fixture(autouse=on_the_device.ASKED)
-def on_device(monkeypatch) -> None:
-    """The engine of every scene that the plugin can run is the device."""
-    on_the_device.take(monkeypatch)
 
 
 @pytest.fixture(autouse=True)

@@ -1,14 +1,9 @@
-"""Tests of the package with every scene that the plugin can run on the device: OPENMM_DPD_TEST_ENGINE=device, and the files that are listed here.
+"""Tests of the package with every scene that the plugin can run on the device: a plugin of pytest, and the files that are listed here.
 
-OPENMM_DPD_TEST_ENGINE=device pytest -q -m "not slow" $(python tests/on_the_device.py)
+PYTHONPATH=plugin/tests pytest -q -p on_the_device -m "not slow" $(python plugin/tests/on_the_device.py)
 """
 
-import os
-
-from openmm_dpd.plan import device
-from openmm_dpd.plan.forces.device_force import why_no_plugin
-
-ASKED = os.environ.get("OPENMM_DPD_TEST_ENGINE") == "device"
+import pytest
 
 #: Forces, constraints and barostats of others, every setter, reporters, restarts, errors.
 FILES = (
@@ -27,15 +22,22 @@ DIFFERENT = {
 }
 
 
-def why_skipped(name: str) -> str | None:
-    """Why a test is not run on the device, or None."""
-    return next((why for start, why in DIFFERENT.items() if name == start or name.startswith(start + "[")), None) or why_no_plugin(
-        "Reference"
-    )
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave out what differs, and everything where there is no plugin."""
+    from openmm_dpd.plan.forces.device_force import why_no_plugin
+
+    for item in items:
+        differs = (why for start, why in DIFFERENT.items() if item.name == start or item.name.startswith(start + "["))
+        why = next(differs, None) or why_no_plugin("Reference")
+        if why is not None:
+            item.add_marker(pytest.mark.skip(why))
 
 
-def take(monkeypatch) -> None:
-    """Let engine="auto" take the device on every platform."""
+@pytest.fixture(autouse=True)
+def on_device(monkeypatch) -> None:
+    """engine="auto" takes the device on every platform."""
+    from openmm_dpd.plan import device
+
     monkeypatch.setattr(device, "is_gpu", lambda platform: platform is not None)
 
 
