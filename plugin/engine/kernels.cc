@@ -214,14 +214,14 @@ DEVICE int dpdWrap(int c, int n) {
 }
 
 // Where a bead is in its cell along an axis, from 0 to 1, if it is at s in units of the box; `dpdAxis` may have rounded.
-DEVICE real dpdPlace(mixed s, int n, int own) {
-    real f = (real) ((s-floor(s))*n-own);
-    return f < 0 || f > (real) 1.5 ? 0 : f > 1 ? 1 : f;
+DEVICE float dpdPlace(mixed s, int n, int own) {
+    float f = (float) ((s-floor(s))*n-own);
+    return f < 0 || f > 1.5f ? 0 : f > 1 ? 1 : f;
 }
 
 // The square of how far it is from the cells before its own (at = 0), in line with it (1) and after it (2).
-DEVICE real dpdGap(int at, real place, mixed edge, int n) {
-    real gap = at == 1 || n < 3 ? 0 : (at == 0 ? place : 1-place)*(real) (edge/n);
+DEVICE float dpdGap(int at, float place, mixed edge, int n) {
+    float gap = at == 1 || n < 3 ? 0 : (at == 0 ? place : 1-place)*(float) (edge/n);
     return gap*gap;
 }
 
@@ -230,21 +230,21 @@ DEVICE real dpdGap(int at, real place, mixed edge, int n) {
 #define GAP(axis, at, n) 0
 #else
 #define PLACE(axis, n, own) dpdPlace(x.axis*inverse.axis, n, own)
-#define GAP(axis, at, n) dpdGap(at, place.axis, edges.axis, n)
+#define GAP(axis, at, n) dpdGap(at, place##axis, edges.axis, n)
 #endif
 
 // All partners j of bead i within the longest cutoff: delta from j to i, r2 its square.  Cells that are farther away are left out.
 #define PARTNERS \
     int cell = cellOf[i], plane = cell/nx; \
     int hx = cell-plane*nx, hz = plane/ny, hy = plane-hz*ny; \
-    real3 place = make_real3(PLACE(x, nx, hx), PLACE(y, ny, hy), PLACE(z, nz, hz)); \
-    for (int c = 0; c < (nz < 3 ? nz : 3); c++) \
-    for (int b = 0; b < (ny < 3 ? ny : 3); b++) { \
+    float placex = PLACE(x, nx, hx), placey = PLACE(y, ny, hy), placez = PLACE(z, nz, hz); \
+    for (int line = 0; line < (nz < 3 ? nz : 3)*(ny < 3 ? ny : 3); line++) { \
+    int c = line/(ny < 3 ? ny : 3), b = line%(ny < 3 ? ny : 3); \
     int first = ((nz < 3 ? c : dpdWrap(hz+c-1, nz))*ny+(ny < 3 ? b : dpdWrap(hy+b-1, ny)))*nx; \
-    real gap = GAP(z, c, nz)+GAP(y, b, ny); \
+    float gap = GAP(z, c, nz)+GAP(y, b, ny); \
     for (int a = 0; a < (nx < 3 ? nx : 3); a++) { \
         int other = first+(nx < 3 ? a : dpdWrap(hx+a-1, nx)); \
-        int n = gap+GAP(x, a, nx) < MAX_CUTOFF*MAX_CUTOFF*(real) 1.0002 ? count[other] : 0; \
+        int n = gap+GAP(x, a, nx) < (float) (MAX_CUTOFF*MAX_CUTOFF*1.0002) ? count[other] : 0; \
         for (int k = 0; k < n; k++) { \
             int j = beads[other*room+k]; \
             real3 delta = dpdDelta(x, dpdLoad(pos, corr, j), BOX_); \
