@@ -123,10 +123,10 @@ def hip_compiler() -> str:
 
 
 @pytest.mark.parametrize("precision", ["single", "mixed", "double"])
-@pytest.mark.parametrize("architecture", ["gfx90a", "gfx1100"])
+@pytest.mark.parametrize("architecture", ["gfx90a", "gfx1030"])
 @pytest.mark.parametrize("names", [PLAIN, EVERYTHING], ids=["plain", "everything"])
 def test_all_kernels_compile_for_hip(names, architecture, precision, tmp_path):
-    """To assembly, with OpenMM's options; GPUs with waves of 64 and of 32 threads."""
+    """To assembly, with OpenMM's options; GPUs with waves of 64 and of 32 threads (clang 15 crashes now and then for newer ones, as gfx1100)."""
     made = tmp_path / "kernels.s"
     options = f"-O3 -ffast-math -munsafe-fp-atomics --offload-arch={architecture} --cuda-device-only -nogpulib -nogpuinc -S".split()
     options += [f"-D{name}={value}" for name, value in (names | {f"USE_{precision.upper()}_PRECISION": 1}).items()]
