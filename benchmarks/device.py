@@ -1,16 +1,19 @@
 """The plugin openmm-dpd-device on whatever device there is, one table: steps, differences from the host, temperatures, launches' cost, memory.
+"arrays" are bytes of the plugin's arrays on the device for each bead, "process" what the process has grown by: OpenMM's arrays, too, where the
+device is the CPU, and Python's.
 
     python benchmarks/device.py                                    # the fastest platform with the plugin
     python benchmarks/device.py --platform CUDA --beads 10000 100000 1000000
     python benchmarks/device.py --platform OpenCL --beads 3000 --seconds 2
 
-Standard fluid: rho = 3, A = 25, gamma = 4.5, rc = 1, dt = 0.04, beside OpenMM's DPDIntegrator on the same device and its LangevinMiddleIntegrator
+Standard fluid: rho = 3, A = 25, gamma = 4.5, rc = 1, dt = 0.04, beside OpenMM's DPDIntegrator on the same device ("native", by turns) and its LangevinMiddleIntegrator
 with the same repulsion, which is no DPD.  Rows are appended to --json, which a page of numbers can be made of.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import platform as machine
 import resource
@@ -48,18 +51,21 @@ def langevin(scene: dpd.Scene, platform: str, properties: dict[str, str]) -> ope
     return simulation
 
 
-def timed(simulation: openmm.app.Simulation, seconds: float) -> float:
-    """Seconds per step, the best of three, after as many to warm up."""
+def times(simulations: list[openmm.app.Simulation], seconds: float) -> list[float]:
+    """Seconds per step of each, the best of five by turns, after as many to warm up."""
 
-    def run(n: int) -> float:
+    def run(simulation: openmm.app.Simulation, n: int) -> float:
         begun = time.perf_counter()
         simulation.step(n)
         simulation.context.getState(velocities=True)
         return (time.perf_counter() - begun) / n
 
-    run(10)
-    n = max(10, int(seconds / max(run(20), 1e-7)))
-    return min(run(n) for _ in range(3))
+    steps = []
+    for simulation in simulations:
+        run(simulation, 10)
+        steps.append(max(10, int(seconds / max(run(simulation, 20), 1e-7))))
+    rounds = [[run(*each) for each in zip(simulations, steps, strict=True)] for _ in range(5)]
+    return [min(found) for found in zip(*rounds, strict=True)]
 
 
 def kinetic_kT(simulation: openmm.app.Simulation, samples: int = 20) -> float:
@@ -77,10 +83,15 @@ def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
-def measure(name: str, beads: int, platform: str, precision: str, seconds: float) -> dict[str, object]:
-    """One row."""
+def arrays() -> int:
+    """Bytes of the plugin's arrays on devices."""
+    return importlib.import_module("openmm_dpd_device").bytes_of_arrays()
+
+
+def made(name: str, beads: int, platform: str, precision: str) -> tuple[dict[str, object], openmm.app.Simulation]:
+    """A row but for times and temperatures, and its Simulation."""
     scene, properties = fluid(beads), {"Precision": precision} if platform in ("OpenCL", "CUDA", "HIP") else {}
-    before, begun = resident(), time.perf_counter()
+    before, had, begun = resident(), arrays(), time.perf_counter()
     row: dict[str, object] = {"platform": platform, "precision": precision, "beads": beads, "scheme": name}
     if name == "langevin":
         simulation = langevin(scene, platform, properties)
@@ -92,10 +103,20 @@ def measure(name: str, beads: int, platform: str, precision: str, seconds: float
     row["built_s"] = time.perf_counter() - begun
     if name not in ("langevin", "native") and beads <= 100_000:
         row |= {what: error for what, (error, _) in differences(simulation.context, built.plan).items()}
-    row["steps_per_s"] = 1 / timed(simulation, seconds)
-    row["kT"] = kinetic_kT(simulation)
+    row["array_bytes_per_bead"] = (arrays() - had) / beads
     row["bytes_per_bead"] = (resident() - before) / beads
-    return row
+    return row, simulation
+
+
+def measure(names: list[str], beads: int, platform: str, precision: str, seconds: float) -> list[dict[str, object]]:
+    """Rows of all schemes, timed by turns."""
+    rows, simulations = zip(*(made(name, beads, platform, precision) for name in names), strict=True)
+    found = times(list(simulations), seconds)
+    native = found[names.index("native")] if "native" in names else float("nan")
+    for row, simulation, spent in zip(rows, simulations, found, strict=True):
+        row |= {"steps_per_s": 1 / spent, "of_native": spent / native}
+        row["kT"] = kinetic_kT(simulation)
+    return list(rows)
 
 
 def main() -> None:
@@ -116,20 +137,22 @@ def main() -> None:
     if platform not in able:
         raise SystemExit(f"no measurements on {platform}: {why_no_plugin(platform)}")
     print(f"{platform}, {machine.processor() or machine.machine()}, OpenMM {openmm.version.short_version}; dt = {DT}, gamma = {GAMMA}")
-    print(f"{'beads':>9} {'precision':>9} {'scheme':>9} {'steps/s':>10} {'kT':>7} {'built, s':>9} {'B/bead':>7}  differences from the host")
-    rows = []
+    heads = f"{'beads':>9} {'precision':>9} {'scheme':>9} {'steps/s':>10} {'of native':>9} {'kT':>7} {'built, s':>9} {'arrays':>6} {'process':>7}"
+    print(f"{heads}  differences from the host")
+    rows: list[dict[str, object]] = []
     for beads in given.beads:
         for precision in given.precision if platform != "Reference" else ["double"]:
-            for name in given.schemes:
-                row = measure(name, beads, platform, precision, given.seconds)
-                rows.append(row)
+            found = measure(given.schemes, beads, platform, precision, given.seconds)
+            for row in found:
                 errors = ", ".join(f"{what} {error:.1e}" for what, error in row.items() if what.startswith(("the ", "its ", "friction")))
                 print(
-                    f"{beads:9d} {precision:>9} {name:>9} {row['steps_per_s']:10.1f} {row['kT']:7.4f} {row['built_s']:9.2f} {row['bytes_per_bead']:7.0f}  {errors}",
+                    f"{beads:9d} {precision:>9} {row['scheme']:>9} {row['steps_per_s']:10.1f} {row['of_native']:9.3f} {row['kT']:7.4f} "
+                    f"{row['built_s']:9.2f} {row['array_bytes_per_bead']:6.0f} {row['bytes_per_bead']:7.0f}  {errors}",
                     flush=True,
                 )
-                if given.json is not None:
-                    given.json.write_text(json.dumps(rows, indent=1))
+            rows += found
+            if given.json is not None:
+                given.json.write_text(json.dumps(rows, indent=1))
 
 
 if __name__ == "__main__":

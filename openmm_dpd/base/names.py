@@ -21,7 +21,7 @@ class Phase(IntEnum):
     READ = 300  # (+ block) take three values per bead from seen - kept: per-bead fields
     CHANGE = 400  # (+ block) what the last evaluation did to these values: rates, or after a sweep increments
     EXCHANGE = 500  # (+ block) on the device: velocities and what is kept change places: 0 accelerations, 1 the velocities friction saw
-    RUN = 600  # (+ 1: nothing is kept from the last one) a whole step when the Context's state is updated, on the device
+    RUN = 600  # (+ 1: nothing is kept from the last one; + 2: forces of others may differ) a whole step in an update, on the device
 
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"

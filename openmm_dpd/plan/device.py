@@ -52,9 +52,9 @@ def is_gpu(platform: str | None) -> bool:
 
 
 def chosen_engine(
-    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, beads: int
+    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, beads: int, partial: bool = False
 ) -> tuple[str, str]:
-    """Name of the engine, and why it is that one.
+    """Name of the engine, and why it is that one; ``partial``: on some beads only body forces act.
 
     Raises
     ------
@@ -70,6 +70,7 @@ def chosen_engine(
         "OpenMM's own integrator steps": scheme.native,
         "there is no friction and no noise": not thermostat,
         f"it has no {beyond}": beyond is not None,
+        "it has no beads on which only body forces act": partial,
         "it has no several tables": len(kinds) > 1,
         f"it takes no more than {MOST_BEADS:,} beads": beads > MOST_BEADS,
     }

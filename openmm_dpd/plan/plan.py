@@ -221,7 +221,7 @@ def make_plan(
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
     only = next(filter(None, reasons), None)
     double = platform in DOUBLE_PLATFORMS
-    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene.n_beads)
+    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene.n_beads, scene.interacting is not None)
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, longest(layers))
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)

@@ -98,7 +98,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         if self.getGlobalVariableByName("valid_for") != 1.0:
             put(self, "valid_for", -1.0)  # forces of others may have other parameters than in the last call
         elif not self._touched:
-            put(self, "valid_for", 0.0)  # the pair force has had it since the last step
+            put(self, "valid_for", 2.0 if self._mixed else 0.0)  # the pair force has had it since the last step
         self._touched = False
 
     def _forget_acceleration(self) -> None:

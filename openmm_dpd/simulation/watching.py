@@ -40,6 +40,8 @@ def watched(kind: type, looking: bool) -> type:
     when one is looked at.  OpenMM leaves no sign of that: its checkpoint brings everything back."""
 
     def reinitialize(self, preserveState=False):
+        if preserveState:
+            self.getIntegrator().verify(self)
         kind.reinitialize(self, preserveState)  # type: ignore[attr-defined]
         self.getIntegrator().bind(self)
 
@@ -101,7 +103,7 @@ class Watching:
         """Say which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
         if not hasattr(context, "watched"):
             context.__class__ = watched(type(context), self.device_group is not None)  # type: ignore[arg-type]
-        self._known, self._looked_at = weakref.ref(context), ()
+        self._known, self._looked_at, self._remembered, self._unverified = weakref.ref(context), (), None, False
         self._groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
 
     @unbroken()

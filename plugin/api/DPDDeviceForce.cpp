@@ -17,6 +17,12 @@ using namespace DPDDevice;
 using namespace OpenMM;
 using namespace std;
 
+atomic<long long> DPDDevice::bytesOfArrays(0);
+
+extern "C" DPD_EXPORT long long dpdBytesOfArrays() {
+    return bytesOfArrays;
+}
+
 double Fluid::maxCutoff() const {
     return *max_element(cutoff.begin(), cutoff.end());
 }

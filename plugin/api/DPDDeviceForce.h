@@ -7,6 +7,7 @@
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/internal/ForceImpl.h"
+#include <atomic>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -18,7 +19,7 @@
 namespace DPDDevice {
 
 // Values of dpd_phase (openmm_dpd/base/names.py); all others ask for the conservative force.
-enum { FORCE_SEEN = 4, FORCE_KEPT = 5, SWEEP = 100, EXCHANGE = 500, RUN = 600 };
+enum { FORCE_SEEN = 4, FORCE_KEPT = 5, SWEEP = 100, EXCHANGE = 500, RUN = 600, RUN_ANEW = 601, RUN_BESIDE = 602 };
 
 // What openmm_dpd knows of the pair terms; tables have numTypes*numTypes values.
 struct DPD_EXPORT Fluid {
@@ -47,6 +48,8 @@ public:
 protected:
     OpenMM::ForceImpl* createImpl() const override;
 };
+
+extern DPD_EXPORT std::atomic<long long> bytesOfArrays; // that the plugin has on devices now
 
 class DPD_EXPORT DPDDeviceKernel : public OpenMM::KernelImpl {
 public:

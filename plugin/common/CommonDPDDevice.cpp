@@ -9,11 +9,16 @@ using namespace std;
 
 void CommonDevice::make(Array& array, Kind kind, size_t size) {
     bool wideReal = cc.getUseDoublePrecision();
-    int bytes = kind == Kind::Int ? 4 : kind == Kind::Long ? 8 : kind == Kind::Real ? (wideReal ? 8 : 4) : kind == Kind::Real4 ? (wideReal ? 32 : 16) : wide ? 32 : 16;
-    if (array.isInitialized())
+    int each = kind == Kind::Int ? 4 : kind == Kind::Long ? 8 : kind == Kind::Real ? (wideReal ? 8 : 4) : kind == Kind::Real4 ? (wideReal ? 32 : 16) : wide ? 32 : 16;
+    long long more = (long long) size*each;
+    if (array.isInitialized()) {
+        more -= (long long) array.getSize()*each;
         array.resize(size);
+    }
     else
-        array.initialize(cc, size, bytes, "dpd");
+        array.initialize(cc, size, each, "dpd");
+    bytes += more;
+    bytesOfArrays += more;
 }
 
 void CommonDevice::upload(Array& array, Kind, const vector<double>& values) {

@@ -16,10 +16,12 @@ public:
     static constexpr bool everything = false; // the kernels are compiled for one scene
 
     CommonDevice(OpenMM::ComputeContext& cc) : cc(cc), wide(cc.getUseDoublePrecision() || cc.getUseMixedPrecision()) {}
+    ~CommonDevice() { bytesOfArrays -= bytes; }
     int beads() const { return cc.getNumAtoms(); }
     int padded() const { return cc.getPaddedNumAtoms(); }
     void box(OpenMM::Vec3& a, OpenMM::Vec3& b, OpenMM::Vec3& c) const { cc.getPeriodicBoxVectors(a, b, c); }
     Base& posq() { return cc.getPosq(); }
+    bool mixed() const { return cc.getUseMixedPrecision(); }
     Base& correction() { return cc.getUseMixedPrecision() ? cc.getPosqCorrection() : cc.getPosq(); }
     Base& velm() { return cc.getVelm(); }
     Base& index() { return cc.getAtomIndexArray(); }
@@ -79,6 +81,7 @@ private:
     OpenMM::ComputeContext& cc;
     const bool wide;
     int stepsBefore = 0;
+    long long bytes = 0; // of arrays
     std::tuple<int, long long, int> expected;
     std::map<std::string, OpenMM::ComputeKernel> kernels;
 };

@@ -24,7 +24,7 @@ struct Mixed4 { double x, y, z, w; };
 template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std::forward<T>(value)); }
 template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
 
-#define DPD_KERNELS(X) X(dpdMove) X(dpdEvaluate) X(dpdKick) X(dpdCompare) X(dpdExchange) X(dpdRows) X(dpdPass) X(dpdFinish)
+#define DPD_KERNELS(X) X(dpdMove) X(dpdEvaluate) X(dpdKick) X(dpdRenew) X(dpdCompare) X(dpdExchange) X(dpdRows) X(dpdPass) X(dpdFinish)
 #define DPD_TAG(name) struct name##_ { static constexpr const char* text = #name; };
 DPD_KERNELS(DPD_TAG)
 #undef DPD_TAG
@@ -85,16 +85,14 @@ public:
         device.make(walls, Kind::Mixed4, 5);
         device.upload4(walls, Kind::Mixed4, planes);
         int padded = device.padded();
-        for (auto array : {&posB, &corrB, &u, &res, &res2, &d0, &d1})
-            device.make(*array, Kind::Real4, padded);
-        for (auto array : {&acc, &seen})
-            device.make(*array, Kind::Mixed4, padded);
-        for (auto array : {&cellOf[0], &cellOf[1], &cellOf[2], &rowCount})
+        device.make(posB, Kind::Real4, padded);
+        device.make(corrB, Kind::Real4, device.mixed() ? padded : 1);
+        device.make(acc, Kind::Mixed4, padded);
+        for (auto array : {&cellOf[0], &cellOf[1]})
             device.make(*array, Kind::Int, padded);
-        device.make(random, Kind::Long, 3*padded);
+        device.make(seen, Kind::Mixed4, 1); // these grow when somebody needs them
+        device.make(beside, Kind::Long, 1);
         device.make(flags, Kind::Int, FLAGS);
-        device.make(rows, Kind::Real4, 1);
-        device.make(rowsAcross, Kind::Real, 1);
         device.clear(flags);
     }
 
@@ -130,13 +128,14 @@ public:
         here = 0;
         binned = false;
         if (phase >= EXCHANGE) {
+            needSeen();
             device.template run<dpdExchange_>(position(), correction(), posB, corrB, device.velm(), phase%100 == 0 ? acc : seen, flags, number());
             device.give();
-            keep();
+            keep(now);
             return 0.0;
         }
         if (inStep)
-            begin(now);
+            begin(now, phase >= SWEEP);
         if (phase >= SWEEP) {
             if (!thermostat || !includeForces)
                 return 0.0;
@@ -166,13 +165,15 @@ public:
         place();
         here = 0;
         binned = false;
-        begin(now);
         auto& word = fluid.word;
         if (word.empty())
             throw OpenMM::OpenMMException("DPDDeviceForce: it knows no whole step");
-        bool anew = (int) context.getParameter("dpd_phase") > RUN || !kept();
-        if (word[0].first == 'V') {
-            verlet(context, now, others, word[0].second, anew);
+        bool predicts = word[0].first == 'V';
+        begin(now, !predicts);
+        int asked = (int) context.getParameter("dpd_phase");
+        bool anew = asked == RUN_ANEW || !kept(now);
+        if (predicts) {
+            verlet(context, now, others, word[0].second, anew, asked == RUN_BESIDE);
             look(now, false);
             return;
         }
@@ -221,7 +222,7 @@ public:
         if (owed != 0 || here == 1)
             move(now, owed, 0);
         if (serves)
-            keep();
+            keep(now);
         look(now, false);
     }
 
@@ -239,14 +240,25 @@ private:
         Now now = {context.getParameter("dpd_dt"), context.getParameter("dpd_kT"), (uint64_t) context.getParameter("dpd_seed"), (uint64_t) context.getParameter("dpd_counter")};
         if (!(now.kT >= 0 && std::isfinite(now.kT)) || (anyFixedSigma && now.kT == 0))
             throw OpenMM::OpenMMException("the context parameter dpd_kT must be >= 0 and finite (and > 0 where sigma is fixed), but is "+std::to_string(now.kT));
-        if (!(now.dt > 0))
-            throw OpenMM::OpenMMException("the step size must be > 0, but the integrator's is "+std::to_string(now.dt)+" ps");
+        if (!(now.dt > 0)) {
+            std::stringstream text;
+            text << "the step size must be > 0, but the integrator's is " << now.dt << " ps";
+            throw OpenMM::OpenMMException(text.str());
+        }
         return now;
+    }
+
+    // Velocities that are not OpenMM's, for those that use them
+    void needSeen() {
+        if (!haveSeen)
+            device.make(seen, Kind::Mixed4, device.padded());
+        haveSeen = true;
     }
 
     // -- arguments -----------------------------------------------------------------------------------------------------------------
     auto BOX() { return std::make_tuple(edges, inverse, tilt, grid[0], grid[1], grid[2]); }
-    auto CELLS() { return std::tie(count[cells], beads[cells], cellOf[cells], cellRoom); }
+    auto CELLS() { return std::tie(count[cells], beads[side], cellOf[side], cellRoom); }
+    auto NEXT() { return std::tie(count[next()], beads[1-side], cellOf[1-side]); }
     auto TERMS(const Now& now, double dt, int part) {
         return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params, more, cubics,
             exceptionStart, exceptionBead, exceptionFactor, wallVelocity, (long long) noiseKey(now.seed, now.counter, now.kT, part),
@@ -255,7 +267,7 @@ private:
     auto DRIFT(double drift) { return std::tuple<Mixed, Base&>(Mixed{drift}, walls); }
 
     Base& position(int where) { return where ? (Base&) posB : device.posq(); }
-    Base& correction(int where) { return where ? (Base&) corrB : device.correction(); }
+    Base& correction(int where) { return where && device.mixed() ? (Base&) corrB : device.correction(); }
     Base& position() { return position(here); }
     Base& correction() { return correction(here); }
 
@@ -306,19 +318,19 @@ private:
 
     void makeCells() {
         if (cellRoom == 0)
-            cellRoom = std::max(8, 4*((device.beads()+numCells-1)/numCells)+8);
+            cellRoom = std::max(8, 3*((device.beads()+numCells-1)/numCells)+6);
         if (numCells > cellCapacity || cellRoom > madeRoom) {
-            cellCapacity = std::max(cellCapacity, numCells+numCells/8);
+            cellCapacity = cellCapacity == 0 ? numCells : std::max(cellCapacity, numCells+numCells/8);
             madeRoom = cellRoom;
             if ((double) cellCapacity*cellRoom > 2e9)
                 throw OpenMM::OpenMMException("DPDDeviceForce: too many cells of beads for 32-bit numbers");
-            for (int k = 0; k < 3; k++) {
-                device.make(count[k], Kind::Int, cellCapacity);
-                device.make(beads[k], Kind::Int, (size_t) cellCapacity*cellRoom);
-            }
+            for (auto& array : count)
+                device.make(array, Kind::Int, cellCapacity);
+            for (auto& array : beads)
+                device.make(array, Kind::Int, (size_t) cellCapacity*cellRoom);
         }
-        for (int k = 0; k < 3; k++)
-            device.clear(count[k]);
+        for (auto& array : count)
+            device.clear(array);
         binned = false;
     }
 
@@ -344,8 +356,10 @@ private:
             makeCells();
             grows = true;
         }
-        if (f[MOST_IN_ROW] > 0.85*rowRoom || rowRoom == 0) {
-            rowRoom = f[MOST_IN_ROW]+f[MOST_IN_ROW]/3+8;
+        int most = f[MOST_IN_ROW];
+        if (sweeping && (most > 0.95*rowRoom || rowRoom == 0)) {
+            // rows take most of the memory; among many beads some have nearly as many partners as any will have
+            rowRoom = device.beads() < 65536 ? most+most/3+8 : most+most/8+3;
             if ((double) rowRoom*device.padded() > 2e9)
                 throw OpenMM::OpenMMException("DPDDeviceForce: too many partners of beads for 32-bit numbers");
             device.make(rows, Kind::Real4, (size_t) rowRoom*device.padded());
@@ -361,19 +375,30 @@ private:
             throw OpenMM::OpenMMException("friction times step size is too large for pair updates; take a shorter step, or less friction");
         if (stop && !again)
             throw OpenMM::OpenMMException("beads have come closer together than there was room for on the device; there is more room now, so go on from the last checkpoint");
-        return stop != 0;
+        return stop != 0 || grows; // larger cells are empty
     }
 
     // The first step of a Context: how much room its state needs.
-    void begin(const Now& now) {
+    void begin(const Now& now, bool sweeps) {
+        if (sweeps && !sweeping) {
+            for (auto array : {&u, &res, &res2, &d1})
+                device.make(*array, Kind::Real4, device.padded());
+            device.make(rowCount, Kind::Int, device.padded());
+            device.make(random, Kind::Long, 3*device.padded());
+            device.make(rows, Kind::Real4, 1);
+            device.make(rowsAcross, Kind::Real, 1);
+            sweeping = true;
+            begun = false;
+        }
         if (begun || !thermostat)
             return;
         rowRoom = 0;
         do {
             binned = false;
             bin(now);
-            device.template run<dpdRows_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), rowCount, rows, rowsAcross, 0, random, u, res,
-                Mixed{0.5*now.dt}, Real{1/rate(now)}, flags, number(), BOX());
+            if (sweeping)
+                device.template run<dpdRows_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), rowCount, rows, rowsAcross, 0, random, u, res,
+                    Mixed{0.5*now.dt}, Real{1/rate(now)}, flags, number(), BOX());
         } while (look(now, true));
         begun = true;
     }
@@ -390,32 +415,47 @@ private:
 
     void turn() {
         cells = next();
+        side = 1-side;
         binned = true;
     }
 
     void bin(const Now& now) { move(now, 0, 0); }
 
     // Modified velocity Verlet: the acceleration of a step serves the next one, unless positions, box or parameters have changed in between.
-    void verlet(OpenMM::ContextImpl& context, Now now, bool others, double lam, bool anew) {
-        if (anew || moved())
+    // differ: forces of others may have other parameters, and what that changes is added.
+    void verlet(OpenMM::ContextImpl& context, Now now, bool others, double lam, bool anew, bool differ) {
+        needSeen();
+        if (others && !haveBeside)
+            device.make(beside, Kind::Long, 3*device.padded());
+        haveBeside = others;
+        if (anew || moved() || (differ && others && !renewed(context)))
             kick(context, now, others, 0, 0, &device.velm());
         move(now, 0.5, 1, lam);
         now.counter++;
         kick(context, now, others, 0.5, 0, &seen);
-        keep();
+        keep(now);
+    }
+
+    // Whether forces of others could be compared with those that were kept: not if they gave beads another order.
+    bool renewed(OpenMM::ContextImpl& context) {
+        if (!evaluate(context))
+            return false;
+        device.template run<dpdRenew_>(device.force(), beside, device.velm(), acc, flags, number());
+        return true;
     }
 
     // The positions, and what tells of changes since; within the same step it is known that there is none.
-    void keep() {
+    void keep(const Now& now) {
         device.note();
+        keptStep = now.dt;
         keptBox = edges;
         keptTilt = tilt;
         haveKept = true;
     }
 
-    bool kept() const {
+    bool kept(const Now& now) const {
         auto same = [](const Mixed4& a, const Mixed4& b) { return a.x == b.x && a.y == b.y && a.z == b.z; };
-        return haveKept && same(edges, keptBox) && same(tilt, keptTilt);
+        return haveKept && now.dt == keptStep && same(edges, keptBox) && same(tilt, keptTilt);
     }
 
     bool moved() {
@@ -427,6 +467,13 @@ private:
         return f[MOVED] == launch;
     }
 
+    // Forces of others, whether the beads have the order they had
+    bool evaluate(OpenMM::ContextImpl& context) {
+        device.beforeOthers();
+        context.calcForcesAndEnergy(true, false, context.getIntegrator().getIntegrationForceGroups());
+        return device.afterOthers();
+    }
+
     // v += kick*acc, x += drift*v in units of the step, in place; the beads into cells.  predict: v + predict*acc is what friction will see
     void move(const Now& now, double kick, double drift, double predict = -1) {
         int moves = predict >= 0 ? 2 : kick != 0 || drift != 0 || here == 1;
@@ -435,22 +482,19 @@ private:
             here = 0;
         double fastest = now.dt > 0 ? fluid.maxCutoff()/now.dt : 0;
         device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves, device.index(),
-            types, count[next()], beads[next()], cellOf[next()], count[spare()], numCells, cellRoom, flags, number(), Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
+            types, NEXT(), count[spare()], numCells, cellRoom, flags, number(), Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
         turn();
     }
 
     // acc = F/m, v += kick*acc, and a drift if there is one; with friction and noise if it is said which velocities they see, and positions are kept
     void kick(OpenMM::ContextImpl& context, const Now& now, bool others, double kick, double drift, Base* friction = nullptr) {
-        if (others) {
-            device.beforeOthers();
-            context.calcForcesAndEnergy(true, false, context.getIntegrator().getIntegrationForceGroups());
-            binned = device.afterOthers() && binned;
-        }
+        if (others)
+            binned = evaluate(context) && binned;
         int terms = (conservative ? 1 : 0)|(friction ? 2 : 0), to = drift != 0 || friction ? 1-here : here;
         if (terms && !binned)
             move(now, 0, 0);
         device.template run<dpdKick_>(position(), correction(), position(to), correction(to), friction ? *friction : device.velm(), device.velm(), acc, device.force(),
-            (int) others, terms, Mixed{kick*now.dt}, friction ? 2 : (int) (drift != 0), TERMS(now, friction ? now.dt : 0, 0), CELLS(), count[next()], beads[next()], cellOf[next()], count[spare()], numCells, flags, number(),
+            others ? 1+(int) haveBeside : 0, beside, terms, Mixed{kick*now.dt}, friction ? 2 : (int) (drift != 0), TERMS(now, friction ? now.dt : 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(),
             DRIFT(drift*now.dt), BOX());
         if (drift != 0) {
             here = to;
@@ -464,6 +508,8 @@ private:
         int pieces = exact ? std::max(1, (int) std::ceil(gamma*h/2.1)) : 1;
         h /= pieces;
         double factor = 0.5*h*unit(now);
+        if (toForce)
+            needSeen();
         for (int k = 0; k < pieces; k++) {
             bool last = k == pieces-1;
             Base &vel = toForce && k > 0 ? (Base&) seen : device.velm(), &velNew = toForce ? (Base&) seen : device.velm();
@@ -473,11 +519,11 @@ private:
             while (launches+2 < MOST_PASSES && factor*expected > passRange[launches+1])
                 launches++;
             for (int pass = 0; pass < launches; pass++)
-                device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass == 0 ? res : pass%2 ? d1 : d0, pass%2 ? d0 : d1, flags, number(),
+                device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass%2 ? d1 : res, pass%2 ? res : d1, flags, number(),
                     limits, weights, Real{factor}, Mixed{0.5*h}, pass);
             bool moves = last && !toForce && (drift != 0 || here == 1);
             int to = moves ? 0 : here;
-            device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d0, d1, flags, number(),
+            device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d1, flags, number(),
                 limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, (int) moves,
                 DRIFT(last ? drift*now.dt : 0));
             if (moves) { // rows hold all that is needed of positions: no other bead reads them
@@ -493,14 +539,16 @@ private:
     double inverseMass = 0, expected = 0;      // the largest 1/m; the bound of eigenvalues for which passes are launched
     std::vector<double> passRange;
     Mixed4 edges, inverse, tilt, keptBox, keptTilt;
-    bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox
+    double keptStep = 0;
+    bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox, with noise for keptStep
+    bool sweeping = false, haveSeen = false, haveBeside = false; // which arrays were made beyond those that all need
     int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
-    int launch = 0, here = 0, cells = 0;                   // where the present positions are, which cells are filled
+    int launch = 0, here = 0, cells = 0, side = 0;         // where the present positions are, which counts and places of cells are filled
     bool unseen = false;                       // whether there were steps since the last look
     bool binned = false;                       // whether they hold the present positions
     std::chrono::steady_clock::time_point looked;
     Array types, params, more, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
-    Array posB, corrB, acc, seen, count[3], beads[3], cellOf[3], flags, rowCount, rows, rowsAcross, random, u, res, res2, d0, d1;
+    Array posB, corrB, acc, seen, beside, count[3], beads[2], cellOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
 };
 
 }

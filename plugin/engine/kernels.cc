@@ -213,23 +213,43 @@ DEVICE int dpdWrap(int c, int n) {
     return c < 0 ? c+n : c >= n ? c-n : c;
 }
 
-// All partners j of bead i within the longest cutoff: delta from j to i, r2 its square.
+// Where a bead is in its cell along an axis, from 0 to 1, if it is at s in units of the box; `dpdAxis` may have rounded.
+DEVICE float dpdPlace(mixed s, int n, int own) {
+    float f = (float) ((s-floor(s))*n-own);
+    return f < 0 || f > 1.5f ? 0 : f > 1 ? 1 : f;
+}
+
+// The square of how far it is from the cells before its own (at = 0), in line with it (1) and after it (2).
+DEVICE float dpdGap(int at, float place, mixed edge, int n) {
+    float gap = at == 1 || n < 3 ? 0 : (at == 0 ? place : 1-place)*(float) (edge/n);
+    return gap*gap;
+}
+
+#ifdef TRICLINIC // cells are not rectangular: all are looked into
+#define PLACE(axis, n, own) 0
+#define GAP(axis, at, n) 0
+#else
+#define PLACE(axis, n, own) dpdPlace(x.axis*inverse.axis, n, own)
+#define GAP(axis, at, n) dpdGap(at, place##axis, edges.axis, n)
+#endif
+
+// All partners j of bead i within the longest cutoff: delta from j to i, r2 its square.  Cells that are farther away are left out.
 #define PARTNERS \
-    int cell = cellOf[i]; \
-    int hx = cell%nx, hy = (cell/nx)%ny, hz = cell/(nx*ny); \
+    int cell = cellOf[i], plane = cell/nx; \
+    int hx = cell-plane*nx, hz = plane/ny, hy = plane-hz*ny; \
+    float placex = PLACE(x, nx, hx), placey = PLACE(y, ny, hy), placez = PLACE(z, nz, hz); \
     for (int line = 0; line < (nz < 3 ? nz : 3)*(ny < 3 ? ny : 3); line++) { \
     int c = line/(ny < 3 ? ny : 3), b = line%(ny < 3 ? ny : 3); \
     int first = ((nz < 3 ? c : dpdWrap(hz+c-1, nz))*ny+(ny < 3 ? b : dpdWrap(hy+b-1, ny)))*nx; \
+    float gap = GAP(z, c, nz)+GAP(y, b, ny); \
     for (int a = 0; a < (nx < 3 ? nx : 3); a++) { \
         int other = first+(nx < 3 ? a : dpdWrap(hx+a-1, nx)); \
-        int n = count[other]; \
+        int n = gap+GAP(x, a, nx) < (float) (MAX_CUTOFF*MAX_CUTOFF*1.0002) ? count[other] : 0; \
         for (int k = 0; k < n; k++) { \
             int j = beads[other*room+k]; \
-            if (j == i) \
-                continue; \
             real3 delta = dpdDelta(x, dpdLoad(pos, corr, j), BOX_); \
             real r2 = delta.x*delta.x+delta.y*delta.y+delta.z*delta.z; \
-            if (r2 >= MAX_CUTOFF*MAX_CUTOFF || r2 == 0) \
+            if (r2 >= MAX_CUTOFF*MAX_CUTOFF || r2 == 0) /* itself, too */ \
                 continue;
 #define END_PARTNERS }}}
 
@@ -367,10 +387,10 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
 }
 
 // acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
-// posNew.  `seen` are the velocities of friction, which may be velm without it.
+// posNew.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
 KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, int terms, mixed kick, int moves,
-        TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
+        GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
+        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
@@ -389,6 +409,8 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             f[1] += others[i+STRIDE];
             f[2] += others[i+2*STRIDE];
         }
+        for (int k = i; k < 3*STRIDE && useOthers == 2; k += STRIDE)
+            kept[k] = others[k];
         mixed4 v = velm[i];
         mixed scale = v.w/(mixed) 0x100000000;
         mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
@@ -405,6 +427,21 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             dpdStore(posNew, corrNew, i, x, pos[i].w);
         if (moves == 1)
             dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
+    }
+}
+
+// What the force of others has changed by since it was kept is added to acc.
+KERNEL void dpdRenew(GLOBAL const mm_long* RESTRICT others, GLOBAL const mm_long* RESTRICT kept, GLOBAL const mixed4* RESTRICT velm,
+        GLOBAL mixed4* RESTRICT acc, GLOBAL const int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mixed4 a = acc[i];
+        mixed scale = velm[i].w/(mixed) 0x100000000;
+        a.x += scale*(others[i]-kept[i]);
+        a.y += scale*(others[i+STRIDE]-kept[i+STRIDE]);
+        a.z += scale*(others[i+2*STRIDE]-kept[i+2*STRIDE]);
+        acc[i] = a;
     }
 }
 
@@ -534,9 +571,7 @@ DEVICE int dpdPasses(GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRI
     return passes;
 }
 
-// The corrections are in d[pass%2]; the first one is the residual itself, up to a factor.
-#define CORRECTION(pass) ((pass) == 0 ? res : (pass)%2 ? d1 : d0)
-
+// Corrections are in d: in `res` and d1 by turns, the first one is the residual itself, up to a factor.
 KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross,
         GLOBAL real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL real4* RESTRICT resNew, GLOBAL const real4* RESTRICT d, GLOBAL real4* RESTRICT dNew,
         GLOBAL const int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, mixed halfdt, int pass) {
@@ -574,7 +609,7 @@ KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RES
 KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* RESTRICT vel, GLOBAL mixed4* RESTRICT velNew, GLOBAL const mixed4* RESTRICT acc,
         GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross, GLOBAL const mm_long* RESTRICT random,
-        GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d0, GLOBAL const real4* RESTRICT d1,
+        GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d1,
         GLOBAL int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
         GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, DRIFT) {
     if (STOPPED)
@@ -585,7 +620,7 @@ KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
         return;
     }
     real scale = weights[passes*MOST_PASSES+passes-1].x;
-    GLOBAL const real4* RESTRICT d = CORRECTION(passes-1);
+    GLOBAL const real4* RESTRICT d = passes%2 ? res : d1;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         real4 a = d[i], y = u[i];
         real vx = y.x+scale*a.x, vy = y.y+scale*a.y, vz = y.z+scale*a.z;

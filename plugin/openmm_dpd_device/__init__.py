@@ -8,6 +8,7 @@ failed : dict
     Why that of another one was not, by platform.
 """
 
+import ctypes
 from pathlib import Path
 
 import openmm
@@ -18,6 +19,17 @@ _LIBRARIES = {"Reference": "OpenMMDPDDevice", "OpenCL": "OpenMMDPDDeviceOpenCL",
 
 loaded: list[str] = []
 failed: dict[str, str] = {}
+
+
+def bytes_of_arrays() -> int:
+    """Bytes of the arrays that the plugin has on devices now; OpenMM's own come on top."""
+    function = ctypes.CDLL(str(_library("Reference"))).dpdBytesOfArrays
+    function.restype = ctypes.c_longlong
+    return function()
+
+
+def _library(platform: str) -> Path:
+    return Path(__file__).parent / f"lib{_LIBRARIES[platform]}.so"
 
 
 def _minor(version: str) -> list[str]:
@@ -31,12 +43,12 @@ if _minor(openmm.version.short_version) != _minor(OPENMM):
     )
 
 _here = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
-for _platform, _name in _LIBRARIES.items():
+for _platform in _LIBRARIES:
     if _platform not in _here:
         failed[_platform] = f"OpenMM has no platform {_platform} here"
         continue
     try:
-        openmm.Platform.loadPluginLibrary(str(Path(__file__).parent / f"lib{_name}.so"))
+        openmm.Platform.loadPluginLibrary(str(_library(_platform)))
         loaded.append(_platform)
     except openmm.OpenMMException as error:
         failed[_platform] = str(error)

@@ -81,6 +81,7 @@ public:
     int padded() const { return n; }
     void box(Vec3& a, Vec3& b, Vec3& c) const { a = data.periodicBoxVectors[0]; b = data.periodicBoxVectors[1]; c = data.periodicBoxVectors[2]; }
     Array& posq() { return x; }
+    bool mixed() const { return false; }
     Array& correction() { return x; }
     Array& velm() { return v; }
     Array& index() { return order; }

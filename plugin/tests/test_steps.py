@@ -188,11 +188,7 @@ def test_forces_of_others_may_change_between_calls(scheme, usual):
     pair = []
     for strength in (0.0, 50.0):
         built = made_on(scene, usual, scheme)
-        pull = openmm.CustomExternalForce("-k*x")
-        pull.addPerParticleParameter("k")
-        for k in range(60):
-            pull.addParticle(k, [strength])
-        built.system.addForce(pull)
+        built.system.addForce(pulling(strength))
         pair.append(built.simulation(properties=usual.properties))
     changed, expected = pair
     changed.step(7)
@@ -206,10 +202,40 @@ def test_forces_of_others_may_change_between_calls(scheme, usual):
     assert same_bits(*(state_of(simulation.context) for simulation in pair))
 
 
+def pulling(strength: float) -> openmm.CustomExternalForce:
+    """A constant force along x on 60 beads."""
+    pull = openmm.CustomExternalForce("-k*x")
+    pull.addPerParticleParameter("k")
+    for bead in range(60):
+        pull.addParticle(bead, [strength])
+    return pull
+
+
+@pytest.mark.parametrize("changed", [True, False])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "bababo"])
+def test_a_force_that_changed_acts_from_the_first_half_kick(scheme, changed, device):
+    """... of the step after updateParametersInContext: all of its impulse is there, and none of that before."""
+    scene, dt = fluid(PLAIN, BOX, n=60, spread=0), 0.02
+    built, pull = made_on(scene, device, scheme, dt=dt), pulling(10.0)
+    built.system.addForce(pull)
+    simulation = built.simulation(properties=device.properties)
+    simulation.step(7)
+    if changed:
+        for bead in range(60):
+            pull.setParticleParameters(bead, bead, [50.0])
+        pull.updateParametersInContext(simulation.context)
+    mass = scene.bead_masses
+    before = mass @ state_of(simulation.context)[1]
+    simulation.step(3)
+    found = mass @ state_of(simulation.context)[1] - before
+    np.testing.assert_allclose(found, [60 * (50 if changed else 10) * 3 * dt, 0, 0], rtol=0, atol=device.choose(1e-8, 1e-3, 1e-3))
+
+
 # -- bits -----------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow", "mvv"])
+@pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow", "mvv", "mvv beside bonds"])
 def test_two_runs_cut_runs_and_restarts_have_the_same_bits(scheme, device, tmp_path):
-    scene = beads(375, edge=5.0)
+    scheme, _, beside = scheme.partition(" ")
+    scene = chains(BOX, n=60, k=20.0) if beside else beads(375, edge=5.0)
     whole, cut = run_on(scene, device, scheme), run_on(scene, device, scheme)
     whole.step(40)
     expected = state_of(whole.context)
@@ -278,6 +304,22 @@ open({str(tmp_path / "after.xml")!r}, "w").write(openmm.XmlSerializer.serialize(
     np.testing.assert_array_equal(after.getVelocities(asNumpy=True)._value, v)
 
 
+@pytest.mark.parametrize("precision, mvv, middle", [("single", 140, 680), ("mixed", 200, 720), ("double", 200, 1250)])
+def test_arrays_are_those_that_a_scheme_needs(precision, mvv, middle, monkeypatch):
+    """Bytes for each of many beads; OpenMM's own arrays are not among them."""
+    monkeypatch.setattr(device_check, "MOST", 0)  # the comparison asks for more
+    found = available(Device("OpenCL", precision))
+    n = 81000
+    x = (np.stack(np.meshgrid(*[np.arange(45)] * 3), -1).reshape(-1, 3)[:n] + 0.5) * (30 / 45) + 0.2 * np.random.default_rng(1).random(
+        (n, 3)
+    )
+    for scheme, most in (("mvv", mvv), ("middle", middle)):
+        simulation = run_on(beads(n, edge=30.0, positions=x), found, scheme)
+        simulation.step(2)
+        bytes_of_arrays = made.plugin().bytes_of_arrays
+        assert 0.5 * most < bytes_of_arrays() / n <= most, bytes_of_arrays() / n
+
+
 # -- errors ---------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["middle", "mvv"])
 def test_beads_that_run_away_are_an_error(scheme, usual):
@@ -322,6 +364,15 @@ def test_room_grows_and_no_pair_is_dropped(scheme, usual):
     assert same_bits(*(state_of(simulation.context) for simulation in (narrow, ample)))
 
 
+@pytest.mark.parametrize("crowd", range(4, 26))
+def test_cells_of_any_number_of_beads(crowd):
+    """Forces, noise and pair updates are the host's, however full the fullest cell is: a Simulation that is made is compared."""
+    found = available(Device("Reference"))
+    x = np.stack(np.meshgrid(*[np.arange(5) * 1.2 + 0.1] * 3), -1).reshape(-1, 3)[:100]
+    x[:crowd] = 2.5 + 0.4 * np.random.default_rng(1).random((crowd, 3))
+    run_on(beads(100, edge=6.0, positions=x), found)
+
+
 def test_without_the_guards_a_step_with_too_little_room_is_an_error(usual):
     scene = beads(648, edge=6.0)
     built = made_on(scene, usual, dt=0.002)
@@ -336,18 +387,22 @@ def test_without_the_guards_a_step_with_too_little_room_is_an_error(usual):
         context.getState(energy=True)
 
 
-def test_a_broken_kernel_is_refused(usual, monkeypatch):
+@pytest.mark.parametrize(
+    "broken, wrong",
+    [("A", "the conservative force by 0.001.*, its energy by 0.001"), ("gamma", "friction and noise by 0.01, the pair update by 0.0")],
+)
+def test_a_broken_kernel_is_refused(broken, wrong, usual, monkeypatch):
+    """One whose repulsion is wrong by a part in a thousand, or whose friction by one in fifty."""
     scene = fluid(PLAIN, BOX, n=60, spread=0)
     real = made.device_force
 
-    def broken(spec, *arguments, **more):
+    def changed(spec, *arguments, **more):
         (table,) = spec.terms
-        return real(replace(spec, terms=(replace(table, A=1.001 * table.A),)), *arguments, **more)
+        by = {"A": 1.001, "gamma": 1.02}[broken]
+        return real(replace(spec, terms=(replace(table, **{broken: by * getattr(table, broken)}),)), *arguments, **more)
 
-    monkeypatch.setattr("openmm_dpd.simulation.scene_system.device_force", broken)
-    with pytest.raises(
-        RunError, match="the device computes something else than the host .* the conservative force by 0.001.*engine='host'"
-    ):
+    monkeypatch.setattr("openmm_dpd.simulation.scene_system.device_force", changed)
+    with pytest.raises(RunError, match=f"the device computes something else than the host .* {wrong}.*engine='host'"):
         run_on(scene, usual)
 
 

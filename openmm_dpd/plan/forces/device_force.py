@@ -75,7 +75,7 @@ def device_force(
     fixed = np.isnan(table.gamma)
     lists = {
         "types": spec.types,
-        "A": table.A,
+        "A": table.A if options.execution.pushes else np.zeros_like(table.A),
         "gamma": np.where(fixed, 0.0, table.gamma),
         "sigma": np.where(fixed, table.sigma, -1.0),
         "gammaAcross": table.gamma_perp,

@@ -31,9 +31,9 @@ def _word(p: Program) -> Program:
 
 def _run(p: Program, draws: int) -> None:
     """A step, with new noise so many times."""
-    p.declare("valid_for", -1.0, "who has the acceleration at x: 1 acc, 0 the pair force alone, -1 nobody")
+    p.declare("valid_for", -1.0, "who has the acceleration at x: 1 acc, 0 or 2 the pair force alone, -1 nobody")
     p.next_temperature()
-    p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)", "RUN, anew where there is no acceleration")
+    p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)+2*step(valid_for-1.5)", "RUN, anew where there is no acceleration")
     p.update("a whole step by the pair force; barostats and other updates of the Context's state")
     p.set("dpd_counter", f"dpd_counter+{draws}", "noise that was used")
     p.set("valid_for", "0")
