@@ -45,8 +45,7 @@ class ListingSpace(NamedTuple):
     factor: np.ndarray
     own: np.ndarray
     others: np.ndarray
-    row: np.ndarray
-    width: np.ndarray
+    corner: np.ndarray
     shift: np.ndarray
 
 
@@ -57,7 +56,7 @@ def space_for(parts: int, nx: int, most: int) -> ListingSpace:
     copied = np.zeros((parts, 3, most + 64)), np.zeros(beads, np.uint32)
     found = np.empty(hits, np.uint32), np.empty(hits, np.uint32), np.empty(hits)
     ends = np.empty((parts, nx + 3), np.uint64), np.empty((parts, nx + 3), np.uint64)
-    return ListingSpace(*copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5), np.int64), np.empty((parts, 5, 3)))
+    return ListingSpace(*copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5, 3)))
 
 
 class Rule(NamedTuple):
@@ -90,9 +89,9 @@ def beads_near(count, grid):
 
 
 @helper
-def _neighbour_rows(cy, cz, grid, row, width, shift):
-    """The column (cy, cz) and the four whose beads it meets, as rows of cells that follow each other in the order of cells.  Writes for
-    each row its first cell at x = 0, how many cells it takes there, and the lattice vector to add; returns how many rows."""
+def _neighbours(cy, cz, grid, corner, shift):
+    """The column (cy, cz) and the four whose beads it meets.  Writes for each its first cell, and the lattice vector to add; returns how many
+    there are."""
     nx, ny, nz = grid.nx, grid.ny, grid.nz
     box = grid.box
     n = 0
@@ -115,26 +114,22 @@ def _neighbour_rows(cy, cz, grid, row, width, shift):
                 y = 0
                 sx += box[1, 0]
                 sy += box[1, 1]
-        cell = z * nx * ny + y
-        if n > 1 and cell == row[n - 1] + width[n - 1]:
-            width[n - 1] += 1
-            continue
-        row[n], width[n] = cell, 1
+        corner[n] = (z * ny + y) * nx
         shift[n, 0], shift[n, 1], shift[n, 2] = sx, sy, sz
         n += 1
     return n
 
 
 @helper
-def _gather(xs, cy, cz, grid, count, rows, own, others, near, bead):
+def _gather(xs, cy, cz, grid, count, neighbours, own, others, near, bead):
     """Copy all beads near the column (cy, cz) one after the other: for each x from -1 to nx its own beads, then those of its neighbours.
     The own beads of cell x are own[x + 1]:others[x + 1], the others are others[x + 1]:own[x + 2].  What is copied beyond the end of a cell
     is written over by the next one."""
-    nx, ny = grid.nx, grid.ny
-    row, width, shift = rows
+    nx = grid.nx
+    corner, shift = neighbours
     x, y, z = xs[0], xs[1], xs[2]
     bx, by, bz = near[0], near[1], near[2]
-    n_rows = _neighbour_rows(cy, cz, grid, row, width, shift)
+    columns = _neighbours(cy, cz, grid, corner, shift)
     n = np.uint64(0)
     for cx in range(-1, nx + 1):
         own[cx + 1] = others[cx + 1] = n
@@ -144,11 +139,10 @@ def _gather(xs, cy, cz, grid, count, rows, own, others, near, bead):
             if not grid.periodic:
                 continue
             turn, at = (-grid.box[0, 0], nx - 1) if cx < 0 else (grid.box[0, 0], 0)
-        for k in range(n_rows):
+        for k in range(columns):
             if k == 0 and cx < 0:
                 continue  # these pairs are found from the other end
-            cell = row[k] + at * ny
-            begin, end = count[cell], count[cell + width[k]]
+            begin, end = count[corner[k] + at], count[corner[k] + at + 1]
             to = n
             for j in range(begin, end, _STEP):
                 copy_shifted(x, j, shift[k, 0] + turn, bx, to)
@@ -248,9 +242,9 @@ def _list_part(xs, order, types, count, grid, rule, space, out, part):
     columns, parts = grid.ny * grid.nz, len(space.bead)
     near, bead, own, others = space.near[part], space.bead[part], space.own[part], space.others[part]
     hits = space.who[part], space.whom[part], space.factor[part]
-    rows = space.row[part], space.width[part], space.shift[part]
+    neighbours = space.corner[part], space.shift[part]
     for column in range(columns * part // parts, columns * (part + 1) // parts):
-        _gather(xs, column % grid.ny, column // grid.ny, grid, count, rows, own, others, near, bead)
+        _gather(xs, column % grid.ny, column // grid.ny, grid, count, neighbours, own, others, near, bead)
         n, room, m = out.start[column], out.start[column + 1], np.uint64(0)
         for cx in range(grid.nx):
             begin, stop, mine = others[cx], own[cx + 3], own[cx + 1]
