@@ -117,7 +117,8 @@ def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
 def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
     """Counting sort of the ``beads`` that take part by cell (x fastest, then y), stable in the bead's index.  Writes ``count`` (ncells +
     1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or more), its position, wrapped
-    into the grid; and what else is sorted.  Returns -1, or the first bead whose position is not finite."""
+    into the grid; and what else is sorted.  Returns the first bead whose position is not finite, or -1, and how many beads can be near a
+    column: they lie in two layers of cells, and none is copied more than twice (across a face along x)."""
     place, usable = scratch.place, scratch.usable
     for chunk in prange(len(usable)):
         usable[chunk] = _count_chunk(x, beads, grid, scratch, np.int64(chunk))
@@ -126,7 +127,7 @@ def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types
             for i in beads:
                 sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], grid)
                 if not _usable(sx, sy, sz):
-                    return i
+                    return np.int64(i), 0
     # from the number of beads of each chunk in each cell to the place of the first of them
     total = np.uint32(0)
     for k in range(np.uint64(place.shape[1])):
@@ -138,7 +139,10 @@ def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types
     count[place.shape[1]] = total
     for chunk in prange(len(usable)):
         _place_chunk(beads, scratch, np.int64(chunk), order, xs, of_beads, sorted_types, sorted_inv_mass)
-    return -1
+    most, layer = 0, grid.nx * grid.ny
+    for z in range(grid.nz):
+        most = max(most, 4 * np.int64(count[(z + 1) * layer] - count[z * layer]))
+    return -1, most
 
 
 bin_beads, bin_beads_parallel = serial_and_parallel(_bin_beads)

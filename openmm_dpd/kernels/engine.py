@@ -72,7 +72,8 @@ class PairEngine(Engine):
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
         call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values, held=held)
-        self.rates[...] = 0.0
+        if self.spec.fields is not None:
+            self.rates[...] = 0.0
         for number, layer in enumerate(self.layers):
             result = layer.forces(call, force, number > 0)
             if result.rates is not None:
@@ -104,7 +105,8 @@ class PairEngine(Engine):
         out = np.empty_like(v) if out is None else out
         if out is not before:
             out[...] = before
-        self.increments[...] = 0.0
+        if self.spec.fields is not None:
+            self.increments[...] = 0.0
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         for layer in self.layers:
             layer.sweep(call, out, self.increments)

@@ -79,15 +79,6 @@ def _factor(rule, i, j):
     return 1.0
 
 
-@compiled
-def beads_near(count, grid):
-    """How many beads can be near a column: they lie in two layers of cells, and none is copied more than twice (across a face along x)."""
-    most, layer = 0, grid.nx * grid.ny
-    for z in range(grid.nz):
-        most = max(most, 4 * int(count[(z + 1) * layer] - count[z * layer]))
-    return most
-
-
 @helper
 def _neighbours(cy, cz, grid, corner, shift):
     """The column (cy, cz) and the four whose beads it meets.  Writes for each its first cell, and the lattice vector to add; returns how many

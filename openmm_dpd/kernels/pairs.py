@@ -91,13 +91,14 @@ class PairList:
         none = np.zeros(0, np.uint32)
         of_pairs = none, none, np.zeros((4, 0)), np.zeros(0)
         self.arrays = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *of_pairs, *_without_room(1, 1))
-        self._shape, self._count = (1, 1, 1), np.zeros(2, np.uint64)
+        self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
         self._space: listing.ListingSpace | None = None
         self._longest, self._scratch = 0, Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
-        self.cutoff, self._cut2, self._grid = float(cutoff.max()), np.ascontiguousarray(cutoff.ravel() ** 2), None
+        longest, squares = float(cutoff.max()), np.ascontiguousarray(cutoff.ravel() ** 2)
+        self.cutoff, self._rule, self._grid = longest, listing.Rule(squares, longest**2, self.ntypes, *self.exceptions), None
 
     @property
     def alike(self) -> bool:
@@ -107,7 +108,7 @@ class PairList:
     def grid(self, x: np.ndarray, box: np.ndarray | None) -> cells.Grid:
         """Cells, no more than twice the beads.  Those of a box are kept for the next call."""
         kept = self._grid
-        if box is not None and kept is not None and kept.periodic and np.all(box == kept.box):
+        if box is not None and kept is not None and kept.periodic and box.tobytes() == kept.box.tobytes():
             return kept
         if box is None:
             used = x[self.beads]
@@ -151,21 +152,20 @@ class PairList:
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(len(self.beads), *sizes)
         out = self._count, self.order, self._xs, self.arrays.types, self.arrays.inv_mass
-        bad = dispatch(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
+        bad, self._near = dispatch(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
         if bad >= 0:
             raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
 
     def list(self, grid: cells.Grid, parts: int) -> None:
         """List the pairs of the sorted beads; the threads share the columns in so many parts."""
-        rule = listing.Rule(self._cut2, self.cutoff**2, self.ntypes, *self.exceptions)
+        rule, most = self._rule, self._near
         beads = self._xs, self.order, self.arrays.types
-        most = listing.beads_near(self._count, grid)
         if self._space is None or self._space.own.shape != (parts, grid.nx + 3) or self._space.bead.shape[1] < most + 64:
             self._space = listing.space_for(parts, grid.nx, most + most // 4)
         while True:
             now = self.arrays
             out = listing.Found(now.start, now.found, now.pi, now.pj, now.geometry, now.factors)
-            if grid.periodic and (grid.nx, grid.ny, grid.nz) == (1, 1, 1):
+            if grid.periodic and self._shape == (1, 1, 1):
                 enough = listing.list_pairs_small_box(*beads, grid.box, rule, out)
             else:
                 enough = dispatch(listing.list_pairs, listing.list_pairs_parallel, *beads, self._count, grid, rule, self._space, out)
@@ -177,8 +177,9 @@ class PairList:
         """List the pairs at the positions x (N, 3)."""
         grid = self.grid(x, box)
         self._resize((grid.nx, grid.ny, grid.nz))
-        self.bin(x, grid, min(get_threads(), 8))
-        self.list(grid, min(get_threads(), len(self.arrays.found)))
+        threads = get_threads()
+        self.bin(x, grid, min(threads, 8))
+        self.list(grid, min(threads, len(self.arrays.found)))
 
     @property
     def scratch(self) -> Scratch:
