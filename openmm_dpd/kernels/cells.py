@@ -141,7 +141,7 @@ def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types
         _place_chunk(beads, scratch, np.int64(chunk), order, xs, of_beads, sorted_types, sorted_inv_mass)
     most, layer = 0, grid.nx * grid.ny
     for z in range(grid.nz):
-        most = max(most, 4 * np.int64(count[(z + 1) * layer] - count[z * layer]))
+        most = max(most, 4 * int(count[(z + 1) * layer] - count[z * layer]))
     return -1, most
 
 
