@@ -24,7 +24,7 @@ _USUAL = np.uint64(8)
 _BATCH = 2048
 
 
-class Source(NamedTuple):
+class SortedCells(NamedTuple):
     """What pairs are listed from, and on; one record of all, since numba knows no records of records in loops for several threads.
 
     The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
@@ -58,7 +58,7 @@ class Source(NamedTuple):
 
 
 def space_for(parts: int, nx: int, most: int) -> tuple[np.ndarray, ...]:
-    """Space of so many threads for so many beads near a column, and nx cells along it: the last items of a :class:`Source`."""
+    """Space of so many threads for so many beads near a column, and nx cells along it: the last items of a :class:`SortedCells`."""
     # a whole word of bits is read beyond the last bead, and a whole vector written
     beads, hits = (parts, most + 64), (parts, most + 64 + _BATCH)
     copied = np.zeros((parts, 3, most + 64)), np.zeros(beads, np.uint32)

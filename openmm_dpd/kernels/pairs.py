@@ -94,7 +94,7 @@ class PairList:
         self._sorting: cells.CellScratch | None = None
         self._stored = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))
         self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
-        self._source: listing.Source | None = None
+        self._source: listing.SortedCells | None = None
         #: whether beads are many, and how many loops went over the pairs at the positions before the present ones, and at these
         self.many, self._uses = m >= MANY, [0, 0]
         #: the cells of the beads that are sorted, and whether their pairs are stored; room for a column of each thread, where they are not
@@ -173,14 +173,14 @@ class PairList:
         if bad >= 0:
             raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
 
-    def _listing(self, grid: cells.Grid, parts: int) -> listing.Source:
+    def _listing(self, grid: cells.Grid, parts: int) -> listing.SortedCells:
         """What the pairs of the sorted beads are listed from, by so many threads."""
         now = self._source
         fits = now is not None and now.own.shape == (parts, grid.nx + 3) and now.bead.shape[1] >= self._near + 64
         if now is None or not fits or now.box is not grid.box:
             rule = self._cut2, self.cutoff**2, self.ntypes, *self.exceptions
             space = now[-9:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
-            self._source = now = listing.Source(self._xs, self._count, *grid, *rule, *space)  # type: ignore[arg-type]
+            self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *space)  # type: ignore[arg-type]
         return now
 
     def list(self, grid: cells.Grid, parts: int) -> None:
@@ -218,7 +218,7 @@ class PairList:
             self.list(self._placed, get_threads())
         return self._stored
 
-    def passing(self) -> tuple[Pairs, listing.Source]:
+    def passing(self) -> tuple[Pairs, listing.SortedCells]:
         """Room for the pairs of one column for each thread, and what a loop lists them from."""
         pi, pj, geometry, factors = self._passing
         roomy = self._stored._replace(pi=pi, pj=pj, geometry=geometry, factors=factors)
