@@ -19,6 +19,7 @@ import numpy as np
 from numba import prange
 
 from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
+from .listing import list_column
 from .pairs import PairList, Scratch
 from .threads import dispatch
 
@@ -57,38 +58,52 @@ def nothing(pairs, data, begin, m, scratch):
 
 
 @inlined
-def _pairs_in(pairs, block):
-    total = np.uint64(0)
+def _work_in(pairs, block):
+    """About as many pairs as a block has, and one more for each column: as many as were found there last."""
+    work = np.int64(0)
     for task in range(pairs.block_start[block], pairs.block_start[block + 1]):
-        total += pairs.found[pairs.columns[task]]
-    return np.int64(total)
+        work += np.int64(pairs.found[pairs.columns[task]]) + 1
+    return work
 
 
 @helper
-def _border(pairs, colour, part, parts):
-    """First block of a colour that is not of the threads before ``part``: each gets about as many pairs."""
-    begin, end = pairs.colour_start[colour], pairs.colour_start[colour + 1]
-    if part == 0 or part == parts:
-        return end if part else begin
-    total = 0
-    for block in range(begin, end):
-        total += _pairs_in(pairs, block)
-    passed = 0
-    for block in range(begin, end):
-        here = _pairs_in(pairs, block)
-        if parts * (2 * passed + here) >= 2 * total * part:
-            return block
-        passed += here
-    return end
+def _share_out(pairs, shares):
+    """Write the first column of each thread, and the end, in each colour: each gets about as much work.  It is done before all else, since
+    loops that list pairs write how many there are."""
+    parts = shares.shape[1] - 1
+    for colour in range(len(pairs.colour_start) - 1):
+        begin, end = pairs.colour_start[colour], pairs.colour_start[colour + 1]
+        work, passed, part = 0, 0, 1
+        for block in range(begin, end):
+            work += _work_in(pairs, block)
+        shares[colour, :] = pairs.block_start[end]
+        shares[colour, 0] = pairs.block_start[begin]
+        for block in range(begin, end):
+            here = _work_in(pairs, block)
+            while part < parts and parts * (2 * passed + here) >= 2 * work * part:
+                shares[colour, part] = pairs.block_start[block]
+                part += 1
+            passed += here
 
 
-def _share(pairs, data, scratch, colour, part):
+@helper
+def _listed(pairs, source, column, part):
+    """List the pairs of a column in the room of a thread; returns the first one, and how many there are, 0 where they are too many."""
+    room = np.uint64(len(pairs.pi) // len(source.bead))
+    begin = np.uint64(part) * room
+    pairs.found[column] = list_column(pairs, source, part, column, begin, begin + room)
+    return begin, pairs.found[column] if pairs.found[column] <= room else np.uint64(0)
+
+
+def _share(pairs, data, scratch, shares, source, colour, part):
     """The columns of a colour that one thread takes."""
-    space, parts = Scratch(scratch.values[part], scratch.bits[part], scratch.tail[part]), len(scratch.values)
-    begun, ended = _border(pairs, colour, part, parts), _border(pairs, colour, part + 1, parts)
-    for task in range(pairs.block_start[begun], pairs.block_start[ended]):
+    space = Scratch(scratch.values[part], scratch.bits[part], scratch.tail[part])
+    for task in range(shares[colour, part], shares[colour, part + 1]):
         column = pairs.columns[task]
-        begin, m = pairs.start[column], pairs.found[column]
+        if _LISTS:
+            begin, m = _listed(pairs, source, column, part)
+        else:
+            begin, m = pairs.start[column], pairs.found[column]
         _before(pairs, data, begin, m, space)
         energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
         tensor = drags = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -113,15 +128,27 @@ def _share(pairs, data, scratch, colour, part):
         sums[column, 0], sums[column, 1], sums[column, 2], sums[column, 3], sums[column, 4] = energy, virial, drag, laplacian, conservative
 
 
-def _over_pairs(pairs, data, scratch):
+@helper
+def _enough(pairs, source):
+    """Whether each column had room for its pairs."""
+    room = np.uint64(len(pairs.pi) // len(source.bead))
+    for column in range(len(pairs.found)):
+        if pairs.found[column] > room:
+            return False
+    return True
+
+
+def _over_pairs(pairs, data, scratch, shares, source):
     beads, parts = len(pairs.order), len(scratch.values)
+    _share_out(pairs, shares)
     if _BEGINS:
         for part in prange(parts):
             _first(pairs, data, beads * part // parts, beads * (part + 1) // parts)
     for colour in range(len(pairs.colour_start) - 1):
         for part in prange(parts):
-            _share(pairs, data, scratch, colour, np.int64(part))
-    if _ENDS:
+            _share(pairs, data, scratch, shares, source, colour, np.int64(part))
+    enough = _enough(pairs, source) if _LISTS else True
+    if _ENDS and enough:
         for part in prange(parts):
             _last(pairs, data, beads * part // parts, beads * (part + 1) // parts)
     energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -131,7 +158,7 @@ def _over_pairs(pairs, data, scratch):
         drag += pairs.sums[column, 2]
         laplacian += pairs.sums[column, 3]
         conservative += pairs.sums[column, 4]
-    return energy, virial, drag, laplacian, conservative
+    return enough, energy, virial, drag, laplacian, conservative
 
 
 # what over_pairs() puts in
@@ -139,7 +166,7 @@ _before: Any = nothing
 _pair: Any = None
 _first: Any = None
 _last: Any = None
-_BEGINS = _ENDS = _TENSOR = _DRAGS = _PARTS = False
+_BEGINS = _ENDS = _LISTS = _TENSOR = _DRAGS = _PARTS = False
 
 
 def over_pairs(
@@ -150,6 +177,7 @@ def over_pairs(
     first: Callable | None = None,
     last: Callable | None = None,
     parallel: bool = True,
+    again: bool = False,
     drags: bool = False,
     parts: bool = False,
 ) -> Callable:
@@ -157,22 +185,31 @@ def over_pairs(
 
     With a third argument that is true it gives the stress tensor too; where it ``drags`` two, that of the friction's virial as well.  The
     function ``pair`` returns energy and two virials, one that ``parts`` the Laplacian and the conservative virial too.
+
+    Where beads are many, loops that can be done ``again`` from the start list the pairs of each column when they come to it (see
+    :class:`.pairs.PairList`).  There ``pair`` changes nothing that ``first`` does not set.
     """
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
 
     @cache
-    def kernels(tensor: bool) -> tuple[Any, Any]:
-        """Those with tensors apart: many runs ask for none, and to compile both takes a second."""
-        word = f"{name}_tensor" if tensor else name
-        inside = {"_pair": pair, "_before": before, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
-        loop = renamed(_over_pairs, word, {"_share": helper(renamed(_share, f"{word}_share", inside))} | around)
+    def kernels(tensor: bool, lists: bool) -> tuple[Any, Any]:
+        """Those with tensors, and those that list, apart: many runs ask for none, and to compile all takes seconds."""
+        word = f"{name}{'_tensor' * tensor}{'_lists' * lists}"
+        inside = {"_pair": pair, "_before": before, "_LISTS": lists, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
+        share = helper(renamed(_share, f"{word}_share", inside))
+        loop = renamed(_over_pairs, word, {"_share": share, "_LISTS": lists} | around)
         return serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
 
     def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:
-        arrays = pairs.arrays
-        if tensor:
-            arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
-        energy, virial, drag, *apart = dispatch(*kernels(bool(tensor)), arrays, data, pairs.scratch)
+        lists = not pairs.used() and again
+        run, enough = kernels(bool(tensor), lists), False
+        while not enough:
+            arrays, source = pairs.passing() if lists else (pairs.arrays, 0)
+            if tensor:
+                arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
+            enough, energy, virial, drag, *apart = dispatch(*run, arrays, data, pairs.scratch, pairs.shares, source)
+            if not enough:
+                pairs.make_passing_room()
         stress = None
         if tensor:
             found = arrays.stress.reshape(1 + drags, -1, 6).sum(axis=1)

@@ -14,6 +14,7 @@ from .columns import Totals
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
 from .notice import announced
+from .pairs import MANY
 from .threads import get_threads
 
 
@@ -72,7 +73,8 @@ class PairEngine(Engine):
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
         call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values, held=held)
-        self.rates[...] = 0.0
+        if self.spec.fields is not None:
+            self.rates[...] = 0.0
         for number, layer in enumerate(self.layers):
             result = layer.forces(call, force, number > 0)
             if result.rates is not None:
@@ -104,7 +106,8 @@ class PairEngine(Engine):
         out = np.empty_like(v) if out is None else out
         if out is not before:
             out[...] = before
-        self.increments[...] = 0.0
+        if self.spec.fields is not None:
+            self.increments[...] = 0.0
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         for layer in self.layers:
             layer.sweep(call, out, self.increments)
@@ -151,16 +154,21 @@ _MODELS = {
 def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
     """Compile the kernels that steps of ``spec`` need (or load them from the cache), with a notice for each kind of model."""
     tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
-    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, get_threads() > 1)
+    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, get_threads() > 1, _are_many(spec))
     if not spec.terms or kinds in _WARM:
         return
     models = " and ".join(dict.fromkeys(_MODELS.get(type(table).__name__, "pair terms") for table in spec.terms))
     with announced(models, 10, log):
-        _use_all(spec)
+        for many in {False, _are_many(spec)}:
+            _use_all(spec, many)
     _WARM.add(kinds)
 
 
-def _use_all(spec: PairSpec) -> None:
+def _are_many(spec: PairSpec) -> bool:
+    return bool(np.count_nonzero(spec.types >= 0) >= MANY)
+
+
+def _use_all(spec: PairSpec, many: bool) -> None:
     """Call every kernel that steps need once.  Measurements, which are asked for later or never, have others."""
     # few enough beads to be quick, in a box with three cells along each edge
     few = np.arange(30) % len(spec.types)
@@ -168,6 +176,8 @@ def _use_all(spec: PairSpec) -> None:
     small = PairSpec(np.maximum(spec.types[few], 0), np.ones(len(few)), spec.terms, spec.update, fields=fields)
     edge = 4.0 * max(float(table.cutoff.max()) for table in spec.terms)
     engine = host_engine(small)
+    for pairs in engine.lists:
+        pairs.many = many
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
     field_values = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,8 +24,7 @@ EXACT, SHARDLOW = 0, 1
 _NO_KEY = np.uint64(0)
 
 
-@dataclass(frozen=True, eq=False)
-class Call:
+class Call(NamedTuple):
     """What pair terms depend on beside the positions."""
 
     which: int  #: Sum of CONSERVATIVE, DISSIPATIVE, RANDOM, and perhaps STRESS, LAPLACIAN
@@ -44,7 +44,7 @@ class Call:
     @property
     def rsqrt_dt(self) -> float:
         """1/sqrt(dt), 0 where no noise is asked for."""
-        return 1.0 / np.sqrt(self.dt) if self.which & RANDOM else 0.0
+        return 1.0 / math.sqrt(self.dt) if self.which & RANDOM else 0.0
 
 
 @dataclass(frozen=True, eq=False)

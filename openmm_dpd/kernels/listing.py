@@ -24,20 +24,28 @@ _USUAL = np.uint64(8)
 _BATCH = 2048
 
 
-class Found(NamedTuple):
-    """Where pairs are written.  Column c has the room start[c]:start[c + 1], and uses found[c] of it."""
+class SortedCells(NamedTuple):
+    """What pairs are listed from, and on; one record of all, since numba knows no records of records in loops for several threads.
 
-    start: np.ndarray
-    found: np.ndarray
-    pi: np.ndarray
-    pj: np.ndarray
-    geometry: np.ndarray
-    factors: np.ndarray
+    The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
+    pairs: the squares of the cutoffs of all types, exceptions in compressed rows (of length 0 if there are none).  What each thread
+    writes on: see :func:`space_for`.
+    """
 
-
-class ListingSpace(NamedTuple):
-    """What each thread writes on, see :func:`space_for`."""
-
+    xs: np.ndarray
+    cells: np.ndarray
+    box: np.ndarray
+    origin: np.ndarray
+    periodic: bool
+    nx: int
+    ny: int
+    nz: int
+    cut2: np.ndarray
+    longest2: float
+    ntypes: int
+    exc_start: np.ndarray
+    exc_bead: np.ndarray
+    exc_factor: np.ndarray
     near: np.ndarray
     bead: np.ndarray
     who: np.ndarray
@@ -45,30 +53,18 @@ class ListingSpace(NamedTuple):
     factor: np.ndarray
     own: np.ndarray
     others: np.ndarray
-    row: np.ndarray
-    width: np.ndarray
+    corner: np.ndarray
     shift: np.ndarray
 
 
-def space_for(parts: int, nx: int, most: int) -> ListingSpace:
-    """Space of so many threads for so many beads near a column, and nx cells along it."""
+def space_for(parts: int, nx: int, most: int) -> tuple[np.ndarray, ...]:
+    """Space of so many threads for so many beads near a column, and nx cells along it: the last items of a :class:`SortedCells`."""
     # a whole word of bits is read beyond the last bead, and a whole vector written
     beads, hits = (parts, most + 64), (parts, most + 64 + _BATCH)
     copied = np.zeros((parts, 3, most + 64)), np.zeros(beads, np.uint32)
     found = np.empty(hits, np.uint32), np.empty(hits, np.uint32), np.empty(hits)
     ends = np.empty((parts, nx + 3), np.uint64), np.empty((parts, nx + 3), np.uint64)
-    return ListingSpace(*copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5), np.int64), np.empty((parts, 5, 3)))
-
-
-class Rule(NamedTuple):
-    """Which beads are pairs: the squares of the cutoffs of all types, exceptions in compressed rows (of length 0 if there are none)."""
-
-    cut2: np.ndarray
-    longest2: float
-    ntypes: int
-    exc_start: np.ndarray
-    exc_bead: np.ndarray
-    exc_factor: np.ndarray
+    return *copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5, 3))
 
 
 @inlined
@@ -80,19 +76,10 @@ def _factor(rule, i, j):
     return 1.0
 
 
-@compiled
-def beads_near(count, grid):
-    """How many beads can be near a column: they lie in two layers of cells, and none is copied more than twice (across a face along x)."""
-    most, layer = 0, grid.nx * grid.ny
-    for z in range(grid.nz):
-        most = max(most, 4 * int(count[(z + 1) * layer] - count[z * layer]))
-    return most
-
-
 @helper
-def _neighbour_rows(cy, cz, grid, row, width, shift):
-    """The column (cy, cz) and the four whose beads it meets, as rows of cells that follow each other in the order of cells.  Writes for
-    each row its first cell at x = 0, how many cells it takes there, and the lattice vector to add; returns how many rows."""
+def _neighbours(cy, cz, grid, corner, shift):
+    """The column (cy, cz) and the four whose beads it meets.  Writes for each its first cell, and the lattice vector to add; returns how
+    many there are."""
     nx, ny, nz = grid.nx, grid.ny, grid.nz
     box = grid.box
     n = 0
@@ -115,26 +102,22 @@ def _neighbour_rows(cy, cz, grid, row, width, shift):
                 y = 0
                 sx += box[1, 0]
                 sy += box[1, 1]
-        cell = z * nx * ny + y
-        if n > 1 and cell == row[n - 1] + width[n - 1]:
-            width[n - 1] += 1
-            continue
-        row[n], width[n] = cell, 1
+        corner[n] = (z * ny + y) * nx
         shift[n, 0], shift[n, 1], shift[n, 2] = sx, sy, sz
         n += 1
     return n
 
 
 @helper
-def _gather(xs, cy, cz, grid, count, rows, own, others, near, bead):
+def _gather(xs, cy, cz, grid, count, neighbours, own, others, near, bead):
     """Copy all beads near the column (cy, cz) one after the other: for each x from -1 to nx its own beads, then those of its neighbours.
     The own beads of cell x are own[x + 1]:others[x + 1], the others are others[x + 1]:own[x + 2].  What is copied beyond the end of a cell
     is written over by the next one."""
-    nx, ny = grid.nx, grid.ny
-    row, width, shift = rows
+    nx = grid.nx
+    corner, shift = neighbours
     x, y, z = xs[0], xs[1], xs[2]
     bx, by, bz = near[0], near[1], near[2]
-    n_rows = _neighbour_rows(cy, cz, grid, row, width, shift)
+    columns = _neighbours(cy, cz, grid, corner, shift)
     n = np.uint64(0)
     for cx in range(-1, nx + 1):
         own[cx + 1] = others[cx + 1] = n
@@ -144,11 +127,10 @@ def _gather(xs, cy, cz, grid, count, rows, own, others, near, bead):
             if not grid.periodic:
                 continue
             turn, at = (-grid.box[0, 0], nx - 1) if cx < 0 else (grid.box[0, 0], 0)
-        for k in range(n_rows):
+        for k in range(columns):
             if k == 0 and cx < 0:
                 continue  # these pairs are found from the other end
-            cell = row[k] + at * ny
-            begin, end = count[cell], count[cell + width[k]]
+            begin, end = count[corner[k] + at], count[corner[k] + at + 1]
             to = n
             for j in range(begin, end, _STEP):
                 copy_shifted(x, j, shift[k, 0] + turn, bx, to)
@@ -243,37 +225,45 @@ def _flush(rule, order, types, near, bead, hits, m, n, room, out):
 
 
 @helper
-def _list_part(xs, order, types, count, grid, rule, space, out, part):
+def list_column(pairs, source, part, column, begin, room):
+    """List the pairs of a column from number ``begin`` on, as far as there is room, up to ``room``; returns how many there are.  Each
+    thread has its ``part`` of the space."""
+    near, bead, own, others = source.near[part], source.bead[part], source.own[part], source.others[part]
+    hits = source.who[part], source.whom[part], source.factor[part]
+    neighbours = source.corner[part], source.shift[part]
+    order, types = pairs.order, pairs.types
+    _gather(source.xs, column % source.ny, column // source.ny, source, source.cells, neighbours, own, others, near, bead)
+    n, m = begin, np.uint64(0)
+    for cx in range(source.nx):
+        start, stop, mine = others[cx], own[cx + 3], own[cx + 1]
+        for s in range(mine, others[cx + 1]):
+            x, y, z = near[0, s], near[1, s], near[2, s]
+            for first in range(start, stop, _WORD):
+                bits = _hits(x, y, z, first, source.longest2, near)
+                # not itself and the own beads before it, which have met it, nor what lies beyond the range
+                met = _below(np.int64(s + _ONE - first)) & ~_below(np.int64(mine - first))
+                m = _collect(bits & ~met & _below(np.int64(stop - first)), s, first, hits[0], hits[1], m)
+            if m > _BATCH:
+                n = _flush(source, order, types, near, bead, hits, m, n, room, pairs)
+                m = np.uint64(0)
+    return _flush(source, order, types, near, bead, hits, m, n, room, pairs) - begin
+
+
+@helper
+def _list_part(pairs, source, part):
     """List the pairs of the columns that one thread takes."""
-    columns, parts = grid.ny * grid.nz, len(space.bead)
-    near, bead, own, others = space.near[part], space.bead[part], space.own[part], space.others[part]
-    hits = space.who[part], space.whom[part], space.factor[part]
-    rows = space.row[part], space.width[part], space.shift[part]
+    columns, parts = source.ny * source.nz, len(source.bead)
     for column in range(columns * part // parts, columns * (part + 1) // parts):
-        _gather(xs, column % grid.ny, column // grid.ny, grid, count, rows, own, others, near, bead)
-        n, room, m = out.start[column], out.start[column + 1], np.uint64(0)
-        for cx in range(grid.nx):
-            begin, stop, mine = others[cx], own[cx + 3], own[cx + 1]
-            for s in range(mine, others[cx + 1]):
-                x, y, z = near[0, s], near[1, s], near[2, s]
-                for first in range(begin, stop, _WORD):
-                    bits = _hits(x, y, z, first, rule.longest2, near)
-                    # not itself and the own beads before it, which have met it, nor what lies beyond the range
-                    met = _below(np.int64(s + _ONE - first)) & ~_below(np.int64(mine - first))
-                    m = _collect(bits & ~met & _below(np.int64(stop - first)), s, first, hits[0], hits[1], m)
-                if m > _BATCH:
-                    n = _flush(rule, order, types, near, bead, hits, m, n, room, out)
-                    m = np.uint64(0)
-        out.found[column] = _flush(rule, order, types, near, bead, hits, m, n, room, out) - out.start[column]
+        pairs.found[column] = list_column(pairs, source, part, column, pairs.start[column], pairs.start[column + 1])
 
 
-def _list_pairs(xs, order, types, count, grid, rule, space, out):
+def _list_pairs(pairs, source):
     """List all pairs; returns whether there was room for all of them.  The threads share the columns in as many parts as there is space."""
-    for part in prange(len(space.bead)):
-        _list_part(xs, order, types, count, grid, rule, space, out, np.int64(part))
+    for part in prange(len(source.bead)):
+        _list_part(pairs, source, np.int64(part))
     enough = True
-    for column in range(grid.ny * grid.nz):
-        enough = enough and out.found[column] <= out.start[column + 1] - out.start[column]
+    for column in range(source.ny * source.nz):
+        enough = enough and pairs.found[column] <= pairs.start[column + 1] - pairs.start[column]
     return enough
 
 
@@ -281,9 +271,10 @@ list_pairs, list_pairs_parallel = serial_and_parallel(_list_pairs)
 
 
 @compiled
-def list_pairs_small_box(xs, order, types, box, rule, out):
+def list_pairs_small_box(pairs, source):
     """All pairs by minimum image, for boxes too narrow for three cells; one column holds them all.  Returns whether there was room."""
-    n, end = out.start[0], out.start[1]
+    xs, order, types, box = source.xs, pairs.order, pairs.types, source.box
+    n, end = pairs.start[0], pairs.start[1]
     for i in range(len(order)):
         for j in range(i + 1, len(order)):
             dx, dy, dz = xs[0, i] - xs[0, j], xs[1, i] - xs[1, j], xs[2, i] - xs[2, j]
@@ -296,20 +287,20 @@ def list_pairs_small_box(xs, order, types, box, rule, out):
             dy -= turns * box[1, 1]
             dx -= np.floor(dx / box[0, 0] + 0.5) * box[0, 0]
             r2 = dx * dx + dy * dy + dz * dz
-            if r2 < rule.longest2 and r2 >= R_MIN2:
-                if rule.ntypes > 1 and r2 >= rule.cut2[types[i] * rule.ntypes + types[j]]:
+            if r2 < source.longest2 and r2 >= R_MIN2:
+                if source.ntypes > 1 and r2 >= source.cut2[types[i] * source.ntypes + types[j]]:
                     continue
                 factor = 1.0
-                if len(rule.exc_start):
-                    factor = _factor(rule, order[i], order[j])
+                if len(source.exc_start):
+                    factor = _factor(source, order[i], order[j])
                     if factor == 0.0:
                         continue
                 if n < end:
                     r = np.sqrt(r2)
-                    out.pi[n], out.pj[n] = i, j
-                    out.geometry[0, n], out.geometry[1, n], out.geometry[2, n], out.geometry[3, n] = dx / r, dy / r, dz / r, r
-                    if len(out.factors):
-                        out.factors[n] = factor
+                    pairs.pi[n], pairs.pj[n] = i, j
+                    pairs.geometry[0, n], pairs.geometry[1, n], pairs.geometry[2, n], pairs.geometry[3, n] = dx / r, dy / r, dz / r, r
+                    if len(pairs.factors):
+                        pairs.factors[n] = factor
                 n += _ONE
-    out.found[0] = n - out.start[0]
+    pairs.found[0] = n - pairs.start[0]
     return n <= end

@@ -37,12 +37,12 @@ def over_beads(function: Callable, counts: bool = False) -> Callable:
     kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
 
     def call(first, *others):
-        n, few = len(first), first.size < 3 * FEW
-        found = np.empty(1 if few else get_threads(), np.int64)
-        if few:
-            kernels[0](n, found, (first, *others))
-        else:
-            dispatch(*kernels, n, found, (first, *others))
+        if first.size < 3 * FEW:
+            found = np.empty(1, np.int64)
+            kernels[0](len(first), found, (first, *others))
+            return int(found[0]) if counts else None
+        found = np.empty(get_threads(), np.int64)
+        dispatch(*kernels, len(first), found, (first, *others))
         return sum(found.tolist()) if counts else None
 
     call.__doc__ = function.__doc__

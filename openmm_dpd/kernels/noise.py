@@ -7,6 +7,8 @@ Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its bits are t
 distribution function: Gaussian to 1e-6.
 """
 
+from struct import Struct
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -16,10 +18,13 @@ from .elementary import exp, log, without_last_bits
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
 _M2 = np.uint64(0x94D049BB133111EB)
+#: The same as numbers of Python, and the largest of 64 bits.
+_KEYS = int(_GOLDEN), int(_M1), int(_M2), (1 << 64) - 1
 _STREAM = np.uint64(0xD1342543DE82EF95)
 _S30, _S27, _S31, _S12, _S32, _S55, _S63, _S3 = (np.uint64(k) for k in (30, 27, 31, 12, 32, 55, 63, 3))
 _BYTE, _LOW55 = np.uint64(0xFF), np.uint64((1 << 55) - 1)
 _SCALE = 2.0**-52
+_NUMBER, _BITS = Struct("<d"), Struct("<Q")
 #: The upper half of the inverse distribution function lies in this many cells of a cubic polynomial each; the last ones are left to _tail.
 _CELLS, _SMOOTH = 256, 248
 #: Bits after the point that values at the edges of cells have.
@@ -49,23 +54,19 @@ def mix(z):
 
 def call_key(*words: int) -> np.uint64:
     """Key of one evaluation from numbers between 0 and 2^64: seed, count of the program's own noise counter, and the like."""
-    mask = (1 << 64) - 1
-
-    def mixed(z: int) -> int:
-        z = ((z ^ (z >> 30)) * int(_M1)) & mask
-        z = ((z ^ (z >> 27)) * int(_M2)) & mask
-        return z ^ (z >> 31)
-
-    key = 0
-    # one after the other, each through the finaliser, so that no sum of two of them is another
+    z = 0
+    # one after the other, each through the finaliser (see mix), so that no sum of two of them is another
     for word in words:
-        key = mixed((key + word + int(_GOLDEN)) & mask)
-    return np.uint64(key)
+        z = (z + word + _KEYS[0]) & _KEYS[3]
+        z = ((z ^ (z >> 30)) * _KEYS[1]) & _KEYS[3]
+        z = ((z ^ (z >> 27)) * _KEYS[2]) & _KEYS[3]
+        z ^= z >> 31
+    return np.uint64(z)
 
 
 def noise_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
     """Key of the noise of one layer of terms in one evaluation."""
-    return call_key(seed, counter, layer, int(np.float64(kT).view(np.uint64)))
+    return call_key(seed, counter, layer, *_BITS.unpack(_NUMBER.pack(kT)))
 
 
 @inlined

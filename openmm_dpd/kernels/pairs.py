@@ -10,6 +10,9 @@ from ..base.wording import bead_number
 from . import cells, listing
 from .threads import dispatch, get_threads
 
+#: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
+MANY = 50_000
+
 #: Exceptions of a list without any: bonded neighbours in compressed rows, start (N + 1,), bead (E,), factor (E,).
 Exceptions = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -69,8 +72,9 @@ class PairList:
     An error, or Ctrl-C, may come before any line.  So arrays that have to fit each other are made first, and taken over together in one
     statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
-    ``inv_mass`` is sorted with the beads for who reads the list.  ``arrays`` are what the loops over pairs read; not valid any more after
-    the next :meth:`build`.
+    ``inv_mass`` is sorted with the beads for who reads the list.  Where beads are ``many`` pairs are stored only if somebody reads
+    :attr:`arrays`, or if two loops have gone over them at the positions before the last ones: steps look at one or two places, in turn.
+    Otherwise loops list the pairs of a column when they come to it.
     """
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):
@@ -88,16 +92,21 @@ class PairList:
             self.common_inv_mass, of_sorted[:] = float(mine[0]), mine[0]
         self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
         self._sorting: cells.CellScratch | None = None
-        none = np.zeros(0, np.uint32)
-        of_pairs = none, none, np.zeros((4, 0)), np.zeros(0)
-        self.arrays = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *of_pairs, *_without_room(1, 1))
-        self._shape, self._count = (1, 1, 1), np.zeros(2, np.uint64)
-        self._space: listing.ListingSpace | None = None
+        self._stored = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))
+        self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
+        self._source: listing.SortedCells | None = None
+        #: whether beads are many, and how many loops went over the pairs at the positions before the present ones, and at these
+        self.many, self._uses = m >= MANY, [0, 0]
+        #: the cells of the beads that are sorted, and whether their pairs are stored; room for a column of each thread, where they are not
+        self._placed, self._complete = cells.Grid(np.eye(3), np.zeros(3), False, 1, 1, 1), True
+        self._passing = self._room(0)
         self._longest, self._scratch = 0, Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
+        self._shares = np.zeros((4, 0), np.int64)
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
-        self.cutoff, self._cut2, self._grid = float(cutoff.max()), np.ascontiguousarray(cutoff.ravel() ** 2), None
+        longest, squares = float(cutoff.max()), np.ascontiguousarray(cutoff.ravel() ** 2)
+        self.cutoff, self._cut2, self._grid, self._source = longest, squares, None, None
 
     @property
     def alike(self) -> bool:
@@ -107,7 +116,7 @@ class PairList:
     def grid(self, x: np.ndarray, box: np.ndarray | None) -> cells.Grid:
         """Cells, no more than twice the beads.  Those of a box are kept for the next call."""
         kept = self._grid
-        if box is not None and kept is not None and kept.periodic and np.all(box == kept.box):
+        if box is not None and kept is not None and kept.periodic and box.tobytes() == kept.box.tobytes():
             return kept
         if box is None:
             used = x[self.beads]
@@ -131,54 +140,89 @@ class PairList:
     def _resize(self, shape: tuple[int, int, int]) -> None:
         if shape != self._shape:
             nx, ny, nz = shape
-            resized, count = Pairs(*self.arrays[:8], *_without_room(ny, nz)), np.zeros(nx * ny * nz + 1, np.uint64)
-            self.arrays, self._count, self._shape = resized, count, shape
+            resized, count = Pairs(*self._stored[:8], *_without_room(ny, nz)), np.zeros(nx * ny * nz + 1, np.uint64)
+            self._stored, self._count, self._shape, self._source = resized, count, shape, None
+
+    def _room(self, pairs: int) -> tuple[np.ndarray, ...]:
+        """For so many pairs: the items of :class:`Pairs` from ``pi`` to ``factors``."""
+        # unsigned: numba looks out for negative indices otherwise, in every loop over pairs
+        beads = np.empty(pairs, np.uint32), np.empty(pairs, np.uint32)
+        return *beads, np.empty((4, pairs)), np.empty(pairs if len(self.exceptions[0]) else 0)
 
     def _make_room(self) -> None:
         """Give every column an eighth more room than it needed, and never less than it had: columns fluctuate."""
-        found, start = self.arrays.found, np.zeros_like(self.arrays.start)
-        start[1:] = np.cumsum(np.maximum(np.diff(self.arrays.start), found + found // 8 + 48))
-        room, longest = int(start[-1]), int(np.diff(start).max())
-        # unsigned (like start and found): numba looks out for negative indices otherwise, in every loop over pairs
-        pi, pj, geometry = np.empty(room, np.uint32), np.empty(room, np.uint32), np.empty((4, room))
-        factors = np.empty(room if len(self.exceptions[0]) else 0)
-        roomy = self.arrays._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
-        self.arrays, self._longest = roomy, longest
+        found, start = self._stored.found, np.zeros_like(self._stored.start)
+        start[1:] = np.cumsum(np.maximum(np.diff(self._stored.start), found + found // 8 + 48))
+        pi, pj, geometry, factors = self._room(int(start[-1]))
+        roomy = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
+        self._stored, self._longest = roomy, max(self._longest, int(np.diff(start).max()))
+
+    def make_passing_room(self) -> None:
+        """The same where each thread has room for one column."""
+        found = int(self._stored.found.max())
+        most = found + found // 8 + 48
+        self._passing, self._longest = self._room(get_threads() * most), max(self._longest, most)
 
     def bin(self, x: np.ndarray, grid: cells.Grid, chunks: int) -> None:
         """Sort the beads into cells; the threads share them in so many chunks, whose counts are summed by one thread."""
         sizes = chunks, len(self._count) - 1
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(len(self.beads), *sizes)
-        out = self._count, self.order, self._xs, self.arrays.types, self.arrays.inv_mass
-        bad = dispatch(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
+        out = self._count, self.order, self._xs, self._stored.types, self._stored.inv_mass
+        bad, self._near = dispatch(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
         if bad >= 0:
             raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
 
+    def _listing(self, grid: cells.Grid, parts: int) -> listing.SortedCells:
+        """What the pairs of the sorted beads are listed from, by so many threads."""
+        now = self._source
+        fits = now is not None and now.own.shape == (parts, grid.nx + 3) and now.bead.shape[1] >= self._near + 64
+        if now is None or not fits or now.box is not grid.box:
+            rule = self._cut2, self.cutoff**2, self.ntypes, *self.exceptions
+            space = now[-9:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
+            self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *space)  # type: ignore[arg-type]
+        return now
+
     def list(self, grid: cells.Grid, parts: int) -> None:
-        """List the pairs of the sorted beads; the threads share the columns in so many parts."""
-        rule = listing.Rule(self._cut2, self.cutoff**2, self.ntypes, *self.exceptions)
-        beads = self._xs, self.order, self.arrays.types
-        most = listing.beads_near(self._count, grid)
-        if self._space is None or self._space.own.shape != (parts, grid.nx + 3) or self._space.bead.shape[1] < most + 64:
-            self._space = listing.space_for(parts, grid.nx, most + most // 4)
+        """List the pairs of the sorted beads, and store them; the threads share the columns in so many parts."""
+        source = self._listing(grid, parts)
         while True:
-            now = self.arrays
-            out = listing.Found(now.start, now.found, now.pi, now.pj, now.geometry, now.factors)
-            if grid.periodic and (grid.nx, grid.ny, grid.nz) == (1, 1, 1):
-                enough = listing.list_pairs_small_box(*beads, grid.box, rule, out)
+            if grid.periodic and self._shape == (1, 1, 1):
+                enough = listing.list_pairs_small_box(self._stored, source)
             else:
-                enough = dispatch(listing.list_pairs, listing.list_pairs_parallel, *beads, self._count, grid, rule, self._space, out)
+                enough = dispatch(listing.list_pairs, listing.list_pairs_parallel, self._stored, source)
             if enough:
-                return
+                break
             self._make_room()
+        self._complete = True
 
     def build(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """List the pairs at the positions x (N, 3)."""
-        grid = self.grid(x, box)
+        """Sort the beads at the positions x (N, 3), and list their pairs if loops will not do so."""
+        self._complete, threads, grid = False, get_threads(), self.grid(x, box)
         self._resize((grid.nx, grid.ny, grid.nz))
-        self.bin(x, grid, min(get_threads(), 8))
-        self.list(grid, min(get_threads(), len(self.arrays.found)))
+        self.bin(x, grid, min(threads, 8))
+        self._placed = grid
+        often, self._uses = self._uses[0] > 1, [self._uses[1], 0]
+        if often or not self.many or (grid.periodic and self._shape == (1, 1, 1)):
+            self.list(grid, threads)
+
+    def used(self) -> bool:
+        """Count a loop over the pairs; returns whether they are stored."""
+        self._uses[1] += 1
+        return self._complete
+
+    @property
+    def arrays(self) -> Pairs:
+        """All pairs, as loops read them; not valid any more after the next :meth:`build`."""
+        if not self._complete:
+            self.list(self._placed, get_threads())
+        return self._stored
+
+    def passing(self) -> tuple[Pairs, listing.SortedCells]:
+        """Room for the pairs of one column for each thread, and what a loop lists them from."""
+        pi, pj, geometry, factors = self._passing
+        roomy = self._stored._replace(pi=pi, pj=pj, geometry=geometry, factors=factors)
+        return roomy, self._listing(self._placed, get_threads())
 
     @property
     def scratch(self) -> Scratch:
@@ -189,9 +233,17 @@ class PairList:
             self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
         return self._scratch
 
+    @property
+    def shares(self) -> np.ndarray:
+        """Space for the first column of each thread, and the end, in four colours."""
+        threads = get_threads()
+        if self._shares.shape[1] != threads + 1:
+            self._shares = np.zeros((4, threads + 1), np.int64)
+        return self._shares
+
     def listed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
         """Beads i and j, directions e (P, 3), distances and factors of all pairs."""
-        rows, now = self.rows, self.arrays
+        now, rows = self.arrays, self.rows
         e, r = now.geometry[:3, rows].T, now.geometry[3, rows]
         return self.order[now.pi[rows]], self.order[now.pj[rows]], e, r, now.factors[rows] if len(now.factors) else 1.0
 

@@ -172,8 +172,8 @@ def _scatter(pairs, data, begin, end):
         velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
 
 
-_central_sweep = over_pairs("central_sweep", _central, _updates, first=_gather, last=_scatter)
-_any_sweep = over_pairs("any_sweep", _any, _updates, first=_gather, last=_scatter)
+_central_sweep = over_pairs("central_sweep", _central, _updates, first=_gather, last=_scatter, again=True)
+_any_sweep = over_pairs("any_sweep", _any, _updates, first=_gather, last=_scatter, again=True)
 
 
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:

@@ -12,7 +12,7 @@ from openmm_dpd import RunError
 from openmm_dpd.base.neighbours import coincident_pairs
 from openmm_dpd.kernels import cells
 from openmm_dpd.kernels.dpd import TermTable
-from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine, PairSpec
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
 
@@ -113,6 +113,33 @@ def test_same_bits_for_one_and_two_threads(box, density, two_threads):
     for other in results[1:]:
         assert other[:2] == results[0][:2]
         assert np.array_equal(other[2], results[0][2]) and np.array_equal(other[3], results[0][3])
+
+
+@BOX
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
+def test_same_bits_where_loops_list_the_pairs(box, table, two_threads):
+    """As with many beads, with tensors and without, for one and two threads, where columns become full; from the third positions on the
+    pairs are stored, since several loops went over those two before."""
+    scene = fluid(table, box, seed=6)
+    stored, late = engine_of(scene), engine_of(scene)
+    late.lists[0].many, ways = True, []
+    thin = scene.positions * 1.2, None if box is None else box * 1.2
+    for threads in (1, 2):
+        set_threads(threads)
+        for place in (thin, (scene.positions, box), thin):
+            found = []
+            for engine in (stored, late):
+                engine.prepare(*place)
+                if engine is late:
+                    ways.append(late.lists[0].used() and not (box is not None and late.lists[0].grid(*place)[3:] == (1, 1, 1)))
+                sums = engine.sums(
+                    CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS, scene.velocities, 1.0, 0.01, 5, 9, out=(force := 0.0 * place[0])
+                )
+                swept = engine.swept(scene.velocities, 1.0, 0.01, 5, 9)
+                found.append([*sums[:4], force, swept, engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0)[1]])
+            assert all(map(np.array_equal, *found))
+    assert not any(ways[:2])
+    assert all(ways[2:]) or (box is not None and box.diagonal().min() < 4)
 
 
 @pytest.mark.parametrize("box", [None, BOXES["tilted"]], ids=["none", "tilted"])

@@ -10,7 +10,7 @@ from kinds import KINDS, SEED
 from lines import PACKAGE, Lines
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels import threads as thread_count
+from openmm_dpd.kernels import pairs, threads as thread_count
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.kernels.threads import set_threads
 
@@ -28,6 +28,8 @@ CASES = {
     "many-body": ("mdpd lucy", 1.4, 1, "", ROOM | {"_sorted_densities"}),
     "internal energies": ("energies", 1.4, 1, "", ROOM),
     "threads": ("dpd", 1.4, 2, "", ROOM),
+    "many beads": ("dpd", 1.4, 1, "", ROOM - {"list", "_make_room"} | {"passing"}),
+    "many beads without a box": ("no box", 0.35, 1, "", ROOM - {"list", "_make_room"} | {"passing", "make_passing_room"}),
     "segments": ("bonded", 1.25, 1, "segments", {"forces", "_set_reach"}),
     "charges": ("charged", 1.25, 1, "charges", {"_prepare", "_space_for"}),
 }
@@ -60,8 +62,10 @@ def threads(request, monkeypatch):
 
 
 @pytest.mark.parametrize(("kind", "scale", "threads", "files", "called"), CASES.values(), ids=CASES, indirect=["threads"])
-def test_an_error_before_any_line(kind, scale, threads, files, called):
+def test_an_error_before_any_line(kind, scale, threads, files, called, monkeypatch):
     """Where the list gets other cells or more room, too: the next forces there, and back at the first place."""
+    if "passing" in called:
+        monkeypatch.setattr(pairs, "MANY", 0)
     scene = KINDS[kind]()
     built = dpd.build(scene, dt=0.01, scheme="middle", platform="CPU", conservative="kernel", seed=SEED)
     spec = built.integrator.whole.function.spec
