@@ -52,9 +52,9 @@ class Runs:
         return None if "failed" in known else Averages(**known["averages"])
 
 
-def text(pair: tuple[float, float]) -> str:
+def text(pair: tuple[float, float] | None) -> str:
     """A deviation with its standard error."""
-    return f"{100 * pair[0]:+.2f}({100 * pair[1]:.2f}) %"
+    return "-" if pair is None else f"{100 * pair[0]:+.2f}({100 * pair[1]:.2f}) %"
 
 
 def right(pairs: list[tuple[float, float]]) -> bool:
@@ -89,7 +89,7 @@ def row(name: str, options: argparse.Namespace, store: Store) -> tuple[str, bool
                 better.append(f"{other.scheme} {dt:.3g}")
         rivals = ", ".join(better) or "none"
     good = right(pairs)
-    texts = " | ".join(text(pair) for pair in result.temperatures)
+    texts = f"{text(result.kin)} | {text(result.conf)}"
     return f"{head} {texts} | {energy} | {'yes' if good else '**no**'} | {rivals} |", good and rivals in ("", "none")
 
 

@@ -143,14 +143,14 @@ class Averages:
     """What a run says, each with its standard error."""
 
     kin: tuple[float, float]  #: Relative deviation of the kinetic temperature
-    conf: tuple[float, float]  #: and of the configurational one; of the kinetic one again where there is no Laplacian
+    conf: tuple[float, float] | None  #: and of the configurational one; None where there is no Laplacian (lattice sums, some overlays)
     potential: tuple[float, float]  #: Potential energy per bead, kJ/mol
     spread: float  #: Variance of the potential energy, per bead: kT^2 dU/dkT
 
     @property
-    def temperatures(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Both deviations."""
-        return self.kin, self.conf
+    def temperatures(self) -> list[tuple[float, float]]:
+        """The deviations that there are."""
+        return [pair for pair in (self.kin, self.conf) if pair is not None]
 
     def potential_off(self, other: Averages, kT: float) -> tuple[float, float]:
         """Deviation of the potential energy from that of another run, as the relative change of temperature that makes it."""
@@ -194,15 +194,15 @@ def averages(
                 simulation.step(every)
                 s = observer.sample(simulation.context)
                 target = s.theta if scene.internal is not None else scene.initial_kT
-                # some overlays and lattice sums have no Laplacian; what their positions say is the potential energy
-                conf = (s.kT / target, 1.0) if s.laplacian is None else (s.gradient2, s.laplacian * target)
-                rows.append((s.kT / target, *conf, s.potential / scene.n_beads))
+                rows.append((s.kT / target, s.gradient2, (s.laplacian or 0.0) * target, s.potential / scene.n_beads))
             kinetic, above, below, potential = np.array(rows).T
-            kin, conf, energy = block_average(kinetic), ratio_average(above, below), block_average(potential)
+            kin, energy = block_average(kinetic), block_average(potential)
+            conf = ratio_average(above, below) if below.any() else kin
             if max(kin.sem, conf.sem) < enough and len(rows) > 2000:
                 break
         simulation.step(max(0, steps - simulation.currentStep))
     except (openmm.OpenMMException, dpd.DPDError):
         return None
     spread = float(np.var(potential)) * scene.n_beads
-    return Averages((kin.mean - 1, kin.sem), (conf.mean - 1, conf.sem), (energy.mean, energy.sem), spread)
+    both = [(one.mean - 1, one.sem) for one in (kin, conf)]
+    return Averages(both[0], both[1] if below.any() else None, (energy.mean, energy.sem), spread)
