@@ -149,6 +149,7 @@ def test_three_interruptions_of_one_run_change_nothing(deck, platform, monkeypat
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("options", [("--checkpoint", "7"), ("--format", "xtc", "--every", "4")], ids=["often", "only at signals"])
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])
 def test_ten_interruptions_change_nothing(deck, platform, options):
@@ -157,6 +158,7 @@ def test_ten_interruptions_change_nothing(deck, platform, options):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])
 def test_ten_interruptions_of_one_run_change_nothing(deck, platform):
     interrupt_again_and_again(deck, platform, 10, "--checkpoint", "5", seed=3)

@@ -128,7 +128,7 @@ def test_restart_with_a_barostat(model):
 
 @pytest.mark.slow
 @any_seed(2)
-@pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
+@pytest.mark.parametrize("model", ["tip3p", pytest.param("tip4pew", marks=pytest.mark.long)])
 def test_temperature_and_momentum_at_constant_pressure(model, seed):
     """1,300 degrees of freedom fluctuate by 12 K; 10 ps of them, which they remember for 0.2 ps, give a standard error of 2.5 K."""
     _, positions, text = solvated(model)
