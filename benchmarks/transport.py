@@ -26,6 +26,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "docs" / "measure")]
 
 import transport_table  # noqa: E402
 from atlas_parts import page  # noqa: E402
+from atlas_parts.errors import pooled  # noqa: E402
 from atlas_parts.store import Store, carry_out  # noqa: E402
 from atlas_parts.summary import machine, write  # noqa: E402
 
@@ -68,18 +69,13 @@ def work(job: dict) -> dict:
     return job | report | {"seconds": round(time.perf_counter() - begun, 1)}
 
 
-def mean(rows: list[dict], name: str) -> tuple[float, float]:
-    """Weighted mean of runs, and its standard error."""
-    value, weight = np.array([[row[name], row[f"{name}_error"] ** -2] for row in rows]).T
-    return float(np.sum(value * weight) / weight.sum()), float(weight.sum() ** -0.5)
-
-
 def tabulate(results: list[dict]) -> dict:
     """Relative errors of D and viscosity of every run beside the limit of short steps, with their standard errors."""
     points = []
     for gamma in sorted({row["gamma"] for row in results}):
         good = [row for row in results if row["gamma"] == gamma and "failed" not in row]
-        limit = {name: mean([row for row in good if row["seed"] == 1], name) for name in ("D", "eta")}
+        finest = [row for row in good if row["seed"] == 1]
+        limit = {name: pooled([{name: (row[name], row[f"{name}_error"])} for row in finest], name) for name in ("D", "eta")}
         schemes: dict[str, list] = {}
         for row in sorted((row for row in good if row["seed"] != 1), key=lambda row: row["dt"]):
             errors = [
@@ -126,8 +122,7 @@ def main() -> None:
     options = parser.parse_args()
     store = Store(ROOT / "out" / "transport" / "results.jsonl")
     if options.only != "table":
-        left = [job for job in jobs(options.time, options.friction, options.words) if job not in store]
-        carry_out(left, work, store, options.processes, functools.partial(print, flush=True))
+        carry_out(jobs(options.time, options.friction, options.words), work, store, options.processes, functools.partial(print, flush=True))
     if options.only != "runs":
         named = [row for row in store.results.values() if row["scheme"] in STEPS]
         table = tabulate(named)
