@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from ..base.errors import ParameterError
 from ..base.geometry import widths
@@ -358,7 +358,7 @@ def _most_likely(columns: np.ndarray, offset: np.ndarray, mean: np.ndarray, weig
     start = np.zeros(len(columns))
     # positive for any offset
     start[0] = 1.0 + max(0.0, float(np.max(-offset / columns[0])))
-    done = minimize(cost, start, jac=gradient, hess=hessian, method="trust-exact", options={"gtol": 1e-9})
+    done = scipy.optimize.minimize(cost, start, jac=gradient, hess=hessian, method="trust-exact", options={"gtol": 1e-9})
     if not np.linalg.norm(gradient(done.x)) < 1e-6 * np.linalg.norm(columns @ (weights * np.abs(mean))):
         raise ParameterError(f"no bending modulus fits this spectrum: {done.message}")
     return done.x

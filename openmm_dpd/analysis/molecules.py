@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse.csgraph import breadth_first_order
+import scipy
 
 from ..base.neighbours import connected, graph
 
@@ -43,6 +43,6 @@ def bonds_outwards(topology: mdtraj.Topology) -> np.ndarray:
     # a further vertex joined to one bead of each molecule makes one search out of many
     roots = np.unique(molecule_labels(topology), return_index=True)[1]
     joined = np.concatenate([bonds, np.column_stack([np.full(len(roots), count), roots])])
-    order, parents = breadth_first_order(graph(joined, count + 1).tocsr(), count, directed=False)
+    order, parents = scipy.sparse.csgraph.breadth_first_order(graph(joined, count + 1).tocsr(), count, directed=False)
     tree = np.column_stack([parents[order[1:]], order[1:]]).astype(np.int64)
     return tree[tree[:, 0] != count]

@@ -1,9 +1,7 @@
 """Pairs of beads within a distance in any box, and what they connect."""
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from .errors import ParameterError
 from .geometry import widths
@@ -32,14 +30,14 @@ def pairs_within(
     return i[mixed], j[mixed] - len(x), r[mixed]
 
 
-def graph(bonds: np.ndarray, count: int) -> coo_array:
+def graph(bonds: np.ndarray, count: int) -> "scipy.sparse.coo_array":
     """Bonds (B, 2) between ``count`` beads as scipy has them."""
-    return coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
+    return scipy.sparse.coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
 
 
 def connected(bonds: np.ndarray, count: int) -> np.ndarray:
     """Number of the connected part that each bead is in, from 0."""
-    return connected_components(graph(bonds, count), directed=False)[1]
+    return scipy.sparse.csgraph.connected_components(graph(bonds, count), directed=False)[1]
 
 
 def coincident_pairs(x: np.ndarray, box: np.ndarray | None, distance: float) -> list[tuple[int, int]]:
@@ -67,7 +65,7 @@ def _among(x: np.ndarray, box: np.ndarray | None, distance: float) -> tuple[np.n
 
 
 def _listed(x: np.ndarray, edges: np.ndarray | None, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    pairs = cKDTree(x, boxsize=edges).query_pairs(distance, output_type="ndarray")
+    pairs = scipy.spatial.cKDTree(x, boxsize=edges).query_pairs(distance, output_type="ndarray")
     i, j = pairs[:, 0], pairs[:, 1]
     d = x[i] - x[j]
     if edges is not None:

@@ -7,10 +7,10 @@ Steele, Lea and Flood, OOPSLA 2014, doi:10.1145/2660193.2660195); its bits are t
 distribution function: Gaussian to 1e-6.
 """
 
+from statistics import NormalDist
 from struct import Struct
 
 import numpy as np
-from scipy.special import ndtri
 
 from .compiled import both, helper, inlined
 from .elementary import exp, log, without_last_bits
@@ -34,7 +34,8 @@ ROUNDED = 39
 def _cubics() -> np.ndarray:
     """(4, cells) coefficients that meet the values and slopes of the inverse distribution function at the edges of the cells."""
     width = 0.5 / _CELLS
-    value = without_last_bits(ndtri(0.5 + width * np.arange(_SMOOTH + 1)), ROUNDED)
+    edges = 0.5 + width * np.arange(_SMOOTH + 1)
+    value = without_last_bits(np.array([NormalDist().inv_cdf(edge) for edge in edges]), ROUNDED)
     slope = width * np.sqrt(2 * np.pi) * exp(0.5 * value**2)
     rise = np.diff(value)
     first, last = slope[:-1], slope[1:]

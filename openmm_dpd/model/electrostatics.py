@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import erf
+import scipy
 
 from ..base.errors import ParameterError, what_is
 from ..base.units import COULOMB, whole_number
@@ -221,7 +221,7 @@ class GaussianCharges(SmearedCharges):
 
     def potential(self, r):
         scale = 2 * self.width
-        return _direct(r, scale, self.series(scale), lambda x: erf(0.5 * x / self.width) / x)
+        return _direct(r, scale, self.series(scale), lambda x: scipy.special.erf(0.5 * x / self.width) / x)
 
     def tail(self, r: float) -> float:
         t = 0.5 * r / self.width

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from openmm import unit
-from scipy.interpolate import PchipInterpolator
 
 from ..base.errors import ParameterError
 from ..base.units import BOLTZMANN, thermal_energies, to_md
@@ -138,9 +138,9 @@ class TabulatedEOS:
         return cls(theta, u)
 
     @property
-    def inverse_temperature(self) -> PchipInterpolator:
+    def inverse_temperature(self) -> scipy.interpolate.PchipInterpolator:
         """1/theta as a function of u."""
-        return PchipInterpolator(self.energies, 1.0 / self.thetas, extrapolate=False)
+        return scipy.interpolate.PchipInterpolator(self.energies, 1.0 / self.thetas, extrapolate=False)
 
     def theta(self, u):
         """Theta at the internal energy u; NaN out of range."""

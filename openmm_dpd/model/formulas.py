@@ -9,7 +9,7 @@ import operator
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy.special import erf
+import scipy
 
 from ..base.errors import ParameterError
 
@@ -18,7 +18,7 @@ FUNCTIONS: dict[str, tuple[int, Callable]] = {
     **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "floor", "ceil")},
     **{name: (1, getattr(np, f"arc{name[1:]}")) for name in ("asin", "acos", "atan")},
     "atan2": (2, np.arctan2),
-    "erf": (1, erf),
+    "erf": (1, lambda x: scipy.special.erf(x)),
     "step": (1, lambda x: np.where(np.asarray(x) >= 0, 1.0, 0.0)),
     "delta": (1, lambda x: np.where(np.asarray(x) == 0, 1.0, 0.0)),
     "square": (1, np.square),

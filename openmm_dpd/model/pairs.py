@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from ..base.errors import ParameterError
 from ..base.units import to_md
@@ -249,7 +249,7 @@ class TabulatedPair(PairCoefficient):
         if forces.shape != energies.shape:
             raise ParameterError(f"a tabulated pair has {len(energies)} energies but {len(forces)} forces")
         # compared as energies, since tables from coarse-graining have forces with kinks; the steep first tenth is left out
-        work = CubicSpline(distances, forces).antiderivative()
+        work = scipy.interpolate.CubicSpline(distances, forces).antiderivative()
         expected = energies[-1] + work(distances[-1]) - work(distances)
         tail = slice(len(forces) // 10, None)
         off = np.abs(energies - expected)[tail]

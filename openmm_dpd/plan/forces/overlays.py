@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import openmm
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+import scipy
 
 from ...model.pairs import LennardJones, TabulatedPair
 from .expressions import PairExpression, radial_expression, type_pairs, type_table
@@ -30,11 +30,11 @@ def lennard_jones_expression(table: Mapping, names: list[str]) -> PairExpression
     return radial_expression("Lennard-Jones", table, names, energy, columns)
 
 
-def energy_spline(pair: TabulatedPair) -> CubicSpline | CubicHermiteSpline:
+def energy_spline(pair: TabulatedPair) -> "scipy.interpolate.PPoly":
     """Energy as a smooth function of the distance: through energies and forces if both are given."""
     if pair.forces is None:
-        return CubicSpline(pair.distances, pair.energies)
-    return CubicHermiteSpline(pair.distances, pair.energies, -pair.forces)
+        return scipy.interpolate.CubicSpline(pair.distances, pair.energies)
+    return scipy.interpolate.CubicHermiteSpline(pair.distances, pair.energies, -pair.forces)
 
 
 def tabulated_expression(table: Mapping, names: list[str]) -> PairExpression:

@@ -4,8 +4,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import breadth_first_order
+import scipy
 
 from ...base.geometry import minimum_images
 from ...base.wording import bead_names
@@ -219,7 +218,7 @@ def _modes(what: str, terms: list[_Terms], slopes: np.ndarray, scene: Scene, aro
     count, width = beads.shape
     inverse = np.where(scene.immobile, 0.0, 1.0 / np.where(scene.immobile, 1.0, scene.bead_masses))
     entries = np.broadcast_to(slopes, (count, width)) * np.sqrt(mean)[:, None] * np.sqrt(inverse)[beads]
-    matrix = sparse.csr_array((entries.ravel(), (np.repeat(np.arange(count), width), beads.ravel())), shape=(count, scene.n_beads))
+    matrix = scipy.sparse.csr_array((entries.ravel(), (np.repeat(np.arange(count), width), beads.ravel())), shape=(count, scene.n_beads))
     squares = matrix @ matrix.T
     alone, with_others = squares.diagonal(), abs(squares).sum(axis=1)
     # where the stiffest term is as stiff as it gets, its neighbours are as stiff as they are in the mean
@@ -228,7 +227,7 @@ def _modes(what: str, terms: list[_Terms], slopes: np.ndarray, scene: Scene, aro
     stiffest = int(np.argmax(fastest))
     if not fastest[stiffest] > 0:
         return None
-    near = breadth_first_order(squares, stiffest, directed=False, return_predecessors=False)[:_MOST]
+    near = scipy.sparse.csgraph.breadth_first_order(squares, stiffest, directed=False, return_predecessors=False)[:_MOST]
     omega = np.sqrt(np.maximum(np.linalg.eigvalsh(squares[near][:, near].toarray()), 0.0) + around)
     fluctuation = np.unique(np.concatenate([one.parts for one in terms])[stiffest])
     return Modes(what, omega, fluctuation, float(np.sqrt(fastest[stiffest] + around)), around if what == "dihedrals" else 0.0)
