@@ -151,7 +151,8 @@ def extended(before: dict, fresh: dict, times: dict, names: list[str]) -> dict:
                 scale = float(np.mean(there) / np.mean(here))
                 ms[threads] = {dt: short(scale * value) for dt, value in row.items()}
             added[method] = entry | {"ms": ms}
-        fluids[name] = fluid | {"methods": fluid["methods"] | added}
+        known = fluid["methods"] | added
+        fluids[name] = fluid | {"methods": {m: known[m] for m in sorted(known, key=lambda m: known[m]["kind"] != "ours")}}
     return retimed(before | {"fluids": fluids}, {})
 
 
