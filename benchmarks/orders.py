@@ -1,8 +1,12 @@
 """Other orders of drifts (A), kicks (B) and sweeps (O), to find what beats the schemes of the package: errors at equal steps per force.
 
 Runs on the package's kernels without OpenMM, so that an order is one line of text.  "3B/5" is a kick over three fifths of a step, a prime marks
-kicks by the gradient-corrected force F - c h^2 (Hessian of U) F/m, h being the step over the number of forces.  Prints a Markdown table and
-puts it into docs/atlas.md.
+kicks by the gradient-corrected force F - c h^2 (Hessian of U) F/m, h being the step over the number of forces.  Published methods have letters of
+their own: R kicks with friction and noise as forces, of one random number per pair and step; L draws the relative velocities of pairs anew, with
+the probability (friction times step) that makes the viscosity similar (Lowe, Europhys. Lett. 47, 145 (1999)); N and P are sweeps with a friction
+that follows the temperature of the pairs, N of that alone (pairwise Nose-Hoover-Langevin: Leimkuhler and Shang, J. Comput. Phys. 280, 72
+(2015)), P of that added to the fluid's (pairwise adaptive Langevin: the same, J. Comput. Phys. 324, 174 (2016)); their order of substeps is
+symmetric, and ours.  Prints a Markdown table and puts it into docs/atlas.md.
 
     python benchmarks/orders.py                # half an hour on one core
     python benchmarks/orders.py --time 50      # a look
@@ -12,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import operator
 import re
 import sys
 from dataclasses import dataclass
@@ -20,6 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
@@ -31,7 +37,7 @@ from atlas_parts.summary import short  # noqa: E402
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.kernels.columns import approach, over_pairs  # noqa: E402
 from openmm_dpd.kernels.compiled import inlined  # noqa: E402
-from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine  # noqa: E402
+from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine  # noqa: E402
 from openmm_dpd.plan.plan import make_plan  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
@@ -64,13 +70,21 @@ ORDERS = {
     "three forces, weights for hybrid Monte Carlo": Order(
         "118880B/1000000 296195A/1000000 381120B/1000000 407610A/1000000 381120B/1000000 296195A/1000000 118880B/1000000 O", 3
     ),
+    "Peters": Order("B/2 A B/2 O"),
+    "Lowe-Andersen": Order("B/2 A B/2 L"),
+    "pairwise Nose-Hoover-Langevin": Order("B/2 A/2 N A/2 B/2"),
+    "pairwise adaptive Langevin": Order("B/2 A/2 P A/2 B/2"),
+    "PRK3-Ruth": Order("7R/24 2A/3 3R/4 -2A/3 -1R/24 A", 3),
     "sweep in the middle of a drift, two kicks": Order("211A/1000 B/2 289A/1000 O 289A/1000 B/2 211A/1000", 2),
 }
 
 #: Frictions, and steps per force.
 FRICTIONS, STEPS = (4.5, 40.5), (0.05, 0.06, 0.07)
 
-TOKEN = re.compile(r"(\d*)([ABO])('?)(?:/(\d+))?")
+TOKEN = re.compile(r"(-?\d*)([A-Z])('?)(?:/(\d+))?")
+
+#: Inertia of the adaptive friction for each degree of freedom, in units of time squared, and the rate at which noise of its own relaxes it.
+INERTIA, RELAXATION = 1.0, 1.0
 
 
 def parsed(order: Order) -> list[tuple[str, float, float]]:
@@ -105,6 +119,37 @@ def _hessian_times(pairs, data, scratch, n, k, column):
 hessian_times = over_pairs("hessian_times", _hessian_times, parallel=False)
 
 
+@njit
+def pair_updates(letter, v, first, second, e, r, gamma, adaptive, dt, rng):
+    """The sweeps L, N and P over all pairs in turn; masses and kT are 1, the cutoff is 1.  Changes v, returns the adaptive friction.
+
+    In a pair e.v relaxes with the rate 2 f w^2; N and P drive f by (e.v)^2 - 2, weighted by w^2, half of it before and half after the sweep.
+    """
+    for half in range(2):
+        if letter != "L":
+            excess = 0.0
+            for n in range(len(r)):
+                ev = np.dot(e[n], v[first[n]] - v[second[n]])
+                excess += (1 - r[n]) ** 2 * (ev * ev - 2.0)
+            adaptive += 0.5 * dt * excess / (INERTIA * 3 * len(v))
+            if letter == "N":
+                q = np.exp(-0.5 * RELAXATION * dt)
+                adaptive = q * adaptive + np.sqrt((1 - q * q) / (INERTIA * 3 * len(v))) * rng.normal()
+        for n in range(len(r) if half == 0 else 0):
+            i, j = first[n], second[n]
+            w2 = (1 - r[n]) ** 2
+            ev = np.dot(e[n], v[i] - v[j])
+            if letter == "L":
+                new = np.sqrt(2.0) * rng.normal() if rng.random() < gamma * dt else ev
+            else:
+                rate = 2 * w2 * (adaptive + (gamma if letter == "P" else 0.0))
+                noise = 8 * gamma * w2 * (-np.expm1(-2 * rate * dt) / (2 * rate)) if letter == "P" and rate != 0.0 else 0.0
+                new = np.exp(-rate * dt) * ev + np.sqrt(noise) * rng.normal()
+            v[i] += 0.5 * (new - ev) * e[n]
+            v[j] -= 0.5 * (new - ev) * e[n]
+    return adaptive
+
+
 class Fluid:
     """The standard fluid, stepped by any order."""
 
@@ -115,6 +160,7 @@ class Fluid:
         self.v -= self.v.mean(axis=0)
         scene = dpd.Scene({"W": 1.0}, ["W"] * beads, self.x, {("W", "W"): dpd.DPD(A=25, gamma=gamma)}, kT=1.0, box=[edge] * 3)
         self.engine, self.seed, self.counter = PairEngine(make_plan(scene, dt=0.01, seed=1).spec), seed, 0
+        self.gamma, self.adaptive, self.rng = gamma, 0.0, rng
 
     def force(self) -> tuple[float, np.ndarray]:
         """Energy and conservative force."""
@@ -135,6 +181,7 @@ class Fluid:
         """Some steps; a force serves all kicks at the same positions."""
         substeps, h, force = parsed(order), dt / order.forces, None
         for _ in range(steps):
+            self.counter += 1
             for letter, part, c in substeps:
                 if letter == "A":
                     self.x += part * dt * self.v
@@ -142,6 +189,14 @@ class Fluid:
                 elif letter == "B":
                     force = self._corrected(c * h * h) if force is None else force
                     self.v += part * dt * force
+                elif letter == "R":
+                    self.engine.prepare(self.x, self.box)
+                    every = CONSERVATIVE | DISSIPATIVE | RANDOM
+                    self.v += part * dt * self.engine.forces(every, self.v, 1.0, dt, self.seed, self.counter)[1]
+                elif letter != "O":
+                    self.engine.prepare(self.x, self.box)
+                    pairs = self.engine.lists[0].listed()[:4]
+                    self.adaptive = pair_updates(letter, self.v, *pairs, self.gamma, self.adaptive, part * dt, self.rng)
                 else:
                     self.engine.prepare(self.x, self.box)
                     self.counter += 1
@@ -199,6 +254,7 @@ def main() -> None:
     parser.add_argument("--beads", type=int, default=1500)
     parser.add_argument("--time", type=float, default=600.0, help="simulated time of each entry")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--methods", nargs="+", default=list(ORDERS), choices=ORDERS, help="only these; the others stay as they are")
     parser.add_argument("--only", choices=("runs", "table"))
     options = parser.parse_args()
     store = Store(ROOT / "out" / "orders" / "results.jsonl")
@@ -206,14 +262,19 @@ def main() -> None:
     jobs = [
         same | {"method": name, "gamma": gamma, "dt": round(h * order.forces, 6)}
         for name, order in ORDERS.items()
+        if name in options.methods
         for gamma in FRICTIONS
         for h in STEPS
     ]
     if options.only != "table":
         carry_out([job for job in jobs if job not in store], work, store, options.processes, lambda text: print(text, flush=True))
     if options.only != "runs":
-        results = [short_of(store.results[key(job)]) for job in jobs if job in store]
-        (ROOT / "docs" / "orders.json").write_text("[\n" + ",\n".join(json.dumps(r) for r in results) + "\n]\n")
+        file = ROOT / "docs" / "orders.json"
+        fresh = [short_of(store.results[key(job)]) for job in jobs if job in store]
+        place = operator.itemgetter("method", "gamma", "dt")
+        known = {place(row): row for row in [*json.loads(file.read_text()), *fresh]}
+        results = [known[at] for at in sorted(known, key=lambda at: (list(ORDERS).index(at[0]), at[1:]))]
+        file.write_text("[\n" + ",\n".join(json.dumps(r) for r in results) + "\n]\n")
         atlas = json.loads((ROOT / "docs" / "atlas.json").read_text())
         text = "\n\n".join(table(results, gamma, atlas) for gamma in FRICTIONS)
         print(text)
