@@ -7,6 +7,7 @@ openmm_dpd/simulation/advice/transport.json and the table of docs/atlas.md; it c
     python benchmarks/transport.py                     # forty minutes of one core
     python benchmarks/transport.py --time 1500         # a quarter of it; errors twice as large
     python benchmarks/transport.py --only table        # only the file, from the runs that are there
+    python benchmarks/transport.py --check             # the steps that are recommended for diffusion, with 3,000 beads and another seed: ten minutes
     python benchmarks/transport.py --words 'B A/2 S/2 S/2 A/2' --friction 40.5 --only runs  # others beside them
 """
 
@@ -62,11 +63,30 @@ def work(job: dict) -> dict:
     begun = time.perf_counter()
     point = {**transport_table.BASE, "drag": job["gamma"]}
     try:
-        found = transport_table.measure(point, job["time"], job["seed"], BEADS, job["dt"], job["scheme"], SPEED)
+        found = transport_table.measure(point, job["time"], job["seed"], job.get("beads", BEADS), job["dt"], job["scheme"], SPEED)
         report = {name: round(found[name], 5) for name in ("D", "D_error", "eta", "eta_error")}
     except DPDError as error:
         report = {"failed": str(error).splitlines()[0][:200]}
     return job | report | {"seconds": round(time.perf_counter() - begun, 1)}
+
+
+def check(length: float, frictions: list[float], store: Store, processes: int) -> None:
+    """Diffusion and viscosity at the steps that are recommended for diffusion, beside the limit of short steps: other beads, another seed."""
+    same, todo = {"time": length, "seed": 3, "beads": 3 * BEADS}, []
+    for gamma in frictions:
+        pairs, x = {("W", "W"): dpd.DPD(A=25.0, gamma=gamma)}, np.random.default_rng(3).random((81, 3)) * 3.0
+        choice = dpd.recommend(dpd.Scene({"W": 1.0}, ["W"] * 81, x, pairs, kT=1.0, box=[3.0] * 3), quantity="diffusion")
+        assert choice.dt is not None
+        for scheme, dt in ((LIMIT, transport_table.EVERY / FRICTIONS[gamma]), (choice.scheme, choice.dt)):
+            todo.append({"gamma": gamma, "scheme": scheme, "dt": transport_table.EVERY / np.ceil(transport_table.EVERY / dt)} | same)
+    carry_out(todo, work, store, processes, functools.partial(print, flush=True))
+    for finest, other in zip(todo[::2], todo[1::2], strict=True):
+        limit, found = store.get(finest), store.get(other)
+        for name in ("D", "eta"):
+            off = found[name] / limit[name] - 1
+            sem = np.hypot(found[f"{name}_error"], limit[f"{name}_error"]) / limit[name]
+            within = "within 1 % and two standard errors" if abs(off) < 0.01 + 2 * sem else "OFF"
+            print(f"friction {other['gamma']:g}, {other['scheme']} at {other['dt']:.3g}: {name} {_per_cent([off, sem])}: {within}")
 
 
 def tabulate(results: list[dict]) -> dict:
@@ -119,8 +139,12 @@ def main() -> None:
     parser.add_argument("--words", nargs="+", default=[], help="only these schemes or words")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only", choices=("runs", "table"))
+    parser.add_argument("--check", action="store_true", help="only whether the recommended steps hold for other beads")
     options = parser.parse_args()
     store = Store(ROOT / "out" / "transport" / "results.jsonl")
+    if options.check:
+        check(0.5 * options.time, options.friction, store, options.processes)
+        return
     if options.only != "table":
         carry_out(jobs(options.time, options.friction, options.words), work, store, options.processes, functools.partial(print, flush=True))
     if options.only != "runs":
