@@ -42,6 +42,7 @@ def test_what_is_added_acts_in_full(cell):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("cell", [cell for cell in covering(3, HOSTS) if cell not in covering(2)], ids=str)
 def test_what_is_added_acts_in_full_three_by_three(cell):
     """Every three levels together at least once, on the platforms that need no compiler."""
