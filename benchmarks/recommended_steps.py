@@ -3,8 +3,8 @@
 Every scene of atlas_parts/scenes.py takes the scheme and the step that ``recommend`` gives it for an error of 1 %, and runs from equilibrium
 until both temperatures are known to 0.25 %.  They are to be within 1.5 % and two standard errors (steps of the table are known to a tenth or
 two, and errors go with their square).  With ``--twelve`` the potential energy has to be right as well, beside a run at a quarter of the step
-with ``middle``, no run of 100,000 steps may stop, and every scheme is tried at the step at which it would cost 1.3 times less: each should
-be wrong there, or the recommendation is too careful.  Results are kept in ``out/recommended``, so that nothing is run again.
+with ``middle``, no run of 100,000 steps may stop, and every scheme that is not thought to cost more than twice as much is tried at the step at
+which it would cost 1.3 times less: each should be wrong there by more than what was asked for, or the recommendation is too careful.  Results are kept in ``out/recommended``, so that nothing is run again.
 
     python benchmarks/recommended_steps.py                  # about ten minutes of one core
     python benchmarks/recommended_steps.py --twelve         # an hour of one core
@@ -57,9 +57,9 @@ def text(pair: tuple[float, float] | None) -> str:
     return "-" if pair is None else f"{100 * pair[0]:+.2f}({100 * pair[1]:.2f}) %"
 
 
-def right(pairs: list[tuple[float, float]]) -> bool:
-    """Whether all deviations are allowed."""
-    return all(abs(value) < ALLOWED + 2 * sem for value, sem in pairs)
+def right(pairs: list[tuple[float, float]], allowed: float = ALLOWED, errors: float = 2.0) -> bool:
+    """Whether all deviations are allowed, with so many standard errors beside them."""
+    return all(abs(value) < allowed + errors * sem for value, sem in pairs)
 
 
 def row(name: str, options: argparse.Namespace, store: Store) -> tuple[str, bool]:
@@ -81,11 +81,11 @@ def row(name: str, options: argparse.Namespace, store: Store) -> tuple[str, bool
         off = result.potential_off(reference, kT)
         pairs, energy = [*pairs, off], text(off)
         better = []
-        for other in (c for c in found.choices if c.scheme != "native"):
+        for other in (c for c in found.choices if c.scheme != "native" and c.relative_cost < 2.0 * choice.relative_cost):
             # the step at which it costs so much less
             dt = CHEAPER * other.dt * other.relative_cost / choice.relative_cost
             tried = run(other.scheme, dt)
-            if tried is not None and right([*tried.temperatures, tried.potential_off(reference, kT)]):
+            if tried is not None and right([*tried.temperatures, tried.potential_off(reference, kT)], options.error, 0.0):
                 better.append(f"{other.scheme} {dt:.3g}")
         rivals = ", ".join(better) or "none"
     good = right(pairs)

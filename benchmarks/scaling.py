@@ -1,7 +1,7 @@
 """Time and memory per bead, from a thousand to a million beads of the standard fluid (density 3, A 25, gamma 4.5).
 
-Every scheme runs at its own step, the longest of docs/atlas.json with both temperatures within 1 %, and so does LAMMPS (pair dpd with nve, the
-better one of two skins), in turn, each in a process of its own; the best of two rounds counts.  Memory is the peak of a process less the peak of one in which OpenMM alone holds as many
+Every scheme runs at its own step, the longest of docs/atlas.json with both temperatures within 1 %, and so does LAMMPS (the better one of two
+skins), in turn, each in a process of its own; the best of two rounds counts.  Memory is the peak of a process less the peak of one in which OpenMM alone holds as many
 particles (a Topology, a System, a VerletIntegrator, a Simulation on the same platform), beside a very small
 scene.  Writes docs/scaling.json, the picture docs/figures/scaling.png, and the table of docs/atlas.md.
 
@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 
 from atlas_parts import page, peer  # noqa: E402
-from atlas_parts.fluids import FLUIDS  # noqa: E402
+from atlas_parts.fluids import FLUIDS, method_of  # noqa: E402
 from atlas_parts.summary import machine  # noqa: E402
 from atlas_parts.timing import SKINS  # noqa: E402
 
@@ -41,8 +41,8 @@ import openmm_dpd as dpd  # noqa: E402
 FLUID, DENSITY, ROUNDS = FLUIDS["weak"], 3.0, 2
 SIZES = (1000, 10_000, 100_000, 1_000_000)
 SCHEMES = ("mvv", "middle", "bababo", "bab3")
-#: LAMMPS's method, as the atlas calls it.
-PEER = "LAMMPS dpd + nve"
+#: LAMMPS's methods, as the atlas calls them: what its users have, and its cheapest one.
+PEERS = ("LAMMPS dpd + nve", "LAMMPS dpd + mvv/dpd, lambda 0.65")
 
 
 @functools.cache
@@ -115,13 +115,14 @@ def memory(kind: str, beads: int) -> dict:
     return {"peak": peak()}
 
 
-def lammps(beads: int, threads: int) -> float:
-    """Nanoseconds per bead and step of LAMMPS."""
-    with tempfile.TemporaryDirectory() as name:
-        folder, steps = Path(name), steps_for(beads)
+def lammps(name: str, beads: int, threads: int) -> float:
+    """Nanoseconds per bead and step of a method of LAMMPS."""
+    method, dt, steps = method_of(FLUID.name, name), step_of(name), steps_for(beads)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
         data = folder / "data"
-        data.write_text(peer.data_file(scene_of(beads)))
-        decks = [peer.timing_lines(FLUID, "dpd", data, step_of(PEER), steps, skin) for skin in SKINS]
+        data.write_text(peer.data_file(scene_of(beads), method))
+        decks = [peer.timing_lines(FLUID, method, data, dt, steps, skin) for skin in SKINS]
         return 1e6 * min(peer.timed(deck, folder, folder, steps, threads) for deck in decks) / beads
 
 
@@ -137,21 +138,22 @@ def spawned(what: str, kind: str, beads: int, threads: int = 1) -> dict:
 
 def times(beads: int, threads: list[int]) -> dict:
     """Times of one size: of everything in turn, the best of all rounds."""
-    row: dict = {"beads": beads, "ns": {name: {} for name in (*SCHEMES, PEER)}, "build": {}}
+    row: dict = {"beads": beads, "ns": {name: {} for name in (*SCHEMES, *PEERS)}, "build": {}}
     for count in map(str, threads):
         for _ in range(ROUNDS):
             for name in SCHEMES:
                 found = spawned("speed", name, beads, int(count))
                 row["ns"][name][count] = min(found["ns"], row["ns"][name].get(count, np.inf))
                 row["build"][name] = found["build"]
-            row["ns"][PEER][count] = min(lammps(beads, int(count)), row["ns"][PEER].get(count, np.inf))
+            for name in PEERS:
+                row["ns"][name][count] = min(lammps(name, beads, int(count)), row["ns"][name].get(count, np.inf))
     return row
 
 
-def ratio(data: dict, row: dict, cores: str) -> float:
-    """How many times less wall time the cheapest scheme takes for the same simulated time than LAMMPS, each at its own step."""
+def ratio(data: dict, row: dict, peer: str, cores: str) -> float:
+    """How many times less wall time the cheapest scheme takes for the same simulated time than a method of LAMMPS, each at its own step."""
     cost = {name: row["ns"][name][cores] / data["steps"][name] for name in row["ns"]}
-    return cost[PEER] / min(cost[name] for name in SCHEMES)
+    return cost[peer] / min(cost[name] for name in SCHEMES)
 
 
 def memories(beads: int) -> dict:
@@ -169,16 +171,15 @@ def draw(data: dict, file: Path) -> None:
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained")
     rows, beads = data["rows"], [row["beads"] for row in data["rows"]]
-    for number, name in enumerate((*SCHEMES, PEER)):
-        color = "black" if name == PEER else f"C{number}"
+    for number, name in enumerate((*SCHEMES, *PEERS)):
+        theirs = name in PEERS
+        color = ("black", "gray")[PEERS.index(name)] if theirs else f"C{number}"
         for count, style in (("1", "-"), ("2", "--")):
             if count in rows[0]["ns"][name]:
                 cost = [1e-3 * row["ns"][name][count] / data["steps"][name] for row in rows]
                 cores = "1 core" if count == "1" else f"{count} cores"
-                left.plot(
-                    beads, cost, style, marker="o", fillstyle="none" if name == PEER else "full", color=color, label=f"{name}, {cores}"
-                )
-        if name != PEER:
+                left.plot(beads, cost, style, marker="o", fillstyle="none" if theirs else "full", color=color, label=f"{name}, {cores}")
+        if not theirs:
             right.plot(beads, [row["memory"][name] for row in rows], marker="o", color=color, label=name)
     left.set(xscale="log", yscale="log", xlabel="beads", ylabel="microseconds per bead and unit of simulated time", title="cost at 1 %")
     right.axhline(1000, color="gray", linewidth=0.8)
@@ -191,16 +192,16 @@ def draw(data: dict, file: Path) -> None:
 
 def text(data: dict) -> str:
     """The table of the page."""
-    names = [*SCHEMES, PEER]
-    header = ["beads", *(f"{n.split(' ')[0] if n == PEER else f'`{n}`'}, {c} core(s)" for n in names for c in data["threads"]),
-              *(f"ratio at 1 %, {c} core(s)" for c in data["threads"]), "memory, `middle`", "building, `middle`"]  # fmt: skip
+    names = {name: f"`{name}`" for name in SCHEMES} | {name: name.partition(",")[0] for name in PEERS}
+    header = ["beads", *(f"{n}, {c} core(s)" for n in names.values() for c in data["threads"]),
+              *(f"ratio to {names[n]}, {c} core(s)" for n in PEERS for c in data["threads"]), "memory, `middle`", "building, `middle`"]  # fmt: skip
     cells = []
     for row in data["rows"]:
         times = [f"{row['ns'][n][str(c)]:.0f}" for n in names for c in data["threads"]]
-        ratios = [f"{ratio(data, row, str(c)):.1f}" for c in data["threads"]]
+        ratios = [f"{ratio(data, row, n, str(c)):.1f}" for n in PEERS for c in data["threads"]]
         cells.append([f"{row['beads']:,}", *times, *ratios, f"{row['memory']['middle']:.0f} B", f"{row['build']['middle']:.1f} s"])
     m = data["machine"]
-    steps = ", ".join(f"{n.split(' ')[0] if n == PEER else f'`{n}`'} {data['steps'][n]:g}" for n in names)
+    steps = ", ".join(f"{text} {data['steps'][n]:g}" for n, text in names.items())
     head = f"{data['date']}, {m['processor']}, {m['cores']} cores; times in nanoseconds per bead and step; steps: {steps}."
     return f"{head}\n\n{page.table(header, cells)}"
 
@@ -227,7 +228,7 @@ def main() -> None:
         return
     file = ROOT / "docs" / "scaling.json"
     data: dict = {"date": str(datetime.date.today()), "machine": machine(), "threads": options.cores, "rows": []}
-    data["steps"] = {name: step_of(name) for name in (*SCHEMES, PEER)}
+    data["steps"] = {name: step_of(name) for name in (*SCHEMES, *PEERS)}
     if options.only:
         data = json.loads(file.read_text())
     for row in data["rows"] if options.only else (times(beads, options.cores) for beads in options.sizes):

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from atlas_parts import peer  # noqa: E402
 from atlas_parts.drivers import started  # noqa: E402
-from atlas_parts.fluids import FLUIDS  # noqa: E402
+from atlas_parts.fluids import FLUIDS, method_of  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 
@@ -37,8 +37,9 @@ def lammps(scene: dpd.Scene, dt: float, steps: int, threads: int, suffix: str = 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         data = folder / "data"
-        data.write_text(peer.data_file(scene))
-        return peer.timed(peer.timing_lines(FLUID, "dpd", data, dt, steps, 0.3), folder, folder, steps, threads, suffix)
+        method = method_of(FLUID.name, "LAMMPS dpd + nve")
+        data.write_text(peer.data_file(scene, method))
+        return peer.timed(peer.timing_lines(FLUID, method, data, dt, steps, 0.3), folder, folder, steps, threads, suffix)
 
 
 def ours(scene: dpd.Scene, scheme: str, conservative: str, dt: float, steps: int, threads: int) -> float:

@@ -17,7 +17,7 @@ import openmm_dpd as dpd
 from openmm_dpd.base.errors import DPDError
 
 from . import peer
-from .fluids import FLUIDS, Fluid, Method, methods
+from .fluids import FLUIDS, Fluid, Method, method_of
 from .sampling import Measurer, Series
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
@@ -60,7 +60,7 @@ def started(job: dict, folder: Path) -> dpd.Scene:
 def run(job: dict, folder: Path) -> dict:
     """Carry out a job: ``fluid``, ``method``, ``dt``, ``time``, ``discard``, ``beads``, ``seed``, ``kT``, ``equilibrate``."""
     dpd.set_threads(1)
-    method = next(m for m in methods(job["fluid"]) if m.name == job["method"])
+    method = method_of(job["fluid"], job["method"])
     begun = time.perf_counter()
     try:
         report = _lammps(job, folder) if method.kind == "lammps" else ours(job, method, folder)
@@ -108,13 +108,13 @@ def _lammps(job: dict, folder: Path) -> dict:
 def lammps(job: dict, folder: Path) -> dict:
     """The run of :func:`_lammps`, in that process."""
     fluid: Fluid = FLUIDS[job["fluid"]]
-    method = next(m for m in methods(job["fluid"]) if m.name == job["method"])
+    method = method_of(job["fluid"], job["method"])
     dt, every = job["dt"], max(1, round(fluid.sample / job["dt"]))
     scene = fluid.scene(job["beads"], job["seed"], job["kT"]) if fluid.deck else started(job, folder)
     edges, unit_length = np.diag(scene.box), fluid.length_unit
     measure, series = Measurer(scene), Series(edges, range_of_pairs(scene))
     with peer.instance() as lmp:
-        peer.prepare(lmp, fluid, method.style, scene, job)
+        peer.prepare(lmp, fluid, method, scene, job)
         lmp.command(f"timestep {dt!r}")
         # a deck has run before, to equilibrate; setting up again would move the energy by a first half step
         lmp.command(f"run {round(job['discard'] / dt)} {'pre no ' if fluid.deck else ''}post no")

@@ -18,6 +18,7 @@ COLOURS = {
     "mvv": "tab:gray", "mvv, lambda 0.65": "tab:olive", "shardlow": "tab:purple", "middle": "tab:blue", "aboba": "tab:green",
     "bababo": "tab:cyan", "basa": "royalblue", "bababs": "darkcyan", "bab3": "magenta",
     "LAMMPS dpd + nve": "tab:red", "LAMMPS dpd/ext + nve": "tab:red", "LAMMPS dpd + charges + nve": "tab:red",
+    "LAMMPS dpd + mvv/dpd, lambda 0.65": "tab:pink",
     "LAMMPS dpd/fdt + shardlow": "tab:orange", "LAMMPS dpd/fdt/energy + shardlow": "tab:orange",
     "OpenMM DPDIntegrator, CPU": "black", "OpenMM DPDIntegrator, OpenCL": "tab:brown",
 }  # fmt: skip

@@ -51,7 +51,8 @@ class Method:
     name : key in the results, and label in figures
     kind : "ours", "native" (OpenMM's DPDIntegrator) or "lammps"
     steps : "force", "sweep", "frozen", "long" or "longer", the list of step sizes
-    scheme, lam, platform, engine, precision : for kinds that run in OpenMM
+    scheme, platform, engine, precision : for kinds that run in OpenMM
+    lam : weight of the prediction of velocities, for `mvv` and LAMMPS's mvv/dpd; with 0.5 the latter is nve
     style : LAMMPS pair style (fluids without a deck)
     slow : fewer and shorter runs (DPDIntegrator on the CPU platform takes ten times as long as anything else)
     """
@@ -164,10 +165,17 @@ def methods(name: str) -> tuple[Method, ...]:
         ours.insert(1, Method("mvv, lambda 0.65", "ours", "force", "mvv", 0.65))
     peers = [Method(f"LAMMPS {style} + {fix_of(style)}", "lammps", "frozen" if fluid.conserves else "force", style=style) for style in fluid.styles]  # fmt: skip
     if fluid.gamma_perp == 0 and not fluid.deck:
+        # with the weight of the prediction that is best for this fluid
+        peers.append(Method("LAMMPS dpd + mvv/dpd, lambda 0.65", "lammps", "force", lam=0.65, style="dpd"))
         peers.append(Method("OpenMM DPDIntegrator, CPU", "native", "sweep", "native", slow=True))
         if has_opencl():
             peers.append(Method("OpenMM DPDIntegrator, OpenCL", "native", "sweep", "native", platform="OpenCL", slow=True))
     return (*ours, *peers)
+
+
+def method_of(fluid: str, name: str) -> Method:
+    """The method of a fluid with a name."""
+    return next(method for method in methods(fluid) if method.name == name)
 
 
 def fix_of(style: str) -> str:

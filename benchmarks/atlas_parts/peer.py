@@ -17,7 +17,7 @@ from live_lammps import instance
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN
 
-from .fluids import DECKS, Fluid, fix_of
+from .fluids import DECKS, Fluid, Method, fix_of
 
 
 def why_missing() -> str | None:
@@ -40,8 +40,9 @@ def environment() -> dict[str, str]:
     return os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "LD_LIBRARY_PATH": libraries}
 
 
-def pair_lines(style: str, fluid: Fluid, kT: float, seed: int) -> list[str]:
+def pair_lines(method: Method, fluid: Fluid, kT: float, seed: int) -> list[str]:
     """Pair style and integrator of a fluid without a deck."""
+    style = method.style
     sigma = (2 * kT * fluid.gamma) ** 0.5
     coefficients = {
         "dpd": f"25.0 {fluid.gamma!r} 1.0",
@@ -49,7 +50,8 @@ def pair_lines(style: str, fluid: Fluid, kT: float, seed: int) -> list[str]:
         "dpd/ext": f"25.0 {fluid.gamma!r} {fluid.gamma_perp!r} 1.0 1.0 1.0",
     }[style]
     fixes = ["fix bath all shardlow"] if fix_of(style) == "shardlow" else []
-    return [f"pair_style {style} {kT!r} 1.0 {seed}", f"pair_coeff 1 1 {coefficients}", *fixes, "fix move all nve"]
+    move = "fix move all nve" if method.lam == 0.5 else f"fix move all mvv/dpd {method.lam!r}"
+    return [f"pair_style {style} {kT!r} 1.0 {seed}", f"pair_coeff 1 1 {coefficients}", *fixes, move]
 
 
 def deck_lines(deck: str) -> list[str]:
@@ -78,7 +80,7 @@ def thermo_lines(fluid: Fluid) -> list[str]:
     ]
 
 
-def prepare(lmp: Any, fluid: Fluid, style: str, scene: dpd.Scene, job: dict) -> None:
+def prepare(lmp: Any, fluid: Fluid, method: Method, scene: dpd.Scene, job: dict) -> None:
     """Set a fluid up, equilibrated."""
     if fluid.deck:
         before = Path.cwd()
@@ -95,23 +97,30 @@ def prepare(lmp: Any, fluid: Fluid, style: str, scene: dpd.Scene, job: dict) -> 
         return
     edge, n = float(scene.box[0, 0]), scene.n_beads
     lmp.commands_list(
-        ["units lj", "newton on", "atom_style atomic", "atom_modify map yes", "comm_modify vel yes"]
+        ["units lj", "newton on", f"atom_style {atom_style(method)}", "atom_modify map yes", "comm_modify vel yes"]
         + [f"region box block 0 {edge!r} 0 {edge!r} 0 {edge!r}", "create_box 1 box", "mass 1 1.0"]
     )
     x, v = (scene.positions % edge).ravel().tolist(), scene.velocities.ravel().tolist()
     if lmp.create_atoms(n, list(range(1, n + 1)), [1] * n, x, v) != n:
         raise RuntimeError("LAMMPS did not take all beads")
     lmp.commands_list(
-        [*pair_lines(style, fluid, job["kT"], job["seed"] + 34386), "neighbor 0.5 bin", "neigh_modify every 1 delay 0 check yes"]
+        [*pair_lines(method, fluid, job["kT"], job["seed"] + 34386), "neighbor 0.5 bin", "neigh_modify every 1 delay 0 check yes"]
     )
     lmp.commands_list(thermo_lines(fluid))
 
 
-def data_file(scene: dpd.Scene) -> str:
+def atom_style(method: Method) -> str:
+    """Atom style of a fluid without a deck: mvv/dpd keeps a second velocity, for which many-body beads have the room."""
+    return "atomic" if method.lam == 0.5 else "mdpd"
+
+
+def data_file(scene: dpd.Scene, method: Method) -> str:
     """A scene of one type as a LAMMPS data file."""
+    style = atom_style(method)
+    before = "0.0 " if style == "mdpd" else ""  # a density
     n, edge = scene.n_beads, float(scene.box[0, 0])
-    lines = [f"fluid\n\n{n} atoms\n1 atom types\n", *(f"0 {edge!r} {a}lo {a}hi" for a in "xyz"), "\nMasses\n\n1 1.0\n\nAtoms # atomic\n"]
-    lines += [f"{k + 1} 1 {x[0]!r} {x[1]!r} {x[2]!r}" for k, x in enumerate((scene.positions % edge).tolist())]
+    lines = [f"fluid\n\n{n} atoms\n1 atom types\n", *(f"0 {edge!r} {a}lo {a}hi" for a in "xyz"), f"\nMasses\n\n1 1.0\n\nAtoms # {style}\n"]
+    lines += [f"{k + 1} 1 {before}{x[0]!r} {x[1]!r} {x[2]!r}" for k, x in enumerate((scene.positions % edge).tolist())]
     lines += ["\nVelocities\n", *(f"{k + 1} {v[0]!r} {v[1]!r} {v[2]!r}" for k, v in enumerate(scene.velocities.tolist()))]
     return "\n".join(lines) + "\n"
 
@@ -130,7 +139,7 @@ def timed(lines: list[str], folder: Path, cwd: Path, steps: int, threads: int, s
     return float(loops[-1]) / steps * 1e3
 
 
-def timing_lines(fluid: Fluid, style: str, data: Path, dt: float, steps: int, skin: float | None) -> list[str]:
+def timing_lines(fluid: Fluid, method: Method, data: Path, dt: float, steps: int, skin: float | None) -> list[str]:
     """The deck that is timed: a fluid from a data file, or a deck of the examples."""
     if fluid.deck:
         lines = deck_lines(fluid.deck)
@@ -138,10 +147,10 @@ def timing_lines(fluid: Fluid, style: str, data: Path, dt: float, steps: int, sk
         lines = [
             "units lj",
             "newton on",
-            "atom_style atomic",
+            f"atom_style {atom_style(method)}",
             "comm_modify vel yes",
             f"read_data {data}",
-            *pair_lines(style, fluid, 1.0, 34387),
+            *pair_lines(method, fluid, 1.0, 34387),
         ]
         lines += [f"neighbor {skin} bin", "neigh_modify delay 0 every 1 check yes"]
     return [*lines, "thermo 1000000", f"timestep {dt!r}", f"run {max(20, steps // 5)}", f"run {steps}"]

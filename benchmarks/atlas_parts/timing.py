@@ -20,7 +20,7 @@ import openmm_dpd as dpd
 
 from . import peer
 from .drivers import started
-from .fluids import DECKS, DTS, FLUIDS, Method, available, methods
+from .fluids import DECKS, DTS, FLUIDS, Method, available, method_of, methods
 from .store import Store
 
 #: Skins of LAMMPS's neighbour list that are tried; the faster one counts.
@@ -98,7 +98,7 @@ def measure(job: dict, folder: Path) -> float:
         os.sched_setaffinity(0, cores[: job["threads"]])
     dpd.set_threads(job["threads"])
     fluid = FLUIDS[job["fluid"]]
-    method = next(m for m in methods(job["fluid"]) if m.name == job["method"])
+    method = method_of(job["fluid"], job["method"])
     scene = started({"fluid": job["fluid"], "beads": job["beads"], "seed": 1, "kT": 1.0, "equilibrate": 5.0}, folder)
     if method.kind == "lammps":
         return _lammps(job, fluid, method, scene)
@@ -118,10 +118,10 @@ def _lammps(job: dict, fluid, method: Method, scene: dpd.Scene) -> float:
         folder = Path(name)
         data = folder / "data"
         if not fluid.deck:
-            data.write_text(peer.data_file(scene))
+            data.write_text(peer.data_file(scene, method))
         found = []
         for skin in (None,) if fluid.deck else SKINS:
-            lines = peer.timing_lines(fluid, method.style, data, job["dt"], job["steps"], skin)
+            lines = peer.timing_lines(fluid, method, data, job["dt"], job["steps"], skin)
             found.append(peer.timed(lines, folder, DECKS if fluid.deck else folder, job["steps"], job["threads"]))
         return min(found)
 

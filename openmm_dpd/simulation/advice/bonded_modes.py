@@ -13,15 +13,16 @@ from ...model.bonds import BondedTerms
 from ...model.scene import Scene
 from ...model.schemes import Scheme
 from .mode_errors import exact_for_springs, largest_stable, tabulated_errors
-from .stability_table import SAFE
 
 #: Terms around the stiffest one whose vibrations are looked at.
 _MOST = 300
 #: Points of a thermal distribution; part of it beyond which a curvature is never met.
 _POINTS, _RARE = 2001, 1e-3
-#: Part of the largest stable step for other terms than springs, and a scheme that has no error with springs: measured for ``middle``, which
-#: is 5 % off with stiff angles and 3 % with FENE bonds at 0.7, and 2 and 0.6 % at half of that.
-_UNKNOWN = 0.4
+#: Part of the largest stable step, which is known exactly, and for the stiffest point of the thermal range.
+_MARGIN = 0.85
+#: The same for a scheme that has no error with springs, and which nothing else would limit: for springs, and for other terms.  Measured for
+#: ``middle``, which is 5 % off with stiff angles and 3 % with FENE bonds at 0.7, and 2 and 0.6 % at half of that.
+_EXACT, _UNKNOWN = 0.7, 0.4
 
 #: Energy, kT, that keeps an angle from being straight: with less than this the forces of dihedrals beside it are too large for any step now
 #: and then.  Measured: chains with 8 kT stop, and those with 15, 21, 31 and 77 have the error that is promised.
@@ -59,7 +60,8 @@ class Modes:
     def longest(self, scheme: Scheme) -> float:
         """Longest step that is stable by a margin, ps; a larger one for terms about which a word that is exact for springs says nothing."""
         springs = self.what == "bonds" and len(self.fluctuation) == 1
-        return (SAFE if springs or not exact_for_springs(scheme) else _UNKNOWN) * largest_stable(scheme) / self.fastest
+        part = (_EXACT if springs else _UNKNOWN) if exact_for_springs(scheme) else _MARGIN
+        return part * largest_stable(scheme) / self.fastest
 
     def step(self, scheme: Scheme, error: float, kinetic: bool = True) -> float:
         """Longest step at which, and below which, temperatures are within an error, ps; the kinetic one only if it counts."""
