@@ -1,4 +1,4 @@
-"""The command line, ``openmm-dpd run | forces | explain | recommend | export``: thin over :mod:`openmm_dpd.lammps`."""
+"""The command line, ``openmm-dpd run | forces | explain | recommend | export | warm``: thin over :mod:`openmm_dpd.lammps`."""
 
 import argparse
 import json
@@ -91,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
     export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")
     _add(export, "scheme dt steps seed compat var")
+    command("warm", "compile all kernels, which else the first run of each kind does; about a minute", "threads")
     return parser
 
 
@@ -119,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signals = Signals()
     with signals.caught():
         try:
-            commands = {"run": _run, "forces": _forces, "explain": _explain, "recommend": _recommend, "export": _export}
+            commands = {"run": _run, "forces": _forces, "explain": _explain, "recommend": _recommend, "export": _export, "warm": _warm}
             commands[options.command](options, signals)
         except KeyboardInterrupt as error:
             return _interrupted(signals, str(error))
@@ -239,6 +240,17 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
     for text in written.differences:
         print(f"openmm-dpd: different in LAMMPS: {text}", file=sys.stderr)
     print("\n".join(str(path) for path in (written.deck, written.data, *written.tables)))
+
+
+def _warm(options: argparse.Namespace, signals: Signals) -> None:
+    from .base.kernel_cache import cache_folder
+    from .kernels.threads import set_threads
+    from .measure.warming import warm
+
+    set_threads(options.threads)
+    warm(print)
+    folder = cache_folder()
+    print("there is no folder to keep them in" if folder is None else f"kernels are in {folder}")
 
 
 def _make_folder(folder: Path, option: str) -> None:

@@ -4,6 +4,7 @@ import io
 import json
 import re
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -336,3 +337,29 @@ def test_errors_name_options_as_they_are_written(deck, tmp_path, capsys, words, 
     places = {"DECK": str(deck), "OUT": str(tmp_path / "out")}
     assert main([places.get(word, word) for word in words.split()]) == 1
     assert capsys.readouterr().err.startswith(f"openmm-dpd: error: {message}")
+
+
+AFTER_WARM = """
+import numpy as np, openmm_dpd as dpd
+from openmm_dpd.base.numba_private import compiling
+heard = []
+x = np.random.default_rng(1).random((375, 3)) * 5
+scene = dpd.Scene({"W": 1.0}, ["W"] * 375, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[5, 5, 5])
+dpd.set_threads(1)
+with compiling(lambda: heard.append(1)):
+    for scheme in ("bababo", "mvv"):
+        built = dpd.build(scene, dt=0.01, scheme=scheme, platform="CPU", seed=1)
+        simulation = built.simulation()
+        simulation.step(12)
+        dpd.Observer(built).sample(simulation.context)
+print(len(heard))
+"""
+
+
+def test_after_warm_nothing_is_left_to_compile(capsys):
+    """Another process, and a scene that ``warm`` does not have: a listener hears of every compilation."""
+    assert main(["warm", "--threads", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "eDPD" in lines and "kernels are in" in lines[-1]
+    done = subprocess.run([sys.executable, "-c", AFTER_WARM], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == "0", done.stderr
