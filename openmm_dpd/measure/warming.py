@@ -1,6 +1,7 @@
 """All kernels compiled ahead of the first run: a few steps of a small scene of each kind, with one thread and with all, and a sample."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -29,20 +30,20 @@ def _scenes() -> Iterator[tuple[str, Scene]]:
     edge = (_BEADS / 3.0) ** (1 / 3)
     grid = np.stack(np.unravel_index(np.arange(_BEADS), (5, 5, 5)), axis=1) * (edge / 5.0)
 
-    def scene(pair, names: str = "A", **more) -> Scene:
+    def scene(pair, names: str = "A", **more: Any) -> Scene:
         pairs = {(a, b): pair for a in names for b in names if a <= b}
-        return Scene(dict.fromkeys(names, 1.0), list(names) * (_BEADS // len(names)), grid, pairs, kT=1.0, box=[edge] * 3, **more)
+        return Scene(dict.fromkeys(names, 1.0), list(names) * (_BEADS // len(names)), grid, pairs, kT=1.0, box=np.full(3, edge), **more)
 
     index = np.arange(_BEADS)
-    chains = {
-        "bonds": [HarmonicBonds(np.stack([index[::3], index[1::3]], axis=1), 4.0, 0.5)],
-        "angles": [HarmonicAngles(np.stack([index[::3], index[1::3], index[2::3]], axis=1), 1.0, 2.0)],
+    chains: dict[str, Any] = {
+        "bonds": [HarmonicBonds(np.stack([index[::3], index[1::3]], axis=1), *np.full((2, _BEADS // 3), 1.0))],
+        "angles": [HarmonicAngles(np.stack([index[::3], index[1::3], index[2::3]], axis=1), *np.full((2, _BEADS // 3), 1.0))],
     }
     yield "DPD", scene(DPD(A=25, gamma=4.5))
     yield "DPD of several types, with bonds and angles", scene(DPD(A=25, gamma=4.5), "AB", **chains)
     yield "DPD with transverse friction", scene(DPD(A=25, gamma=4.5, gamma_perp=4.5), "AB")
     yield "many-body DPD", scene(MDPD(A=-40, B=25, gamma=4.5))
-    internal = InternalEnergy(ConstantHeatCapacity(60.0), 1.0)
+    internal = InternalEnergy(ConstantHeatCapacity(60.0), np.ones(_BEADS))
     yield "DPD with internal energies", scene(EnergyDPD(A=25, sigma=3.0, kappa=1.0), internal=internal)
     yield "eDPD", scene(EDPD(A=18.75, gamma=4.5, kappa=1e-5), internal=BeadTemperatures(1.0, 1e5))
     yield "tDPD", scene(TDPD(A=18.75, gamma=4.5, kappa=(1.0,)), internal=Concentrations(np.ones((_BEADS, 1))))
