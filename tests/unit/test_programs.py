@@ -49,6 +49,9 @@ ENERGIES = dict(scheme=SCHEMES["bababo"], execution=KERNEL, field_blocks=1, fiel
 CASES["bababo_energies"] = replace(BASE, **ENERGIES)
 CASES["bababo_energies_compensated"] = replace(BASE, compensated=True, **ENERGIES)
 CASES["middle_energies"] = replace(BASE, **ENERGIES | dict(scheme=SCHEMES["middle"]))
+HEATED = dict(execution=KERNEL, fields_act=True, field_names="temperatures", trial=0.0078125)
+CASES["bababo_temperatures"] = replace(BASE, **HEATED, scheme=SCHEMES["bababo"], field_blocks=1)
+CASES["aboba_species"] = replace(BASE, **HEATED | dict(fields_act=False), scheme=SCHEMES["aboba"], field_blocks=2)
 CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
 
 CASE = pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())

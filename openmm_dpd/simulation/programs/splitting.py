@@ -33,7 +33,7 @@ class Writer:
         self.places = [n % total for n in drifts]
         kicks = [n for n, (name, _) in enumerate(letters) if name == "B"]
         #: whether the force at the end of a step serves the next one
-        self.kept = self.options.kernel and drifts[kicks[0]] == 0 and drifts[kicks[-1]] == total
+        self.kept = self.options.kernel and drifts[kicks[0]] == 0 and drifts[kicks[-1]] == total and not self.options.fields_act
         self.owed = Fraction(0)  # part of a kick by acc that v still lacks
         self.known = self.kept  # whether acc is the acceleration at x
         self.seen = self.kept  # whether the pair force has stored x
@@ -88,6 +88,10 @@ class Writer:
         p = self.p
         if not self.known:
             self.put_back()
+            if self.options.fields_act:
+                if not self.seen:
+                    p.store()
+                p.read_at_rest()
             if self.options.execution.pushes:
                 p.phase(Phase.CONSERVE)
                 self.seen = True
@@ -140,6 +144,8 @@ class Writer:
         p.constrain_velocities()
         self.owed, self.shown = Fraction(0), None
         p.after_sweep(fields)
+        if options.fields_act:
+            self.known = False
         if part != 1:
             p.set("dpd_dt", "dt")
         return n
