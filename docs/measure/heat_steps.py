@@ -88,7 +88,7 @@ def main() -> None:
                 try:
                     found = [run(what, scheme, dt, seed) for seed in range(1, runs + 1)]
                 except Exception as error:
-                    print(f"| {what} | `{scheme}` | {dt} | {type(error).__name__}: {str(error)[:60]} | | |", flush=True)
+                    print(f"| {what} | `{scheme}` | {dt} | breaks down: {str(error)[:60]} | | |", flush=True)
                     continue
                 cells = []
                 for key, unit_ in (("rate", 100), ("equipartition", 100)):

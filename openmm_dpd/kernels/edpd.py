@@ -12,14 +12,14 @@ because it is what they do; conduction has none.  With ``lammps`` heat and facto
 q_visc = {w^s [gamma (e.v)^2 - sigma^2/m_i] - sigma w^(s/2) (e.v) xi}/(C_i + C_j) with i the bead of lower index, without a factor; the
 noise of the force has f, not sqrt(f); and no heat of either kind flows at r >= min(cutoff, cutoff_T).
 
-Sweep form, pair by pair: motion and temperatures, then conduction, each leaving the weight T_i^C_i T_j^C_j of the pair invariant for any dt,
-with a = 1/C (0 for a bead that does not move: its temperature stays).
+Sweep form, pair by pair: motion and temperatures, then conduction.  Each keeps the weight T_i^C_i T_j^C_j of the pair invariant for any dt.
+With a = 1/C (0 for a bead that does not move: its temperature stays):
 
 - *motion*: the exact Ornstein-Uhlenbeck step (or Shardlow's) of e.v, half of what K = (e.v)^2/(2 im) loses to each bead, and a Metropolis
   test.  Theta and T_m are those of T_i + a_i (K/2 - Theta/4) and the same of j, which depend on what the update keeps, T_i + a_i K/2 and
   T_j + a_j K/2, alone.
-- *conduction*: with T = (a_j T_i + a_i T_j)/(a_i + a_j), which the exchange keeps, as T_m, n = (T_i - T_j)/(a_i + a_j) the energy that bead i
-  has too much, and b = (a_i - a_j)/T, the exact step of z = 3 [(1 + b n)^(1/3) - 1]/b at the rate k w_T^p (C_i + C_j), with the variance
+- *conduction*: with T = (a_j T_i + a_i T_j)/(a_i + a_j), which the exchange keeps, as T_m, n = (T_i - T_j)/(a_i + a_j) the energy that bead
+  i has too much, and b = (a_i - a_j)/T, the exact step of z = 3 [(1 + b n)^(1/3) - 1]/b at the rate k w_T^p (C_i + C_j), with the variance
   T^2/(a_i + a_j), and a Metropolis test.  In z the weight is Gaussian up to the fourth order, which favours the way to equilibrium: with
   z = n most moves of beads of large and different C would be rejected far from there.  Where C are the same b = 0 and z = n.
 
@@ -144,7 +144,7 @@ class ThermalLayer:
         temperature, failed, capacity = before.copy(), self._none_failed(), np.take(self.capacity, order)
         yielding = np.where(pairs.arrays.inv_mass > 0.0, 1.0 / capacity, 0.0)
         of_beads = capacity, yielding, temperature, failed, v, self._motion.v
-        thermal_sweep(pairs, Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads))
+        thermal_sweep(pairs, ThermalExchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads))
         self._check_conduction(failed)
         increments[order, 0] += temperature - before
 
@@ -275,7 +275,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
 thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear, last=deliver)
 
 
-class Exchange(NamedTuple):
+class ThermalExchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs: ``velocities`` (N, 3) are changed; sorted, M: ``capacity``, ``yielding``
     (1/capacity, 0 where the temperature stays), ``temperature``, which is changed; ``failed`` as in :class:`Heat`."""
 
@@ -319,7 +319,7 @@ def _rubbed(coefficients, row, r, factor, update, dt, ev, im, ti, tj, ai, aj, xi
 
 @inlined
 def _exchanged(lost, mean, ti, tj, ai, aj, xi, drawn):
-    """Energy that goes to bead i in an update that takes the part ``lost`` of a difference away; ``mean``: the temperature that it keeps."""
+    """Energy that goes to bead i in an update that takes the part ``lost`` of a difference away; ``mean``: the temperature it keeps."""
     both = ai + aj
     bent, old, variance = (ai - aj) / mean, (ti - tj) / both, mean * mean / both
     root = power((ti + tj - mean) / mean, 1.0 / 3.0) if bent != 0.0 else 1.0

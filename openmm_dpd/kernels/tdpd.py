@@ -91,7 +91,7 @@ class SpeciesLayer:
         before = np.take(call.field_values + increments, self.pairs.order, axis=0)
         after = before.copy()
         of_beads = after, v, self._motion.v
-        given = Exchange(call.update, call.kT, call.dt, call.key(self.number), self.coefficients, self.exchange, *of_beads)
+        given = SpeciesExchange(call.update, call.kT, call.dt, call.key(self.number), self.coefficients, self.exchange, *of_beads)
         species_sweep(self.pairs, given)
         increments[self.pairs.order] += after - before
 
@@ -164,7 +164,7 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
 species_forces = over_pairs("species_forces", _pair_diffusion, first=gather_and_clear, last=deliver)
 
 
-class Exchange(NamedTuple):
+class SpeciesExchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs: ``c`` (M, K) sorted, and ``velocities`` (N, 3), are changed."""
 
     update: int

@@ -62,7 +62,9 @@ def test_sources_give_what_they_should(scheme, loop):
 def test_a_sink_that_takes_what_is_not_there_stops_the_run():
     sink = dpd.Source(dpd.Block((-50,) * 3, (50,) * 3), -40.0, corner=CORNER)
     simulation = running(replace(heat_scene(frozen=False), sources=[sink]), CPU, scheme="middle")
-    with pytest.raises(Exception, match=r"step \d: the temperature of bead \d+ is -\S+; it must be > 0 .*or a source take what is not there"):
+    with pytest.raises(
+        Exception, match=r"step \d: the temperature of bead \d+ is -\S+; it must be > 0 .*or a source take what is not there"
+    ):
         simulation.step(10)
 
 
@@ -73,7 +75,9 @@ def test_temperatures_that_are_set_push_at_once(scheme):
     written.step(3)
     x, v = state_of(written.context)
     write_fields(written.context, written.built.plan, theta=3.0)
-    again = replace(heat_scene(frozen=False), positions=x, velocities=v, internal=dpd.BeadTemperatures(3.0, heat_scene().internal.capacities))
+    again = replace(
+        heat_scene(frozen=False), positions=x, velocities=v, internal=dpd.BeadTemperatures(3.0, heat_scene().internal.capacities)
+    )
     begun = running(again, CPU, scheme=scheme)
     begun.context.setParameter("dpd_counter", 3.0)
     for simulation in (written, begun):

@@ -175,7 +175,7 @@ def test_nothing_that_is_not_needed(options):
     if not options.constraints:
         assert not any(step.kind.startswith("constrain") for step in program.steps)
     starts_and_ends_with_kicks = options.scheme.name in ("shardlow", "bababo", "baoab", "O/2 B/2 A B/2 O/2", "B/2 A/2 O A/2 B/2", "mvv")
-    assert ("valid_for" in names) == (options.kernel and starts_and_ends_with_kicks)
+    assert ("valid_for" in names) == (options.kernel and starts_and_ends_with_kicks and not options.fields_act)
     assert ("xs" in names) == (options.thermostat and _displaced(options))
     if options.predicting and options.lam == 0.5:
         assert "vp" not in names

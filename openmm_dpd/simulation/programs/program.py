@@ -244,7 +244,9 @@ class Program:
         if not self.options.compensated:
             for block, name in enumerate(fields):
                 self.phase(Phase.CHANGE, block)
-                self.each(name, f"{name}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{name}+{self.pair_force}", "what the beads got")
+                self.each(
+                    name, f"{name}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{name}+{self.pair_force}", "what the beads got"
+                )
             return
         (u,) = fields
         self.phase(Phase.CHANGE)

@@ -38,6 +38,7 @@ class Writer:
         self.known = self.kept  # whether acc is the acceleration at x
         self.seen = self.kept  # whether the pair force has stored x
         self.away = False  # whether x is displaced from xs
+        self.told = False  # whether the pair force knows the fields
         self.shown: Fraction | None = None  # part of the drift that passes v at x
         self.ramped = False
 
@@ -73,7 +74,7 @@ class Writer:
             p.store()
         self.settle()
         start = "xs" if self.away else "x"
-        if shows and options.field_blocks:
+        if shows and options.field_blocks and not self.told:
             p.keep_positions()
             p.read(p.fields())
             start = "xs"
@@ -88,10 +89,11 @@ class Writer:
         p = self.p
         if not self.known:
             self.put_back()
-            if self.options.fields_act:
+            if self.options.fields_act and not self.told:
                 if not self.seen:
                     p.store()
                 p.read_at_rest()
+                self.told = True
             if self.options.execution.pushes:
                 p.phase(Phase.CONSERVE)
                 self.seen = True
@@ -123,7 +125,8 @@ class Writer:
                 p.store()
                 self.seen = True
             p.keep_positions()
-            p.read(fields)
+            if not self.told:
+                p.read(fields)
             p.next_noise(options.trial_time)
             p.show(f"(v+{times(self.owed)}*acc)" if self.owed else "v")
             p.phase(Phase.SWEEP_KEPT, update)
@@ -144,8 +147,7 @@ class Writer:
         p.constrain_velocities()
         self.owed, self.shown = Fraction(0), None
         p.after_sweep(fields)
-        if options.fields_act:
-            self.known = False
+        self.told, self.known = False, self.known and not options.fields_act
         if part != 1:
             p.set("dpd_dt", "dt")
         return n
