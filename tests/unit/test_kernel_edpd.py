@@ -239,7 +239,7 @@ def swept(scene, scheme="middle", dt=DT, counter=COUNTER):
 @pytest.mark.parametrize("dt", [DT, 3.0])
 @BOX
 def test_a_sweep_equals_the_oracle(box, dt, scheme):
-    """Beads that do not move, polynomials, all ranges; at the longer step a fifth of the moves is rejected."""
+    """Beads that do not move, polynomials, all ranges; at the longer step moves are rejected."""
     mobile = np.arange(fluid(box=box).n_beads) % 4 > 0
     scene = warm_fluid(box, mobile=mobile)
     n, masses = scene.n_beads, np.where(mobile, scene.bead_masses, np.inf)

@@ -334,7 +334,7 @@ def test_a_deck_with_heat_or_species_runs_words(tmp_path):
     raises(DeckError, "in.run:12: .*keeps the energy of a pair", run, tmp_path, heated + "run 1\n", scheme="middle", compat="lammps")
     text = TDPD_BOX + TRANSPORT + "set type 1 cc 1 1.0\nfix 1 all mvv/tdpd\ntimestep 0.04\nrun 10\nrun 10\n"
     found = run(tmp_path, text, scheme="middle")[0].atoms.concentrations
-    assert found[:, 0].sum() == pytest.approx(30, rel=1e-13) and found[:, 0].min() >= 0 and found[:30, 0].mean() < 0.95
+    assert found[:, 0].sum() == pytest.approx(30, rel=1e-13) and found[:, 0].min() >= 0 and found[:30, 0].mean() < 0.99
 
 
 def test_heat_between_two_beads_in_metal_units(tmp_path):
