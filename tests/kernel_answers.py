@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from oracle import minimum_image
 from scenes import noise_of, ready
 
+from openmm_dpd.kernels import noise as hashed
+from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.plan.plan import make_plan
 
@@ -32,6 +35,30 @@ def noise_matrices(n: int, seed: int, counter: int):
             heat[i, j] = draw(i, j, 1)
             heat[j, i] = -heat[i, j]
     return motion, heat
+
+
+@compiled
+def _fill(key, stream, table):
+    for i in range(len(table)):
+        for j in range(i + 1, len(table)):
+            table[i, j] = table[j, i] = hashed.uniform(hashed.pair_key(key, i, j), stream)
+
+
+def uniform_matrix(n: int, seed: int, counter: int, stream: int) -> np.ndarray:
+    """The kernel's uniform numbers, symmetric."""
+    table = np.zeros((n, n))
+    _fill(hashed.noise_key(seed, counter, 0, 1.0), stream, table)
+    return table
+
+
+def between(scene):
+    """(i, j) -> distance, and unit vector from j to i."""
+
+    def geometry(i: int, j: int):
+        d = minimum_image(scene.positions[i] - scene.positions[j], scene.box)
+        return np.linalg.norm(d), d / np.linalg.norm(d)
+
+    return geometry
 
 
 def same_terms(parts, terms) -> None:

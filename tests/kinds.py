@@ -156,7 +156,6 @@ KINDS = {  # Name -> scene.
     "formulas": lambda: chains(formulas=True),
 }
 
-MVV_ONLY = ("edpd", "tdpd")  # Those whose rates have no pair-by-pair updates.
 BESIDE = ("charged", "formulas")  # Forces that stay OpenMM's, which rounds them in its own way.
 NAMED = ("mvv", "mvv-0.65", "shardlow", "middle", "aboba", "bababo")
 WORDS = ("B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2", "A/4 O/2 A/4 B/3 S/2 A/2 2B/3")
@@ -164,8 +163,6 @@ WORDS = ("B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2", "A/4 O/2 A/4 B/3 S/2 A/2 2B/3
 
 def schemes_of(kind: str, words=WORDS) -> tuple[str, ...]:
     """Schemes and words that run a scene."""
-    if kind in MVV_ONLY:
-        return "mvv", "mvv-0.65"
     return NAMED + tuple(words)
 
 

@@ -139,6 +139,83 @@ def edpd_pair(
     return EdpdRates(sums.terms(), *heat)
 
 
+def relaxation(x: float, shardlow: bool = False) -> tuple[float, float]:
+    """q and 1 - q^2 of an update; Shardlow's q is (1 - x/2)/(1 + x/2)."""
+    return ((1 - x / 2) / (1 + x / 2), 2 * x / (1 + x / 2) ** 2) if shardlow else (np.exp(-x), -np.expm1(-2 * x))
+
+
+def entropy_gain(cv, T, energy) -> float:
+    """``Cv ln(T'/T)`` of a bead that gets an energy; ``energy/T`` of one that keeps its temperature (``cv`` infinite)."""
+    return energy / T if np.isinf(cv) else cv * np.log((T + energy / cv) / T)
+
+
+def edpd_sweep(
+    v, T, cv, types, masses, gamma, power, cutoff, kappa, power_T, cutoff_T, order, geometry, dt, xi, xi_T, drawn, drawn_T,
+    power_coeffs=None, kappa_coeffs=None, shardlow=False,
+):  # fmt: skip
+    """Velocities and temperatures after one sweep of pair updates, for the pairs of ``order`` in turn; beads of infinite mass are walls.
+
+    In energies ``u = Cv T`` (of a wall: whatever makes its T), for each pair, with ``mu = 1/m_i + 1/m_j``:
+
+    - motion: ``b = u + K/2`` of both, ``K = (e.v)^2/(2 mu)``; T_m and Theta of the temperatures at ``b - Theta(b)/4``; Ornstein-Uhlenbeck
+      step of e.v with the rate ``gamma w^s mu`` and the variance ``Theta mu``; Metropolis test against ``exp(S_i + S_j)``
+    - heat: at ``s = u_i + u_j``; balanced where both have the temperature ``s/(Cv_i + Cv_j)``, with the variance of the energy there,
+      ``T^2/(1/Cv_i + 1/Cv_j)``; Ornstein-Uhlenbeck step of ``z``, ``(1 + b n) = (1 + b z/3)^3``, ``b = (1/Cv_i - 1/Cv_j)/T``, with
+      the rate ``k wT (Cv_i + Cv_j)`` (of heat between two beads that move); Metropolis test
+
+    Parameters
+    ----------
+    geometry : (i, j) -> (distance, unit vector from j to i)
+    drawn, drawn_T : (N, N) uniform numbers of the tests; a move is accepted if the ratio is above
+    """
+    v, T = np.array(v), np.array(T)
+    gamma, power, cutoff, kappa, power_T, cutoff_T = matrices(types, gamma, power, cutoff, kappa, power_T, cutoff_T)
+    masses = np.asarray(masses)
+    yields = np.where(np.isinf(masses), np.inf, cv)  # heat capacity of what the bead's temperature follows
+    for i, j in order:
+        a, b = types[i], types[j]
+        mu, (r, e), ci, cj = 1 / masses[i] + 1 / masses[j], geometry(i, j), yields[i], yields[j]
+        if mu == 0:
+            continue
+        if r < cutoff[a, b]:
+            ev = e @ (v[i] - v[j])
+            K = ev**2 / (2 * mu)
+            whole = T[i] + 0.5 * K / ci, T[j] + 0.5 * K / cj
+            quarter = 0.25 * harmonic_mean(*whole)
+            mean = whole[0] - quarter / ci, whole[1] - quarter / cj
+            mean = mean if min(mean) > 0 else whole
+            theta = harmonic_mean(*mean)
+            s = max(POWER_MIN, power[a, b] * temperature_polynomial(_polynomial_of(power_coeffs, a, b), np.mean(mean)))
+            x = gamma[a, b] * (1 - r / cutoff[a, b]) ** s * mu * dt
+            q, rest = relaxation(x, shardlow)
+            new = q * ev + np.sqrt(rest * theta * mu) * xi[i, j]
+            gain = 0.5 * (K - new**2 / (2 * mu))
+            if T[i] + gain / ci > 0 and T[j] + gain / cj > 0:
+                ratio = np.exp(entropy_gain(ci, T[i], gain) + entropy_gain(cj, T[j], gain) - 2 * gain / theta)
+                if drawn[i, j] < ratio:
+                    v[i] += (new - ev) / mu / masses[i] * e
+                    v[j] -= (new - ev) / mu / masses[j] * e
+                    T[i], T[j] = T[i] + gain / ci, T[j] + gain / cj
+        if r < cutoff_T[a, b]:
+            shares = np.array([0.0 if np.isinf(c) else 1 / c for c in (ci, cj)])
+            balanced = (shares[1] * T[i] + shares[0] * T[j]) / shares.sum()
+            variance, bend = balanced**2 / shares.sum(), (shares[0] - shares[1]) / balanced
+            k = kappa[a, b] * temperature_polynomial(_polynomial_of(kappa_coeffs, a, b), balanced)
+            # of what an exchange of heat dn does to n = (T_i - T_j)/(1/C_i + 1/C_j), the rate of K (1/T_i - 1/T_j)
+            q, rest = relaxation(k * _weight(r, cutoff_T[a, b], power_T[a, b]) * cv[i] * cv[j] * shares.sum() * dt)
+            n = (T[i] - T[j]) / shares.sum()
+            root = lambda n: np.cbrt(1 + bend * n)  # noqa: B023, E731
+            z = 3 * (root(n) - 1) / bend if bend else n
+            new_z = q * z + np.sqrt(rest * variance) * xi_T[i, j]
+            new = ((1 + bend * new_z / 3) ** 3 - 1) / bend if bend else new_z
+            flow = new - n
+            if 1 + bend * new_z / 3 > 0 and T[i] + flow * shares[0] > 0 and T[j] - flow * shares[1] > 0:
+                exponent = entropy_gain(ci, T[i], flow) + entropy_gain(cj, T[j], -flow) + (new_z**2 - z**2) / (2 * variance)
+                if drawn_T[i, j] < np.exp(exponent) * (root(new) / root(n)) ** 2:
+                    T[i], T[j] = T[i] + flow * shares[0], T[j] - flow * shares[1]
+    return v, T
+
+
 # --------------------------------------------------------------------------------------------------- tDPD
 class TdpdRates(namedtuple("TdpdRates", "terms conductive random")):
     """Forces, and change of concentration per time (N, S) by origin (``dC/dt = Q``)."""
@@ -203,6 +280,48 @@ def tdpd_pair(
             conductive[i, k] -= kappa[k][a, b] * w_k**2 * (C[i, k] - C[j, k])
             random[i, k] += epsilon[k][a, b] * w_k * (C[i, k] + C[j, k]) * _clamped(xi_C[k][i, j]) / root_dt
     return TdpdRates(sums.terms(), conductive, random)
+
+
+def tdpd_sweep(
+    v, C, types, masses, gamma, power, cutoff, cutoff_C, kappa, epsilon, power_C, kT, order, geometry, dt, xi, xi_C, shardlow=False
+):  # fmt: skip
+    """Velocities and concentrations after one sweep of pair updates, for the pairs of ``order`` in turn; beads of infinite mass are walls.
+
+    Motion as in DPD with the rate ``gamma w^power``.  With ``y`` the distance of C_i from what the pair tends to ((C_i + C_j)/2, or C_j if
+    that stays), an Ornstein-Uhlenbeck step of the rate ``h kappa w``, h = 2 or 1, and the amplitude ``epsilon sqrt(w) (C_i + C_j)`` of now;
+    it is rejected if a concentration would be negative.
+    """
+    v, C = np.array(v), np.array(C)
+    n_species = C.shape[1]
+    gamma, power, cutoff, cutoff_C = matrices(types, gamma, power, cutoff, cutoff_C)
+    kappa, epsilon, power_C = (matrices(types, *_species(a, n_species)) for a in (kappa, epsilon, power_C))
+    for i, j in order:
+        a, b = types[i], types[j]
+        mu, (r, e) = 1 / masses[i] + 1 / masses[j], geometry(i, j)
+        if mu == 0:
+            continue
+        if r < cutoff[a, b]:
+            ev = e @ (v[i] - v[j])
+            x = gamma[a, b] * (1 - r / cutoff[a, b]) ** power[a, b] * mu * dt
+            q, rest = relaxation(x, shardlow)
+            new = q * ev + np.sqrt(rest * kT * mu) * xi[i, j]
+            v[i] += (new - ev) / mu / masses[i] * e
+            v[j] -= (new - ev) / mu / masses[j] * e
+        for k in range(n_species):
+            w, (one, other) = _weight(r, cutoff_C[a, b], power_C[k][a, b]), (i, j) if np.isfinite(masses[i]) else (j, i)
+            moves = np.isfinite(masses[other])
+            rate, S = (1 + moves) * kappa[k][a, b] * w, C[i, k] + C[j, k]
+            aim = 0.5 * S if moves else C[other, k]
+            new = aim + (C[one, k] - aim) * np.exp(-rate * dt)
+            noise, positive = epsilon[k][a, b] ** 2 * w, C[i, k] >= 0 and C[j, k] >= 0
+            if noise > 0 and positive:
+                new += S * np.sqrt(noise * (-np.expm1(-2 * rate * dt) / (2 * rate) if rate else dt)) * xi_C[k][one, other]
+                if new < 0 or (moves and S - new < 0):
+                    continue
+            change = new - C[one, k]
+            C[one, k] += change
+            C[other, k] -= change * moves
+    return v, C
 
 
 # ------------------------------------------------------------------------------------------------ sources

@@ -11,6 +11,19 @@ xi_T is a number of its own, clamped to [-5, 5], and belongs to the bead with th
 because it is what they do; conduction has none.  With ``lammps`` heat and factors are those of LAMMPS's code: xi_T is xi, clamped;
 q_visc = {w^s [gamma (e.v)^2 - sigma^2/m_i] - sigma w^(s/2) (e.v) xi}/(C_i + C_j) with i the bead of lower index, without a factor; the
 noise of the force has f, not sqrt(f); and no heat of either kind flows at r >= min(cutoff, cutoff_T).
+
+Sweep form, pair by pair: motion and temperatures, then conduction.  Each keeps the weight T_i^C_i T_j^C_j of the pair invariant for any dt.
+With a = 1/C (0 for a bead that does not move: its temperature stays):
+
+- *motion*: the exact Ornstein-Uhlenbeck step (or Shardlow's) of e.v, half of what K = (e.v)^2/(2 im) loses to each bead, and a Metropolis
+  test.  Theta and T_m are those of T_i + a_i (K/2 - Theta/4) and the same of j, which depend on what the update keeps, T_i + a_i K/2 and
+  T_j + a_j K/2, alone.
+- *conduction*: with T = (a_j T_i + a_i T_j)/(a_i + a_j), which the exchange keeps, as T_m, n = (T_i - T_j)/(a_i + a_j) the energy that bead
+  i has too much, and b = (a_i - a_j)/T, the exact step of z = 3 [(1 + b n)^(1/3) - 1]/b at the rate k w_T^p (C_i + C_j), with the variance
+  T^2/(a_i + a_j), and a Metropolis test.  In z the weight is Gaussian up to the fourth order, which favours the way to equilibrium: with
+  z = n most moves of beads of large and different C would be rejected far from there.  Where C are the same b = 0 and z = n.
+
+docs/theory_energy.md derives it.  Noise is not clamped here: the weight needs all of it.
 """
 
 from dataclasses import dataclass
@@ -20,18 +33,21 @@ import numpy as np
 
 from ..base.errors import RunError
 from ..base.wording import bead_names, bead_number, in_number
-from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .elementary import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
-from .noise import normal, pair_key
+from .energy import passes
+from .eos import log_ratio
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .noise import normal, pair_key, uniform
 from .pairs import PairList
+from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 
 #: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
 A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = range(8)
 KAPPA_POLYNOMIAL = EXPONENT_POLYNOMIAL + 4
 #: Streams of the pair's random numbers.
-MOTION, HEAT = range(2)
+MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
 #: Smallest exponent of the drag, and largest noise of a flux.
 SMALLEST_EXPONENT, LARGEST_NOISE = 0.01, 5.0
 
@@ -80,14 +96,13 @@ class ThermalLayer:
         # the heat of the noise depends on velocities too
         assert call.velocities is not None or not call.which & (DISSIPATIVE | RANDOM)
         capacity = np.take(self.capacity, pairs.order)
-        heat, failed = np.zeros(m), np.full(len(pairs.arrays.found), -1)
+        heat, failed = np.zeros(m), self._none_failed()
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = self.coefficients, capacity, temperature
         motion = self._motion.arrays(call, out, add)
         given = Heat(call.which, self.lammps, *noise, *of_beads, heat, failed, *motion)
         totals = thermal_forces(pairs, given)
-        if failed.max(initial=-1) >= 0:
-            self._raise_conduction(int(failed[failed >= 0][0]), temperature)
+        self._check_conduction(failed)
         return Sums(totals.energy, totals.virial, totals.drag, rates=(heat / capacity)[:, None])
 
     def _temperatures(self, field_values: np.ndarray) -> np.ndarray:
@@ -99,14 +114,20 @@ class ThermalLayer:
             bead = order[bad].min()
             raise RunError(
                 f"the temperature of bead {bead_number(bead)} is {in_number(field_values[bead, 0], 'thermal_energy')}; it must be > 0 (the "
-                "step size may be too large, or the heat capacity too small for the noise of the heat)"
+                "step size may be too large, the heat capacity too small for the noise of the heat, or a source take what is not there)"
             )
         return temperature
 
-    def _raise_conduction(self, n: int, temperature: np.ndarray) -> None:
-        pairs = self.pairs.arrays
+    def _none_failed(self) -> np.ndarray:
+        """(columns, 2) for a pair whose conduction is negative, and its temperature."""
+        return np.full((len(self.pairs.arrays.found), 2), -1.0)
+
+    def _check_conduction(self, failed: np.ndarray) -> None:
+        bad = np.flatnonzero(failed[:, 0] >= 0)
+        if not len(bad):
+            return
+        pairs, n, mean = self.pairs.arrays, int(failed[bad[0], 0]), failed[bad[0], 1]
         i, j = pairs.pi[n], pairs.pj[n]
-        mean = 0.5 * (temperature[i] + temperature[j])
         row = self.coefficients[pairs.types[i] * pairs.ntypes + pairs.types[j]]
         kappa = row[KAPPA] * float(np.polynomial.polynomial.polyval(mean - 1.0, [1.0, *row[KAPPA_POLYNOMIAL : KAPPA_POLYNOMIAL + 4]]))
         between = bead_names(pairs.order[i], pairs.order[j])
@@ -116,8 +137,16 @@ class ThermalLayer:
         )
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
-        """There is no sweep form."""
-        raise RunError("EDPD has no pair updates; only the scheme mvv can run it")
+        """Update velocities pair by pair in place, and add to ``increments`` what the temperatures change by."""
+        assert call.field_values is not None and increments is not None
+        pairs, order = self.pairs, self.pairs.order
+        before = self._temperatures(call.field_values + increments)
+        temperature, failed, capacity = before.copy(), self._none_failed(), np.take(self.capacity, order)
+        yielding = np.where(pairs.arrays.inv_mass > 0.0, 1.0 / capacity, 0.0)
+        of_beads = capacity, yielding, temperature, failed, v, self._motion.v
+        thermal_sweep(pairs, ThermalExchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads))
+        self._check_conduction(failed)
+        increments[order, 0] += temperature - before
 
     def laplacian(self) -> float:
         """NaN: not defined for forces that depend on temperatures."""
@@ -138,14 +167,27 @@ def temperature_factor(coefficients, row, first, y):
 
 
 @inlined
+def _friction_at(coefficients, row, r, mean):
+    """gamma w^s at the mean temperature of a pair."""
+    s = max(SMALLEST_EXPONENT, coefficients[row, EXPONENT] * temperature_factor(coefficients, row, EXPONENT_POLYNOMIAL, mean - 1.0))
+    weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * s)
+    return coefficients[row, GAMMA] * weight * weight
+
+
+@inlined
+def _conductivity(coefficients, row, mean, failed, n, column):
+    """k at the mean temperature of a pair; a negative one is written down."""
+    kappa = coefficients[row, KAPPA] * temperature_factor(coefficients, row, KAPPA_POLYNOMIAL, mean - 1.0)
+    if kappa < 0.0 and failed[column, 0] < 0.0:
+        failed[column, 0], failed[column, 1] = n, mean
+    return kappa
+
+
+@inlined
 def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, inverse_mass, capacities):
     """Friction with noise and friction alone of a pair within the cutoff, and its viscous heat for each of the two.  ``inverse_mass`` is
     1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j."""
-    s = max(
-        SMALLEST_EXPONENT, coefficients[row, EXPONENT] * temperature_factor(coefficients, row, EXPONENT_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
-    )
-    weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * s)
-    friction = coefficients[row, GAMMA] * weight * weight
+    friction = _friction_at(coefficients, row, r, 0.5 * (ti + tj))
     strength = 4.0 * friction * ti * tj / (ti + tj)
     share, mass_term, rate = (1.0 / capacities, 1.0, 1.0) if lammps else (0.5, 0.5, rsqrt_dt)
     # LAMMPS puts f on the noise of the forces too, and none on the heat
@@ -176,8 +218,8 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
 
 
 class Heat(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``failed``: a pair of each column whose conduction is negative, or -1.  See
-    also :class:`.layer.SortedMotion`."""
+    """What the force form reads and writes beside the pairs; ``failed``: (columns, 2) a pair whose conduction is negative, or -1, and its
+    temperature.  See also :class:`.layer.SortedMotion`."""
 
     which: int
     lammps: bool
@@ -219,9 +261,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         radial += rubbed
         gain = 0.0 if lammps and not near else gain
     if near and (inside or not lammps) and which & (DISSIPATIVE | RANDOM):
-        kappa = c[row, KAPPA] * temperature_factor(c, row, KAPPA_POLYNOMIAL, 0.5 * (ti + tj) - 1.0)
-        if kappa < 0.0 and data.failed[column] < 0:
-            data.failed[column] = n
+        kappa = _conductivity(c, row, 0.5 * (ti + tj), data.failed, n, column)
         drawn = xi if lammps or not which & RANDOM else normal(pair, HEAT)
         kappa *= data.capacity[i] * data.capacity[j]
         flux = _conduction(which, c, row, r, ti, tj, kappa, data.rsqrt_dt, drawn if lower else -drawn)
@@ -233,3 +273,95 @@ def _pair_heat(pairs, data, scratch, n, k, column):
 
 
 thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear, last=deliver)
+
+
+class ThermalExchange(NamedTuple):
+    """What the sweep form reads and writes beside the pairs: ``velocities`` (N, 3) are changed; sorted, M: ``capacity``, ``yielding``
+    (1/capacity, 0 where the temperature stays), ``temperature``, which is changed; ``failed`` as in :class:`Heat`."""
+
+    update: int
+    dt: float
+    key: np.uint64
+    coefficients: np.ndarray
+    capacity: np.ndarray
+    yielding: np.ndarray
+    temperature: np.ndarray
+    failed: np.ndarray
+    velocities: np.ndarray
+    v: np.ndarray
+
+
+@inlined
+def _gained(ti, new, energy, a):
+    """Change of the entropy of a bead that gets an energy, and has another temperature then unless that stays."""
+    return log_ratio(new, ti) / a if a > 0.0 else energy / ti
+
+
+@inlined
+def _rubbed(coefficients, row, r, factor, update, dt, ev, im, ti, tj, ai, aj, xi, drawn):
+    """(Relative velocity after an update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
+    quarter = 0.25 / im
+    half = quarter * ev * ev
+    si, sj = ti + ai * half, tj + aj * half
+    rest = 0.5 * si * sj / (si + sj)
+    if si > ai * rest and sj > aj * rest:
+        si, sj = si - ai * rest, sj - aj * rest
+    theta = 2.0 * si * sj / (si + sj)
+    lost = decay(update, factor * _friction_at(coefficients, row, r, 0.5 * (si + sj)) * im * dt)
+    new = relaxed(ev, lost, theta * im, xi)
+    gain = quarter * (ev - new) * (ev + new)
+    ni, nj = ti + ai * gain, tj + aj * gain
+    if not (ni > 0.0 and nj > 0.0):
+        return ev, 0.0
+    exponent = _gained(ti, ni, gain, ai) + _gained(tj, nj, gain, aj) - 2.0 * gain / theta
+    return (new, gain) if passes(exponent, drawn) else (ev, 0.0)
+
+
+@inlined
+def _exchanged(lost, mean, ti, tj, ai, aj, xi, drawn):
+    """Energy that goes to bead i in an update that takes the part ``lost`` of a difference away; ``mean``: the temperature it keeps."""
+    both = ai + aj
+    bent, old, variance = (ai - aj) / mean, (ti - tj) / both, mean * mean / both
+    root = power((ti + tj - mean) / mean, 1.0 / 3.0) if bent != 0.0 else 1.0
+    z = 3.0 * old / (1.0 + root + root * root)
+    new = relaxed(z, lost, variance, xi)
+    y = bent * new / 3.0
+    flow = new * (1.0 + y + y * y / 3.0) - old
+    ni, nj = ti + ai * flow, tj - aj * flow
+    if not (1.0 + y > 0.0 and ni > 0.0 and nj > 0.0):
+        return 0.0
+    exponent = _gained(ti, ni, flow, ai) + _gained(tj, nj, -flow, aj) + 0.5 * (new - z) * (new + z) / variance
+    if bent != 0.0:
+        exponent += 2.0 * log_ratio(1.0 + y, root)
+    return flow if passes(exponent, drawn) else 0.0
+
+
+@inlined
+def _pair_exchange(pairs, data, scratch, n, k, column):
+    i, j, order, g, c, inv_mass = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, data.coefficients, pairs.inv_mass
+    t, v, ai, aj, r = data.temperature, data.v, data.yielding[i], data.yielding[j], g[3, n]
+    im = inv_mass[i] + inv_mass[j]
+    if im == 0.0:
+        return 0.0, 0.0, 0.0
+    row = row_of(pairs, i, j)
+    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    if r < c[row, CUTOFF] and c[row, GAMMA] > 0.0:
+        ev, xi, drawn = approach(pairs, v, n, i, j), normal(pair, MOTION), uniform(pair, MOTION_TEST)
+        new, gain = _rubbed(c, row, r, factor_of(pairs, n), data.update, data.dt, ev, im, t[i], t[j], ai, aj, xi, drawn)
+        change(v, i, j, (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im, g[0, n], g[1, n], g[2, n])
+        t[i] += ai * gain
+        t[j] += aj * gain
+    if r < c[row, CUTOFF_T]:
+        mean = (aj * t[i] + ai * t[j]) / (ai + aj)
+        weight = power(1.0 - r / c[row, CUTOFF_T], c[row, EXPONENT_T])
+        rate = _conductivity(c, row, mean, data.failed, n, column) * weight * data.capacity[i] * data.capacity[j] * (ai + aj)
+        if rate > 0.0:
+            xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
+            xi = -xi if order[i] > order[j] else xi
+            flow = _exchanged(decay(EXACT, rate * data.dt), mean, t[i], t[j], ai, aj, xi, drawn)
+            t[i] += ai * flow
+            t[j] -= aj * flow
+    return 0.0, 0.0, 0.0
+
+
+thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, first=gather_velocities, last=scatter_velocities)

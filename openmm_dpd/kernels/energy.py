@@ -37,7 +37,7 @@ from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_ra
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
-from .sweeps import decay
+from .sweeps import decay, relaxed
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, SIGMA, KAPPA = range(4)
@@ -212,7 +212,7 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
 
 
 @inlined
-def _passes(exponent, drawn):
+def passes(exponent, drawn):
     """Metropolis test; exp(x) >= 1 + x decides nearly always, and the processor predicts that branch better than the sign of x."""
     return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp(exponent))
 
@@ -233,12 +233,12 @@ def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
     above, below = 2.0 * si * sj, ci * sj + cj * si
     theta, inverse = above / below, below / above
     lost = decay(EXACT, 0.5 * strength * im * dt * inverse)
-    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * (theta * im)) * xi
+    new = relaxed(ev, lost, theta * im, xi)
     gain = quarter * (ev - new) * (ev + new)
     if not (ui + gain > 0.0 and uj + gain > 0.0):
         return ev, 0.0
     entropy = _entropy_of_constants(ui, uj, ui + gain, uj + gain, ci, cj)
-    return (new, gain) if _passes(entropy - 2.0 * gain * inverse, drawn) else (ev, 0.0)
+    return (new, gain) if passes(entropy - 2.0 * gain * inverse, drawn) else (ev, 0.0)
 
 
 @inlined
@@ -250,12 +250,12 @@ def _conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
     precision = 1.0 / variance
     lost = decay(EXACT, exchange * precision)
     old = ui - share
-    new = old * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * variance) * xi
+    new = relaxed(old, lost, variance, xi)
     change = new - old
     if not (ui + change > 0.0 and uj - change > 0.0):
         return 0.0
     entropy = _entropy_of_constants(ui, uj, ui + change, uj - change, ci, cj)
-    return change if _passes(entropy + 0.5 * change * (new + old) * precision, drawn) else 0.0
+    return change if passes(entropy + 0.5 * change * (new + old) * precision, drawn) else 0.0
 
 
 @inlined
@@ -281,7 +281,7 @@ def _exact_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
         + entropy_change(uj, uj + gain, cj, kj, start, nodes, pieces)
         - 2.0 * gain / theta
     )
-    return (new, gain) if _passes(exponent, drawn) else (ev, 0.0)
+    return (new, gain) if passes(exponent, drawn) else (ev, 0.0)
 
 
 @helper
@@ -297,7 +297,7 @@ def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
     variance = 1.0 / max(bent, 1e-6 * slope * slope)
     lost = decay(EXACT, exchange / variance)
     old = ui - share
-    new = old * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * variance) * xi
+    new = relaxed(old, lost, variance, xi)
     change = new - old
     if not (in_range(ui + change, ci, ki, start, nodes) and in_range(uj - change, cj, kj, start, nodes)):
         return 0.0
@@ -306,7 +306,7 @@ def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
         + entropy_change(uj, uj - change, cj, kj, start, nodes, pieces)
         + 0.5 * (new * new - old * old) / variance
     )
-    return change if _passes(exponent, drawn) else 0.0
+    return change if passes(exponent, drawn) else 0.0
 
 
 class Exchange(NamedTuple):

@@ -106,12 +106,27 @@ class PairEngine(Engine):
         out = np.empty_like(v) if out is None else out
         if out is not before:
             out[...] = before
+        given = None
         if self.spec.fields is not None:
-            self.increments[...] = 0.0
+            given = self._given_by_sources(0.5 * dt)
+            self.increments[...] = 0.0 if given is None else given
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         for layer in self.layers:
             layer.sweep(call, out, self.increments)
+        if given is not None:
+            self.increments += given
         return out
+
+    def _given_by_sources(self, time: float) -> np.ndarray | None:
+        """(N, K) what sources add to the fields of beads that move in a time, if there are any."""
+        fields = self.spec.fields
+        if fields is None or not fields.sources:
+            return None
+        given = np.zeros_like(self.increments)
+        for source in fields.sources:
+            source.add_to(given, self._x, self._box)
+        given[fields.immobile] = 0.0
+        return time * given
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""

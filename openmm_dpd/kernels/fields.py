@@ -37,6 +37,11 @@ class FieldSpec:
         return self.initial.shape[1]
 
     @property
+    def acts(self) -> bool:
+        """Whether forces depend on them, as the repulsion of eDPD does on temperatures."""
+        return self.kind == TEMPERATURE
+
+    @property
     def n_blocks(self) -> int:
         """Number of per-DOF variables it takes: three values fit in each.  Energies have a third component for what rounding lost."""
         return -(-self.n_values // 3)

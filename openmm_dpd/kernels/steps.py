@@ -129,6 +129,8 @@ class StepLoop:
         self.moment: Moment | None = None
         self.tensor = self.parted = False
         self._last, self._held = False, np.zeros((0, 3))
+        #: whether conservative forces depend on fields, which may change where positions do not
+        self._acting = pairs.fields is not None and pairs.fields.acts
         #: whether the lists of the engine are those of the moment's positions
         self.placed = False
 
@@ -222,8 +224,8 @@ class StepLoop:
         return LastStep(self.moment, self.force, self.totals, None if self.totals.conservative is None else self._held)
 
     def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
-        """See :class:`Stepper`; what is there already is not computed again."""
-        if self.forced != self.engine.number or more & ~self._summed:
+        """See :class:`Stepper`; what is there already is not computed again, unless it depends on fields."""
+        if self._acting or self.forced != self.engine.number or more & ~self._summed:
             self._sum(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, values)
         return self.force, self.totals
 

@@ -60,6 +60,12 @@ def decay(update, x):
     return 1.0 - exp(-x) if x > 0.5 else _decay_below_half(x)
 
 
+@inlined
+def relaxed(old, lost, variance, xi):
+    """A number of mean 0 and that variance after an update that takes the part ``lost`` of it away: 1 - q^2 = lost (2 - lost)."""
+    return old * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * variance) * xi
+
+
 def halvings(update: int, x: float) -> int:
     """How often x has to be halved to be 0.5 at most, if the update has to know."""
     part, exponent = math.frexp(min(x, 1e9))
@@ -157,7 +163,8 @@ def _any(pairs, data, scratch, n, k, column):
 
 
 @helper
-def _gather(pairs, data, begin, end):
+def gather_velocities(pairs, data, begin, end):
+    """Sort the velocities (N, 3) into ``v`` (M, 3)."""
     velocities, v, order = data.velocities, data.v, pairs.order
     for k in range(begin, end):
         i = order[k]
@@ -165,15 +172,16 @@ def _gather(pairs, data, begin, end):
 
 
 @helper
-def _scatter(pairs, data, begin, end):
+def scatter_velocities(pairs, data, begin, end):
+    """Write them back."""
     velocities, v, order = data.velocities, data.v, pairs.order
     for k in range(begin, end):
         i = order[k]
         velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
 
 
-_central_sweep = over_pairs("central_sweep", _central, _updates, first=_gather, last=_scatter, again=True)
-_any_sweep = over_pairs("any_sweep", _any, _updates, first=_gather, last=_scatter, again=True)
+_central_sweep = over_pairs("central_sweep", _central, _updates, first=gather_velocities, last=scatter_velocities, again=True)
+_any_sweep = over_pairs("any_sweep", _any, _updates, first=gather_velocities, last=scatter_velocities, again=True)
 
 
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:

@@ -6,6 +6,15 @@ Per pair, with w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, f the factor of bonded ne
     dC_i = -kappa_k w_c^p (C_i - C_j) + epsilon_k w_c^(p/2) (C_i + C_j) xi_k/sqrt(dt),   dC_j = -dC_i                     r < cutoff_c
 
 xi_k is clamped to [-5, 5] and belongs to the bead with the lower index.  Fluxes have no factor.
+
+Sweep form, pair by pair, with x = kappa_k w_c^p dt and h = 2, or 1 beside a bead that does not move, whose concentrations stay::
+
+    e.v   as in :mod:`.sweeps`, with gamma w^s
+    dC_i  = -(1 - q) (C_i - C_j)/h + (C_i + C_j) sqrt((1 - q^2) V) xi_k,   dC_j = -dC_i,   q = exp(-h x),   V = epsilon_k^2/(2 h kappa_k)
+
+Of two beads that move, C_i/(C_i + C_j) makes the exact Ornstein-Uhlenbeck step of the equation above.  A step beyond 0 is rejected (and
+xi_k is not clamped), which leaves the Gaussian of variance V around 1/2, cut off at 0 and 1, invariant for any dt.  Without noise no step
+goes beyond 0.  A pair with a negative concentration, which a source can make, has no noise.  docs/theory_energy.md derives it.
 """
 
 from dataclasses import dataclass
@@ -13,15 +22,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.errors import RunError
 from . import forces
-from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import inlined
 from .edpd import clamped
 from .elementary import power
-from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key
 from .pairs import PairList
+from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, GAMMA, EXPONENT, CUTOFF_C = range(5)
@@ -77,8 +86,14 @@ class SpeciesLayer:
         return Sums(found.energy, found.virial, found.drag, rates=rates)
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
-        """There is no sweep form."""
-        raise RunError("TDPD has no pair updates; only the scheme mvv can run it")
+        """Update velocities pair by pair in place, and add to ``increments`` what the concentrations change by."""
+        assert call.field_values is not None and increments is not None
+        before = np.take(call.field_values + increments, self.pairs.order, axis=0)
+        after = before.copy()
+        of_beads = after, v, self._motion.v
+        given = SpeciesExchange(call.update, call.kT, call.dt, call.key(self.number), self.coefficients, self.exchange, *of_beads)
+        species_sweep(self.pairs, given)
+        increments[self.pairs.order] += after - before
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
@@ -104,6 +119,13 @@ class Diffusion(NamedTuple):
 
 
 @inlined
+def _friction_at(coefficients, row, r, factor):
+    """f gamma w^s."""
+    weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * coefficients[row, EXPONENT])
+    return factor * coefficients[row, GAMMA] * weight * weight
+
+
+@inlined
 def _pair_diffusion(pairs, data, scratch, n, k, column):
     i, j, order, c, which, rates = pairs.pi[n], pairs.pj[n], pairs.order, data.c, data.which, data.rates
     coefficients, exchange = data.coefficients, data.exchange
@@ -113,8 +135,7 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
         pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
     if r < coefficients[row, CUTOFF]:
         factor = factor_of(pairs, n)
-        weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * coefficients[row, EXPONENT])
-        friction = factor * coefficients[row, GAMMA] * weight * weight
+        friction = _friction_at(coefficients, row, r, factor)
         radial = 0.0
         if which & CONSERVATIVE:
             radial, energy = soft(factor * coefficients[row, A], coefficients[row, CUTOFF], r)
@@ -141,3 +162,64 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
 
 
 species_forces = over_pairs("species_forces", _pair_diffusion, first=gather_and_clear, last=deliver)
+
+
+class SpeciesExchange(NamedTuple):
+    """What the sweep form reads and writes beside the pairs: ``c`` (M, K) sorted, and ``velocities`` (N, 3), are changed."""
+
+    update: int
+    kT: float
+    dt: float
+    key: np.uint64
+    coefficients: np.ndarray
+    exchange: np.ndarray
+    c: np.ndarray
+    velocities: np.ndarray
+    v: np.ndarray
+
+
+@inlined
+def _exchanged(ci, cj, x, both, spread, xi):
+    """What goes to bead i, which moves, from bead j; ``both`` is whether that moves, ``spread`` epsilon^2 w^p dt."""
+    h = 2.0 if both else 1.0
+    lost = decay(EXACT, h * x)
+    flow = -lost * (ci - cj) / h
+    if spread > 0.0 and ci >= 0.0 and cj >= 0.0:
+        # V (1 - q^2), also where kappa is 0
+        part = lost * (2.0 - lost) / (2.0 * h * x) if x > 0.0 else 1.0
+        flow += (ci + cj) * np.sqrt(spread * part) * xi
+        if not (ci + flow >= 0.0 and (cj - flow >= 0.0 or not both)):
+            return 0.0
+    return flow
+
+
+@inlined
+def _pair_exchange(pairs, data, scratch, n, k, column):
+    i, j, order, g, inv_mass, c, v = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, pairs.inv_mass, data.c, data.v
+    coefficients, exchange, wi, wj = data.coefficients, data.exchange, inv_mass[i], inv_mass[j]
+    im, row, r = wi + wj, row_of(pairs, i, j), g[3, n]
+    if im == 0.0:
+        return 0.0, 0.0, 0.0
+    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    if r < coefficients[row, CUTOFF]:
+        ev = approach(pairs, v, n, i, j)
+        lost = decay(data.update, _friction_at(coefficients, row, r, factor_of(pairs, n)) * im * data.dt)
+        impulse = (relaxed(ev, lost, data.kT * im, normal(pair, MOTION)) - ev) / im
+        change(v, i, j, wi, wj, impulse * g[0, n], impulse * g[1, n], impulse * g[2, n])
+    if r < coefficients[row, CUTOFF_C]:
+        w = 1.0 - r / coefficients[row, CUTOFF_C]
+        both = wi > 0.0 and wj > 0.0
+        mine, other = (i, j) if wi > 0.0 else (j, i)
+        sign = 1.0 if order[mine] < order[other] else -1.0
+        for s in range(c.shape[1]):
+            weight = power(w, exchange[row, s, 2])
+            x, spread = exchange[row, s, 0] * weight * weight * data.dt, (exchange[row, s, 1] * weight) ** 2 * data.dt
+            xi = sign * normal(pair, FIRST_SPECIES + s) if spread > 0.0 else 0.0
+            flow = _exchanged(c[mine, s], c[other, s], x, both, spread, xi)
+            c[mine, s] += flow
+            if both:
+                c[other, s] -= flow
+    return 0.0, 0.0, 0.0
+
+
+species_sweep = over_pairs("species_sweep", _pair_exchange, first=gather_velocities, last=scatter_velocities)

@@ -31,9 +31,12 @@ class EDPD(PairCoefficient):
         q_V = {w^s [gamma (e.v)^2 - sigma^2 (1/m_i + 1/m_j)/2] - sigma w^(s/2) (e.v) xi/sqrt(dt)}/2   to i and to j
         C_i dT_i/dt = q_i
 
+    Schemes that sweep over pairs exchange heat exactly: energy is kept to rounding, temperatures stay positive at any step, and beads have
+    the weight T^C (:mod:`openmm_dpd.kernels.edpd`).  ``mvv`` takes the rates above.
+
     xi_T is independent of xi and clamped to [-5, 5], as in LAMMPS's manual.  LAMMPS's code differs: it uses the clamped xi for xi_T,
     divides q_V by C_i + C_j instead of 2, leaves 1/sqrt(dt) out of its last term and takes sigma^2/m_i, so that its energy is not
-    conserved.  A scene with ``compat="lammps"`` computes exactly that.
+    conserved.  A scene with ``compat="lammps"`` computes exactly that, with ``mvv``.
 
     Parameters
     ----------

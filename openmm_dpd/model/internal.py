@@ -142,7 +142,7 @@ class Concentrations:
     Parameters
     ----------
     values : (N, K) array, or (N,) for one species
-        Any unit the user likes; not limited to values >= 0 (as in LAMMPS).
+        Any unit the user likes; not limited to values >= 0 (as in LAMMPS).  Pairs with a negative one have no noise in pair updates.
     """
 
     values: np.ndarray

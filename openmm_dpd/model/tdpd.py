@@ -27,7 +27,8 @@ class TDPD(SoftRepulsion):
         F    = A w - gamma w^exponent (e.v) + sigma w^(exponent/2) xi/sqrt(dt),   sigma^2 = 2 kT gamma,   U = A cutoff w^2/2
         dC_i = -kappa_k w_c^p_k (C_i - C_j) + epsilon_k w_c^(p_k/2) (C_i + C_j) xi_k/sqrt(dt),   dC_j = -dC_i     (rates; p = exponent_c)
 
-    xi_k is clamped to [-5, 5] as in LAMMPS.  Here ``exponent`` is that of the *drag*, as in LAMMPS's ``tdpd``.
+    Schemes that sweep over pairs exchange species exactly: concentrations >= 0 stay so at any step (:mod:`openmm_dpd.kernels.tdpd`).
+    ``mvv`` takes the rates above, with xi_k clamped to [-5, 5].  Here ``exponent`` is that of the *drag*.  Both as in LAMMPS's ``tdpd``.
 
     Parameters
     ----------

@@ -208,8 +208,9 @@ def make_plan(
     bonded = [bonded_kind(type(group)).name for group in scene.bonded]
     check_cutoffs(scene.box, [*layers, *overlays])
     for kind in kinds:
-        if kind.no_sweep and not chosen.predicts:
-            raise PlanError(f"{kind.name} {kind.no_sweep}; only scheme={predicting()} runs it, not {chosen.name!r}")
+        reason = None if chosen.predicts else kind.no_sweep(scene)
+        if reason:
+            raise PlanError(f"{reason}; only scheme={predicting()} runs it, not {chosen.name!r}")
     if scene.interacting is not None and not chosen.predicts:
         raise PlanError(
             f"`interacting` takes forces from beads, but the pair updates of scheme {chosen.name!r} change velocities without forces; "

@@ -37,6 +37,7 @@ class ProgramOptions:
     partial: bool = False  #: Whether there are beads on which only body forces act along some axis
     field_blocks: int = 0  #: Number of per-DOF variables that hold internal energies, temperatures or concentrations
     field_names: str = ""  #: What they hold, for the listing
+    fields_act: bool = False  #: Whether forces depend on them
     field_lam: float = 0.5  #: Weight of the prediction of the fields in ``mvv``
     field_reach: float = 0.1  #: Largest displacement that shows them to the pair force, nm
     field_scale: float = 1.0  #: Their changes come back in units of this
@@ -90,6 +91,7 @@ def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, double:
     return {
         "trial": _trial_time(scene, cutoff, double),
         "field_blocks": fields.n_blocks,
+        "fields_act": fields.acts,
         # LAMMPS: fix mvv/edpd predicts temperatures with lambda, dpd/energy and mvv/tdpd take half steps
         "field_lam": lam if fields.kind == TEMPERATURE else 0.5,
         "field_reach": float(reach),

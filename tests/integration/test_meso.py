@@ -243,9 +243,10 @@ def test_many_body_scenes_on_every_device(device, kernel, scheme):
 
 # -- errors --------------------------------------------------------------------------------------------------------------------------------
 def test_schemes_and_places_that_do_not_fit():
-    for make in (heat_scene, species_scene):
-        with pytest.raises(PlanError, match="only scheme='mvv' runs it"):
-            dpd.build(make(), dt=DT, scheme="middle", platform="CPU")
+    with pytest.raises(PlanError, match="compat='lammps' has no pair updates: .* only scheme='mvv' runs it, not 'middle'"):
+        dpd.build(heat_scene(lammps=True), dt=DT, scheme="middle", platform="CPU")
+    for make, why in ((heat_scene, "depends on the temperatures"), (species_scene, "it knows isothermal DPD only, not TDPD")):
+        raises(PlanError, why, lambda make=make: dpd.build(make(), dt=DT, scheme="native", platform="CPU"))
     with pytest.raises(PlanError, match="depends on the temperatures"):
         dpd.build(heat_scene(), dt=DT, scheme="mvv", conservative="openmm", platform="CPU")
     raises(PlanError, "derives from no potential", lambda: dpd.build(density_scene("lucy"), dt=DT, conservative="openmm", platform="CPU"))

@@ -9,7 +9,7 @@ import openmm
 import pytest
 import restart_runs
 from devices import DEVICES
-from kinds import KINDS, MVV_ONLY, differences, everything, made, plain_context, running, same
+from kinds import KINDS, differences, everything, made, plain_context, running, same
 from restart_runs import AFTER, BEFORE, HOW
 from scenes import EXTENDED, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
@@ -108,7 +108,7 @@ def test_going_back_to_a_state_repeats_the_run(tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_scene_goes_on(kind, tmp_path):
     """From a checkpoint and an XML state bit for bit; with System and integrator from XML to rounding."""
-    built = [made(kind, "mvv-0.65" if kind in MVV_ONLY else "shardlow") for _ in range(4)]
+    built = [made(kind, "shardlow") for _ in range(4)]
     first = stepped(running(built[0]), 7)
     for how in ("Checkpoint", "State"):
         getattr(first, f"save{how}")(str(tmp_path / how))

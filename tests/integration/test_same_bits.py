@@ -21,7 +21,7 @@ OTHER = {  # What makes a library choose functions that another processor has, o
 }
 RUNS = [
     ("dpd", "mvv"), ("dpd", "middle"), ("sigma", "bababo"), ("energies", "middle"), ("tabulated energies", "aboba"), ("edpd", "mvv"),
-    ("tdpd", "mvv"), ("mdpd", "shardlow"), ("bonded", "middle"), ("patterns", "middle"),
+    ("tdpd", "mvv"), ("edpd", "middle"), ("tdpd", "bababo"), ("mdpd", "shardlow"), ("bonded", "middle"), ("patterns", "middle"),
 ]  # fmt: skip
 CHARGES = {"slater": dpd.SlaterCharges(lamda=0.25, bjerrum_length=1.0), "gaussian": dpd.GaussianCharges(width=0.2, bjerrum_length=1.0)}
 DECK = """units lj

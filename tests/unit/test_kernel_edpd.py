@@ -3,14 +3,28 @@
 import numpy as np
 import oracle_meso as oracle
 import pytest
-from kernel_answers import COUNTER, DT, PARTS, SEED, close, noise_matrices, prepared, same_terms, scaled_by
+from kernel_answers import (
+    COUNTER,
+    DT,
+    PARTS,
+    SEED,
+    between,
+    close,
+    noise_matrices,
+    prepared,
+    same_terms,
+    scaled_by,
+    uniform_matrix,
+)
 from marks import BOX
 from raising import raises
-from scenes import BOXES, MASSES, chains, fluid, noise_of
+from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
+from scipy import stats
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.edpd import clamped
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
+from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
 
@@ -39,11 +53,15 @@ def evaluate(scene, which, v=None, counter=COUNTER, engine=None):
     return energy, force, virial, engine.rates[:, 0] * scene.internal.heat_capacities(scene.n_beads)
 
 
-def oracle_rates(scene, compat="consistent", masses=None) -> oracle.EdpdRates:
-    names, n = scene.type_names, scene.n_beads
+def matrix(scene, key):
+    names = scene.type_names
     entries = scene.tables[0].resolve(names)
     term = lambda a, b: entries[(names[min(a, b)], names[max(a, b)])]  # noqa: E731
-    get = lambda key: np.array([[getattr(term(a, b), key) for b in range(len(names))] for a in range(len(names))])  # noqa: E731
+    return np.array([[getattr(term(a, b), key) for b in range(len(names))] for a in range(len(names))])
+
+
+def oracle_rates(scene, compat="consistent", masses=None) -> oracle.EdpdRates:
+    n, get = scene.n_beads, lambda key: matrix(scene, key)
     motion, heat = noise_matrices(n, SEED, COUNTER)
     return oracle.edpd_pair(
         scene.positions, scene.velocities, scene.internal.values(n)[:, 0], scene.internal.heat_capacities(n), scene.type_ids,
@@ -205,8 +223,151 @@ def test_a_negative_conduction_coefficient_names_the_temperature():
     evaluate(pair_of_beads(kappa=0.0, kappa_polynomial=(-8.0, 0, 0, 0)), DISSIPATIVE)
 
 
-def test_there_is_no_sweep_and_no_laplacian():
-    scene = pair_of_beads()
-    engine = prepared(scene)
-    assert np.isnan(engine.laplacian())
-    raises(dpd.RunError, "only the scheme mvv", lambda: engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, scene.internal.values(2)))
+def test_there_is_no_laplacian():
+    assert np.isnan(prepared(pair_of_beads()).laplacian())
+
+
+# -- sweeps -------------------------------------------------------------------------------------------------------------------------------
+def swept(scene, scheme="middle", dt=DT, counter=COUNTER):
+    """Engine, change of the velocities, and of the temperatures."""
+    engine = prepared(scene, scheme, dt)
+    change = engine.sweep(scene.velocities, 1.0, dt, SEED, counter, scene.internal.values(scene.n_beads))
+    return engine, change, engine.increments[:, 0].copy()
+
+
+@pytest.mark.parametrize("scheme", ["middle", "shardlow"])
+@pytest.mark.parametrize("dt", [DT, 3.0])
+@BOX
+def test_a_sweep_equals_the_oracle(box, dt, scheme):
+    """Beads that do not move, polynomials, all ranges; at the longer step moves are rejected."""
+    mobile = np.arange(fluid(box=box).n_beads) % 4 > 0
+    scene = warm_fluid(box, mobile=mobile)
+    n, masses = scene.n_beads, np.where(mobile, scene.bead_masses, np.inf)
+    engine, change, gained = swept(scene, scheme, dt)
+    motion, heat = noise_matrices(n, SEED, COUNTER)
+    keys = ("gamma", "exponent", "cutoff", "kappa", "exponent_T", "cutoff_T")
+    seen = engine.seen(scene.velocities)
+    v, temperature = oracle.edpd_sweep(
+        seen, scene.internal.values(n)[:, 0], scene.internal.heat_capacities(n), scene.type_ids, masses, *(matrix(scene, key) for key in keys),
+        listed_pairs(engine, 0), between(scene), dt, motion, heat, uniform_matrix(n, SEED, COUNTER, 2), uniform_matrix(n, SEED, COUNTER, 3),
+        matrix(scene, "exponent_polynomial"), matrix(scene, "kappa_polynomial"), shardlow=scheme == "shardlow",
+    )  # fmt: skip
+    close(seen + change, v, 1e-11)
+    close(gained, temperature - scene.internal.values(n)[:, 0], 1e-11)
+    assert not gained[~mobile].any() and np.abs(gained).max() > 1e-3
+
+
+@pytest.mark.parametrize("dt", [1e-4, 0.02, 3.0])
+def test_a_sweep_keeps_energy_and_momentum_and_temperatures_positive(dt):
+    scene = warm_fluid(make=chains)
+    capacity, mass, v = scene.internal.heat_capacities(scene.n_beads), scene.bead_masses, scene.velocities
+    _, change, gained = swept(scene, dt=dt)
+    before = scene.internal.values(scene.n_beads)[:, 0]
+    kinetic = [0.5 * mass @ np.sum(w**2, axis=1) for w in (v, v + change)]
+    assert abs(kinetic[1] - kinetic[0] + capacity @ gained) < 1e-13 * (kinetic[0] + capacity @ before)
+    assert np.abs(mass @ change).max() < 1e-13 * mass @ np.abs(v).sum(axis=1)
+    assert (before + gained).min() > 0 and np.abs(gained).max() > 1e-3 * dt
+
+
+def test_small_steps_of_both_forms_agree():
+    """A sweep over a time dt is dt times the rates, noise included, to orders sqrt(dt) and 1/C, where capacities are the same."""
+    n = warm_fluid().n_beads
+    internal = BeadTemperatures(np.random.default_rng(5).uniform(0.9, 1.1, n), 1e9)
+    scene, dt = fluid(table={("*", "*"): EDPD(A=0, gamma=4.5, kappa=1e-9, exponent=0.7)}, box=BOXES["ortho"], internal=internal), 1e-9
+    engine, change, gained = swept(scene, dt=dt)
+    force = engine.forces(DISSIPATIVE | RANDOM, scene.velocities, 1.0, dt, SEED, COUNTER, internal.values(n))[1]
+    np.testing.assert_allclose(change, dt * force / scene.bead_masses[:, None], atol=3e-3 * np.abs(change).max())
+    # conduction alone, without the noise of the motion that heats
+    np.testing.assert_allclose(gained, dt * engine.rates[:, 0], atol=3e-3 * np.abs(gained).max())
+
+
+def test_threads_give_the_same_bits():
+    scene, results = warm_fluid(BOXES["wide"]), []
+    for threads in (1, 2):
+        set_threads(threads)
+        try:
+            results.append(swept(scene)[1:])
+        finally:
+            set_threads(None)
+    for one, two in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def cluster(capacities, mobile=None, thetas=1.0):
+    """Beads of two masses, all within reach of each other and at rest in space: only the sweep acts."""
+    n = len(capacities)
+    x = np.random.default_rng(3).uniform(0, 0.5, (n, 3))
+    # conduction whose rate does not fall with the capacity
+    table = {("*", "*"): EDPD(A=0, gamma=2.0, kappa=0.3 / np.mean(capacities), cutoff=1.5, exponent_polynomial=(0.3, 0, 0, 0))}
+    internal = BeadTemperatures(np.broadcast_to(thetas, n).copy(), np.asarray(capacities, dtype=float))
+    options = {"internal": internal, "velocities": np.zeros((n, 3)), "mobile": mobile}
+    return dpd.Scene(MASSES, ["A", "B"] * (n // 2), x, table, 1.0, **options)
+
+
+def sampled(scene, dt, sweeps=40_000, thin=10):
+    """Temperatures (R, N) and kinetic energies (R,) after every ``thin`` sweeps, and the energy after all."""
+    engine, n = prepared(scene, "middle", dt), scene.n_beads
+    T, v, rows = scene.internal.values(n), scene.velocities.copy(), []
+    kinetic = lambda: 0.5 * scene.bead_masses @ np.sum(v**2, axis=1)  # noqa: E731
+    for k in range(sweeps):
+        v += engine.sweep(v, 1.0, dt, SEED, k, T)
+        T = T + engine.increments
+        if k % thin == 0 and k > 20 * thin:
+            rows.append((*T[:, 0], kinetic()))
+    rows = np.array(rows)
+    return rows[:, :-1], rows[:, -1], scene.internal.heat_capacities(n) @ T[:, 0] + kinetic()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dt", [0.1, 5.0])
+@pytest.mark.parametrize("capacities", [(3,) * 6, (60,) * 6, (2, 9, 2, 30, 2, 30)])
+def test_a_sweep_samples_the_microcanonical_distribution(capacities, dt):
+    """C T of a bead and K follow beta distributions: weight T^C of each bead, 3N - 6 velocities (total and angular momentum stay 0).
+
+    Kolmogorov-Smirnov tests of 1,000 nearly independent samples, which fail at about 4 sigma (p < 6e-5).
+    """
+    T, kinetic, energy = sampled(cluster(capacities), dt)
+    shapes, motion = np.array(capacities) + 1.0, (3 * 6 - 6) / 2
+    assert energy == pytest.approx(sum(capacities), rel=1e-11)
+    for bead in (0, 1, 3):
+        expected = stats.beta(shapes[bead], shapes.sum() - shapes[bead] + motion)
+        p = stats.kstest(capacities[bead] * T[::4, bead] / energy, expected.cdf).pvalue
+        assert p > 6e-5, (bead, p)
+        assert stats.kstest(capacities[bead] * T[::4, bead] / energy, stats.beta(*(np.array(expected.args) - [1, 0])).cdf).pvalue < 0.02
+    assert stats.kstest(kinetic[::4] / energy, stats.beta(motion, shapes.sum()).cdf).pvalue > 6e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dt", [0.3, 5.0])
+def test_a_wall_is_a_reservoir(dt):
+    """Beads in contact with one that does not move, of T = 2, get that temperature: C T follows the gamma distribution."""
+    T, kinetic, _ = sampled(cluster((6,) * 6, np.arange(6) > 0, np.where(np.arange(6) > 0, 1.0, 2.0)), dt)
+    assert np.all(T[:, 0] == 2.0)
+    assert stats.kstest(6 * T[::4, 3], stats.gamma(7.0, scale=2.0).cdf).pvalue > 6e-5
+
+
+def test_large_capacities_relax_from_far_away():
+    """Temperatures 50 % apart, where noise is 1/100 of that: no move is rejected, and the difference falls as it should, at any step.
+
+    A Gaussian in the energy itself instead of its cube root would reject nearly all where capacities differ.  Bounds are four standard
+    errors of the mean of 300 pairs.
+    """
+    n = 300
+    corner = 4.0 * np.array(list(np.ndindex(10, 6, 5)))
+    x = np.concatenate([corner, corner + [0.27, 0.0, 0.36]])
+    table = {("*", "*"): EDPD(A=0, gamma=0, kappa=1e-5)}
+    for capacity, mobile in ((1e5, True), (3e4, True), (1e5, False)):
+        internal = BeadTemperatures(np.repeat([1.5, 1.0], n), np.repeat([1e5, capacity], n))
+        scene = dpd.Scene(
+            MASSES, ["A"] * n + ["B"] * n, x, table, 1.2, box=[40.0, 24.0, 20.0], internal=internal, velocities=np.zeros((2 * n, 3)),
+            mobile=np.repeat([True, mobile], n),
+        )  # fmt: skip
+        gains = capacity + 1e5 if mobile else capacity
+        for dt in (0.05, 1.0, 50.0):
+            gained = swept(scene, dt=dt)[2]
+            left = 1.0 + 2 * (gained[:n] - gained[n:]).mean()
+            expected = np.exp(-1e-5 * gains * 0.55**2 * dt)
+            noise = 2 * 1.5 * np.sqrt((1e-5 + mobile / capacity) / n)
+            # where capacities differ the cube root bends the way by up to a third of the difference
+            bent = 0.0 if mobile and capacity == 1e5 else 0.2 * expected * (1 - expected)
+            assert left == pytest.approx(expected, abs=4 * noise + bent)

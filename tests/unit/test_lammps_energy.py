@@ -326,6 +326,17 @@ def test_temperatures_concentrations_and_densities_come_back(tmp_path):
     np.testing.assert_allclose(state.atoms.densities, kernel.sum(axis=1), rtol=1e-9)
 
 
+def test_a_deck_with_heat_or_species_runs_words(tmp_path):
+    """In two runs, with its source; LAMMPS's heat is refused at the run command."""
+    heated = EDPD_BOX + HEAT + "fix 1 all mvv/edpd\nfix 2 all edpd/source cuboid 0 0 0 6 6 6 0.1\ntimestep 0.01\n"
+    state, _ = run(tmp_path, heated + "run 10\nrun 10\n", scheme="bababo")
+    assert state.atoms.temperatures.mean() == pytest.approx(1 + 0.1 * 0.2, rel=1e-4)
+    raises(DeckError, "in.run:12: .*keeps the energy of a pair", run, tmp_path, heated + "run 1\n", scheme="middle", compat="lammps")
+    text = TDPD_BOX + TRANSPORT + "set type 1 cc 1 1.0\nfix 1 all mvv/tdpd\ntimestep 0.04\nrun 10\nrun 10\n"
+    found = run(tmp_path, text, scheme="middle")[0].atoms.concentrations
+    assert found[:, 0].sum() == pytest.approx(30, rel=1e-13) and found[:, 0].min() >= 0 and found[:30, 0].mean() < 0.99
+
+
 def test_heat_between_two_beads_in_metal_units(tmp_path):
     """kappa (1/theta_i - 1/theta_j) w^2 in eV/ps, with w = 1/2."""
     box = "units metal\natom_style dpd\nregion b block 0 30 0 30 0 30 units box\ncreate_box 1 b\n"

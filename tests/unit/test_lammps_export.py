@@ -284,6 +284,9 @@ def test_edpd_that_lammps_computes_wrongly(tmp_path):
     pairs = {("*", "*"): dpd.EDPD(A=18, gamma=1.0, kappa=0.1, **poly), ("A", "B"): dpd.EDPD(A=20, gamma=1.0, kappa=0.1, **poly)}
     with pytest.raises(dpd.ParameterError, match="the last pair_coeff line only"):
         export_lammps(dataclasses.replace(beads, pairs=pairs), tmp_path, "x", dt=0.01)
+    with pytest.warns(ExportWarning, match=r"no scheme 'shardlow' of such beads: the deck uses modified velocity Verlet \(fix mvv/edpd\)"):
+        written = export_lammps(beads, tmp_path, "word", dt=0.01, scheme="shardlow")
+    assert words(written, "fix")[0] == "move all mvv/edpd 0.5"
     short = {("*", "*"): dpd.EDPD(A=18, gamma=1.0, kappa=0.1, cutoff_T=0.5)}
     raises(dpd.ParameterError, "stale values", lambda: export_lammps(dataclasses.replace(beads, pairs=short), tmp_path, "x", dt=0.01))
 

@@ -49,6 +49,9 @@ ENERGIES = dict(scheme=SCHEMES["bababo"], execution=KERNEL, field_blocks=1, fiel
 CASES["bababo_energies"] = replace(BASE, **ENERGIES)
 CASES["bababo_energies_compensated"] = replace(BASE, compensated=True, **ENERGIES)
 CASES["middle_energies"] = replace(BASE, **ENERGIES | dict(scheme=SCHEMES["middle"]))
+HEATED = dict(execution=KERNEL, fields_act=True, field_names="temperatures", trial=0.0078125)
+CASES["bababo_temperatures"] = replace(BASE, **HEATED, scheme=SCHEMES["bababo"], field_blocks=1)
+CASES["aboba_species"] = replace(BASE, **HEATED | dict(fields_act=False), scheme=SCHEMES["aboba"], field_blocks=2)
 CASES["mvv_single_precision_drift"] = replace(BASE, tau_ratio=0.25)
 
 CASE = pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
@@ -172,7 +175,7 @@ def test_nothing_that_is_not_needed(options):
     if not options.constraints:
         assert not any(step.kind.startswith("constrain") for step in program.steps)
     starts_and_ends_with_kicks = options.scheme.name in ("shardlow", "bababo", "baoab", "O/2 B/2 A B/2 O/2", "B/2 A/2 O A/2 B/2", "mvv")
-    assert ("valid_for" in names) == (options.kernel and starts_and_ends_with_kicks)
+    assert ("valid_for" in names) == (options.kernel and starts_and_ends_with_kicks and not options.fields_act)
     assert ("xs" in names) == (options.thermostat and _displaced(options))
     if options.predicting and options.lam == 0.5:
         assert "vp" not in names

@@ -44,11 +44,13 @@ class Integrator:
 def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Integrator:
     """The LAMMPS integrator nearest to a scheme; every difference is noted."""
     kinds = {table.kind for table in scene.tables} - {None}
-    for kind, fix in ((EDPD, "mvv/edpd"), (TDPD, "mvv/tdpd")):
-        if kind in kinds:
-            return Integrator(fix, lam)
     energy = EnergyDPD in kinds
     chosen = scheme_of(scheme)
+    for kind, fix in ((EDPD, "mvv/edpd"), (TDPD, "mvv/tdpd")):
+        if kind in kinds:
+            if not chosen.predicts:
+                differences.add(_no_scheme(repr(chosen.name), f"modified velocity Verlet (fix {fix})", "of such beads"))
+            return Integrator(fix, lam)
     wanted = chosen.shardlow or (energy and chosen.sweeps)
     why = _no_shardlow(scene, kinds, skin) if wanted else None
     swept = wanted and why is None
@@ -57,10 +59,7 @@ def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, 
     elif not chosen.in_lammps:
         instead = "Shardlow's splitting (fix shardlow, then fix nve)" if swept else "velocity Verlet (fix nve), where friction is a force"
         name = "OpenMM's DPDIntegrator" if chosen.native else repr(chosen.name)
-        differences.add(
-            f"LAMMPS has no scheme {name}: the deck uses {instead}; at the same step the temperatures differ by "
-            "the errors of the schemes, so a shorter step may be needed"
-        )
+        differences.add(_no_scheme(name, instead))
     if swept:
         if any(0 < factor < 1 for factor in scene.bonded_factors) and len(scene.bond_pairs):
             differences.add("LAMMPS's fix shardlow ignores special_bonds: friction and noise of bonded neighbours are not scaled")
@@ -75,6 +74,13 @@ def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, 
     elif lam != 0.5:
         differences.add(f"LAMMPS has no lambda for energy-conserving beads; the deck uses fix nve, that is lambda = 0.5, not {lam:g}")
     return Integrator("nve")
+
+
+def _no_scheme(name: str, instead: str, where: str = "") -> str:
+    return (
+        f"LAMMPS has no scheme {name}{' ' * bool(where)}{where}: the deck uses {instead}; at the same step the temperatures differ by "
+        "the errors of the schemes, so a shorter step may be needed"
+    )
 
 
 def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...kernels.fields import ENERGY, TEMPERATURE, FieldSpec
+from ...kernels.fields import ENERGY, FieldSpec
 from ...kernels.interface import Engine
 from ...kernels.layer import CONSERVATIVE
 from ...kernels.steps import Stepper
@@ -61,7 +61,7 @@ class ConservativeForce:
         """Energy and force, computed unless they are there already."""
         engine = self._engine
         # a repulsion may depend on the temperatures of the beads
-        warm = fields is not None and fields.spec.kind == TEMPERATURE
+        warm = fields is not None and fields.spec.acts
         if self._at != engine.number or warm:
             self._energy = engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0, None if fields is None else fields.values, self._force)[0]
             self._at = engine.number

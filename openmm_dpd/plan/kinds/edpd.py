@@ -21,6 +21,11 @@ def _fields(scene: Scene) -> FieldSpec:
     return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), scene.immobile, capacity=capacity, sources=tuple(scene.sources))
 
 
+def _no_sweep(scene: Scene) -> str | None:
+    lammps = "EDPD with compat='lammps' has no pair updates: an update keeps the energy of a pair, which LAMMPS's heat does not"
+    return lammps if scene.compat == "lammps" else None
+
+
 register(
     Kind(
         coefficient=EDPD,
@@ -28,7 +33,7 @@ register(
         why_kernel_only=lambda *_: "the repulsion of EDPD depends on the temperatures of the beads, which no OpenMM force sees",
         fields=_fields,
         field_text="temperature of the bead",
-        no_sweep="has no pair-by-pair update",
+        no_sweep=_no_sweep,
         why_no_laplacian=lambda _: "the repulsion depends on the temperatures of the beads (EDPD)",
         unlike_lammps="pair edpd: heat is computed so that energy is conserved, which LAMMPS does not do; --compat lammps computes its",
     )

@@ -57,7 +57,8 @@ class Kind:
     why_kernel_only: Callable[[Resolved, Scene, dict[tuple[int, int], float], str | None], str | None] | None = None
     fields: Callable[[Scene], FieldSpec] | None = None  #: Per-bead fields, for the kernel; for coefficients that have ``internal``
     field_text: str = ""  #: What the per-DOF variables hold
-    no_sweep: str | None = None  #: Why no scheme with sweeps runs it, a part of a sentence that begins with its name
+    #: (of a Scene) why no scheme with sweeps runs it, a sentence that begins with its name, or None
+    no_sweep: Callable[[Scene], str | None] = lambda _: None
     #: Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None
     why_not_native: Callable[[Any], str | None] | None = None
     #: Why there is no Laplacian of the potential, hence no configurational temperature, or None

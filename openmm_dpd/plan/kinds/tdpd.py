@@ -27,6 +27,5 @@ register(
         potential=dpd_expression,
         fields=_fields,
         field_text="concentrations, three species in each variable",
-        no_sweep="has no pair-by-pair update",
     )
 )

@@ -78,9 +78,7 @@ def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
     """Accelerations and rates at the present positions, with the noise of the last half kick."""
     options = p.options
     if fields:
-        p.keep_positions()
-        p.read(fields)
-        p.each("x", "xs", "back")
+        p.read_at_rest()
     if options.execution.pushes:
         p.phase(Phase.CONSERVE)
     p.each("acc", f"{p.kicking}/m", "conservative acceleration")

@@ -199,6 +199,12 @@ class Program:
             self.each("x", f"xs+{TAU}*{variable}", "shows these values")
             self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
 
+    def read_at_rest(self) -> None:
+        """Have the pair force read the fields, and put the positions back, which it has stored."""
+        self.keep_positions()
+        self.read(self.fields())
+        self.each("x", "xs", "back")
+
     def keep_positions(self) -> None:
         """Remember x as xs."""
         self.declare_per_dof("xs", "positions before the trial drift")
@@ -226,19 +232,24 @@ class Program:
         self.set("valid_for", "fingerprint", "acc is valid for this")
 
     def after_sweep(self, fields: list[str]) -> None:
-        """Take over what a sweep did to internal energies; where velocities are not double precision, by what they really changed.
+        """Take over what a sweep did to the fields; to internal energies, where velocities are not double precision, by what these really
+        changed.
 
         There the kernel hands over how much energy a bead got in all, motion included, and what its motion took comes from the velocities
         that the program holds; rounding of the sum is kept in the third component.
         """
         if not fields:
             return
-        (u,) = fields
         scale = self.options.field_scale
-        self.phase(Phase.CHANGE)
         if not self.options.compensated:
-            self.each(u, f"{u}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{u}+{self.pair_force}", "energies the beads got")
+            for block, name in enumerate(fields):
+                self.phase(Phase.CHANGE, block)
+                self.each(
+                    name, f"{name}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{name}+{self.pair_force}", "what the beads got"
+                )
             return
+        (u,) = fields
+        self.phase(Phase.CHANGE)
         for name, why in (("du", "change of the energies"), ("un", "energies before rounding is made good")):
             self.declare_per_dof(name, why)
         self.each(

@@ -33,11 +33,12 @@ class Writer:
         self.places = [n % total for n in drifts]
         kicks = [n for n, (name, _) in enumerate(letters) if name == "B"]
         #: whether the force at the end of a step serves the next one
-        self.kept = self.options.kernel and drifts[kicks[0]] == 0 and drifts[kicks[-1]] == total
+        self.kept = self.options.kernel and drifts[kicks[0]] == 0 and drifts[kicks[-1]] == total and not self.options.fields_act
         self.owed = Fraction(0)  # part of a kick by acc that v still lacks
         self.known = self.kept  # whether acc is the acceleration at x
         self.seen = self.kept  # whether the pair force has stored x
         self.away = False  # whether x is displaced from xs
+        self.told = False  # whether the pair force knows the fields
         self.shown: Fraction | None = None  # part of the drift that passes v at x
         self.ramped = False
 
@@ -73,7 +74,7 @@ class Writer:
             p.store()
         self.settle()
         start = "xs" if self.away else "x"
-        if shows and options.field_blocks:
+        if shows and options.field_blocks and not self.told:
             p.keep_positions()
             p.read(p.fields())
             start = "xs"
@@ -88,6 +89,11 @@ class Writer:
         p = self.p
         if not self.known:
             self.put_back()
+            if self.options.fields_act and not self.told:
+                if not self.seen:
+                    p.store()
+                p.read_at_rest()
+                self.told = True
             if self.options.execution.pushes:
                 p.phase(Phase.CONSERVE)
                 self.seen = True
@@ -119,7 +125,8 @@ class Writer:
                 p.store()
                 self.seen = True
             p.keep_positions()
-            p.read(fields)
+            if not self.told:
+                p.read(fields)
             p.next_noise(options.trial_time)
             p.show(f"(v+{times(self.owed)}*acc)" if self.owed else "v")
             p.phase(Phase.SWEEP_KEPT, update)
@@ -140,6 +147,7 @@ class Writer:
         p.constrain_velocities()
         self.owed, self.shown = Fraction(0), None
         p.after_sweep(fields)
+        self.told, self.known = False, self.known and not options.fields_act
         if part != 1:
             p.set("dpd_dt", "dt")
         return n

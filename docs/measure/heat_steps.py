@@ -1,0 +1,102 @@
+"""Heat and species at long steps: the decay of a sine, equipartition, and what is conserved, for mvv and for words.
+
+    python docs/measure/heat_steps.py            # prints the table of docs/howto/heat_species.md (half an hour)
+    python docs/measure/heat_steps.py --runs 1
+
+The fluid is that of examples/decks/in.edpd, with beads of a heat capacity of 10^4, in a box 10 long.  Temperatures (concentrations) begin as
+1 + sin(k x)/4.  The rate at which the amplitude falls is compared with the mean over beads of kappa sum_j w_ij^2 (1 - cos k x_ij), the
+continuum limit at that wave number with the neighbours that there are, and k^2 times the diffusion coefficient of the beads; both are
+measured in the same run, and errors are standard errors over runs.
+Equipartition is the kinetic temperature over the mean of the beads' temperatures (for species: over kT).
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from openmm import unit
+
+import openmm_dpd as dpd
+
+EDGES, DENSITY, CUTOFF = np.array([10.0, 5.0, 5.0]), 4.0, 1.58
+A, GAMMA, EXPONENT, RATE, CAPACITY = 18.75, 4.5, 0.41, 1.41, 1e4
+WAVE, AMPLITUDE, START, TIME, FRAMES = 2 * np.pi / EDGES[0], 0.25, 2.0, 4.0, 50
+STEPS = {"mvv": (0.005, 0.01, 0.02, 0.04), "middle": (0.04, 0.08), "aboba": (0.04, 0.08), "bababo": (0.04, 0.08), "shardlow": (0.04,)}
+
+
+def by_exchange(x: np.ndarray) -> float:
+    """Rate of the decay by exchange alone, between these beads."""
+    d = x[:, None] - x[None]
+    d -= EDGES * np.round(d / EDGES)
+    w = np.maximum(1 - np.sqrt(np.sum(d**2, axis=2)) / CUTOFF, 0.0)
+    return float(RATE * np.sum(w**2 * (1 - np.cos(WAVE * d[:, :, 0]))) / len(x))
+
+
+def scene(what: str, seed: int) -> dpd.Scene:
+    """The fluid, not yet in equilibrium."""
+    n = round(DENSITY * np.prod(EDGES))
+    same = {"A": A, "gamma": GAMMA, "cutoff": CUTOFF, "exponent": EXPONENT}
+    if what == "heat":
+        term, internal = dpd.EDPD(kappa=RATE / CAPACITY, **same), dpd.BeadTemperatures(1.0, CAPACITY)
+    else:
+        term, internal = dpd.TDPD(kappa=RATE, **same), dpd.Concentrations(np.ones(n))
+    x = np.random.default_rng(seed).random((n, 3)) * EDGES
+    return dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): term}, kT=1.0, box=EDGES, internal=internal)
+
+
+def run(what: str, scheme: str, dt: float, seed: int) -> dict[str, float]:
+    """One run: relative error of the rate, of equipartition, and how much energy per bead (species in all) came from nowhere."""
+    built = dpd.build(scene(what, seed), dt=dt, scheme=scheme, seed=seed)
+    simulation, observer = built.simulation(), dpd.Observer(built)
+    simulation.step(round(START / dt))
+    name = "theta" if what == "heat" else "concentrations"
+
+    def look() -> tuple[np.ndarray, np.ndarray]:
+        x = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
+        return x, dpd.read_fields(simulation.context, built.plan)[name].reshape(len(x))
+
+    x, _ = look()
+    start = 1.0 + AMPLITUDE * np.sin(WAVE * x[:, 0])
+    dpd.write_fields(simulation.context, built.plan, **{name: start if what == "heat" else start[:, None]})
+    first, begun, total = observer.sample(simulation.context), x, start.sum()
+    rates, times, amplitudes, ratios = [by_exchange(x)], [0.0], [2 * np.mean((start - start.mean()) * np.sin(WAVE * x[:, 0]))], []
+    every = round(TIME / FRAMES / dt)
+    for frame in range(FRAMES):
+        simulation.step(every)
+        x, values = look()
+        if frame % 10 == 9:
+            rates.append(by_exchange(x))
+        times.append((frame + 1) * every * dt)
+        amplitudes.append(2 * np.mean((values - values.mean()) * np.sin(WAVE * x[:, 0])))
+        ratios.append(observer.sample(simulation.context).kT / (values.mean() if what == "heat" else 1.0) - 1.0)
+    diffusion = np.mean((x - begun) ** 2) / (2 * times[-1])
+    rate = -np.polyfit(times, np.log(amplitudes), 1)[0]
+    made = (observer.sample(simulation.context).total - first.total) / len(x) / times[-1] if what == "heat" else values.sum() / total - 1.0
+    return {"rate": rate / (np.mean(rates) + WAVE**2 * diffusion) - 1.0, "equipartition": float(np.mean(ratios)), "made": float(made)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--runs", type=int, default=6)
+    runs = parser.parse_args().runs
+    print("| beads with | scheme | step | rate of decay | equipartition | energy made per bead and time, or change of the sum |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for what in ("heat", "species"):
+        for scheme, steps in STEPS.items():
+            for dt in steps:
+                try:
+                    found = [run(what, scheme, dt, seed) for seed in range(1, runs + 1)]
+                except Exception as error:
+                    print(f"| {what} | `{scheme}` | {dt} | breaks down: {str(error)[:60]} | | |", flush=True)
+                    continue
+                cells = []
+                for key, unit_ in (("rate", 100), ("equipartition", 100)):
+                    values = unit_ * np.array([one[key] for one in found])
+                    cells.append(f"{values.mean():+.2f}({values.std(ddof=1) / np.sqrt(runs) if runs > 1 else np.nan:.2f}) %")
+                cells.append(f"{np.mean([one['made'] for one in found]):.1e}")
+                print(f"| {what} | `{scheme}` | {dt} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
