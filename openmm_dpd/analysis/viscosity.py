@@ -205,12 +205,12 @@ def couette_viscosity(profile: VelocityProfile, stress, *, channel: tuple[float,
     ends = profile.rows[:, used] @ np.linalg.pinv(design[used]).T
     lower, upper, slope = (block_average(row) for row in (*ends.T, (ends[:, 1] - ends[:, 0]) / (high - low)))
     pushed = block_average(stress, name="the stress")
-    if slope.sem is None or pushed.sem is None or not slope.mean:
+    if slope.sem is None or pushed.sem is None or not slope.mean or not pushed.mean:
         raise ParameterError("there are too few samples, or the fluid is not sheared; run longer, or move the walls faster")
     eta = pushed.mean / slope.mean
     error = abs(eta) * float(np.hypot(pushed.sem / pushed.mean, slope.sem / slope.mean))
-    both = (lower.mean, upper.mean), (lower.sem, upper.sem)
-    return CouetteFit(eta, error, slope.mean, slope.sem, pushed.mean, pushed.sem, *both, slope.converged and pushed.converged)
+    both, errors = (float(lower.mean or 0.0), float(upper.mean or 0.0)), (float(lower.sem or 0.0), float(upper.sem or 0.0))
+    return CouetteFit(eta, error, slope.mean, slope.sem, pushed.mean, pushed.sem, both, errors, slope.converged and pushed.converged)
 
 
 @dataclass(frozen=True)

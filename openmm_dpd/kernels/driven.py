@@ -1,8 +1,8 @@
 """Walls that move or have something behind them, and the impulses that they take up.
 
-A bead that a wall with the velocity u reflects gets 2 u - v (bounce-back); along the normal of the plane u is 0.  What is behind a wall is a
-continuum: at the distance h it pushes a bead by F(h), and after each sweep takes a part of its velocity relative to the wall away, with
-noise, by an exact Ornstein-Uhlenbeck step in the plane and along the normal::
+A bead that a wall with the velocity u reflects gets 2 u - v (bounce-back); along the normal of the plane u is 0.  What is behind a wall is
+a continuum: at the distance h it pushes a bead by F(h), and after each sweep it takes a part of the velocity relative to the wall away,
+with noise, by an exact Ornstein-Uhlenbeck step in the plane and along the normal::
 
     v <- v - (1 - q) (v - u) + sqrt(kT (1 - q^2)/m) xi        q = exp(-Gamma(h) dt/m)
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from .compiled import compiled, inlined
 from .elementary import sine
+from .motion import put_back
 from .noise import noise_key, normal, pair_key
 from .sweeps import EXACT, decay
 
@@ -71,14 +72,15 @@ class Driven:
     def velocities(self, time: float) -> np.ndarray:
         """(3, 2, 3) at a time."""
         moving = self.period > 0
+        if not moving.any():
+            return self.velocity
         turns = np.where(moving, time / np.where(moving, self.period, 1.0), 0.0)
         return self.velocity * np.where(moving, sine(turns + 0.25), 1.0)[:, :, None]
 
 
 @inlined
-def _row(h, tables, side, kind, reach):
+def _row(h, rows, reach):
     """Row of a table, and the place in it, of the distance h; distances below 0 count as 0."""
-    rows = tables.shape[2] - 1
     place = max(0.0, h) * (rows / reach)
     row = min(int(place), rows - 1)
     return row, place - row
@@ -105,7 +107,7 @@ def continuum_forces(x, types, axis, planes, there, start, period, tables, reach
             h = _distance(x[i, axis], planes[side], side, start, period)
             if there[side] == 0.0 or h >= reach or types[i] < 0:
                 continue
-            row, part = _row(h, tables, side, types[i], reach)
+            row, part = _row(h, tables.shape[2] - 1, reach)
             push = _entry(tables, side, types[i], row, part, FORCE)
             end = tables[side, types[i], row + 1, FORCE]
             energy += tables[side, types[i], row + 1, ENERGY] + 0.5 * (push + end) * width * (1.0 - part)
@@ -121,7 +123,7 @@ def continuum_push(x, inv_mass, types, axis, planes, there, start, period, table
         for side in range(2):
             h = _distance(x[i, axis], planes[side], side, start, period)
             if inv_mass[i] > 0.0 and there[side] != 0.0 and h < reach and types[i] >= 0:
-                row, part = _row(h, tables, side, types[i], reach)
+                row, part = _row(h, tables.shape[2] - 1, reach)
                 push = _entry(tables, side, types[i], row, part, FORCE)
                 taken[side] += push if side else -push
 
@@ -134,7 +136,7 @@ def continuum_drag(x, v, inv_mass, types, axis, planes, there, start, period, ta
             h = _distance(x[i, axis], planes[side], side, start, period)
             if inv_mass[i] == 0.0 or there[side] == 0.0 or h >= reach or types[i] < 0:
                 continue
-            row, part = _row(h, tables, side, types[i], reach)
+            row, part = _row(h, tables.shape[2] - 1, reach)
             number = pair_key(key, i, i)
             for k in range(3):
                 gamma = _entry(tables, side, types[i], row, part, NORMAL if k == axis else PLANE)
@@ -146,27 +148,27 @@ def continuum_drag(x, v, inv_mass, types, axis, planes, there, start, period, ta
 
 
 @inlined
-def _side(x, low, high, start, period):
-    """0 for a bead beyond the lower plane, 1 beyond the upper one, else -1; and the coordinate that a reflection gives."""
-    folded = x - period * np.floor((x - start) / period)
-    put = x + 2.0 * max(0.0, low - folded) - 2.0 * max(0.0, folded - high)
-    return (-1 if put == x else 0 if folded < low else 1), put
+def _side(x, put, plane, start, period):
+    """0 for a bead that the lower plane puts back, 1 for the upper one, else -1."""
+    return -1 if put == x else 0 if x - period * np.floor((x - start) / period) < plane else 1
 
 
 @compiled
 def reflect_driven(x, v, inv_mass, low, high, start, period, back, velocity, last, taken):
-    """As :func:`.motion.reflect_beads`, at walls with velocities (3, 2, 3).  If this is the ``last`` of the velocities, what each wall gets of
-    momentum is added to ``taken`` (3, 2, 3).  In an edge each wall turns the component along its normal, and the first axis the rest."""
+    """As :func:`.motion.reflect_beads`, at walls with velocities (3, 2, 3); if this is the ``last`` of the velocities, what each wall gets
+    of momentum is added to ``taken`` (3, 2, 3).  In an edge each wall turns the component along its normal, the first axis the rest."""
     for i in range(len(x)):
         if inv_mass[i] == 0.0:
             continue
         first, its = -1, 0
         for k in range(3):
-            side, _ = _side(x[i, k], low[k], high[k], start[k], period[k])
+            put = put_back(x[i, k], low[k], high[k], start[k], period[k])
+            side = _side(x[i, k], put, low[k], start[k], period[k])
             if side >= 0 and back[k] != 0.0 and first < 0:
                 first, its = k, side
         for k in range(3):
-            side, put = _side(x[i, k], low[k], high[k], start[k], period[k])
+            put = put_back(x[i, k], low[k], high[k], start[k], period[k])
+            side = _side(x[i, k], put, low[k], start[k], period[k])
             wall, there, speed = (k, side, 0.0) if side >= 0 else (first, its, velocity[first, its, k])
             if wall >= 0:
                 turned = 2.0 * speed - v[i, k]
@@ -188,7 +190,7 @@ class ContinuumForce:
         return continuum_forces(x, *self._arguments, force)
 
 
-def drag(walls: Continuum, x, v, velocity: np.ndarray, time: float, kT: float, seed: int, counter: int, taken: np.ndarray) -> None:
+def drag_by_walls(walls: Continuum, x, v, velocity: np.ndarray, time: float, kT: float, seed: int, counter: int, taken: np.ndarray) -> None:
     """See :func:`continuum_drag`."""
     key = noise_key(seed, counter, NOISE, kT)
     continuum_drag(x, v, walls.inv_mass, *walls.arguments, velocity, time, kT, key, taken)

@@ -14,7 +14,7 @@ from ..base.errors import RunError
 from ..base.signals import CTRL_C
 from . import motion
 from .columns import Totals
-from .driven import Driven, continuum_push, drag, reflect_driven
+from .driven import Driven, continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from .sweeps import EXACT, SHARDLOW
@@ -263,7 +263,7 @@ class StepLoop:
         if driven is not None and driven.continuum is not None:
             axis, taken = driven.continuum.axis, np.zeros((2, 3))
             speeds = driven.velocities(m.time + 0.5 * m.dt)[axis]
-            drag(driven.continuum, m.x, m.v, speeds, part * m.dt, m.kT, m.seed, m.counter, taken)
+            drag_by_walls(driven.continuum, m.x, m.v, speeds, part * m.dt, m.kT, m.seed, m.counter, taken)
             m.impulses[axis] += taken  # type: ignore[index]
         if m.values is not None:
             motion.add_to_moving(m.values, self.engine.increments, self.inv_mass)

@@ -15,13 +15,13 @@ from .flow import BuiltReporter
 class WallReporter(BuiltReporter):
     """Records the forces on two walls, for ``simulation.reporters``, and :func:`.couette_viscosity`.
 
-    They are impulses over time, from reflections, repulsion and friction, of all steps since the report before: nothing is missed between two
-    reports.  The Context keeps their sums, so that they go on after a restart; the fluid has lost what its walls have got, to rounding.
+    They are impulses over time, of reflections, repulsion and friction in all steps since the report before: nothing is missed in between.
+    The Context keeps their sums, so that they go on after a restart; the fluid has lost what its walls have got, to rounding.
 
     Parameters
     ----------
     interval : int
-        Steps between samples.
+        Steps between samples; for a small error of the stress some units of time, in which what walls and first layer exchange cancels.
     built : BuiltSystem
         A scene in which a wall has a velocity, which may be (0, 0, 0), or something behind it.
     axis : {"x", "y", "z"}
@@ -37,7 +37,9 @@ class WallReporter(BuiltReporter):
         super().__init__(interval, built)
         driven = built.plan.driven
         if axis not in AXES or driven is None or not driven.there[AXES.index(axis)].all():
-            raise ParameterError(f"there are no two walls along {axis!r} whose forces are recorded: give one of the walls a velocity, (0, 0, 0) say")
+            raise ParameterError(
+                f"there are no two walls along {axis!r} whose forces are recorded: give one of the walls a velocity, (0, 0, 0) say"
+            )
         box = built.plan.scene.box
         if box is None:
             raise ParameterError("forces over the area of walls need a periodic box")

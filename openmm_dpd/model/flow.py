@@ -223,8 +223,8 @@ class Wall:
     period : time, optional
         The velocity is multiplied by cos(2 pi t/period), t the time of the Context in the middle of a step.
     behind : str, optional
-        Bead type of a fluid of which the solid behind the wall seems to consist: its mean repulsion and its friction, with noise, act on beads
-        that are nearer than the cutoff (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.
+        Bead type of a fluid that the solid behind the wall seems to consist of: its mean repulsion, and friction with noise, act on beads
+        nearer than the cutoff (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.
     density : float, optional
         Its beads per nm^3.
 
@@ -288,7 +288,7 @@ class Wall:
 
 
 class Gap(NamedTuple):
-    """The room between the walls of one axis: limits, kind, the period (None if it is not periodic), and its walls by the side of the beads."""
+    """The room between the walls of one axis: limits, kind, period (None if it is not periodic), and the walls by the side of the beads."""
 
     low: float
     high: float

@@ -1,13 +1,15 @@
 """Walls that move or have something behind them: what the kernel has to know, and what cannot be combined with them.
 
-Behind a plane lies a continuum of beads of one type with the density rho and the radial distribution g(r) of its fluid.  With its pairs'
-force f(r) and friction gamma(r) = gamma w^2 the integrals over the half space beyond the distance h are (docs/theory_flow.md)::
+Behind a plane lies a continuum of beads of one type with the density rho and the radial distribution g(r) of its fluid.  With the pairs'
+force f(r) and friction gamma(r) = gamma w^2 there are these integrals over the half space beyond the distance h::
 
     F(h)       = pi rho int_h^rc f g (r^2 - h^2) dr
-    Gamma_n(h) = 2 pi rho int_h^rc gamma g (r^3 - h^3)/(3 r) dr            along the normal
-    Gamma(h)   = 2 pi rho int_h^rc gamma g r (r - h) dr                    the trace; half of the rest in each direction of the plane
+    Gamma_n(h) = 2 pi rho int_h^rc gamma g (r^3 - h^3)/(3 r) dr                    along the normal
+    Gamma_p(h) = pi rho int_h^rc gamma g (r (r - h) - (r^3 - h^3)/(3 r)) dr        in each direction of the plane
 
-g(r) is that of the hypernetted chain, which for soft repulsions gives the pressure to 1 %.
+g(r) is that of the hypernetted chain, which gives the pressure of soft repulsions to 1 %.  In the plane the friction is 2 Gamma_p, since a
+fluid that goes on behind the wall, turned by 180 degrees, has twice the velocity relative to a bead on average; and Gamma_p of the
+correlation of forces, f^2 tau/kT in place of gamma.  docs/theory_flow.md derives it.
 """
 
 import numpy as np
@@ -23,8 +25,8 @@ from ..model.scene import Scene
 from ..model.schemes import Scheme
 from ..model.temperature import TemperatureRamp
 
-#: The two numbers of the model that were fitted, to a flat density and to no slip of the standard fluid (docs/theory_flow.md): the range of F
-#: is shorter by this factor at the same pressure; and the correlation time of forces between beads, in units of rc sqrt(m/kT).
+#: The two numbers that were fitted, to a flat density and to no slip of the standard fluid (docs/theory_flow.md): the range of F is shorter
+#: by this factor, at the same pressure; and the correlation time of forces between beads, in units of rc sqrt(m/kT).
 SHRUNK, COLLISION = 1.03, 0.05
 #: Rows of a table; points of the grid of g(r), and its length in cutoffs.
 ROWS, POINTS, RANGE = 256, 1024, 8.0
@@ -65,7 +67,8 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
         "its structure is that of one temperature above 0": isinstance(scene.kT, TemperatureRamp) or scene.initial_kT == 0.0,
         "walls with something behind them stand along one axis": len({each.axis for each in behind}) > 1,
         f"there is no bead type {wall.behind!r}": any(each.behind not in scene.type_names for each in behind),
-        f"pairs have to interact by one table of DPD alone, and there is {', '.join(others) or 'another one'}": bool(others) or len(tables) > 1,
+        f"pairs have to interact by one table of DPD alone, and there is {', '.join(others) or 'another one'}": bool(others)
+        or len(tables) > 1,
         "sigma is fixed and gamma not; give gamma": any(not others and c.gamma is None and c.sigma for c in coefficients),
         "charges would have images there": scene.electrostatics is not None,
     }
@@ -76,8 +79,8 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
     reach = max(c.cutoff for c in tables[0].values())
     if gap.period is not None and gap.period - (gap.high - gap.low) < reach * (1 - 1e-9):
         raise PlanError(
-            f"the solid between the walls along {wall.axis} is thinner than the cutoff of {in_length(reach)}: beads on both sides would feel "
-            "each other beside the fluid behind the walls"
+            f"the solid between the walls along {wall.axis} is thinner than the cutoff of {in_length(reach)}: beads on both sides would "
+            "feel each other beside the fluid behind the walls"
         )
     z = gap.fold(scene.positions[:, axis])
     if np.any(scene.immobile & ((z < gap.low) | (z > gap.high))):
@@ -107,7 +110,7 @@ def _continuum(scene: Scene, axis: int, gap: Gap, tables: list[dict]) -> Continu
 def _rows(scene: Scene, wall: Wall | None, table: dict, reach: float) -> np.ndarray:
     """(T, ROWS + 1, 4) columns of the kernel's tables."""
     found = np.zeros((len(scene.type_names), ROWS + 1, 4))
-    if wall is None or wall.behind is None:
+    if wall is None or wall.behind is None or wall.density is None:
         return found
     h = np.linspace(0.0, reach, ROWS + 1)
     r, g = fluid_structure(table[wall.behind, wall.behind], wall.density, scene.initial_kT)
@@ -138,7 +141,8 @@ def fluid_structure(pair, density: float, kT: float) -> tuple[np.ndarray, np.nda
         if not off < 1e6:
             break
     raise PlanError(
-        f"there is no structure of the fluid behind a wall, with the density {density:g} and A = {pair.A:g}: the hypernetted chain does not converge"
+        f"the structure of the fluid behind a wall, with the density {density:g} and A = {pair.A:g}, is not to be had: the hypernetted "
+        "chain does not converge"
     )
 
 

@@ -230,7 +230,9 @@ def make_plan(
     double, driven = platform in DOUBLE_PLATFORMS, any(wall.driven for wall in scene.walls)
     check_driven(scene, chosen, tables, thermostat)
     only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
-    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene.n_beads, scene.interacting is not None, driven)
+    engine_name, why_engine = chosen_engine(
+        engine, platform, chosen, kinds, thermostat, scene.n_beads, scene.interacting is not None, driven
+    )
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, longest(layers))
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
@@ -281,7 +283,19 @@ def make_plan(
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
     spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out)
-    plan = Plan(scene, spec, options, tuple(layers), tuple(overlays), exceptions, platform, ewald, charge_factors(scene), host, driven_walls(scene, layers))
+    plan = Plan(
+        scene,
+        spec,
+        options,
+        tuple(layers),
+        tuple(overlays),
+        exceptions,
+        platform,
+        ewald,
+        charge_factors(scene),
+        host,
+        driven_walls(scene, layers),
+    )
     if engine != "auto":
         _check_engine(plan)
     return plan
