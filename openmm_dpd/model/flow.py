@@ -206,7 +206,7 @@ class Wall:
 
     After each drift a bead beyond the plane is put back by reflection, and its velocity is turned round: its component along the axis
     (``specular``: the wall transmits no shear), or all of it (``bounce-back``: a fluid does not slip).  Both leave the Maxwell distribution
-    and a uniform density as they are.  A wall takes momentum from the fluid; it exerts no force, and no virial.
+    and a uniform density as they are.  A wall takes momentum from the fluid; a plain one exerts no force, and none a virial.
 
     Parameters
     ----------

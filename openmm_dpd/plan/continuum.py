@@ -34,23 +34,19 @@ ROWS, POINTS, RANGE = 256, 1024, 8.0
 BITS = 30
 
 
-def driven_axes(scene: Scene) -> dict[int, Gap]:
-    """All gaps of a scene if a wall moves or has something behind it; else none."""
-    return gaps(scene.walls, scene.box) if any(wall.driven for wall in scene.walls) else {}
-
-
 def driven_walls(scene: Scene, tables: list[dict]) -> Driven | None:
     """What the kernel has to know of the walls; None where all are plain.  ``tables`` are the resolved pair coefficients."""
-    there, velocity, period = np.zeros((3, 2), bool), np.zeros((3, 2, 3)), np.zeros((3, 2))
-    found, continuum = driven_axes(scene), None
-    for axis, gap in found.items():
+    if not any(wall.driven for wall in scene.walls):
+        return None
+    there, velocity, period, continuum = np.zeros((3, 2), bool), np.zeros((3, 2, 3)), np.zeros((3, 2)), None
+    for axis, gap in gaps(scene.walls, scene.box).items():
         for side, wall in enumerate(gap.sides.get(name) for name in ("above", "below")):
             there[axis, side] = wall is not None
             if wall is not None and wall.velocity is not None:
                 velocity[axis, side], period[axis, side] = wall.velocity, wall.period or 0.0
         if any(wall.behind for wall in gap.sides.values()):
             continuum = _continuum(scene, axis, gap, tables)
-    return Driven(there, velocity, period, continuum) if found else None
+    return Driven(there, velocity, period, continuum)
 
 
 def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: bool) -> None:
@@ -67,11 +63,13 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
         "its structure is that of one temperature above 0": isinstance(scene.kT, TemperatureRamp) or scene.initial_kT == 0.0,
         "walls with something behind them stand along one axis": len({each.axis for each in behind}) > 1,
         f"there is no bead type {wall.behind!r}": any(each.behind not in scene.type_names for each in behind),
-        f"pairs have to interact by one table of DPD alone, and there is {', '.join(others) or 'another one'}": bool(others)
-        or len(tables) > 1,
+        f"pairs interact by {', '.join(others) or 'several tables'}, not by one table of DPD": bool(others) or len(tables) > 1,
         "sigma is fixed and gamma not; give gamma": any(not others and c.gamma is None and c.sigma for c in coefficients),
         "charges would have images there": scene.electrostatics is not None,
     }
+    if not others and len(tables) == 1:
+        alone = next((each.behind for each in behind if tables[0].get((each.behind, each.behind), NONE) is NONE), None)
+        reasons[f"beads of type {alone!r} do not interact"] = alone is not None
     reason = next((reason for reason, holds in reasons.items() if holds), None)
     if reason is not None:
         raise PlanError(f"no fluid can be behind a wall: {reason}")

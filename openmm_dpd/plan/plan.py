@@ -36,8 +36,8 @@ from .program_options import ProgramOptions, field_options, tau_ratio
 ResolvedTable = dict[tuple[str, str], Any]
 
 
-#: What an engine needs for the letters of a word that sweep.
 _DRIVEN = "walls that move or have something behind them"
+#: What an engine needs for the letters of a word that sweep.
 _SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
 
 
@@ -283,19 +283,8 @@ def make_plan(
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
     spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out)
-    plan = Plan(
-        scene,
-        spec,
-        options,
-        tuple(layers),
-        tuple(overlays),
-        exceptions,
-        platform,
-        ewald,
-        charge_factors(scene),
-        host,
-        driven_walls(scene, layers),
-    )
+    parts = scene, spec, options, tuple(layers), tuple(overlays), exceptions, platform
+    plan = Plan(*parts, ewald, charge_factors(scene), host, driven_walls(scene, layers))
     if engine != "auto":
         _check_engine(plan)
     return plan

@@ -18,6 +18,7 @@ from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.fingerprint import fingerprint
 from ..plan.forces.pair_force import PairForceFunction
 from ..plan.forces.thread_state import ThreadState
+from .barostat_temperature import barostats as barostats_of
 from .fields import field_variables, per_dof, raw_fields, raw_rates
 from .integrators import PairIntegrator
 
@@ -44,7 +45,7 @@ class WholeSteps:
         """
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
-        if barostats and self.spec.driven is not None:
+        if barostats and self.spec.driven is not None and any(each.getFrequency() > 0 for each in barostats_of(context)):
             raise openmm.OpenMMException("a barostat moves beads and not walls that move or have something behind them; remove it")
         state = context.getState(positions=True, velocities=True, parameters=True)
         # the step size as the program would set it first

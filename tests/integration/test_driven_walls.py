@@ -253,17 +253,17 @@ def test_on_platforms_beside_forces_of_others(device):
     assert not np.any((z > 2.0 + 1e-5) & (z < 3.0 - 1e-5))
 
 
-@pytest.mark.parametrize("platform", ["Reference", "CPU"])
-def test_bits_do_not_depend_on_threads_cuts_and_restarts(platform, tmp_path):
-    planes = [dpd.Wall("z", LOW, "above", velocity=(1, 0, 0), period=0.7, behind="W", density=3.0), dpd.Wall("z", HIGH, "below")]
-    scene = fluid(planes=planes)
+@cases("platform, scheme", ("Reference", "middle"), ("CPU", "middle"), ("CPU", "mvv"))
+def test_bits_do_not_depend_on_threads_cuts_and_restarts(platform, scheme, tmp_path):
+    behind = {} if scheme == "mvv" else {"behind": "W", "density": 3.0}
+    scene = fluid(planes=[dpd.Wall("z", LOW, "above", velocity=(1, 0, 0), period=0.7, **behind), dpd.Wall("z", HIGH, "below")])
 
     def bits(simulation):
         return b"".join(part.tobytes() for part in state_of(simulation))
 
-    _, whole = run(scene, 24, platform)
+    _, whole = run(scene, 24, platform, scheme=scheme)
     expected = bits(whole)
-    _, cut = run(scene, 0, platform, "2")
+    _, cut = run(scene, 0, platform, "2", scheme=scheme)
     for steps in (1, 7, 3, 2):
         cut.step(steps)
     cut.saveCheckpoint(str(tmp_path / "state.chk"))
@@ -271,7 +271,7 @@ def test_bits_do_not_depend_on_threads_cuts_and_restarts(platform, tmp_path):
     cut.step(11)
     assert bits(cut) == expected
     for name in ("loadCheckpoint", "loadState"):
-        _, again = run(scene, 2, platform)
+        _, again = run(scene, 2, platform, scheme=scheme)
         getattr(again, name)(str(tmp_path / ("state.chk" if name == "loadCheckpoint" else "state.xml")))
         again.step(11)
         assert bits(again) == expected
@@ -309,7 +309,8 @@ def test_walls_that_cannot_be():
     ("cannot run this scene .* walls that move", {}, {"engine": "device"}),
     ("one temperature", {"kT": dpd.TemperatureRamp(1.0, 2.0, 0, 9)}, {}),
     ("nothing has friction", {"pairs": {("*", "*"): dpd.DPD(A=25)}}, {}),
-    ("not by one|LennardJones", {"pairs": [{("*", "*"): STANDARD}, {("*", "*"): dpd.LennardJones(1, 0.3, 0.9)}]}, {}),
+    ("LennardJones, not by one table", {"pairs": [{("*", "*"): STANDARD}, {("*", "*"): dpd.LennardJones(1, 0.3, 0.9)}]}, {}),
+    ("type 'B' do not interact", {"pairs": {("*", "*"): STANDARD, ("B", "B"): dpd.NONE}, "planes": walls(behind="B", density=3.0)}, {}),
     ("sigma is fixed", {"pairs": {("*", "*"): dpd.DPD(A=25, sigma=3)}}, {}),
     ("no bead type 'S'", {"planes": walls(behind="S", density=3.0)}, {}),
     ("thinner than the cutoff", {"planes": walls(0.2, 4.8, behind="W", density=3.0)}, {}),
@@ -334,6 +335,7 @@ def test_programs_and_barostats_are_refused():
         context.setState(simulation.context.getState(positions=True, velocities=True, parameters=True))
         raises(openmm.OpenMMException, "walls that move .* does not know them", alone.step, 1)
     other = dpd.build(fluid(), dt=0.01, platform="CPU")
+    raises(PlanError, "a barostat moves beads and not walls", dpd.add_barostat, other, 1.0)
     other.system.addForce(openmm.MonteCarloBarostat(1.0, 1.0 / BOLTZMANN, 5))
     raises(openmm.OpenMMException, "a barostat moves beads and not walls", other.simulation().step, 10)
     raises(ParameterError, "no two walls along 'x'", WallReporter, 5, built, "x")
