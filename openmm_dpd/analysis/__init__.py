@@ -23,9 +23,11 @@ from .profiles import density_profile as density_profile, temperature_profile as
 from .scattering import structure_factor as structure_factor
 from .velocity_file import read_velocities as read_velocities
 from .viscosity import (
+    CouetteFit as CouetteFit,
     GreenKubo as GreenKubo,
     PoiseuilleFit as PoiseuilleFit,
     VelocityProfile as VelocityProfile,
+    couette_viscosity as couette_viscosity,
     green_kubo_viscosity as green_kubo_viscosity,
     poiseuille_viscosity as poiseuille_viscosity,
 )

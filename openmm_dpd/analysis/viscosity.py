@@ -141,6 +141,79 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
 
 
 @dataclass(frozen=True)
+class CouetteFit:
+    """A straight line through a velocity profile, and the stress that goes with it.
+
+    Attributes
+    ----------
+    viscosity, error : float
+        kJ/mol ps/nm^3 and its standard error.
+    rate, rate_error : float
+        Slope of the line, 1/ps.
+    stress, stress_error : float
+        kJ/mol/nm^3.
+    ends : two floats
+        Velocity of the line at the lower and upper wall, with ``ends_error``: without slip those of the walls.
+    ends_error : two floats
+    converged : bool
+        Whether the run was long against the correlation times of flow and stress.
+    """
+
+    viscosity: float
+    error: float
+    rate: float
+    rate_error: float
+    stress: float
+    stress_error: float
+    ends: tuple[float, float]
+    ends_error: tuple[float, float]
+    converged: bool
+
+
+def couette_viscosity(profile: VelocityProfile, stress, *, channel: tuple[float, float], skip=0.0) -> CouetteFit:
+    r"""Viscosity from a steady flow between walls that move along each other, :math:`\eta = \langle\sigma\rangle/\dot\gamma`.
+
+    The shear rate is the slope of the velocity in the fluid and not what the velocities of the walls say, so that a slip does not count.
+    Each sample is fitted on its own, so that the errors count correlations between slabs and in time.
+
+    Parameters
+    ----------
+    profile : VelocityProfile
+        Of a run in the steady state.
+    stress : (n,) array
+        Shear stress on the walls: :meth:`openmm_dpd.measure.WallReporter.shear`.
+    channel : two lengths
+        Positions of the walls.
+    skip : length
+        Slabs nearer than this to the walls are left out.
+
+    Returns
+    -------
+    CouetteFit
+
+    Raises
+    ------
+    ParameterError
+        If too few slabs are left or samples are there, or the fluid is not sheared.
+    """
+    low, high = (to_md(end, "length", "an end of the channel") for end in channel)
+    z, margin = profile.centres, max(to_md(skip, "length", "skip"), 0.5 * profile.width * (1 - 1e-9))
+    used = (z >= low + margin) & (z <= high - margin) & np.all(np.isfinite(profile.rows), axis=0)
+    if used.sum() < 3:
+        raise ParameterError(f"{int(used.sum())} slabs are left to fit a line; take more and thinner ones, or a smaller skip")
+    design = np.stack([(high - z) / (high - low), (z - low) / (high - low)], axis=1)
+    ends = profile.rows[:, used] @ np.linalg.pinv(design[used]).T
+    lower, upper, slope = (block_average(row) for row in (*ends.T, (ends[:, 1] - ends[:, 0]) / (high - low)))
+    pushed = block_average(stress, name="the stress")
+    if slope.sem is None or pushed.sem is None or not slope.mean or not pushed.mean:
+        raise ParameterError("there are too few samples, or the fluid is not sheared; run longer, or move the walls faster")
+    eta = pushed.mean / slope.mean
+    error = abs(eta) * float(np.hypot(pushed.sem / pushed.mean, slope.sem / slope.mean))
+    both, errors = (float(lower.mean or 0.0), float(upper.mean or 0.0)), (float(lower.sem or 0.0), float(upper.sem or 0.0))
+    return CouetteFit(eta, error, slope.mean, slope.sem, pushed.mean, pushed.sem, both, errors, slope.converged and pushed.converged)
+
+
+@dataclass(frozen=True)
 class GreenKubo:
     """A viscosity from the fluctuations of the stress.
 

@@ -58,8 +58,17 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 #: Names of the per-DOF variables that hold internal energies, temperatures or concentrations, three values per bead in each; and of those
 #: with their changes per time, where a scheme keeps these.
 FIELD, RATE = "field", "rate"
+#: Further ones where walls move or have something behind them: the impulse that each has taken up since the Context was made, by number
+#: of its axis, side (0: the beads are above) and component.
+IMPULSES = {
+    (axis, side, k): f"dpd_wall_{'xyz'[axis]}_{('above', 'below')[side]}_{'xyz'[k]}"
+    for axis in range(3)
+    for side in range(2)
+    for k in range(3)
+}
 #: Parameters that change within a step and say nothing about the state.
 VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
+VOLATILE |= frozenset(IMPULSES.values())
 
 # Force groups.  The package leaves the low ones to users and OpenMM.
 

@@ -46,6 +46,7 @@ DIMENSIONS = {
     "charge": unit.elementary_charge,
     "volume": _L**3,
     "mass_density": _M / _L**3,
+    "number_density": 1 / _L**3,
     "diffusion": _L**2 / _T,
     "viscosity": _M / _L / _T,
     "dimensionless": unit.dimensionless,

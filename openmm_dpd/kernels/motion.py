@@ -119,7 +119,7 @@ def as_force(begin, end, change, inv_mass, dt):
 
 
 @inlined
-def _put_back(x, low, high, start, period):
+def put_back(x, low, high, start, period):
     """Coordinate after a reflection at two walls; see :mod:`openmm_dpd.simulation.programs.walls`."""
     folded = x - period * np.floor((x - start) / period)
     return x + 2.0 * max(0.0, low - folded) - 2.0 * max(0.0, folded - high)
@@ -133,10 +133,10 @@ def reflect_beads(begin, end, x, v, inv_mass, low, high, start, period, back, la
             continue
         whole = False
         for k in range(3):
-            if back[k] != 0.0 and _put_back(x[i, k], low[k], high[k], start[k], period[k]) != x[i, k]:
+            if back[k] != 0.0 and put_back(x[i, k], low[k], high[k], start[k], period[k]) != x[i, k]:
                 whole = True
         for k in range(3):
-            put = _put_back(x[i, k], low[k], high[k], start[k], period[k])
+            put = put_back(x[i, k], low[k], high[k], start[k], period[k])
             if whole or put != x[i, k]:
                 v[i, k] = -v[i, k]
             if last:

@@ -14,6 +14,7 @@ from ..base.errors import RunError
 from ..base.signals import CTRL_C
 from . import motion
 from .columns import Totals
+from .driven import Driven, continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from .sweeps import EXACT, SHARDLOW
@@ -41,6 +42,7 @@ class StepSpec:
     field_lam: float = 0.5  #: Weight of that of fields
     #: Planes that beads do not pass, five arrays (3,): low, high, start, period, back (see :mod:`openmm_dpd.simulation.programs.walls`).
     walls: tuple[np.ndarray, ...] | None = None
+    driven: Driven | None = None  #: The same walls where some move or have something behind them
     ramp: Any = None  #: A TemperatureRamp of the model, or None
 
     @property
@@ -67,6 +69,9 @@ class Moment:
     counter: int  #: The other part of the key
     ramped: float | None = None  #: Steps done, for a temperature ramp that the loop follows; None where the caller follows it
     slow_step: int = 0  #: Steps done since forces that are not the kernel's kicked
+    time: float = 0.0  #: Of the Context, where walls are driven
+    #: (3, 2, 3) what walls have taken up of momentum, by axis, side and component, where they are driven
+    impulses: np.ndarray | None = None
     values: np.ndarray | None = None  #: (N, K) fields
     rates: np.ndarray | None = None  #: (N, K) their changes per time, if friction is a force
     acc: np.ndarray | None = None  #: (N, 3) acceleration at x if friction is a force; None to have it computed
@@ -152,6 +157,7 @@ class StepLoop:
                     self._move(moment, force, before * moment.dt)
                 self._last = done + 1 == n
                 step(moment)
+                moment.time += moment.dt
                 moment.slow_step = (moment.slow_step + 1) % self.spec.slow_every
                 if slow is not None and moment.slow_step == 0:
                     force = slow(moment, done + 1) if after or done + 1 < n else None
@@ -176,17 +182,17 @@ class StepLoop:
         first, kick = True, 0.0
         for letter, part in self.spec.letters:
             if letter == "A":
-                self._move(m, self.force, kick, part * m.dt)
+                self._push(m, kick, part * m.dt)
                 self._reflect(m, m.v)
                 kick = 0.0
             elif letter == "B":
                 if kick:
-                    self._move(m, self.force, kick)
+                    self._push(m, kick)
                 self._conserve(m)
                 kick = part * m.dt
             else:
                 if first or kick:
-                    fast = self._move(m, self.force, kick)
+                    fast = self._push(m, kick)
                     kick = 0.0
                 if first:
                     self._warm(m)
@@ -195,9 +201,19 @@ class StepLoop:
                     first = False
                 self._sweep(m, part, UPDATES[letter])
         if kick:
-            self._move(m, self.force, kick)
+            self._push(m, kick)
         if first:
             self._warm(m)
+
+    def _push(self, m: Moment, kick: float, time: float = 0.0) -> int:
+        """Kick by the kernel's force at x, which walls are pushed by as well, and drift."""
+        walls = self.spec.driven
+        if kick and walls is not None and walls.continuum is not None:
+            its, taken = walls.continuum, np.zeros(2)
+            continuum_push(m.x, its.inv_mass, *its.arguments, taken)
+            assert m.impulses is not None
+            m.impulses[its.axis, :, its.axis] += kick * taken
+        return self._move(m, self.force, kick, time)
 
     def _move(self, m: Moment, force: np.ndarray, kick: float, time: float = 0.0) -> int:
         """Kick and drift; returns how many beads are to be watched."""
@@ -206,8 +222,13 @@ class StepLoop:
         return motion.move(m.x.ravel(), m.v.ravel(), force.ravel(), self._inv_mass, kick, time, self.reach / m.dt)
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
-        walls = self.spec.walls
-        if walls is not None:
+        walls, driven = self.spec.walls, self.spec.driven
+        if driven is not None:
+            speeds, taken = driven.velocities(m.time + 0.5 * m.dt), np.zeros((3, 2, 3))
+            for k, v in enumerate(velocities):
+                reflect_driven(m.x, v, self.inv_mass, *walls, speeds, k == len(velocities) - 1, taken)  # type: ignore[misc]
+            m.impulses += taken  # type: ignore[operator]
+        elif walls is not None:
             # the last one puts the positions back
             for k, v in enumerate(velocities):
                 motion.reflect_beads(m.x, v, self.inv_mass, *walls, k == len(velocities) - 1)
@@ -240,6 +261,12 @@ class StepLoop:
         self.engine.swept(m.v, m.kT, part * m.dt, m.seed, m.counter, m.values, m.v, update)
         if len(self.still):
             m.v[self.still] = 0.0
+        driven = self.spec.driven
+        if driven is not None and driven.continuum is not None:
+            axis, taken = driven.continuum.axis, np.zeros((2, 3))
+            speeds = driven.velocities(m.time + 0.5 * m.dt)[axis]
+            drag_by_walls(driven.continuum, m.x, m.v, speeds, part * m.dt, m.kT, m.seed, m.counter, taken)
+            m.impulses[axis] += taken  # type: ignore[index]
         if m.values is not None:
             motion.add_to_moving(m.values, self.engine.increments, self.inv_mass)
 

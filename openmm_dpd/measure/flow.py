@@ -19,7 +19,7 @@ from .present import Present, require_stress
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-class _Reporter(Cadence):
+class BuiltReporter(Cadence):
     """What reporters of a built scene share."""
 
     def __init__(self, interval: int, built: BuiltSystem):
@@ -30,7 +30,7 @@ class _Reporter(Cadence):
         self.built = built
 
 
-class StressReporter(_Reporter):
+class StressReporter(BuiltReporter):
     r"""Records stress tensors, for ``simulation.reporters``; for :func:`.green_kubo_viscosity` and :func:`.surface_tension`.
 
     A sample is S = K + sum over pairs, bonds, angles, bonded segments and charges of r F, the pressure tensor times the volume, in
@@ -121,7 +121,7 @@ class StressReporter(_Reporter):
         return self.interval * self.built.integrator.getStepSize().value_in_unit(unit.picosecond)
 
 
-class ProfileReporter(_Reporter):
+class ProfileReporter(BuiltReporter):
     """Records velocities in slabs, for ``simulation.reporters``; beads that do not move are left out.
 
     Parameters

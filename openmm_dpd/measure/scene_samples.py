@@ -57,6 +57,8 @@ class SceneSampler:
             return "the segmental repulsion has no Laplacian here"
         if self.plan.scene.electrostatics is not None:
             return "the interaction of charges has no Laplacian here"
+        if self.plan.driven is not None and self.plan.driven.continuum is not None:
+            return "what is behind walls has no Laplacian here"
         if terms:
             return terms
         if self.plan.engine.lacks(["Laplacian"]):

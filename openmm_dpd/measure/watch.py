@@ -28,6 +28,7 @@ def has_set_temperature(plan: Plan) -> bool:
     """
     scene, options, fields = plan.scene, plan.options, plan.spec.fields
     moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
+    moving_wall = moving_wall or any(np.any(wall.velocity) for wall in scene.walls if wall.velocity is not None)
     own = fields is not None and fields.kind in (ENERGY, TEMPERATURE)
     return options.thermostat and options.ramp is None and not (own or scene.body_forces or scene.interacting is not None or moving_wall)
 

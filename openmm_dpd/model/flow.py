@@ -206,7 +206,7 @@ class Wall:
 
     After each drift a bead beyond the plane is put back by reflection, and its velocity is turned round: its component along the axis
     (``specular``: the wall transmits no shear), or all of it (``bounce-back``: a fluid does not slip).  Both leave the Maxwell distribution
-    and a uniform density as they are.  A wall takes momentum from the fluid; it exerts no force, and no virial.
+    and a uniform density as they are.  A wall takes momentum from the fluid; a plain one exerts no force, and none a virial.
 
     Parameters
     ----------
@@ -217,6 +217,22 @@ class Wall:
         Where the beads are: above, at larger coordinates than the plane, or below.
     kind : {"specular", "bounce-back"}
         Walls on one axis are of one kind.
+    velocity : three velocities, optional
+        Of a wall with bounce-back, along its plane, nm/ps: the fluid next to it has this velocity.  (0, 0, 0) is a wall at rest.  If any
+        wall of a scene has a velocity, or something behind it, impulses on all of them are recorded.
+    period : time, optional
+        The velocity is multiplied by cos(2 pi t/period), t the time of the Context in the middle of a step.
+    behind : str, optional
+        Bead type of a fluid that the solid behind the wall seems to consist of: its mean repulsion, and friction with noise, act on beads
+        nearer than the cutoff (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.
+    density : float, optional
+        Its beads per nm^3.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of bounds, a specular wall has a velocity or something behind it, a velocity points out of the plane, or one of
+        ``behind`` and ``density`` lacks the other.
 
     Notes
     -----
@@ -229,6 +245,10 @@ class Wall:
     position: float
     side: str
     kind: str = "bounce-back"
+    velocity: tuple[float, float, float] | None = None
+    period: float | None = None
+    behind: str | None = None
+    density: float | None = None
 
     def __post_init__(self):
         _axis(self.axis, "a wall")
@@ -237,15 +257,44 @@ class Wall:
             raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {self.side!r}")
         if self.kind not in KINDS:
             raise ParameterError(f"the kind of a wall must be one of {', '.join(KINDS)}, not {self.kind!r}")
+        if self.driven and self.kind != BOUNCE_BACK:
+            raise ParameterError("a specular wall transmits no shear, so it has no velocity and nothing behind it; take kind='bounce-back'")
+        self._keep_velocity()
+        if (self.behind is None) != (self.density is None):
+            raise ParameterError("what is behind a wall is a bead type with its density: give both `behind` and `density`, or neither")
+        if self.behind is not None:
+            if not isinstance(self.behind, str):
+                raise ParameterError(f"what is behind a wall must be the name of a bead type, not {what_is(self.behind)}")
+            keep(self, density=checked(self.density, "number_density", "the density behind a wall", positive=True))
+
+    def _keep_velocity(self) -> None:
+        if self.velocity is None:
+            if self.period is not None:
+                raise ParameterError("a wall with a period needs a velocity")
+            return
+        velocity = np.asarray(to_md(self.velocity, "velocity", "the velocity of a wall"))
+        if velocity.shape != (3,):
+            raise ParameterError(f"the velocity of a wall must be three components, not {self.velocity!r}")
+        if velocity[AXES.index(self.axis)] != 0:
+            raise ParameterError(f"a wall across {self.axis} moves in its plane, but its velocity along {self.axis} is not 0")
+        keep(self, velocity=tuple(velocity.tolist()))
+        if self.period is not None:
+            keep(self, period=checked(self.period, "time", "the period of a wall", positive=True))
+
+    @property
+    def driven(self) -> bool:
+        """Whether it has a velocity or something behind it."""
+        return self.velocity is not None or self.behind is not None
 
 
 class Gap(NamedTuple):
-    """The room between the walls of one axis: limits, kind, and the period (None if it is not periodic)."""
+    """The room between the walls of one axis: limits, kind, period (None if it is not periodic), and the walls by the side of the beads."""
 
     low: float
     high: float
     kind: str
     period: float | None
+    sides: dict[str, Wall]
 
     def fold(self, coordinate: np.ndarray) -> np.ndarray:
         """Coordinates in the period around the middle of the gap."""
@@ -288,7 +337,7 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
                 )
         if low >= high:
             raise ParameterError(f"the lower wall along {name}, at {in_length(low)}, is not below the upper one, at {in_length(high)}")
-        found[AXES.index(name)] = Gap(low, high, kinds.pop(), period)
+        found[AXES.index(name)] = Gap(low, high, kinds.pop(), period, sides)
     return found
 
 

@@ -52,9 +52,10 @@ def is_gpu(platform: str | None) -> bool:
 
 
 def chosen_engine(
-    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, beads: int, partial: bool = False
+    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, beads: int, partial: bool, driven: bool
 ) -> tuple[str, str]:
-    """Name of the engine, and why it is that one; ``partial``: on some beads only body forces act.
+    """Name of the engine, and why it is that one; ``partial``: on some beads only body forces act; ``driven``: walls move or have
+    something behind them.
 
     Raises
     ------
@@ -71,6 +72,7 @@ def chosen_engine(
         "there is no friction and no noise": not thermostat,
         f"it has no {beyond}": beyond is not None,
         "it has no beads on which only body forces act": partial,
+        "it has no walls that move or have something behind them": driven,
         "it has no several tables": len(kinds) > 1,
         f"it takes no more than {MOST_BEADS:,} beads": beads > MOST_BEADS,
     }

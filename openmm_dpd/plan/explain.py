@@ -4,7 +4,7 @@ import numpy as np
 
 from ..base.wording import either, in_length, in_number, in_units, thermal, unit_name
 from ..kernels.fields import ENERGY, TEMPERATURE
-from ..model.flow import gaps
+from ..model.flow import Wall, gaps
 from ..model.pairs import describe
 from .kinds import bonded_kind
 from .pair_spec import longest
@@ -49,9 +49,20 @@ def explain_plan(plan: Plan) -> str:
         lines.append(f"beads on which only body forces act, along x/y/z: {counts}")
     for axis, gap in gaps(scene.walls, scene.box).items():
         lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {in_length(gap.low)} to {in_length(gap.high)}")
+        lines += [f"  {_wall_text(wall)}" for wall in gap.sides.values() if wall.driven]
     if frozen:
         lines.append(f"{frozen} beads do not move (mass 0)")
     return "\n".join(lines)
+
+
+def _wall_text(wall: Wall) -> str:
+    parts = [f"the one with the beads {wall.side}:"]
+    if wall.velocity is not None:
+        swings = "" if wall.period is None else f" times cos(2 pi t/{in_units(wall.period, 'time')})"
+        parts.append(f"velocity ({', '.join(f'{u:g}' for u in wall.velocity)}){swings}")
+    if wall.behind is not None:
+        parts.append(f"behind it a continuum of {wall.behind} with the density {wall.density:g}")
+    return " ".join(parts)
 
 
 def _particle_lines(plan: Plan) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from ..base.errors import ParameterError, PlanError, what_is
 from ..base.html import fact_table
 from ..base.names import PAIR_GROUP
+from ..kernels.driven import Driven
 from ..kernels.engines import EngineKind, engine_kind
 from ..kernels.fields import ENERGY
 from ..kernels.interface import Engine
@@ -22,6 +23,7 @@ from ..model.schemes import scheme_of
 from ..model.temperature import TemperatureRamp
 from .charge_forces import charge_factors, ewald_of, few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
+from .continuum import check_driven, driven_walls
 from .device import DEVICE, chosen_engine
 from .execution import DOUBLE_PLATFORMS, Execution, conservative_place, why_no_loop, why_parts
 from .host import Host
@@ -34,6 +36,7 @@ from .program_options import ProgramOptions, field_options, tau_ratio
 ResolvedTable = dict[tuple[str, str], Any]
 
 
+_DRIVEN = "walls that move or have something behind them"
 #: What an engine needs for the letters of a word that sweep.
 _SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
 
@@ -61,6 +64,8 @@ class Plan:
         Settings of the lattice sum of charges.
     host : Host or None
         The System made elsewhere that the pair terms are added to.
+    driven : Driven or None
+        Walls, if some move or have something behind them.
     """
 
     scene: Scene
@@ -73,6 +78,7 @@ class Plan:
     ewald: EwaldSum | None = None
     charge_exceptions: Factors = field(default_factory=dict)
     host: Host | None = None
+    driven: Driven | None = None
 
     def __repr__(self) -> str:
         options = self.options
@@ -117,6 +123,7 @@ class Plan:
             "factors of bonded neighbours": bool(self.exceptions),
             "immobile beads": bool(scene.immobile.any()),
             "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
+            _DRIVEN: self.driven is not None,
         }
         yield from (name for name, there in features.items() if there)
         yield from (part for part in self.execution.why if part in self.execution.held)
@@ -221,8 +228,12 @@ def make_plan(
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
     only = next(filter(None, reasons), None)
-    double = platform in DOUBLE_PLATFORMS
-    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene.n_beads, scene.interacting is not None)
+    double, driven = platform in DOUBLE_PLATFORMS, any(wall.driven for wall in scene.walls)
+    check_driven(scene, chosen, tables, thermostat)
+    only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
+    engine_name, why_engine = chosen_engine(
+        engine, platform, chosen, kinds, thermostat, scene.n_beads, scene.interacting is not None, driven
+    )
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, longest(layers))
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
@@ -232,6 +243,8 @@ def make_plan(
     choices |= {"field_names": carriers[0].field_text} if carriers else {}
     no_loop = "the device does them" if on_device else None
     no_loop = no_loop or why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
+    if driven and no_loop is not None:
+        raise PlanError(f"{_DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
     ewald = ewald_of(scene)
     held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
     constrained = host is not None and host.constrained
@@ -271,7 +284,8 @@ def make_plan(
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
     spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out)
-    plan = Plan(scene, spec, options, tuple(layers), tuple(overlays), exceptions, platform, ewald, charge_factors(scene), host)
+    parts = scene, spec, options, tuple(layers), tuple(overlays), exceptions, platform
+    plan = Plan(*parts, ewald, charge_factors(scene), host, driven_walls(scene, layers))
     if engine != "auto":
         _check_engine(plan)
     return plan

@@ -49,6 +49,8 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
         raise PlanError("a barostat would scale the positions of immobile beads; it needs a scene where all beads move")
     if scene.interacting is not None:
         raise PlanError("a barostat needs a scene where all forces act on all beads; `interacting` takes some away")
+    if built.plan.driven is not None:
+        raise PlanError("a barostat moves beads and not walls that move or have something behind them")
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if len(axes) != 3 or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {axes!r}")

@@ -137,6 +137,7 @@ def _pair_function(plan: Plan) -> PairForceFunction:
     held = extras(scene, plan.overlays, plan.exceptions, execution.held)
     charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if "charges" in execution.held else None
     held += () if charges is None else (charges,)
+    held += () if plan.driven is None or plan.driven.continuum is None else (plan.driven.continuum,)
     return PairForceFunction(
         replace(plan.spec, extras=held),
         conservative=execution.pushes,
@@ -156,4 +157,4 @@ def _step_spec(plan: Plan) -> StepSpec:
     found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
     planes = tuple(found[name] for name in walls.CONSTANTS) if found else None
     weights = options.thermostat, options.lam, options.field_lam
-    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, options.ramp)
+    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, plan.driven, options.ramp)

@@ -18,6 +18,7 @@ from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.fingerprint import fingerprint
 from ..plan.forces.pair_force import PairForceFunction
 from ..plan.forces.thread_state import ThreadState
+from .barostat_temperature import barostats as barostats_of
 from .fields import field_variables, per_dof, raw_fields, raw_rates
 from .integrators import PairIntegrator
 
@@ -44,6 +45,8 @@ class WholeSteps:
         """
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
+        if barostats and self.spec.driven is not None and any(each.getFrequency() > 0 for each in barostats_of(context)):
+            raise openmm.OpenMMException("a barostat moves beads and not walls that move or have something behind them; remove it")
         state = context.getState(positions=True, velocities=True, parameters=True)
         # the step size as the program would set it first
         count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
@@ -94,6 +97,10 @@ class WholeSteps:
         moment = Moment(x.copy(), v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
+        if spec.driven is not None:
+            moment.time, moment.impulses = bare(state.getTime()), np.zeros((3, 2, 3))
+            for place, name in shared.IMPULSES.items():
+                moment.impulses[place] = parameters.get(name, 0.0)
         if spec.ramp is not None:
             moment.ramped = integrator.getGlobalVariableByName(shared.RAMP_STEP)
         fields = function.spec.fields
@@ -125,6 +132,10 @@ class WholeSteps:
             context.setParameter(shared.KT, moment.kT)
             parameters[shared.KT] = moment.kT
             put(integrator, shared.RAMP_STEP, moment.ramped)
+        for place, name in shared.IMPULSES.items() if spec.driven is not None else ():
+            if name in parameters:
+                assert moment.impulses is not None
+                context.setParameter(name, float(moment.impulses[place]))
         held = {}
         if moment.values is not None and own.fields is not None:
             own.fields.values = moment.values

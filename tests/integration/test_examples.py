@@ -223,6 +223,18 @@ def test_reverse_poiseuille(tmp_path, monkeypatch, seed):
     assert is_picture(tmp_path / "profile.png")
 
 
+@pytest.mark.slow
+@any_seed(0)
+def test_couette(tmp_path, monkeypatch, seed):
+    """A shorter run: the published viscosity, of which 3 % are not known, and the imposed shear rate within 2 %."""
+    found = example("15_couette", monkeypatch, seed, STEPS=16000, EQUILIBRATION=1500).main(tmp_path)
+    assert found["error"] < 0.05 and found["rate_error"] < 0.03
+    assert found["viscosity"] == pytest.approx(0.85, abs=4 * found["error"] + 0.03 * 0.85)
+    assert found["rate"] == pytest.approx(1, abs=4 * found["rate_error"] + 0.02)
+    assert found["pressure"] == pytest.approx(23.64, abs=0.1)
+    assert is_picture(tmp_path / "couette.png")
+
+
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
     found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()

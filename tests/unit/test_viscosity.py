@@ -8,7 +8,8 @@ from raising import raises
 from scenes import beads, chains, fluid, ready
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import VelocityProfile, green_kubo_viscosity, poiseuille_viscosity
+from openmm_dpd.analysis import VelocityProfile, couette_viscosity, green_kubo_viscosity, poiseuille_viscosity
+from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine
 from openmm_dpd.measure import ProfileReporter, StressReporter
 
@@ -170,6 +171,23 @@ def test_reverse_poiseuille_fit():
     assert exact.viscosity == pytest.approx(0.85, rel=1e-6) and exact.slip is None
     shifted = poiseuille_viscosity(profile(lambda z: v((z - 2.5) % 10), noise=1e-9), 0.05, origin=2.5)
     assert shifted.viscosity == pytest.approx(0.85, rel=1e-6)
+
+
+def test_couette_fit():
+    """A line through a channel from 1.5 to 8.5 with a slip of 0.1 at the lower end, slabs near the ends off; errors of rate and stress."""
+
+    def v(z):
+        return np.where((z > 2) & (z < 8), 0.2 * (z - 1.5) - 0.9, 5.0)
+
+    stress = 0.17 + 0.03 * np.random.default_rng(2).normal(size=400)
+    found = couette_viscosity(profile(v), stress, channel=(1.5, 8.5), skip=0.5)
+    assert found.rate == pytest.approx(0.2, abs=4 * found.rate_error) and 0 < found.rate_error < 0.001
+    assert found.stress_error == pytest.approx(0.0015, rel=0.2) and found.converged
+    assert found.viscosity == pytest.approx(0.85, abs=4 * found.error)
+    assert found.error / found.viscosity == pytest.approx(np.hypot(found.stress_error / 0.17, found.rate_error / 0.2), rel=0.05)
+    assert found.ends == pytest.approx((-0.9, 0.5), abs=0.005)
+    raises(ParameterError, "slabs are left", couette_viscosity, profile(v), stress, channel=(1.5, 8.5), skip=3.2)
+    raises(ParameterError, "not sheared", couette_viscosity, profile(np.zeros_like, noise=0.0), stress, channel=(1.5, 8.5))
 
 
 def test_channel_fit():

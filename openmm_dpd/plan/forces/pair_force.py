@@ -115,6 +115,11 @@ class PairForceFunction:
         x = self.positions(state)
         box = self.box(state)
         self.scale_body_forces(own, parameters)
+        if phase != Phase.IDLE and self.steps is not None and self.steps.driven is not None:
+            raise RunError(
+                "walls that move or have something behind them need the integrator that build() returned, by itself: its program, which "
+                "OpenMM carries out if it was read from XML or is part of a CompoundIntegrator, does not know them"
+            )
         if phase in KEEPING:
             for bonds in self.length_checked:
                 wrong = bonds.overstretched(x, box)
@@ -225,6 +230,8 @@ def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrat
         parameters |= {names.VOLUME_MOVES: 0.0, names.VOLUME_STEP: 0.01, names.VOLUME_ACCEPTED: 0.0}
     if any(extra.term == "external" for extra in function.spec.extras):
         parameters[names.BODY_FORCE] = 1.0
+    if function.steps is not None and function.steps.driven is not None:
+        parameters |= {names.IMPULSES[place]: 0.0 for place in np.ndindex(3, 2, 3) if function.steps.driven.there[place[:2]]}
     force = openmm.PythonForce(function, parameters)
     force.setName(names.PAIR_FORCE)
     force.setForceGroup(options.pair_group)

@@ -1,0 +1,174 @@
+"""Walls that move or have something behind them: what the kernel has to know, and what cannot be combined with them.
+
+Behind a plane lies a continuum of beads of one type with the density rho and the radial distribution g(r) of its fluid.  With the pairs'
+force f(r) and friction gamma(r) = gamma w^2 there are these integrals over the half space beyond the distance h::
+
+    F(h)       = pi rho int_h^rc f g (r^2 - h^2) dr
+    Gamma_n(h) = 2 pi rho int_h^rc gamma g (r^3 - h^3)/(3 r) dr                    along the normal
+    Gamma_p(h) = pi rho int_h^rc gamma g (r (r - h) - (r^3 - h^3)/(3 r)) dr        in each direction of the plane
+
+g(r) is that of the hypernetted chain, which gives the pressure of soft repulsions to 1 %.  In the plane the friction is 2 Gamma_p, since a
+fluid that goes on behind the wall, turned by 180 degrees, has twice the velocity relative to a bead on average; and Gamma_p of the
+correlation of forces, f^2 tau/kT in place of gamma.  docs/theory_flow.md derives it.
+"""
+
+import numpy as np
+from scipy.fft import dst
+
+from ..base.errors import PlanError
+from ..base.wording import in_length
+from ..kernels.driven import Continuum, Driven
+from ..kernels.elementary import without_last_bits
+from ..model.flow import AXES, Gap, Wall, gaps
+from ..model.pairs import NONE
+from ..model.scene import Scene
+from ..model.schemes import Scheme
+from ..model.temperature import TemperatureRamp
+
+#: The two numbers that were fitted, to a flat density and to no slip of the standard fluid (docs/theory_flow.md): the range of F is shorter
+#: by this factor, at the same pressure; and the correlation time of forces between beads, in units of rc sqrt(m/kT).
+SHRUNK, COLLISION = 1.03, 0.05
+#: Rows of a table; points of the grid of g(r), and its length in cutoffs.
+ROWS, POINTS, RANGE = 256, 1024, 8.0
+#: Bits behind the point that tables have, in their own units: transforms differ in the last ones from machine to machine.
+BITS = 30
+
+
+def driven_walls(scene: Scene, tables: list[dict]) -> Driven | None:
+    """What the kernel has to know of the walls; None where all are plain.  ``tables`` are the resolved pair coefficients."""
+    if not any(wall.driven for wall in scene.walls):
+        return None
+    there, velocity, period, continuum = np.zeros((3, 2), bool), np.zeros((3, 2, 3)), np.zeros((3, 2)), None
+    for axis, gap in gaps(scene.walls, scene.box).items():
+        for side, wall in enumerate(gap.sides.get(name) for name in ("above", "below")):
+            there[axis, side] = wall is not None
+            if wall is not None and wall.velocity is not None:
+                velocity[axis, side], period[axis, side] = wall.velocity, wall.period or 0.0
+        if any(wall.behind for wall in gap.sides.values()):
+            continuum = _continuum(scene, axis, gap, tables)
+    return Driven(there, velocity, period, continuum)
+
+
+def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: bool) -> None:
+    """Raise PlanError if there is something behind a wall that cannot be."""
+    behind = [wall for wall in scene.walls if wall.behind]
+    if not behind:
+        return
+    wall = behind[0]
+    coefficients = [c for table in tables for c in table.values() if c is not NONE]
+    others = sorted({type(c).__name__ for c in coefficients} - {"DPD"})
+    reasons = {
+        f"the scheme {scheme.name!r} has no pair updates, which its friction goes with": not scheme.sweeps,
+        "nothing has friction or noise": not thermostat,
+        "its structure is that of one temperature above 0": isinstance(scene.kT, TemperatureRamp) or scene.initial_kT == 0.0,
+        "walls with something behind them stand along one axis": len({each.axis for each in behind}) > 1,
+        f"there is no bead type {wall.behind!r}": any(each.behind not in scene.type_names for each in behind),
+        f"pairs interact by {', '.join(others) or 'several tables'}, not by one table of DPD": bool(others) or len(tables) > 1,
+        "sigma is fixed and gamma not; give gamma": any(not others and c.gamma is None and c.sigma for c in coefficients),
+        "charges would have images there": scene.electrostatics is not None,
+    }
+    if not others and len(tables) == 1:
+        alone = next((each.behind for each in behind if tables[0].get((each.behind, each.behind), NONE) is NONE), None)
+        reasons[f"beads of type {alone!r} do not interact"] = alone is not None
+    reason = next((reason for reason, holds in reasons.items() if holds), None)
+    if reason is not None:
+        raise PlanError(f"no fluid can be behind a wall: {reason}")
+    gap, axis = gaps(scene.walls, scene.box)[AXES.index(wall.axis)], AXES.index(wall.axis)
+    reach = max(c.cutoff for c in tables[0].values())
+    if gap.period is not None and gap.period - (gap.high - gap.low) < reach * (1 - 1e-9):
+        raise PlanError(
+            f"the solid between the walls along {wall.axis} is thinner than the cutoff of {in_length(reach)}: beads on both sides would "
+            "feel each other beside the fluid behind the walls"
+        )
+    z = gap.fold(scene.positions[:, axis])
+    if np.any(scene.immobile & ((z < gap.low) | (z > gap.high))):
+        raise PlanError("immobile beads lie where a fluid is behind a wall: either of them is what beads near the wall feel")
+
+
+def _continuum(scene: Scene, axis: int, gap: Gap, tables: list[dict]) -> Continuum:
+    reach = max(c.cutoff for c in tables[0].values())
+    walls = [gap.sides.get(name) for name in ("above", "below")]
+    rows = [_rows(scene, wall, tables[0], reach) for wall in walls]
+    start, period = -1e9, 4e9
+    if gap.period is not None:
+        start, period = 0.5 * (gap.low + gap.high - gap.period), gap.period
+    return Continuum(
+        types=scene.type_ids.copy(),
+        inv_mass=np.where(scene.immobile, 0.0, 1.0 / scene.bead_masses),
+        axis=axis,
+        planes=np.array([gap.low, gap.high]),
+        there=np.array([float(wall is not None and wall.behind is not None) for wall in walls]),
+        start=start,
+        period=period,
+        tables=np.array(rows),
+        reach=reach,
+    )
+
+
+def _rows(scene: Scene, wall: Wall | None, table: dict, reach: float) -> np.ndarray:
+    """(T, ROWS + 1, 4) columns of the kernel's tables."""
+    found = np.zeros((len(scene.type_names), ROWS + 1, 4))
+    if wall is None or wall.behind is None or wall.density is None:
+        return found
+    h = np.linspace(0.0, reach, ROWS + 1)
+    r, g = fluid_structure(table[wall.behind, wall.behind], wall.density, scene.initial_kT)
+    for k, name in enumerate(scene.type_names):
+        pair = table[name, wall.behind] if (name, wall.behind) in table else table[wall.behind, name]
+        if pair is not NONE:
+            found[k] = wall_table(pair, scene.masses[name], scene.initial_kT, wall.density, r, g, h)
+    return found
+
+
+def fluid_structure(pair, density: float, kT: float) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and g(r) of a fluid whose beads repel each other by A w; the hypernetted chain, solved by iteration."""
+    reach = pair.cutoff
+    dr, n = RANGE * reach / POINTS, np.arange(1, POINTS)
+    r, k = dr * n, np.pi / (RANGE * reach) * n
+    if not pair.A:
+        return r, np.ones(len(r))
+    energy = 0.5 * pair.A * reach * np.clip(1.0 - r / reach, 0.0, None) ** 2 / kT
+    indirect = np.zeros(len(r))
+    for _ in range(5000):
+        direct = np.exp(indirect - energy) - 1.0 - indirect
+        in_k = 2.0 * np.pi * dr / k * dst(r * direct, type=1)
+        new = dst(k * density * in_k**2 / (1.0 - density * in_k), type=1) / (4.0 * np.pi * RANGE * reach * r)
+        off = float(np.abs(new - indirect).max())
+        indirect = 0.5 * (indirect + new)
+        if off < 1e-11:
+            return r, np.exp(indirect - energy)
+        if not off < 1e6:
+            break
+    raise PlanError(
+        f"the structure of the fluid behind a wall, with the density {density:g} and A = {pair.A:g}, is not to be had: the hypernetted "
+        "chain does not converge"
+    )
+
+
+def wall_table(pair, mass: float, kT: float, density: float, r: np.ndarray, g: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """(len(h), 4) force, energy, and frictions along the normal and in the plane, of a continuum for beads of this mass, at distances h."""
+    fine = np.linspace(0.0, pair.cutoff, 4 * ROWS + 1)
+    w, there = 1.0 - fine / pair.cutoff, np.interp(fine, r, g)
+
+    def integral(values, weight):
+        """2 pi rho times that of values g weight(r, h) from h on."""
+        rows = []
+        for low in np.minimum(h, pair.cutoff):
+            s = low + (pair.cutoff - low) * np.linspace(0.0, 1.0, 4 * ROWS + 1)
+            y = np.interp(s, fine, values * there) * weight(np.maximum(s, 1e-12), low)
+            rows.append(0.5 * np.sum((y[1:] + y[:-1]) * np.diff(s)))
+        return 2.0 * np.pi * density * np.array(rows)
+
+    def frictions(gamma):
+        """Of a friction gamma(r) along the line of centres: along the normal, and in each direction of the plane."""
+        trace, normal = integral(gamma, lambda s, low: s * (s - low)), integral(gamma, lambda s, low: (s**3 - low**3) / (3.0 * s))
+        return normal, 0.5 * (trace - normal)
+
+    force = integral(pair.A * w, lambda s, low: 0.5 * (s * s - low * low))
+    force = SHRUNK * np.interp(SHRUNK * h, h, force)
+    normal, plane = frictions((pair.gamma or 0.0) * w ** (2.0 * pair.exponent))
+    perpendicular = frictions(pair.gamma_perp * w ** (2.0 * pair.exponent_perp))
+    normal, plane = normal + 2.0 * perpendicular[1], plane + sum(perpendicular)
+    plane = 2.0 * plane + COLLISION * pair.cutoff * np.sqrt(mass / kT) / kT * frictions((pair.A * w) ** 2)[1]
+    force, normal, plane = (without_last_bits(column, BITS) for column in (force, normal, plane))
+    energy = np.append(np.cumsum((0.5 * np.diff(h) * (force[1:] + force[:-1]))[::-1])[::-1], 0.0)
+    return np.stack([force, energy, normal, plane], axis=1)

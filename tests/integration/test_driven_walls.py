@@ -1,0 +1,383 @@
+"""Walls that move or have something behind them: single steps and tables beside numpy, momentum, bits, refusals; the flow between them."""
+
+from io import StringIO
+from itertools import product
+
+import numpy as np
+import openmm
+import pytest
+from cases import cases
+from judged import any_seed
+from raising import raises
+
+import openmm_dpd as dpd
+from openmm_dpd.analysis import couette_viscosity
+from openmm_dpd.base.errors import ParameterError, PlanError
+from openmm_dpd.base.names import IMPULSES
+from openmm_dpd.base.units import BOLTZMANN
+from openmm_dpd.kernels import driven
+from openmm_dpd.kernels.noise import noise_key, normal, pair_key
+from openmm_dpd.measure import ProfileReporter, WallReporter
+from openmm_dpd.plan import continuum
+
+LOW, HIGH, EDGES = 0.7, 4.7, np.array([4.0, 4.0, 5.0])
+STANDARD = dpd.DPD(A=25, gamma=4.5)
+
+
+def walls(low=LOW, high=HIGH, velocity=(0.5, -0.2, 0.0), axis="z", **more):
+    return [dpd.Wall(axis, low, "above", velocity=velocity, **more), dpd.Wall(axis, high, "below", velocity=(-0.3, 0, 0), **more)]
+
+
+def fluid(seed: int = 1, planes=None, **more) -> dpd.Scene:
+    """Two types of different masses, some of them in pairs, strewn over boxes along x and y."""
+    rng = np.random.default_rng(seed)
+    x = rng.random((192, 3)) * [4, 4, HIGH - LOW] + [0, 0, LOW] + EDGES * rng.integers(-1, 2, (192, 3))
+    bonds = [dpd.HarmonicBonds(np.arange(20).reshape(-1, 2), k=20, r0=0.5)]
+    types = ["W", "B"] * 96
+    planes = walls(behind="W", density=3.0) if planes is None else planes
+    table = {("*", "*"): dpd.DPD(A=25, gamma=4.5), ("B", "W"): dpd.DPD(A=35, gamma=9, gamma_perp=2)}
+    return dpd.Scene(
+        **{
+            "masses": {"W": 1.0, "B": 2.0},
+            "types": types,
+            "positions": x,
+            "pairs": table,
+            "kT": 1.0,
+            "box": EDGES,
+            "walls": planes,
+            "bonds": bonds,
+        }
+        | more
+    )
+
+
+def run(scene, steps: int = 0, platform: str = "CPU", threads: str = "1", **choices):
+    built = dpd.build(scene, **{"dt": 0.02, "seed": 5, "platform": platform, **choices})
+    simulation = built.simulation(properties={"Threads": threads} if platform == "CPU" else None)
+    simulation.step(steps)
+    return built, simulation
+
+
+def state_of(simulation):
+    """Positions, velocities, impulses of all walls (3, 2, 3)."""
+    state = simulation.context.getState(positions=True, velocities=True, parameters=True)
+    known, taken = state.getParameters(), np.zeros((3, 2, 3))
+    for place, name in IMPULSES.items():
+        taken[place] = known[name] if name in known else 0.0
+    return state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value, taken
+
+
+# -- tables --------------------------------------------------------------------------------------------------------------------
+def half_space(r, values, weight, h):
+    """Sum over points of the half space beyond the distance h of values(|r|) weight(cosine to the normal); in cylinders, by brute force."""
+    z = h + (np.arange(400) + 0.5) / 400 * (1 - h)
+    radius = (np.arange(400) + 0.5) / 400
+    z, radius = np.meshgrid(z, radius)
+    distance = np.hypot(z, radius)
+    inside = distance < 1
+    found = np.interp(distance, r, values) * weight(z / distance) * 2 * np.pi * radius
+    return float(found[inside].sum() * (1 - h) / 400 / 400)
+
+
+def test_tables_are_integrals_over_the_half_space():
+    """Brute force in place of one-dimensional integrals, with both exponents and transverse friction."""
+    pair = dpd.DPD(A=20, gamma=3, gamma_perp=2, exponent=0.7, exponent_perp=1.4)
+    r = np.linspace(0.001, 2, 2000)
+    g, h, rho = 1 + 0.3 * np.sin(3 * r), np.linspace(0, 1, 257), 2.5
+    found = continuum.wall_table(pair, 3.0, 2.0, rho, r, g, h)
+    w = np.clip(1 - r, 0, None)
+    for row in (0, 40, 128, 200):
+        at = h[row]
+        shrunk = rho * 1.03 * half_space(r, 20 * w * g, lambda c: c, 1.03 * at)
+        radial, across = 3 * w**1.4 * g, 2 * w**2.8 * g
+        along = rho * (half_space(r, radial, lambda c: c * c, at) + half_space(r, across, lambda c: 1 - c * c, at))
+        plane = half_space(r, radial, lambda c: (1 - c * c) / 2, at) + half_space(r, across, lambda c: (1 + c * c) / 2, at)
+        collisions = 0.05 * np.sqrt(3 / 2) / 2 * half_space(r, (20 * w) ** 2 * g, lambda c: (1 - c * c) / 2, at)
+        assert found[row, [0, 2, 3]] == pytest.approx([shrunk, along, rho * (2 * plane + collisions)], rel=4e-3)
+    assert np.allclose(np.diff(found[:, 1]), -0.5 * (found[1:, 0] + found[:-1, 0]) * np.diff(h), atol=1e-12) and found[-1, 1] == 0
+
+
+def test_structure_of_the_fluid():
+    """The published pressure of the standard fluid, 23.64, from its virial; and exp(-U/kT) in a dilute gas."""
+    r, g = continuum.fluid_structure(STANDARD, 3.0, 1.0)
+    pressure = 3 + 2 * np.pi / 3 * 9 * np.sum(r**3 * 25 * np.clip(1 - r, 0, None) * g) * (r[1] - r[0])
+    assert pressure == pytest.approx(23.64, rel=0.01)
+    r, g = continuum.fluid_structure(dpd.DPD(A=12, gamma=1, cutoff=2.0), 1e-7, 0.5)
+    assert np.allclose(g, np.exp(-12 * np.clip(1 - r / 2, 0, None) ** 2 / 0.5), atol=1e-5)
+
+
+# -- single steps ----------------------------------------------------------------------------------------------------------------
+def expected_steps(scene, v, speeds, steps: int, dt: float, seed: int):
+    """``middle`` of beads that do not meet: kick, half drifts with reflections, friction; in numpy, one bead and wall after the other."""
+    x, v, taken, h = scene.positions.copy(), v.copy(), np.zeros((2, 3)), np.linspace(0, 1, continuum.ROWS + 1)
+    r, g = continuum.fluid_structure(STANDARD, 3.0, 1.0)
+    table, mass, period = continuum.wall_table(STANDARD, 2.0, 1.0, 3.0, r, g, h), 2.0, EDGES[2]
+
+    def fold(z):
+        return (z - LOW + 0.15) % period + LOW - 0.15
+
+    def distance(z, side):
+        return fold(z) - LOW if side == 0 else HIGH - fold(z)
+
+    for step in range(steps):
+        time = (step + 0.5) * dt
+        u = np.array([np.array(speed) * (1.0 if turn is None else np.cos(2 * np.pi * time / turn)) for speed, turn in speeds])
+        beads = range(len(x))
+        for i, side in product(beads, range(2)):
+            push = np.interp(distance(x[i, 2], side), h, table[:, 0], right=0.0) * (1, -1)[side] * dt
+            v[i, 2] += push / mass
+            taken[side, 2] -= push
+        for half in range(2):
+            x += 0.5 * dt * v
+            for i, side in product(beads, range(2)):
+                beyond = -distance(x[i, 2], side)
+                if beyond > 0:
+                    x[i, 2] += 2 * beyond * (1, -1)[side]
+                    taken[side] -= mass * (2 * u[side] - 2 * v[i])
+                    v[i] = 2 * u[side] - v[i]
+            if half == 0:
+                key = noise_key(seed, step + 1, driven.NOISE, 1.0)
+                for i, side, k in product(beads, range(2), range(3)):
+                    at = distance(x[i, 2], side)
+                    gamma = np.interp(at, h, table[:, 2 if k == 2 else 3], right=0.0)
+                    kept = np.exp(-gamma * dt / mass)
+                    drawn = normal(np.uint64(pair_key(key, i, i)), 3 * side + k) if at < 1 else 0.0
+                    new = u[side, k] + kept * (v[i, k] - u[side, k]) + np.sqrt((1 - kept**2) / mass) * drawn
+                    taken[side, k] -= mass * (new - v[i, k])
+                    v[i, k] = new
+    return x, v, taken
+
+
+def test_steps_beside_numpy():
+    """Beads near both walls, over several boxes, that meet walls and no other bead; the lower wall swings."""
+    z = np.array([0.71, 0.9, 1.5, 4.6, 4.69, 2.5, 0.75 - 5, 4.66 + 10])
+    x = np.column_stack([2.0 * (np.arange(8) % 4), 2.0 * (np.arange(8) // 4), z])
+    v = np.array([[1, 0, -3], [0, 1, -9], [0, 0, -9], [1, 1, 4], [-1, 0, 2], [0, 0, 8], [0.5, 0, -4], [0, 0, 6.0]])
+    common = {"masses": {"W": 1.0, "B": 2.0}, "types": ["B"] * 8, "positions": x, "velocities": v, "kT": 1.0, "box": EDGES + [4, 0, 0]}
+    planes = [
+        dpd.Wall("z", LOW, "above", velocity=(0.5, -0.2, 0), period=0.3, behind="W", density=3.0),
+        dpd.Wall("z", HIGH, "below", velocity=(-0.3, 0, 0), behind="W", density=3.0),
+    ]
+    scene = dpd.Scene(**common, pairs={("*", "*"): STANDARD}, walls=planes)
+    expected = expected_steps(scene, v, [((0.5, -0.2, 0), 0.3), ((-0.3, 0, 0), None)], 8, 0.01, 5)
+    for platform in ("CPU", "Reference"):
+        _, simulation = run(scene, 8, platform, dt=0.01)
+        found = state_of(simulation)
+        for one, other in zip((*found[:2], found[2][2]), expected, strict=True):
+            assert np.allclose(one, other, rtol=0, atol=1e-9)
+    assert np.abs(expected[2]).min() > 0.1
+
+
+def test_edges_between_moving_walls():
+    """Beyond two walls at once each turns its normal component; the first moves the rest; one of the walls is specular."""
+    low, high, back, u = np.zeros(3), np.full(3, 4.0), np.array([1.0, 0.0, 1.0]), np.zeros((3, 2, 3))
+    u[0, 0], u[2, 1] = (0, 5, 7), (0.5, 0.25, 0)
+    x, v, taken = np.array([[-0.5, 2, 4.25], [1, -0.5, 4.5]]), np.array([[-1.0, 2, 3], [1, -2, 4]]), np.zeros((3, 2, 3))
+    driven.reflect_driven(x, v, np.full(2, 0.5), low, high, np.full(3, -1e9), np.full(3, 4e9), back, u, True, taken)
+    assert np.allclose(x, [[0.5, 2, 3.75], [1, 0.5, 3.5]])
+    assert np.allclose(v, [[1, 8, -3], [0, 2, -4]])
+    expected = np.zeros((3, 2, 3))
+    expected[0, 0], expected[2, 1], expected[1, 0] = (-4, -12, 0), (2, 0, 12 + 16), (0, -8, 0)
+    assert np.allclose(taken, expected)
+
+
+def test_friction_keeps_the_maxwell_distribution():
+    """20,000 beads at one distance: those at thermal equilibrium about the wall stay so, however long the step."""
+    n, u = 20000, np.array([[0.5, -1, 0], [0, 0, 0]])
+    tables = np.zeros((2, 1, 2, 4))
+    tables[0, 0, :, 2:] = [[3.0, 5.0], [3.0, 5.0]]
+    its = driven.Continuum(np.zeros(n, np.int32), np.full(n, 0.5), 2, np.array([0.0, 9.0]), np.ones(2), -1e9, 4e9, tables, 1.0)
+    v = np.random.default_rng(1).normal(size=(n, 3)) * np.sqrt(0.7 / 2) + u[0]
+    for time in (0.1, 3.0):
+        before, taken = v.copy(), np.zeros((2, 3))
+        driven.drag_by_walls(its, np.full((n, 3), 0.5), v, u, time, 0.7, 7, int(10 * time), taken)
+        assert np.allclose(taken[0], -2 * (v - before).sum(axis=0)) and not taken[1].any()
+        assert np.allclose(v.mean(axis=0), u[0], atol=4 * np.sqrt(0.35 / n))
+        assert np.allclose(v.var(axis=0), 0.35, atol=4 * 0.35 * np.sqrt(2 / n))
+        kept = np.exp(-np.array([5, 5, 3]) * 0.5 * time)
+        assert np.allclose(np.mean((before - u[0]) * (v - u[0]), axis=0), 0.35 * kept, atol=4 * 0.35 / np.sqrt(n) * 1.5)
+
+
+def test_repulsion_is_minus_the_slope_of_the_energy():
+    scene = fluid()
+    built, simulation = run(scene)
+    context, step = simulation.context, 1e-5
+    forces = dpd.force_terms(built)["external"]
+    near = np.flatnonzero(forces[:, 2])[:10]
+    assert len(near) == 10 and not forces[:, :2].any()
+    total = context.getState(forces=True).getForces(asNumpy=True)._value
+    for i in near:
+        energies = []
+        for sign in (1, -1):
+            x = scene.positions.copy()
+            x[i, 2] += sign * step
+            context.setPositions(x)
+            energies.append(context.getState(energy=True).getPotentialEnergy()._value)
+        assert total[i, 2] == pytest.approx((energies[1] - energies[0]) / 2 / step, rel=1e-5, abs=1e-4)
+
+
+# -- what is kept ----------------------------------------------------------------------------------------------------------------
+@cases(
+    "scheme, behind", ("middle", True), ("shardlow", True), ("bababo", True), ("B/2 A/2 S A/2 B/2", True), ("mvv", False), ("aboba", False)
+)
+def test_walls_get_what_the_fluid_loses(scheme, behind):
+    """To rounding: impulses of 30 steps are some hundreds."""
+    planes = None if behind else [*walls(), dpd.Wall("x", 0.0, "above", "specular"), dpd.Wall("x", 4.0, "below", "specular")]
+    box = EDGES if behind else EDGES + [1, 0, 0]
+    x = fluid().positions
+    scene = fluid(planes=planes, box=box, positions=x if behind else np.column_stack([x[:, 0] % 4, x[:, 1:]]))
+    mass = scene.bead_masses[:, None]
+    _, simulation = run(scene, scheme=scheme, dt=0.01)
+    before = np.sum(mass * state_of(simulation)[1], axis=0)
+    simulation.step(30)
+    _, v, taken = state_of(simulation)
+    assert np.abs(taken[2]).min() > 1e-3 and np.abs(taken).max() > 30
+    assert np.allclose(np.sum(mass * v, axis=0) - before, -taken.sum(axis=(0, 1)), rtol=0, atol=1e-10)
+
+
+def test_on_platforms_beside_forces_of_others(device):
+    """A force that somebody else adds kicks beside the walls; with less than double precision the sum is right to that."""
+    scene = fluid()
+    built = dpd.build(scene, dt=0.01, seed=3, platform=device.platform)
+    push = openmm.CustomExternalForce("-0.25*x")
+    for bead in range(scene.n_beads):
+        push.addParticle(bead)
+    built.system.addForce(push)
+    simulation = built.simulation(properties=device.properties)
+    before = scene.bead_masses @ state_of(simulation)[1]
+    simulation.step(20)
+    _, v, taken = state_of(simulation)
+    gained = scene.bead_masses @ v - before + taken.sum(axis=(0, 1))
+    assert np.allclose(gained, [0.2 * 0.25 * 192, 0, 0], rtol=0, atol=device.choose(1e-9, 2e-3, 2e-3))
+    z = (state_of(simulation)[0][:, 2] - 2.7) % 5.0
+    assert not np.any((z > 2.0 + 1e-5) & (z < 3.0 - 1e-5))
+
+
+@cases("platform, scheme", ("Reference", "middle"), ("CPU", "middle"), ("CPU", "mvv"))
+def test_bits_do_not_depend_on_threads_cuts_and_restarts(platform, scheme, tmp_path):
+    behind = {} if scheme == "mvv" else {"behind": "W", "density": 3.0}
+    scene = fluid(planes=[dpd.Wall("z", LOW, "above", velocity=(1, 0, 0), period=0.7, **behind), dpd.Wall("z", HIGH, "below")])
+
+    def bits(simulation):
+        return b"".join(part.tobytes() for part in state_of(simulation))
+
+    _, whole = run(scene, 24, platform, scheme=scheme)
+    expected = bits(whole)
+    _, cut = run(scene, 0, platform, "2", scheme=scheme)
+    for steps in (1, 7, 3, 2):
+        cut.step(steps)
+    cut.saveCheckpoint(str(tmp_path / "state.chk"))
+    cut.saveState(str(tmp_path / "state.xml"))
+    cut.step(11)
+    assert bits(cut) == expected
+    for name in ("loadCheckpoint", "loadState"):
+        _, again = run(scene, 2, platform, scheme=scheme)
+        getattr(again, name)(str(tmp_path / ("state.chk" if name == "loadCheckpoint" else "state.xml")))
+        again.step(11)
+        assert bits(again) == expected
+
+
+def test_a_wall_at_rest_is_that_without_a_velocity():
+    """(0, 0, 0) records impulses and changes no bit."""
+    plain = [dpd.Wall("z", LOW, "above"), dpd.Wall("z", HIGH, "below")]
+    still = [plain[0], dpd.Wall("z", HIGH, "below", velocity=(0, 0, 0))]
+    for scheme in ("middle", "mvv"):
+        one, other = (state_of(run(fluid(planes=planes), 20, scheme=scheme)[1]) for planes in (plain, still))
+        assert np.array_equal(one[0], other[0]) and np.array_equal(one[1], other[1])
+        assert not one[2].any() and other[2].any()
+
+
+# -- what is refused ----------------------------------------------------------------------------------------------------------------
+def test_walls_that_cannot_be():
+    wall = {"axis": "z", "position": 0.0, "side": "above"}
+    raises(ParameterError, "specular wall .* no velocity", dpd.Wall, **wall, kind="specular", velocity=(1, 0, 0))
+    raises(ParameterError, "velocity along z is not 0", dpd.Wall, **wall, velocity=(1, 0, 0.1))
+    raises(ParameterError, "three components", dpd.Wall, **wall, velocity=1.0)
+    raises(ParameterError, "period needs a velocity", dpd.Wall, **wall, period=1.0)
+    raises(ParameterError, "period of a wall must be > 0", dpd.Wall, **wall, velocity=(1, 0, 0), period=0)
+    raises(ParameterError, "both `behind` and `density`", dpd.Wall, **wall, behind="W")
+    raises(ParameterError, "density behind a wall must be > 0", dpd.Wall, **wall, behind="W", density=0)
+
+
+@cases(
+    "match, more, choices",
+    ("'mvv' has no pair updates", {}, {"scheme": "mvv"}),
+    ("native scheme is not possible", {"planes": walls()}, {"scheme": "native"}),
+    ("switched off", {}, {"loop": False}),
+    ("conservative='openmm' is not possible", {}, {"conservative": "openmm"}),
+    ("'native' has no pair updates", {}, {"scheme": "native"}),
+    ("cannot run this scene .* walls that move", {}, {"engine": "device"}),
+    ("one temperature", {"kT": dpd.TemperatureRamp(1.0, 2.0, 0, 9)}, {}),
+    ("nothing has friction", {"pairs": {("*", "*"): dpd.DPD(A=25)}}, {}),
+    ("LennardJones, not by one table", {"pairs": [{("*", "*"): STANDARD}, {("*", "*"): dpd.LennardJones(1, 0.3, 0.9)}]}, {}),
+    ("type 'B' do not interact", {"pairs": {("*", "*"): STANDARD, ("B", "B"): dpd.NONE}, "planes": walls(behind="B", density=3.0)}, {}),
+    ("sigma is fixed", {"pairs": {("*", "*"): dpd.DPD(A=25, sigma=3)}}, {}),
+    ("no bead type 'S'", {"planes": walls(behind="S", density=3.0)}, {}),
+    ("thinner than the cutoff", {"planes": walls(0.2, 4.8, behind="W", density=3.0)}, {}),
+    ("immobile beads lie", {"mobile": np.arange(192) > 0, "beyond": True}, {}),
+)
+def test_what_cannot_be_combined(match, more, choices):
+    more = dict(more)
+    if more.pop("beyond", False):
+        more["positions"] = fluid().positions.copy()
+        more["positions"][0, 2] = LOW - 0.2
+    raises(PlanError, match, dpd.build, fluid(**more), dt=0.01, **({"platform": "CPU"} | choices))
+
+
+def test_programs_and_barostats_are_refused():
+    built, simulation = run(fluid(), 1)
+    text = openmm.XmlSerializer.serialize(built.integrator)
+    compound = openmm.CompoundIntegrator()
+    compound.addIntegrator(openmm.XmlSerializer.deserialize(text))
+    for alone in (openmm.XmlSerializer.deserialize(text), compound):
+        system = dpd.load_xml(StringIO(openmm.XmlSerializer.serialize(built.system)))
+        context = openmm.Context(system, alone, simulation.context.getPlatform())
+        context.setState(simulation.context.getState(positions=True, velocities=True, parameters=True))
+        raises(openmm.OpenMMException, "walls that move .* does not know them", alone.step, 1)
+    other = dpd.build(fluid(), dt=0.01, platform="CPU")
+    raises(PlanError, "a barostat moves beads and not walls", dpd.add_barostat, other, 1.0)
+    other.system.addForce(openmm.MonteCarloBarostat(1.0, 1.0 / BOLTZMANN, 5))
+    raises(openmm.OpenMMException, "a barostat moves beads and not walls", other.simulation().step, 10)
+    raises(ParameterError, "no two walls along 'x'", WallReporter, 5, built, "x")
+    assert "behind it a continuum of W with the density 3" in built.explain()
+    assert "behind walls has no Laplacian" in dpd.Observer(built).no_laplacian
+
+
+# -- flow ----------------------------------------------------------------------------------------------------------------------
+def test_reporter_gives_the_impulses():
+    built, simulation = run(fluid())
+    reporter = WallReporter(4, built)
+    simulation.reporters.append(reporter)
+    simulation.step(4)
+    before = state_of(simulation)[2][2]
+    simulation.step(12)
+    taken = state_of(simulation)[2][2] - before
+    assert np.allclose(reporter.times, [0.16, 0.24, 0.32]) and np.allclose(reporter.forces.sum(axis=0) * 0.08, taken)
+    assert reporter.shear("y").mean() == pytest.approx((taken[0, 1] - taken[1, 1]) / 2 / 16 / 0.24)
+    assert reporter.pressure.mean() == pytest.approx((taken[1, 2] - taken[0, 2]) / 2 / 16 / 0.24)
+
+
+@pytest.mark.slow
+@any_seed(1)
+@cases("gamma, published", (4.5, 0.85), (40.5, 1.49))
+def test_couette_flow(gamma, published, seed):
+    """Shear rate within 2 % of the imposed one, density within 3 % from half a cutoff on, temperature within 1 %, viscosity within 4 %,
+    each and their standard errors: a step of 0.03 in a channel of 10."""
+    gap, speed, edge = 10.0, 1.0, 6.0
+    x = np.random.default_rng(seed).random((1080, 3)) * [edge, edge, gap]
+    planes = [
+        dpd.Wall("z", z, side, velocity=(u, 0, 0), behind="W", density=3.0) for z, side, u in ((0, "above", -speed), (gap, "below", speed))
+    ]
+    table = {("W", "W"): dpd.DPD(A=25, gamma=gamma)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * 1080, x, table, 1.0, box=[edge, edge, gap + 1], walls=planes)
+    built, simulation = run(scene, 2000, dt=0.03, seed=seed)
+    profile, forces = ProfileReporter(5, built, bins=55), WallReporter(500, built)
+    simulation.reporters += [profile, forces]
+    simulation.step(30000)
+    found, fit = profile.profile, couette_viscosity(profile.profile, forces.shear(), channel=(0, gap), skip=1.5)
+    assert abs(fit.rate / 0.2 - 1) < 0.02 + 3 * fit.rate_error / 0.2
+    assert abs(fit.viscosity / published - 1) < 0.04 + 3 * fit.error / published
+    bulk = found.density[10:40].mean()
+    assert np.all(np.abs(found.density[[2, 3, 4, 45, 46, 47]] / bulk - 1) < 0.03 + 0.015)
+    assert np.all(np.abs(found.kT[[0, 1, 48, 49]] / found.kT[10:40].mean() - 1) < 0.01 + 0.015)
+    assert forces.pressure.mean() == pytest.approx(23.64, rel=0.01)
