@@ -41,15 +41,15 @@ import openmm_dpd as dpd  # noqa: E402
 FLUID, DENSITY, ROUNDS = FLUIDS["weak"], 3.0, 2
 SIZES = (1000, 10_000, 100_000, 1_000_000)
 SCHEMES = ("mvv", "middle", "bababo", "bab3")
-#: LAMMPS's methods, as the atlas calls them: what its users have, and its cheapest one.
-PEERS = ("LAMMPS dpd + nve", "LAMMPS dpd + mvv/dpd, lambda 0.65")
+#: LAMMPS's methods: what its users have, and its cheapest one; and the method of the atlas that has the steps of each.
+PEERS = {"LAMMPS dpd + nve": "LAMMPS dpd + nve", "LAMMPS dpd + mvv/dpd, lambda 0.65": "mvv, lambda 0.65"}
 
 
 @functools.cache
 def step_of(method: str) -> float:
     """Longest step with both temperatures within 1 %, or the longest one measured."""
     atlas = json.loads((ROOT / "docs" / "atlas.json").read_text(encoding="utf-8"))
-    limits = atlas["fluids"][FLUID.name]["methods"][method]["limits"]
+    limits = atlas["fluids"][FLUID.name]["methods"][PEERS.get(method, method)]["limits"]
     found = min(limits[measure].get("dt") or limits[measure]["at_least"] for measure in ("T_conf", "T_kin"))
     return float(f"{found:.3g}")
 
@@ -173,7 +173,7 @@ def draw(data: dict, file: Path) -> None:
     rows, beads = data["rows"], [row["beads"] for row in data["rows"]]
     for number, name in enumerate((*SCHEMES, *PEERS)):
         theirs = name in PEERS
-        color = ("black", "gray")[PEERS.index(name)] if theirs else f"C{number}"
+        color = ("black", "gray")[list(PEERS).index(name)] if theirs else f"C{number}"
         for count, style in (("1", "-"), ("2", "--")):
             if count in rows[0]["ns"][name]:
                 cost = [1e-3 * row["ns"][name][count] / data["steps"][name] for row in rows]
