@@ -75,6 +75,10 @@ class Engine(Protocol):
         """
         ...
 
+    def set_flow(self, rate: float) -> None:
+        """Take velocities from now on relative to the flow of a Lees-Edwards shear of this rate, along x and growing with y."""
+        raise NotImplementedError
+
     def densities(self, layer: int) -> np.ndarray:
         """(N,) local densities of a layer that has them at the placed positions."""
         raise NotImplementedError

@@ -50,6 +50,8 @@ class Pairs(NamedTuple):
     found: np.ndarray
     sums: np.ndarray  #: (columns, 5) sums over the pairs of each column, see :mod:`.columns`
     stress: np.ndarray  #: (columns, 6) its stress tensor; of length 0 where none is asked for
+    #: Rate of a Lees-Edwards shear, to whose flow velocities are relative; the integer 0 without any, for which loops are compiled apart
+    flow: float = 0
 
 
 class Scratch(NamedTuple):
@@ -102,6 +104,8 @@ class PairList:
         self._passing = self._room(0)
         self._longest, self._scratch = 0, Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
         self._shares = np.zeros((4, 0), np.int64)
+        #: see :class:`Pairs`
+        self.flow: float = 0
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .columns import approach, change, factor_of, over_pairs, row_of
+from .columns import along_flow, approach, change, factor_of, over_pairs, row_of
 from .compiled import helper, inlined
 from .elementary import exp, power
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP
@@ -128,7 +128,7 @@ def _transverse_impulse(pairs, data, key, n, i, j):
     lost /= im
     zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
     along, ev = ex * zx + ey * zy + ez * zz, approach(pairs, v, n, i, j)
-    dx = -lost * (v[i, 0] - v[j, 0] - ev * ex) + scale * (zx - along * ex)
+    dx = -lost * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex) + scale * (zx - along * ex)
     dy = -lost * (v[i, 1] - v[j, 1] - ev * ey) + scale * (zy - along * ey)
     dz = -lost * (v[i, 2] - v[j, 2] - ev * ez) + scale * (zz - along * ez)
     return dx, dy, dz
@@ -140,7 +140,7 @@ def _central(pairs, data, scratch, n, k, column):
     ex, ey, ez = g[0, n], g[1, n], g[2, n]
     # every number is read once: the processor could not know that they are still the same
     xi, yi, zi, xj, yj, zj = v[i, 0], v[i, 1], v[i, 2], v[j, 0], v[j, 1], v[j, 2]
-    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * (ex * (xi - xj) + ey * (yi - yj) + ez * (zi - zj))
+    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * (ex * along_flow(pairs, n, xi - xj) + ey * (yi - yj) + ez * (zi - zj))
     di, dj = impulse * pairs.inv_mass[i], impulse * pairs.inv_mass[j]
     v[i, 0], v[i, 1], v[i, 2] = xi + di * ex, yi + di * ey, zi + di * ez
     v[j, 0], v[j, 1], v[j, 2] = xj - dj * ex, yj - dj * ey, zj - dj * ez

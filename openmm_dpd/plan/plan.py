@@ -23,7 +23,7 @@ from ..model.temperature import TemperatureRamp
 from .charge_forces import charge_factors, ewald_of, few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
 from .device import DEVICE, chosen_engine
-from .execution import DOUBLE_PLATFORMS, Execution, conservative_place, why_no_loop, why_parts
+from .execution import DOUBLE_PLATFORMS, Execution, check_sheared, conservative_place, why_no_loop, why_parts
 from .host import Host
 from .kinds import Kind, bonded_kind, resolved_kind
 from .neighbour_list import listed
@@ -114,6 +114,7 @@ class Plan:
             "several tables": len(self.layers) > 1,
             "scenes without a box": scene.box is None,
             "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
+            "Lees-Edwards shear": scene.shear is not None,
             "factors of bonded neighbours": bool(self.exceptions),
             "immobile beads": bool(scene.immobile.any()),
             "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
@@ -231,6 +232,8 @@ def make_plan(
     choices |= {"field_names": carriers[0].field_text} if carriers else {}
     no_loop = "the device does them" if on_device else None
     no_loop = no_loop or why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
+    if scene.shear is not None:
+        check_sheared(no_loop, platform)
     ewald = ewald_of(scene)
     held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
     constrained = host is not None and host.constrained
