@@ -60,9 +60,9 @@ class FoldedShear:
             force[j] -= f
         return force
 
-    def sweep(self, order, kT: float, dt: float, noise, update) -> None:
-        """Pair updates in an order."""
-        p = self.params
+    def sweep(self, order, kT: float, dt: float, noise, update) -> np.ndarray:
+        """Pair updates in an order; returns the sum (3, 3) of r J, J the impulses of the friction along the lines between beads."""
+        p, passed = self.params, np.zeros((3, 3))
         for pair in order:
             i, j = sorted(pair)
             a, b = self.types[i], self.types[j]
@@ -70,8 +70,11 @@ class FoldedShear:
             w = 1 - r / p.cutoff[a, b]
             g, g_perp = p.gamma[a, b] * w ** (2 * p.s[a, b]), p.gamma_perp[a, b] * w ** (2 * p.s_perp[a, b])
             z = [noise(i, j, k) for k in range(4)]
+            without_noise = update(self.v[i], seen, e, self.inv_m[i], self.inv_m[j], g, 0.0, 0.0, dt, 0.0)[0]
+            passed += np.outer(r * e, (without_noise - self.v[i]) / self.inv_m[i])
             v_i, v_j = update(self.v[i], seen, e, self.inv_m[i], self.inv_m[j], g, g_perp, kT, dt, z[0], z[1:])
             self.v[i], self.v[j] = v_i, self.v[j] + (v_j - seen)
+        return passed
 
     def drift(self, time: float) -> None:
         """Drift; a bead of this box and its images do so together."""

@@ -234,6 +234,11 @@ def factor_of(pairs, n):
     return pairs.factors[n] if len(pairs.factors) else 1.0
 
 
+def _flows(pairs):
+    """Whether a type of :class:`.pairs.Pairs` has a flow: decided when loops are compiled, so that those without are as if there were none."""
+    return isinstance(pairs.types[pairs.fields.index("flow")], types.Float)
+
+
 def along_flow(pairs, n, u):
     """The relative velocity u of a pair along x, with what the flow adds between the places of the two beads: rate times y_i - y_j."""
     raise NotImplementedError("for compiled code")
@@ -241,10 +246,19 @@ def along_flow(pairs, n, u):
 
 @overload(along_flow, jit_options=BARE)
 def _along_flow(pairs, n, u):
-    # decided when it is compiled: loops without a flow are those that they would be if there were none
-    if isinstance(pairs.types[pairs.fields.index("flow")], types.Float):
+    if _flows(pairs):
         return lambda pairs, n, u: u + pairs.flow * (pairs.geometry[3, n] * pairs.geometry[1, n])
     return lambda pairs, n, u: u
+
+
+def if_sheared(pairs, number):
+    """A number where there is a flow, 0 where nobody wants it."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(if_sheared, jit_options=BARE)
+def _if_sheared(pairs, number):
+    return (lambda pairs, number: number) if _flows(pairs) else (lambda pairs, number: 0.0)
 
 
 @inlined

@@ -124,6 +124,10 @@ class PairEngine(Engine):
         for pairs in self.lists:
             pairs.flow = float(rate)
 
+    def passed(self) -> np.ndarray:
+        """See :meth:`.interface.Engine.passed`."""
+        return sum((layer.passed for layer in self.layers if getattr(layer, "passed", None) is not None), np.zeros(6))  # type: ignore[attr-defined]
+
     def densities(self, layer: int) -> np.ndarray:
         """See :meth:`.interface.Engine.densities`."""
         return self.layers[layer].densities  # type: ignore[attr-defined]

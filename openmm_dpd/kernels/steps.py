@@ -97,6 +97,11 @@ class Stepper(Protocol):
         """Conservative force (N, 3) at the positions that were placed last, and its sums, STRESS and LAPLACIAN as well if asked for."""
         ...
 
+    def swept(self, counter: int) -> np.ndarray | None:
+        """In a shear: (6,) sum of r J over the sweeps of the last step, if that is the one with this counter of the noise; J are impulses of
+        friction along the lines between beads.  None where friction is a force."""
+        ...
+
     def last(self) -> "LastStep | None":
         """Where friction is a force: what the last step computed, if the engine is still there."""
         ...
@@ -132,6 +137,8 @@ class StepLoop:
         self.moment: Moment | None = None
         self.tensor = self.parted = False
         self._last, self._held = False, np.zeros((0, 3))
+        #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
+        self.passed: np.ndarray | float = 0.0
         #: whether the lists of the engine are those of the moment's positions
         self.placed = False
 
@@ -174,7 +181,7 @@ class StepLoop:
     # -- words -------------------------------------------------------------------------------------------------------------------
     def _word(self, m: Moment) -> None:
         """What lies between two looks at the pairs is done in one pass: kicks wait until then."""
-        first, kick = True, 0.0
+        first, kick, self.passed = True, 0.0, 0.0
         for letter, part in self.spec.letters:
             if letter == "A":
                 self._move(m, self.force, kick, part * m.dt)
@@ -248,6 +255,11 @@ class StepLoop:
         self._place(m)
         self.conserve(m.values)
 
+    def swept(self, counter: int) -> np.ndarray | None:
+        """See :class:`Stepper`."""
+        there = self.moment is not None and self.moment.counter == counter and self.engine.holds(self.moment.x, self.moment.box)
+        return self.passed if there and isinstance(self.passed, np.ndarray) else None
+
     def last(self) -> LastStep | None:
         """See :class:`Stepper`."""
         if not self.spec.predicts or self.forced != self.engine.number or self.moment is None:
@@ -273,6 +285,7 @@ class StepLoop:
         if m.sheared is not None:
             add_flow(v, rate_at(self.spec.shear, m.sheared), m.x)
             m.v = v
+            self.passed = self.passed + self.engine.passed()
         if len(self.still):
             m.v[self.still] = 0.0
         if m.values is not None:

@@ -232,7 +232,12 @@ class Present:
     def tensors(self, v: np.ndarray, conservative: Conservative | None) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress tensors (6,) of all conservative forces, and of friction along the lines between beads at velocities (N, 3).  And the sum
         of f gamma w^(2s) r^2.  The conservative forces are of use where they were asked for with :attr:`apart`."""
+        if self.plan.scene.shear is not None and self.plan.options.predicting:
+            v = self.force_velocities()
         pairs, friction, moment = (np.zeros(6), np.zeros(6), 0.0) if self.engine is None else self.engine.tensors(v, self.kT)
+        swept = self._loop.swept(self.counter) if self.plan.scene.shear is not None and self._loop is not None else None
+        if swept is not None:
+            friction = swept / self.dt
         if self.apart:
             assert conservative is not None and conservative.pairs.stress is not None
             pairs = conservative.pairs.stress

@@ -1,18 +1,28 @@
 """Lees-Edwards shear: steps beside the oracle that folds and remaps, the same bits however a run is cut, and what is refused."""
 
+from dataclasses import replace
+
+import mdtraj as md
 import numpy as np
+import openmm
 import oracle
 import pytest
+from kinds import KINDS, MVV_ONLY, N, hand_over, plain_context
+from openmm import app
 from oracle_shear import FoldedShear, folded_state
-from scenes import EXTENDED, fluid, listed_pairs, noise_of, oracle_params, state_of
+from scenes import EXTENDED, PLAIN, beads, external_force, fluid, listed_pairs, noise_of, oracle_params, place, state_of
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.lammps import export_lammps
+from openmm_dpd.measure import Observer, StressReporter
 from openmm_dpd.model.schemes import read_word, scheme_of
 from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.simulation.fields import raw_fields
 
 EDGES = np.array([3.7, 3.1, 3.4])
 T, G = 0.4, 3.0
+SIX = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
 #: Each kind of shear, with strain and rate written down once more.
 SHEARS = {
     "constant": (dpd.LeesEdwards(rate=-2.0), lambda t: -2.0 * t, lambda t: -2.0),
@@ -40,6 +50,7 @@ def test_words_step_as_folded_beads_do(kind, word):
     expected = FoldedShear(scene.positions, scene.velocities, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, strain, rate)
     engine, counter = PairEngine(make_plan(scene, dt=dt, scheme=word, seed=11, platform="CPU").spec), 0
     for _ in range(12):
+        passed = np.zeros((3, 3))
         for letter, part in scheme_of(word).motion if word == "middle" else read_word(word):
             time = float(part) * dt
             if letter == "A":
@@ -51,12 +62,14 @@ def test_words_step_as_folded_beads_do(kind, word):
                 engine.prepare(expected.x, expected.lattice())
                 noise = noise_of(scene.n_beads, 11, counter, kT)
                 update = oracle.shardlow_update if letter == "S" else oracle.ou_update
-                expected.sweep(listed_pairs(engine), kT, time, noise, update)
+                passed += expected.sweep(listed_pairs(engine), kT, time, noise, update)
     simulation.step(12)
     x, v = folded_state(*state_of(simulation.context), EDGES, strain(12 * dt), rate(12 * dt))
     off = x - expected.x
     off -= np.round(off / EDGES) * EDGES
     assert np.abs(off).max() < 1e-11 and np.abs(v - expected.v).max() < 1e-11
+    found = simulation.integrator.whole.function.thread_state().loop.passed
+    assert np.abs(found - passed[SIX]).max() < 1e-11 * len(engine.lists[0].rows)
     assert len(set(expected.turns)) > 3 and abs(strain(12 * dt)) > 0.5
 
 
@@ -82,3 +95,224 @@ def test_friction_as_a_force_is_that_of_folded_beads(kind, lam):
     off = x - one.x
     off -= np.round(off / EDGES) * EDGES
     assert np.abs(off).max() < 1e-11 and np.abs(v - one.v).max() < 1e-10
+
+
+# -- the same bits -------------------------------------------------------------------------------------------------------------------
+def melt(shear: dpd.LeesEdwards, **options) -> dpd.Scene:
+    """Short chains with bonds, angles and dihedrals in a solvent, in a box that has cells."""
+    rng, chain = np.random.default_rng(2), 4 * np.arange(20)[:, None]
+    x = rng.random((150, 3)) * 4.0
+    for first in chain[:, 0]:
+        x[first + 1 : first + 4] = x[first] + np.array([[0.4, 0.1, 0], [0.8, -0.1, 0.1], [1.2, 0.1, -0.1]])
+    chains = {
+        "bonds": [dpd.HarmonicBonds(np.concatenate([chain + [k, k + 1] for k in range(3)]), 40.0, 0.5)],
+        "angles": [dpd.HarmonicAngles(np.concatenate([chain + [k, k + 1, k + 2] for k in range(2)]), 3.0, 2.5)],
+        "dihedrals": [dpd.HarmonicDihedrals(chain + [0, 1, 2, 3], 2.0, 1, 1)],
+        "segments": dpd.SegmentalRepulsion(A=10, cutoff=0.6),
+    }
+    table = {("*", "*"): dpd.DPD(A=25, gamma=4.5, gamma_perp=1.0)}
+    return dpd.Scene({"A": 1.0}, ["A"] * 150, x, table, kT=1.0, box=[4.0] * 3, shear=shear, **chains, **options)
+
+
+def run_of_melt(scheme: str = "bababo", shear=SHEARS["oscillating"][0], **options):
+    return dpd.build(melt(shear, **options), dt=0.01, scheme=scheme, platform="CPU", seed=3).simulation()
+
+
+def everything(simulation) -> tuple:
+    state = simulation.context.getState(positions=True, velocities=True, energy=True, parameters=True)
+    box = np.array(state.getPeriodicBoxVectors(asNumpy=True)._value)
+    return *state_of(simulation.context), box, state.getPotentialEnergy()._value, state.getParameters().asdict()
+
+
+def same(first: tuple, second: tuple) -> bool:
+    *arrays, parameters = (zip(first, second, strict=True))
+    return all(np.array_equal(a, b) for a, b in arrays) and parameters[0] == parameters[1]
+
+
+@pytest.mark.parametrize("scheme", ["bababo", "mvv"])
+@pytest.mark.parametrize("kind", SHEARS)
+def test_the_same_bits_however_a_run_is_cut(kind, scheme, tmp_path):
+    """In calls of one step, with states looked at, after a checkpoint, after an XML state, with two threads."""
+    shear = SHEARS[kind][0]
+    whole = run_of_melt(scheme, shear)
+    whole.step(60)
+    expected = everything(whole)
+    cut = run_of_melt(scheme, shear)
+    for steps in (1, 7, 1, 20, 1):
+        cut.step(steps)
+        everything(cut)
+    for write, read in (("saveCheckpoint", "loadCheckpoint"), ("saveState", "loadState")):
+        getattr(cut, write)(str(tmp_path / "kept"))
+        other = run_of_melt(scheme, shear)
+        other.step(3)
+        getattr(other, read)(str(tmp_path / "kept"))
+        other.step(10 if write == "saveCheckpoint" else 20)
+        cut = other
+    threads = dpd.get_threads()
+    try:
+        dpd.set_threads(2)
+        two = run_of_melt(scheme, shear)
+        two.step(60)
+    finally:
+        dpd.set_threads(threads)
+    assert same(everything(cut), expected) and same(everything(two), expected)
+    assert abs(expected[2][1, 0]) > 0.3
+
+
+@pytest.mark.parametrize("kind", ["dpd", "energies", "tabulated energies", "edpd", "tdpd", "mdpd", "two layers", "bonded"])
+def test_where_beads_are_put_among_their_images_changes_nothing_but_rounding(kind):
+    """Beads moved to other images, with the velocities that these have, after the images have slid: no pair term of any kind sees it."""
+    scene = replace(KINDS[kind](), shear=dpd.LeesEdwards(rate=1.5), mobile=None, sources=(), body_forces=())
+    first, second = (dpd.build(scene, dt=0.005, scheme="mvv" if kind in MVV_ONLY else "middle", platform="CPU", seed=3) for _ in range(2))
+    one, other = first.simulation(), second.simulation()
+    one.step(20)
+    other.step(20)
+    x, v = state_of(other.context)
+    turns = np.random.default_rng(4).integers(-3, 4, (N, 3))
+    turns[:48] = turns[:48:4].repeat(4, axis=0)  # chains stay whole
+    height = scene.box[1, 1]
+    place(other.context, x + turns @ everything(other)[2], v + 1.5 * height * turns[:, 1:2] * [1, 0, 0])
+    one.step(20)
+    other.step(20)
+    (x, v), (y, w) = state_of(one.context), state_of(other.context)
+    assert np.abs(w - v - 1.5 * (y - x)[:, 1:2] * [1, 0, 0]).max() < 1e-9
+    assert np.abs((y - x)[:, 1] - height * turns[:, 1]).max() < 1e-10
+    if scene.internal is not None:
+        fields = [raw_fields(simulation.context, first.plan.spec.fields) for simulation in (one, other)]
+        assert np.abs(fields[0] - fields[1]).max() < 1e-10 * np.abs(fields[0]).max()
+
+
+# -- what is measured ----------------------------------------------------------------------------------------------------------------
+def test_temperature_momentum_and_stress_are_those_of_folded_beads():
+    """Velocities relative to the flow, and friction between images, at a strain of 0.6."""
+    dt, (shear, strain, rate) = 0.02, SHEARS["oscillating"]
+    scene = fluid(PLAIN, np.diag(EDGES), n=40, shear=shear)
+    built = dpd.build(scene, dt=dt, scheme="bababo", platform="CPU", seed=5)
+    simulation, stress, observer = built.simulation(), StressReporter(1, built), Observer(built)
+    simulation.step(9)
+    simulation.reporters.append(stress)
+    simulation.step(1)
+    x, v = state_of(simulation.context)
+    one = FoldedShear(x, v, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, lambda _: strain(0.2), lambda _: rate(0.2))
+    c = one.v - rate(0.2) * one.x[:, 1:2] * [1, 0, 0]
+    regular, friction = np.einsum("i,ia,ib->ab", scene.bead_masses, c, c), np.zeros((3, 3))
+    for i in range(40):
+        for j in range(i):
+            r, e, seen = one.pair(i, j)
+            a, b = scene.type_ids[i], scene.type_ids[j]
+            w = max(0.0, 1 - r / one.params.cutoff[a, b])
+            regular += one.params.A[a, b] * w * r * np.outer(e, e)
+            friction -= one.params.gamma[a, b] * w * w * (e @ (one.v[i] - seen)) * r * np.outer(e, e)
+    assert np.allclose(stress.regular[0], regular[SIX], rtol=0, atol=1e-10)
+    again = dpd.build(scene, dt=dt, scheme="bababo", platform="CPU", seed=5)  # that has not seen the last sweep
+    other, there = again.simulation(), StressReporter(1, again)
+    hand_over(simulation, other)
+    there.report(other, None)
+    assert np.allclose(there.friction[0], friction[SIX], rtol=0, atol=1e-10)
+    assert np.abs(there.friction[0] - stress.friction[0]).max() > 0.1
+    sample = observer.sample(simulation.context)
+    assert sample.kinetic == pytest.approx(0.5 * np.sum(scene.bead_masses[:, None] * c**2), abs=1e-10)
+    assert np.abs(sample.momentum).max() > 1.0  # beads were strewn over images with velocities that do not follow the flow
+    simulation.step(50)
+    assert np.allclose(observer.sample(simulation.context).momentum[1:], sample.momentum[1:], rtol=0, atol=1e-12)
+    assert stress.sheared[-1] == pytest.approx(0.2 + 1.0) and stress.rates[-1] == pytest.approx(rate(1.2))
+
+
+def test_new_beads_follow_the_flow():
+    """A built scene begins with its temperature and its flow, and keeps its momentum relative to it: 1e-12 in 200 steps."""
+    scene = beads(81, shear=dpd.LeesEdwards(rate=0.7))
+    built = dpd.build(scene, dt=0.02, platform="CPU", seed=2)
+    simulation, observer = built.simulation(), Observer(built)
+    assert observer.sample(simulation.context).kT == pytest.approx(1.0, rel=1e-12)
+    simulation.step(200)
+    assert np.abs(observer.sample(simulation.context).momentum).max() < 1e-11
+
+
+def test_frames_that_a_viewer_folds_show_the_images_where_they_are(tmp_path):
+    """A DCD file of OpenMM's own reporter: every distance by its cell is that to the nearest sheared image."""
+    scene = fluid(PLAIN, np.diag(EDGES), n=40, shear=dpd.LeesEdwards(rate=2.0))
+    simulation = dpd.build(scene, dt=0.02, platform="CPU", seed=5).simulation()
+    simulation.reporters.append(app.DCDReporter(str(tmp_path / "sheared.dcd"), 5))
+    simulation.step(40)
+    frames = md.load(str(tmp_path / "sheared.dcd"), top=md.Topology.from_openmm(simulation.topology))
+    x, v = state_of(simulation.context)
+    one = FoldedShear(x, v, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, lambda _: 1.6, lambda _: 2.0)
+    near = [(i, j) for i in range(40) for j in range(i) if one.pair(i, j)[0] < 1.5]
+    found = md.compute_distances(frames[-1], near)[0]
+    assert np.abs(found - [one.pair(i, j)[0] for i, j in near]).max() < 1e-4 and len(near) > 100
+    assert frames.unitcell_angles[-1, 2] < 80 or frames.unitcell_angles[-1, 2] > 100
+
+
+# -- what is refused -----------------------------------------------------------------------------------------------------------------
+SHEAR = dpd.LeesEdwards(rate=0.5)
+REFUSED = {
+    "no box": (lambda: beads(81, box=None, shear=SHEAR), "needs a periodic box"),
+    "tilted": (lambda: beads(81, box=np.array([[3.0, 0, 0], [0.5, 3, 0], [0, 0, 3]]), shear=SHEAR), "must be rectangular"),
+    "frozen": (lambda: beads(81, mobile=np.arange(81) > 0, shear=SHEAR), "do not move"),
+    "walls": (lambda: replace(KINDS["specular"](), shear=SHEAR), "walls stand still"),
+    "pushed": (lambda: beads(81, body_forces=[dpd.BodyForce((1, 0, 0))], shear=SHEAR), "forces on single beads"),
+    "sources": (lambda: replace(KINDS["edpd"](), mobile=None, shear=SHEAR), "sources stay"),
+    "charges": (lambda: replace(KINDS["charged"](), body_forces=(), shear=SHEAR), "lattice sums"),
+    "no shear": (lambda: beads(81, shear=0.5), "must be a LeesEdwards"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_scenes_that_cannot_be_sheared(what):
+    """Each with its reason."""
+    make, reason = REFUSED[what]
+    with pytest.raises(dpd.ParameterError, match=reason):
+        make()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{}, {"rate": 1, "frequency": 2}, {"amplitude": 1}, {"rate": 1, "end_rate": 2}, {"amplitude": 0, "frequency": 1}, {"rate": "fast"}],
+)
+def test_shears_that_are_none(given):
+    """Numbers that do not make one of the three kinds."""
+    with pytest.raises(dpd.ParameterError):
+        dpd.LeesEdwards(**given)
+
+
+@pytest.mark.parametrize(
+    ("choices", "reason"),
+    [
+        ({"loop": False}, "switched off"),
+        ({"conservative": "openmm"}, "CustomNonbondedForce"),
+        ({"scheme": "native"}, "OpenMM's own integrator"),
+        ({"platform": "OpenCL"}, "lose their digits"),
+        ({"engine": "device"}, "device|plugin"),
+    ],
+)
+def test_plans_without_whole_steps(choices, reason):
+    """... in double precision."""
+    with pytest.raises(dpd.PlanError, match=reason):
+        make_plan(beads(81, shear=SHEAR), dt=0.02, **{"platform": "CPU", **choices})
+
+
+def test_what_would_not_know_the_images():
+    """Barostats, forces of others, programs that OpenMM executes, boxes that were set: the first step says so."""
+    scene = beads(81, shear=SHEAR)
+    with pytest.raises(dpd.PlanError, match="barostat"):
+        dpd.add_barostat(dpd.build(scene, dt=0.02, platform="CPU"), 20.0)
+    built = dpd.build(scene, dt=0.02, platform="CPU")
+    built.system.addForce(external_force("0.1*z", 81))
+    with pytest.raises(dpd.PlanError, match="sliding images"):
+        built.simulation().step(1)
+    with pytest.raises(openmm.OpenMMException, match="whole steps alone"):
+        context = plain_context(dpd.build(scene, dt=0.02, platform="CPU"), "CPU")
+        context.getIntegrator().step(1)
+    built, compound = dpd.build(scene, dt=0.02, platform="CPU"), openmm.CompoundIntegrator()
+    compound.addIntegrator(built.integrator)
+    context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"))
+    place(context, built.positions, built.velocities)
+    with pytest.raises(openmm.OpenMMException, match="whole steps alone"):
+        compound.step(1)
+    simulation = dpd.build(scene, dt=0.02, platform="CPU").simulation()
+    simulation.step(5)
+    simulation.context.setPeriodicBoxVectors(*np.diag([3.0] * 3))
+    with pytest.raises(openmm.OpenMMException, match="not those of the shear"):
+        simulation.step(1)
+    with pytest.raises(dpd.ParameterError, match="shear"):
+        export_lammps(scene, "sheared", dt=0.02)
