@@ -1,6 +1,6 @@
 r"""Viscosity, normal stresses and moduli from the stress in a Lees-Edwards shear.
 
-The flow is :math:`v_x = \dot\gamma y`; pressures P are kinetic, conservative and dissipative parts together, with velocities relative to it.
+The flow is :math:`v_x = \dot\gamma y`; pressures P are kinetic, conservative and dissipative parts together, of velocities relative to it.
 """
 
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ class ShearModuli:
 def shear_viscosity(stress: "StressReporter") -> ShearViscosity:
     r"""Viscosity and normal stress differences in a shear of constant rate.
 
-    .. math:: \eta = -\langle P_{xy}\rangle/\dot\gamma, \qquad N_1 = \langle P_{yy} - P_{xx}\rangle, \qquad N_2 = \langle P_{zz} - P_{yy}\rangle
+    .. math:: \eta = -\langle P_{xy}\rangle/\dot\gamma,\; N_1 = \langle P_{yy} - P_{xx}\rangle,\; N_2 = \langle P_{zz} - P_{yy}\rangle
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def shear_viscosity(stress: "StressReporter") -> ShearViscosity:
     found = [block_average(series) for series in (-xy / rate, yy - xx, zz - yy)]
     if any(average.mean is None or average.sem is None for average in found):
         raise ParameterError(f"{len(rows)} samples are too few for a standard error")
-    numbers = [value for average in found for value in (average.mean, average.sem)]
-    return ShearViscosity(rate, *numbers, found[0].converged)  # type: ignore[arg-type]
+    eta, first, second = ((average.mean, average.sem) for average in found)
+    return ShearViscosity(rate, *eta, *first, *second, found[0].converged)  # type: ignore[arg-type]
 
 
 def shear_moduli(stress: "StressReporter") -> ShearModuli:
@@ -120,9 +120,11 @@ def shear_moduli(stress: "StressReporter") -> ShearModuli:
         raise ParameterError(f"moduli need an oscillating shear, and this one is: {shear}")
     phase = shear.frequency * stress.sheared
     turn = ((phase - phase[0]) / (2 * np.pi) + 1e-9).astype(np.int64)
-    periods = int(((phase[-1] + phase[1] - 2 * phase[0]) / (2 * np.pi) + 1e-9)) if len(phase) > 1 else 0
+    periods = int((phase[-1] + phase[1] - 2 * phase[0]) / (2 * np.pi) + 1e-9) if len(phase) > 1 else 0
     if periods < LEAST_PERIODS or np.bincount(turn)[:periods].min() < 8:
-        raise ParameterError(f"moduli need {LEAST_PERIODS} whole periods and eight samples in each; there are {len(rows)} in {periods} periods")
+        raise ParameterError(
+            f"moduli need {LEAST_PERIODS} whole periods and eight samples in each; there are {len(rows)} in {periods} periods"
+        )
     fits = []
     for period in range(periods):
         mine = turn == period

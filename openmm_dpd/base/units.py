@@ -211,6 +211,7 @@ class UnitSystem:
     friction = property(lambda self: self.force / self.velocity, doc="Da/ps per unit of gamma (force/velocity).")
     noise = property(lambda self: self.force * self.time**0.5, doc="kJ/mol/nm ps^(1/2) per unit of sigma (force*time^(1/2)).")
     inverse_length = property(lambda self: 1 / self.length, doc="1/nm per inverse of the length unit.")
+    rate = property(lambda self: 1 / self.time, doc="1/ps per inverse of the time unit.")
     thermal_energy = property(lambda self: self.boltzmann * self.energy, doc="Thermal energy in kJ/mol per unit of temperature.")
     #: (kJ/mol)^2/ps per unit of LAMMPS's conductivity, an energy times a temperature per time.
     conduction = property(lambda self: self.energy * self.thermal_energy / self.time)

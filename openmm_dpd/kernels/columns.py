@@ -235,7 +235,7 @@ def factor_of(pairs, n):
 
 
 def _flows(pairs):
-    """Whether a type of :class:`.pairs.Pairs` has a flow: decided when loops are compiled, so that those without are as if there were none."""
+    """Whether a type of :class:`.pairs.Pairs` has a flow: decided when loops are compiled, so that those without are as ever."""
     return isinstance(pairs.types[pairs.fields.index("flow")], types.Float)
 
 
@@ -244,7 +244,7 @@ def along_flow(pairs, n, u):
     raise NotImplementedError("for compiled code")
 
 
-@overload(along_flow, jit_options=BARE)
+@overload(along_flow, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
 def _along_flow(pairs, n, u):
     if _flows(pairs):
         return lambda pairs, n, u: u + pairs.flow * (pairs.geometry[3, n] * pairs.geometry[1, n])
@@ -256,7 +256,7 @@ def if_sheared(pairs, number):
     raise NotImplementedError("for compiled code")
 
 
-@overload(if_sheared, jit_options=BARE)
+@overload(if_sheared, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
 def _if_sheared(pairs, number):
     return (lambda pairs, number: number) if _flows(pairs) else (lambda pairs, number: 0.0)
 

@@ -14,7 +14,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import columns
-from .columns import add_stress, along_flow, approach, clear, deliver, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
+from .columns import (
+    add_stress,
+    along_flow,
+    approach,
+    clear,
+    deliver,
+    factor_of,
+    gather_and_clear,
+    over_pairs,
+    push,
+    push_apart,
+    row_of,
+    soft,
+)
 from .compiled import helper, inlined, renamed
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums

@@ -98,8 +98,8 @@ class Stepper(Protocol):
         ...
 
     def swept(self, counter: int) -> np.ndarray | None:
-        """In a shear: (6,) sum of r J over the sweeps of the last step, if that is the one with this counter of the noise; J are impulses of
-        friction along the lines between beads.  None where friction is a force."""
+        """In a shear: (6,) sum of r J over the sweeps of the last step, if that is the one with this counter of the noise.  J are impulses
+        of friction along the lines between beads.  None where friction is a force."""
         ...
 
     def last(self) -> "LastStep | None":
@@ -223,8 +223,8 @@ class StepLoop:
         return found
 
     def _shear(self, m: Moment, time: float) -> tuple[float, float]:
-        """Slide the images for a time; returns what the rate of the flow changes by before and after beads drift for that time, so that those
-        that follow it go on to do so."""
+        """Slide the images for a time; returns what the rate of the flow changes by before and after beads drift for that time, so that
+        those that follow it go on to do so."""
         shear, begin = self.spec.shear, m.sheared
         assert begin is not None and m.box is not None
         m.sheared = end = begin + time

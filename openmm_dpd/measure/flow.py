@@ -67,7 +67,7 @@ class StressReporter(_Reporter):
             reason = "walls take up momentum"
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
-        #: of each sample: kinetic and conservative part, dissipative part, moment of the friction, edges of the box, time and rate of a shear
+        #: of each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a shear
         self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
         self.kT = plan.options.kT
 
@@ -210,6 +210,4 @@ class ProfileReporter(_Reporter):
         velocity = rows.mean(axis=0)
         error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
         volume = float(np.prod(np.diag(box))) / self.bins
-        return VelocityProfile(
-            centres, width, velocity, error, self._count / n / volume, kT, rows, self.length
-        )
+        return VelocityProfile(centres, width, velocity, error, self._count / n / volume, kT, rows, self.length)

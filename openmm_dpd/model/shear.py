@@ -14,9 +14,9 @@ from .pairs import checked
 class LeesEdwards:
     r"""Shear along x that grows with y: the images of a box slide over each other, and the fluid follows them.
 
-    The mean velocity is :math:`v_x = \dot\gamma y`, everywhere and without walls (Lees and Edwards, J. Phys. C 5, 1921 (1972)).  The shear
-    is one of three kinds: of a constant ``rate``; of a rate that grows linearly from ``rate`` to ``end_rate`` within ``ramp_time`` and stays
-    there; or oscillating, with the strain ``amplitude`` :math:`\sin(` ``frequency`` :math:`t)`.
+    The mean velocity is :math:`v_x = \dot\gamma y`, everywhere and without walls (Lees and Edwards, J. Phys. C 5, 1921 (1972)).  It is
+    one of three kinds: of a constant ``rate``; of a rate that grows linearly from ``rate`` to ``end_rate`` within ``ramp_time`` and
+    stays there; or oscillating, with the strain :math:`\gamma_0 \sin\omega t` of ``amplitude`` and ``frequency``.
 
     Parameters
     ----------

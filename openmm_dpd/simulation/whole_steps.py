@@ -108,8 +108,8 @@ class WholeSteps:
             moment.box = sheared_box(box, strain_at(spec.shear, moment.sheared))
             if not np.array_equal(moment.box, box):
                 raise RunError(
-                    f"the box vectors are not those of the shear, of {box[1, 0]:g} in place of {moment.box[1, 0]:g} along x: they were set, "
-                    "or come from a state without its parameters; load states whole"
+                    f"the box is tilted by {box[1, 0]:g} and not by the {moment.box[1, 0]:g} nm of the shear: it was set, or comes from a "
+                    "state without its parameters; load states whole"
                 )
         fields = function.spec.fields
         if fields is not None:
@@ -130,6 +130,7 @@ class WholeSteps:
         if len(self._still):
             moment.v[self._still] = vectors(state, openmm.State.Velocities)[self._still]
         if moment.sheared is not None:
+            assert moment.box is not None
             context.setPeriodicBoxVectors(*moment.box)
             context.setParameter(shared.SHEARED, moment.sheared)
             parameters[shared.SHEARED] = moment.sheared
