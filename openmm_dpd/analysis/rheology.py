@@ -4,15 +4,11 @@ The flow is :math:`v_x = \dot\gamma y`; pressures P are kinetic, conservative an
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
 from ..base.stats import block_average
-
-if TYPE_CHECKING:  # measure/ is below
-    from ..measure.flow import StressReporter
 
 #: Fewer periods make no standard error.
 LEAST_PERIODS = 5
@@ -72,7 +68,7 @@ class ShearModuli:
     periods: int
 
 
-def shear_viscosity(stress: "StressReporter") -> ShearViscosity:
+def shear_viscosity(stress) -> ShearViscosity:
     r"""Viscosity and normal stress differences in a shear of constant rate.
 
     .. math:: \eta = -\langle P_{xy}\rangle/\dot\gamma,\; N_1 = \langle P_{yy} - P_{xx}\rangle,\; N_2 = \langle P_{zz} - P_{yy}\rangle
@@ -99,7 +95,7 @@ def shear_viscosity(stress: "StressReporter") -> ShearViscosity:
     return ShearViscosity(rate, *eta, *first, *second, found[0].converged)  # type: ignore[arg-type]
 
 
-def shear_moduli(stress: "StressReporter") -> ShearModuli:
+def shear_moduli(stress) -> ShearModuli:
     r"""Storage and loss modulus from an oscillating shear.
 
     In each whole period -P_xy is fitted, by least squares, by a constant and :math:`\gamma_0(G'\sin\omega t + G''\cos\omega t)`; means and
