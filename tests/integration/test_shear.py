@@ -7,16 +7,19 @@ import numpy as np
 import openmm
 import oracle
 import pytest
+from judged import any_seed
 from kinds import KINDS, MVV_ONLY, N, hand_over, plain_context
 from openmm import app
 from oracle_shear import FoldedShear, folded_state
 from scenes import EXTENDED, PLAIN, beads, external_force, fluid, listed_pairs, noise_of, oracle_params, place, state_of
 
 import openmm_dpd as dpd
+from openmm_dpd.analysis import shear_viscosity
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.lammps import export_lammps
-from openmm_dpd.measure import Observer, StressReporter
+from openmm_dpd.measure import Observer, ProfileReporter, StressReporter
 from openmm_dpd.model.schemes import read_word, scheme_of
+from openmm_dpd.molecules import relax
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.simulation.fields import raw_fields
 
@@ -318,3 +321,45 @@ def test_what_would_not_know_the_images(tmp_path):
         simulation.step(1)
     with pytest.raises(dpd.ParameterError, match="shear"):
         export_lammps(scene, tmp_path, "sheared", dt=0.02)
+
+
+def test_what_else_takes_a_scene(tmp_path):
+    """A scene is relaxed at rest and handed on with its flow; samples of single forces know it; beside atoms there is none."""
+    scene = melt(dpd.LeesEdwards(rate=0.8))
+    ready = relax(scene, steps=40, dt=0.005, platform="CPU", seed=1)
+    slope = np.polyfit(ready.positions[:, 1], ready.velocities[:, 0], 1)[0]
+    assert ready.shear == scene.shear and slope == pytest.approx(0.8, abs=0.25)
+    assert np.array_equal(ready.box, scene.box)
+    resting = replace(ready, shear=None)
+    flow = 0.8 * ready.positions[:, 1:2] * [1, 0, 0]
+    built, still = (dpd.build(one, dt=0.01, platform="CPU", seed=1) for one in (ready, resting))
+    given = {"positions": np.mod(ready.positions, 4.0) * [1, 0.5, 1] + [0, 1, 0]}  # away from the faces across y
+    found = dpd.force_terms(built, **given)["dissipative"]
+    assert np.abs(found - dpd.force_terms(still, **given)["dissipative"]).max() < 1e-9
+    assert "Lees-Edwards shear along x, growing with y: rate 0.8 /ps" in built.explain()
+    assert flow.any() and not dpd.recommend(ready).choices
+    with pytest.raises(dpd.PlanError, match="`shear` cannot be put beside atoms"):
+        dpd.create_mixed_system(scene, app.Topology(), openmm.System(), np.zeros((0, 3)), atoms=[], cross=[], dt=0.01)
+
+
+# -- physics -------------------------------------------------------------------------------------------------------------------------
+@pytest.mark.slow
+@pytest.mark.statistical
+@pytest.mark.parametrize(("scheme", "dt", "gamma", "expected"), [("middle", 0.04, 4.5, 0.83), ("bababo", 0.05, 40.5, 1.43)])
+@any_seed(4)
+def test_viscosity_of_the_standard_fluid(seed, scheme, dt, gamma, expected):
+    """At a rate of 0.6, 4 standard errors and 2 %: published 0.85 and 1.49 within 3 %; a linear profile; momentum; work heats by 0.036(2)."""
+    scene = beads(375, edge=5.0, table={("W", "W"): dpd.DPD(A=25, gamma=gamma)}, shear=dpd.LeesEdwards(rate=0.6))
+    built = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=seed)
+    simulation, observer = built.simulation(), Observer(built)
+    simulation.minimizeEnergy(maxIterations=30)
+    simulation.step(int(20 / dt))
+    stress, profile = StressReporter(2, built), ProfileReporter(5, built, axis="y", component="x", bins=8)
+    simulation.reporters += [stress, profile]
+    simulation.step(int(150 / dt))
+    found = shear_viscosity(stress)
+    assert found.viscosity == pytest.approx(expected, abs=4 * found.error + 0.02 * expected)
+    assert found.error < 0.035 and np.abs(observer.sample(simulation.context).momentum).max() < 1e-9
+    flow = profile.profile
+    assert np.abs(flow.velocity - 0.6 * flow.centres).max() < 5 * flow.error.max() + 0.01
+    assert np.mean(flow.kT) == pytest.approx(1.03 if gamma < 10 else 1.005, abs=0.015)
