@@ -345,7 +345,7 @@ def test_what_else_takes_a_scene(tmp_path):
 # -- physics -------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.slow
 @pytest.mark.statistical
-@pytest.mark.parametrize(("scheme", "dt", "gamma", "expected"), [("middle", 0.04, 4.5, 0.83), ("bababo", 0.05, 40.5, 1.43)])
+@pytest.mark.parametrize(("scheme", "dt", "gamma", "expected"), [("middle", 0.04, 4.5, 0.83), ("basa", 0.05, 40.5, 1.48)])
 @any_seed(4)
 def test_viscosity_of_the_standard_fluid(seed, scheme, dt, gamma, expected):
     """At a rate of 0.6, 4 standard errors and 2 %: published 0.85 and 1.49 within 3 %; a linear profile; momentum; work heats by 0.036(2)."""
