@@ -216,6 +216,7 @@ class Scene:
             "bonds": len(self.bond_pairs) or None,
             "charges": None if self.charges is None else np.count_nonzero(self.charges),
             "beads that do not move": int(self.immobile.sum()) or None,
+            "shear": None if self.shear is None else str(self.shear),
         }
 
     # -- derived ---------------------------------------------------------------------------------------------------------------
