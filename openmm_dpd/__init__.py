@@ -43,6 +43,7 @@ from .model import (
     HarmonicBonds as HarmonicBonds,
     HarmonicDihedrals as HarmonicDihedrals,
     InternalEnergy as InternalEnergy,
+    LeesEdwards as LeesEdwards,
     LennardJones as LennardJones,
     MorseBonds as MorseBonds,
     MultiHarmonicDihedrals as MultiHarmonicDihedrals,

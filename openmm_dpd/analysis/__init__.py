@@ -20,6 +20,12 @@ from .membranes import (
     height_spectrum as height_spectrum,
 )
 from .profiles import density_profile as density_profile, temperature_profile as temperature_profile, velocity_profile as velocity_profile
+from .rheology import (
+    ShearModuli as ShearModuli,
+    ShearViscosity as ShearViscosity,
+    shear_moduli as shear_moduli,
+    shear_viscosity as shear_viscosity,
+)
 from .scattering import structure_factor as structure_factor
 from .velocity_file import read_velocities as read_velocities
 from .viscosity import (

@@ -70,6 +70,9 @@ IMPULSES = {
 VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 VOLATILE |= frozenset(IMPULSES.values())
 
+#: Further one where there is a Lees-Edwards shear: for how long, which the box vectors belong to.
+SHEARED = "dpd_sheared"
+
 # Force groups.  The package leaves the low ones to users and OpenMM.
 
 #: Name of the force of the pair terms.

@@ -40,6 +40,7 @@ DIMENSIONS = {
     "noise": _E / _L * _T**0.5,  # force*time^(1/2): sigma of the DPD literature
     "force_constant": _E / _L**2,
     "inverse_length": _L**-1,
+    "rate": _T**-1,
     "angle": unit.radian,
     "angle_constant": _E / unit.radian**2,
     "conduction": _E**2 / _T,  # kappa of energy-conserving DPD times k_B
@@ -211,6 +212,7 @@ class UnitSystem:
     friction = property(lambda self: self.force / self.velocity, doc="Da/ps per unit of gamma (force/velocity).")
     noise = property(lambda self: self.force * self.time**0.5, doc="kJ/mol/nm ps^(1/2) per unit of sigma (force*time^(1/2)).")
     inverse_length = property(lambda self: 1 / self.length, doc="1/nm per inverse of the length unit.")
+    rate = property(lambda self: 1 / self.time, doc="1/ps per inverse of the time unit.")
     thermal_energy = property(lambda self: self.boltzmann * self.energy, doc="Thermal energy in kJ/mol per unit of temperature.")
     #: (kJ/mol)^2/ps per unit of LAMMPS's conductivity, an energy times a temperature per time.
     conduction = property(lambda self: self.energy * self.thermal_energy / self.time)

@@ -11,7 +11,8 @@ import numpy as np
 #: beads'.
 _DECK: ContextVar[Any] = ContextVar("deck", default=None)
 #: What scripts read.
-_NAMES = {"length": "nm", "time": "ps", "energy": "kJ/mol", "force": "kJ/mol/nm", "inverse_length": "/nm", "thermal_energy": "kJ/mol"}
+_NAMES = {"length": "nm", "time": "ps", "energy": "kJ/mol", "force": "kJ/mol/nm", "inverse_length": "/nm", "rate": "/ps"}
+_NAMES["thermal_energy"] = "kJ/mol"
 
 
 @contextmanager

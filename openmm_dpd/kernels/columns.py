@@ -16,9 +16,10 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange
+from numba import prange, types
+from numba.extending import overload
 
-from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
+from .compiled import BARE, compiled, helper, inlined, renamed, serial_and_parallel
 from .listing import list_column
 from .pairs import PairList, Scratch
 from .threads import dispatch
@@ -205,6 +206,8 @@ def over_pairs(
         run, enough = kernels(bool(tensor), lists), False
         while not enough:
             arrays, source = pairs.passing() if lists else (pairs.arrays, 0)
+            if isinstance(pairs.flow, float):
+                arrays = arrays._replace(flow=pairs.flow)
             if tensor:
                 arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
             enough, energy, virial, drag, *apart = dispatch(*run, arrays, data, pairs.scratch, pairs.shares, source)
@@ -231,11 +234,38 @@ def factor_of(pairs, n):
     return pairs.factors[n] if len(pairs.factors) else 1.0
 
 
+def _flows(pairs):
+    """Whether a type of :class:`.pairs.Pairs` has a flow: decided when loops are compiled, so that those without are as ever."""
+    return isinstance(pairs.types[pairs.fields.index("flow")], types.Float)
+
+
+def along_flow(pairs, n, u):
+    """The relative velocity u of a pair along x, with what the flow adds between the places of the two beads: rate times y_i - y_j."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(along_flow, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
+def _along_flow(pairs, n, u):
+    if _flows(pairs):
+        return lambda pairs, n, u: u + pairs.flow * (pairs.geometry[3, n] * pairs.geometry[1, n])
+    return lambda pairs, n, u: u
+
+
+def if_sheared(pairs, number):
+    """A number where there is a flow, 0 where nobody wants it."""
+    raise NotImplementedError("for compiled code")
+
+
+@overload(if_sheared, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
+def _if_sheared(pairs, number):
+    return (lambda pairs, number: number) if _flows(pairs) else (lambda pairs, number: 0.0)
+
+
 @inlined
 def approach(pairs, v, n, i, j):
     """Relative velocity along the line between the beads of a pair."""
     g = pairs.geometry
-    return g[0, n] * (v[i, 0] - v[j, 0]) + g[1, n] * (v[i, 1] - v[j, 1]) + g[2, n] * (v[i, 2] - v[j, 2])
+    return g[0, n] * along_flow(pairs, n, v[i, 0] - v[j, 0]) + g[1, n] * (v[i, 1] - v[j, 1]) + g[2, n] * (v[i, 2] - v[j, 2])
 
 
 @inlined

@@ -18,12 +18,12 @@ _DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__fi
 _SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
-_BARE = _SEMANTICS | NO_REFERENCE_COUNTS
+BARE = _SEMANTICS | NO_REFERENCE_COUNTS
 #: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
-helper = numba.njit(**_BARE)
-inlined = numba.njit(inline="always", **_BARE)
+helper = numba.njit(**BARE)
+inlined = numba.njit(inline="always", **BARE)
 #: The same for functions that are also called from Python, where they stay what they are.
-both = register_jitable(inline="always", **_BARE)
+both = register_jitable(inline="always", **BARE)
 
 
 def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:
@@ -43,7 +43,7 @@ def compiled(function: Callable, *, parallel: bool = False, bare: bool = False, 
     that both versions round alike and give the same bits.
     """
     name = f"{function.__name__}_{'parallel' if parallel else 'serial'}_{_DIGEST}"
-    dispatcher = numba.njit(parallel=parallel, **(_BARE if bare else _SEMANTICS))(renamed(function, name))
+    dispatcher = numba.njit(parallel=parallel, **(BARE if bare else _SEMANTICS))(renamed(function, name))
     if kept:
         keep_on_disk(dispatcher)
     return dispatcher

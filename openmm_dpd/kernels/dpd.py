@@ -50,6 +50,8 @@ class SweptLayer:
 
     #: Whether A w is all of the repulsion.
     repels_by_pairs = False
+    #: In a shear: (6,) what the last sweep passed on by friction, see :meth:`.interface.Engine.passed`
+    passed: np.ndarray | None = None
     #: Whether its forces can be written with the conservative ones apart.
     parts_forces = False
 
@@ -76,7 +78,8 @@ class SweptLayer:
             halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
         plain = inv_mass is not None and halvings <= _MOST_HALVINGS
         noise = call.kT, call.dt, call.key(self.number)
-        sweeps.sweep(self.pairs, sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._v), self._transverse)
+        terms = sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._v)
+        self.passed = sweeps.sweep(self.pairs, terms, self._transverse).stress
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
         """See :meth:`.interface.Engine.tensors`."""

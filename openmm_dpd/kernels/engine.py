@@ -28,6 +28,8 @@ class PairEngine(Engine):
         self.spec = spec
         self.layers: list[Layer] = [table.layer(spec, number) for number, table in enumerate(spec.terms)]
         self.lists = [layer.pairs for layer in self.layers]
+        if spec.sheared:
+            self.set_flow(0.0)
         #: Whether the first layer gives every bead a force.
         self._covered = bool(self.lists) and len(self.lists[0].order) == len(spec.types)
         columns = 0 if spec.fields is None else spec.fields.n_values
@@ -132,6 +134,15 @@ class PairEngine(Engine):
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
         return sum(layer.laplacian() for layer in self.layers)
 
+    def set_flow(self, rate: float) -> None:
+        """See :meth:`.interface.Engine.set_flow`."""
+        for pairs in self.lists:
+            pairs.flow = float(rate)
+
+    def passed(self) -> np.ndarray:
+        """See :meth:`.interface.Engine.passed`."""
+        return sum((layer.passed for layer in self.layers if getattr(layer, "passed", None) is not None), np.zeros(6))  # type: ignore[attr-defined]
+
     def densities(self, layer: int) -> np.ndarray:
         """See :meth:`.interface.Engine.densities`."""
         return self.layers[layer].densities  # type: ignore[attr-defined]
@@ -169,7 +180,7 @@ _MODELS = {
 def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
     """Compile the kernels that steps of ``spec`` need (or load them from the cache), with a notice for each kind of model."""
     tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
-    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, get_threads() > 1, _are_many(spec))
+    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, get_threads() > 1, _are_many(spec), spec.sheared)
     if not spec.terms or kinds in _WARM:
         return
     models = " and ".join(dict.fromkeys(_MODELS.get(type(table).__name__, "pair terms") for table in spec.terms))
@@ -188,7 +199,7 @@ def _use_all(spec: PairSpec, many: bool) -> None:
     # few enough beads to be quick, in a box with three cells along each edge
     few = np.arange(30) % len(spec.types)
     fields = None if spec.fields is None else spec.fields.of(few)
-    small = PairSpec(np.maximum(spec.types[few], 0), np.ones(len(few)), spec.terms, spec.update, fields=fields)
+    small = PairSpec(np.maximum(spec.types[few], 0), np.ones(len(few)), spec.terms, spec.update, fields=fields, sheared=spec.sheared)
     edge = 4.0 * max(float(table.cutoff.max()) for table in spec.terms)
     engine = host_engine(small)
     for pairs in engine.lists:

@@ -14,7 +14,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import columns
-from .columns import add_stress, approach, clear, deliver, factor_of, gather_and_clear, over_pairs, push, push_apart, row_of, soft
+from .columns import (
+    add_stress,
+    along_flow,
+    approach,
+    clear,
+    deliver,
+    factor_of,
+    gather_and_clear,
+    over_pairs,
+    push,
+    push_apart,
+    row_of,
+    soft,
+)
 from .compiled import helper, inlined, renamed
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
@@ -130,7 +143,7 @@ def _transverse_force(pairs, data, key, n, i, j):
     if data.which & DISSIPATIVE:
         v, ev = data.v, approach(pairs, data.v, n, i, j)
         drag = factor * c[row, GAMMA_PERP] * w * w
-        fx -= drag * (v[i, 0] - v[j, 0] - ev * ex)
+        fx -= drag * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex)
         fy -= drag * (v[i, 1] - v[j, 1] - ev * ey)
         fz -= drag * (v[i, 2] - v[j, 2] - ev * ez)
     if data.which & RANDOM:

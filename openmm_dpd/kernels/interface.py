@@ -75,6 +75,14 @@ class Engine(Protocol):
         """
         ...
 
+    def set_flow(self, rate: float) -> None:
+        """Take velocities from now on relative to the flow of a Lees-Edwards shear of this rate, along x and growing with y."""
+        raise NotImplementedError
+
+    def passed(self) -> np.ndarray:
+        """(6,) sum of r J over the pairs of the last sweep in a shear, J the impulse that friction along their line has given them."""
+        raise NotImplementedError
+
     def densities(self, layer: int) -> np.ndarray:
         """(N,) local densities of a layer that has them at the placed positions."""
         raise NotImplementedError

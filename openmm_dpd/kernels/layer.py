@@ -128,3 +128,4 @@ class PairSpec:
     fields: FieldSpec | None = None  #: Per-bead fields, if there are any
     sweeps: bool = True  #: Whether the scheme sweeps over pairs at all
     extras: tuple[Extra, ...] = ()  #: Conservative forces beside the pair terms (see :mod:`.extras`)
+    sheared: bool = False  #: Whether there is a Lees-Edwards shear

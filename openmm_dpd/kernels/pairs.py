@@ -50,6 +50,8 @@ class Pairs(NamedTuple):
     found: np.ndarray
     sums: np.ndarray  #: (columns, 5) sums over the pairs of each column, see :mod:`.columns`
     stress: np.ndarray  #: (columns, 6) its stress tensor; of length 0 where none is asked for
+    #: Rate of a Lees-Edwards shear, to whose flow velocities are relative; the integer 0 without any, for which loops are compiled apart
+    flow: float = 0
 
 
 class Scratch(NamedTuple):
@@ -92,7 +94,7 @@ class PairList:
             self.common_inv_mass, of_sorted[:] = float(mine[0]), mine[0]
         self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
         self._sorting: cells.CellScratch | None = None
-        self._stored = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))
+        self._stored = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))  # type: ignore[arg-type]
         self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
         self._source: listing.SortedCells | None = None
         #: whether beads are many, and how many loops went over the pairs at the positions before the present ones, and at these
@@ -102,6 +104,8 @@ class PairList:
         self._passing = self._room(0)
         self._longest, self._scratch = 0, Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
         self._shares = np.zeros((4, 0), np.int64)
+        #: see :class:`Pairs`
+        self.flow: float = 0
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
@@ -140,7 +144,8 @@ class PairList:
     def _resize(self, shape: tuple[int, int, int]) -> None:
         if shape != self._shape:
             nx, ny, nz = shape
-            resized, count = Pairs(*self._stored[:8], *_without_room(ny, nz)), np.zeros(nx * ny * nz + 1, np.uint64)
+            resized = Pairs(*self._stored[:8], *_without_room(ny, nz))  # type: ignore[arg-type]  # without the flow
+            count = np.zeros(nx * ny * nz + 1, np.uint64)
             self._stored, self._count, self._shape, self._source = resized, count, shape, None
 
     def _room(self, pairs: int) -> tuple[np.ndarray, ...]:

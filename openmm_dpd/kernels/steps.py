@@ -17,6 +17,7 @@ from .columns import Totals
 from .driven import Driven, continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
+from .shear import add_flow, rate_at, sheared_box, strain_at
 from .sweeps import EXACT, SHARDLOW
 
 #: Pair updates of the letters that sweep.
@@ -44,6 +45,7 @@ class StepSpec:
     walls: tuple[np.ndarray, ...] | None = None
     driven: Driven | None = None  #: The same walls where some move or have something behind them
     ramp: Any = None  #: A TemperatureRamp of the model, or None
+    shear: Any = None  #: A LeesEdwards of the model, or None
 
     @property
     def predicts(self) -> bool:
@@ -78,6 +80,7 @@ class Moment:
     predicted: np.ndarray | None = None  #: (N, 3) velocities that friction saw last, if they are not those of the half step
     #: If friction is a force: (N, 3) velocities before the slow forces kicked, where that makes a difference.
     unkicked: np.ndarray | None = None
+    sheared: float | None = None  #: Time that has been sheared, which the box vectors belong to; None without a shear
 
 
 #: Forces (N, 3) of others at the positions of a moment, after so many of the steps that are being done.
@@ -97,6 +100,11 @@ class Stepper(Protocol):
 
     def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
         """Conservative force (N, 3) at the positions that were placed last, and its sums, STRESS and LAPLACIAN as well if asked for."""
+        ...
+
+    def swept(self, counter: int) -> np.ndarray | None:
+        """In a shear: (6,) sum of r J over the sweeps of the last step, if that is the one with this counter of the noise.  J are impulses
+        of friction along the lines between beads.  None where friction is a force."""
         ...
 
     def last(self) -> "LastStep | None":
@@ -136,6 +144,8 @@ class StepLoop:
         self._last, self._held = False, np.zeros((0, 3))
         #: whether conservative forces depend on fields, which may change where positions do not
         self._acting = pairs.fields is not None and pairs.fields.acts
+        #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
+        self.passed: np.ndarray | float = 0.0
         #: whether the lists of the engine are those of the moment's positions
         self.placed = False
 
@@ -179,7 +189,7 @@ class StepLoop:
     # -- words -------------------------------------------------------------------------------------------------------------------
     def _word(self, m: Moment) -> None:
         """What lies between two looks at the pairs is done in one pass: kicks wait until then."""
-        first, kick = True, 0.0
+        first, kick, self.passed = True, 0.0, 0.0
         for letter, part in self.spec.letters:
             if letter == "A":
                 self._push(m, kick, part * m.dt)
@@ -196,8 +206,8 @@ class StepLoop:
                     kick = 0.0
                 if first:
                     self._warm(m)
-                    if fast:
-                        self.watch(m.v, m)
+                    if fast or m.sheared is not None:
+                        self.watch(self._seen(m, m.v), m)
                     first = False
                 self._sweep(m, part, UPDATES[letter])
         if kick:
@@ -219,7 +229,37 @@ class StepLoop:
         """Kick and drift; returns how many beads are to be watched."""
         if time:
             self.placed = False
-        return motion.move(m.x.ravel(), m.v.ravel(), force.ravel(), self._inv_mass, kick, time, self.reach / m.dt)
+        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self._inv_mass
+        if not time or m.sheared is None:
+            return motion.move(*flat, kick, time, self.reach / m.dt)
+        before, after = self._shear(m, time)
+        if before:
+            add_flow(m.v, before, m.x)
+        found = motion.move(*flat, kick, time, self.reach / m.dt)
+        if after:
+            add_flow(m.v, after, m.x)
+        return found
+
+    def _shear(self, m: Moment, time: float) -> tuple[float, float]:
+        """Slide the images for a time; returns what the rate of the flow changes by before and after beads drift for that time, so that
+        those that follow it go on to do so."""
+        shear, begin = self.spec.shear, m.sheared
+        assert begin is not None and m.box is not None
+        m.sheared = end = begin + time
+        m.box = sheared_box(m.box, strain_at(shear, end))
+        if shear.constant:
+            return 0.0, 0.0
+        mean = (strain_at(shear, end) - strain_at(shear, begin)) / time
+        return mean - rate_at(shear, begin), rate_at(shear, end) - mean
+
+    def _seen(self, m: Moment, v: np.ndarray) -> np.ndarray:
+        """Velocities as friction sees them: relative to the flow, if there is one."""
+        if m.sheared is None:
+            return v
+        rate, seen = rate_at(self.spec.shear, m.sheared), v.copy()
+        self.engine.set_flow(rate)
+        add_flow(seen, -rate, m.x)
+        return seen
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
         walls, driven = self.spec.walls, self.spec.driven
@@ -237,6 +277,11 @@ class StepLoop:
         """Conservative force at x, unless it is there already."""
         self._place(m)
         self.conserve(m.values)
+
+    def swept(self, counter: int) -> np.ndarray | None:
+        """See :class:`Stepper`."""
+        there = self.moment is not None and self.moment.counter == counter and self.engine.holds(self.moment.x, self.moment.box)
+        return self.passed if there and isinstance(self.passed, np.ndarray) else None
 
     def last(self) -> LastStep | None:
         """See :class:`Stepper`."""
@@ -258,7 +303,12 @@ class StepLoop:
     def _sweep(self, m: Moment, part: float, update: int) -> None:
         self._place(m)
         m.counter += 1
-        self.engine.swept(m.v, m.kT, part * m.dt, m.seed, m.counter, m.values, m.v, update)
+        v = self._seen(m, m.v)
+        self.engine.swept(v, m.kT, part * m.dt, m.seed, m.counter, m.values, v, update)
+        if m.sheared is not None:
+            add_flow(v, rate_at(self.spec.shear, m.sheared), m.x)
+            m.v = v
+            self.passed = self.passed + self.engine.passed()
         if len(self.still):
             m.v[self.still] = 0.0
         driven = self.spec.driven
@@ -293,13 +343,19 @@ class StepLoop:
             seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
         self.placed = False
         flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self._inv_mass
+        moving = (m.v,) if predicted is None else (predicted, m.v)
+        changes = (0.0, 0.0) if m.sheared is None else self._shear(m, dt)
+        for velocities in moving if changes[0] else ():
+            add_flow(velocities, changes[0], m.x)
         fast = motion.move_accelerated(*flat, 0.5 * dt, dt, self.reach / dt)
-        self._reflect(m, *((m.v,) if predicted is None else (predicted, m.v)))
+        for velocities in moving if changes[1] else ():
+            add_flow(velocities, changes[1], m.x)
+        self._reflect(m, *moving)
         self._warm(m)
         m.counter += 1
         v = m.v if predicted is None else predicted
-        if fast or predicted is not None:
-            self.watch(v, m)
+        if fast or predicted is not None or m.sheared is not None:
+            self.watch(self._seen(m, v), m)
         self._accelerate(m, v, seen, 0.5 * dt)
         if m.values is not None:
             assert m.rates is not None
@@ -321,7 +377,7 @@ class StepLoop:
             which |= LAPLACIAN
             self._held = self._held if len(self._held) else np.empty_like(self.force)
             apart = {"held": self._held}
-        self._sum(which, v, m.kT, m.dt, m.seed, m.counter, values, **apart)
+        self._sum(which, self._seen(m, v), m.kT, m.dt, m.seed, m.counter, values, **apart)
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, kick)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)

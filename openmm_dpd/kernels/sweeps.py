@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .columns import approach, change, factor_of, over_pairs, row_of
+from .columns import Totals, along_flow, approach, change, factor_of, if_sheared, over_pairs, row_of
 from .compiled import helper, inlined
 from .elementary import exp, power
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP
@@ -134,7 +134,7 @@ def _transverse_impulse(pairs, data, key, n, i, j):
     lost /= im
     zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
     along, ev = ex * zx + ey * zy + ez * zz, approach(pairs, v, n, i, j)
-    dx = -lost * (v[i, 0] - v[j, 0] - ev * ex) + scale * (zx - along * ex)
+    dx = -lost * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex) + scale * (zx - along * ex)
     dy = -lost * (v[i, 1] - v[j, 1] - ev * ey) + scale * (zy - along * ey)
     dz = -lost * (v[i, 2] - v[j, 2] - ev * ez) + scale * (zz - along * ez)
     return dx, dy, dz
@@ -146,20 +146,22 @@ def _central(pairs, data, scratch, n, k, column):
     ex, ey, ez = g[0, n], g[1, n], g[2, n]
     # every number is read once: the processor could not know that they are still the same
     xi, yi, zi, xj, yj, zj = v[i, 0], v[i, 1], v[i, 2], v[j, 0], v[j, 1], v[j, 2]
-    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * (ex * (xi - xj) + ey * (yi - yj) + ez * (zi - zj))
+    lost = scratch.values[_LOST, k] * (ex * along_flow(pairs, n, xi - xj) + ey * (yi - yj) + ez * (zi - zj))
+    impulse = scratch.values[_KICK, k] - lost
     di, dj = impulse * pairs.inv_mass[i], impulse * pairs.inv_mass[j]
     v[i, 0], v[i, 1], v[i, 2] = xi + di * ex, yi + di * ey, zi + di * ez
     v[j, 0], v[j, 1], v[j, 2] = xj - dj * ex, yj - dj * ey, zj - dj * ez
-    return 0.0, 0.0, 0.0
+    return 0.0, if_sheared(pairs, -lost * g[3, n]), 0.0
 
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
     i, j, g, v, inv_mass = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v, pairs.inv_mass
-    impulse = scratch.values[_KICK, k] - scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
+    lost = scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
+    impulse = scratch.values[_KICK, k] - lost
     tx, ty, tz = _transverse_impulse(pairs, data, scratch.bits[k], n, i, j)
     change(v, i, j, inv_mass[i], inv_mass[j], impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
-    return 0.0, 0.0, 0.0
+    return 0.0, if_sheared(pairs, -lost * g[3, n]), 0.0
 
 
 @helper
@@ -184,6 +186,7 @@ _central_sweep = over_pairs("central_sweep", _central, _updates, first=gather_ve
 _any_sweep = over_pairs("any_sweep", _any, _updates, first=gather_velocities, last=scatter_velocities, again=True)
 
 
-def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> None:
-    """Update the velocities; ``transverse`` says whether there are transverse terms."""
-    (_any_sweep if transverse else _central_sweep)(pairs, terms)
+def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> Totals:
+    """Update the velocities; ``transverse`` says whether there are transverse terms.  In a shear the stress tensor is the sum of r times
+    the impulses of the friction along the lines between beads, without noise."""
+    return (_any_sweep if transverse else _central_sweep)(pairs, terms, isinstance(pairs.flow, float))

@@ -10,6 +10,7 @@ from ..base.errors import ParameterError
 from ..base.stats import block_average
 from ..base.units import whole_number
 from ..model.flow import AXES, require_plain_axis
+from ..model.shear import LeesEdwards
 from ..simulation.built import BuiltSystem
 from .kinetic_stress import needs_forces
 from .observer import require_built
@@ -35,7 +36,8 @@ class StressReporter(BuiltReporter):
 
     A sample is S = K + sum over pairs, bonds, angles, bonded segments and charges of r F, the pressure tensor times the volume, in
     kJ/mol.  K is the sum of m v v, corrected for what the scheme makes of velocities at full steps (:doc:`/theory`).  The random force is
-    left out: what it contributes to a viscosity is known beforehand (:doc:`/theory_flow`), and to a pressure nothing.
+    left out: what it contributes to a viscosity is known beforehand (:doc:`/theory_flow`), and to a pressure nothing.  In a Lees-Edwards
+    shear velocities are relative to the flow.
 
     All of it is summed in double precision on the host, from the positions and velocities of the run, which goes on as it would without a
     reporter.  A sample costs one or two more passes over the pairs, and with charges a direct sum over pairs and waves.
@@ -65,8 +67,8 @@ class StressReporter(BuiltReporter):
             reason = "walls take up momentum"
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
-        #: of each sample: kinetic and conservative part, dissipative part, moment of the friction, edges of the box
-        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray]] = []
+        #: of each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a shear
+        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
         self.kT = plan.options.kT
 
     def report(self, simulation, state):
@@ -79,7 +81,7 @@ class StressReporter(BuiltReporter):
         v = present.on_step(force)
         regular, friction, moment = present.tensors(v, found)
         regular += present.kinetic_stress(v, force)
-        self._rows.append((regular, friction, moment, np.diag(present.box)))  # type: ignore[arg-type]  # there is a box
+        self._rows.append((regular, friction, moment, np.diag(present.box), present.sheared, present.rate))  # type: ignore[arg-type]
 
     @property
     def regular(self) -> np.ndarray:
@@ -90,6 +92,21 @@ class StressReporter(BuiltReporter):
     def friction(self) -> np.ndarray:
         """(n, 6) dissipative part of S."""
         return np.array([row[1] for row in self._rows]).reshape(-1, 6)
+
+    @property
+    def shear(self) -> LeesEdwards | None:
+        """The Lees-Edwards shear of the scene, None without one."""
+        return self.built.plan.scene.shear
+
+    @property
+    def sheared(self) -> np.ndarray:
+        """(n,) time that had been sheared at each sample, ps."""
+        return np.array([row[4] for row in self._rows])
+
+    @property
+    def rates(self) -> np.ndarray:
+        """(n,) rate of the shear at each sample, 1/ps; 0 without one."""
+        return np.array([row[5] for row in self._rows])
 
     @property
     def instantaneous(self) -> float:
@@ -124,6 +141,8 @@ class StressReporter(BuiltReporter):
 class ProfileReporter(BuiltReporter):
     """Records velocities in slabs, for ``simulation.reporters``; beads that do not move are left out.
 
+    In a Lees-Edwards shear they are those of beads folded into the box.
+
     Parameters
     ----------
     interval : int
@@ -147,6 +166,10 @@ class ProfileReporter(BuiltReporter):
             raise ParameterError("a velocity profile needs a periodic box")
         length = require_plain_axis(built.plan.scene.box, axis, "a velocity profile")
         assert length is not None
+        shear = built.plan.scene.shear
+        if shear is not None and axis == "x":
+            raise ParameterError("a velocity profile of a Lees-Edwards shear varies along y or z: images slide along x")
+        self._flows, self._rates = shear is not None and (axis, component) == ("y", "x"), list[float]()
         self._axis, self._component, self.length = AXES.index(axis), AXES.index(component), length
         self.bins = whole_number(bins, "the number of slabs", least=2)
         self._momentum: list[np.ndarray] = []
@@ -163,6 +186,7 @@ class ProfileReporter(BuiltReporter):
         mass = self.built.plan.scene.bead_masses[self._mobile]
         slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
         self._momentum.append(sums_in_slices(slab, mass * v[self._mobile, self._component], self.bins))
+        self._rates.append(present.rate if self._flows else 0.0)
         self._mass += sums_in_slices(slab, mass, self.bins)
         self._count += sums_in_slices(slab, None, self.bins)
         squares = present.kinetic_stress(v, force, lambda weight, a: weight * np.sum(a * a, axis=1))
@@ -180,9 +204,10 @@ class ProfileReporter(BuiltReporter):
             rows = np.array(self._momentum) / (self._mass / n)
             velocity = rows.mean(axis=0)
             kT = (self._square - self._mass * velocity**2) / (3 * self._count)
-        error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
         width = self.length / self.bins
+        centres = (np.arange(self.bins) + 0.5) * width
+        rows += np.outer(self._rates, centres)
+        velocity = rows.mean(axis=0)
+        error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
         volume = float(np.prod(np.diag(box))) / self.bins
-        return VelocityProfile(
-            (np.arange(self.bins) + 0.5) * width, width, velocity, error, self._count / n / volume, kT, rows, self.length
-        )
+        return VelocityProfile(centres, width, velocity, error, self._count / n / volume, kT, rows, self.length)

@@ -12,7 +12,7 @@ import numpy as np
 import openmm
 
 from ..base.errors import ParameterError
-from ..base.names import PAIR_FORCE, SLOW_STEP
+from ..base.names import PAIR_FORCE, SHEARED, SLOW_STEP
 from ..base.openmm_private import bare, vectors
 from ..kernels import motion
 from ..kernels.charges import ChargeEvaluator
@@ -20,6 +20,7 @@ from ..kernels.columns import Totals
 from ..kernels.fields import TEMPERATURE
 from ..kernels.interface import Engine
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
+from ..kernels.shear import add_flow, rate_at
 from ..kernels.steps import LastStep, Stepper
 from ..plan.made import acting, groups_of, masses_of
 from ..plan.plan import Plan
@@ -71,7 +72,8 @@ class Present:
 
     Of the last :meth:`look` it has ``x``, ``v`` and ``box`` (None without), those of the forces in the System that somebody else added
     (``others``), ``kT``, the key of the noise (``seed``, ``counter``), the step size ``dt``, and as ``changed`` (N, 3), or None, what was
-    added to the velocities after the last step, whose forces have not seen it.
+    added to the velocities after the last step, whose forces have not seen it.  With a Lees-Edwards shear ``v`` is relative to the flow,
+    of the present ``rate`` after the time ``sheared``.
     """
 
     def __init__(self, built: BuiltSystem):
@@ -101,6 +103,11 @@ class Present:
             self._alone = None if self.others or self._beside else len(forces)
         state = context.getState(positions=True, velocities=True)
         self.x, self.v = vectors(state, openmm.State.Positions), vectors(state, openmm.State.Velocities)
+        self.rate, self.sheared, self._with_flow = 0.0, 0.0, self.v
+        if self.plan.scene.shear is not None:
+            self.sheared = context.getParameter(SHEARED)
+            self.rate = rate_at(self.plan.scene.shear, self.sheared)
+            self.v = self._without_flow(self.v)
         self.box = None if self.plan.scene.box is None else bare(state.getPeriodicBoxVectors(asNumpy=True))
         self.kT, self.seed, self.counter, self.dt = noise_state(context, self.plan)
         self._values: np.ndarray | None = None
@@ -124,7 +131,7 @@ class Present:
                 self._prepared = self._own
             else:
                 local = self._function.thread_state()
-                self._function.scale_body_forces(local, self._context.getParameters())
+                self._function.take_over(local, self._context.getParameters())
                 self._prepared = local.engine
             if self._prepared is not None:
                 self._prepared.prepare(self.x, self.box)
@@ -186,7 +193,7 @@ class Present:
                 found = loop.last()
             m = None if found is None else found.moment
             there = m is not None and (m.kT, m.seed, m.counter, m.dt) == (self.kT, self.seed, self.counter, self.dt)
-            self._last = (found if m is not None and there and motion.same(self.v, m.v) else None,)
+            self._last = (found if m is not None and there and motion.same(self._with_flow, m.v) else None,)
         return self._last[0]
 
     # -- stress tensors ----------------------------------------------------------------------------------------------------------
@@ -225,7 +232,12 @@ class Present:
     def tensors(self, v: np.ndarray, conservative: Conservative | None) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress tensors (6,) of all conservative forces, and of friction along the lines between beads at velocities (N, 3).  And the sum
         of f gamma w^(2s) r^2.  The conservative forces are of use where they were asked for with :attr:`apart`."""
+        if self.plan.scene.shear is not None and self.plan.options.predicting:
+            v = self.force_velocities()
         pairs, friction, moment = (np.zeros(6), np.zeros(6), 0.0) if self.engine is None else self.engine.tensors(v, self.kT)
+        swept = self._loop.swept(self.counter) if self.plan.scene.shear is not None and self._loop is not None else None
+        if swept is not None:
+            friction = swept / self.dt
         if self.apart:
             assert conservative is not None and conservative.pairs.stress is not None
             pairs = conservative.pairs.stress
@@ -267,7 +279,15 @@ class Present:
         acc = per_dof(integrator, "acc")  # 0 where there is no history yet
         if options.lam == 0.5:
             return v - 0.5 * self.dt * acc - self._slow_kick()
-        return np.where(np.any(acc != 0) & (self.mass > 0)[:, None], per_dof(integrator, "vp"), v)
+        return np.where(np.any(acc != 0) & (self.mass > 0)[:, None], self._without_flow(per_dof(integrator, "vp")), v)
+
+    def _without_flow(self, v: np.ndarray) -> np.ndarray:
+        """Velocities (N, 3) relative to the flow of a shear, if there is one."""
+        if self.plan.scene.shear is None:
+            return v
+        relative = v.copy()
+        add_flow(relative, -self.rate, self.x)
+        return relative
 
     def _slow_kick(self) -> np.ndarray | float:
         """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""

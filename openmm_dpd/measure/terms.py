@@ -8,6 +8,7 @@ from ..base.errors import ParameterError
 from ..base.names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
 from ..base.units import to_md, whole_number
 from ..kernels.layer import DISSIPATIVE, RANDOM
+from ..kernels.shear import add_flow, rate_at
 from ..plan.made import groups_of
 from ..simulation.built import BuiltSystem
 from .observer import require_built
@@ -76,6 +77,10 @@ def force_terms(
             terms["conservative"] -= part
     engine = plan.new_engine()
     engine.prepare(x, scene.box)
+    if scene.shear is not None:
+        rate, v = rate_at(scene.shear, 0.0), v.copy()
+        engine.set_flow(rate)
+        add_flow(v, -rate, x)
     values = None if spec.fields is None else spec.fields.initial
     for name, which in (("dissipative", DISSIPATIVE), ("random", RANDOM)):
         terms[name] = engine.forces(which, v, scene.initial_kT, plan.options.dt, plan.options.seed, counter, values)[1]

@@ -20,6 +20,7 @@ from .mdpd import MDPD as MDPD
 from .pairs import DPD as DPD, NONE as NONE, LennardJones as LennardJones, TabulatedPair as TabulatedPair
 from .scene import Scene as Scene
 from .segments import SegmentalRepulsion as SegmentalRepulsion
+from .shear import LeesEdwards as LeesEdwards
 from .sources import Block as Block, Source as Source, Sphere as Sphere
 from .table import PairTable as PairTable
 from .tdpd import TDPD as TDPD

@@ -18,6 +18,7 @@ from .internal import Internal, check_internal
 from .owned import keep, known_under
 from .pairs import NONE
 from .segments import SegmentalRepulsion, check_segments
+from .shear import LeesEdwards, check_shear
 from .sources import Source
 from .table import PairTable, require_complete
 from .temperature import TemperatureRamp
@@ -109,6 +110,8 @@ class Scene:
         (LAMMPS: ``fix setforce``).  The beads around it feel it all the same, so momentum is not conserved.  Needs ``scheme="mvv"``.
     dihedrals : sequence of HarmonicDihedrals, OPLSDihedrals, MultiHarmonicDihedrals, ...
         Angles between the planes of three bonds in a row.  Which pairs ``bonded_factors`` act on is up to the bonds alone.
+    shear : LeesEdwards, optional
+        Shear by sliding images.  ``velocities``, if given, include the flow.
 
     Raises
     ------
@@ -140,6 +143,7 @@ class Scene:
     electrostatics: SlaterCharges | GaussianCharges | None = None
     interacting: np.ndarray | None = None
     dihedrals: Sequence[Dihedrals] = ()
+    shear: LeesEdwards | None = None
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
 
@@ -180,6 +184,7 @@ class Scene:
         check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
         self._check_flow()
         check_electrostatics(self.electrostatics, self.charges, self.box, self.initial_kT)
+        check_shear(self.shear, self)
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
 
@@ -211,6 +216,7 @@ class Scene:
             "bonds": len(self.bond_pairs) or None,
             "charges": None if self.charges is None else np.count_nonzero(self.charges),
             "beads that do not move": int(self.immobile.sum()) or None,
+            "shear": None if self.shear is None else str(self.shear),
         }
 
     # -- derived ---------------------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from openmm import unit
 
 from ..base.errors import ParameterError, RunError
 from ..base.units import to_md, whole_number
+from ..kernels.shear import add_flow, rate_at
 from ..model.scene import Scene
 from ..simulation.build import build
 
@@ -52,7 +53,9 @@ def relax(
     if steps and dt is None:
         raise ParameterError("relax needs a step size for its steps: relax(scene, steps=200, dt=0.01)")
     size = 0.001 if dt is None else to_md(dt, "time", "dt")
-    simulation = build(scene, dt=size, scheme=scheme, platform=platform, seed=seed).simulation()
+    # at rest: in a shear the box would not be that of the scene any more
+    still = scene if scene.shear is None else replace(scene, shear=None, velocities=None)
+    simulation = build(still, dt=size, scheme=scheme, platform=platform, seed=seed).simulation()
     context = simulation.context
     if iterations:
         simulation.minimizeEnergy(maxIterations=iterations)
@@ -74,4 +77,6 @@ def relax(
     if not steps:
         return replace(scene, positions=positions)
     velocities = np.array(state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond), dtype=np.float64)
+    if scene.shear is not None:
+        add_flow(velocities, rate_at(scene.shear, 0.0), positions)
     return replace(scene, positions=positions, velocities=velocities)

@@ -94,6 +94,15 @@ def why_no_loop(
     return next((reason for reason, holds in reasons.items() if holds), None)
 
 
+def check_sheared(why_no_loop: str | None, platform: str | None) -> None:
+    """Raise PlanError if a scene with Lees-Edwards shear would not run in whole steps with double precision; ``why_no_loop`` is the reason
+    why there are no whole steps."""
+    if platform not in DOUBLE_PLATFORMS:
+        why_no_loop = f"positions that are never folded back lose their digits on the platform {platform}; take CPU or Reference"
+    if why_no_loop is not None:
+        raise PlanError(f"Lees-Edwards shear needs the pair kernel's whole steps in double precision: {why_no_loop}")
+
+
 def why_parts(
     scene: Scene, bonded: Iterable[str], overlays: bool, looped: bool, few_charges: bool, double: bool
 ) -> tuple[frozenset[str], dict[str, str]]:

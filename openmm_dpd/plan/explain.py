@@ -47,6 +47,8 @@ def explain_plan(plan: Plan) -> str:
     if scene.interacting is not None:
         counts = "/".join(str(int(count)) for count in (~scene.interacting).sum(axis=0))
         lines.append(f"beads on which only body forces act, along x/y/z: {counts}")
+    if scene.shear is not None:
+        lines.append(f"Lees-Edwards shear along x, growing with y: {scene.shear}")
     for axis, gap in gaps(scene.walls, scene.box).items():
         lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {in_length(gap.low)} to {in_length(gap.high)}")
         lines += [f"  {_wall_text(wall)}" for wall in gap.sides.values() if wall.driven]

@@ -54,4 +54,5 @@ def pair_spec(
         wall_velocity=wall_velocity,
         fields=fields,
         sweeps=scheme.sweeps,
+        sheared=scene.shear is not None,
     )

@@ -25,7 +25,7 @@ from .charge_forces import charge_factors, ewald_of, few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
 from .continuum import check_driven, driven_walls
 from .device import DEVICE, chosen_engine
-from .execution import DOUBLE_PLATFORMS, Execution, conservative_place, why_no_loop, why_parts
+from .execution import DOUBLE_PLATFORMS, Execution, check_sheared, conservative_place, why_no_loop, why_parts
 from .host import Host
 from .kinds import Kind, bonded_kind, resolved_kind
 from .neighbour_list import listed
@@ -120,6 +120,7 @@ class Plan:
             "several tables": len(self.layers) > 1,
             "scenes without a box": scene.box is None,
             "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
+            "Lees-Edwards shear": scene.shear is not None,
             "factors of bonded neighbours": bool(self.exceptions),
             "immobile beads": bool(scene.immobile.any()),
             "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
@@ -245,6 +246,8 @@ def make_plan(
     no_loop = no_loop or why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
     if driven and no_loop is not None:
         raise PlanError(f"{_DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
+    if scene.shear is not None:
+        check_sheared(no_loop, platform)
     ewald = ewald_of(scene)
     held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
     constrained = host is not None and host.constrained

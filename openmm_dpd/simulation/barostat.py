@@ -47,6 +47,8 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
         raise PlanError("a scene without a box has no pressure to hold constant")
     if scene.mobile is not None and not scene.mobile.all():
         raise PlanError("a barostat would scale the positions of immobile beads; it needs a scene where all beads move")
+    if scene.shear is not None:
+        raise PlanError("a barostat does not know the sliding images of a Lees-Edwards shear")
     if scene.interacting is not None:
         raise PlanError("a barostat needs a scene where all forces act on all beads; `interacting` takes some away")
     if built.plan.driven is not None:

@@ -12,6 +12,7 @@ from ..base.names import ALONE
 from ..base.platforms import platform_here
 from ..io.trajectory import openmm_topology
 from ..kernels.elementary import without_last_bits
+from ..kernels.shear import add_flow, rate_at
 from ..kernels.steps import StepSpec
 from ..model.flow import gaps
 from ..model.scene import Scene
@@ -101,9 +102,11 @@ def build_plan(plan: Plan) -> BuiltSystem:
 
 
 def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
-    """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature; immobile beads at rest."""
+    """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature, and the flow of a shear; immobile
+    beads at rest."""
     if scene.velocities is not None:
         return scene.velocities.copy()
+    flow = 0.0 if scene.shear is None else rate_at(scene.shear, 0.0)
     mobile = ~scene.immobile
     mass = scene.bead_masses[mobile]
     v = np.zeros((scene.n_beads, 3))
@@ -116,6 +119,8 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
         if kinetic > 0:
             drawn *= np.sqrt(3 * (len(mass) - 1) * scene.initial_kT / kinetic)
     v[mobile] = drawn
+    if flow:
+        add_flow(v, flow, scene.positions)
     return v
 
 
@@ -157,4 +162,4 @@ def _step_spec(plan: Plan) -> StepSpec:
     found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
     planes = tuple(found[name] for name in walls.CONSTANTS) if found else None
     weights = options.thermostat, options.lam, options.field_lam
-    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, plan.driven, options.ramp)
+    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, plan.driven, options.ramp, scene.shear)

@@ -10,9 +10,10 @@ import numpy as np
 import openmm
 
 from ..base import names as shared
-from ..base.errors import RunError
+from ..base.errors import PlanError, RunError
 from ..base.openmm_private import bare, vectors
 from ..base.wording import in_units
+from ..kernels.shear import sheared_box, strain_at
 from ..kernels.steps import Moment, StepSpec
 from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.fingerprint import fingerprint
@@ -43,6 +44,11 @@ class WholeSteps:
         ``slow``: forces of OpenMM act; ``barostats``: a barostat does, at the end of all these steps.  OpenMMException if a step fails,
         with its number, as the program reports it.
         """
+        if self.spec.shear is not None and (slow or barostats):
+            raise PlanError(
+                "beside Lees-Edwards shear no force of OpenMM's own and no barostat can act: they do not know the sliding images; "
+                "take those that were added out of the System"
+            )
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
         if barostats and self.spec.driven is not None and any(each.getFrequency() > 0 for each in barostats_of(context)):
@@ -90,7 +96,7 @@ class WholeSteps:
         if not dt > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {in_units(dt, 'time')}")
         x, box = function.positions(state), function.box(state)
-        function.scale_body_forces(own, parameters)
+        function.take_over(own, parameters)
         v = vectors(state, openmm.State.Velocities)
         v[self._still] = 0.0
         kT = function.thermal_energy(parameters)
@@ -103,6 +109,15 @@ class WholeSteps:
                 moment.impulses[place] = parameters.get(name, 0.0)
         if spec.ramp is not None:
             moment.ramped = integrator.getGlobalVariableByName(shared.RAMP_STEP)
+        if spec.shear is not None:
+            moment.sheared = parameters[shared.SHEARED]
+            assert box is not None
+            moment.box = sheared_box(box, strain_at(spec.shear, moment.sheared))
+            if not np.array_equal(moment.box, box):
+                raise RunError(
+                    f"the box is tilted by {box[1, 0]:g} and not by the {moment.box[1, 0]:g} nm of the shear: it was set, or comes from a "
+                    "state without its parameters; load states whole"
+                )
         fields = function.spec.fields
         if fields is not None:
             moment.values = raw_fields(context, fields)
@@ -121,6 +136,11 @@ class WholeSteps:
         put = openmm.CustomIntegrator.setGlobalVariableByName
         if len(self._still):
             moment.v[self._still] = vectors(state, openmm.State.Velocities)[self._still]
+        if moment.sheared is not None:
+            assert moment.box is not None
+            context.setPeriodicBoxVectors(*moment.box)
+            context.setParameter(shared.SHEARED, moment.sheared)
+            parameters[shared.SHEARED] = moment.sheared
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         context.setParameter(shared.COUNTER, float(moment.counter))

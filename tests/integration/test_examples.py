@@ -235,6 +235,20 @@ def test_couette(tmp_path, monkeypatch, seed):
     assert is_picture(tmp_path / "couette.png")
 
 
+@pytest.mark.slow
+@any_seed(0)
+def test_shear(tmp_path, monkeypatch, seed):
+    """Beads as published, of which 3 % are not known; chains thin, and have a normal stress and a storage modulus."""
+    shorter = {"STEPS": 5000, "BEFORE": 800, "FREQUENCIES": (4.0,), "PERIODS": (2, 20)}
+    found = example("16_shear", monkeypatch, seed, **shorter).main(tmp_path)
+    assert found["viscosity_error"] < 0.1 and found["chains_error"] < 0.25
+    assert found["viscosity"] == pytest.approx(0.85, abs=4 * found["viscosity_error"] + 0.03 * 0.85)
+    assert found["chains"] > found["chains_fast"] + 0.3  # 0.85 in a long run, with an error of 0.08 here
+    assert found["chains_fast"] > 1.5 and found["normal"] > 6 * found["normal_error"] and found["storage"] > 4 * found["storage_error"]
+    assert found["slope"] == pytest.approx(0.2, abs=0.02) and found["kT"] == pytest.approx(1.0, abs=0.015)
+    assert is_picture(tmp_path / "shear.png")
+
+
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
     found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()

@@ -16,6 +16,7 @@ from ...kernels.engines import engine_kind
 from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
 from ...kernels.notice import LOGGER
+from ...kernels.shear import rate_at
 from ...kernels.steps import Moment, StepSpec
 from ..made import origin
 from ..program_options import ProgramOptions
@@ -26,6 +27,8 @@ from .thread_state import Fields, ThreadState
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
 #: Phases that look at the kept positions.
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
+#: Why OpenMM cannot carry out a program.
+ONE_BY_ONE = "Lees-Edwards shear is in the pair kernel's whole steps alone, not in programs that OpenMM executes line by line"
 #: Thermal energy, step size, seed and counter of the noise, values of the fields.
 Conditions = tuple[float, float, int, int, np.ndarray | None]
 
@@ -112,9 +115,11 @@ class PairForceFunction:
 
     def _evaluate(self, own: ThreadState, phase: int, state, parameters: dict):
         """Energy and forces for a phase."""
+        if self.spec.sheared and phase != Phase.IDLE:
+            raise RunError(f"{ONE_BY_ONE}: step the integrator that build() made, by a Simulation or its own step()")
         x = self.positions(state)
         box = self.box(state)
-        self.scale_body_forces(own, parameters)
+        self.take_over(own, parameters)
         if phase != Phase.IDLE and self.steps is not None and self.steps.driven is not None:
             raise RunError(
                 "walls that move or have something behind them need the integrator that build() returned, by itself: its program, which "
@@ -160,8 +165,11 @@ class PairForceFunction:
         conditions = (kT, dt, *key, None if fields is None else fields.values)
         return self._sweep(own, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(own, phase, conditions)
 
-    def scale_body_forces(self, own: ThreadState, parameters) -> None:
-        """Take the factor of body forces over from the Context."""
+    def take_over(self, own: ThreadState, parameters) -> None:
+        """Take the factor of body forces, and the rate of a shear, over from the Context."""
+        if self.spec.sheared:
+            assert self.steps is not None
+            own.engine.set_flow(rate_at(self.steps.shear, parameters[names.SHEARED]))
         scale = parameters[names.BODY_FORCE] if names.BODY_FORCE in parameters else 1.0
         if scale != own.engine.body_scale:
             own.engine.number += 1  # first: what was computed before is not valid any more
@@ -232,6 +240,8 @@ def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrat
         parameters[names.BODY_FORCE] = 1.0
     if function.steps is not None and function.steps.driven is not None:
         parameters |= {names.IMPULSES[place]: 0.0 for place in np.ndindex(3, 2, 3) if function.steps.driven.there[place[:2]]}
+    if function.spec.sheared:
+        parameters[names.SHEARED] = 0.0
     force = openmm.PythonForce(function, parameters)
     force.setName(names.PAIR_FORCE)
     force.setForceGroup(options.pair_group)

@@ -39,7 +39,8 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     moves = ~scene.immobile
     if not moves.any():
         return [], ["no bead moves"]
-    unmeasured = {"walls, which heat beads near them": scene.walls, "segmental repulsion": scene.segments}
+    walls = "walls, which heat beads near them"
+    unmeasured: dict[str, object] = {walls: scene.walls, "segmental repulsion": scene.segments, "a shear": scene.shear}
     for what, there in unmeasured.items():
         if there:
             return [], [f"the table of steps does not have {what}; {_SCRIPT}"]

@@ -1,0 +1,141 @@
+r"""Viscosity, normal stresses and moduli from the stress in a Lees-Edwards shear.
+
+The flow is :math:`v_x = \dot\gamma y`; pressures P are kinetic, conservative and dissipative parts together, of velocities relative to it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..base.errors import ParameterError, what_is
+from ..base.stats import block_average
+
+#: Fewer periods make no standard error.
+LEAST_PERIODS = 5
+
+
+@dataclass(frozen=True)
+class ShearViscosity:
+    """What a fluid in a steady shear answers; kJ/mol ps/nm^3 and kJ/mol/nm^3, with standard errors.
+
+    Attributes
+    ----------
+    rate : float
+        Shear rate, 1/ps.
+    viscosity, error : float
+        -P_xy over the rate.
+    first_normal, first_normal_error : float
+        First normal stress difference, P_yy - P_xx.
+    second_normal, second_normal_error : float
+        Second one, P_zz - P_yy.
+    converged : bool
+        Whether the run was long against the correlation time of the stress.
+    """
+
+    rate: float
+    viscosity: float
+    error: float
+    first_normal: float
+    first_normal_error: float
+    second_normal: float
+    second_normal_error: float
+    converged: bool
+
+
+@dataclass(frozen=True)
+class ShearModuli:
+    r"""Moduli of a fluid in an oscillating shear, kJ/mol/nm^3, with standard errors: the stress is
+    :math:`\gamma_0 (G' \sin\omega t + G'' \cos\omega t)`.
+
+    Attributes
+    ----------
+    frequency, amplitude : float
+        Angular frequency (1/ps) and amplitude of the strain.
+    storage, storage_error : float
+        G', of the part that is in phase with the strain.
+    loss, loss_error : float
+        G'', of the part that is in phase with its rate; G''/frequency is a viscosity.
+    periods : int
+        Whole periods that were used.
+    """
+
+    frequency: float
+    amplitude: float
+    storage: float
+    storage_error: float
+    loss: float
+    loss_error: float
+    periods: int
+
+
+def shear_viscosity(stress) -> ShearViscosity:
+    r"""Viscosity and normal stress differences in a shear of constant rate.
+
+    .. math:: \eta = -\langle P_{xy}\rangle/\dot\gamma,\; N_1 = \langle P_{yy} - P_{xx}\rangle,\; N_2 = \langle P_{zz} - P_{yy}\rangle
+
+    Parameters
+    ----------
+    stress : :class:`openmm_dpd.measure.StressReporter`
+        Of a run in the steady state, after a strain of a few units.
+
+    Raises
+    ------
+    ParameterError
+        If it has no Lees-Edwards shear of a constant rate other than 0, or too few samples for an error.
+    """
+    shear, rows = _of(stress)
+    rate = shear.end_rate if shear.amplitude is None and not shear.constant else shear.rate
+    if shear.amplitude is not None or not rate or np.any(stress.rates != rate):
+        raise ParameterError(f"a viscosity needs a constant rate other than 0 in all samples, and the shear is: {shear}")
+    xx, yy, zz, xy = rows.T[:4]
+    found = [block_average(series) for series in (-xy / rate, yy - xx, zz - yy)]
+    if any(average.mean is None or average.sem is None for average in found):
+        raise ParameterError(f"{len(rows)} samples are too few for a standard error")
+    eta, first, second = ((average.mean, average.sem) for average in found)
+    return ShearViscosity(rate, *eta, *first, *second, found[0].converged)  # type: ignore[arg-type]
+
+
+def shear_moduli(stress) -> ShearModuli:
+    r"""Storage and loss modulus from an oscillating shear.
+
+    In each whole period -P_xy is fitted, by least squares, by a constant and :math:`\gamma_0(G'\sin\omega t + G''\cos\omega t)`; means and
+    standard errors come from the series of these.  Beyond linear response they are those of the first harmonic.
+
+    Parameters
+    ----------
+    stress : :class:`openmm_dpd.measure.StressReporter`
+        Of a run that has forgotten its start; eight samples a period or more.
+
+    Raises
+    ------
+    ParameterError
+        If the shear does not oscillate, there are fewer than five whole periods, or fewer than eight samples in one.
+    """
+    shear, rows = _of(stress)
+    if shear.amplitude is None or shear.frequency is None:
+        raise ParameterError(f"moduli need an oscillating shear, and this one is: {shear}")
+    phase = shear.frequency * stress.sheared
+    turn = ((phase - phase[0]) / (2 * np.pi) + 1e-9).astype(np.int64)
+    periods = int((phase[-1] + phase[1] - 2 * phase[0]) / (2 * np.pi) + 1e-9) if len(phase) > 1 else 0
+    if periods < LEAST_PERIODS or np.bincount(turn)[:periods].min() < 8:
+        raise ParameterError(
+            f"moduli need {LEAST_PERIODS} whole periods and eight samples in each; there are {len(rows)} in {periods} periods"
+        )
+    fits = []
+    for period in range(periods):
+        mine = turn == period
+        design = shear.amplitude * np.stack([np.sin(phase[mine]), np.cos(phase[mine]), np.ones(mine.sum())], axis=1)
+        fits.append(np.linalg.lstsq(design, -rows[mine, 3], rcond=None)[0])
+    storage, loss = (block_average(series) for series in np.array(fits).T[:2])
+    numbers = storage.mean, storage.sem, loss.mean, loss.sem
+    return ShearModuli(shear.frequency, shear.amplitude, *numbers, periods)  # type: ignore[arg-type]
+
+
+def _of(stress):
+    """The shear, and pressure tensors (n, 6) with all parts; ParameterError if there is none."""
+    shear = getattr(stress, "shear", None)
+    if shear is None:
+        raise ParameterError(f"a StressReporter of a scene with a LeesEdwards shear is wanted here, not {what_is(stress)}")
+    if len(stress.regular) == 0:
+        raise ParameterError("there is no sample yet")
+    return shear, stress.pressures + stress.friction / np.prod(stress.edges, axis=1)[:, None]

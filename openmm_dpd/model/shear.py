@@ -1,0 +1,89 @@
+"""Homogeneous shear by the periodic images alone: Lees-Edwards boundaries."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import ParameterError
+from .owned import keep
+from .pairs import checked
+
+
+@dataclass(frozen=True)
+class LeesEdwards:
+    r"""Shear along x that grows with y: the images of a box slide over each other, and the fluid follows them.
+
+    The mean velocity is :math:`v_x = \dot\gamma y`, everywhere and without walls (Lees and Edwards, J. Phys. C 5, 1921 (1972)).  It is
+    one of three kinds: of a constant ``rate``; of a rate that grows linearly from ``rate`` to ``end_rate`` within ``ramp_time`` and
+    stays there; or oscillating, with the strain :math:`\gamma_0 \sin\omega t` of ``amplitude`` and ``frequency``.
+
+    Parameters
+    ----------
+    rate : inverse time, optional
+        Shear rate, 1/ps, of either sign.
+    end_rate : inverse time, optional
+        The rate at the end of a ramp.
+    ramp_time : time, optional
+        How long a ramp takes, ps.
+    amplitude : float, optional
+        Largest strain.
+    frequency : inverse time, optional
+        Angular frequency, 1/ps: 2 pi over the period.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of bounds, or they do not make one of the three kinds.
+    """
+
+    rate: float | None = None
+    end_rate: float | None = None
+    ramp_time: float | None = None
+    amplitude: float | None = None
+    frequency: float | None = None
+
+    def __post_init__(self):
+        given = [name for name in self.__dataclass_fields__ if getattr(self, name) is not None]
+        if given not in (["rate"], ["rate", "end_rate", "ramp_time"], ["amplitude", "frequency"]):
+            raise ParameterError(
+                "LeesEdwards takes rate (constant), rate, end_rate and ramp_time (a ramp), or amplitude and frequency (oscillating), "
+                f"not {', '.join(given) or 'nothing'}"
+            )
+        kinds = {"ramp_time": "time", "amplitude": "dimensionless"}
+        for name in given:
+            signed = name in ("rate", "end_rate")
+            value = checked(getattr(self, name), kinds.get(name, "rate"), f"the shear's {name}", positive=not signed, signed=signed)
+            keep(self, **{name: value})
+
+    @property
+    def constant(self) -> bool:
+        """Whether the rate never changes."""
+        return self.amplitude is None and self.ramp_time is None
+
+    def __str__(self) -> str:
+        if self.amplitude is not None:
+            return f"strain {self.amplitude:g} sin({self.frequency:g} t)"
+        ramp = "" if self.ramp_time is None else f" to {self.end_rate:g} within {self.ramp_time:g} ps"
+        return f"rate {self.rate:g}{ramp} /ps"
+
+
+def check_shear(shear: Any, scene: Any) -> None:
+    """Raise ParameterError if a scene cannot be sheared, with the reason."""
+    if shear is None:
+        return
+    if not isinstance(shear, LeesEdwards):
+        raise ParameterError(f"shear must be a LeesEdwards, such as LeesEdwards(rate=0.1), not {shear!r}")
+    reasons = {
+        "it needs a periodic box": scene.box is None,
+        "the box it starts from must be rectangular": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
+        "beads that do not move stand still in the flow": bool(scene.immobile.any()),
+        "walls stand still in the flow": bool(scene.walls),
+        "forces on single beads depend on places that the flow shifts, or accelerate all of it": bool(scene.body_forces),
+        "sources stay where they are while the fluid flows on": bool(scene.sources),
+        "`interacting` takes forces from beads, and momentum is lost": scene.interacting is not None,
+        "lattice sums of charges have no sheared images": scene.electrostatics is not None,
+    }
+    wrong = next((reason for reason, holds in reasons.items() if holds), None)
+    if wrong is not None:
+        raise ParameterError(f"Lees-Edwards shear is not possible in this scene: {wrong}")
