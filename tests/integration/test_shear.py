@@ -8,7 +8,7 @@ import openmm
 import oracle
 import pytest
 from judged import any_seed
-from kinds import KINDS, MVV_ONLY, N, hand_over, plain_context
+from kinds import KINDS, N, hand_over, plain_context
 from openmm import app
 from oracle_shear import FoldedShear, folded_state
 from scenes import EXTENDED, PLAIN, beads, external_force, fluid, listed_pairs, noise_of, oracle_params, place, state_of
@@ -168,7 +168,7 @@ def test_the_same_bits_however_a_run_is_cut(kind, scheme, tmp_path):
 def test_where_beads_are_put_among_their_images_changes_nothing_but_rounding(kind):
     """Beads moved to other images, with the velocities that these have, after the images have slid: no pair term of any kind sees it."""
     scene = replace(KINDS[kind](), shear=dpd.LeesEdwards(rate=1.5), mobile=None, sources=(), body_forces=())
-    first, second = (dpd.build(scene, dt=0.005, scheme="mvv" if kind in MVV_ONLY else "middle", platform="CPU", seed=3) for _ in range(2))
+    first, second = (dpd.build(scene, dt=0.005, scheme="middle", platform="CPU", seed=3) for _ in range(2))
     one, other = first.simulation(), second.simulation()
     one.step(20)
     other.step(20)

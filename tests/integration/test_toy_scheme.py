@@ -1,5 +1,7 @@
 """A scheme from outside of the package: one entry of the table, and it builds, runs, is explained, listed and refused where others are."""
 
+import dataclasses
+
 import pytest
 from devices import Device
 from scenes import beads, run_of, same_bits, state_of, stepped
@@ -39,6 +41,7 @@ def test_it_is_explained_by_its_name(baoab):
 
 def test_it_is_refused_where_sweeps_are(baoab):
     scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=dpd.BeadTemperatures(1.0, 30.0))
+    scene = dataclasses.replace(scene, compat="lammps")
     with pytest.raises(dpd.PlanError, match="only scheme='mvv' runs it, not 'baoab'"):
         dpd.build(scene, dt=0.02, scheme="baoab", platform="Reference")
     with pytest.raises(dpd.ParameterError, match="the scheme 'baoab' has none"):

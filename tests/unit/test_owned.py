@@ -67,7 +67,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
 }
 
-_SCALARS = "ConstantHeatCapacity DPD EnergyDPD EwaldSum LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall"
+_SCALARS = "ConstantHeatCapacity DPD EnergyDPD EwaldSum LeesEdwards LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall"
 SCALARS = set(_SCALARS.split())  # Only numbers, text and other frozen classes in them.
 
 
