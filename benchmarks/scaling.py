@@ -182,7 +182,9 @@ def draw(data: dict, file: Path) -> None:
                 left.plot(beads, cost, style, marker="o", fillstyle="none" if theirs else "full", color=color, label=f"{name}, {cores}")
         if not theirs:
             right.plot(beads, [row["memory"][name] for row in rows], marker="o", color=color, label=name)
-    left.set(xscale="log", yscale="log", xlabel="beads", ylabel="microseconds per bead and unit of simulated time", title="cost at 1 %")
+    left.set(xscale="log", yscale="log", xlabel="beads", ylabel="microseconds per bead and unit of time", title="cost at 1 %")
+    left.yaxis.set_major_formatter("{x:g}")
+    left.yaxis.set_minor_formatter("{x:g}")
     right.axhline(1000, color="gray", linewidth=0.8)
     right.set(xscale="log", xlabel="beads", ylabel="bytes per bead beside OpenMM's own", title="memory")
     right.set_ylim(bottom=0)
