@@ -162,4 +162,4 @@ def keep_on_disk(dispatcher: Any) -> None:
     folder = cache_folder()
     if folder is not None:
         with suppress(OSError):  # a function that was typed in has no file
-            set_cache(dispatcher, KernelCache(folder, dispatcher.py_func))
+            set_cache(dispatcher, KernelCache(folder, dispatcher.__wrapped__))

@@ -5,6 +5,7 @@
 - ``NullCache``, ``packed``, ``unpacked``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let
   ``keep_on_disk`` of ``kernel_cache.py`` return at once: kernels are then compiled at every start, and nothing else is lost.
 - ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
+- ``CFunc``: what ``numba.cfunc`` makes, which compiles at once and takes no cache of our own; adapt ``at_address`` of ``compiled.py``.
 - ``compiling``: let it yield and call nothing.  Then nobody hears that kernels are being compiled.
 """
 
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from numba.core.caching import NullCache
+from numba.core.ccallback import CFunc
 from numba.core.compiler import CompileResult
 from numba.core.event import Listener, install_listener
 from numba.core.serialize import dumps
@@ -54,4 +56,4 @@ def compiling(begun: Callable[[], None]) -> Iterator[None]:
         yield
 
 
-__all__ = ["NO_REFERENCE_COUNTS", "NullCache", "compiling", "dumps", "packed", "set_cache", "unpacked"]
+__all__ = ["NO_REFERENCE_COUNTS", "CFunc", "NullCache", "compiling", "dumps", "packed", "set_cache", "unpacked"]

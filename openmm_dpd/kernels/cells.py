@@ -9,9 +9,10 @@ any order, and the sums and sweeps come out bit for bit the same for any number 
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 
-from .compiled import helper, inlined, serial_and_parallel
+from .compiled import helper, inlined
+from .native import Kernel
+from .team import meet
 
 
 class Grid(NamedTuple):
@@ -114,38 +115,63 @@ def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
     return CellScratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_))
 
 
-def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass):
-    """Counting sort of the ``beads`` that take part by cell (x fastest, then y), stable in the bead's index.  Writes ``count`` (ncells +
-    1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or more), its position, wrapped
-    into the grid; and what else is sorted.  Returns the first bead whose position is not finite, or -1, and how many beads can be near a
-    column: they lie in two layers of cells, and none is copied more than twice (across a face along x)."""
-    place, usable = scratch.place, scratch.usable
-    for chunk in prange(len(usable)):
-        usable[chunk] = _count_chunk(x, beads, grid, scratch, np.int64(chunk))
-    for chunk in range(len(usable)):
-        if not usable[chunk]:
-            for i in beads:
-                sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], grid)
-                if not _usable(sx, sy, sz):
-                    return np.int64(i), 0
-    # from the number of beads of each chunk in each cell to the place of the first of them
+@helper
+def _find_bad(x, beads, grid, found):
+    """Write down the first bead whose position is not finite."""
+    for i in beads:
+        sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], grid)
+        if not _usable(sx, sy, sz):
+            found[0] = i
+            return
+
+
+@helper
+def most_near(count, layer):
+    """How many beads can be near a column, at most: they lie in two layers of so many cells, and none is copied more than twice (across a
+    face along x)."""
+    most = np.uint64(0)
+    for k in range(0, len(count) - layer, layer):
+        most = max(most, count[k + layer] - count[k])
+    return 4 * np.int64(most)
+
+
+@helper
+def _first_places(place, count):
+    """From the number of beads of each chunk in each cell to the place of the first of them."""
     total = np.uint32(0)
     for k in range(np.uint64(place.shape[1])):
         count[k] = total
-        for chunk in range(np.uint64(len(usable))):
+        for chunk in range(np.uint64(place.shape[0])):
             here = place[chunk, k]
             place[chunk, k] = total
             total += here
     count[place.shape[1]] = total
-    for chunk in prange(len(usable)):
-        _place_chunk(beads, scratch, np.int64(chunk), order, xs, of_beads, sorted_types, sorted_inv_mass)
-    most, layer = 0, grid.nx * grid.ny
-    for z in range(grid.nz):
-        most = max(most, 4 * int(count[(z + 1) * layer] - count[z * layer]))
-    return -1, most
 
 
-bin_beads, bin_beads_parallel = serial_and_parallel(_bin_beads)
+def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass, found, part, parts, team):
+    """Counting sort of the ``beads`` that take part by cell (x fastest, then y), stable in the bead's index.  Writes ``count`` (ncells +
+    1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or more), its position, wrapped
+    into the grid; and what else is sorted.  Returns 1 where a position is not finite.  Writes to
+    ``found`` the first such bead, or how many beads can be near a column."""
+    place, usable = scratch.place, scratch.usable
+    for chunk in range(part, len(usable), parts):
+        usable[chunk] = _count_chunk(x, beads, grid, scratch, chunk)
+    meet(team, parts)
+    for chunk in range(len(usable)):
+        if not usable[chunk]:
+            if part == 0:
+                _find_bad(x, beads, grid, found)
+            return 1
+    if part == 0:
+        _first_places(place, count)
+        found[0] = most_near(count, grid.nx * grid.ny)
+    meet(team, parts)
+    for chunk in range(part, len(usable), parts):
+        _place_chunk(beads, scratch, chunk, order, xs, of_beads, sorted_types, sorted_inv_mass)
+    return 0
+
+
+bin_beads = Kernel(_bin_beads)
 
 
 def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

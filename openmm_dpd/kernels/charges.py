@@ -12,16 +12,17 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numba import prange
 
 from ..base.errors import RunError
 from ..base.geometry import weighted_sum
 from ..base.wording import bead_number, in_length
 from .charge_pairs import SHARES, Quintics, charge_row, exception
 from .columns import add_stress, push
-from .compiled import helper, serial_and_parallel
+from .compiled import helper
 from .elementary import erfc, exp
 from .extras import box_array, inverse_edges, minimum_image, run_terms
+from .native import Kernel
+from .team import meet
 from .threads import get_threads
 from .vectors import LANES, load_lanes, splat, store_lanes
 from .waves import ISOTROPIC, PULLS, STRIP, WEIGHTS, Waves, copy_steps, lattice_forces, structure_factors, write_phases
@@ -101,10 +102,10 @@ def _gather(x, beads, room, xs):
 
 
 @helper
-def _phases(waves, space):
-    """The phases of all charges."""
+def _phases(waves, space, part, parts):
+    """The phases of some charges."""
     room = len(space.q)
-    for first in range(0, room, LANES):
+    for first in range(part * LANES, room, parts * LANES):
         write_phases(space.xs, room, waves.recip, space.counts, space.tables, space.start, first)
         copy_steps(space.tables, room, space.start[1] * room, space.steps, first)
 
@@ -169,19 +170,24 @@ def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force, stress)
     return energy
 
 
-def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, force, stress):
-    """Add the forces, and to ``stress`` (1, 6), if it has rows, the sums of r F of pairs; returns the energies of pairs and of waves.
-    These are not numbers if a position is not finite."""
-    n, room, parts = len(beads), len(space.q), len(space.outer)
-    if not _gather(x, beads, room, space.xs):
-        return np.nan, np.nan
+def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, force, stress, found, part, parts, team):
+    """Add the forces, and to ``stress`` (1, 6), if it has rows, the sums of r F of pairs; writes down the energies of pairs and of
+    waves.  These are not numbers if a position is not finite."""
+    n, room = len(beads), len(space.q)
+    if part == 0:
+        found[0] = 0.0 if _gather(x, beads, room, space.xs) else np.nan
+    meet(team, parts)
+    if np.isnan(found[0]):
+        return 1
     if len(waves.blocks):
-        # so short that it is not worth waking threads for it
-        _phases(waves, space)
-    for part in prange(parts):
-        _pairs_and_blocks(n, box, law, waves, space, len(stress) > 0, np.int64(part), parts)
-    for part in prange(parts):
-        _strips(beads, constant, waves, space, force, np.int64(part), parts)
+        _phases(waves, space, part, parts)
+        meet(team, parts)
+    _pairs_and_blocks(n, box, law, waves, space, len(stress) > 0, part, parts)
+    meet(team, parts)
+    _strips(beads, constant, waves, space, force, part, parts)
+    meet(team, parts)
+    if part > 0:
+        return 0
     short, lattice = 0.0, 0.0
     for share in range(SHARES):
         short += space.of_shares[share, 0]
@@ -189,10 +195,12 @@ def _charge_forces(x, box, beads, constant, pairs, factors, law, waves, space, f
             stress[0, k] += constant * space.of_shares[share, 1 + k]
     for block in range(len(waves.blocks)):
         lattice += space.of_blocks[block]
-    return constant * short + _exceptions(beads, space.q, constant, pairs, factors, box, law, space.xs, force, stress), lattice
+    found[0] = constant * short + _exceptions(beads, space.q, constant, pairs, factors, box, law, space.xs, force, stress)
+    found[1] = lattice
+    return 0 if np.isfinite(found[0] + found[1]) else 1
 
 
-charge_forces, charge_forces_parallel = serial_and_parallel(_charge_forces)
+charge_forces = Kernel(_charge_forces)
 
 
 class ChargeEvaluator:
@@ -231,8 +239,7 @@ class ChargeEvaluator:
         terms, space = self.terms, self._prepare(box)
         many, given = self._work >= self.fewest, (terms.beads, terms.constant, terms.pairs, terms.factors)
         rest = self._law, self._waves, space, force, stress
-        found: Any = run_terms(charge_forces, charge_forces_parallel, many, x, self._box, *given, *rest)
-        short, lattice = found
+        short, lattice = run_terms(charge_forces, many, x, self._box, *given, *rest)
         if not math.isfinite(short + lattice):
             bad = terms.beads[~np.isfinite(x[terms.beads]).all(axis=1)]
             if len(bad):

@@ -16,13 +16,15 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange, types
+from numba import types
 from numba.extending import overload
 
-from .compiled import BARE, compiled, helper, inlined, renamed, serial_and_parallel
+from .compiled import BARE, helper, inlined, renamed
 from .listing import list_column
+from .native import Kernel
 from .pairs import PairList, Scratch
-from .threads import dispatch
+from .team import meet
+from .threads import get_threads
 
 
 class Totals(NamedTuple):
@@ -68,10 +70,9 @@ def _work_in(pairs, block):
 
 
 @helper
-def _share_out(pairs, shares):
+def _share_out(pairs, shares, parts):
     """Write the first column of each thread, and the end, in each colour: each gets about as much work.  It is done before all else, since
     loops that list pairs write how many there are."""
-    parts = shares.shape[1] - 1
     for colour in range(len(pairs.colour_start) - 1):
         begin, end = pairs.colour_start[colour], pairs.colour_start[colour + 1]
         work, passed, part = 0, 0, 1
@@ -139,27 +140,26 @@ def _enough(pairs, source):
     return True
 
 
-def _over_pairs(pairs, data, scratch, shares, source):
-    beads, parts = len(pairs.order), len(scratch.values)
-    _share_out(pairs, shares)
+def _over_pairs(pairs, data, scratch, shares, source, found, part, parts, team):
+    begin, end = len(pairs.order) * part // parts, len(pairs.order) * (part + 1) // parts
+    if part == 0:
+        _share_out(pairs, shares, parts)
     if _BEGINS:
-        for part in prange(parts):
-            _first(pairs, data, beads * part // parts, beads * (part + 1) // parts)
+        _first(pairs, data, begin, end)
     for colour in range(len(pairs.colour_start) - 1):
-        for part in prange(parts):
-            _share(pairs, data, scratch, shares, source, colour, np.int64(part))
-    enough = _enough(pairs, source) if _LISTS else True
-    if _ENDS and enough:
-        for part in prange(parts):
-            _last(pairs, data, beads * part // parts, beads * (part + 1) // parts)
-    energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
-    for column in range(len(pairs.found)):
-        energy += pairs.sums[column, 0]
-        virial += pairs.sums[column, 1]
-        drag += pairs.sums[column, 2]
-        laplacian += pairs.sums[column, 3]
-        conservative += pairs.sums[column, 4]
-    return enough, energy, virial, drag, laplacian, conservative
+        meet(team, parts)
+        _share(pairs, data, scratch, shares, source, colour, part)
+    meet(team, parts)
+    if _LISTS and not _enough(pairs, source):
+        return 1
+    if _ENDS:
+        _last(pairs, data, begin, end)
+    if part == 0:
+        found[:] = 0.0
+        for column in range(len(pairs.found)):
+            for k in range(len(found)):
+                found[k] += pairs.sums[column, k]
+    return 0
 
 
 # what over_pairs() puts in
@@ -193,30 +193,31 @@ def over_pairs(
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
 
     @cache
-    def kernels(tensor: bool, lists: bool) -> tuple[Any, Any]:
+    def kernel(tensor: bool, lists: bool) -> Kernel:
         """Those with tensors, and those that list, apart: many runs ask for none, and to compile all takes seconds."""
         word = f"{name}{'_tensor' * tensor}{'_lists' * lists}"
         inside = {"_pair": pair, "_before": before, "_LISTS": lists, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
         share = helper(renamed(_share, f"{word}_share", inside))
-        loop = renamed(_over_pairs, word, {"_share": share, "_LISTS": lists} | around)
-        return serial_and_parallel(loop) if parallel else (compiled(loop, bare=True), None)
+        return Kernel(renamed(_over_pairs, word, {"_share": share, "_LISTS": lists} | around))
 
     def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:
         lists = not pairs.used() and again
-        run, enough = kernels(bool(tensor), lists), False
-        while not enough:
+        loop, sums = kernel(bool(tensor), lists), np.empty(5)
+        while True:
             arrays, source = pairs.passing() if lists else (pairs.arrays, 0)
             if isinstance(pairs.flow, float):
                 arrays = arrays._replace(flow=pairs.flow)
             if tensor:
                 arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
-            enough, energy, virial, drag, *apart = dispatch(*run, arrays, data, pairs.scratch, pairs.shares, source)
-            if not enough:
-                pairs.make_passing_room()
+            space = pairs.scratch, pairs.shares, source
+            if not loop(arrays, data, *space, sums, parts=get_threads() if parallel else 1, memory=pairs.memory):
+                break
+            pairs.make_passing_room()
         stress = None
         if tensor:
             found = arrays.stress.reshape(1 + drags, -1, 6).sum(axis=1)
             stress = found if drags else found[0]
+        energy, virial, drag, *apart = sums.tolist()
         return Totals(energy, virial, drag, stress, *(apart if parts else ()))
 
     return call

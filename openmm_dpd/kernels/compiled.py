@@ -7,18 +7,19 @@ from types import FunctionType
 from typing import Any
 
 import numba
+from numba import types
 from numba.extending import register_jitable
 
 from ..base.kernel_cache import keep_on_disk
-from ..base.numba_private import NO_REFERENCE_COUNTS
+from ..base.numba_private import NO_REFERENCE_COUNTS, CFunc
 
 #: Hash of all kernel sources.
-_DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
+DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 #: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
-_SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
-BARE = _SEMANTICS | NO_REFERENCE_COUNTS
+BARE = SEMANTICS | NO_REFERENCE_COUNTS
 #: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
 helper = numba.njit(**BARE)
 inlined = numba.njit(inline="always", **BARE)
@@ -35,21 +36,24 @@ def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) 
     return copy
 
 
-def compiled(function: Callable, *, parallel: bool = False, bare: bool = False, kept: bool = True) -> Any:
-    """Compile a kernel; without the interpreter's lock, and cached on disk if ``kept``.  One that allocates nothing may be ``bare``.
+def compiled(function: Callable, *, bare: bool = False, kept: bool = True) -> Any:
+    """Compile a function that Python calls; without the interpreter's lock, and cached on disk if ``kept``.  One that allocates nothing may
+    be ``bare``.
 
-    Numba keys its cache on a function's name and file alone: it would load a serial version in place of a parallel one, and old code where
-    only a function in another file, inlined here, has changed.  So the function is compiled under a name that says both.  No fastmath, so
-    that both versions round alike and give the same bits.
+    Numba keys its cache on a function's name and file alone: it would load old code where only a function in another file, inlined here, has
+    changed.  So the function is compiled under a name that says so.  No fastmath, so that all versions round alike and give the same bits.
     """
-    name = f"{function.__name__}_{'parallel' if parallel else 'serial'}_{_DIGEST}"
-    dispatcher = numba.njit(parallel=parallel, **(BARE if bare else _SEMANTICS))(renamed(function, name))
+    dispatcher = numba.njit(**(BARE if bare else SEMANTICS))(renamed(function, f"{function.__name__}_{DIGEST}"))
     if kept:
         keep_on_disk(dispatcher)
     return dispatcher
 
 
-def serial_and_parallel(function: Callable) -> tuple[Any, Any]:
-    """Compile a function that loops with prange, and allocates nothing, twice.  What is inside the loop should be the call of a helper:
-    numba tries its own ideas of parallel arrays on all that it sees there."""
-    return compiled(function, bare=True), compiled(function, bare=True, parallel=True)
+def at_address(function: Callable, arguments: tuple, *, bare: bool = True, kept: bool = True) -> CFunc:
+    """Compile a function of numbers (and addresses) that returns a whole one, to be called by its ``address``; see :func:`compiled`, but its
+    name has to say already what it is."""
+    made = CFunc(function, (arguments, types.int64), locals={}, options=dict(BARE if bare else SEMANTICS))
+    if kept:
+        keep_on_disk(made)
+    made.compile()
+    return made

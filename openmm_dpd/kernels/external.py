@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from .compiled import serial_and_parallel
 from .elementary import sine
 from .extras import CHUNK, FEW, Evaluator, Extra, energy_chunks, run_terms
+from .native import Kernel
+from .team import meet
 
 UNIFORM, HALVES, SINE = range(3)
 
@@ -49,9 +50,9 @@ def _sign(place, pattern, origin, period):
     return sine(part)
 
 
-def _body_forces(x, beads, vectors, pattern, axis, origin, period, scale, energies, force):
-    """Add the forces; returns the energy -f.x, which means something only where nothing is periodic."""
-    for chunk in prange(len(energies)):
+def _body_forces(x, beads, vectors, pattern, axis, origin, period, scale, energies, force, found, part, parts, team):
+    """Add the forces; writes down the energy -f.x, which means something only where nothing is periodic."""
+    for chunk in range(part, len(energies), parts):
         energy = 0.0
         for n in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads))):
             i = beads[n]
@@ -62,13 +63,14 @@ def _body_forces(x, beads, vectors, pattern, axis, origin, period, scale, energi
             force[i, 1] += fy
             force[i, 2] += fz
         energies[chunk] = energy
-    total = 0.0
-    for chunk in range(len(energies)):
-        total += energies[chunk]
-    return total
+    meet(team, parts)
+    if part == 0:
+        for chunk in range(len(energies)):
+            found[0] += energies[chunk]
+    return 0
 
 
-body_forces, body_forces_parallel = serial_and_parallel(_body_forces)
+body_forces = Kernel(_body_forces)
 
 
 class BodyEvaluator:
@@ -82,5 +84,5 @@ class BodyEvaluator:
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; the energy is 0 in a box, where -f.x would jump with a bead that is folded back."""
         many = len(self.terms.beads) >= self.fewest
-        energy = run_terms(body_forces, body_forces_parallel, many, x, *self._arguments, float(scale), self._energies, force)
+        energy = run_terms(body_forces, many, x, *self._arguments, float(scale), self._energies, force)[0]
         return energy if box is None else 0.0

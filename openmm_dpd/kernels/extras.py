@@ -13,12 +13,14 @@ from functools import cache
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..base.errors import RunError
-from .compiled import compiled, renamed
+from .compiled import renamed
+from .native import Kernel
 from .notice import LOGGER, announced
-from .threads import dispatch, get_threads
+from .team import meet
+from .threads import get_threads
 
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
 FEW = 4000
@@ -66,9 +68,12 @@ def energy_chunks(terms: int) -> np.ndarray:
     return np.zeros((terms + CHUNK - 1) // CHUNK)
 
 
-def run_terms(serial, parallel, many: bool, *arguments) -> float:
-    """Call the version for one thread, or that for several where there is enough to do for them."""
-    return dispatch(serial, parallel, *arguments) if many else serial(*arguments)
+def run_terms(kernel: Kernel, many: bool, *arguments) -> list[float]:
+    """Call a kernel with one thread, or with several where there is enough to do for them; returns the two numbers that it writes to its last
+    argument."""
+    found = np.zeros(2)
+    kernel(*arguments, found, parts=get_threads() if many else 1)
+    return found.tolist()
 
 
 @njit(inline="always")
@@ -116,48 +121,48 @@ def add_row(force, bead, begin, end, slots, parts):
     force[bead, 0], force[bead, 1], force[bead, 2] = fx, fy, fz
 
 
-def _in_turn(x, box, beads, p, rows, start, slots, parts, energies, force):
-    """Add the forces of all terms, one after the other; returns the energy.  (Rows and slots are for several threads.)"""
-    inverse, total = inverse_edges(box), 0.0
-    for chunk in range(len(energies)):
+def _terms(x, box, beads, p, rows, start, slots, pieces, energies, force, found, part, parts, team):
+    """Add the forces of all terms.  One thread does one after the other; several first write down what each term does, and then each takes
+    a bead and adds up its row, in the same order."""
+    inverse = inverse_edges(box)
+    for chunk in range(part, len(energies), parts):
         begin, end = chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads))
-        total += _part(x, box, inverse, beads, p, begin, end, parts, begin)
-        for n in range(begin, end):
+        first = begin if parts == 1 else 0
+        energies[chunk] = _part(x, box, inverse, beads, p, begin, end, pieces, first)
+        for n in range(begin, end if parts == 1 else begin):
             for place in range(_width):
                 bead, slot = beads[n, place], (n - begin) * _width + place
-                force[bead, 0] += parts[slot, 0]
-                force[bead, 1] += parts[slot, 1]
-                force[bead, 2] += parts[slot, 2]
-    return total
-
-
-def _by_rows(x, box, beads, p, rows, start, slots, parts, energies, force):
-    inverse, total = inverse_edges(box), 0.0
-    for chunk in prange(len(energies)):
-        energies[chunk] = _part(x, box, inverse, beads, p, chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads)), parts, 0)
-    for row in prange(len(rows)):
-        add_row(force, rows[row], start[row], start[row + 1], slots, parts)
+                force[bead, 0] += pieces[slot, 0]
+                force[bead, 1] += pieces[slot, 1]
+                force[bead, 2] += pieces[slot, 2]
+    meet(team, parts)
+    total = 0.0
     for chunk in range(len(energies)):
         total += energies[chunk]
-    return total
+    if not np.isfinite(total):
+        if part == 0:
+            found[0] = total
+        return 1
+    if parts > 1:
+        for row in range(len(rows) * part // parts, len(rows) * (part + 1) // parts):
+            add_row(force, rows[row], start[row], start[row + 1], slots, pieces)
+    if part == 0:
+        found[0] = total
+    return 0
 
 
-# what _kernels() puts in
+# what _kernel() puts in
 _part: Any = None
 _width = 0
 
 
 @cache
-def _kernels(kind: Any) -> tuple[Any, Any]:
-    """Kernels of a class of terms, for one thread and for several.  With a formula from elsewhere they are not kept on disk: nothing would
-    tell that it has changed."""
+def _kernel(kind: Any) -> Kernel:
+    """Kernel of a class of terms.  With a formula from elsewhere it is not kept on disk: nothing would tell that it has changed."""
     kept = kind.__module__.startswith(f"{__package__}.")
     names = {"_formula": njit(inline="always", error_model="numpy")(kind.formula)}
     part = {"_part": njit(error_model="numpy")(renamed(kind.part, f"{kind.__name__}_part", names)), "_width": len(kind.sample)}
-    return (
-        compiled(renamed(_in_turn, f"{kind.__name__}_in_turn", part), kept=kept),
-        compiled(renamed(_by_rows, f"{kind.__name__}_by_rows", part), kept=kept, parallel=True),
-    )
+    return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False, kept=kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,19 +195,18 @@ class BondedKernel:
 
 
 class TermEvaluator:
-    """Computes bonded terms.  One thread adds each term to the forces on its beads as it goes.  Several (from ``fewest`` terms on) first
-    write down what each term does; then each takes a bead and adds up its row of terms, in the same order."""
+    """Computes bonded terms; from so many as ``fewest`` on several threads share the work."""
 
     def __init__(self, terms: BondedKernel):
         kind: Any = type(terms)
         beads = terms.beads
-        self.terms, self.fewest, self._kernels = terms, FEW, _kernels(kind)
+        self.terms, self.fewest, self._kernel = terms, FEW, _kernel(kind)
         self._arguments = beads, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`Evaluator`; RunError if a term has no finite energy: a position is not finite, or a bond has a length without one."""
         many = len(self.terms.beads) >= self.fewest
-        energy = run_terms(*self._kernels, many, x, box_array(box), *self._arguments, force)
+        energy = run_terms(self._kernel, many, x, box_array(box), *self._arguments, force)[0]
         if not math.isfinite(energy):
             raise RunError(self.terms.what_is_wrong(x, box))
         return energy

@@ -9,9 +9,11 @@ branch that the processor could not foresee, and that is what makes them fast.
 from typing import NamedTuple
 
 import numpy as np
-from numba import prange
 
-from .compiled import compiled, helper, inlined, serial_and_parallel
+from .cells import most_near
+from .compiled import helper, inlined
+from .native import Kernel
+from .team import meet
 from .vectors import LANES, bits_set, copy_shifted, count_up, lowest_bit
 
 #: Square of the distance (nm^2) below which a pair exerts no force.
@@ -249,30 +251,26 @@ def list_column(pairs, source, part, column, begin, room):
     return _flush(source, order, types, near, bead, hits, m, n, room, pairs) - begin
 
 
-@helper
-def _list_part(pairs, source, part):
-    """List the pairs of the columns that one thread takes."""
-    columns, parts = source.ny * source.nz, len(source.bead)
+def _list_pairs(pairs, source, part, parts, team):
+    """List all pairs; the threads share the columns.  Returns 1 where there was too little room for them, or for the beads near a column."""
+    if most_near(source.cells, source.nx * source.ny) + 64 > source.bead.shape[1]:
+        return 1
+    columns = source.ny * source.nz
     for column in range(columns * part // parts, columns * (part + 1) // parts):
         pairs.found[column] = list_column(pairs, source, part, column, pairs.start[column], pairs.start[column + 1])
+    meet(team, parts)
+    for column in range(columns):
+        if pairs.found[column] > pairs.start[column + 1] - pairs.start[column]:
+            return 1
+    return 0
 
 
-def _list_pairs(pairs, source):
-    """List all pairs; returns whether there was room for all of them.  The threads share the columns in as many parts as there is space."""
-    for part in prange(len(source.bead)):
-        _list_part(pairs, source, np.int64(part))
-    enough = True
-    for column in range(source.ny * source.nz):
-        enough = enough and pairs.found[column] <= pairs.start[column + 1] - pairs.start[column]
-    return enough
+list_pairs = Kernel(_list_pairs)
 
 
-list_pairs, list_pairs_parallel = serial_and_parallel(_list_pairs)
-
-
-@compiled
-def list_pairs_small_box(pairs, source):
-    """All pairs by minimum image, for boxes too narrow for three cells; one column holds them all.  Returns whether there was room."""
+def _list_pairs_small_box(pairs, source, part, parts, team):
+    """All pairs by minimum image, for boxes too narrow for three cells; one column holds them all.  Returns 1 where there was too little
+    room."""
     xs, order, types, box = source.xs, pairs.order, pairs.types, source.box
     n, end = pairs.start[0], pairs.start[1]
     for i in range(len(order)):
@@ -303,4 +301,7 @@ def list_pairs_small_box(pairs, source):
                         pairs.factors[n] = factor
                 n += _ONE
     pairs.found[0] = n - pairs.start[0]
-    return n <= end
+    return 1 if n > end else 0
+
+
+list_pairs_small_box = Kernel(_list_pairs_small_box)

@@ -8,22 +8,22 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from .compiled import compiled, helper, inlined, renamed, serial_and_parallel
-from .threads import dispatch, get_threads
+from .compiled import compiled, helper, inlined, renamed
+from .native import Kernel
+from .threads import get_threads
 
 #: Fewer beads than this are not worth waking a second thread for.
 FEW = 4000
 
 
-def _over_beads(beads, counts, arguments):
-    parts = len(counts)
-    for part in prange(parts):
-        if _COUNTS:
-            counts[part] = _rows(beads * part // parts, beads * (part + 1) // parts, *arguments)
-        else:
-            _rows(beads * part // parts, beads * (part + 1) // parts, *arguments)
+def _over_beads(beads, counts, arguments, part, parts, team):
+    begin, end = beads * part // parts, beads * (part + 1) // parts
+    if _COUNTS:
+        counts[part] = _rows(begin, end, *arguments)
+        return counts[part]
+    _rows(begin, end, *arguments)
+    return 0
 
 
 # what over_beads() puts in
@@ -34,15 +34,12 @@ _COUNTS = False
 def over_beads(function: Callable, counts: bool = False) -> Callable:
     """Make a pass over all beads, the rows of the first argument, of one over the rows ``begin`` to ``end``.  One that ``counts`` returns a
     number for its rows, and the pass returns the sum."""
-    kernels = serial_and_parallel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
+    kernel = Kernel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
 
     def call(first, *others):
-        if first.size < 3 * FEW:
-            found = np.empty(1, np.int64)
-            kernels[0](len(first), found, (first, *others))
-            return int(found[0]) if counts else None
-        found = np.empty(get_threads(), np.int64)
-        dispatch(*kernels, len(first), found, (first, *others))
+        parts = get_threads() if first.size >= 3 * FEW else 1
+        found = np.zeros(parts, np.int64)
+        kernel(len(first), found, (first, *others), parts=parts)
         return sum(found.tolist()) if counts else None
 
     call.__doc__ = function.__doc__

@@ -8,7 +8,8 @@ from ..base.errors import RunError
 from ..base.geometry import widths
 from ..base.wording import bead_number
 from . import cells, listing
-from .threads import dispatch, get_threads
+from .native import Memory
+from .threads import get_threads
 
 #: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
 MANY = 50_000
@@ -106,6 +107,8 @@ class PairList:
         self._shares = np.zeros((4, 0), np.int64)
         #: see :class:`Pairs`
         self.flow: float = 0
+        #: of kernels that are given the arrays of this list, see :class:`.native.Kernel`
+        self.memory = Memory(Pairs, Scratch, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
@@ -174,9 +177,11 @@ class PairList:
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(len(self.beads), *sizes)
         out = self._count, self.order, self._xs, self._stored.types, self._stored.inv_mass
-        bad, self._near = dispatch(cells.bin_beads, cells.bin_beads_parallel, x, self.beads, self._of_beads, grid, self._sorting, *out)
-        if bad >= 0:
+        found = np.zeros(1, np.int64)
+        if cells.bin_beads(x, self.beads, self._of_beads, grid, self._sorting, *out, found, parts=chunks, memory=self.memory):
+            bad = int(found[0])
             raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
+        self._near = int(found[0])
 
     def _listing(self, grid: cells.Grid, parts: int) -> listing.SortedCells:
         """What the pairs of the sorted beads are listed from, by so many threads."""
@@ -193,10 +198,10 @@ class PairList:
         source = self._listing(grid, parts)
         while True:
             if grid.periodic and self._shape == (1, 1, 1):
-                enough = listing.list_pairs_small_box(self._stored, source)
+                short = listing.list_pairs_small_box(self._stored, source)
             else:
-                enough = dispatch(listing.list_pairs, listing.list_pairs_parallel, self._stored, source)
-            if enough:
+                short = listing.list_pairs(self._stored, source, parts=parts, memory=self.memory)
+            if not short:
                 break
             self._make_room()
         self._complete = True

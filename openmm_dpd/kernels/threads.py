@@ -8,17 +8,7 @@ import numba
 
 from ..base.errors import ParameterError
 
-# Threads of GNU OpenMP that spin while they wait stall each other, and OpenMM's own, wherever there are fewer free cores than threads
-# (a step can take ten times as long); the variable is read when the library is loaded, at the first parallel call, and a user's own
-# choice is kept.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-
-# Threads that go to sleep at once take longer to wake up than most loops take, and often wake up on the core of the one that woke them.
-# 100,000 rounds (3 ms) bridge the gaps of a run: mean steps of mvv, 10,000 beads, two free cores: 1.0 ms with 0 as with one thread,
-# 0.83 ms with 2000, 0.87 ms with 20,000, 0.71 ms with 100,000; beside another busy process 1.08, 1.12 and 1.16 ms, one thread 1.07 ms.
-os.environ.setdefault("GOMP_SPINCOUNT", "100000")
-
-#: Numba's default threading layer must not be entered from two threads at once.
+#: There is one team.
 _PARALLEL_LOCK = threading.Lock()
 _MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 _thread_count: int | None = None
@@ -80,22 +70,9 @@ class _Watch:
 _WATCH = _Watch()
 
 
-class _Chosen(threading.local):
-    """The number of threads last set in numba for this thread; setting it takes a microsecond."""
-
-    threads = 0
-
-
-_CHOSEN = _Chosen()
-
-
-def dispatch(serial, parallel, *arguments):
-    """Call the parallel version under the lock, with the right number of threads, or the serial one (also if there is no parallel one)."""
-    threads = 1 if parallel is None else get_threads()
+def dispatch(serial, parallel, *arguments, threads: int):
+    """Call the parallel version, which uses so many threads, alone at a time; or the serial one, where they have not a core each."""
     if threads == 1 or time.perf_counter() < _WATCH.until:
         return serial(*arguments)
     with _PARALLEL_LOCK:
-        if _CHOSEN.threads != threads:
-            numba.set_num_threads(threads)
-            _CHOSEN.threads = threads
         return _WATCH.call(threads, parallel, arguments)

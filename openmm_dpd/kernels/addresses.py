@@ -1,0 +1,136 @@
+"""Memory by its address, for compiled code: words, functions, and what several threads tell each other.
+
+A *word* is 64 bits: a whole number, or the bits of a float64.  Like :mod:`.vectors`, this file has instructions of llvmlite, and
+``tests/unit/test_private_interfaces.py`` tries each of them.
+"""
+
+import platform
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+
+from .vectors import instruction
+
+_WORD, _INT = ir.IntType(64), types.int64
+#: The arguments of every kernel as it is called by its address: where its own lie, the number of this thread, how many share the work, and
+#: where these meet (see :mod:`.team`).
+ENTRY = (_INT, _INT, _INT, _INT)
+
+
+def _pointer(builder, address, place, kind=_WORD):
+    """Pointer to the word number ``place`` behind an address."""
+    offset = builder.mul(place, ir.Constant(_WORD, 8))
+    return builder.inttoptr(builder.add(address, offset), kind.as_pointer())
+
+
+@instruction(lambda address, place: _INT(_INT, _INT))
+def word(context, builder, signature, arguments):
+    """The word at a place."""
+    return builder.load(_pointer(builder, *arguments))
+
+
+@instruction(lambda address, place, value: types.void(_INT, _INT, _INT))
+def put_word(context, builder, signature, arguments):
+    """Write a word to a place."""
+    builder.store(arguments[2], _pointer(builder, *arguments[:2]))
+    return context.get_dummy_value()
+
+
+@instruction(lambda address, place: _INT(_INT, _INT))
+def shared_word(context, builder, signature, arguments):
+    """The word at a place that another thread writes; what that thread did before is seen from then on."""
+    return builder.load_atomic(_pointer(builder, *arguments), "acquire", 8)
+
+
+@instruction(lambda address, place, value: types.void(_INT, _INT, _INT))
+def share_word(context, builder, signature, arguments):
+    """Write a word that another thread reads."""
+    builder.store_atomic(arguments[2], _pointer(builder, *arguments[:2]), "release", 8)
+    return context.get_dummy_value()
+
+
+@instruction(lambda address, place, value: _INT(_INT, _INT, _INT))
+def add_to_word(context, builder, signature, arguments):
+    """Add to a word that other threads add to as well; returns what it was before."""
+    return builder.atomic_rmw("add", _pointer(builder, *arguments[:2]), arguments[2], "seq_cst")
+
+
+@instruction(lambda: types.void())
+def pause(context, builder, signature, arguments):
+    """Let the other thread of the core go first for a moment, on processors that have a word for it."""
+    if platform.machine() in ("x86_64", "AMD64"):
+        builder.call(builder.module.declare_intrinsic("llvm.x86.sse2.pause", (), ir.FunctionType(ir.VoidType(), [])), [])
+    return context.get_dummy_value()
+
+
+@instruction(lambda function: types.void(_INT))
+def call_plain(context, builder, signature, arguments):
+    """Call a function of the operating system that takes nothing."""
+    function = ir.FunctionType(ir.IntType(32), [])
+    builder.call(builder.inttoptr(arguments[0], function.as_pointer()), [])
+    return context.get_dummy_value()
+
+
+@instruction(lambda function, words, part, parts, team: _INT(_INT, *ENTRY))
+def call_kernel(context, builder, signature, arguments):
+    """Call a kernel by its address."""
+    function = ir.FunctionType(_WORD, [_WORD] * len(ENTRY))
+    return builder.call(builder.inttoptr(arguments[0], function.as_pointer()), arguments[1:])
+
+
+def _laid_down(context, builder, kind, address, place: int) -> tuple[Any, int]:
+    """A value of a type from the words behind an address, the first of them number ``place``; and the number of the next one."""
+
+    def read(n: int, of=_WORD):
+        return builder.load(_pointer(builder, address, ir.Constant(_WORD, n), of))
+
+    if isinstance(kind, types.BaseTuple):
+        found = []
+        for each in kind:
+            value, place = _laid_down(context, builder, each, address, place)
+            found.append(value)
+        return context.make_tuple(builder, kind, found), place
+    if isinstance(kind, types.Array):
+        array, n = context.make_array(kind)(context, builder), kind.ndim
+        element = context.get_data_type(kind.dtype)
+        size = context.get_abi_sizeof(element)
+        lengths = [read(place + 1 + k) for k in range(n)]
+        if kind.layout == "C":  # known to the compiler, which can then keep to whole vectors
+            strides = [ir.Constant(_WORD, size)] * n
+            for k in reversed(range(n - 1)):
+                strides[k] = builder.mul(strides[k + 1], lengths[k + 1])
+        else:
+            strides = [read(place + 1 + n + k) for k in range(n)]
+        items = ir.Constant(_WORD, 1)
+        for length in lengths:
+            items = builder.mul(items, length)
+        array.data = builder.inttoptr(read(place), element.as_pointer())
+        array.shape, array.strides = (_packed(builder, numbers) for numbers in (lengths, strides))
+        array.itemsize, array.nitems = ir.Constant(_WORD, size), items
+        array.meminfo = ir.Constant(array.meminfo.type, None)
+        array.parent = ir.Constant(array.parent.type, None)
+        return array._getvalue(), place + 1 + 2 * n
+    if isinstance(kind, types.Float):
+        return read(place, ir.DoubleType()), place + 1
+    whole = read(place)
+    if isinstance(kind, types.Boolean):
+        return builder.icmp_unsigned("!=", whole, ir.Constant(_WORD, 0)), place + 1
+    return whole, place + 1
+
+
+def _packed(builder, numbers):
+    made = ir.Constant(ir.ArrayType(_WORD, len(numbers)), ir.Undefined)
+    for k, number in enumerate(numbers):
+        made = builder.insert_value(made, number, k)
+    return made
+
+
+def reader_of(kind: types.BaseTuple) -> Any:
+    """Instruction (address of words) -> tuple of this type, whose leaves lie there one after the other as :mod:`.native` writes them."""
+
+    @instruction(lambda address: kind(_INT))
+    def laid_down(context, builder, signature, arguments):
+        return _laid_down(context, builder, kind, arguments[0], 0)[0]
+
+    return laid_down
