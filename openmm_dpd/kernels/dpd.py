@@ -90,7 +90,7 @@ class SweptLayer:
 class DPDLayer(SweptLayer):
     """Evaluates a :class:`TermTable` (see :mod:`.forces` and :mod:`.sweeps` for the formulas)."""
 
-    repels_by_pairs = True
+    repels_by_pairs = repeats = True
 
     def __init__(self, table: TermTable, spec: PairSpec, number: int):
         pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)

@@ -148,6 +148,12 @@ class PairEngine(Engine):
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
     @property
+    def repeats(self) -> bool:
+        """See :class:`.interface.Engine`."""
+        parts = [*self.layers, *self.extras]
+        return self._covered and not any(pairs.many for pairs in self.lists) and all(getattr(each, "repeats", False) for each in parts)
+
+    @property
     def parts_forces(self) -> bool:
         """See :class:`.interface.Engine`."""
         return all(getattr(layer, "parts_forces", False) for layer in self.layers)

@@ -197,6 +197,8 @@ class BondedKernel:
 class TermEvaluator:
     """Computes bonded terms; from so many as ``fewest`` on several threads share the work."""
 
+    repeats = True
+
     def __init__(self, terms: BondedKernel):
         kind: Any = type(terms)
         beads = terms.beads

@@ -54,6 +54,11 @@ class Engine(Protocol):
         ...
 
     @property
+    def repeats(self) -> bool:
+        """Whether all that a step asks for is done by kernels on arrays that stay, so that it can be played again (:mod:`.tape`)."""
+        return False
+
+    @property
     def parts_forces(self) -> bool:
         """Whether :meth:`sums` can write conservative forces apart."""
         return False

@@ -12,6 +12,7 @@ from .extras import Extra
 from .fields import FieldSpec
 from .noise import noise_key
 from .pairs import Exceptions, PairList, no_exceptions
+from .tape import TAPES, KeyMade
 
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
@@ -39,7 +40,12 @@ class Call(NamedTuple):
 
     def key(self, number: int) -> np.uint64:
         """Key of the noise of layer number ``number``; 0 where none is asked for."""
-        return noise_key(self.seed, self.counter, number, self.kT) if self.which & RANDOM else _NO_KEY
+        if not self.which & RANDOM:
+            return _NO_KEY
+        key = noise_key(self.seed, self.counter, number, self.kT)
+        if TAPES.running is not None:
+            TAPES.running.keys[int(key)] = KeyMade(self.seed, self.counter, number, self.kT)
+        return key
 
     @property
     def rsqrt_dt(self) -> float:

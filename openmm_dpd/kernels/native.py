@@ -22,7 +22,7 @@ from numba import types
 
 from .addresses import ENTRY, reader_of
 from .compiled import BARE, DIGEST, SEMANTICS, at_address
-from .tape import TAPES
+from .tape import TAPES, KernelCall
 from .team import CALL, the_team
 from .threads import dispatch
 
@@ -130,7 +130,7 @@ class Kernel:
             layout = self._layouts[found] = Layout(self._compiled(numba.typeof(arguments)), arguments)
         packed = layout.pack(*words)
         if TAPES.running is not None:
-            TAPES.running.add(layout, packed, parts, arguments)
+            TAPES.running.calls.append(KernelCall(layout, packed, parts, arguments))
         return run(layout, packed, parts)
 
     def _compiled(self, kind: types.BaseTuple) -> Any:

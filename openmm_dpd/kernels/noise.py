@@ -53,6 +53,12 @@ def mix(z):
     return z ^ (z >> _S31)
 
 
+@inlined
+def next_key(key, number):
+    """One word more, as :func:`call_key` has it."""
+    return mix(key + number + _GOLDEN)
+
+
 def call_key(*words: int) -> np.uint64:
     """Key of one evaluation from numbers between 0 and 2^64: seed, count of the program's own noise counter, and the like."""
     z = 0

@@ -5,6 +5,7 @@ friction is a force.  All that a step begins with is in the :class:`Moment`, so 
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -17,8 +18,10 @@ from .columns import Totals
 from .driven import Driven, continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
+from .replay import play
 from .shear import add_flow, rate_at, sheared_box, strain_at
 from .sweeps import EXACT, SHARDLOW
+from .tape import Tape
 
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
@@ -157,20 +160,26 @@ class StepLoop:
         try:
             self.moment = None
             self.placed = self.engine.holds(moment.x, moment.box)
-            force = None
-            for done in range(n):
+            force, done, played = None, 0, 0
+            while done < n:
                 CTRL_C.check()
+                begun, counter, tape = self._known(moment), moment.counter, Tape() if self._repeats(moment, slow, n - done) else None
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
                     if self.spec.predicts and (moment.acc is None or self.spec.foresees):
                         moment.unkicked = moment.v.copy()
                     self._move(moment, force, before * moment.dt)
                 self._last = done + 1 == n
-                step(moment)
-                moment.time += moment.dt
-                moment.slow_step = (moment.slow_step + 1) % self.spec.slow_every
+                with nullcontext() if tape is None else tape.recording():
+                    step(moment)
+                if tape is not None and begun == self._known(moment):
+                    played = self._play(moment, tape, moment.counter - counter, n - done - 2)
+                for _ in range(1 + played):
+                    moment.time += moment.dt
+                    moment.slow_step = (moment.slow_step + 1) % self.spec.slow_every
+                done, played = done + 1 + played, 0
                 if slow is not None and moment.slow_step == 0:
-                    force = slow(moment, done + 1) if after or done + 1 < n else None
+                    force = slow(moment, done) if after or done < n else None
                     if after and force is not None:
                         self._move(moment, force, after * moment.dt)
             if self.placed:
@@ -179,6 +188,25 @@ class StepLoop:
         except RunError as error:
             error.steps_done = done  # type: ignore[attr-defined]
             raise
+
+    def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:
+        """Whether a step does what the one before it has done, with other noise, and so many are enough for that to pay."""
+        spec = self.spec
+        plain = slow is None and spec.driven is None and spec.ramp is None and m.box is not None and m.sheared is None and m.values is None
+        return plain and steps > 2 and spec.lam == 0.5 and not len(self.still) and self.engine.repeats
+
+    def _known(self, m: Moment) -> tuple[bool, bool, bool]:
+        """What a step need not do, since it has been done."""
+        return self.placed, self.forced == self.engine.number, m.acc is None
+
+    def _play(self, m: Moment, tape: Tape, counted: int, steps: int) -> int:
+        """Repeat a step; the last one of a run is left to Python, which then has all that belongs to it."""
+        state = [m.x, m.v] if m.acc is None else [m.x, m.v, m.acc]
+        played = play(tape, counted, state, steps)
+        m.counter += counted * played
+        if played < steps:  # the step that was begun has other lists
+            self.placed, self.forced = False, -1
+        return played
 
     def _place(self, m: Moment) -> None:
         """List the pairs at x, unless they are listed."""

@@ -1,32 +1,53 @@
 """What one step calls, recorded, so that many more can be done without Python.
 
 A step calls the same kernels with the same arrays as the one before it; what differs is the key of the noise.  So one step is recorded
-while Python does it (:class:`Tape`), and :func:`play` repeats it in compiled code until a kernel has something to say: that a list has
-too little room, or that a bead is fast.  The step in which that happens is left to Python, from its beginning.
+while Python does it, and :func:`.replay.play` repeats it in compiled code until a kernel has something to say: that a list has too little
+room, or that a bead is fast.  The step in which that happens is left to Python, from its beginning.
 """
 
 import threading
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
 
-import numpy as np
+
+class KernelCall(NamedTuple):
+    """A call of a kernel, see :mod:`.native`."""
+
+    layout: Any
+    packed: bytes  #: Its arguments
+    parts: int  #: Threads that share the work
+    arguments: tuple  #: They have to stay where they are
+
+
+class KeyMade(NamedTuple):
+    """What a key of the noise was made of."""
+
+    seed: int
+    count: int
+    layer: int
+    kT: float
 
 
 class Tape:
-    """Kernels that are being called, and the keys that are being made."""
+    """Calls of kernels, and keys."""
 
     def __init__(self) -> None:
-        #: (layout, its packed arguments, threads, the arguments, which are to stay where they are)
-        self.calls: list[tuple[Any, bytes, int, tuple]] = []
-        #: by the key: seed, count, layer and thermal energy that it was made of
-        self.keys: dict[int, tuple[int, int, int, float]] = {}
+        self.calls: list[KernelCall] = []
+        self.keys: dict[int, KeyMade] = {}
 
-    def add(self, layout: Any, packed: bytes, parts: int, arguments: tuple) -> None:
-        """Record a call."""
-        self.calls.append((layout, packed, parts, arguments))
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """A block in which all that this thread calls is recorded."""
+        TAPES.running = self
+        try:
+            yield
+        finally:
+            TAPES.running = None
 
 
 class Tapes(threading.local):
-    """The one that is recorded by this thread."""
+    """The one that this thread records on."""
 
     running: Tape | None = None
 

@@ -26,7 +26,7 @@ _HERE, _MEETINGS, _JOB, _KERNEL, _WORDS, _DONE, _COMING, _YIELD, _SIZE = 0, 16, 
 #: A job is its number times this, and how many threads share it.
 _MOST = 1 << 16
 #: Rounds of looking (some 20 to 50 ns each) after which others go first, and after which a thread without work goes to sleep.
-_PATIENCE, _AWAKE = 2_000, 100_000
+_PATIENCE, _AWAKE = 50_000, 100_000
 #: The job after the last one.
 _STOP = -1
 
