@@ -79,15 +79,37 @@ def _count_chunk(x, beads, grid, scratch, chunk):
 
 
 @helper
-def _place_chunk(beads, scratch, chunk, order, xs, of_beads, sorted_types, sorted_inv_mass):
-    """Put the beads of one chunk where they belong."""
-    cell, wrapped, place = scratch.cell, scratch.wrapped, scratch.place[chunk]
+def _place_chunk(beads, scratch, chunk, seats):
+    """Write down which beads of one chunk belong where."""
+    cell, place = scratch.cell, scratch.place[chunk]
     m, chunks = len(beads), len(scratch.place)
     for k in range(np.uint64(m * chunk // chunks), np.uint64(m * (chunk + 1) // chunks)):
-        n, i = place[cell[k]], beads[k]
+        n = place[cell[k]]
         place[cell[k]] = n + np.uint32(1)
+        seats[n] = k
+
+
+@helper
+def _by_number(beads, names, seats, begin, end):
+    """Sort the few beads of a cell by their numbers."""
+    for n in range(begin + np.uint64(1), end):
+        k = seats[n]
+        number, m = names[beads[k]], n
+        while m > begin and names[beads[seats[m - np.uint64(1)]]] > number:
+            seats[m] = seats[m - np.uint64(1)]
+            m -= np.uint64(1)
+        seats[m] = k
+
+
+@helper
+def _fill_in(beads, names, wrapped, begin, end, order, seats, xs, of_beads, sorted_types, sorted_inv_mass):
+    """Put the sorted beads from begin to end where they belong."""
+    for n in range(begin, end):
+        k = seats[n]
+        i = beads[k]
         xs[0, n], xs[1, n], xs[2, n] = wrapped[0, k], wrapped[1, k], wrapped[2, k]
-        order[n] = i
+        seats[n] = i
+        order[n] = names[i] if len(names) else i
         if len(of_beads.types):
             sorted_types[n] = of_beads.types[i]
         if len(of_beads.inv_mass):
@@ -148,10 +170,10 @@ def _first_places(place, count):
     count[place.shape[1]] = total
 
 
-def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types, sorted_inv_mass, found, part, parts, team):
-    """Counting sort of the ``beads`` that take part by cell (x fastest, then y), stable in the bead's index.  Writes ``count`` (ncells +
-    1,), the first sorted bead of each cell; ``order`` (M,), the index of each sorted bead; ``xs`` (3, M or more), its position, wrapped
-    into the grid; and what else is sorted.  Returns 1 where a position is not finite.  Writes to
+def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs, sorted_types, sorted_inv_mass, found, part, parts, team):
+    """Counting sort of the ``beads`` that take part by cell (x fastest, then y), and by their numbers in each.  Writes ``count`` (ncells +
+    1,), the first sorted bead of each cell; ``order`` (M,), the number of each sorted bead, and ``seats`` (M,), its row in all other arrays;
+    ``xs`` (3, M or more), its position, wrapped into the grid; and what else is sorted.  Returns 1 where a position is not finite.  Writes to
     ``found`` the first such bead, or how many beads can be near a column."""
     place, usable = scratch.place, scratch.usable
     for chunk in range(part, len(usable), parts):
@@ -167,7 +189,14 @@ def _bin_beads(x, beads, of_beads, grid, scratch, count, order, xs, sorted_types
         found[0] = most_near(count, grid.nx * grid.ny)
     meet(team, parts)
     for chunk in range(part, len(usable), parts):
-        _place_chunk(beads, scratch, chunk, order, xs, of_beads, sorted_types, sorted_inv_mass)
+        _place_chunk(beads, scratch, chunk, seats)
+    meet(team, parts)
+    cells = len(count) - 1
+    first, last = cells * part // parts, cells * (part + 1) // parts
+    if len(names):
+        for cell in range(first, last):
+            _by_number(beads, names, seats, count[cell], count[cell + 1])
+    _fill_in(beads, names, scratch.wrapped, count[first], count[last], order, seats, xs, of_beads, sorted_types, sorted_inv_mass)
     return 0
 
 

@@ -301,10 +301,10 @@ def clear(pairs, data, begin, end):
 @helper
 def gather(pairs, data, begin, end):
     """Sort the velocities ``seen`` (N, 3), 0 if there are none, into ``v`` (M, 3)."""
-    seen, v, order = data.seen, data.v, pairs.order
+    seen, v, seats = data.seen, data.v, pairs.seats
     for k in range(begin, end):
         if len(seen):
-            i = order[k]
+            i = seats[k]
             v[k, 0], v[k, 1], v[k, 2] = seen[i, 0], seen[i, 1], seen[i, 2]
         else:
             v[k, 0] = v[k, 1] = v[k, 2] = 0.0
@@ -318,9 +318,9 @@ def gather_and_clear(pairs, data, begin, end):
 
 
 @inlined
-def _put(f, out, add, order, begin, end):
+def _put(f, out, add, seats, begin, end):
     for k in range(begin, end):
-        i = order[k]
+        i = seats[k]
         if add:
             out[i, 0] += f[k, 0]
             out[i, 1] += f[k, 1]
@@ -332,7 +332,7 @@ def _put(f, out, add, order, begin, end):
 @helper
 def deliver(pairs, data, begin, end):
     """Write the forces ``f`` to ``out`` (N, 3), or add them there."""
-    _put(data.f, data.out, data.add, pairs.order, begin, end)
+    _put(data.f, data.out, data.add, pairs.seats, begin, end)
 
 
 @helper
@@ -347,7 +347,7 @@ def gather_and_clear_both(pairs, data, begin, end):
 def deliver_both(pairs, data, begin, end):
     """:func:`deliver`, and the forces ``c`` to ``held`` (N, 3)."""
     deliver(pairs, data, begin, end)
-    _put(data.c, data.held, data.add, pairs.order, begin, end)
+    _put(data.c, data.held, data.add, pairs.seats, begin, end)
 
 
 @inlined

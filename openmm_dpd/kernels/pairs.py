@@ -36,7 +36,8 @@ def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int) -
 class Pairs(NamedTuple):
     """What the loops over pairs read, M beads sorted into cells."""
 
-    order: np.ndarray  #: (M,) index of each sorted bead; the pairs count sorted beads
+    order: np.ndarray  #: (M,) number of each sorted bead; the pairs count sorted beads
+    seats: np.ndarray  #: (M,) its row in arrays of beads: the same number, where these have them in the order of their numbers
     types: np.ndarray  # (M,)
     inv_mass: np.ndarray  #: (M,)
     ntypes: int
@@ -95,7 +96,8 @@ class PairList:
             self.common_inv_mass, of_sorted[:] = float(mine[0]), mine[0]
         self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
         self._sorting: cells.CellScratch | None = None
-        self._stored = Pairs(self.order, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))  # type: ignore[arg-type]
+        self._names, self._seats = np.zeros(0, np.uint32), self.order
+        self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))  # type: ignore[arg-type]
         self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
         self._source: listing.SortedCells | None = None
         #: whether beads are many, and how many loops went over the pairs at the positions before the present ones, and at these
@@ -109,6 +111,19 @@ class PairList:
         self.flow: float = 0
         #: of kernels that are given the arrays of this list, see :class:`.native.Kernel`
         self.memory = Memory(Pairs, Scratch, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
+
+    def seat(self, names: np.ndarray) -> None:
+        """Take arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row.  All beads take part."""
+        if not len(self._names):
+            types, inv_mass = self._of_beads
+            self._given = self._of_beads
+            self._names, self._seats = np.empty(len(names), np.uint32), np.empty_like(self.order)
+            self._of_beads = cells.OfBeads(types.copy(), inv_mass.copy())
+            self._stored = self._stored._replace(seats=self._seats)
+        self._names[:] = names
+        for here, given in zip(self._of_beads, self._given, strict=True):
+            if len(here):
+                np.take(given, names, out=here)
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
@@ -147,7 +162,7 @@ class PairList:
     def _resize(self, shape: tuple[int, int, int]) -> None:
         if shape != self._shape:
             nx, ny, nz = shape
-            resized = Pairs(*self._stored[:8], *_without_room(ny, nz))  # type: ignore[arg-type]  # without the flow
+            resized = Pairs(*self._stored[:9], *_without_room(ny, nz))  # type: ignore[arg-type]  # without the flow
             count = np.zeros(nx * ny * nz + 1, np.uint64)
             self._stored, self._count, self._shape, self._source = resized, count, shape, None
 
@@ -176,9 +191,9 @@ class PairList:
         sizes = chunks, len(self._count) - 1
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(len(self.beads), *sizes)
-        out = self._count, self.order, self._xs, self._stored.types, self._stored.inv_mass
+        out = self._count, self.order, self._seats, self._xs, self._stored.types, self._stored.inv_mass
         found = np.zeros(1, np.int64)
-        if cells.bin_beads(x, self.beads, self._of_beads, grid, self._sorting, *out, found, parts=chunks, memory=self.memory):
+        if cells.bin_beads(x, self.beads, self._names, self._of_beads, grid, self._sorting, *out, found, parts=chunks, memory=self.memory):
             bad = int(found[0])
             raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
         self._near = int(found[0])

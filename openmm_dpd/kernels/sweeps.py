@@ -167,18 +167,18 @@ def _any(pairs, data, scratch, n, k, column):
 @helper
 def gather_velocities(pairs, data, begin, end):
     """Sort the velocities (N, 3) into ``v`` (M, 3)."""
-    velocities, v, order = data.velocities, data.v, pairs.order
+    velocities, v, seats = data.velocities, data.v, pairs.seats
     for k in range(begin, end):
-        i = order[k]
+        i = seats[k]
         v[k, 0], v[k, 1], v[k, 2] = velocities[i, 0], velocities[i, 1], velocities[i, 2]
 
 
 @helper
 def scatter_velocities(pairs, data, begin, end):
     """Write them back."""
-    velocities, v, order = data.velocities, data.v, pairs.order
+    velocities, v, seats = data.velocities, data.v, pairs.seats
     for k in range(begin, end):
-        i = order[k]
+        i = seats[k]
         velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
 
 
