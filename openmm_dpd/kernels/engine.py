@@ -153,6 +153,18 @@ class PairEngine(Engine):
         parts = [*self.layers, *self.extras]
         return self._covered and not any(pairs.many for pairs in self.lists) and all(getattr(each, "repeats", False) for each in parts)
 
+    def sorted_beads(self) -> np.ndarray:
+        """See :class:`.interface.Engine`."""
+        return self.lists[0].order.copy()
+
+    def seat(self, names: np.ndarray) -> None:
+        """See :class:`.interface.Engine`."""
+        places = np.empty_like(names)
+        places[names] = np.arange(len(names), dtype=names.dtype)
+        for each in (*self.lists, *self.extras):
+            each.seat(names, places)  # type: ignore[union-attr]  # all that repeats can
+        self._kept = False
+
     @property
     def parts_forces(self) -> bool:
         """See :class:`.interface.Engine`."""

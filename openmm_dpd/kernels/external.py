@@ -76,10 +76,16 @@ body_forces = Kernel(_body_forces)
 class BodyEvaluator:
     """Computes :class:`BodyTerms`; from so many beads as ``fewest`` on several threads share the work."""
 
+    repeats = True
+
     def __init__(self, terms: BodyTerms):
         self.terms, self.fewest = terms, FEW
         self._arguments = terms.beads, terms.vectors, terms.pattern, terms.axis, terms.origin, terms.period
         self._energies = energy_chunks(len(terms.beads))
+
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
+        """See :meth:`.pairs.PairList.seat`."""
+        self._arguments = places[self.terms.beads], *self._arguments[1:]
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; the energy is 0 in a box, where -f.x would jump with a bead that is folded back."""

@@ -205,6 +205,11 @@ class TermEvaluator:
         self.terms, self.fewest, self._kernel = terms, FEW, _kernel(kind)
         self._arguments = beads, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
 
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
+        """See :meth:`.pairs.PairList.seat`."""
+        beads = places[self.terms.beads]
+        self._arguments = beads, self._arguments[1], *bead_rows(beads), *self._arguments[-2:]
+
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`Evaluator`; RunError if a term has no finite energy: a position is not finite, or a bond has a length without one."""
         many = len(self.terms.beads) >= self.fewest

@@ -58,6 +58,14 @@ class Engine(Protocol):
         """Whether all that a step asks for is done by kernels on arrays that stay, so that it can be played again (:mod:`.tape`)."""
         return False
 
+    def sorted_beads(self) -> np.ndarray:
+        """(N,) numbers of all beads, cell by cell, at the positions that were placed last; only where it repeats."""
+        raise NotImplementedError
+
+    def seat(self, names: np.ndarray) -> None:
+        """Take all arrays of beads from now on in another order, with the bead of number ``names`` (N,) in each row; only where it repeats."""
+        raise NotImplementedError
+
     @property
     def parts_forces(self) -> bool:
         """Whether :meth:`sums` can write conservative forces apart."""

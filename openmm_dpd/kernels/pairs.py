@@ -82,7 +82,8 @@ class PairList:
     """
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):
-        self.beads = np.flatnonzero(types >= 0)
+        self._takes_part = types >= 0
+        self.beads = np.flatnonzero(self._takes_part)
         self.ntypes = len(cutoff)
         self.exceptions = no_exceptions() if exceptions is None else exceptions
         self._grid: cells.Grid | None = None
@@ -112,8 +113,9 @@ class PairList:
         #: of kernels that are given the arrays of this list, see :class:`.native.Kernel`
         self.memory = Memory(Pairs, Scratch, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
 
-    def seat(self, names: np.ndarray) -> None:
-        """Take arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row.  All beads take part."""
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
+        """Take arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row, ``places`` (N,) the row of
+        each."""
         if not len(self._names):
             types, inv_mass = self._of_beads
             self._given = self._of_beads
@@ -121,6 +123,7 @@ class PairList:
             self._of_beads = cells.OfBeads(types.copy(), inv_mass.copy())
             self._stored = self._stored._replace(seats=self._seats)
         self._names[:] = names
+        self.beads[:] = np.flatnonzero(self._takes_part[names])
         for here, given in zip(self._of_beads, self._given, strict=True):
             if len(here):
                 np.take(given, names, out=here)

@@ -118,11 +118,17 @@ radial_forces = over_pairs("radial_forces", _radial_pair, first=clear, last=deli
 class RadialEvaluator:
     """Computes :class:`RadialTerms`, with a pair list of its own, made anew at each call."""
 
+    repeats = True
+
     def __init__(self, terms: RadialTerms):
         self.terms = terms
         self._pairs = PairList(terms.types, np.ones(len(terms.types)), terms.cutoff, terms.exceptions)
         tables, f = terms.tables, np.zeros((len(self._pairs.beads), 3))
         self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
+
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
+        """See :meth:`.pairs.PairList.seat`."""
+        self._pairs.seat(names, places)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; RunError if a position is not finite."""

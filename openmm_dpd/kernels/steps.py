@@ -6,7 +6,7 @@ friction is a force.  All that a step begins with is in the :class:`Moment`, so 
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -22,7 +22,10 @@ from .replay import play
 from .shear import add_flow, rate_at, sheared_box, strain_at
 from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
+from .threads import get_threads
 
+#: From so many beads on several threads do better where what each works on lies together.
+SEATED = 500
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
 
@@ -145,6 +148,8 @@ class StepLoop:
         self.moment: Moment | None = None
         self.tensor = self.parted = False
         self._last, self._held = False, np.zeros((0, 3))
+        #: does steps with beads in another order
+        self._seated: StepLoop | None = None
         #: whether conservative forces depend on fields, which may change where positions do not
         self._acting = pairs.fields is not None and pairs.fields.acts
         #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
@@ -153,7 +158,32 @@ class StepLoop:
         self.placed = False
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
-        """See :meth:`Stepper.run`."""
+        """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
+        seated = len(moment.x) >= SEATED and get_threads() > 1 and self.engine.number and self._repeats(moment, slow, n)
+        self._run(moment, n - self._run_seated(moment, n - 1) if seated else n, slow)
+
+    def _run_seated(self, m: Moment, n: int) -> int:
+        """Do steps with beads in the order of the cells they are in, so that what a thread works on lies together; returns n, or 0 if they
+        failed."""
+        if self._seated is None:
+            self._seated = StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach)  # type: ignore[call-arg]
+        loop, names = self._seated, self.engine.sorted_beads()
+        loop.engine.seat(names)
+        loop.engine.body_scale = self.engine.body_scale
+        loop.inv_mass, loop._inv_mass, loop.forced = self.inv_mass[names], np.repeat(self.inv_mass[names], 3), -1
+        there = replace(m, x=m.x[names], v=m.v[names], acc=None if m.acc is None else m.acc[names])
+        try:
+            loop._run(there, n, None)
+        except RunError:  # it is to be said with the numbers of the beads
+            return 0
+        m.x[names], m.v[names] = there.x, there.v
+        if there.acc is not None:
+            m.acc = np.empty_like(there.acc) if m.acc is None else m.acc
+            m.acc[names] = there.acc
+        m.counter, m.time, m.slow_step = there.counter, there.time, there.slow_step
+        return n
+
+    def _run(self, moment: Moment, n: int, slow: SlowForces | None) -> None:
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
         done = 0
