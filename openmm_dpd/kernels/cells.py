@@ -124,17 +124,20 @@ class OfBeads(NamedTuple):
 
 
 class CellScratch(NamedTuple):
-    """For M beads in as many chunks as the threads share them in: cell (M,), wrapped (3, M), place (chunks, ncells), usable (chunks,)."""
+    """For M beads in as many chunks as the threads share them in: cell (M,), wrapped (3, M), place (chunks, ncells), usable and beads_in
+    (chunks,)."""
 
     cell: np.ndarray
     wrapped: np.ndarray
     place: np.ndarray
     usable: np.ndarray
+    beads_in: np.ndarray
 
 
 def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
     """Scratch of its sizes."""
-    return CellScratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_))
+    of_chunks = np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_), np.zeros(chunks, np.uint32)
+    return CellScratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), *of_chunks)
 
 
 @helper
@@ -158,16 +161,24 @@ def most_near(count, layer):
 
 
 @helper
-def _first_places(place, count):
-    """From the number of beads of each chunk in each cell to the place of the first of them."""
+def _beads_in(place, first, last):
+    """How many beads are in cells."""
     total = np.uint32(0)
-    for k in range(np.uint64(place.shape[1])):
+    for chunk in range(np.uint64(place.shape[0])):
+        for k in range(np.uint64(first), np.uint64(last)):
+            total += place[chunk, k]
+    return total
+
+
+@helper
+def _first_places(place, count, first, last, total):
+    """From the number of beads of each chunk in each of these cells to the place of the first of them; ``total`` are in those before."""
+    for k in range(np.uint64(first), np.uint64(last)):
         count[k] = total
         for chunk in range(np.uint64(place.shape[0])):
             here = place[chunk, k]
             place[chunk, k] = total
             total += here
-    count[place.shape[1]] = total
 
 
 def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs, sorted_types, sorted_inv_mass, found, part, parts, team):
@@ -184,15 +195,22 @@ def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs
             if part == 0:
                 _find_bad(x, beads, grid, found)
             return 1
+    cells, before = len(count) - 1, np.uint32(0)
+    first, last = cells * part // parts, cells * (part + 1) // parts
+    if parts > 1:
+        scratch.beads_in[part] = _beads_in(place, first, last)
+        meet(team, parts)
+        for k in range(part):
+            before += scratch.beads_in[k]
+    _first_places(place, count, first, last, before)
     if part == 0:
-        _first_places(place, count)
-        found[0] = most_near(count, grid.nx * grid.ny)
+        count[cells] = len(beads)
     meet(team, parts)
     for chunk in range(part, len(usable), parts):
         _place_chunk(beads, scratch, chunk, seats)
     meet(team, parts)
-    cells = len(count) - 1
-    first, last = cells * part // parts, cells * (part + 1) // parts
+    if part == 0:
+        found[0] = most_near(count, grid.nx * grid.ny)
     if len(names):
         for cell in range(first, last):
             _by_number(beads, names, seats, count[cell], count[cell + 1])

@@ -190,7 +190,7 @@ class PairList:
         self._passing, self._longest = self._room(get_threads() * most), max(self._longest, most)
 
     def bin(self, x: np.ndarray, grid: cells.Grid, chunks: int) -> None:
-        """Sort the beads into cells; the threads share them in so many chunks, whose counts are summed by one thread."""
+        """Sort the beads into cells; the threads share them in so many chunks."""
         sizes = chunks, len(self._count) - 1
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(len(self.beads), *sizes)
@@ -228,7 +228,7 @@ class PairList:
         """Sort the beads at the positions x (N, 3), and list their pairs if loops will not do so."""
         self._complete, threads, grid = False, get_threads(), self.grid(x, box)
         self._resize((grid.nx, grid.ny, grid.nz))
-        self.bin(x, grid, min(threads, 8))
+        self.bin(x, grid, threads)
         self._placed = grid
         often, self._uses = self._uses[0] > 1, [self._uses[1], 0]
         if often or not self.many or (grid.periodic and self._shape == (1, 1, 1)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -14,7 +15,7 @@ from ..base.names import AHEAD, BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMP
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
 from .barostat_temperature import set_barostats
-from .watching import Watching
+from .watching import MOST, PIECE, STRAIGHT, Watching
 
 #: Temperature and thermal energy: whichever was set last holds, and the other one follows.  It is found by what both were when they last
 #: agreed.  :meth:`PairIntegrator.settle` does so before steps; these lines (kind, target, expression, why) do it in programs, which OpenMM
@@ -64,7 +65,9 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             with self._or_back(context):
                 self.whole.run(self, context, steps, slow=self._slow, barostats=self._barostats)
         else:  # the Context is not touched before all steps are done
+            begun = time.monotonic()
             self.whole.run(self, context, steps, slow=False, barostats=False)
+            self.straight = int(min(max(PIECE, steps * STRAIGHT / max(time.monotonic() - begun, 1e-6)), 2 * self.straight, MOST))
 
     def variables(self) -> frozenset[str]:
         """Names of the global variables."""

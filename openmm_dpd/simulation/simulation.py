@@ -33,6 +33,17 @@ class DPDSimulation(app.Simulation):
         super().__init__(*arguments)
         self._plan = plan
 
+    def step(self, steps: int) -> None:
+        """Take steps, as always; those before a report at once, where OpenMM would ask for ten at a time."""
+        end = self.currentStep + steps
+        while self.currentStep < end:
+            reports = [reporter.describeNextReport(self) for reporter in self.reporters]
+            due = [report["steps"] if isinstance(report, dict) else report[0] for report in reports]
+            free = min([end - self.currentStep, *(ahead for ahead in due if ahead > 0)])
+            if free > 1:
+                self.integrator.step(free - 1)
+            super().step(1)
+
     @unbroken()
     def minimizeEnergy(self, tolerance=10 * unit.kilojoules_per_mole / unit.nanometer, maxIterations=0, reporter=None):
         """Minimise the potential energy by :func:`openmm_dpd.simulation.downhill.descend`, with the parameters of ``app.Simulation``.

@@ -27,8 +27,10 @@ from ..plan.made import Made, acting, lines_of, text_number, variables_number
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 
 _LOGGER = logging.getLogger("openmm_dpd")
-#: Steps after which what has been reached is remembered.  Simulation.step() asks for no more than that at once.
+#: Steps after which what has been reached is remembered.  OpenMM's Simulation.step() asks for no more than that at once.
 PIECE = 10
+#: The same where nothing but the loop of whole steps acts: as many as it does in so many seconds, and no more than that.
+STRAIGHT, MOST = 0.05, 1000
 
 #: Seconds after which it is on a device.
 REMEMBERED = 10.0
@@ -87,7 +89,7 @@ class Watching:
     _mixed = False
     _slow = True
     _barostats = _has_barostats = True
-    _piece = PIECE
+    _piece = straight = PIECE
     _begun = False
 
     def context(self) -> openmm.Context | None:
@@ -118,7 +120,7 @@ class Watching:
         self._look(context)
         while steps > 0:
             CTRL_C.check()
-            piece = min(steps, self._piece)
+            piece = min(steps, self._piece if self.whole is None or self._slow or self._barostats else self.straight)
             self._take(context, piece)
             steps -= piece
 
