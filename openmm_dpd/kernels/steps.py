@@ -4,6 +4,7 @@ A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.model.schemes
 friction is a force.  All that a step begins with is in the :class:`Moment`, so that a run gives the same bits however it is cut.
 """
 
+import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,8 @@ from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
 from .threads import get_threads
 
+#: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
+FASTEST = 10.0
 #: From so many beads on several threads do better where what each works on lies together.
 SEATED = 500
 #: Pair updates of the letters that sweep.
@@ -134,13 +137,15 @@ class StepLoop:
     spec: StepSpec
     engine: Engine
     watch: Callable[[np.ndarray, Moment], None]  #: (velocities, moment) -> None; raises RunError if beads run away
-    reach: float  #: It is asked where a bead has a component of the velocity with which it would go so far in a step
+    reach: float  #: It is asked where a bead has a component of the velocity with which it would go so far in a step, if it is hot as well
     force: np.ndarray = field(init=False)
 
     def __post_init__(self):
         pairs = self.engine.spec
         self.inv_mass, self._inv_mass = pairs.inv_mass, np.repeat(pairs.inv_mass, 3)
         self.still = np.flatnonzero(self.inv_mass == 0.0)
+        #: square root of 1/mass of the heaviest bead that moves
+        self._slowest = math.sqrt(self.inv_mass[self.inv_mass > 0.0].min(initial=np.inf)) if len(self.still) < len(self.inv_mass) else 0.0
         self.force = np.zeros((len(pairs.types), 3))
         #: which list of the engine the force and its sums belong to: the conservative one, or all where friction is a force
         self.forced, self._summed, self.totals = -1, 0, Totals(0.0, 0.0, 0.0)
@@ -289,14 +294,18 @@ class StepLoop:
             self.placed = False
         flat = m.x.ravel(), m.v.ravel(), force.ravel(), self._inv_mass
         if not time or m.sheared is None:
-            return motion.move(*flat, kick, time, self.reach / m.dt)
+            return motion.move(*flat, kick, time, self._limit(m))
         before, after = self._shear(m, time)
         if before:
             add_flow(m.v, before, m.x)
-        found = motion.move(*flat, kick, time, self.reach / m.dt)
+        found = motion.move(*flat, kick, time, self._limit(m))
         if after:
             add_flow(m.v, after, m.x)
         return found
+
+    def _limit(self, m: Moment) -> float:
+        """No bead runs away without a component of the velocity above this one."""
+        return max(self.reach / m.dt, FASTEST * self._slowest * math.sqrt(m.kT / 3.0))
 
     def _shear(self, m: Moment, time: float) -> tuple[float, float]:
         """Slide the images for a time; returns what the rate of the flow changes by before and after beads drift for that time, so that
@@ -405,7 +414,7 @@ class StepLoop:
         changes = (0.0, 0.0) if m.sheared is None else self._shear(m, dt)
         for velocities in moving if changes[0] else ():
             add_flow(velocities, changes[0], m.x)
-        fast = motion.move_accelerated(*flat, 0.5 * dt, dt, self.reach / dt)
+        fast = motion.move_accelerated(*flat, 0.5 * dt, dt, self._limit(m))
         for velocities in moving if changes[1] else ():
             add_flow(velocities, changes[1], m.x)
         self._reflect(m, *moving)

@@ -8,11 +8,10 @@ import numpy as np
 
 from ...base.wording import bead_number, in_length, in_units
 from ...kernels import motion
+from ...kernels.steps import FASTEST
 
 #: Nobody runs away whose velocity has no component with which it crosses more of a cutoff in a step.
 NEAR = 0.5
-#: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
-FASTEST = 10.0
 
 
 def runaway(v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float, cutoff: float) -> str | None:
