@@ -24,7 +24,7 @@ from .addresses import ENTRY, reader_of
 from .compiled import BARE, DIGEST, SEMANTICS, at_address
 from .tape import TAPES, KernelCall
 from .team import CALL, the_team
-from .threads import dispatch
+from .threads import dispatch, rest
 
 
 #: Flags of an array: contiguous in C's order, and writeable.
@@ -99,7 +99,10 @@ def _alone(layout: Layout, packed: bytes, parts: int) -> int:
 
 
 def _together(layout: Layout, packed: bytes, parts: int) -> int:
-    return the_team().run(layout.address, packed, parts)
+    found = the_team().run(layout.address, packed, parts)
+    if the_team().crowded:
+        rest()
+    return found
 
 
 def run(layout: Layout, packed: bytes, parts: int) -> int:

@@ -8,15 +8,17 @@ from .addresses import call_kernel, put_word, word
 from .native import Kernel
 from .noise import call_key, next_key
 from .tape import Tape
-from .team import meet
+from .team import crowded, meet
 
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 
 
 def _play(calls, keys, kept, told, steps, part, parts, team):
-    """Do steps until one is not to be done.  Before each its state is kept; ``told`` has how many were complete, and whether a kernel said
-    anything: at every other call in one place, since a thread may be one call ahead."""
+    """Do steps until one is not to be done, or threads are in each other's way.  Before each its state is kept; ``told`` has how many were
+    complete, whether a kernel said anything (at every other call in one place, since a thread may be one call ahead), and that."""
     for step in range(steps):
+        if part == 0 and crowded(team, parts):
+            told[3] = 1
         for k in range(len(kept)):
             for n in range(kept[k, 2] * part // parts, kept[k, 2] * (part + 1) // parts):
                 put_word(kept[k, 1], n, word(kept[k, 0], n))
@@ -25,6 +27,8 @@ def _play(calls, keys, kept, told, steps, part, parts, team):
             key = next_key(next_key(next_key(keys[k, 1], count), keys[k, 4]), keys[k, 5])
             put_word(np.int64(keys[k, 0]), 0, np.int64(key))
         meet(team, parts)
+        if told[3] != 0:
+            return 0
         for k in range(len(calls)):
             sharing, turn = parts if calls[k, 2] > 1 else 1, 1 + (step * len(calls) + k) % 2
             if part < sharing and call_kernel(calls[k, 0], calls[k, 1], part, sharing, team) != 0:
@@ -40,9 +44,10 @@ def _play(calls, keys, kept, told, steps, part, parts, team):
 _play_kernel = Kernel(_play)
 
 
-def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int) -> int:
-    """Do up to so many steps like the recorded one, which has counted up the noise by ``counted``; returns how many were done.  ``state``
-    are the arrays, contiguous, of 64-bit numbers, that a step begins with; they are as after the last step that was done."""
+def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int) -> tuple[int, bool]:
+    """Do up to so many steps like the recorded one, which has counted up the noise by ``counted``; returns how many were done, and whether one
+    more was begun.  ``state`` are the arrays, contiguous, of 64-bit numbers, that a step begins with; they are as after the last step that
+    was done."""
     packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in tape.calls]
     calls = np.array([(call.layout.address, words.ctypes.data, call.parts) for call, words in zip(tape.calls, packed, strict=True)], np.int64)
     keys = []
@@ -54,10 +59,11 @@ def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int) -> int:
             keys.append((words[place:].ctypes.data, int(call_key(made.seed)), made.count + counted, counted, made.layer, bits))
     before = [array.copy() for array in state]
     kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in zip(state, before, strict=True)], np.int64)
-    told = np.zeros(3, np.int64)
+    told = np.zeros(4, np.int64)
     threads = max(call.parts for call in tape.calls)
-    if _play_kernel(calls, np.array(keys, np.uint64).reshape(-1, 6), kept, told, steps, parts=threads):
+    begun = bool(_play_kernel(calls, np.array(keys, np.uint64).reshape(-1, 6), kept, told, steps, parts=threads))
+    if begun:
         for array, copy in zip(state, before, strict=True):
             array[...] = copy
-    return int(told[0])
+    return int(told[0]), begun
 

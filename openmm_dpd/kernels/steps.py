@@ -29,6 +29,8 @@ from .threads import get_threads
 FASTEST = 10.0
 #: From so many beads on several threads do better where what each works on lies together.
 SEATED = 500
+#: After so many steps beads have gone so far that they are put in order again.
+RESEATED = 100
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
 
@@ -164,15 +166,19 @@ class StepLoop:
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
-        seated = len(moment.x) >= SEATED and get_threads() > 1 and self.engine.number and self._repeats(moment, slow, n)
-        self._run(moment, n - self._run_seated(moment, n - 1) if seated else n, slow)
+        done = 0
+        if len(moment.x) >= SEATED and get_threads() > 1 and self.engine.number and self._repeats(moment, slow, n):
+            while done < n - 1 and (more := self._run_seated(moment, min(n - 1 - done, RESEATED))):
+                done += more
+        self._run(moment, n - done, slow)
 
     def _run_seated(self, m: Moment, n: int) -> int:
         """Do steps with beads in the order of the cells they are in, so that what a thread works on lies together; returns n, or 0 if they
         failed."""
         if self._seated is None:
             self._seated = StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach)  # type: ignore[call-arg]
-        loop, names = self._seated, self.engine.sorted_beads()
+        loop = self._seated
+        names = (loop.engine if loop.engine.number else self.engine).sorted_beads()
         loop.engine.seat(names)
         loop.engine.body_scale = self.engine.body_scale
         loop.inv_mass, loop._inv_mass, loop.forced = self.inv_mass[names], np.repeat(self.inv_mass[names], 3), -1
@@ -236,10 +242,9 @@ class StepLoop:
 
     def _play(self, m: Moment, tape: Tape, counted: int, steps: int) -> int:
         """Repeat a step; the last one of a run is left to Python, which then has all that belongs to it."""
-        state = [m.x, m.v] if m.acc is None else [m.x, m.v, m.acc]
-        played = play(tape, counted, state, steps)
+        played, begun = play(tape, counted, [m.x, m.v] if m.acc is None else [m.x, m.v, m.acc], steps)
         m.counter += counted * played
-        if played < steps:  # the step that was begun has other lists
+        if begun:  # it has other lists
             self.placed, self.forced = False, -1
         return played
 

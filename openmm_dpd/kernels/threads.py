@@ -37,9 +37,9 @@ class _Watch:
     threads often share a core, and spin until the other one gets its turn (2 to 4 ms in place of 1.1 ms). The CPU time of the process shows
     this: it is then no more than the wall time."""
 
-    #: Seconds of work that are judged together, of rest, of a call that was not work (but the compiler's), and of a pause between two
-    #: calls that counts as work: to look at the clock of the process takes half a microsecond.
-    SPAN, REST, LONGEST, PAUSE = 0.05, 1.0, 0.1, 5e-5
+    #: Seconds of work that are judged together, of rest, and of a pause between two calls that counts as work: to look at the clock of the
+    #: process takes half a microsecond.
+    SPAN, REST, PAUSE = 0.05, 1.0, 5e-5
     #: Threads are as good as their number if they run for this part of the time.
     ENOUGH = 0.6
 
@@ -57,17 +57,21 @@ class _Watch:
         result = function(*arguments)
         now, spent = time.perf_counter(), time.process_time()
         self.last = now, spent
-        if now - begun < self.LONGEST:
-            self.passed += now - begun
-            self.spent += spent - before
-            if self.passed > self.SPAN:
-                if self.spent < self.ENOUGH * threads * self.passed:
-                    self.until = now + self.REST
-                self.passed = self.spent = 0.0
+        self.passed += now - begun
+        self.spent += spent - before
+        if self.passed > self.SPAN:
+            if self.spent < self.ENOUGH * threads * self.passed:
+                self.until = now + self.REST
+            self.passed = self.spent = 0.0
         return result
 
 
 _WATCH = _Watch()
+
+
+def rest() -> None:
+    """Leave the work to one thread for a while."""
+    _WATCH.until = time.perf_counter() + _WATCH.REST
 
 
 def dispatch(serial, parallel, *arguments, threads: int):
