@@ -87,7 +87,7 @@ def _laid_down(context, builder, kind, address, place: int) -> tuple[Any, int]:
 
     if isinstance(kind, types.BaseTuple):
         found = []
-        for each in kind:
+        for each in kind:  # type: ignore[attr-defined]  # of all tuples that numba has
             value, place = _laid_down(context, builder, each, address, place)
             found.append(value)
         return context.make_tuple(builder, kind, found), place

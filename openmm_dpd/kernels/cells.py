@@ -92,12 +92,12 @@ def _place_chunk(beads, scratch, chunk, seats):
 @helper
 def _by_number(beads, names, seats, begin, end):
     """Sort the few beads of a cell by their numbers."""
-    for n in range(begin + np.uint64(1), end):
-        k = seats[n]
-        number, m = names[beads[k]], n
-        while m > begin and names[beads[seats[m - np.uint64(1)]]] > number:
-            seats[m] = seats[m - np.uint64(1)]
-            m -= np.uint64(1)
+    one = np.uint64(1)
+    for n in range(begin + one, end):
+        k, m = seats[n], np.uint64(n)
+        while m > begin and names[beads[seats[m - one]]] > names[beads[k]]:
+            seats[m] = seats[m - one]
+            m -= one
         seats[m] = k
 
 
@@ -183,9 +183,9 @@ def _first_places(place, count, first, last, total):
 
 def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs, sorted_types, sorted_inv_mass, found, part, parts, team):
     """Counting sort of the ``beads`` that take part by cell (x fastest, then y), and by their numbers in each.  Writes ``count`` (ncells +
-    1,), the first sorted bead of each cell; ``order`` (M,), the number of each sorted bead, and ``seats`` (M,), its row in all other arrays;
-    ``xs`` (3, M or more), its position, wrapped into the grid; and what else is sorted.  Returns 1 where a position is not finite.  Writes to
-    ``found`` the first such bead, or how many beads can be near a column."""
+    1,), the first sorted bead of each cell; ``order`` (M,), the number of each sorted bead, and ``seats`` (M,), its row in other arrays;
+    ``xs`` (3, M or more), its position, wrapped into the grid; and what else is sorted.  Returns 1 where a position is not finite, and writes
+    to ``found`` the first such bead, or how many beads can be near a column."""
     place, usable = scratch.place, scratch.usable
     for chunk in range(part, len(usable), parts):
         usable[chunk] = _count_chunk(x, beads, grid, scratch, chunk)

@@ -40,8 +40,8 @@ def compiled(function: Callable, *, bare: bool = False, kept: bool = True) -> An
     """Compile a function that Python calls; without the interpreter's lock, and cached on disk if ``kept``.  One that allocates nothing may
     be ``bare``.
 
-    Numba keys its cache on a function's name and file alone: it would load old code where only a function in another file, inlined here, has
-    changed.  So the function is compiled under a name that says so.  No fastmath, so that all versions round alike and give the same bits.
+    Numba keys its cache on a function's name and file alone: it would load old code where only a function in another file, inlined here,
+    has changed.  So the function is compiled under a name that says so.  No fastmath, so that all versions round alike and give the same bits.
     """
     dispatcher = numba.njit(**(BARE if bare else SEMANTICS))(renamed(function, f"{function.__name__}_{DIGEST}"))
     if kept:
@@ -50,8 +50,8 @@ def compiled(function: Callable, *, bare: bool = False, kept: bool = True) -> An
 
 
 def at_address(function: Callable, arguments: tuple, *, bare: bool = True, kept: bool = True) -> CFunc:
-    """Compile a function of numbers (and addresses) that returns a whole one, to be called by its ``address``; see :func:`compiled`, but its
-    name has to say already what it is."""
+    """Compile a function of numbers (and addresses) that returns a whole one, to be called by its ``address``; see :func:`compiled`, but
+    its name has to say already what it is."""
     made = CFunc(function, (arguments, types.int64), locals={}, options=dict(BARE if bare else SEMANTICS))
     if kept:
         keep_on_disk(made)

@@ -162,7 +162,7 @@ class PairEngine(Engine):
         places = np.empty_like(names)
         places[names] = np.arange(len(names), dtype=names.dtype)
         for each in (*self.lists, *self.extras):
-            each.seat(names, places)  # type: ignore[union-attr]  # all that repeats can
+            each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
         self._kept = False
 
     @property

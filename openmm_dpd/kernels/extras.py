@@ -69,8 +69,8 @@ def energy_chunks(terms: int) -> np.ndarray:
 
 
 def run_terms(kernel: Kernel, many: bool, *arguments) -> list[float]:
-    """Call a kernel with one thread, or with several where there is enough to do for them; returns the two numbers that it writes to its last
-    argument."""
+    """Call a kernel with one thread, or with several where there is enough to do for them; returns the two numbers that it writes to its
+    last argument."""
     found = np.zeros(2)
     kernel(*arguments, found, parts=get_threads() if many else 1)
     return found.tolist()

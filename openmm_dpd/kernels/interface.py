@@ -63,7 +63,8 @@ class Engine(Protocol):
         raise NotImplementedError
 
     def seat(self, names: np.ndarray) -> None:
-        """Take all arrays of beads from now on in another order, with the bead of number ``names`` (N,) in each row; only where it repeats."""
+        """Take all arrays of beads from now on in another order, with the bead of number ``names`` (N,) in each row; only where it
+        repeats."""
         raise NotImplementedError
 
     @property

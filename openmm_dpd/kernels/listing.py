@@ -252,7 +252,7 @@ def list_column(pairs, source, part, column, begin, room):
 
 
 def _list_pairs(pairs, source, part, parts, team):
-    """List all pairs; the threads share the columns.  Returns 1 where there was too little room for them, or for the beads near a column."""
+    """List all pairs; the threads share the columns.  Returns 1 where there was too little room for them or for the beads near a column."""
     if most_near(source.cells, source.nx * source.ny) + 64 > source.bead.shape[1]:
         return 1
     columns = source.ny * source.nz

@@ -26,10 +26,10 @@ from .tape import TAPES, KernelCall
 from .team import CALL, the_team
 from .threads import dispatch, rest
 
-
 #: Flags of an array: contiguous in C's order, and writeable.
 _PLAIN = 0x0001 | 0x0400
-_byte_of, _address_of = ctypes.c_char.from_buffer, ctypes.addressof
+_byte_of: Any = ctypes.c_char.from_buffer
+_address_of = ctypes.addressof
 
 
 def _add_words(value: Any, words: list[Any], kinds: list[Any]) -> None:
@@ -66,8 +66,9 @@ class Memory:
         """As :func:`_add_words`."""
         known = self.kinds[type(value)]
         if known[0] is not value:
-            known = self.kinds[type(value)] = value, [], []
+            known = value, [], []
             _add_words(*known)
+            self.kinds[type(value)] = known
         words += known[1]
         kinds += known[2]
 
@@ -111,7 +112,8 @@ def run(layout: Layout, packed: bytes, parts: int) -> int:
 
 
 class Kernel:
-    """A function as above, compiled for each combination of types it is called with; ``bare`` and ``kept`` as in :func:`.compiled.compiled`."""
+    """A function as above, compiled for each combination of types it is called with; ``bare`` and ``kept`` as in
+    :func:`.compiled.compiled`."""
 
     def __init__(self, function: Callable, *, bare: bool = True, kept: bool = True):
         self.name, self._bare, self._kept = function.__name__, bare, kept
@@ -136,6 +138,11 @@ class Kernel:
             TAPES.running.calls.append(KernelCall(layout, packed, parts, arguments))
         return run(layout, packed, parts)
 
+    @property
+    def versions(self) -> int:
+        """For so many combinations of types it is compiled."""
+        return len(self._layouts)
+
     def _compiled(self, kind: types.BaseTuple) -> Any:
         """The function for arguments of this type."""
         name = f"{self.name}_{DIGEST}_{hashlib.sha256(str(kind).encode()).hexdigest()[:12]}"
@@ -143,8 +150,8 @@ class Kernel:
 
 
 def _entry(name: str, kernel: Callable, kind: types.BaseTuple) -> FunctionType:
-    """The function that is called by its address.  It is written out for so many arguments: what numba is given a list of it calls, and does
-    not put in."""
+    """The function that is called by its address.  It is written out for so many arguments: what numba is given a list of it calls, and
+    does not put in."""
     given = ", ".join(f"its[{k}]" for k in range(len(kind)))
     text = f"def {name}(words, part, parts, team):\n    its = arguments(words)\n    return kernel({given}, part, parts, team)\n"
     names: dict[str, Any] = {"kernel": kernel, "arguments": reader_of(kind), "__name__": __name__}

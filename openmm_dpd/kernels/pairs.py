@@ -114,8 +114,8 @@ class PairList:
         self.memory = Memory(Pairs, Scratch, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
-        """Take arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row, ``places`` (N,) the row of
-        each."""
+        """Take arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row, ``places`` (N,) the
+        row of each."""
         if not len(self._names):
             types, inv_mass = self._of_beads
             self._given = self._of_beads

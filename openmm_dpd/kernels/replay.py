@@ -45,18 +45,20 @@ _play_kernel = Kernel(_play)
 
 
 def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int) -> tuple[int, bool]:
-    """Do up to so many steps like the recorded one, which has counted up the noise by ``counted``; returns how many were done, and whether one
-    more was begun.  ``state`` are the arrays, contiguous, of 64-bit numbers, that a step begins with; they are as after the last step that
-    was done."""
+    """Do up to so many steps like the recorded one, which has counted up the noise by ``counted``; returns how many were done, and whether
+    one more was begun.  ``state`` are the arrays, contiguous, of 64-bit numbers, that a step begins with; they are as after the last step
+    that was done."""
     packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in tape.calls]
-    calls = np.array([(call.layout.address, words.ctypes.data, call.parts) for call, words in zip(tape.calls, packed, strict=True)], np.int64)
+    calls = np.array(
+        [(call.layout.address, words.ctypes.data, call.parts) for call, words in zip(tape.calls, packed, strict=True)], np.int64
+    )
     keys = []
     for call, words in zip(tape.calls, packed, strict=True):
         place = call.layout.places.get("key")
         made = None if place is None else tape.keys.get(int(words.view(np.uint64)[place]))
         if place is not None and made is not None:
             bits = _BITS.unpack(_NUMBER.pack(made.kT))[0]
-            keys.append((words[place:].ctypes.data, int(call_key(made.seed)), made.count + counted, counted, made.layer, bits))
+            keys.append((words[place:].ctypes.data, int(call_key(made.seed)), made.counted + counted, counted, made.layer, bits))
     before = [array.copy() for array in state]
     kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in zip(state, before, strict=True)], np.int64)
     told = np.zeros(4, np.int64)
@@ -66,4 +68,3 @@ def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int) -> tuple
         for array, copy in zip(state, before, strict=True):
             array[...] = copy
     return int(told[0]), begun
-

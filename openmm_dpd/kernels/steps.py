@@ -170,7 +170,7 @@ class StepLoop:
         if len(moment.x) >= SEATED and get_threads() > 1 and self.engine.number and self._repeats(moment, slow, n):
             while done < n - 1 and (more := self._run_seated(moment, min(n - 1 - done, RESEATED))):
                 done += more
-        self._run(moment, n - done, slow)
+        self.carry_out(moment, n - done, slow)
 
     def _run_seated(self, m: Moment, n: int) -> int:
         """Do steps with beads in the order of the cells they are in, so that what a thread works on lies together; returns n, or 0 if they
@@ -179,12 +179,10 @@ class StepLoop:
             self._seated = StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach)  # type: ignore[call-arg]
         loop = self._seated
         names = (loop.engine if loop.engine.number else self.engine).sorted_beads()
-        loop.engine.seat(names)
-        loop.engine.body_scale = self.engine.body_scale
-        loop.inv_mass, loop._inv_mass, loop.forced = self.inv_mass[names], np.repeat(self.inv_mass[names], 3), -1
+        loop.seat(names, self.engine.body_scale)
         there = replace(m, x=m.x[names], v=m.v[names], acc=None if m.acc is None else m.acc[names])
         try:
-            loop._run(there, n, None)
+            loop.carry_out(there, n, None)
         except RunError:  # it is to be said with the numbers of the beads
             return 0
         m.x[names], m.v[names] = there.x, there.v
@@ -194,7 +192,15 @@ class StepLoop:
         m.counter, m.time, m.slow_step = there.counter, there.time, there.slow_step
         return n
 
-    def _run(self, moment: Moment, n: int, slow: SlowForces | None) -> None:
+    def seat(self, names: np.ndarray, body_scale: float) -> None:
+        """Take moments from now on with the bead of number ``names`` (N,) in each row."""
+        self.engine.seat(names)
+        self.engine.body_scale, self.forced = body_scale, -1
+        self.inv_mass = self.engine.spec.inv_mass[names]
+        self._inv_mass = np.repeat(self.inv_mass, 3)
+
+    def carry_out(self, moment: Moment, n: int, slow: SlowForces | None) -> None:
+        """Do steps with beads where they are."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
         done = 0
@@ -227,7 +233,7 @@ class StepLoop:
                 self.engine.keep()
             self.moment = moment
         except RunError as error:
-            error.steps_done = done  # type: ignore[attr-defined]
+            error.steps_done = min(done, n - 1)  # type: ignore[attr-defined]
             raise
 
     def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:

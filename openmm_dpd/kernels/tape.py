@@ -24,7 +24,7 @@ class KeyMade(NamedTuple):
     """What a key of the noise was made of."""
 
     seed: int
-    count: int
+    counted: int
     layer: int
     kT: float
 

@@ -21,8 +21,8 @@ from numba import types
 from .addresses import ENTRY, add_to_word, call_kernel, call_plain, pause, put_word, share_word, shared_word, word
 from .compiled import DIGEST, at_address, helper, renamed
 
-# how many have come to the meeting, and how many meetings there were; the job, what it is, and how many have done it; whether one is coming,
-# how others are let go first, and how often somebody has waited for long in this job
+# how many have come to the meeting, and how many meetings there were; the job, what it is, and how many have done it; whether one is
+# coming, how others are let go first, and how often somebody has waited for long in this job
 _HERE, _MEETINGS, _JOB, _KERNEL, _WORDS, _DONE, _COMING, _YIELD, _LONG, _SIZE = 0, 16, 32, 33, 34, 48, 64, 65, 80, 96
 #: A job is its number times this, and how many threads share it.
 _MOST = 1 << 16
@@ -105,7 +105,7 @@ def _functions() -> tuple[Callable, Callable]:
     found = []
     for function, arguments in ((_lead, 4), (_follow, 3)):
         made = at_address(renamed(function, f"{function.__name__}_{DIGEST}"), (types.int64,) * arguments)
-        called = ctypes.CFUNCTYPE(ctypes.c_int64, *(ctypes.c_int64,) * arguments)(made.address)
+        called = ctypes.CFUNCTYPE(ctypes.c_int64, *(ctypes.c_int64,) * arguments)(made.address or 0)
         called.made = made  # type: ignore[attr-defined]  # the code belongs to it
         found.append(called)
     return found[0], found[1]
@@ -169,7 +169,7 @@ class Team:
             if member.asleep:
                 member.bell.set()
         self._jobs += 1
-        at = ctypes.cast(words, ctypes.c_void_p).value or 0
+        at = ctypes.cast(ctypes.c_char_p(words), ctypes.c_void_p).value
         return self._lead(self._address, kernel, at, self._jobs * _MOST + parts)
 
     @property

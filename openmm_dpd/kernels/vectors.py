@@ -1,4 +1,4 @@
-"""Operations that numba has no words for: on bits, and on eight numbers at once.  The only file with instructions of llvmlite.
+"""Operations that numba has no words for: on bits, and on eight numbers at once, as instructions of llvmlite.
 
 They are plain LLVM instructions, which exist on every processor; the compiler picks the best that the present one has.
 

@@ -2,10 +2,14 @@
 
 import os
 import time
+from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 from openmm_dpd.kernels import threads
+from openmm_dpd.kernels.native import Kernel
+from openmm_dpd.kernels.team import meet
 
 
 @pytest.fixture
@@ -27,7 +31,7 @@ def called(clocks, passed, spent) -> str:
         clocks["spent"] += spent
         return "parallel"
 
-    return threads.dispatch(lambda: "serial", parallel)
+    return threads.dispatch(lambda: "serial", parallel, threads=2)
 
 
 def test_threads_with_a_core_each_go_on(watch):
@@ -43,10 +47,84 @@ def test_threads_that_share_a_core_leave_the_work_to_one_for_a_while(watch):
     assert [called(watch, 0.004, 0.004) for _ in range(judged + 1)] == ["parallel"] * judged + ["serial"]
 
 
-def test_time_of_the_compiler_does_not_count(watch):
-    assert [called(watch, 5.0, 5.0) for _ in range(5)] == ["parallel"] * 5
+@pytest.fixture
+def together(monkeypatch, two_threads):
+    """Two threads, whatever the clock says about the cores."""
+    monkeypatch.setattr(threads, "_WATCH", threads._Watch())
+    monkeypatch.setattr(threads._Watch, "REST", -1.0)
 
 
-def test_waiting_threads_spin_for_a_short_time():
-    """Importing the package chooses, unless the user has: spinning on, they take ten times as long on a busy machine."""
-    assert os.environ["OMP_WAIT_POLICY"] and os.environ["GOMP_SPINCOUNT"]
+def test_threads_share_a_kernel(together):
+    """Each its part, and all meet; one alone does all of it."""
+
+    def shared(numbers, meetings, part, parts, team):
+        for k in range(meetings):
+            for n in range(part, len(numbers), parts):
+                numbers[n] += 1 if k == 0 else numbers[n - 1] - numbers[n] + 1 if n > k - 1 and n == k else 0
+            meet(team, parts)
+        return 7
+
+    kernel = Kernel(shared, kept=False)
+    for parts in (1, 2, 3):
+        numbers = np.zeros(1000, np.int64)
+        assert kernel(numbers, 1000, parts=parts) == 7
+        assert np.array_equal(numbers, np.arange(1, 1001))  # each from the one before it, which another thread wrote
+
+
+def test_arguments_are_read_as_they_are_written():
+    """Arrays of all kinds, numbers, and tuples in tuples."""
+
+    class Record(NamedTuple):
+        whole: int
+        key: np.uint64
+        inner: np.ndarray
+
+    def told(out, record, real, yes, strided, plain, readonly, empty, more, part, parts, team):
+        out[0], out[1], out[2], out[3] = record.whole, record.inner[1, 2], real, 1.0 if yes else 0.0
+        out[4], out[5], out[6], out[7] = strided[2, 1], plain[3], readonly[1], len(empty)
+        out[8], out[9] = more[1][0], np.float64(record.key >> np.uint64(60))
+        return 0
+
+    grid, readonly = np.arange(48.0).reshape(6, 8), np.arange(3, dtype=np.uint32)
+    readonly.flags.writeable = False
+    record = Record(-3, np.uint64(15) << np.uint64(60), np.arange(6.0).reshape(2, 3))
+    kernel, out = Kernel(told, kept=False), np.zeros(10)
+    arguments = (out, record, 2.5, True, grid[::2, ::4], np.arange(5), readonly, np.zeros(0), (1, (8,)))
+    for _ in range(2):
+        assert kernel(*arguments) == 0
+        assert out.tolist() == [-3, 5, 2.5, 1, grid[4, 4], 3, 1, 0, 8, 15]
+    assert kernel.versions == 1
+    kernel(*arguments[:4], grid, *arguments[5:])  # contiguous now
+    assert kernel.versions == 2 and out[4] == grid[2, 1]
+
+
+def test_threads_wake_up_again(together):
+    """After they went to sleep."""
+
+    def shared(numbers, part, parts, team):
+        numbers[part] += 1
+        return 0
+
+    kernel, numbers = Kernel(shared, kept=False), np.zeros(2, np.int64)
+    for _ in range(3):
+        kernel(numbers, parts=2)
+        time.sleep(0.1)
+    assert numbers.tolist() == [3, 3]
+
+
+def test_a_child_process_has_a_team_of_its_own(together):
+    """The threads of its parent are not there."""
+    if not hasattr(os, "fork"):
+        pytest.skip("there is no fork")
+
+    def shared(numbers, part, parts, team):
+        numbers[part] += 1
+        return 0
+
+    kernel, numbers = Kernel(shared, kept=False), np.zeros(2, np.int64)
+    kernel(numbers, parts=2)
+    child = os.fork()
+    if child == 0:
+        kernel(numbers, parts=2)
+        os._exit(0 if numbers.tolist() == [2, 2] else 1)
+    assert os.waitpid(child, 0)[1] == 0
