@@ -126,11 +126,20 @@ def _packed(builder, numbers):
     return made
 
 
-def reader_of(kind: types.BaseTuple) -> Any:
-    """Instruction (address of words) -> tuple of this type, whose leaves lie there one after the other as :mod:`.native` writes them."""
+def reader_of(kind: types.BaseTuple, elsewhere: tuple[bool, ...]) -> Any:
+    """Instruction (address of words) -> tuple of this type, whose leaves lie there one after the other as :mod:`.native` writes them; of
+    its items that lie ``elsewhere`` the address does."""
 
     @instruction(lambda address: kind(_INT))
     def laid_down(context, builder, signature, arguments):
-        return _laid_down(context, builder, kind, arguments[0], 0)[0]
+        found, place = [], 0
+        for each, away in zip(kind, elsewhere, strict=True):  # type: ignore[call-overload]
+            if away:
+                there = builder.load(_pointer(builder, arguments[0], ir.Constant(_WORD, place)))
+                value, place = _laid_down(context, builder, each, there, 0)[0], place + 1
+            else:
+                value, place = _laid_down(context, builder, each, arguments[0], place)
+            found.append(value)
+        return context.make_tuple(builder, kind, found)
 
     return laid_down

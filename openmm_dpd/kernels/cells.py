@@ -184,8 +184,8 @@ def _first_places(place, count, first, last, total):
 def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs, sorted_types, sorted_inv_mass, found, part, parts, team):
     """Counting sort of the ``beads`` that take part by cell (x fastest, then y), and by their numbers in each.  Writes ``count`` (ncells +
     1,), the first sorted bead of each cell; ``order`` (M,), the number of each sorted bead, and ``seats`` (M,), its row in other arrays;
-    ``xs`` (3, M or more), its position, wrapped into the grid; and what else is sorted.  Returns 1 where a position is not finite, and writes
-    to ``found`` the first such bead, or how many beads can be near a column."""
+    ``xs`` (3, M or more), its position, wrapped into the grid; and what else is sorted.  Returns 1 where a position is not finite.
+    ``found`` gets the first such bead, or how many beads can be near a column."""
     place, usable = scratch.place, scratch.usable
     for chunk in range(part, len(usable), parts):
         usable[chunk] = _count_chunk(x, beads, grid, scratch, chunk)

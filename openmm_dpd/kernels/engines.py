@@ -10,7 +10,8 @@ from .engine import host_engine, warm_up
 from .extras import warm_up_extras
 from .interface import Engine
 from .layer import PairSpec
-from .steps import Moment, StepLoop, Stepper, StepSpec
+from .moment import Moment, Stepper, StepSpec
+from .steps import StepLoop
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,11 +10,13 @@ with other numbers in some places (:mod:`.tape`).
 """
 
 import ctypes
+import functools
 import hashlib
+import itertools
 from collections.abc import Callable
 from struct import Struct
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -34,65 +36,90 @@ _address_of = ctypes.addressof
 
 def _add_words(value: Any, words: list[Any], kinds: list[Any]) -> None:
     """Add the words of an argument, and what says how they are to be read."""
-    if isinstance(value, np.ndarray):
+    kind = type(value)
+    if kind is np.ndarray:
         flags = value.flags.num & _PLAIN
         # the short way to the address takes a quarter of a microsecond, numpy's own takes one
-        quick = flags == _PLAIN and value.size
-        words.append(_address_of(_byte_of(value)) if quick else value.__array_interface__["data"][0])
+        if flags == _PLAIN and value.size:
+            words.append(_address_of(_byte_of(value)))
+        else:
+            words.append(value.__array_interface__["data"][0])
         words += value.shape
         words += value.strides
-        kinds += value.dtype.num, value.ndim, flags
+        kinds.append(flags << 16 | value.ndim << 8 | value.dtype.num)
     elif isinstance(value, tuple):
-        kinds.append(type(value))
+        kinds.append(kind)
         for each in value:
             _add_words(each, words, kinds)
         kinds.append(len(value))
     else:
         words.append(value)
-        kinds.append(type(value))
+        kinds.append(kind)
 
 
-#: How a number is packed; whole numbers are signed, but for those of numpy that are not.
-_FORMATS = {float: "d", np.float64: "d", np.uint64: "Q"}
+def _format(number: Any) -> str:
+    """How a number is packed; whole numbers are signed, but for those of numpy that are not."""
+    return {float: "d", np.float64: "d", np.uint64: "Q"}.get(type(number), "q")
+
+
+class Laid(NamedTuple):
+    """A tuple whose words lie where they are, since it is an argument of many calls: these have their address alone."""
+
+    value: tuple
+    words: bytes
+    address: int
+    kind: int  #: What says how they are to be read
 
 
 class Memory:
-    """Words of the last tuple of each of some kinds: those that stay the same for many calls."""
+    """The last tuple of each of some types."""
 
     def __init__(self, *kinds: type):
-        self.kinds: dict[type, tuple] = {kind: (None,) for kind in kinds}
+        self._known: dict[type, Laid | None] = dict.fromkeys(kinds)
 
-    def add_words(self, value: tuple, words: list[Any], kinds: list[Any]) -> None:
-        """As :func:`_add_words`."""
-        known = self.kinds[type(value)]
-        if known[0] is not value:
-            known = value, [], []
-            _add_words(*known)
-            self.kinds[type(value)] = known
-        words += known[1]
-        kinds += known[2]
+    def known(self, value: Any) -> Laid | None:
+        """The words of a tuple, None for what has none of these types."""
+        if type(value) not in self._known:
+            return None
+        found = self._known[type(value)]
+        if found is None or found.value is not value:
+            words: list[Any] = []
+            kinds: list[Any] = []
+            _add_words(value, words, kinds)
+            packed = Struct("".join(map(_format, words))).pack(*words)
+            address = ctypes.cast(ctypes.c_char_p(packed), ctypes.c_void_p).value or 0
+            self._known[type(value)] = found = Laid(value, packed, address, _one(tuple(kinds)))
+        return found
+
+
+@functools.cache
+def _one(kinds: tuple) -> int:
+    """A number for all that are equal, less than 0: it is part of what is looked up for each call."""
+    return -1 - next(_NUMBERS)
+
+
+_NUMBERS = itertools.count()
 
 
 class Layout:
     """How the arguments of one call lie in memory, and the compiled function that reads them there."""
 
-    def __init__(self, made: Any, arguments: tuple):
+    def __init__(self, made: Any, arguments: tuple, known: tuple, words: list[Any]):
         self.made, self.address, self.alone = made, made.address, CALL(made.address)
-        formats: list[str] = []
-        #: where the numbers and arrays of records lie, by their names: those of the last one that has this name
+        self.pack = Struct("".join(map(_format, words))).pack
+        #: where the numbers and arrays of records lie, by their names
         self.places: dict[str, int] = {}
-        self._walk(arguments, formats, "")
-        self.pack = Struct("".join(formats)).pack
+        place = 0
+        for each, elsewhere in zip(arguments, known, strict=True):
+            place = place + 1 if elsewhere else self._walk(each, place, "")
 
-    def _walk(self, value: Any, formats: list[str], name: str) -> None:
-        self.places[name] = len(formats)
+    def _walk(self, value: Any, place: int, name: str) -> int:
+        self.places[name] = place
         if isinstance(value, tuple):
             for each, its in zip(value, getattr(value, "_fields", [""] * len(value)), strict=True):
-                self._walk(each, formats, its)
-        elif isinstance(value, np.ndarray):
-            formats += "q" * (1 + 2 * value.ndim)
-        else:
-            formats.append(_FORMATS.get(type(value), "q"))
+                place = self._walk(each, place, its)
+            return place
+        return place + (1 + 2 * value.ndim if isinstance(value, np.ndarray) else 1)
 
 
 def _alone(layout: Layout, packed: bytes, parts: int) -> int:
@@ -124,36 +151,42 @@ class Kernel:
         """Call it with so many threads; ``memory`` belongs to who has the tuples in it."""
         words: list[Any] = []
         kinds: list[Any] = []
-        for each in arguments:
-            if memory is not None and type(each) in memory.kinds:
-                memory.add_words(each, words, kinds)
-            else:
+        there = () if memory is None else tuple(map(memory.known, arguments))
+        for known, each in zip(there or (None,) * len(arguments), arguments, strict=True):
+            if known is None:
                 _add_words(each, words, kinds)
-        found = tuple(kinds)
-        layout = self._layouts.get(found)
+            else:
+                words.append(known.address)
+                kinds.append(known.kind)
+        how = tuple(kinds)
+        layout = self._layouts.get(how)
         if layout is None:
-            layout = self._layouts[found] = Layout(self._compiled(numba.typeof(arguments)), arguments)
+            elsewhere = tuple(known is not None for known in there) or (False,) * len(arguments)
+            made = self._compiled(numba.typeof(arguments), elsewhere)
+            layout = self._layouts[how] = Layout(made, arguments, elsewhere, words)
         packed = layout.pack(*words)
-        if TAPES.running is not None:
-            TAPES.running.calls.append(KernelCall(layout, packed, parts, arguments))
-        return run(layout, packed, parts)
+        tape, found = TAPES.running, run(layout, packed, parts)
+        if tape is not None:
+            tape.calls.append(KernelCall(layout, packed, parts, (arguments, there)))
+            tape.smooth = tape.smooth and found == 0
+        return found
 
     @property
     def versions(self) -> int:
         """For so many combinations of types it is compiled."""
         return len(self._layouts)
 
-    def _compiled(self, kind: types.BaseTuple) -> Any:
-        """The function for arguments of this type."""
-        name = f"{self.name}_{DIGEST}_{hashlib.sha256(str(kind).encode()).hexdigest()[:12]}"
-        return at_address(_entry(name, self._inner, kind), ENTRY, bare=self._bare, kept=self._kept)
+    def _compiled(self, kind: types.BaseTuple, elsewhere: tuple[bool, ...]) -> Any:
+        """The function for arguments of this type; of those that lie elsewhere words have the address."""
+        name = f"{self.name}_{DIGEST}_{hashlib.sha256(f'{kind}{elsewhere}'.encode()).hexdigest()[:12]}"
+        return at_address(_entry(name, self._inner, kind, elsewhere), ENTRY, bare=self._bare, kept=self._kept)
 
 
-def _entry(name: str, kernel: Callable, kind: types.BaseTuple) -> FunctionType:
+def _entry(name: str, kernel: Callable, kind: types.BaseTuple, elsewhere: tuple[bool, ...]) -> FunctionType:
     """The function that is called by its address.  It is written out for so many arguments: what numba is given a list of it calls, and
     does not put in."""
     given = ", ".join(f"its[{k}]" for k in range(len(kind)))
     text = f"def {name}(words, part, parts, team):\n    its = arguments(words)\n    return kernel({given}, part, parts, team)\n"
-    names: dict[str, Any] = {"kernel": kernel, "arguments": reader_of(kind), "__name__": __name__}
+    names: dict[str, Any] = {"kernel": kernel, "arguments": reader_of(kind, elsewhere), "__name__": __name__}
     exec(compile(text, __file__, "exec"), names)
     return names[name]

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -16,120 +15,22 @@ from ..base.errors import RunError
 from ..base.signals import CTRL_C
 from . import motion
 from .columns import Totals
-from .driven import Driven, continuum_push, drag_by_walls, reflect_driven
+from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
+from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, ramped_energy
 from .replay import play
 from .shear import add_flow, rate_at, sheared_box, strain_at
 from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
 from .threads import get_threads
 
-#: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
-FASTEST = 10.0
 #: From so many beads on several threads do better where what each works on lies together.
 SEATED = 500
 #: After so many steps beads have gone so far that they are put in order again.
 RESEATED = 100
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
-
-
-def ramped_energy(ramp: Any, steps: float) -> float:
-    """Thermal energy on a temperature ramp after some steps; as :func:`openmm_dpd.simulation.programs.program.ramp_expression` has it, to
-    the bit."""
-    part = (steps - ramp.first_step) * (1.0 / (ramp.last_step - ramp.first_step))
-    return ramp.kT_start + (ramp.kT_end - ramp.kT_start) * min(1.0, max(0.0, part))
-
-
-@dataclass(frozen=True, eq=False)
-class StepSpec:
-    """The part of a step that never changes."""
-
-    letters: tuple[tuple[str, float], ...]  #: (letter, part of the step); empty for the modified velocity Verlet scheme
-    slow_kicks: tuple[float, float] = (0.5, 0.5)  #: Over how many steps forces that are not the kernel's kick before and after
-    slow_every: int = 1  #: How many steps lie between the two
-    thermostat: bool = True  #: Whether there is friction or noise
-    lam: float = 0.5  #: Weight of the prediction of velocities in that scheme
-    field_lam: float = 0.5  #: Weight of that of fields
-    #: Planes that beads do not pass, five arrays (3,): low, high, start, period, back (see :mod:`openmm_dpd.simulation.programs.walls`).
-    walls: tuple[np.ndarray, ...] | None = None
-    driven: Driven | None = None  #: The same walls where some move or have something behind them
-    ramp: Any = None  #: A TemperatureRamp of the model, or None
-    shear: Any = None  #: A LeesEdwards of the model, or None
-
-    @property
-    def predicts(self) -> bool:
-        """Whether friction is a force of a predicted velocity."""
-        return not self.letters
-
-    @property
-    def foresees(self) -> bool:
-        """Whether a kick by slow forces before a step is not just what they add to that prediction; impulses are taken as they are."""
-        return self.lam != 0.5 and self.slow_every == 1
-
-
-@dataclass(eq=False)
-class Moment:
-    """What a step begins with; :meth:`StepLoop.run` changes it in place."""
-
-    x: np.ndarray  #: (N, 3) positions
-    v: np.ndarray  #: (N, 3) velocities; beads that do not move have the velocity 0
-    box: np.ndarray | None  #: (3, 3) box vectors
-    dt: float  #: Step size
-    kT: float  #: Thermal energy
-    seed: int  #: Key of the noise, with the counter
-    counter: int  #: The other part of the key
-    ramped: float | None = None  #: Steps done, for a temperature ramp that the loop follows; None where the caller follows it
-    slow_step: int = 0  #: Steps done since forces that are not the kernel's kicked
-    time: float = 0.0  #: Of the Context, where walls are driven
-    #: (3, 2, 3) what walls have taken up of momentum, by axis, side and component, where they are driven
-    impulses: np.ndarray | None = None
-    values: np.ndarray | None = None  #: (N, K) fields
-    rates: np.ndarray | None = None  #: (N, K) their changes per time, if friction is a force
-    acc: np.ndarray | None = None  #: (N, 3) acceleration at x if friction is a force; None to have it computed
-    predicted: np.ndarray | None = None  #: (N, 3) velocities that friction saw last, if they are not those of the half step
-    #: If friction is a force: (N, 3) velocities before the slow forces kicked, where that makes a difference.
-    unkicked: np.ndarray | None = None
-    sheared: float | None = None  #: Time that has been sheared, which the box vectors belong to; None without a shear
-
-
-#: Forces (N, 3) of others at the positions of a moment, after so many of the steps that are being done.
-SlowForces = Callable[[Moment, int], np.ndarray]
-
-
-class Stepper(Protocol):
-    """Does whole steps with one engine, and keeps what it has computed in the last one."""
-
-    spec: StepSpec
-    tensor: bool  #: Whether the forces of last steps are to be summed with their stress tensor, where friction is a force
-    parted: bool  #: Whether their conservative forces are to be had apart too, from engines that can
-
-    def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
-        """Do n steps; ``slow`` are forces of others (N, 3), at the positions of the moment, that kick before and after.  RunError if a step
-        fails; ``steps_done`` is how many were complete, and the moment is worth nothing."""
-
-    def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
-        """Conservative force (N, 3) at the positions that were placed last, and its sums, STRESS and LAPLACIAN as well if asked for."""
-        ...
-
-    def swept(self, counter: int) -> np.ndarray | None:
-        """In a shear: (6,) sum of r J over the sweeps of the last step, if that is the one with this counter of the noise.  J are impulses
-        of friction along the lines between beads.  None where friction is a force."""
-        ...
-
-    def last(self) -> "LastStep | None":
-        """Where friction is a force: what the last step computed, if the engine is still there."""
-        ...
-
-
-class LastStep(NamedTuple):
-    """What the last step of a run has computed, where friction is a force."""
-
-    moment: Moment  #: After the step
-    force: np.ndarray  #: (N, 3) all forces there
-    totals: Totals
-    held: np.ndarray | None  #: (N, 3) conservative forces alone, if they were parted: the totals have their Laplacian and virial then
 
 
 @dataclass(eq=False)
@@ -219,7 +120,7 @@ class StepLoop:
                 self._last = done + 1 == n
                 with nullcontext() if tape is None else tape.recording():
                     step(moment)
-                if tape is not None and begun == self._known(moment):
+                if tape is not None and tape.smooth and begun == self._known(moment):
                     played = self._play(moment, tape, moment.counter - counter, n - done - 2)
                 for _ in range(1 + played):
                     moment.time += moment.dt

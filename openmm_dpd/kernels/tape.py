@@ -17,7 +17,7 @@ class KernelCall(NamedTuple):
     layout: Any
     packed: bytes  #: Its arguments
     parts: int  #: Threads that share the work
-    arguments: tuple  #: They have to stay where they are
+    kept: tuple  #: What has to stay where it is
 
 
 class KeyMade(NamedTuple):
@@ -35,6 +35,8 @@ class Tape:
     def __init__(self) -> None:
         self.calls: list[KernelCall] = []
         self.keys: dict[int, KeyMade] = {}
+        #: whether no kernel had anything to say
+        self.smooth = True
 
     @contextmanager
     def recording(self) -> Iterator[None]:

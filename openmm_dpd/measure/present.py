@@ -20,8 +20,8 @@ from ..kernels.columns import Totals
 from ..kernels.fields import TEMPERATURE
 from ..kernels.interface import Engine
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
+from ..kernels.moment import LastStep, Stepper
 from ..kernels.shear import add_flow, rate_at
-from ..kernels.steps import LastStep, Stepper
 from ..plan.made import acting, groups_of, masses_of
 from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem

@@ -12,8 +12,8 @@ from ..base.names import ALONE
 from ..base.platforms import platform_here
 from ..io.trajectory import openmm_topology
 from ..kernels.elementary import without_last_bits
+from ..kernels.moment import StepSpec
 from ..kernels.shear import add_flow, rate_at
-from ..kernels.steps import StepSpec
 from ..model.flow import gaps
 from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms

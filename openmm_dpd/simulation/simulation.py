@@ -20,6 +20,7 @@ from ..plan.made import variables_number
 from ..plan.pair_spec import longest
 from ..plan.plan import Plan
 from .downhill import descend
+from .watching import PIECE
 
 #: No bead moves farther in one iteration of the minimiser, in cutoffs.
 FARTHEST = 0.1
@@ -40,8 +41,10 @@ class DPDSimulation(app.Simulation):
             reports = [reporter.describeNextReport(self) for reporter in self.reporters]
             due = [report["steps"] if isinstance(report, dict) else report[0] for report in reports]
             free = min([end - self.currentStep, *(ahead for ahead in due if ahead > 0)])
-            if free > 1:
-                self.integrator.step(free - 1)
+            if free <= PIECE:
+                super().step(end - self.currentStep)
+                return
+            self.integrator.step(free - 1)
             super().step(1)
 
     @unbroken()

@@ -13,8 +13,8 @@ from ..base import names as shared
 from ..base.errors import PlanError, RunError
 from ..base.openmm_private import bare, vectors
 from ..base.wording import in_units
+from ..kernels.moment import Moment, StepSpec
 from ..kernels.shear import sheared_box, strain_at
-from ..kernels.steps import Moment, StepSpec
 from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.fingerprint import fingerprint
 from ..plan.forces.pair_force import PairForceFunction

@@ -15,9 +15,9 @@ from ...kernels import motion
 from ...kernels.engines import engine_kind
 from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
+from ...kernels.moment import Moment, StepSpec
 from ...kernels.notice import LOGGER
 from ...kernels.shear import rate_at
-from ...kernels.steps import Moment, StepSpec
 from ..made import origin
 from ..program_options import ProgramOptions
 from .runaway import NEAR, runaway

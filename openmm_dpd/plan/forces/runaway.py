@@ -8,7 +8,7 @@ import numpy as np
 
 from ...base.wording import bead_number, in_length, in_units
 from ...kernels import motion
-from ...kernels.steps import FASTEST
+from ...kernels.moment import FASTEST
 
 #: Nobody runs away whose velocity has no component with which it crosses more of a cutoff in a step.
 NEAR = 0.5

@@ -7,7 +7,7 @@ import numpy as np
 from ...kernels.fields import ENERGY, FieldSpec
 from ...kernels.interface import Engine
 from ...kernels.layer import CONSERVATIVE
-from ...kernels.steps import Stepper
+from ...kernels.moment import Stepper
 from .fingerprint import Fingerprints
 
 

@@ -1,0 +1,138 @@
+"""Steps that are recorded and played again without Python, also with beads in another order: the same bits as step by step."""
+
+import numpy as np
+import pytest
+from kinds import KINDS, SEED, everything, made, running, same, schemes_of
+
+import openmm_dpd as dpd
+from openmm_dpd.kernels import steps, threads as thread_count
+from openmm_dpd.kernels.steps import StepLoop
+from openmm_dpd.kernels.threads import set_threads
+
+#: Kinds of which all but the first and the last step of a call are played.
+PLAYED = {
+    "dpd",
+    "tilted",
+    "two layers",
+    "sigma",
+    "friction alone",
+    "no friction",
+    "cold",
+    "specular",
+    "bounce-back",
+    "mixed walls",
+    "patterns",
+}
+STEPS = 23
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """How many steps were played so far."""
+    real, found = steps.play, [0]
+
+    def play(*arguments):
+        played = real(*arguments)
+        found[0] += played[0]
+        return played
+
+    monkeypatch.setattr(steps, "play", play)
+    return found
+
+
+@pytest.fixture
+def together(monkeypatch, two_threads):
+    """Two threads, and beads in the order of their cells, whatever the clock says about the cores."""
+    monkeypatch.setattr(thread_count, "_WATCH", thread_count._Watch())
+    monkeypatch.setattr(thread_count._Watch, "REST", -1.0)
+    monkeypatch.setattr(steps, "SEATED", 1)
+    monkeypatch.setattr(steps, "RESEATED", 7)
+
+
+def run_of(built: dpd.BuiltSystem, *cuts: int) -> dict[str, np.ndarray]:
+    """State after calls of so many steps."""
+    simulation = running(built)
+    for count in cuts:
+        simulation.integrator.step(count)
+    return everything(simulation.context, built)
+
+
+def step_by_step(monkeypatch, build, steps_of_it: int = STEPS) -> dict[str, np.ndarray]:
+    with monkeypatch.context() as patch:
+        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
+        return run_of(build(), steps_of_it)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "bababo"])
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_steps_are_played(kind, scheme, monkeypatch, counted):
+    if scheme not in schemes_of(kind):
+        pytest.skip("this kind does not run with this scheme")
+    expected = step_by_step(monkeypatch, lambda: made(kind, scheme))
+    assert counted == [0] and not same(run_of(made(kind, scheme), STEPS), expected)
+    assert (counted[0] > 0) == (kind in PLAYED)
+    assert not same(run_of(made(kind, scheme), 1, 4, STEPS - 5), expected)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "bababo"])
+@pytest.mark.parametrize("kind", sorted(PLAYED))
+def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
+    if scheme not in schemes_of(kind):
+        pytest.skip("this kind does not run with this scheme")
+    set_threads(1)
+    expected = step_by_step(monkeypatch, lambda: made(kind, scheme))
+    set_threads(2)
+    assert not same(run_of(made(kind, scheme), 3, STEPS - 3), expected) and counted[0] > 0
+
+
+def polymers(beads: int = 600) -> dpd.Scene:
+    """Chains of bonds, angles and dihedrals of two types, in a box with cells."""
+    edge, rng = (beads / 3.0) ** (1 / 3), np.random.default_rng(3)
+    x = np.cumsum(rng.normal(size=(beads // 10, 10, 3)) * 0.3, axis=1).reshape(-1, 3) + np.repeat(
+        rng.random((beads // 10, 3)) * edge, 10, axis=0
+    )
+    index = np.arange(beads).reshape(-1, 10)
+    bonds = np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=1)
+    angles = np.stack([index[:, k : k + 8].ravel() for k in range(3)], axis=1)
+    dihedrals = np.stack([index[:, k : k + 7].ravel() for k in range(4)], axis=1)
+    pairs = {("A", "A"): dpd.DPD(A=25, gamma=4.5), ("A", "B"): dpd.DPD(A=30, gamma=4.5, cutoff=1.1), ("B", "B"): dpd.DPD(A=25, gamma=9.0)}
+    return dpd.Scene(
+        {"A": 1.0, "B": 2.0}, list("AB") * (beads // 2), x, pairs, kT=1.0, box=[edge] * 3,
+        bonds=[dpd.HarmonicBonds(bonds, 4.0, 0.3)], angles=[dpd.HarmonicAngles(angles, 2.0, 2.5)],
+        dihedrals=[dpd.HarmonicDihedrals(dihedrals, 0.5, 1, 1)], bonded_factors=(0.0, 0.5, 1.0),
+        body_forces=[dpd.BodyForce([0.1, 0.0, 0.0], types="B")],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "bab3"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_chains(scheme, threads, monkeypatch, counted, together):
+    """From a start far from equilibrium, in which lists get more room and beads are watched."""
+    scene = polymers()
+    set_threads(1)
+    expected = step_by_step(monkeypatch, lambda: dpd.build(scene, dt=0.01, scheme=scheme, seed=SEED, platform="CPU"), 60)
+    set_threads(threads)
+    assert not same(run_of(dpd.build(scene, dt=0.01, scheme=scheme, seed=SEED, platform="CPU"), 20, 40), expected)
+    assert 0 < counted[0] < 58
+
+
+def test_a_step_that_fails_is_python_s(monkeypatch, counted, together):
+    """The state is that of the last call, and the message has the number of the bead."""
+    import openmm
+
+    for threads in (1, 2):
+        built = made("dpd", "middle")
+        set_threads(threads)
+        simulation = running(built)
+        simulation.integrator.step(5)
+        before = everything(simulation.context, built)
+        x = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value.copy()
+        velocities = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
+        wrong = velocities.copy()
+        wrong[17] = 1e6
+        simulation.context.setVelocities(wrong)
+        with pytest.raises(openmm.OpenMMException, match=r"step 6: bead 17 moves"):
+            simulation.integrator.step(20)
+        simulation.context.setVelocities(velocities)
+        assert np.array_equal(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value, x)
+        assert not same(everything(simulation.context, built), before)
