@@ -8,12 +8,18 @@ The numbers of docs/atlas.md ("Where the time goes"), standard fluid with 10,000
 from __future__ import annotations
 
 import numpy as np
-from step_profile import standard_fluid
 
 import openmm_dpd as dpd
 
 RUNS = (("mvv", 0.01), ("mvv", 0.02), ("aboba", 0.05), ("bababo", 0.12))
 SKINS = (0.3, 0.65)
+
+
+def standard_fluid(beads: int = 10_000) -> dpd.Scene:
+    """Density 3, repulsion 25, friction 4.5, on random points."""
+    edge = (beads / 3) ** (1 / 3)
+    x = np.random.default_rng(1).random((beads, 3)) * edge
+    return dpd.Scene({"W": 1.0}, ["W"] * beads, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
 
 
 def life(paths: np.ndarray, skin: float, begin: int) -> int:

@@ -64,6 +64,12 @@ def pause(context, builder, signature, arguments):
     return context.get_dummy_value()
 
 
+@instruction(lambda: _INT())
+def cycles(context, builder, signature, arguments):
+    """What the processor's clock shows."""
+    return builder.call(builder.module.declare_intrinsic("llvm.readcyclecounter", (), ir.FunctionType(_WORD, [])), [])
+
+
 @instruction(lambda function: types.void(_INT))
 def call_plain(context, builder, signature, arguments):
     """Call a function of the operating system that takes nothing."""

@@ -41,7 +41,8 @@ def compiled(function: Callable, *, bare: bool = False, kept: bool = True) -> An
     be ``bare``.
 
     Numba keys its cache on a function's name and file alone: it would load old code where only a function in another file, inlined here,
-    has changed.  So the function is compiled under a name that says so.  No fastmath, so that all versions round alike and give the same bits.
+    has changed.  So the function is compiled under a name that says so.  No fastmath, so that all versions round alike, and give the same
+    bits.
     """
     dispatcher = numba.njit(**(BARE if bare else SEMANTICS))(renamed(function, f"{function.__name__}_{DIGEST}"))
     if kept:

@@ -104,8 +104,8 @@ _NUMBERS = itertools.count()
 class Layout:
     """How the arguments of one call lie in memory, and the compiled function that reads them there."""
 
-    def __init__(self, made: Any, arguments: tuple, known: tuple, words: list[Any]):
-        self.made, self.address, self.alone = made, made.address, CALL(made.address)
+    def __init__(self, name: str, made: Any, arguments: tuple, known: tuple, words: list[Any]):
+        self.name, self.made, self.address, self.alone = name, made, made.address, CALL(made.address)
         self.pack = Struct("".join(map(_format, words))).pack
         #: where the numbers and arrays of records lie, by their names
         self.places: dict[str, int] = {}
@@ -163,7 +163,7 @@ class Kernel:
         if layout is None:
             elsewhere = tuple(known is not None for known in there) or (False,) * len(arguments)
             made = self._compiled(numba.typeof(arguments), elsewhere)
-            layout = self._layouts[how] = Layout(made, arguments, elsewhere, words)
+            layout = self._layouts[how] = Layout(self.name, made, arguments, elsewhere, words)
         packed = layout.pack(*words)
         tape, found = TAPES.running, run(layout, packed, parts)
         if tape is not None:

@@ -4,7 +4,7 @@ from struct import Struct
 
 import numpy as np
 
-from .addresses import call_kernel, put_word, word
+from .addresses import call_kernel, cycles, put_word, word
 from .native import Kernel
 from .noise import call_key, next_key
 from .tape import Tape
@@ -13,9 +13,10 @@ from .team import crowded, meet
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 
 
-def _play(calls, keys, kept, told, steps, part, parts, team):
+def _play(calls, keys, kept, told, spent, steps, part, parts, team):
     """Do steps until one is not to be done, or threads are in each other's way.  Before each its state is kept; ``told`` has how many were
-    complete, whether a kernel said anything (at every other call in one place, since a thread may be one call ahead), and that."""
+    complete, whether a kernel said anything (at every other call in one place, since a thread may be one call ahead), and that.  ``spent``
+    (calls, threads, 2) has the time of each at work and waiting, if there is room."""
     for step in range(steps):
         if part == 0 and crowded(team, parts):
             told[3] = 1
@@ -31,9 +32,14 @@ def _play(calls, keys, kept, told, steps, part, parts, team):
             return 0
         for k in range(len(calls)):
             sharing, turn = parts if calls[k, 2] > 1 else 1, 1 + (step * len(calls) + k) % 2
+            begun = cycles()
             if part < sharing and call_kernel(calls[k, 0], calls[k, 1], part, sharing, team) != 0:
                 told[turn] = 1
+            worked = cycles()
             meet(team, parts)
+            if len(spent):
+                spent[k, part, 0] += worked - begun
+                spent[k, part, 1] += cycles() - worked
             if told[turn] != 0:
                 return 1
         if part == 0:
@@ -42,12 +48,13 @@ def _play(calls, keys, kept, told, steps, part, parts, team):
 
 
 _play_kernel = Kernel(_play)
+_UNTIMED = np.zeros((0, 0, 2), np.int64)
 
 
-def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int) -> tuple[int, bool]:
+def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int, spent: np.ndarray = _UNTIMED) -> tuple[int, bool]:
     """Do up to so many steps like the recorded one, which has counted up the noise by ``counted``; returns how many were done, and whether
     one more was begun.  ``state`` are the arrays, contiguous, of 64-bit numbers, that a step begins with; they are as after the last step
-    that was done."""
+    that was done.  ``spent`` is for who measures (benchmarks/profile_steps.py)."""
     packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in tape.calls]
     calls = np.array(
         [(call.layout.address, words.ctypes.data, call.parts) for call, words in zip(tape.calls, packed, strict=True)], np.int64
@@ -63,7 +70,7 @@ def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int) -> tuple
     kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in zip(state, before, strict=True)], np.int64)
     told = np.zeros(4, np.int64)
     threads = max(call.parts for call in tape.calls)
-    begun = bool(_play_kernel(calls, np.array(keys, np.uint64).reshape(-1, 6), kept, told, steps, parts=threads))
+    begun = bool(_play_kernel(calls, np.array(keys, np.uint64).reshape(-1, 6), kept, told, spent, steps, parts=threads))
     if begun:
         for array, copy in zip(state, before, strict=True):
             array[...] = copy

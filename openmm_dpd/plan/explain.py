@@ -154,7 +154,7 @@ def _execution_lines(plan: Plan) -> list[str]:
         behind = "" if execution.on_device else " behind a PythonForce"
         lines.append(f"friction and noise: {plan.engine.what}{behind}" + (", with transverse terms" if transverse else ""))
     often = "each step" if options.slow_every == 1 else f"every {options.slow_every} steps"
-    loop = f"up to ten at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"
+    loop = f"many at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"
     steps = {"loop": loop, "program": "one by one, by the program", "openmm": "one by one", "device": "whole ones on the device"}
     lines.append(f"steps: {steps[execution.steps]} ({execution.why['steps']})")
     parts: dict[tuple[bool, str], list[str]] = {}

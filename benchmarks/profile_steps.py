@@ -1,0 +1,99 @@
+"""Where the time of a step goes on the CPU platform, kernel by kernel and thread by thread, and what is left for more cores.
+
+Steps are played in compiled code (openmm_dpd/kernels/replay.py), whose clock is read before and after each kernel and after the threads have
+met.  A line for each kernel: its time with one thread; with several the work of the slowest, the waiting of the others, and how much faster
+that is.  Serial is what one thread does alone, and every moment in which some wait.  The last lines have the speedup that Amdahl's law makes
+of the share that does not get faster, s = (n T_n/T_1 - 1)/(n - 1), for 4, 8 and 16 cores.  A quiet machine is needed.
+
+    python benchmarks/profile_steps.py                      # 10,000 beads, middle and bab3, on one core and on two
+    python benchmarks/profile_steps.py --beads 100000 --threads 4
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.kernels import replay, steps  # noqa: E402
+
+
+class Clock:
+    """Plays steps, and adds up what each kernel takes: (calls, threads, 2), work and waiting."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.spent, self.played, self.seconds = np.zeros((0, 0, 2)), 0, 0.0
+
+    def play(self, tape, counted, state, count):
+        """As :func:`openmm_dpd.kernels.replay.play`."""
+        threads = max(call.parts for call in tape.calls)
+        spent, begun = np.zeros((len(tape.calls), threads, 2), np.int64), time.perf_counter()
+        found = replay.play(tape, counted, state, count, spent)
+        if threads > 1 and not spent[:, 1].any():
+            return found  # one of them did all: there were not cores enough
+        names = [call.layout.name for call in tape.calls]
+        if names != self.names or self.spent.shape != spent.shape:
+            self.names, self.spent, self.played, self.seconds = names, np.zeros(spent.shape), 0, 0.0
+        self.spent, self.played, self.seconds = self.spent + spent, self.played + found[0], self.seconds + time.perf_counter() - begun
+        return found
+
+
+def measured(scheme: str, beads: int, threads: int, count: int) -> tuple[list[str], np.ndarray, float]:
+    """Names of kernels, microseconds a step of each (calls, threads, 2), and of a whole step with all that lies between calls."""
+    dpd.set_threads(threads)
+    edge = (beads / 3) ** (1 / 3)
+    x = np.random.default_rng(1).random((beads, 3)) * edge
+    scene = dpd.Scene({"W": 1.0}, ["W"] * beads, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
+    simulation = dpd.build(scene, dt=0.05, scheme=scheme, platform="CPU", seed=1).simulation()
+    simulation.step(200)
+    clock = Clock()
+    steps.play = clock.play
+    begun = time.perf_counter()
+    simulation.step(count)
+    whole = time.perf_counter() - begun
+    steps.play = replay.play
+    ticks = clock.spent[:, 0].sum() / clock.seconds  # of the processor's clock in a second
+    return clock.names, 1e6 * clock.spent / clock.played / ticks, 1e6 * whole / count
+
+
+def report(scheme: str, beads: int, threads: int, count: int) -> None:
+    """Print the table of a scheme."""
+    names, alone, whole = measured(scheme, beads, 1, count)
+    _, shared, whole_shared = measured(scheme, beads, threads, count)
+    print(
+        f"{scheme}, {beads:,} beads, microseconds a step\n{'kernel':28s} {'1 thread':>9s} {f'{threads} threads':>10s} {'waiting':>8s} faster"
+    )
+    for name in dict.fromkeys(names):
+        of_it = [k for k, other in enumerate(names) if other == name]
+        one, work = alone[of_it, 0, 0].sum(), shared[of_it, :, 0].max(axis=1).sum()
+        print(f"{len(of_it)} x {name:24s} {one:9.1f} {work:10.1f} {shared[of_it, :, 1].max(axis=1).sum():8.1f} {one / work:6.2f}")
+    one, all_of_them = alone[:, 0].sum(), shared[:, 0].sum()
+    waiting = shared[:, :, 1].max(axis=1).sum() / all_of_them
+    for what, first, second in (("kernels", one, all_of_them), ("with all between", whole, whole_shared)):
+        share = max(0.0, (threads * second / first - 1) / (threads - 1))
+        cores = ", ".join(f"{1 / (share + (1 - share) / n):.1f} on {n}" for n in (4, 8, 16))
+        print(f"{what:28s} {first:9.1f} {second:10.1f} {'':8s} {first / second:6.2f}   does not get faster: {100 * share:.1f} %; {cores}")
+    print(f"waiting: {100 * waiting:.1f} % of the time\n")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--beads", type=int, default=10_000)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--steps", type=int, default=0, help="a million beads and steps by default")
+    parser.add_argument("--schemes", nargs="+", default=["middle", "bab3"])
+    options = parser.parse_args()
+    for scheme in options.schemes:
+        report(scheme, options.beads, options.threads, options.steps or max(100, 1_000_000 // options.beads))
+
+
+if __name__ == "__main__":
+    main()
