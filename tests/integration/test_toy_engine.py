@@ -327,7 +327,7 @@ def test_it_brings_its_own_steps(register):
 
     register(stepper=Counting)
     made(dimers()).simulation().step(25)
-    assert counted == [10, 10, 5]
+    assert sum(counted) == 25 and counted[0] == 10  # how many at once depends on their time
 
 
 def test_a_file_knows_the_engine(register):
