@@ -79,7 +79,8 @@ def failing(monkeypatch, owner, name: str, at: int, error) -> list[int]:
 
 def interrupted(case, lines) -> dict[int, list[str]]:
     """What is wrong after an interruption before some of the lines of a piece, which ``lines`` chooses from their functions' names."""
-    started(*case).integrator.step(STEPS)  # kernels are looked for once
+    calm = started(*case)
+    calm.integrator.step(STEPS)  # kernels are looked for once
     calm = started(*case)
     before = all_of(calm)
     with Lines() as trace:
