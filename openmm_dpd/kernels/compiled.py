@@ -20,8 +20,9 @@ SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
 BARE = SEMANTICS | NO_REFERENCE_COUNTS
-#: Decorators of functions that kernels call: compiled on their own, or put in where they are called.
-helper = numba.njit(**BARE)
+#: Decorators of functions that kernels call: compiled on their own, without a way in from Python, which takes a quarter of the compiler's
+#: time; or put in where they are called.
+helper = numba.njit(no_cpython_wrapper=True, **BARE)
 inlined = numba.njit(inline="always", **BARE)
 #: The same for functions that are also called from Python, where they stay what they are.
 both = register_jitable(inline="always", **BARE)

@@ -161,7 +161,10 @@ def _kernel(kind: Any) -> Kernel:
     """Kernel of a class of terms.  With a formula from elsewhere it is not kept on disk: nothing would tell that it has changed."""
     kept = kind.__module__.startswith(f"{__package__}.")
     names = {"_formula": njit(inline="always", error_model="numpy")(kind.formula)}
-    part = {"_part": njit(error_model="numpy")(renamed(kind.part, f"{kind.__name__}_part", names)), "_width": len(kind.sample)}
+    part = {
+        "_part": njit(error_model="numpy", no_cpython_wrapper=True)(renamed(kind.part, f"{kind.__name__}_part", names)),
+        "_width": len(kind.sample),
+    }
     return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False, kept=kept)
 
 
