@@ -46,6 +46,7 @@ class StepSpec:
     driven: Driven | None = None  #: The same walls where some move or have something behind them
     ramp: Any = None  #: A TemperatureRamp of the model, or None
     shear: Any = None  #: A LeesEdwards of the model, or None
+    tilt: float = 0.0  #: Of the box that a shear begins with
 
     @property
     def predicts(self) -> bool:
@@ -246,7 +247,7 @@ class StepLoop:
         shear, begin = self.spec.shear, m.sheared
         assert begin is not None and m.box is not None
         m.sheared = end = begin + time
-        m.box = sheared_box(m.box, strain_at(shear, end))
+        m.box = sheared_box(m.box, strain_at(shear, end), self.spec.tilt)
         if shear.constant:
             return 0.0, 0.0
         mean = (strain_at(shear, end) - strain_at(shear, begin)) / time
