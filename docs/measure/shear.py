@@ -22,6 +22,7 @@ from live_lammps import instance  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.analysis import shear_viscosity  # noqa: E402
+from openmm_dpd.base.geometry import minimum_images  # noqa: E402
 from openmm_dpd.measure import Observer, ProfileReporter, StressReporter  # noqa: E402
 from openmm_dpd.stats import block_average  # noqa: E402
 
@@ -63,15 +64,24 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
     simulation.step(int(WAIT / dt))
     stress, profile = StressReporter(2, built), ProfileReporter(5, built, axis="y", component="x", bins=10)
     simulation.reporters += [stress, profile]
-    for _ in range(int(time / dt / 10)):
+    contacts, (i, j) = [], np.triu_indices(BEADS, 1)
+    for k in range(int(time / dt / 10)):
         simulation.step(10)
         sample = observer.sample(simulation.context)
         kT.append(2 * sample.kinetic_pressure / sample.dof)
+        if k % 20 == 0:
+            state = simulation.context.getState(positions=True)
+            x, box = (value._value for value in (state.getPositions(asNumpy=True), state.getPeriodicBoxVectors(asNumpy=True)))
+            r = np.linalg.norm(minimum_images(x[i] - x[j], box), axis=1)
+            contacts.append(np.sum(np.maximum(1 - r, 0) ** 2) / EDGE**3)
     flow, found = profile.profile, shear_viscosity(stress)
     slope = np.polyfit(flow.centres, flow.velocity, 1)
     print(f"slope {slope[0]:.4f}, off a line by {np.abs(flow.velocity - np.polyval(slope, flow.centres)).max():.4f}")
     print(f"error of a slab {flow.error.max():.4f}, momentum {np.abs(sample.momentum).max():.1e}")
-    average = block_average(kT)
+    average, cooling = block_average(kT), 2 * gamma * np.mean(contacts)
+    at_once = stress.instantaneous
+    print(f"friction passes on {at_once:.3f} of the viscosity at once and cools with {cooling:.2f} per kT and volume, so that the heat of the")
+    print(f"rest makes kT higher by {(found.viscosity - at_once) * rate**2 / cooling:.4f}")
     return {
         "viscosity": (found.viscosity, found.error),
         "N1": (found.first_normal, found.first_normal_error),
