@@ -80,7 +80,9 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
     print(f"error of a slab {flow.error.max():.4f}, momentum {np.abs(sample.momentum).max():.1e}")
     average, cooling = block_average(kT), 2 * gamma * np.mean(contacts)
     at_once = stress.instantaneous
-    print(f"friction passes on {at_once:.3f} of the viscosity at once and cools with {cooling:.2f} per kT and volume, so that the heat of the")
+    print(
+        f"friction passes on {at_once:.3f} of the viscosity at once and cools with {cooling:.2f} per kT and volume, so that the heat of the"
+    )
     print(f"rest makes kT higher by {(found.viscosity - at_once) * rate**2 / cooling:.4f}")
     return {
         "viscosity": (found.viscosity, found.error),

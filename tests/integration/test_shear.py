@@ -16,7 +16,7 @@ from scenes import EXTENDED, PLAIN, beads, external_force, fluid, listed_pairs, 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import shear_viscosity
 from openmm_dpd.kernels.engine import PairEngine
-from openmm_dpd.lammps import export_lammps
+from openmm_dpd.lammps import deck_scene, export_lammps
 from openmm_dpd.measure import Observer, ProfileReporter, StressReporter
 from openmm_dpd.model.schemes import read_word, scheme_of
 from openmm_dpd.molecules import relax
@@ -322,8 +322,22 @@ def test_what_would_not_know_the_images(tmp_path):
     simulation.context.setPeriodicBoxVectors(*np.diag([3.0] * 3))
     with pytest.raises(openmm.OpenMMException, match="of the shear: it was set"):
         simulation.step(1)
-    with pytest.raises(dpd.ParameterError, match="shear"):
-        export_lammps(scene, tmp_path, "sheared", dt=0.02)
+    with pytest.raises(dpd.ParameterError, match="only a constant rate of shear is exported"):
+        export_lammps(replace(scene, shear=SHEARS["oscillating"][0]), tmp_path, "sheared", dt=0.02)
+
+
+def test_an_exported_scene_is_sheared_as_it_was(tmp_path):
+    """Beads of many images, in a box that is tilted already: velocities relative to the flow after ten steps, to 1e-9."""
+    scene = replace(sheared("tilted"), kT=0.0)
+    deck = export_lammps(scene, tmp_path, "sheared", dt=0.01, steps=10).deck
+    other, found = deck_scene(deck), []
+    assert other.shear == scene.shear and np.ptp(scene.positions[:, 1]) > 2 * EDGES[1]
+    for each in (scene, other):
+        simulation = dpd.build(each, dt=0.01, scheme="mvv", platform="CPU").simulation()
+        simulation.step(10)
+        x, v = state_of(simulation.context)
+        found.append(v - np.outer(x[:, 1], [1.5, 0.0, 0.0]))
+    assert np.abs(found[0] - found[1]).max() < 1e-9
 
 
 def test_what_else_takes_a_scene(tmp_path):
