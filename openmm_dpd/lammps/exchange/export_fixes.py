@@ -206,8 +206,9 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
     if scene.shear is not None:
         if not scene.shear.constant:
             raise ParameterError(
-                f"LAMMPS moves images alone where the rate of a shear changes ({scene.shear}); only a constant rate is exported"
+                f"LAMMPS moves images alone where the rate of a shear changes ({scene.shear}); only a constant rate of shear is exported"
             )
+        assert scene.shear.rate is not None
         yield f"fix slide all deform 1 xy erate {exact(scene.shear.rate * units.time)} remap v"
 
 
