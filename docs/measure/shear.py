@@ -69,7 +69,7 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
         simulation.step(10)
         sample = observer.sample(simulation.context)
         kT.append(2 * sample.kinetic_pressure / sample.dof)
-        if k % 20 == 0:
+        if k % 5 == 0:
             state = simulation.context.getState(positions=True, velocities=True)
             x, v, box = (part._value for part in (state.getPositions(True), state.getVelocities(True), state.getPeriodicBoxVectors(True)))
             d, c = minimum_images(x[i] - x[j], box), v - np.outer(x[:, 1], [rate, 0, 0])
