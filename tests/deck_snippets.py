@@ -90,6 +90,11 @@ fix move all nve
     + _RUNS.replace("3", "2"),
 }
 
+BASES["tilted"] = (
+    BASES["fluid"]
+    .replace("block 0 3 0 3 0 3", "prism 0 3 0 3 0 3 0.5 0 0")
+    .replace("BEFORE", "BEFORE\nfix slide all deform 1 xy erate 9.0 remap v")
+)
 BASES["dihedrals"] = (
     BASES["bonds"]
     .replace("atom_style angle", "atom_style molecular\ndihedral_style opls")
@@ -140,6 +145,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
     "compute": {
         "temp": deck(before="compute c all temp\n" + averaged("c_c", "c_c[1]")),
         "temp/partial": deck(before="compute c all temp/partial 1 0 1\ncompute_modify c extra/dof 2\n" + averaged("c_c", "c_c[2]")),
+        "temp/deform": deck("tilted", "compute c all temp/deform\nthermo_modify temp c\n" + averaged("c_c", "c_thermo_press[4]")),
         "temp/profile": deck(
             before="compute c all temp/profile 1 1 1 xyz 2 1 2\nthermo_modify temp c\n" + averaged("c_c", "c_thermo_press")
         ),
@@ -176,6 +182,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "gravity": deck(before="variable g equal 0.1*PI\nfix down all gravity v_g vector 1 0 1"),
         "setforce": deck(before="group one id 1 2\nfix hold one setforce 0 NULL 0"),
         "wall/reflect": deck(head="boundary p p f", before="fix wall all wall/reflect zlo EDGE zhi EDGE"),
+        "deform": deck("tilted", "compute c all msd\ndump d all custom 2 d.txt id x ix vx xu\n" + averaged("c_c[1]", "c_thermo_press[4]")),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),
         "print": deck(before='fix say all print 2 "at $(step) $(temp)" file say.txt title begun'),
         "ave/time": deck(before=averaged("c_thermo_temp", more="overwrite") + "\nfix b all ave/time 1 2 5 f_a append b.txt start 4"),

@@ -22,8 +22,9 @@ from live_lammps import instance  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.analysis import shear_viscosity  # noqa: E402
+from openmm_dpd.base.geometry import minimum_images  # noqa: E402
 from openmm_dpd.measure import Observer, ProfileReporter, StressReporter  # noqa: E402
-from openmm_dpd.stats import block_average  # noqa: E402
+from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 EDGE, BEADS, WAIT = 5.0, 375, 30.0
 
@@ -63,15 +64,29 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
     simulation.step(int(WAIT / dt))
     stress, profile = StressReporter(2, built), ProfileReporter(5, built, axis="y", component="x", bins=10)
     simulation.reporters += [stress, profile]
-    for _ in range(int(time / dt / 10)):
+    contacts, (i, j) = [], np.triu_indices(BEADS, 1)
+    for k in range(int(time / dt / 10)):
         simulation.step(10)
         sample = observer.sample(simulation.context)
         kT.append(2 * sample.kinetic_pressure / sample.dof)
+        if k % 5 == 0:
+            state = simulation.context.getState(positions=True, velocities=True)
+            x, v, box = (part._value for part in (state.getPositions(True), state.getVelocities(True), state.getPeriodicBoxVectors(True)))
+            d, c = minimum_images(x[i] - x[j], box), v - np.outer(x[:, 1], [rate, 0, 0])
+            r = np.linalg.norm(d, axis=1)
+            w2 = np.maximum(1 - r, 0) ** 2
+            contacts.append((np.sum(w2) / EDGE**3, np.sum(w2 * np.sum(d * (c[i] - c[j]), axis=1) ** 2 / r**2) / 2 / EDGE**3))
     flow, found = profile.profile, shear_viscosity(stress)
     slope = np.polyfit(flow.centres, flow.velocity, 1)
     print(f"slope {slope[0]:.4f}, off a line by {np.abs(flow.velocity - np.polyval(slope, flow.centres)).max():.4f}")
     print(f"error of a slab {flow.error.max():.4f}, momentum {np.abs(sample.momentum).max():.1e}")
-    average = block_average(kT)
+    average, (w2, moved) = block_average(kT), np.array(contacts).T
+    along, cooling = ratio_average(moved, w2), 2 * gamma * np.mean(w2)
+    heat = (found.viscosity - stress.instantaneous) * rate**2
+    print(f"kT along lines between beads, weighted as friction is: {along.mean:.4f} +- {along.sem:.4f}; {stress.instantaneous:.3f} of the")
+    print(
+        f"viscosity is friction against the flow, the rest heats by {heat:.4f}, friction cools by {cooling:.2f} times what kT is too high"
+    )
     return {
         "viscosity": (found.viscosity, found.error),
         "N1": (found.first_normal, found.first_normal_error),

@@ -5,6 +5,7 @@
 - ``NullCache``, ``packed``, ``unpacked``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let
   ``keep_on_disk`` of ``kernel_cache.py`` return at once: kernels are then compiled at every start, and nothing else is lost.
 - ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
+- ``NO_PYTHON_WRAPPER``: make it ``{}``.  Nothing changes but the time to compile, by a quarter.
 - ``CFunc``: what ``numba.cfunc`` makes, which compiles at once and takes no cache of our own; adapt ``at_address`` of ``compiled.py``.
 - ``compiling``: let it yield and call nothing.  Then nobody hears that kernels are being compiled.
 """
@@ -19,6 +20,8 @@ from numba.core.compiler import CompileResult
 from numba.core.event import Listener, install_listener
 from numba.core.serialize import dumps
 
+#: Option of ``numba.njit`` for what only compiled code calls.
+NO_PYTHON_WRAPPER: dict[str, Any] = {"no_cpython_wrapper": True}
 #: Option of ``numba.njit`` for code that allocates nothing: references to arrays are not counted.
 NO_REFERENCE_COUNTS = {"_nrt": False}
 
@@ -56,4 +59,4 @@ def compiling(begun: Callable[[], None]) -> Iterator[None]:
         yield
 
 
-__all__ = ["NO_REFERENCE_COUNTS", "CFunc", "NullCache", "compiling", "dumps", "packed", "set_cache", "unpacked"]
+__all__ = ["NO_PYTHON_WRAPPER", "NO_REFERENCE_COUNTS", "CFunc", "NullCache", "compiling", "dumps", "packed", "set_cache", "unpacked"]

@@ -11,7 +11,7 @@ from numba import types
 from numba.extending import register_jitable
 
 from ..base.kernel_cache import keep_on_disk
-from ..base.numba_private import NO_REFERENCE_COUNTS, CFunc
+from ..base.numba_private import NO_PYTHON_WRAPPER, NO_REFERENCE_COUNTS, CFunc
 
 #: Hash of all kernel sources.
 DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
@@ -22,7 +22,7 @@ SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 BARE = SEMANTICS | NO_REFERENCE_COUNTS
 #: Decorators of functions that kernels call: compiled on their own, without a way in from Python, which takes a quarter of the compiler's
 #: time; or put in where they are called.
-helper = numba.njit(no_cpython_wrapper=True, **BARE)
+helper = numba.njit(**BARE, **NO_PYTHON_WRAPPER)
 inlined = numba.njit(inline="always", **BARE)
 #: The same for functions that are also called from Python, where they stay what they are.
 both = register_jitable(inline="always", **BARE)

@@ -16,7 +16,8 @@ import numpy as np
 from numba import njit
 
 from ..base.errors import RunError
-from .compiled import renamed
+from ..base.numba_private import NO_PYTHON_WRAPPER
+from .compiled import SEMANTICS, renamed
 from .native import Kernel
 from .notice import LOGGER, announced
 from .team import meet
@@ -162,7 +163,7 @@ def _kernel(kind: Any) -> Kernel:
     kept = kind.__module__.startswith(f"{__package__}.")
     names = {"_formula": njit(inline="always", error_model="numpy")(kind.formula)}
     part = {
-        "_part": njit(error_model="numpy", no_cpython_wrapper=True)(renamed(kind.part, f"{kind.__name__}_part", names)),
+        "_part": njit(**SEMANTICS, **NO_PYTHON_WRAPPER)(renamed(kind.part, f"{kind.__name__}_part", names)),
         "_width": len(kind.sample),
     }
     return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False, kept=kept)

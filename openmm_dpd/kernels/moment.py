@@ -35,6 +35,7 @@ class StepSpec:
     driven: Driven | None = None  #: The same walls where some move or have something behind them
     ramp: Any = None  #: A TemperatureRamp of the model, or None
     shear: Any = None  #: A LeesEdwards of the model, or None
+    tilt: float = 0.0  #: Of the box that a shear begins with
 
     @property
     def predicts(self) -> bool:

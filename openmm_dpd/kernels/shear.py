@@ -33,10 +33,11 @@ def rate_at(shear: Any, time: float) -> float:
     return shear.rate + (shear.end_rate - shear.rate) * min(time / shear.ramp_time, 1.0)
 
 
-def sheared_box(box: np.ndarray, strain: float) -> np.ndarray:
-    """(3, 3) reduced vectors of the lattice of a box at a strain: the images above it are ``strain`` times its height farther along x."""
+def sheared_box(box: np.ndarray, strain: float, tilt: float = 0.0) -> np.ndarray:
+    """(3, 3) reduced vectors of the lattice of a box at a strain: the images above it are ``strain`` times its height farther along x than
+    by the ``tilt`` that it began with."""
     sheared, edge = np.diag(np.diag(box)), box[0, 0]
-    shift = strain * box[1, 1]
+    shift = strain * box[1, 1] + tilt
     sheared[1, 0] = min(max(shift - edge * math.floor(shift / edge + 0.5), -0.5 * edge), 0.5 * edge)
     return sheared
 

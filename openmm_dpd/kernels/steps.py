@@ -225,7 +225,7 @@ class StepLoop:
         shear, begin = self.spec.shear, m.sheared
         assert begin is not None and m.box is not None
         m.sheared = end = begin + time
-        m.box = sheared_box(m.box, strain_at(shear, end))
+        m.box = sheared_box(m.box, strain_at(shear, end), self.spec.tilt)
         if shear.constant:
             return 0.0, 0.0
         mean = (strain_at(shear, end) - strain_at(shear, begin)) / time

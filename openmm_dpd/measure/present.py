@@ -73,7 +73,7 @@ class Present:
     Of the last :meth:`look` it has ``x``, ``v`` and ``box`` (None without), those of the forces in the System that somebody else added
     (``others``), ``kT``, the key of the noise (``seed``, ``counter``), the step size ``dt``, and as ``changed`` (N, 3), or None, what was
     added to the velocities after the last step, whose forces have not seen it.  With a Lees-Edwards shear ``v`` is relative to the flow,
-    of the present ``rate`` after the time ``sheared``.
+    of the present ``rate`` after the time ``sheared``; ``with_flow`` has them as the Context does.
     """
 
     def __init__(self, built: BuiltSystem):
@@ -103,7 +103,7 @@ class Present:
             self._alone = None if self.others or self._beside else len(forces)
         state = context.getState(positions=True, velocities=True)
         self.x, self.v = vectors(state, openmm.State.Positions), vectors(state, openmm.State.Velocities)
-        self.rate, self.sheared, self._with_flow = 0.0, 0.0, self.v
+        self.rate, self.sheared, self.with_flow = 0.0, 0.0, self.v
         if self.plan.scene.shear is not None:
             self.sheared = context.getParameter(SHEARED)
             self.rate = rate_at(self.plan.scene.shear, self.sheared)
@@ -193,7 +193,7 @@ class Present:
                 found = loop.last()
             m = None if found is None else found.moment
             there = m is not None and (m.kT, m.seed, m.counter, m.dt) == (self.kT, self.seed, self.counter, self.dt)
-            self._last = (found if m is not None and there and motion.same(self._with_flow, m.v) else None,)
+            self._last = (found if m is not None and there and motion.same(self.with_flow, m.v) else None,)
         return self._last[0]
 
     # -- stress tensors ----------------------------------------------------------------------------------------------------------

@@ -14,9 +14,10 @@ from .pairs import checked
 class LeesEdwards:
     r"""Shear along x that grows with y: the images of a box slide over each other, and the fluid follows them.
 
-    The mean velocity is :math:`v_x = \dot\gamma y`, everywhere and without walls (Lees and Edwards, J. Phys. C 5, 1921 (1972)).  It is
-    one of three kinds: of a constant ``rate``; of a rate that grows linearly from ``rate`` to ``end_rate`` within ``ramp_time`` and
-    stays there; or oscillating, with the strain :math:`\gamma_0 \sin\omega t` of ``amplitude`` and ``frequency``.
+    The mean velocity is :math:`v_x = \dot\gamma y`, everywhere and without walls (Lees and Edwards, J. Phys. C 5, 1921 (1972)).  A box
+    that is tilted along x goes on from there.  The shear is one of three kinds: of a constant ``rate``; of a rate that grows linearly from
+    ``rate`` to ``end_rate`` within ``ramp_time`` and stays there; or oscillating, with the strain :math:`\gamma_0 \sin\omega t` of
+    ``amplitude`` and ``frequency``.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def check_shear(shear: Any, scene: Any) -> None:
         raise ParameterError(f"shear must be a LeesEdwards, such as LeesEdwards(rate=0.1), not {shear!r}")
     reasons = {
         "it needs a periodic box": scene.box is None,
-        "the box it starts from must be rectangular": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
+        "the box it starts from may be tilted along the flow only": scene.box is not None and bool(np.any(scene.box[2, :2])),
         "beads that do not move stand still in the flow": bool(scene.immobile.any()),
         "walls stand still in the flow": bool(scene.walls),
         "forces on single beads depend on places that the flow shifts, or accelerate all of it": bool(scene.body_forces),

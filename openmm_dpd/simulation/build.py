@@ -162,4 +162,5 @@ def _step_spec(plan: Plan) -> StepSpec:
     found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
     planes = tuple(found[name] for name in walls.CONSTANTS) if found else None
     weights = options.thermostat, options.lam, options.field_lam
-    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, plan.driven, options.ramp, scene.shear)
+    tilt = 0.0 if scene.box is None else float(scene.box[1, 0])
+    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, plan.driven, options.ramp, scene.shear, tilt)

@@ -112,8 +112,8 @@ class WholeSteps:
         if spec.shear is not None:
             moment.sheared = parameters[shared.SHEARED]
             assert box is not None
-            moment.box = sheared_box(box, strain_at(spec.shear, moment.sheared))
-            if not np.array_equal(moment.box, box):
+            moment.box = sheared_box(box, strain_at(spec.shear, moment.sheared), spec.tilt)
+            if not np.array_equal(moment.box, sheared_box(box, 0.0, box[1, 0])):  # half an edge to either side is the same
                 raise RunError(
                     f"the box is tilted by {box[1, 0]:g} and not by the {moment.box[1, 0]:g} nm of the shear: it was set, or comes from a "
                     "state without its parameters; load states whole"

@@ -168,6 +168,27 @@ def test_steps_beside_numpy():
     assert np.abs(expected[2]).min() > 0.1
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_random_steps_beside_numpy(seed):
+    """The same of random beads and walls; more by hand with other seeds."""
+    rng = np.random.default_rng(seed)
+    z = LOW + (HIGH - LOW) * rng.random(8) ** rng.choice([0.2, 1, 5]) + EDGES[2] * rng.integers(-2, 3, 8)
+    x = np.column_stack([2.0 * (np.arange(8) % 4), 2.0 * (np.arange(8) // 4), z])
+    v = rng.normal(size=(8, 3)) * [1, 1, rng.choice([1, 4, 12])]
+    speeds = [((*rng.normal(size=2), 0.0), period) for period in rng.choice([None, 0.05, 0.3, 7.0], 2)]
+    planes = [
+        dpd.Wall("z", at, side, velocity=speed, period=period, behind="W", density=3.0)
+        for (speed, period), at, side in zip(speeds, (LOW, HIGH), ("above", "below"), strict=True)
+    ]
+    common = {"masses": {"W": 1.0, "B": 2.0}, "types": ["B"] * 8, "positions": x, "velocities": v, "kT": 1.0, "box": EDGES + [4, 0, 0]}
+    scene = dpd.Scene(**common, pairs={("*", "*"): STANDARD}, walls=planes)
+    expected = expected_steps(scene, v, speeds, 10, 0.01, seed + 1)
+    _, simulation = run(scene, 10, dt=0.01, seed=seed + 1)
+    found = state_of(simulation)
+    for one, other in zip((*found[:2], found[2][2]), expected, strict=True):
+        assert np.allclose(one, other, rtol=0, atol=1e-9)
+
+
 def test_edges_between_moving_walls():
     """Beyond two walls at once each turns its normal component; the first moves the rest; one of the walls is specular."""
     low, high, back, u = np.zeros(3), np.full(3, 4.0), np.array([1.0, 0.0, 1.0]), np.zeros((3, 2, 3))

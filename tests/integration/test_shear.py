@@ -16,7 +16,7 @@ from scenes import EXTENDED, PLAIN, beads, external_force, fluid, listed_pairs, 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import shear_viscosity
 from openmm_dpd.kernels.engine import PairEngine
-from openmm_dpd.lammps import export_lammps
+from openmm_dpd.lammps import deck_scene, export_lammps
 from openmm_dpd.measure import Observer, ProfileReporter, StressReporter
 from openmm_dpd.model.schemes import read_word, scheme_of
 from openmm_dpd.molecules import relax
@@ -29,6 +29,7 @@ SIX = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
 #: Each kind of shear, with strain and rate written down once more.
 SHEARS = {
     "constant": (dpd.LeesEdwards(rate=-2.0), lambda t: -2.0 * t, lambda t: -2.0),
+    "tilted": (dpd.LeesEdwards(rate=1.5), lambda t: 0.5 * EDGES[0] / EDGES[1] + 1.5 * t, lambda t: 1.5),
     "ramp": (
         dpd.LeesEdwards(rate=0.5, end_rate=G, ramp_time=T),
         lambda t: 0.5 * t + (G - 0.5) * t * t / (2 * T) if t < T else (G + 0.5) * T / 2 + G * (t - T),
@@ -40,7 +41,9 @@ SHEARS = {
 
 def sheared(kind: str, **options) -> dpd.Scene:
     """Random beads of two types, strewn over many images of the box."""
-    return fluid(EXTENDED, np.diag(EDGES), n=40, kT=1.3, shear=SHEARS[kind][0], **options)
+    box = np.diag(EDGES)
+    box[1, 0] = SHEARS[kind][1](0.0) * EDGES[1]
+    return fluid(EXTENDED, box, n=40, kT=1.3, shear=SHEARS[kind][0], **options)
 
 
 @pytest.mark.parametrize("kind", SHEARS)
@@ -79,7 +82,7 @@ def test_words_step_as_folded_beads_do(kind, word):
 
 
 @pytest.mark.parametrize("lam", [0.5, 0.65])
-@pytest.mark.parametrize("kind", ["constant", "oscillating"])
+@pytest.mark.parametrize("kind", ["constant", "tilted", "oscillating"])
 def test_friction_as_a_force_is_that_of_folded_beads(kind, lam):
     """The same for ``mvv``."""
     dt, scene, (_, strain, rate) = 0.01, sheared(kind), SHEARS[kind]
@@ -252,7 +255,7 @@ def test_frames_that_a_viewer_folds_show_the_images_where_they_are(tmp_path):
 SHEAR = dpd.LeesEdwards(rate=0.5)
 REFUSED = {
     "no box": (lambda: beads(81, box=None, shear=SHEAR), "needs a periodic box"),
-    "tilted": (lambda: beads(81, box=np.array([[3.0, 0, 0], [0.5, 3, 0], [0, 0, 3]]), shear=SHEAR), "must be rectangular"),
+    "tilted": (lambda: beads(81, box=np.array([[3.0, 0, 0], [0, 3, 0], [0.5, 0, 3]]), shear=SHEAR), "along the flow only"),
     "frozen": (lambda: beads(81, mobile=np.arange(81) > 0, shear=SHEAR), "do not move"),
     "walls": (lambda: replace(KINDS["specular"](), shear=SHEAR), "walls stand still"),
     "pushed": (lambda: beads(81, body_forces=[dpd.BodyForce((1, 0, 0))], shear=SHEAR), "forces on single beads"),
@@ -319,8 +322,22 @@ def test_what_would_not_know_the_images(tmp_path):
     simulation.context.setPeriodicBoxVectors(*np.diag([3.0] * 3))
     with pytest.raises(openmm.OpenMMException, match="of the shear: it was set"):
         simulation.step(1)
-    with pytest.raises(dpd.ParameterError, match="shear"):
-        export_lammps(scene, tmp_path, "sheared", dt=0.02)
+    with pytest.raises(dpd.ParameterError, match="only a constant rate of shear is exported"):
+        export_lammps(replace(scene, shear=SHEARS["oscillating"][0]), tmp_path, "sheared", dt=0.02)
+
+
+def test_an_exported_scene_is_sheared_as_it_was(tmp_path):
+    """Beads of many images, in a box that is tilted already: velocities relative to the flow after ten steps, to 1e-9."""
+    scene = replace(sheared("tilted"), kT=0.0)
+    deck = export_lammps(scene, tmp_path, "sheared", dt=0.01, steps=10).deck
+    other, found = deck_scene(deck), []
+    assert other.shear == scene.shear and np.ptp(scene.positions[:, 1]) > 2 * EDGES[1]
+    for each in (scene, other):
+        simulation = dpd.build(each, dt=0.01, scheme="mvv", platform="CPU").simulation()
+        simulation.step(10)
+        x, v = state_of(simulation.context)
+        found.append(v - np.outer(x[:, 1], [1.5, 0.0, 0.0]))
+    assert np.abs(found[0] - found[1]).max() < 1e-9
 
 
 def test_what_else_takes_a_scene(tmp_path):

@@ -251,7 +251,7 @@ def test_no_fix_at_all_is_said(tmp_path):
     ("fix 1 all langevin 1 1 1 7\n", "fix style 'langevin' is not supported: friction and noise are in the pair style here, .* dpd/tstat"),
     ("fix 1 all nvt temp 1 1 1\n", "fix style 'nvt' is not supported: friction and noise are in the pair style"),
     ("fix 1 all npt temp 1 1 1 iso 1 1 1\n", "fix style 'npt' is not supported: fix nph holds the pressure"),
-    ("fix 1 all nvt/sllod temp 1 1 1\n", "fix style 'nvt/sllod' is not supported: drive a flow by fix addforce"),
+    ("fix 1 all nvt/sllod temp 1 1 1\n", "fix style 'nvt/sllod' is not supported: the thermostat is the pair style"),
     ("improper_style harmonic\n", "in.deck:13: improper_style: there are none here; dihedral_style harmonic"),
     ("compute v all vacf\n", "compute style 'vacf' is not supported: the diffusion coefficient is the slope of compute msd"),
     ("dimension 2\n", "not dimension 2: let the box be at least two cutoffs wide along z"),

@@ -215,6 +215,48 @@ def _momentum(state: DeckState, group: str, words: list[str]) -> dict:
     return {"momentum": MomentumRemoval(every, (x, y, z), "angular" in found, "rescale" in found)}
 
 
+#: Options of fix deform, and what comes of those that are not supported.
+_DEFORM = {**dict.fromkeys("xyz", "the box keeps its edges"), **dict.fromkeys(("xz", "yz"), "the flow is along x, its gradient along y")}
+_DEFORM |= {"flip": "the box is tilted by half an edge at most, leave it out", "vol": "the box keeps its volume"}
+
+
+def _deform(state: DeckState, group: str, words: list[str]) -> dict:
+    usage = "fix ID all deform 1 xy erate R remap v"
+    read.count(words, usage, 1, None)
+    every, rest, found = read.integer(words[0], "the interval of fix deform", 1), words[1:], {"remap": "x"}
+    while rest:
+        keyword, *rest = rest
+        if keyword == "xy":
+            style, *rest = rest or [""]
+            if style != "erate":
+                raise ParameterError(f"fix deform xy {style}: the images slide at a constant rate here, '{usage}'")
+        elif keyword not in ("remap", "units", "flip"):
+            reason = _DEFORM.get(keyword, "there is no such option here")
+            raise ParameterError(f"fix deform {keyword} is not supported: {reason}; expected '{usage}'")
+        value, rest = read.taken(rest, 1, f"fix deform {keyword}")
+        found[keyword] = value[0]
+    if found.get("flip", "yes") != "yes":
+        raise ParameterError(f"fix deform flip {found['flip']} is not supported: {_DEFORM['flip']}")
+    if "xy" not in found:
+        raise ParameterError(f"fix deform changes nothing; expected '{usage}'")
+    if found["remap"] != "v":
+        raise ParameterError(
+            f"fix deform remap {found['remap']} (x by default) moves beads without friction; write 'remap v' beside fix nve"
+        )
+    if group != "all":
+        raise ParameterError("fix deform shears all beads; its group is all")
+    box = state.require_box("fix deform")
+    if not box.triclinic:
+        raise ParameterError(
+            "fix deform xy needs a triclinic box: a region prism with the tilts 0 0 0, or a data file with the line xy xz yz"
+        )
+    if not all(box.periodic) or box.tilt[1:].any():
+        raise ParameterError("fix deform xy needs a box that is periodic along all axes and has no tilts xz and yz")
+    if every > 1:
+        state.note(f"fix deform: the images slide at every step, not at every {every}th")
+    return {"rate": read.number(found["xy"], "the rate of fix deform") / state.units.time}
+
+
 # -- motion --------------------------------------------------------------------------------------------------------------------
 def _moving(style: str, most: int) -> FixReader:
     """A fix that moves beads, with lambda if it takes an argument."""
@@ -249,6 +291,6 @@ FIX_STYLES: dict[str, FixReader] = {
     **{style: _moving(style, 1) for style in ("mvv/dpd", "mvv/edpd", "mvv/tdpd")},
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "addforce": _addforce, "gravity": _gravity},
-    **{"setforce": _setforce, "wall/reflect": _wall_reflect, "momentum": _momentum},
+    **{"setforce": _setforce, "wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform},
     "print": lambda state, group, words: {"reader": PrintFix(state, words)},
 }

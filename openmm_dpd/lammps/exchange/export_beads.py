@@ -138,7 +138,7 @@ def lammps_box(
         if gap.period is not None and np.all((gap.fold(x[:, axis]) >= gap.low) & (gap.fold(x[:, axis]) <= gap.high)):
             # no bead is in the solid: LAMMPS's box, which does not repeat along this axis, ends at the walls
             low[axis], edges[axis] = gap.low, gap.high - gap.low
-    box = Box(low, low + edges, tilt, bool(np.any(tilt)))
+    box = Box(low, low + edges, tilt, bool(np.any(tilt)) or scene.shear is not None)
     inside, images = box.wrap(x)
     images = images if flags is None else images + flags
     if np.abs(images).max(initial=0) > _LARGEST_IMAGE:

@@ -184,8 +184,8 @@ def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------
 def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
-    """Beads that only body forces act on (fix setforce), body forces (fix addforce) and walls (fix wall/reflect).  ParameterError for what
-    LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ..."""
+    """Beads that only body forces act on (fix setforce), body forces (fix addforce), walls (fix wall/reflect) and shear (fix deform).
+    ParameterError for what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ..."""
     if scene.interacting is not None:
         for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):
             group = yield from _group(f"alone{k}", np.all(scene.interacting == row, axis=1))
@@ -203,6 +203,13 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
             )
         ends = [(side, place) for side, place in (("lo", gap.low), ("hi", gap.high)) if abs(place) < 1e20]
         yield f"fix wall{AXES[axis]} all wall/reflect " + " ".join(f"{AXES[axis]}{s} {exact(p / units.length)}" for s, p in ends)
+    if scene.shear is not None:
+        if not scene.shear.constant:
+            raise ParameterError(
+                f"LAMMPS moves images alone where the rate of a shear changes ({scene.shear}); only a constant rate of shear is exported"
+            )
+        assert scene.shear.rate is not None
+        yield f"fix slide all deform 1 xy erate {exact(scene.shear.rate * units.time)} remap v"
 
 
 def _group(name: str, mask: np.ndarray | None) -> Generator[str, None, str]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.units import LJ, UnitSystem, to_md, unit_system, whole_number
+from ...kernels.shear import rate_at
 from ...model.flow import AXES, PositionForce, gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import Scene
@@ -29,7 +30,7 @@ from .export_pairs import charge_lines, pair_lines, pair_uses, special_line
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(
     "masses types positions pairs kT box velocities bead_masses charges bonds bonded_factors mobile molecules internal sources compat "
-    "angles dihedrals segments body_forces walls electrostatics residues interacting".split()
+    "angles dihedrals segments body_forces walls electrostatics residues interacting shear".split()
 )
 
 _NAME = re.compile(r"[A-Za-z0-9_.+-]+")
@@ -178,6 +179,11 @@ def export_texts(job: Job) -> dict[str, str]:
     places = lammps_box(scene, job.corner, differences, job.images)
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
     velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
+    if scene.shear is not None:
+        # of the beads in the box, not of images of them
+        assert scene.box is not None
+        turns = np.round((scene.positions[:, 1] - places[1][:, 1]) / scene.box[1, 1])
+        velocities[:, 0] -= turns * rate_at(scene.shear, 0.0) * scene.box[1, 1]
     data = data_file(scene, units, job.types, places, velocities, (job.bonds, job.angles, job.dihedrals), extra)
     remarks = dict(enumerate([*job.types.names, *["places of bonds"] * extra], start=1))
     title = f"{job.name}, written by openmm-dpd, units = {units.name}"
@@ -271,13 +277,13 @@ def _fixes(job: Job, eos: list[str]) -> Iterator[str]:
     yield from eos
     yield from source_lines(job.scene, job.units, job.corner, job.differences)
     yield from flow_lines(job.scene, job.units, job.corner)
-    if group != "all":
-        yield f"compute moving {group} temp"
+    if group != "all" or job.scene.shear is not None:
+        yield f"compute moving {group} temp{'' if job.scene.shear is None else '/deform'}"
 
 
 def _output(job: Job, first: int) -> Iterator[str]:
     computes, columns = field_columns(job.scene.internal)
-    moving = job.scene.segments is not None or job.some_stay
+    moving = job.scene.segments is not None or job.some_stay or job.scene.shear is not None
     words = "step temp press pe ke etotal vol"
     if isinstance(job.scene.internal, InternalEnergy):
         yield f"compute sums {'mobile' if job.some_stay else 'all'} dpd"

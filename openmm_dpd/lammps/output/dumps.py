@@ -20,7 +20,7 @@ BINARY = ("dcd", "xtc")
 
 
 def _unwrapped(moment: DeckMoment) -> np.ndarray:
-    return moment.box.unwrap(moment.folded[0], moment.state.atoms.images + moment.folded[1])
+    return moment.box.unwrap(moment.folded[0], moment.images + moment.folded[1])
 
 
 def _field(name: str, unit: str) -> BeadWord:

@@ -54,7 +54,8 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
             raise ParameterError(f"minimize beside fix {fix.style} ({fix.name}) is not supported: the energy of its force does not count")
     for dump in request.dumps:
         dump.begin(state)
-    built = build_request(request, request.scene(), options)
+    # the box stays as it is, and so do velocities
+    built = build_request(request, replace(request.scene(), shear=None), options)
     simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
     context, mobile = simulation.context, request.mobile
     first = _row(request, Sampler(request, built, context), log, title=True)

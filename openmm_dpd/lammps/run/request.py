@@ -16,7 +16,7 @@ from ..scene.integration import Integration
 from ..scene.scene import build_scene
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import DeckSample, PressureControl, StoppingRule
+from ..state.records import NO_SLIDE, DeckSample, PressureControl, Slide, StoppingRule
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,17 +118,18 @@ class RunRequest:
         box: np.ndarray | None = None,
         sample: DeckSample | None = None,
         fields: Mapping[str, np.ndarray] | None = None,
+        slide: Slide = NO_SLIDE,
     ) -> None:
         """Hand the result back to the deck: its step becomes ``last_step``.
 
         Parameters
         ----------
-        positions, velocities, box, fields
+        positions, velocities, box, fields, slide
             As for :meth:`~openmm_dpd.lammps.state.deck_state.DeckState.write_back`.
         sample : DeckSample, optional
             Measurement at the last step, for formulas evaluated before the next run.
         """
-        self.state.write_back(positions, velocities, box, fields)
+        self.state.write_back(positions, velocities, box, fields, slide)
         self.state.step = self.last_step
         if sample is not None:
             self.state.last_sample = replace(sample, positions=None, velocities=None, fields=None)

@@ -6,14 +6,16 @@ import numpy as np
 import openmm
 from openmm import unit
 
+from ...base.names import SHEARED
 from ...kernels.motion import second_moments
+from ...kernels.shear import rate_at, strain_at
 from ...measure import Sample
 from ...measure.present import require_stress, why_no_stress
 from ...measure.scene_samples import SceneSampler
 from ...model.schemes import scheme_of
 from ...simulation.build import BuiltSystem
 from ...simulation.fields import read_fields
-from ..state.records import FORCE_FIXES, DeckSample
+from ..state.records import FORCE_FIXES, NO_SLIDE, DeckSample, Slide
 from ..values.resolver import Resolver, evaluate_beads
 from .request import RunRequest
 
@@ -39,6 +41,16 @@ def arrays(context: openmm.Context):
     state = context.getState(positions=True, velocities=True)
     x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), state.getVelocities(asNumpy=True).value_in_unit(_V)
     return x, v, state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
+
+
+def slide_of(built: BuiltSystem, context: openmm.Context) -> Slide:
+    """How the images above the box slide now."""
+    scene = built.plan.scene
+    if scene.shear is None:
+        return NO_SLIDE
+    assert scene.box is not None
+    time, height = context.getParameter(SHEARED), float(scene.box[1, 1])
+    return Slide(strain_at(scene.shear, time) * height, rate_at(scene.shear, time) * height)
 
 
 class Sampler:
@@ -100,12 +112,12 @@ class Sampler:
     def _light(self, step: int, needs: frozenset[str], cpu: float) -> dict[str, Any]:
         present = self.observer.present
         present.look(self.context)
-        found: dict[str, Any] = {"step": step, "cpu": cpu, "box": present.box}
+        found: dict[str, Any] = {"step": step, "cpu": cpu, "box": present.box, "slide": slide_of(self.built, self.context)}
         if needs & {"positions", "velocities"}:
-            found["positions"], found["velocities"] = present.x, present.v
+            found["positions"], found["velocities"] = present.x, present.with_flow
         if needs & {"kinetic", "virial_tensor"}:
             # of all beads, with the velocity that those have which do not move: LAMMPS counts them
-            products = second_moments(self._masses, present.v)
+            products = second_moments(self._masses, self._velocities(found["slide"]))
             found |= {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products}
         if needs & {"virial", "virial_tensor"}:
             found["virial_tensor"] = present.stress()
@@ -113,3 +125,11 @@ class Sampler:
         if "fields" in needs:
             found["fields"] = read_fields(self.context, self.built.plan)
         return found
+
+    def _velocities(self, slide: Slide) -> np.ndarray:
+        """Velocities (N, 3), in a shear those of beads in the box with the flow, which LAMMPS counts."""
+        present, state = self.observer.present, self.request.state
+        if not slide.speed:
+            return present.v
+        sample = DeckSample(0, positions=present.x, velocities=present.with_flow, box=present.box, slide=slide)
+        return Resolver(state, sample, self.request.window).velocities * state.units.velocity

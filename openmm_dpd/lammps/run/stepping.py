@@ -26,7 +26,7 @@ from ..state.records import DeckSample, Fix, MomentumRemoval
 from ..values.resolver import Resolver
 from .request import RunRequest
 from .result import RunResult
-from .sampling import Sampler, arrays
+from .sampling import Sampler, arrays, slide_of
 from .trajectory import RunTrajectory
 
 
@@ -50,7 +50,7 @@ class RestartFiles:
         state = copy(self._request.state)
         state.atoms = copy(state.atoms)
         x, v, box = arrays(self._context)
-        state.write_back(x, v, box, read_fields(self._context, self._built.plan))
+        state.write_back(x, v, box, read_fields(self._context, self._built.plan), slide_of(self._built, self._context))
         state.step, state.runs = step, state.runs + 1
         if COUNTER in self._context.getParameters():
             state.noise_counter = self._context.getParameter(COUNTER)
@@ -195,7 +195,8 @@ class DeckSteps:
         context = self.simulation.context
         x, v, box = arrays(context)
         last = None if self._sample is None else replace(self._sample, forces=None)
-        self.request.finish(x, v, box=box, sample=last, fields=read_fields(context, self.built.plan))
+        slide = slide_of(self.built, context)
+        self.request.finish(x, v, box=box, sample=last, fields=read_fields(context, self.built.plan), slide=slide)
 
     def _next(self, step: int) -> int:
         """The next step at which something is due."""
@@ -245,4 +246,4 @@ class DeckSteps:
             dump.write(moment)
         if framed and self.trajectory is not None:
             assert sample.positions is not None and sample.box is not None
-            self.trajectory.write(sample.positions, sample.box, sampler.context, step)
+            self.trajectory.write(sample.positions, sample.box, sampler.context, step, sample.slide.distance)

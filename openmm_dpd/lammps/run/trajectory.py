@@ -100,16 +100,18 @@ class RunTrajectory:
         """The first step after ``step`` that gives a frame."""
         return self._first + ((step - self._first) // self._every + 1) * self._every
 
-    def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int) -> None:
-        """Write one frame (nm), and the fields of beads."""
+    def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int, slid: float = 0.0) -> None:
+        """Write one frame (nm), and the fields of beads; ``slid`` is how far the images above the box have slid since the run began."""
+        x = x + self._offset
+        x[:, 0] += slid * self._state.atoms.images[:, 1]
         if self._fields is not None:
             self._fields.write(context.getTime().value_in_unit(unit.picosecond), step, read_fields(context, self._built.plan))
         if isinstance(self._file, XTCWriter):
-            self._file.write(x + self._offset, box, self._state.time_at(step), step)
+            self._file.write(x, box, self._state.time_at(step), step)
         else:
             assert self._file is not None
             # DCD files are in Angstrom
-            self._file.write(10 * (x + self._offset), 10 * box)
+            self._file.write(10 * x, 10 * box)
         self._written = step
 
     def save_state(self, simulation: app.Simulation) -> None:

@@ -7,6 +7,7 @@ from ...model.bonds import HarmonicBonds
 from ...model.eos import EquationOfState
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
+from ...model.shear import LeesEdwards
 from ...model.sources import Source
 from ...model.temperature import TemperatureRamp
 from ..language.lexer import errors_at, located
@@ -41,7 +42,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
     mobile = integration(state).mobile if mobile is None else mobile
     atoms, units = state.atoms, state.units
-    vectors = box.reduced_vectors * units.length
+    vectors, shear = box.reduced_vectors * units.length, shear_of(state)
     with errors_at(state.here), read_by(state):
         return Scene(
             masses={str(k): state.masses[k] for k in range(1, state.n_types + 1)},
@@ -67,6 +68,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             walls=walls_of(state, mobile),
             electrostatics=electrostatics_of(state),
             interacting=interacting_beads(state, mobile),
+            shear=shear,
         )
 
 
@@ -112,6 +114,17 @@ def _bonded_terms(state: DeckState, what: str) -> list:
         elif what == "bond":
             found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
     return found
+
+
+def shear_of(state: DeckState) -> LeesEdwards | None:
+    """What ``fix deform`` does; DeckError beside what it is not the same physics with."""
+    fixes = state.fixes_of("deform")
+    for other in (*fixes[1:], *state.fixes_of("nph", "momentum", "addforce", "gravity", "setforce", "wall/reflect", *SOURCE_FIXES)):
+        if fixes:
+            raise other.error(f"{other.style} is not possible beside fix deform ({fixes[0].name}); leave one of them out")
+    if not fixes or not fixes[0].parameters["rate"]:
+        return None
+    return LeesEdwards(rate=fixes[0].parameters["rate"])
 
 
 EOS_FIXES = ("eos/cv", "eos/table")

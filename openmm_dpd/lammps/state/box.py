@@ -88,6 +88,11 @@ class Box:
         own = self.reduced_vectors
         return own, 1e-9 * (self.edges.min() + np.abs(own))
 
+    def turned(self, images: np.ndarray, before: Box, distance: float) -> np.ndarray:
+        """Image flags (N, 3) of ``before`` as those of this box, to which its images above have slid by a distance: less whole edges."""
+        turns = round((before.tilt[0] + distance - self.tilt[0]) / self.edges[0])
+        return images + images[:, [1]] * np.array([turns, 0, 0])
+
     # -- positions -----------------------------------------------------------------------------------------------------------------
     def fractions(self, positions: np.ndarray) -> np.ndarray:
         """Positions in units of the box vectors, counted from the lower corner."""

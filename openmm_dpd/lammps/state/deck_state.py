@@ -19,7 +19,7 @@ from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Temperature, ThermoSettings
+from .records import NO_SLIDE, Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Slide, Temperature, ThermoSettings
 from .regions import Region
 
 
@@ -224,6 +224,12 @@ class DeckState:
             path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
+    @property
+    def sliding(self) -> float:
+        """How fast the images above the box slide along x by ``fix deform`` (nm/ps)."""
+        height = self.require_box("fix deform").edges[1] * self.units.length
+        return sum(fix.parameters["rate"] * height for fix in self.fixes_of("deform"))
+
     # -- changes -------------------------------------------------------------------------------------------------------------
     def note(self, text: str) -> None:
         """Remember a remark, once."""
@@ -253,6 +259,8 @@ class DeckState:
             bead = int(np.argmax(lost))
             place = " ".join(f"{value:g}" for value in self.atoms.positions[bead])
             raise ParameterError(f"{command}: bead {self.atoms.ids[bead]} lies at {place}, so far outside the box that LAMMPS loses it")
+        if command == "run":
+            self.atoms.velocities = self.atoms.velocities - np.outer(shifts[:, 1], [self.sliding / self.units.velocity, 0.0, 0.0])
         if command in ("run", "minimize") and self.sorts:
             self.reordered = True
             if box.triclinic:
@@ -266,18 +274,27 @@ class DeckState:
         self.atoms.images = self.atoms.images + shifts
 
     def write_back(
-        self, positions: np.ndarray, velocities: np.ndarray, box: np.ndarray | None = None, fields: Mapping[str, np.ndarray] | None = None
+        self,
+        positions: np.ndarray,
+        velocities: np.ndarray,
+        box: np.ndarray | None = None,
+        fields: Mapping[str, np.ndarray] | None = None,
+        slide: Slide = NO_SLIDE,
     ) -> None:
         """Take over the result of a run: positions (nm), continuous with those of the scene it started from, and velocities (nm/ps).
         ``box`` has new vectors, if they have changed (its lower corner stays), ``fields`` those of the beads, as
-        :func:`openmm_dpd.simulation.fields.read_fields` gives them."""
+        :func:`openmm_dpd.simulation.fields.read_fields` gives them, ``slide`` is that of the images above the box."""
         if box is not None:
-            self.box = self.require_box("a run").following(np.asarray(box) / self.units.length)
+            before = self.require_box("a run")
+            self.box = before.following(np.asarray(box) / self.units.length)
+            self.atoms.images = self.box.turned(self.atoms.images, before, slide.distance / self.units.length)
         own = self.require_box("a run")
         inside, shifts = self.folded(self.in_deck_units(positions), own)
         # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
         self.take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
-        self.atoms.velocities = np.asarray(velocities, dtype=np.float64) / self.units.velocity
+        self.atoms.velocities = (
+            np.asarray(velocities, dtype=np.float64) - np.outer(shifts[:, 1], [slide.speed, 0.0, 0.0])
+        ) / self.units.velocity
         places = bead_fields(self.atom_style, self.units)
         for name, values in (fields or {}).items():
             place, unit = places[name]

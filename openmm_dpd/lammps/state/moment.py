@@ -11,7 +11,7 @@ from ...base.geometry import symmetric_products
 from ...base.units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
-from .records import Compute, DeckSample
+from .records import NO_SLIDE, Compute, DeckSample, Slide
 
 
 @dataclass(frozen=True)
@@ -64,15 +64,28 @@ class DeckMoment(ABC):
         """Positions in the deck's box (deck units), and by how many boxes each bead was moved back."""
         return self.state.folded(self.positions, self.box)
 
+    @cached_property
+    def images(self) -> np.ndarray:
+        """(N, 3) image flags of :attr:`positions`."""
+        return self.box.turned(self.state.atoms.images, self.state.require_box("image flags"), self.slide.distance / self.units.length)
+
     @property
     def unwrapped(self) -> np.ndarray:
         """Positions on continuous paths (deck units)."""
-        return self.box.unwrap(self.positions, self.state.atoms.images)
+        return self.box.unwrap(self.positions, self.images)
+
+    @property
+    def slide(self) -> Slide:
+        """Of the images above the box."""
+        return NO_SLIDE if self.sample is None else self.sample.slide
 
     @property
     def velocities(self) -> np.ndarray:
-        """(N, 3) velocities in the deck's units."""
-        return self.need("velocities") / self.units.velocity if self.measured else self.state.atoms.velocities
+        """(N, 3) velocities in the deck's units: of beads in the box, not of their images."""
+        if not self.measured:
+            return self.state.atoms.velocities
+        found, speed = self.need("velocities") / self.units.velocity, self.slide.speed / self.units.velocity
+        return found - np.outer(self.folded[1][:, 1], [speed, 0.0, 0.0]) if speed else found
 
     @property
     def norm(self) -> float:
@@ -128,7 +141,11 @@ class DeckMoment(ABC):
         mask, settings = self.state.group(compute.group), compute.settings
         masses, streams = self.state.bead_masses()[mask], any(settings.streaming)
         numbers = settings.numbers(self.box, self.folded[0][mask]) if streams else None
-        return masses, settings.thermal(self.velocities[mask], masses, numbers), numbers
+        velocities = self.velocities[mask]
+        if settings.deformed:
+            height = self.box.fractions(self.folded[0][mask])[:, [1]]
+            velocities = velocities - height * [self.slide.speed / self.units.velocity, 0.0, 0.0]
+        return masses, settings.thermal(velocities, masses, numbers), numbers
 
     def temperature(self, compute: Compute) -> float:
         """Temperature by a compute."""

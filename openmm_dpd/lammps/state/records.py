@@ -118,6 +118,18 @@ class ThermoSettings:
 
 
 @dataclass(frozen=True)
+class Slide:
+    """How far the images above the box have slid along x since a run began, and how fast they do: of a ``fix deform``, in MD units."""
+
+    distance: float
+    speed: float
+
+
+#: Without a shear.
+NO_SLIDE = Slide(0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class DeckSample:
     """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.  Which optional
     fields a run needs is listed by ``RunRequest.thermo.needs``."""
@@ -144,6 +156,7 @@ class DeckSample:
     force_max: float | None = None
     kT_conf: float | None = None  #: Configurational temperature as an energy
     box: np.ndarray | None = None  #: (3, 3) box vectors; the deck's box if None
+    slide: Slide = NO_SLIDE  #: Of the images above it
     #: (N, 3), needed by computes on groups and of single beads only.
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
@@ -161,6 +174,7 @@ class Temperature:
     counted: tuple[bool, bool, bool] = (True, True, True)  #: Components of the velocities that count
     streaming: tuple[bool, bool, bool] = (False, False, False)  #: Components from which the mean of the bin, weighted by mass, is taken off
     bins: tuple[int, int, int] = (1, 1, 1)  #: Numbers of bins along x, y and z
+    deformed: bool = False  #: Whether the flow of a ``fix deform`` is taken off
     table: bool = False  #: Whether the compute has a table of the bins (``out bin``) instead of a vector
     extra: float = 3.0  #: Degrees of freedom of all beads together that do not count (``compute_modify extra/dof``)
 

@@ -63,7 +63,7 @@ def _words() -> dict[str, BeadWord]:
         "{}": (lambda c: c.folded[0], "positions"),
         "{}u": (lambda c: c.unwrapped, "positions"),
         "{}s": (lambda c: c.box.fractions(c.folded[0]), "positions"),
-        "i{}": (lambda c: (c.state.atoms.images + c.folded[1]).astype(float), "positions"),
+        "i{}": (lambda c: (c.images + c.folded[1]).astype(float), "positions"),
         "v{}": (lambda c: c.velocities, "velocities"),
         "f{}": (lambda c: np.asarray(c.need("forces")) / c.units.force, "forces"),
     }

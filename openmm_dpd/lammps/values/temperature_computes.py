@@ -1,4 +1,4 @@
-"""Computes of temperature: ``temp``, ``temp/partial`` and ``temp/profile``, and what ``compute_modify`` says of them."""
+"""Computes of temperature: ``temp``, ``temp/partial``, ``temp/deform`` and ``temp/profile``, and what ``compute_modify`` says of them."""
 
 from collections.abc import Callable
 
@@ -18,6 +18,11 @@ _CUTS = ("x", "y", "z", "xy", "yz", "xz", "xyz")
 def _whole(state: DeckState, group: str, words: list[str]) -> Temperature:
     read.count(words, "compute ID group temp (and no more)", 0)
     return Temperature()
+
+
+def _deform(state: DeckState, group: str, words: list[str]) -> Temperature:
+    read.count(words, "compute ID group temp/deform (and no more)", 0)
+    return Temperature(deformed=True)
 
 
 def _flags(words: list[str], what: str) -> tuple[bool, bool, bool]:
@@ -77,5 +82,6 @@ def _spec(prepare: Callable[[DeckState, str, list[str]], Temperature], *needs: s
 TEMPERATURES: dict[str, ComputeSpec] = {
     "temp": _spec(_whole),
     "temp/partial": _spec(_partial),
+    "temp/deform": _spec(_deform, "positions"),
     "temp/profile": _spec(_profile, "positions"),
 }

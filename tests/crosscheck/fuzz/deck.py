@@ -56,6 +56,8 @@ class Deck:
         Files of ours that must be the same in the end, to the bit.
     options : dict
         ``conservative`` and ``compat``: options of openmm_dpd that change nothing of the physics that is compared.
+    ours : dict
+        Words that our deck has in place of others.
     accuracy : float
         Relative accuracy to which both sides must agree.
     of_forces : float
@@ -82,6 +84,7 @@ class Deck:
     files: dict[str, str] = field(default_factory=dict)
     same: list[tuple[str, str]] = field(default_factory=list)
     options: dict[str, str] = field(default_factory=dict)
+    ours: dict[str, str] = field(default_factory=dict)
     accuracy: float = 0.0
     of_forces: float = 0.0
     units: Units = UNITS[0]

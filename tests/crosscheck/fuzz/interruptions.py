@@ -37,6 +37,10 @@ class Interruptions:
     def of(self, seed: int, area: str | None = None) -> Outcome:
         """What comes of a seed."""
         area, deck = deck_of(seed, area)
+        if area == "meso":  # steps that LAMMPS does not have
+            deck.options["scheme"] = Draw(seed).pick(
+                ["middle", "aboba", "bababo", "basa", "bab3", "O/4 B/2 A B/2 3O/4", "S/2 A/3 B 2A/3 S/2"]
+            )
         return self.of_deck(seed, area, deck)
 
     def of_deck(self, seed: int, area: str, deck: Deck) -> Outcome:

@@ -127,6 +127,8 @@ class Trial:
         return outcome("agree", "")
 
     def _answer(self, folder: Path, side: str, number: int, text: str, deck: Deck) -> Answer:
+        for theirs, ours in deck.ours.items() if side == "ours" else ():
+            text = text.replace(theirs, ours)
         (folder / f"in.{number}").write_text(text)
         return self.sides[side].run(folder, f"in.{number}", deck.options)
 

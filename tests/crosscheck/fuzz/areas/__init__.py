@@ -20,6 +20,7 @@ from .pairs import pairs
 from .restarts import restarts
 from .runs import runs
 from .setup import setup
+from .shear import shear
 from .streaming import streaming
 from .thermostats import thermostats
 
@@ -40,6 +41,7 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {  # Areas by name: wei
     "output": (1.0, output),
     "minimizing": (0.5, minimizing),
     "restarts": (0.5, restarts),
+    "shear": (0.1, shear),
     "streaming": (1.0, streaming),
     "mistakes": (2.0, mistakes),
 }
