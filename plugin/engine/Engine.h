@@ -185,11 +185,8 @@ public:
         bool fresh = anew || device.touched();
         int slow = others&~fluid.fastGroups;
         others &= fluid.fastGroups;
-        if (slow && fluid.slowKicks[0] != 0) {
-            if (fresh || !haveSlow || fluid.slowKicks[1] == 0) // what the end of a step has computed serves the next one
-                kickSlow(context, now, slow, 0);
-            owedSlow = fluid.slowKicks[0];
-        }
+        if (slow && fluid.slowKicks[0] != 0 && (fresh || !haveSlow || fluid.slowKicks[1] == 0))
+            kickSlow(context, now, slow, 0); // else what the end of the last step has computed serves this one
         // whether acc is the acceleration here: where a step ends with a kick at the positions where the next one begins with one, it serves both
         std::string letters;
         for (auto& letter : word)
@@ -204,6 +201,7 @@ public:
         bool serves = letters.find('B') < letters.find('A') && letters.rfind('B') > letters.rfind('A'), known = serves;
         if (serves && fresh)
             kick(context, now, others, 0, 0);
+        owedSlow = slow ? fluid.slowKicks[0] : 0; // from here on, so that bits do not depend on what was computed anew
         double owed = 0;     // part of a kick by acc that velocities still lack
         auto is = [&](size_t n, char letter) { return n < word.size() && word[n].first == letter; };
         auto sweeps = [&](size_t n) { return is(n, 'O') || is(n, 'S'); };
