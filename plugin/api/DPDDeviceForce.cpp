@@ -5,6 +5,7 @@
 #include "openmm/MonteCarloBarostat.h"
 #include "openmm/MonteCarloFlexibleBarostat.h"
 #include "openmm/MonteCarloMembraneBarostat.h"
+#include "openmm/NonbondedForce.h"
 #include "openmm/OpenMMException.h"
 #include "openmm/serialization/SerializationNode.h"
 #include "openmm/serialization/SerializationProxy.h"
@@ -56,6 +57,8 @@ void Fluid::check() const {
         throw OpenMMException("DPDDeviceForce: walls need 15 numbers");
     if (!(maxCutoff() > 0) || !(tolerance > 0 && tolerance < 1))
         throw OpenMMException("DPDDeviceForce: there must be a cutoff, and a tolerance between 0 and 1");
+    if (fastGroups != -1 && slowKicks.size() != 2)
+        throw OpenMMException("DPDDeviceForce: Forces beside the fast groups need two parts of a step over which they kick");
     for (auto& letter : word)
         if (string(word.size() == 1 ? "V" : "ABOS").find(letter.first) == string::npos)
             throw OpenMMException("DPDDeviceForce: the letters of a step are A, B, O and S, or V alone");
@@ -63,11 +66,15 @@ void Fluid::check() const {
 
 namespace {
 
-bool exertsForces(const Force& force) {
-    return dynamic_cast<const DPDDeviceForce*>(&force) == nullptr && dynamic_cast<const MonteCarloBarostat*>(&force) == nullptr &&
+// The groups in which another Force acts, none for what exerts no forces
+int groupsOf(const Force& force) {
+    bool exerts = dynamic_cast<const DPDDeviceForce*>(&force) == nullptr && dynamic_cast<const MonteCarloBarostat*>(&force) == nullptr &&
         dynamic_cast<const MonteCarloAnisotropicBarostat*>(&force) == nullptr && dynamic_cast<const MonteCarloFlexibleBarostat*>(&force) == nullptr &&
         dynamic_cast<const MonteCarloMembraneBarostat*>(&force) == nullptr && dynamic_cast<const AndersenThermostat*>(&force) == nullptr &&
         dynamic_cast<const CMMotionRemover*>(&force) == nullptr;
+    auto* charges = dynamic_cast<const NonbondedForce*>(&force);
+    int sum = charges == nullptr || charges->getReciprocalSpaceForceGroup() < 0 ? 0 : 1<<charges->getReciprocalSpaceForceGroup();
+    return exerts ? 1<<force.getForceGroup()|sum : 0;
 }
 
 class DPDDeviceForceImpl : public ForceImpl {
@@ -82,7 +89,7 @@ public:
         owner.fluid.check();
         int ours = 0;
         for (int k = 0; k < system.getNumForces(); k++) {
-            others |= exertsForces(system.getForce(k));
+            others |= groupsOf(system.getForce(k));
             ours += dynamic_cast<const DPDDeviceForce*>(&system.getForce(k)) != nullptr;
         }
         if (ours > 1)
@@ -101,7 +108,7 @@ public:
             throw OpenMMException("DPDDeviceForce: whole steps keep no constraints and no virtual sites");
         stepping = true;
         try {
-            kernel.getAs<DPDDeviceKernel>().step(context, others);
+            kernel.getAs<DPDDeviceKernel>().step(context, others&context.getIntegrator().getIntegrationForceGroups());
         }
         catch (...) {
             stepping = false;
@@ -120,7 +127,8 @@ public:
 private:
     const DPDDeviceForce& owner;
     Kernel kernel;
-    bool others = false, constrained = false, stepping = false;
+    int others = 0;
+    bool constrained = false, stepping = false;
 };
 
 template <class T> string joined(const vector<T>& values) {
@@ -156,6 +164,7 @@ public:
         for (auto& item : tables(fluid))
             node.setStringProperty(item.first, joined(*item.second));
         node.setStringProperty("exceptionBeads", joined(fluid.exceptionBeads));
+        node.setIntProperty("fastGroups", fluid.fastGroups);
         string letters;
         vector<double> parts;
         for (auto& letter : fluid.word) {
@@ -182,6 +191,7 @@ public:
         for (auto& item : tables(fluid))
             split(node, item.first, *item.second);
         split(node, "exceptionBeads", fluid.exceptionBeads);
+        fluid.fastGroups = node.getIntProperty("fastGroups", fluid.fastGroups);
         string letters = node.getStringProperty("letters", "");
         vector<double> parts;
         split(node, "parts", parts);
@@ -200,7 +210,7 @@ private:
     static vector<pair<string, vector<double>*> > tables(Fluid& fluid) {
         return {{"A", &fluid.A}, {"gamma", &fluid.gamma}, {"sigma", &fluid.sigma}, {"gammaAcross", &fluid.gammaAcross}, {"exponent", &fluid.exponent},
             {"exponentAcross", &fluid.exponentAcross}, {"cutoff", &fluid.cutoff}, {"exceptionFactors", &fluid.exceptionFactors},
-            {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}};
+            {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"slowKicks", &fluid.slowKicks}};
     }
 };
 

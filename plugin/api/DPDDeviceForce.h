@@ -32,6 +32,8 @@ struct DPD_EXPORT Fluid {
     std::vector<double> exceptionFactors;
     std::vector<double> wallVelocity;           // three per particle, or none
     std::vector<double> walls;                  // low, high, start, period, back along three axes, or none
+    int fastGroups = -1;                        // of other Forces, at every kick of a word; those in other groups kick before and after a step,
+    std::vector<double> slowKicks;              // over these two parts of it
     std::vector<std::pair<char, double> > word; // letters of a whole step, or V: modified velocity Verlet with this weight of the prediction
     std::map<std::string, double> globals;
 
@@ -58,8 +60,8 @@ public:
     virtual void initialize(const OpenMM::System& system, const DPDDeviceForce& force) = 0;
     // For calcForcesAndEnergy
     virtual double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) = 0;
-    // A whole step; others: whether other Forces act in it
-    virtual void step(OpenMM::ContextImpl& context, bool others) = 0;
+    // A whole step; others: groups of the other Forces that act in it
+    virtual void step(OpenMM::ContextImpl& context, int others) = 0;
 };
 
 }

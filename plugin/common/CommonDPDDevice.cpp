@@ -80,7 +80,7 @@ double CommonDPDDeviceKernel::execute(ContextImpl& context, bool includeForces, 
     return engine->execute(context, includeForces, includeEnergy);
 }
 
-void CommonDPDDeviceKernel::step(ContextImpl& context, bool others) {
+void CommonDPDDeviceKernel::step(ContextImpl& context, int others) {
     ContextSelector selector(cc);
     compile();
     engine->step(context, others);

@@ -93,7 +93,7 @@ public:
         DPDDeviceKernel(name, platform), cc(cc), device(cc), atomics(atomics) {}
     void initialize(const OpenMM::System& system, const DPDDeviceForce& force) override;
     double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) override;
-    void step(OpenMM::ContextImpl& context, bool others) override;
+    void step(OpenMM::ContextImpl& context, int others) override;
 private:
     class ForceInfo;
     void compile();

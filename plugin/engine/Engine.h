@@ -90,6 +90,9 @@ public:
         device.make(acc, Kind::Mixed4, padded);
         for (auto array : {&cellOf[0], &cellOf[1]})
             device.make(*array, Kind::Int, padded);
+        device.make(accSlow, Kind::Mixed4, 1);
+        for (auto array : {&posC, &corrC})
+            device.make(*array, Kind::Real4, 1);
         device.make(seen, Kind::Mixed4, 1); // these grow when somebody needs them
         device.make(beside, Kind::Long, 1);
         device.make(flags, Kind::Int, FLAGS);
@@ -126,6 +129,7 @@ public:
         Now now = at(context);
         place();
         here = 0;
+        owedSlow = 0;
         binned = false;
         if (phase >= EXCHANGE) {
             needSeen();
@@ -159,11 +163,12 @@ public:
         return device.result(includeForces, includeEnergy);
     }
 
-    // A whole step, from OpenMM's positions and velocities to OpenMM's.
-    void step(OpenMM::ContextImpl& context, bool others) {
+    // A whole step, from OpenMM's positions and velocities to OpenMM's.  Beside a word the forces of groups that are not fast kick before and after it.
+    void step(OpenMM::ContextImpl& context, int others) {
         Now now = at(context);
         place();
         here = 0;
+        owedSlow = 0;
         binned = false;
         auto& word = fluid.word;
         if (word.empty())
@@ -177,13 +182,26 @@ public:
             look(now, false);
             return;
         }
+        bool fresh = anew || device.touched();
+        int slow = others&~fluid.fastGroups;
+        others &= fluid.fastGroups;
+        if (slow && fluid.slowKicks[0] != 0 && (fresh || !haveSlow || fluid.slowKicks[1] == 0))
+            kickSlow(context, now, slow, 0); // else what the end of the last step has computed serves this one
         // whether acc is the acceleration here: where a step ends with a kick at the positions where the next one begins with one, it serves both
         std::string letters;
         for (auto& letter : word)
             letters += letter.first;
+        copied = 0;
+        copies = others != 0 && letters.find("ABA") != std::string::npos;
+        if (copies && !haveCopies) {
+            device.make(posC, Kind::Real4, device.padded());
+            device.make(corrC, Kind::Real4, device.mixed() ? device.padded() : 1);
+            haveCopies = true;
+        }
         bool serves = letters.find('B') < letters.find('A') && letters.rfind('B') > letters.rfind('A'), known = serves;
-        if (serves && (anew || device.touched()))
+        if (serves && fresh)
             kick(context, now, others, 0, 0);
+        owedSlow = slow ? fluid.slowKicks[0] : 0; // from here on, so that bits do not depend on what was computed anew
         double owed = 0;     // part of a kick by acc that velocities still lack
         auto is = [&](size_t n, char letter) { return n < word.size() && word[n].first == letter; };
         auto sweeps = [&](size_t n) { return is(n, 'O') || is(n, 'S'); };
@@ -198,14 +216,16 @@ public:
             else if (letter == 'B' && known)
                 owed += part;
             else if (letter == 'B') {
+                if (owedSlow != 0)
+                    move(now, 0, 0);
                 // other Forces want positions in their place, where a sweep between two drifts puts them
-                bool drifts = is(n+1, 'A') && (!others || (sweeps(n+2) && is(n+3, 'A')));
-                kick(context, now, others, part, drifts ? word[n+1].second : 0);
+                bool drifts = is(n+1, 'A');
+                kick(context, now, others, part, drifts ? word[n+1].second : 0, nullptr, !others || (sweeps(n+2) && is(n+3, 'A')));
                 known = !drifts;
                 n += drifts;
             }
             else {
-                if (owed != 0)
+                if (owed != 0 || owedSlow != 0)
                     move(now, owed, 0);
                 owed = 0;
                 now.counter++;
@@ -221,7 +241,8 @@ public:
         }
         if (owed != 0 || here == 1)
             move(now, owed, 0);
-        if (serves)
+        bool same = !slow || fluid.slowKicks[1] == 0 || kickSlow(context, now, slow, fluid.slowKicks[1]);
+        if (same && (serves || slow))
             keep(now);
         look(now, false);
     }
@@ -266,8 +287,8 @@ private:
     }
     auto DRIFT(double drift) { return std::tuple<Mixed, Base&>(Mixed{drift}, walls); }
 
-    Base& position(int where) { return where ? (Base&) posB : device.posq(); }
-    Base& correction(int where) { return where && device.mixed() ? (Base&) corrB : device.correction(); }
+    Base& position(int where) { return where == 2 ? (Base&) posC : where ? (Base&) posB : device.posq(); }
+    Base& correction(int where) { return !where || !device.mixed() ? device.correction() : where == 2 ? (Base&) corrC : (Base&) corrB; }
     Base& position() { return position(here); }
     Base& correction() { return correction(here); }
 
@@ -423,12 +444,12 @@ private:
 
     // Modified velocity Verlet: the acceleration of a step serves the next one, unless positions, box or parameters have changed in between.
     // differ: forces of others may have other parameters, and what that changes is added.
-    void verlet(OpenMM::ContextImpl& context, Now now, bool others, double lam, bool anew, bool differ) {
+    void verlet(OpenMM::ContextImpl& context, Now now, int others, double lam, bool anew, bool differ) {
         needSeen();
         if (others && !haveBeside)
             device.make(beside, Kind::Long, 3*device.padded());
-        haveBeside = others;
-        if (anew || moved() || (differ && others && !renewed(context)))
+        haveBeside = others != 0;
+        if (anew || moved() || (differ && others && !renewed(context, others)))
             kick(context, now, others, 0, 0, &device.velm());
         move(now, 0.5, 1, lam);
         now.counter++;
@@ -437,8 +458,8 @@ private:
     }
 
     // Whether forces of others could be compared with those that were kept: not if they gave beads another order.
-    bool renewed(OpenMM::ContextImpl& context) {
-        if (!evaluate(context))
+    bool renewed(OpenMM::ContextImpl& context, int others) {
+        if (!evaluate(context, others))
             return false;
         device.template run<dpdRenew_>(device.force(), beside, device.velm(), acc, flags, number());
         return true;
@@ -467,39 +488,64 @@ private:
         return f[MOVED] == launch;
     }
 
-    // Forces of others, whether the beads have the order they had
-    bool evaluate(OpenMM::ContextImpl& context) {
+    // Forces of others in these groups, whether the beads have the order they had
+    bool evaluate(OpenMM::ContextImpl& context, int groups) {
         device.beforeOthers();
-        context.calcForcesAndEnergy(true, false, context.getIntegrator().getIntegrationForceGroups());
+        context.calcForcesAndEnergy(true, false, groups);
         return device.afterOthers();
     }
 
-    // v += kick*acc, x += drift*v in units of the step, in place; the beads into cells.  predict: v + predict*acc is what friction will see
+    // v += kick*acc (and what is owed by others), x += drift*v in units of the step, in place; the beads into cells.  predict: v + predict*acc is what
+    // friction will see
     void move(const Now& now, double kick, double drift, double predict = -1) {
-        int moves = predict >= 0 ? 2 : kick != 0 || drift != 0 || here == 1;
+        bool copy = copies && drift != 0;
+        int moves = predict >= 0 ? 2 : copy ? 3 : kick != 0 || drift != 0 || owedSlow != 0 || here == 1;
         Base &from = position(), &fromCorr = correction();
-        if (moves)
+        if (moves) {
             here = 0;
+            copied = copy;
+        }
         double fastest = now.dt > 0 ? fluid.maxCutoff()/now.dt : 0;
-        device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves, device.index(),
-            types, NEXT(), count[spare()], numCells, cellRoom, flags, number(), Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
+        device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves,
+            accSlow, Mixed{owedSlow*now.dt}, position(1), correction(1), device.index(), types, NEXT(), count[spare()], numCells, cellRoom, flags, number(),
+            Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
+        owedSlow = 0;
         turn();
     }
 
-    // acc = F/m, v += kick*acc, and a drift if there is one; with friction and noise if it is said which velocities they see, and positions are kept
-    void kick(OpenMM::ContextImpl& context, const Now& now, bool others, double kick, double drift, Base* friction = nullptr) {
-        if (others)
-            binned = evaluate(context) && binned;
-        int terms = (conservative ? 1 : 0)|(friction ? 2 : 0), to = drift != 0 || friction ? 1-here : here;
+    // acc = F/m, v += kick*acc, and a drift if there is one; with friction and noise if it is said which velocities they see, and positions are kept.
+    // away: a drift may put positions beside OpenMM's; if not, one in the same launch needs a copy of them, for others read them meanwhile
+    void kick(OpenMM::ContextImpl& context, const Now& now, int others, double kick, double drift, Base* friction = nullptr, bool away = true) {
+        if (others && !evaluate(context, others)) {
+            binned = false;
+            copied = 0;
+        }
+        int terms = (conservative ? 1 : 0)|(friction ? 2 : 0);
         if (terms && !binned)
             move(now, 0, 0);
-        device.template run<dpdKick_>(position(), correction(), position(to), correction(to), friction ? *friction : device.velm(), device.velm(), acc, device.force(),
-            others ? 1+(int) haveBeside : 0, beside, terms, Mixed{kick*now.dt}, friction ? 2 : (int) (drift != 0), TERMS(now, friction ? now.dt : 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(),
-            DRIFT(drift*now.dt), BOX());
-        if (drift != 0) {
+        bool drifts = drift != 0 && (away || copied);
+        int from = drifts && !away ? copied : here, to = drifts ? (away ? 1-here : 0) : friction ? 1-here : here, copy = drifts && !away ? 3-copied : 1;
+        device.template run<dpdKick_>(position(from), correction(from), position(to), correction(to), friction ? *friction : device.velm(), device.velm(), acc, device.force(),
+            others ? 1+(int) haveBeside : 0, beside, terms, Mixed{kick*now.dt}, drifts ? (away ? 1 : 3) : friction ? 2 : 0, position(copy), correction(copy),
+            TERMS(now, friction ? now.dt : 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(), DRIFT(drifts ? drift*now.dt : 0), BOX());
+        if (drifts) {
             here = to;
+            copied = away ? 0 : copy;
             turn();
         }
+        else if (drift != 0)
+            move(now, 0, drift);
+    }
+
+    // accSlow = F/m with these forces of others alone, v += kick*accSlow at positions in their place; returns whether the beads have the order they had
+    bool kickSlow(OpenMM::ContextImpl& context, const Now& now, int groups, double kick) {
+        if (!haveSlow)
+            device.make(accSlow, Kind::Mixed4, device.padded());
+        haveSlow = true;
+        bool same = evaluate(context, groups);
+        device.template run<dpdKick_>(position(), correction(), position(), correction(), device.velm(), device.velm(), accSlow, device.force(), 1, beside, 0,
+            Mixed{kick*now.dt}, 0, position(1), correction(1), TERMS(now, 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(), DRIFT(0), BOX());
+        return same;
     }
 
     // A sweep over a part of the step at binned positions; exact ones in so many halves that what a midpoint step changes of an exponential is small.
@@ -527,7 +573,7 @@ private:
                 limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, (int) moves,
                 DRIFT(last ? drift*now.dt : 0));
             if (moves) { // rows hold all that is needed of positions: no other bead reads them
-                here = 0;
+                here = copied = 0;
                 binned = binned && drift == 0;
             }
         }
@@ -541,14 +587,17 @@ private:
     Mixed4 edges, inverse, tilt, keptBox, keptTilt;
     double keptStep = 0;
     bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox, with noise for keptStep
-    bool sweeping = false, haveSeen = false, haveBeside = false; // which arrays were made beyond those that all need
+    bool sweeping = false, haveSeen = false, haveBeside = false, haveSlow = false, haveCopies = false; // which arrays were made beyond those that all need
     int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
     int launch = 0, here = 0, cells = 0, side = 0;         // where the present positions are, which counts and places of cells are filled
     bool unseen = false;                       // whether there were steps since the last look
     bool binned = false;                       // whether they hold the present positions
+    bool copies = false;                       // whether drifts in their place leave a copy of positions, for a kick that drifts in its launch
+    int copied = 0;                            // which array has the present positions beside OpenMM's: 1 posB, 2 posC, 0 none
+    double owedSlow = 0;                       // part of a kick by accSlow that velocities still lack
     std::chrono::steady_clock::time_point looked;
     Array types, params, more, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
-    Array posB, corrB, acc, seen, beside, count[3], beads[2], cellOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
+    Array posB, corrB, posC, corrC, acc, accSlow, seen, beside, count[3], beads[2], cellOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
 };
 
 }

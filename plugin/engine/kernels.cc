@@ -345,11 +345,12 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
 
 #define CLEAR for (int c = GLOBAL_ID; c < cells; c += GLOBAL_SIZE) dirty[c] = 0;
 
-// v += kick*acc, x += drift*v, and the beads into cells; moves: 0 into cells only, 2 with v + predict*acc to `seen`.  Nobody reads positions of
+// v += kick*acc + kickSlow*slow, x += drift*v, and the beads into cells; moves: 0 into cells only, 2 with v + predict*acc to `seen`, 3 with a copy of x.  Nobody reads positions of
 // others here: posNew may be pos.  A bead runs away whose speed nobody has in equilibrium (hottest is its square times the mass) and that
 // crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
 KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL mixed4* RESTRICT velm, GLOBAL const mixed4* RESTRICT acc, GLOBAL mixed4* RESTRICT seen, mixed kick, mixed predict, int moves,
+        GLOBAL const mixed4* RESTRICT slow, mixed kickSlow, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy,
         GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, FILL, GLOBAL int* RESTRICT flags, int launch, mixed fastest2, mixed hottest, DRIFT, BOX) {
     if (STOPPED)
         return;
@@ -371,6 +372,12 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
                     v.y += kick*a.y;
                     v.z += kick*a.z;
                 }
+                if (kickSlow != 0) {
+                    mixed4 b = slow[i];
+                    v.x += kickSlow*b.x;
+                    v.y += kickSlow*b.y;
+                    v.z += kickSlow*b.z;
+                }
                 mixed4 straight = v;
                 if (drift != 0)
                     dpdDrift(&x, &v, DRIFT_);
@@ -380,21 +387,25 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             }
             else if (moves == 2)
                 seen[i] = v;
-            dpdStore(posNew, corrNew, i, x, pos[i].w);
+            real w = pos[i].w;
+            dpdStore(posNew, corrNew, i, x, w);
+            if (moves == 3)
+                dpdStore(posCopy, corrCopy, i, x, w);
         }
         dpdPut(i, types[i], x, count, beads, cellOf, room, flags, launch, BOX_);
     }
 }
 
 // acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
-// posNew.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
+// posNew, 3 as 1 and a copy of x.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
 KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
-        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
+        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
-    if (moves == 1) {
+    bool drifts = moves == 1 || moves == 3;
+    if (drifts) {
         CLEAR
     }
     if (GLOBAL_ID == 0)
@@ -419,13 +430,15 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             v.x += kick*a.x;
             v.y += kick*a.y;
             v.z += kick*a.z;
-            if (moves == 1)
+            if (drifts)
                 dpdDrift(&x, &v, DRIFT_);
             velm[i] = v;
         }
         if (moves)
             dpdStore(posNew, corrNew, i, x, pos[i].w);
-        if (moves == 1)
+        if (moves == 3)
+            dpdStore(posCopy, corrCopy, i, x, pos[i].w);
+        if (drifts)
             dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
     }
 }

@@ -167,7 +167,7 @@ public:
         begin();
         return engine->execute(context, includeForces, includeEnergy);
     }
-    void step(ContextImpl& context, bool others) override {
+    void step(ContextImpl& context, int others) override {
         begin();
         engine->step(context, others);
         device->give();

@@ -15,6 +15,8 @@ import pytest
 from conftest import available
 from devices import Device
 
+from openmm_dpd.model.schemes import SCHEMES
+
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 SOURCE = HERE.parent / "engine" / "kernels.cc"
@@ -48,18 +50,19 @@ def per_step(tmp_path_factory):
     )
 
 
-@pytest.mark.parametrize("scheme, most", [("middle", 7), ("aboba", 7), ("shardlow", 7.5), ("bababo", 7.5), ("mvv", 3)])
+@pytest.mark.parametrize(
+    "scheme, most",
+    [("middle", 7), ("basa", 7), ("aboba", 7), ("shardlow", 7.5), ("bababo", 7.5), ("bababs", 7.5), ("bab3", 8.5), ("mvv", 3)],
+)
 def test_launches_of_a_step(per_step, scheme, most):
     launches, transfers, waits = per_step(scheme)
     assert 1 <= launches <= most and transfers == 0 and waits == 0
 
 
-@pytest.mark.parametrize("scheme", ["middle", "shardlow", "bababo", "mvv"])
+@pytest.mark.parametrize("scheme", [name for name, scheme in SCHEMES.items() if not scheme.native])
 def test_launches_beside_bonds_and_charges(per_step, scheme):
-    """At most eight more than OpenMM's own Langevin dynamics of the same beads; bababo evaluates OpenMM's forces once more in a step."""
+    """At most eight more than OpenMM's own Langevin dynamics of the same beads."""
     most = per_step("langevin", "bonds+charges")[0] + 8
-    if scheme == "bababo":
-        most += per_step("middle", "bonds+charges")[0] - per_step("middle")[0]
     launches, transfers, waits = per_step(scheme, "bonds+charges")
     assert launches <= most and transfers == 0 and waits == 0
 

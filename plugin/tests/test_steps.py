@@ -28,6 +28,7 @@ from openmm_dpd.simulation.build import build_plan
 OWN = "A/4 O/2 A/4 B/3 S/2 A/2 2B/3"
 WORDS = [name for name, scheme in SCHEMES.items() if scheme.sweeps] + [OWN, "O B/2 A B/2"]
 BOX = BOXES["ortho"]
+CHARGES = {"charges": np.arange(60) % 2 * 2.0 - 1, "electrostatics": dpd.SlaterCharges(0.25, bjerrum_length=2.0)}
 
 
 def made_on(scene, device, scheme="middle", lines=False, **choices) -> dpd.BuiltSystem:
@@ -143,6 +144,35 @@ def test_modified_velocity_verlet_is_the_hosts(lam, loop, exact):
         np.testing.assert_allclose(v, host_v, rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("scheme", WORDS)
+def test_beside_forces_of_others_whole_steps_are_the_hosts(scheme, exact, monkeypatch):
+    """Bonds at every kick; sums over charges and forces of others once, at the ends of a step.  Friction is so little that the order of pairs
+    makes no difference."""
+    monkeypatch.setattr("openmm_dpd.plan.plan.few_charges", lambda *scene: False)
+    scene = replace(chains(BOX, n=60, k=20.0, **CHARGES), pairs={("*", "*"): D(A=25, gamma=1e-12)})
+    states = []
+    for engine in ("device", "host"):
+        choices = {"scheme": scheme, "platform": exact.platform, "seed": 5, "conservative": "kernel"}
+        built = dpd.build(scene, dt=0.02, engine=engine, **choices)
+        assert built.plan.execution.steps == {"device": "device", "host": "loop"}[engine]
+        built.system.addForce(waves())
+        simulation = built.simulation(properties=exact.properties)
+        for n in (1, 13):
+            simulation.step(n)
+        states.append(state_of(simulation.context))
+    (x, v), (host_x, host_v) = states
+    np.testing.assert_allclose(x, host_x, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(v, host_v, rtol=0, atol=1e-5)
+
+
+def waves() -> openmm.CustomExternalForce:
+    """A potential of others for 60 beads."""
+    force = openmm.CustomExternalForce("20*cos(3*x)")
+    for bead in range(60):
+        force.addParticle(bead, [])
+    return force
+
+
 def behind_our_back(context: openmm.Context, what: str) -> None:
     """Change the state of a Context by methods that the integrator does not hear of."""
     x = openmm.Context.getState(context, positions=True).getPositions(asNumpy=True)._value
@@ -232,10 +262,10 @@ def test_a_force_that_changed_acts_from_the_first_half_kick(scheme, changed, dev
 
 
 # -- bits -----------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow", "mvv", "mvv beside bonds"])
+@pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow", "mvv", "mvv beside bonds", "bab3 beside bonds and charges"])
 def test_two_runs_cut_runs_and_restarts_have_the_same_bits(scheme, device, tmp_path):
     scheme, _, beside = scheme.partition(" ")
-    scene = chains(BOX, n=60, k=20.0) if beside else beads(375, edge=5.0)
+    scene = chains(BOX, n=60, k=20.0, **(CHARGES if "charges" in beside else {})) if beside else beads(375, edge=5.0)
     whole, cut = run_on(scene, device, scheme), run_on(scene, device, scheme)
     whole.step(40)
     expected = state_of(whole.context)
@@ -438,7 +468,7 @@ def test_auto_takes_the_device_on_a_gpu(gpu):
     text = built.explain()
     assert "engine of the pair kernel: device (the platform is a GPU)" in text
     assert "friction and noise: OpenMM's device, by the plugin openmm-dpd-device\n" in text
-    assert "steps: whole ones on the device" in text
+    assert "steps: whole ones on the device; charges and forces of others kick before and after each" in text
     assert "engine of the pair kernel: host (it runs everything)" in dpd.build(scene, dt=0.01, platform="CPU").explain()
     many = fluid({("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, BOX, n=60, spread=0)
     assert "engine of the pair kernel: host (not the device: it has no MDPD)" in dpd.build(many, dt=0.01, platform="OpenCL").explain()
@@ -571,6 +601,7 @@ def test_a_thermostat_for_a_system_made_elsewhere(constrained, usual):
     choices = {"platform": usual.platform, "seed": 3, "topology": topology, "positions": x, "engine": "device"}
     built = dpd.add_thermostat(system, D(gamma=400, cutoff=0.6), 120, 0.004, **choices)
     assert built.plan.execution.steps == ("program" if constrained else "device")
+    assert ("whole ones on the device; all forces of the System kick at every B" in built.explain()) != constrained
     simulation = built.simulation(properties=usual.properties)
     simulation.step(400)
     samples = []

@@ -1,7 +1,7 @@
 """The Force of the plugin ``openmm-dpd-device``: pair terms on OpenMM's own device, with no Python in them."""
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from fractions import Fraction
 from functools import cache
 from types import ModuleType
@@ -45,6 +45,7 @@ def device_force(
     spec: PairSpec,
     letters: Sequence[tuple[str, Fraction | float]],
     walls: dict[str, np.ndarray],
+    slow: Collection[int],
     *,
     options: ProgramOptions,
     integrator: openmm.Integrator,
@@ -60,6 +61,8 @@ def device_force(
         The word of a whole step, empty if the program goes line by line; ("V", lam) is modified velocity Verlet.
     walls : dict
         What :func:`openmm_dpd.simulation.programs.walls.planes` gives, or empty.
+    slow : collection of int
+        Force groups that may hold forces that kick before and after such a step, and not at every ``B``.
     options, integrator
         As for :func:`openmm_dpd.plan.forces.pair_force.pair_force`.
     periodic : bool
@@ -86,6 +89,7 @@ def device_force(
         "exceptionFactors": factor if len(first) else (),
         "wallVelocity": () if spec.wall_velocity is None else spec.wall_velocity,
         "walls": np.stack(list(walls.values())) if walls else (),
+        "slowKicks": options.slow_kicks,
         "parts": [float(part) for _, part in letters],
     }
     attributes: dict[str, object] = {
@@ -96,6 +100,7 @@ def device_force(
         "periodic": int(periodic),
         "tolerance": repr(tolerance),
         "numTypes": len(table.A),
+        "fastGroups": ~sum(1 << group for group in slow),
         "letters": "".join(letter for letter, _ in letters),
     }
     attributes |= {name: " ".join(map(repr, np.ravel(values).tolist())) for name, values in lists.items()}
