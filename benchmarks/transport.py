@@ -16,6 +16,8 @@ from __future__ import annotations
 import argparse
 import datetime
 import functools
+import json
+import operator
 import sys
 import time
 from pathlib import Path
@@ -34,9 +36,13 @@ from atlas_parts.summary import machine, write  # noqa: E402
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.base.errors import DPDError  # noqa: E402
 
+FILE = ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json"
+
 #: Steps are these parts of the time between samples.
 FAST, LONG, LONGER, OWN = (15, 10, 8, 6), (10, 6, 5, 4), (6, 4, 3), (6, 5, 4)
 STEPS = {"middle": FAST, "basa": FAST, "bababo": LONG, "bababs": LONG, "bab3": LONGER}
+#: And shorter ones, where errors of 1 % are below these.
+FINER = {135.0: {"middle": (30,), "basa": (50, 30, 20), "bababs": (20,)}}
 #: Frictions, with the finest steps of each that are the limit of short ones for all schemes.
 FRICTIONS = {4.5: 25, 40.5: 40, 135.0: 100}
 #: Scheme whose run at the finest step is the limit.
@@ -52,7 +58,8 @@ def jobs(length: float, frictions: list[float], words: list[str]) -> list[dict]:
         finest = transport_table.EVERY / FRICTIONS[gamma]
         found += [] if words else [{"gamma": gamma, "scheme": LIMIT, "dt": finest, "time": length, "seed": 1}]
         for scheme in words or STEPS:
-            steps = [transport_table.EVERY / n for n in STEPS.get(scheme, OWN)]
+            parts = (*FINER.get(gamma, {}).get(scheme, ()), *STEPS.get(scheme, OWN))
+            steps = [transport_table.EVERY / n for n in parts]
             found += [{"gamma": gamma, "scheme": scheme, "dt": dt, "time": length, "seed": 2} for dt in steps]
     return found
 
@@ -89,9 +96,28 @@ def check(length: float, frictions: list[float], store: Store, processes: int) -
             print(f"friction {other['gamma']:g}, {other['scheme']} at {other['dt']:.3g}: {name} {_per_cent([off, sem])}: {within}")
 
 
-def tabulate(results: list[dict]) -> dict:
-    """Relative errors of D and viscosity of every run beside the limit of short steps, with their standard errors."""
-    points = []
+def rows_of(table: dict) -> list[dict]:
+    """The runs that a table was made of."""
+    rows = []
+    for point in table["points"]:
+        limit = {"gamma": point["gamma"], "scheme": LIMIT, "seed": 1, "dt": transport_table.EVERY / FRICTIONS[point["gamma"]]}
+        rows.append(limit | {key: v for name in ("D", "eta") for key, v in zip((name, f"{name}_error"), point[name], strict=True)})
+        for scheme, runs in point["schemes"].items():
+            for dt, *pairs in runs:
+                row = {"gamma": point["gamma"], "scheme": scheme, "seed": 2, "dt": dt}
+                for name, (off, sem) in zip(("D", "eta"), pairs, strict=True):
+                    value, error = point[name]
+                    row |= {name: value * (1 + off), f"{name}_error": max((value * sem) ** 2 - error**2, 0.0) ** 0.5}
+                rows.append(row)
+    return rows
+
+
+def tabulate(results: list[dict], before: dict) -> dict:
+    """Relative errors of D and viscosity of every run beside the limit of short steps, with their standard errors; runs of the table before
+    stay where there is none of the same step."""
+    points, place = [], operator.itemgetter("gamma", "scheme", "seed", "dt")
+    known = [row | {"dt": round(row["dt"], 6)} for row in [*rows_of(before), *results]]
+    results = list({place(row): row for row in known}.values())
     for gamma in sorted({row["gamma"] for row in results}):
         good = [row for row in results if row["gamma"] == gamma and "failed" not in row]
         finest = [row for row in good if row["seed"] == 1]
@@ -148,9 +174,9 @@ def main() -> None:
     if options.only != "table":
         carry_out(jobs(options.time, options.friction, options.words), work, store, options.processes, functools.partial(print, flush=True))
     if options.only != "runs":
-        named = [row for row in store.results.values() if row["scheme"] in STEPS]
-        table = tabulate(named)
-        write(table, ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json")
+        named = [row for row in store.results.values() if row["scheme"] in STEPS and "beads" not in row]
+        table = tabulate(named, json.loads(FILE.read_text()))
+        write(table, FILE)
         page.update(ROOT / "docs" / "atlas.md", texts=blocks(table))
 
 

@@ -12,6 +12,7 @@ FLUIDS = {"stiffer": (3.0, 20.0, 40.0, 1.0), "denser": (5.0, 2.5, 15.0, 1.0), "s
 
 #: What of a scene is in more than one entry, with the simulated time of its run; looking at entries one by one gives steps that are far too long.
 SUMS = {
+    "two components, A 25, 35, 60, masses 1:2": 700.0,
     "repulsion and friction in two layers": 350.0,
     "two layers, A 25 and friction 4.5 each": 250.0,
     "stiff pairs without friction": 900.0,
@@ -61,6 +62,7 @@ def test_recommended_step_of_a_sum_is_right(name, seed):
 @cases(
     "name",
     "chains, k 100",
+    "FENE chains, k 30, R0 1.5",
     "FENE chains with repulsion 1 of range 0.5",
     "chains, k 100, angles k 50",
     "chains, k 100, angles k 50, dihedrals k 20",
