@@ -41,10 +41,13 @@ FILE = ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json"
 #: Steps are these parts of the time between samples.
 FAST, LONG, LONGER, OWN = (15, 10, 8, 6), (10, 6, 5, 4), (6, 4, 3), (6, 5, 4)
 STEPS = {"middle": FAST, "basa": FAST, "bababo": LONG, "bababs": LONG, "bab3": LONGER}
-#: And shorter ones, where errors of 1 % are below these.
-FINER = {135.0: {"middle": (30,), "basa": (50, 30, 20), "bababs": (20,)}}
+#: And others, where errors of 1 % are at shorter ones.
+STRONG = {
+    135.0: {"middle": (30, *FAST), "basa": (50, 30, 20, *FAST), "bababo": LONG, "bababs": (20, *LONG), "bab3": LONGER},
+    450.0: {"middle": (100, 60, 30), "basa": (100, 60, 30), "bababo": (60, 30, 20), "bababs": (60, 30, 20), "bab3": (60, 30, 20)},
+}
 #: Frictions, with the finest steps of each that are the limit of short ones for all schemes.
-FRICTIONS = {4.5: 25, 40.5: 40, 135.0: 100}
+FRICTIONS = {4.5: 25, 40.5: 40, 135.0: 100, 450.0: 333}
 #: Scheme whose run at the finest step is the limit.
 LIMIT = "basa"
 #: Beads, and the speed of the flow: fast enough to be seen, slow enough for the viscosity at rest within what differences need.
@@ -58,8 +61,7 @@ def jobs(length: float, frictions: list[float], words: list[str]) -> list[dict]:
         finest = transport_table.EVERY / FRICTIONS[gamma]
         found += [] if words else [{"gamma": gamma, "scheme": LIMIT, "dt": finest, "time": length, "seed": 1}]
         for scheme in words or STEPS:
-            parts = (*FINER.get(gamma, {}).get(scheme, ()), *STEPS.get(scheme, OWN))
-            steps = [transport_table.EVERY / n for n in parts]
+            steps = [transport_table.EVERY / n for n in STRONG.get(gamma, STEPS).get(scheme, OWN)]
             found += [{"gamma": gamma, "scheme": scheme, "dt": dt, "time": length, "seed": 2} for dt in steps]
     return found
 
