@@ -43,7 +43,7 @@ FAST, LONG, LONGER, OWN = (15, 10, 8, 6), (10, 6, 5, 4), (6, 4, 3), (6, 5, 4)
 STEPS = {"middle": FAST, "basa": FAST, "bababo": LONG, "bababs": LONG, "bab3": LONGER}
 #: And others, where errors of 1 % are at shorter ones.
 STRONG = {
-    135.0: {"middle": (30, *FAST), "basa": (50, 30, 20, *FAST), "bababo": LONG, "bababs": (20, *LONG), "bab3": LONGER},
+    135.0: {"middle": (30, *FAST), "basa": (50, 30, 20, *FAST), "bababo": (30, 20, *LONG), "bababs": (20, *LONG), "bab3": (30, 20, *LONGER)},
     450.0: {"middle": (100, 60, 30), "basa": (100, 60, 30), "bababo": (60, 30, 20), "bababs": (60, 30, 20), "bab3": (60, 30, 20)},
 }
 #: Frictions, with the finest steps of each that are the limit of short ones for all schemes.

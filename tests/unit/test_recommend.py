@@ -386,17 +386,23 @@ def test_structure_leaves_out_what_is_read_from_velocities():
 
 def test_motion_limits_the_step_too():
     """The errors of the made-up table grow with the square of the step: diffusion is 1 % off at 0.05 and 0.02 of the ends, viscosity never."""
-    rows = {4.5: 0.05, 450.0: 0.02}
-    points = [
-        {"gamma": g, "schemes": {"basa": [[k * dt, [0.01 * k * k, 0.002], [-0.002, 0.001]] for k in (0.5, 2.0)]}} for g, dt in rows.items()
-    ]
-    motion = TransportTable({"points": points})
+
+    def made(parts: tuple[float, ...], limit: float = 0.0) -> TransportTable:
+        schemes = {g: [[k * dt, [0.01 * k * k, 0.002], [-0.002, 0.001]] for k in parts] for g, dt in ((4.5, 0.05), (450.0, 0.02))}
+        return TransportTable(
+            {"points": [{"gamma": g, "D": [1.0, limit], "eta": [1.0, 0.0], "schemes": {"basa": found}} for g, found in schemes.items()]}
+        )
+
+    motion = made((0.5, 2.0))
     assert motion.step("basa", Groups(4.5, 25.0), 0.01, "diffusion").dt == pytest.approx(0.05, rel=0.01)
     assert motion.step("basa", Groups(45.0, 25.0), 0.01, "diffusion").dt == pytest.approx((0.05 * 0.02) ** 0.5, rel=0.01)
     assert motion.step("basa", Groups(4.5, 25.0), 0.0025, "diffusion").dt == pytest.approx(0.025, rel=0.01)
     assert motion.step("basa", Groups(4.5, 25.0), 0.01, "viscosity").dt == pytest.approx(0.1)
     # 0.25 +- 0.2 % at half the step and 4 +- 0.2 % at twice it
     assert 0.002 < motion.step("basa", Groups(4.5, 25.0), 0.01, "diffusion").error < 0.02
+    # an error of the limit shifts all errors, and does not get smaller with their number
+    own, common = (made((0.5, 0.8, 1.2, 2.0), limit).step("basa", Groups(4.5, 25.0), 0.01, "diffusion") for limit in (0.0, 0.002))
+    assert common.dt == own.dt and common.error > 1.4 * own.error
     assert not motion.covers(Groups(500.0, 25.0))
 
 
