@@ -6,7 +6,7 @@ their own: R kicks with friction and noise as forces, of one random number per p
 the probability (friction times step) that makes the viscosity similar (Lowe, Europhys. Lett. 47, 145 (1999)); N and P are sweeps with a friction
 that follows the temperature of the pairs, N of that alone (pairwise Nose-Hoover-Langevin: Leimkuhler and Shang, J. Comput. Phys. 280, 72
 (2015)), P of that added to the fluid's (pairwise adaptive Langevin: the same, J. Comput. Phys. 324, 174 (2016)); their order of substeps is
-symmetric, and ours.  Prints Markdown tables and puts them into docs/atlas.md and, of the published methods, docs/schemes.md.
+that of aboba.  Prints Markdown tables and puts them into docs/atlas.md and, of the published methods, docs/schemes.md.
 
     python benchmarks/orders.py                # three quarters of an hour on one core
     python benchmarks/orders.py --time 50      # a look
@@ -75,8 +75,8 @@ ORDERS = {
     "sweep in the middle of a drift, two kicks": Order("211A/1000 B/2 289A/1000 O 289A/1000 B/2 211A/1000", 2),
     "Peters": Order("B/2 A B/2 O"),
     "Lowe-Andersen": Order("B/2 A B/2 L"),
-    "pairwise Nose-Hoover-Langevin": Order("B/2 A/2 N A/2 B/2"),
-    "pairwise adaptive Langevin": Order("B/2 A/2 P A/2 B/2"),
+    "pairwise Nose-Hoover-Langevin": Order("A/2 B/2 N B/2 A/2"),
+    "pairwise adaptive Langevin": Order("A/2 B/2 P B/2 A/2"),
     "PRK3-Ruth": Order("7R/24 2A/3 3R/4 -2A/3 -1R/24 A", 3),
 }
 #: Those of the literature, and schemes of this package that are printed beside them.
