@@ -35,7 +35,7 @@ def liquid_density(a: float, b: float, reach: float = RANGE) -> float:
 
 
 def stiffness(a: float, b: float, rho: float) -> float:
-    """b rho^2: the mean of omega^2 over all modes of the liquid is 0.4 of it, less 57 (measured from 440 to 1,900)."""
+    """b rho^2: the many-body repulsion's part of omega^2 goes with it."""
     return b * rho**2
 
 

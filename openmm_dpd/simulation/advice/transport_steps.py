@@ -33,8 +33,8 @@ class TransportTable:
     Parameters
     ----------
     data : mapping
-        ``points``: of each friction ``gamma``, the limits of short steps ``D`` and ``eta``, [value, standard error], and ``schemes``: {scheme:
-        [[dt, [error of D, standard error], [of viscosity, ...]], ...]}, with errors that have that of the limit in them.
+        ``points``: of each friction ``gamma``, the limits of short steps ``D`` and ``eta``, [value, standard error], and ``schemes``:
+        {scheme: [[dt, [error of D, standard error], [of viscosity, ...]], ...]}, whose errors have that of the limit in them.
     """
 
     def __init__(self, data: Mapping[str, Any]):
