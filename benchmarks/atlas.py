@@ -115,7 +115,7 @@ def main() -> None:
         beads, steps, rounds = settings["clock"]
         for cores in options.cores:
             todo = [j for j in timing.jobs(names, beads, steps, cores) if lacking is None or not j["method"].startswith("LAMMPS")]
-            timed = [j for j in todo if not options.methods or j["method"] in (summary.YARDSTICK, *options.methods)]
+            timed = [j for j in todo if not options.methods or j["method"] in (*summary.YARDSTICKS.values(), *options.methods)]
             timing.chain(timed, rounds, folder, store, say)
     if options.only == "clock" or (options.only == "page" and not store.results):
         atlas = summary.retimed(json.loads((ROOT / "docs" / "atlas.json").read_text(encoding="utf-8")), timing.best(store))

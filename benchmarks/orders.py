@@ -6,9 +6,9 @@ their own: R kicks with friction and noise as forces, of one random number per p
 the probability (friction times step) that makes the viscosity similar (Lowe, Europhys. Lett. 47, 145 (1999)); N and P are sweeps with a friction
 that follows the temperature of the pairs, N of that alone (pairwise Nose-Hoover-Langevin: Leimkuhler and Shang, J. Comput. Phys. 280, 72
 (2015)), P of that added to the fluid's (pairwise adaptive Langevin: the same, J. Comput. Phys. 324, 174 (2016)); their order of substeps is
-symmetric, and ours.  Prints a Markdown table and puts it into docs/atlas.md.
+that of aboba.  Prints Markdown tables and puts them into docs/atlas.md and, of the published methods, docs/schemes.md.
 
-    python benchmarks/orders.py                # half an hour on one core
+    python benchmarks/orders.py                # three quarters of an hour on one core
     python benchmarks/orders.py --time 50      # a look
 """
 
@@ -35,6 +35,7 @@ from atlas_parts.store import Store, carry_out, key  # noqa: E402
 from atlas_parts.summary import short  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.base.errors import DPDError  # noqa: E402
 from openmm_dpd.kernels.columns import approach, over_pairs  # noqa: E402
 from openmm_dpd.kernels.compiled import inlined  # noqa: E402
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine  # noqa: E402
@@ -56,6 +57,7 @@ ORDERS = {
     "middle": Order("B A/2 O A/2"),
     "aboba": Order("A/2 B/2 O B/2 A/2"),
     "bababo": Order("B/5 A/2 3B/5 A/2 B/5 O", 2),
+    "bab3": Order("3B/25 3A/10 19B/50 2A/5 19B/50 3A/10 3B/25 O", 3),
     "velocity Verlet between half sweeps": Order("O/2 B/2 A B/2 O/2"),
     "half a sweep before and after the kick": Order("A/2 O/2 B O/2 A/2"),
     "aboba, gradient-corrected, c = 1/48": Order("A/2 B'/2 O B'/2 A/2", c=1 / 48),
@@ -70,16 +72,21 @@ ORDERS = {
     "three forces, weights for hybrid Monte Carlo": Order(
         "118880B/1000000 296195A/1000000 381120B/1000000 407610A/1000000 381120B/1000000 296195A/1000000 118880B/1000000 O", 3
     ),
+    "sweep in the middle of a drift, two kicks": Order("211A/1000 B/2 289A/1000 O 289A/1000 B/2 211A/1000", 2),
     "Peters": Order("B/2 A B/2 O"),
     "Lowe-Andersen": Order("B/2 A B/2 L"),
-    "pairwise Nose-Hoover-Langevin": Order("B/2 A/2 N A/2 B/2"),
-    "pairwise adaptive Langevin": Order("B/2 A/2 P A/2 B/2"),
+    "pairwise Nose-Hoover-Langevin": Order("A/2 B/2 N B/2 A/2"),
+    "pairwise adaptive Langevin": Order("A/2 B/2 P B/2 A/2"),
     "PRK3-Ruth": Order("7R/24 2A/3 3R/4 -2A/3 -1R/24 A", 3),
-    "sweep in the middle of a drift, two kicks": Order("211A/1000 B/2 289A/1000 O 289A/1000 B/2 211A/1000", 2),
 }
+#: Those of the literature, and schemes of this package that are printed beside them.
+PUBLISHED, BESIDE = list(ORDERS)[-5:], ["middle", "bababo", "bab3"]
 
-#: Frictions, and steps per force.
-FRICTIONS, STEPS = (4.5, 40.5), (0.05, 0.06, 0.07)
+#: Frictions, steps per force, and whole steps of the published methods and of what is beside them.
+FRICTIONS, STEPS, WHOLE = (4.5, 40.5), (0.05, 0.06, 0.07), (0.03, 0.05, 0.08, 0.1, 0.15)
+
+#: A kinetic temperature that is off by more counts as a breakdown.
+BROKEN = 1.0
 
 TOKEN = re.compile(r"(-?\d*)([A-Z])('?)(?:/(\d+))?")
 
@@ -195,12 +202,15 @@ class Fluid:
                     self.v += part * dt * self.engine.forces(every, self.v, 1.0, dt, self.seed, self.counter)[1]
                 elif letter != "O":
                     self.engine.prepare(self.x, self.box)
-                    pairs = self.engine.lists[0].listed()[:4]
-                    self.adaptive = pair_updates(letter, self.v, *pairs, self.gamma, self.adaptive, part * dt, self.rng)
+                    self.update(letter, self.engine.lists[0].listed()[:4], part * dt)
                 else:
                     self.engine.prepare(self.x, self.box)
                     self.counter += 1
                     self.v += self.engine.sweep(self.v, 1.0, part * dt, self.seed, self.counter)
+
+    def update(self, letter: str, pairs: tuple[np.ndarray, ...], dt: float) -> None:
+        """A sweep that the package does not have, over pairs: first and second bead, directions, distances."""
+        self.adaptive = pair_updates(letter, self.v, *pairs, self.gamma, self.adaptive, dt, self.rng)
 
     def sample(self) -> tuple[float, ...]:
         """Energy per bead, |force|^2, Laplacian, kinetic temperature."""
@@ -214,11 +224,14 @@ def work(job: dict) -> dict:
     dpd.set_threads(1)
     order, dt, fluid = ORDERS[job["method"]], job["dt"], Fluid(job["gamma"], job["beads"], 1)
     fluid.run(ORDERS["aboba"], 0.02, 600)
-    fluid.run(order, dt, round(10 / dt))
     every, rows = max(1, round(0.2 / dt)), []
-    for _ in range(round(job["time"] / dt / every)):
-        fluid.run(order, dt, every)
-        rows.append(fluid.sample())
+    try:
+        fluid.run(order, dt, round(10 / dt))
+        for _ in range(round(job["time"] / dt / every)):
+            fluid.run(order, dt, every)
+            rows.append(fluid.sample())
+    except DPDError as error:
+        return job | {"failed": str(error).splitlines()[0][:80]}
     energy, above, below, kinetic = np.array(rows).T
     averages = {"T_kin": block_average(kinetic), "T_conf": ratio_average(above, below), "U": block_average(energy)}
     return job | {name: [a.mean, a.sem] for name, a in averages.items()}
@@ -233,7 +246,7 @@ def table(results: list[dict], gamma: float, atlas: dict) -> str:
     """Errors of all orders at one friction in per cent, the energy's as that of a temperature."""
     capacity, reference = atlas["fluids"]["weak"]["dU_dkT"][0], atlas["fluids"]["weak"]["reference"]["U"][0]
     rows = []
-    for name, order in ORDERS.items():
+    for name, order in ((name, order) for name, order in ORDERS.items() if name not in PUBLISHED):
         cells = []
         for h in STEPS:
             found = next(
@@ -248,8 +261,26 @@ def table(results: list[dict], gamma: float, atlas: dict) -> str:
     return page.table([f"friction {gamma:g}", "order", "forces", *(f"step per force {h:g}" for h in STEPS)], rows)
 
 
+def published(results: list[dict], gamma: float) -> str:
+    """Deviations of both temperatures, and the energy, of the published methods at one friction, with standard errors."""
+    rows = []
+    for name in (*BESIDE, *PUBLISHED):
+        found = {r["dt"]: r for r in results if r["method"] == name and r["gamma"] == gamma}
+        for measure, quantity in (("T_kin", "kinetic"), ("T_conf", "configurational"), ("U", "U/N")):
+            cells = []
+            for dt in WHOLE:
+                if "failed" in found.get(dt, {"failed": ""}) or abs(found[dt]["T_kin"][0] - 1) > BROKEN:
+                    cells.append("breaks down" if dt in found else "-")
+                    continue
+                value, sem = found[dt][measure]
+                cells.append(f"{value:.3f}({1000 * sem:.0f})" if measure == "U" else f"{100 * (value - 1):+.1f}({100 * sem:.1f}) %")
+            label = f"{name} ({ORDERS[name].forces})" if measure == "T_kin" else ""
+            rows.append([label, quantity, *cells])
+    return page.table([f"friction {gamma:g}: method (forces)", "quantity", *(f"dt {dt:g}" for dt in WHOLE)], rows)
+
+
 def main() -> None:
-    """Run what is missing, write the table."""
+    """Run what is missing, write the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--beads", type=int, default=1500)
     parser.add_argument("--time", type=float, default=600.0, help="simulated time of each entry")
@@ -258,27 +289,28 @@ def main() -> None:
     parser.add_argument("--only", choices=("runs", "table"))
     options = parser.parse_args()
     store = Store(ROOT / "out" / "orders" / "results.jsonl")
-    same = {"part": "orders", "beads": options.beads, "time": options.time}
-    jobs = [
-        same | {"method": name, "gamma": gamma, "dt": round(h * order.forces, 6)}
-        for name, order in ORDERS.items()
-        if name in options.methods
-        for gamma in FRICTIONS
-        for h in STEPS
-    ]
+    same, jobs = {"part": "orders", "beads": options.beads, "time": options.time}, []
+    for name in options.methods:
+        steps = {round(h * ORDERS[name].forces, 6) for h in STEPS if name not in PUBLISHED} | {
+            dt for dt in WHOLE if name in (*PUBLISHED, *BESIDE)
+        }
+        jobs += [same | {"method": name, "gamma": gamma, "dt": dt} for gamma in FRICTIONS for dt in sorted(steps)]
     if options.only != "table":
         carry_out([job for job in jobs if job not in store], work, store, options.processes, lambda text: print(text, flush=True))
     if options.only != "runs":
         file = ROOT / "docs" / "orders.json"
         fresh = [short_of(store.results[key(job)]) for job in jobs if job in store]
         place = operator.itemgetter("method", "gamma", "dt")
-        known = {place(row): row for row in [*json.loads(file.read_text()), *fresh]}
+        known = {place(row): row for row in sorted([*json.loads(file.read_text()), *fresh], key=operator.itemgetter("time"))}
         results = [known[at] for at in sorted(known, key=lambda at: (list(ORDERS).index(at[0]), at[1:]))]
         file.write_text("[\n" + ",\n".join(json.dumps(r) for r in results) + "\n]\n")
         atlas = json.loads((ROOT / "docs" / "atlas.json").read_text())
         text = "\n\n".join(table(results, gamma, atlas) for gamma in FRICTIONS)
         print(text)
         page.update(ROOT / "docs" / "atlas.md", texts={"orders": text})
+        text = "\n\n".join(published(results, gamma) for gamma in FRICTIONS)
+        print(text)
+        page.update(ROOT / "docs" / "schemes.md", texts={"published": text})
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import functools
 import json
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +133,7 @@ def scene_of(point: dict, beads: int) -> dpd.Scene:
 class Point:
     """One point of the map: its equilibrated fluid and what has been found about a scheme there."""
 
-    def __init__(self, job: dict):
+    def __init__(self, job: dict, scene_of: Callable[[dict, int], dpd.Scene]):
         self.job, self.point, self.scheme = job, job["point"], job["scheme"]
         self.factor = FACTORS.get(self.scheme, FACTOR)
         scene = scene_of(self.point, job["beads"])
@@ -271,11 +272,11 @@ class Point:
         return int(np.sign(clear[0][0])) if clear else 1
 
 
-def work(job: dict) -> dict:
+def work(job: dict, scene_of: Callable[[dict, int], dpd.Scene] = scene_of) -> dict:
     """One scheme at one point."""
     dpd.set_threads(1)
     begun = time.perf_counter()
-    point = Point(job)
+    point = Point(job, scene_of)
     levels = point.search() | {"sign": {name: point.sign(name) for name in ("conf", "kin")}}
     ladder = [[dt, *(None if found.get("blown") else [short(v) for v in found.get(n, [0, 0])] for n in ("conf", "kin"))] for dt, found in sorted(point.tried.items())]  # fmt: skip
     return job | {"levels": levels, "ladder": ladder, "seconds": round(time.perf_counter() - begun, 1)}
@@ -326,7 +327,7 @@ def tabulate(store: Store, costs: dict[str, float], before: dict) -> dict:
     ladders: dict[str, dict[str, list]] = {}
     loosest = before["loose"]
     for result in sorted(store.results.values(), key=lambda r: -r["loose"]):
-        key = json.dumps(result["point"], sort_keys=True)
+        key = json.dumps({name: result["point"][name] for name in BASE}, sort_keys=True)
         entry = found.setdefault(key, result["point"] | {"schemes": {}})
         ladders.setdefault(key, {}).setdefault(result["scheme"], []).extend(result["ladder"])
         entry["schemes"][result["scheme"]] = {name: result["levels"][name] for name in ("blow", "sign")}

@@ -7,7 +7,7 @@ openmm_dpd/simulation/advice/transport.json and the table of docs/atlas.md; it c
     python benchmarks/transport.py                     # forty minutes of one core
     python benchmarks/transport.py --time 1500         # a quarter of it; errors twice as large
     python benchmarks/transport.py --only table        # only the file, from the runs that are there
-    python benchmarks/transport.py --check             # the steps that are recommended for diffusion, with 3,000 beads and another seed: ten minutes
+    python benchmarks/transport.py --check             # the steps that are recommended for diffusion, with 3,000 beads and other seeds: half an hour
     python benchmarks/transport.py --words 'B A/2 S/2 S/2 A/2' --friction 40.5 --only runs  # others beside them
 """
 
@@ -16,6 +16,8 @@ from __future__ import annotations
 import argparse
 import datetime
 import functools
+import json
+import operator
 import sys
 import time
 from pathlib import Path
@@ -34,13 +36,28 @@ from atlas_parts.summary import machine, write  # noqa: E402
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.base.errors import DPDError  # noqa: E402
 
+FILE = ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json"
+
 #: Steps are these parts of the time between samples.
 FAST, LONG, LONGER, OWN = (15, 10, 8, 6), (10, 6, 5, 4), (6, 4, 3), (6, 5, 4)
 STEPS = {"middle": FAST, "basa": FAST, "bababo": LONG, "bababs": LONG, "bab3": LONGER}
+#: And others, where errors of 1 % are at shorter ones.
+STRONG = {
+    135.0: {
+        "middle": (30, *FAST),
+        "basa": (50, 30, 20, *FAST),
+        "bababo": (30, 20, *LONG),
+        "bababs": (20, *LONG),
+        "bab3": (30, 20, *LONGER),
+    },
+    450.0: {"middle": (100, 60, 30), "basa": (100, 60, 30), "bababo": (60, 30, 20), "bababs": (60, 30, 20), "bab3": (60, 30, 20)},
+}
 #: Frictions, with the finest steps of each that are the limit of short ones for all schemes.
-FRICTIONS = {4.5: 25, 40.5: 40, 135.0: 100}
+FRICTIONS = {4.5: 25, 40.5: 40, 135.0: 100, 450.0: 333}
 #: Scheme whose run at the finest step is the limit.
 LIMIT = "basa"
+#: Seeds of the check.
+SEEDS = (3, 4)
 #: Beads, and the speed of the flow: fast enough to be seen, slow enough for the viscosity at rest within what differences need.
 BEADS, SPEED = 1000, 0.5
 
@@ -52,7 +69,7 @@ def jobs(length: float, frictions: list[float], words: list[str]) -> list[dict]:
         finest = transport_table.EVERY / FRICTIONS[gamma]
         found += [] if words else [{"gamma": gamma, "scheme": LIMIT, "dt": finest, "time": length, "seed": 1}]
         for scheme in words or STEPS:
-            steps = [transport_table.EVERY / n for n in STEPS.get(scheme, OWN)]
+            steps = [transport_table.EVERY / n for n in STRONG.get(gamma, STEPS).get(scheme, OWN)]
             found += [{"gamma": gamma, "scheme": scheme, "dt": dt, "time": length, "seed": 2} for dt in steps]
     return found
 
@@ -71,27 +88,61 @@ def work(job: dict) -> dict:
 
 
 def check(length: float, frictions: list[float], store: Store, processes: int) -> None:
-    """Diffusion and viscosity at the steps that are recommended for diffusion, beside the limit of short steps: other beads, another seed."""
-    same, todo = {"time": length, "seed": 3, "beads": 3 * BEADS}, []
+    """Diffusion and viscosity at the steps that are recommended for diffusion, beside the limit of short steps: other beads, other seeds."""
+    todo: dict[float, tuple[list[dict], ...]] = {}
     for gamma in frictions:
         pairs, x = {("W", "W"): dpd.DPD(A=25.0, gamma=gamma)}, np.random.default_rng(3).random((81, 3)) * 3.0
         choice = dpd.recommend(dpd.Scene({"W": 1.0}, ["W"] * 81, x, pairs, kT=1.0, box=[3.0] * 3), quantity="diffusion")
         assert choice.dt is not None
-        for scheme, dt in ((LIMIT, transport_table.EVERY / FRICTIONS[gamma]), (choice.scheme, choice.dt)):
-            todo.append({"gamma": gamma, "scheme": scheme, "dt": transport_table.EVERY / np.ceil(transport_table.EVERY / dt)} | same)
-    carry_out(todo, work, store, processes, functools.partial(print, flush=True))
-    for finest, other in zip(todo[::2], todo[1::2], strict=True):
-        limit, found = store.get(finest), store.get(other)
+        parts = {LIMIT: FRICTIONS[gamma]}, {choice.scheme: np.ceil(transport_table.EVERY / choice.dt)}
+        todo[gamma] = tuple(
+            [
+                {"gamma": gamma, "scheme": s, "dt": transport_table.EVERY / n, "time": length, "seed": seed, "beads": 3 * BEADS}
+                for s, n in part.items()
+                for seed in SEEDS
+            ]
+            for part in parts
+        )
+    carry_out(
+        [job for both in todo.values() for jobs in both for job in jobs], work, store, processes, functools.partial(print, flush=True)
+    )
+    for gamma, both in todo.items():
+        limit, found = ([store.get(job) for job in jobs] for jobs in both)
         for name in ("D", "eta"):
-            off = found[name] / limit[name] - 1
-            sem = np.hypot(found[f"{name}_error"], limit[f"{name}_error"]) / limit[name]
+            (short, error), (value, sem) = (_together(rows, name) for rows in (limit, found))
+            off, sem = value / short - 1, float(np.hypot(sem, error)) / short
             within = "within 1 % and two standard errors" if abs(off) < 0.01 + 2 * sem else "OFF"
-            print(f"friction {other['gamma']:g}, {other['scheme']} at {other['dt']:.3g}: {name} {_per_cent([off, sem])}: {within}")
+            print(f"friction {gamma:g}, {both[1][0]['scheme']} at {both[1][0]['dt']:.3g}: {name} {_per_cent([off, sem])}: {within}")
 
 
-def tabulate(results: list[dict]) -> dict:
-    """Relative errors of D and viscosity of every run beside the limit of short steps, with their standard errors."""
-    points = []
+def _together(rows: list[dict], name: str) -> tuple[float, float]:
+    """Mean of several seeds, with the larger of the errors that the runs say and that their spread says."""
+    mean, sem = pooled([{name: (row[name], row[f"{name}_error"])} for row in rows], name)
+    return mean, max(sem, float(np.std([row[name] for row in rows], ddof=1)) / len(rows) ** 0.5)
+
+
+def rows_of(table: dict) -> list[dict]:
+    """The runs that a table was made of."""
+    rows = []
+    for point in table["points"]:
+        limit = {"gamma": point["gamma"], "scheme": LIMIT, "seed": 1, "dt": transport_table.EVERY / FRICTIONS[point["gamma"]]}
+        rows.append(limit | {key: v for name in ("D", "eta") for key, v in zip((name, f"{name}_error"), point[name], strict=True)})
+        for scheme, runs in point["schemes"].items():
+            for dt, *pairs in runs:
+                row = {"gamma": point["gamma"], "scheme": scheme, "seed": 2, "dt": dt}
+                for name, (off, sem) in zip(("D", "eta"), pairs, strict=True):
+                    value, error = point[name]
+                    row |= {name: value * (1 + off), f"{name}_error": max((value * sem) ** 2 - error**2, 0.0) ** 0.5}
+                rows.append(row)
+    return rows
+
+
+def tabulate(results: list[dict], before: dict) -> dict:
+    """Relative errors of D and viscosity of every run beside the limit of short steps, with their standard errors; runs of the table before
+    stay where there is none of the same step."""
+    points, place = [], operator.itemgetter("gamma", "scheme", "seed", "dt")
+    known = [row | {"dt": round(row["dt"], 6)} for row in [*rows_of(before), *results]]
+    results = list({place(row): row for row in known}.values())
     for gamma in sorted({row["gamma"] for row in results}):
         good = [row for row in results if row["gamma"] == gamma and "failed" not in row]
         finest = [row for row in good if row["seed"] == 1]
@@ -148,9 +199,9 @@ def main() -> None:
     if options.only != "table":
         carry_out(jobs(options.time, options.friction, options.words), work, store, options.processes, functools.partial(print, flush=True))
     if options.only != "runs":
-        named = [row for row in store.results.values() if row["scheme"] in STEPS]
-        table = tabulate(named)
-        write(table, ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json")
+        named = [row for row in store.results.values() if row["scheme"] in STEPS and "beads" not in row]
+        table = tabulate(named, json.loads(FILE.read_text()))
+        write(table, FILE)
         page.update(ROOT / "docs" / "atlas.md", texts=blocks(table))
 
 

@@ -15,6 +15,7 @@ import openmm_dpd as dpd
 from openmm_dpd import DPD
 from openmm_dpd.lammps import deck_scene
 from openmm_dpd.molecules import Bend, Bilayer, Spring, Twist, grafmueller_2009, linear, pack, relax
+from openmm_dpd.simulation.advice.many_body import liquid_density
 from openmm_dpd.stats import block_average, ratio_average
 
 from .fluids import DECKS
@@ -29,6 +30,13 @@ def fluid(beads: int, pairs, *, rho: float = 3.0, masses: Mapping[str, float] | 
     edge = (beads / rho) ** (1 / 3)
     x = np.random.default_rng(1).random((beads, 3)) * edge
     return dpd.Scene(masses, [list(masses)[k % len(masses)] for k in range(beads)], x, pairs, 1.0, box=[edge] * 3, **more)
+
+
+def slab(beads: int, A: float, B: float, gamma: float) -> dpd.Scene:
+    """A many-body liquid between two free surfaces, 1.3 times as thick as it is wide, and vacuum of 3 beside it."""
+    edge = (beads / liquid_density(A, B) / 1.3) ** (1 / 3)
+    x = np.random.default_rng(1).random((beads, 3)) * [edge, edge, 1.3 * edge]
+    return dpd.Scene({"A": 1.0}, ["A"] * beads, x, {("A", "A"): dpd.MDPD(A=A, B=B, gamma=gamma)}, 1.0, box=[edge, edge, 1.3 * edge + 3.0])
 
 
 def chains(beads: int, bonds: Callable, length: int, rest: float, stiff: float = 0.0) -> dpd.Scene:
@@ -114,6 +122,9 @@ SCENES: dict[str, Callable[[int], dpd.Scene]] = {
     "friction 200, exponent 0.25": lambda n: fluid(n, _one(A=25, gamma=200, exponent=0.25)),
     "density 5, A 40, friction 10": lambda n: fluid(n, _one(A=40, gamma=10), rho=5.0),
     "friction 1, across 20": lambda n: fluid(n, _one(A=25, gamma=1, gamma_perp=20)),
+    "many-body liquid, A -40, B 25, friction 18": lambda n: slab(n, -40.0, 25.0, 18.0),
+    "many-body liquid, A -40, B 40, friction 4.5": lambda n: slab(n, -40.0, 40.0, 4.5),
+    "many-body liquid, A -30, B 15, friction 9": lambda n: slab(n, -30.0, 15.0, 9.0),
     "lipid bilayer": bilayer,
     "electrolyte, A 78": lambda n: deck_scene(DECKS / "in.electrolyte"),
     "heat capacity 60": lambda n: conserving(n, 60.0),

@@ -132,22 +132,22 @@ def retimed(before: dict, times: dict) -> dict:
     )
 
 
-#: The method whose times bring those of two machines together.
-YARDSTICK = "bababo"
+#: The methods whose times bring those of two machines together, by the kind of what was added.
+YARDSTICKS = {"ours": "bababo", "lammps": "LAMMPS dpd + nve"}
 
 
 def extended(before: dict, fresh: dict, times: dict, names: list[str]) -> dict:
-    """The object of an earlier run with methods of a later one; their times are brought to the earlier one's machine by the yardstick's."""
+    """The object of an earlier run with methods of a later one; their times are brought to the earlier one's machine by those of a yardstick."""
     fluids = {}
     for name, fluid in before["fluids"].items():
         added = {}
         for method, entry in fresh["fluids"].get(name, {}).get("methods", {}).items():
             if method not in names:
                 continue
-            ms = {}
+            ms, yardstick = {}, YARDSTICKS[entry["kind"]]
             for threads, row in entry["ms"].items():
-                here = [found for (f, m, t, _), found in times.items() if (f, m, t) == (name, YARDSTICK, int(threads))]
-                there = list(fluid["methods"][YARDSTICK]["ms"][threads].values())
+                here = [found for (f, m, t, _), found in times.items() if (f, m, t) == (name, yardstick, int(threads))]
+                there = list(fluid["methods"][yardstick]["ms"][threads].values())
                 scale = float(np.mean(there) / np.mean(here))
                 ms[threads] = {dt: short(scale * value) for dt, value in row.items()}
             added[method] = entry | {"ms": ms}

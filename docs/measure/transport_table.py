@@ -80,15 +80,22 @@ def measure(
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
         paths[k], flow[k] = x, 2 * np.mean(v[:, 0] * np.sin(wave * x[:, 2]))
+    return coefficients(paths, flow, push, edge) | {"dt": EVERY / every}
+
+
+def coefficients(paths: np.ndarray, flow: np.ndarray, push: float, edge: float) -> dict:
+    """Diffusion coefficient and viscosity from paths (frames, beads, 3) and the amplitudes of the flow (frames,) at intervals of EVERY."""
     amplitude = block_average(flow)
-    eta = DENSITY * push / (wave**2 * amplitude.mean)
+    eta = DENSITY * push / ((2 * np.pi / edge) ** 2 * amplitude.mean)
     eta_error = eta * amplitude.sem / amplitude.mean
     lags = np.arange(round(FIT[0] / EVERY), round(FIT[1] / EVERY) + 1, 4)
-    moved = mean_squared_displacement(
-        mdtraj.Trajectory(paths, mdtraj.Topology.from_openmm(built.topology)), interval=EVERY, lags=lags, axes="yz", unwrap=False
-    )
+    topology = mdtraj.Topology()
+    chain = topology.add_chain()
+    for _ in range(paths.shape[1]):
+        topology.add_atom("W", mdtraj.element.virtual, topology.add_residue("W", chain))
+    moved = mean_squared_displacement(mdtraj.Trajectory(paths, topology), interval=EVERY, lags=lags, axes="yz", unwrap=False)
     found = diffusion_coefficient(moved, FIT, kT=1.0, viscosity=eta, edge=edge)
-    return {"D": found.mean, "D_error": found.sem, "eta": eta, "eta_error": eta_error, "dt": EVERY / every, "amplitude": amplitude.mean}
+    return {"D": found.mean, "D_error": found.sem, "eta": eta, "eta_error": eta_error, "amplitude": amplitude.mean}
 
 
 def points_of(plane: str) -> list[dict]:

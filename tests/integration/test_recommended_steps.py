@@ -10,8 +10,11 @@ import openmm_dpd as dpd
 #: Density, friction, repulsion, exponent; nothing here is a point of the table.
 FLUIDS = {"stiffer": (3.0, 20.0, 40.0, 1.0), "denser": (5.0, 2.5, 15.0, 1.0), "softer noise": (3.5, 80.0, 30.0, 0.7)}
 
-#: What of a scene is in more than one entry, with the simulated time of its run; looking at entries one by one gives steps that are far too long.
+#: Scenes with the simulated times of their runs: what is in more than one entry, which would give steps that are far too long one by one, and a
+#: many-body liquid between the points of its table.
 SUMS = {
+    "many-body liquid, A -40, B 25, friction 18": 300.0,
+    "two components, A 25, 35, 60, masses 1:2": 700.0,
     "repulsion and friction in two layers": 350.0,
     "two layers, A 25 and friction 4.5 each": 250.0,
     "stiff pairs without friction": 900.0,
@@ -45,7 +48,7 @@ def test_recommended_step_has_the_error_it_promises(name, seed):
 @pytest.mark.slow
 @any_seed(4)
 @pytest.mark.parametrize("name", SUMS)
-def test_recommended_step_of_a_sum_is_right(name, seed):
+def test_recommended_step_of_a_scene_is_right(name, seed):
     """Asked for 1 %: both temperatures within 1.5 % and four standard errors."""
     scene = SCENES[name](600)
     found = dpd.recommend(scene)
@@ -61,6 +64,7 @@ def test_recommended_step_of_a_sum_is_right(name, seed):
 @cases(
     "name",
     "chains, k 100",
+    "FENE chains, k 30, R0 1.5",
     "FENE chains with repulsion 1 of range 0.5",
     "chains, k 100, angles k 50",
     "chains, k 100, angles k 50, dihedrals k 20",

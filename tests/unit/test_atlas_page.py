@@ -4,9 +4,12 @@ import json
 import re
 from pathlib import Path
 
+import many_body
 import numpy as np
+import orders
 import pytest
 import scaling
+import transport
 from atlas_parts import maps, page
 from atlas_parts.errors import crossing, norm
 from atlas_parts.fluids import FLUIDS, methods
@@ -15,6 +18,7 @@ from atlas_parts.store import Store, key
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "atlas.md").read_text(encoding="utf-8")
+SCHEMES = (ROOT / "docs" / "schemes.md").read_text(encoding="utf-8")
 ATLAS = ROOT / "docs" / "atlas.json"
 
 
@@ -33,6 +37,19 @@ def test_tables_of_the_stability_map_are_those_of_the_package():
     texts = maps.blocks(json.loads((ROOT / "openmm_dpd" / "simulation" / "advice" / "stability.json").read_text(encoding="utf-8")))
     for name, text in texts.items():
         assert page.block_of(PAGE, name) == text.strip(), name
+
+
+def test_tables_of_transport_and_of_many_body_liquids_are_those_of_the_package():
+    assert page.block_of(PAGE, "transport") == transport.blocks(json.loads(transport.FILE.read_text(encoding="utf-8")))["transport"]
+    assert page.block_of(SCHEMES, "many-body") == many_body.blocks(json.loads(many_body.FILE.read_text(encoding="utf-8")))["many-body"]
+
+
+def test_tables_of_orders_are_those_of_their_json():
+    results = json.loads((ROOT / "docs" / "orders.json").read_text(encoding="utf-8"))
+    atlas = json.loads(ATLAS.read_text(encoding="utf-8"))
+    texts = [(orders.table(results, gamma, atlas), orders.published(results, gamma)) for gamma in orders.FRICTIONS]
+    shown = page.block_of(PAGE, "orders"), page.block_of(SCHEMES, "published")
+    assert shown == tuple(map("\n\n".join, zip(*texts, strict=True)))
 
 
 def test_the_table_of_sizes_is_that_of_its_json():

@@ -7,6 +7,7 @@ from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES
+from openmm_dpd.simulation.advice.many_body import liquid_density
 from openmm_dpd.simulation.advice.recommend import advice, predicted_error, recommend
 from openmm_dpd.simulation.advice.scene_groups import charge_frequency, groups
 from openmm_dpd.simulation.advice.stability_table import LEVELS, Groups, StabilityTable, shipped_table
@@ -178,12 +179,56 @@ def test_angles_limit_the_step(table):
     [
         ({"bonds": [dpd.HarmonicBonds([[0, 1], [1, 2]], 1.0, 0.5)], "segments": dpd.SegmentalRepulsion(100.0, 0.8)}, "segmental repulsion"),
         ({"walls": [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 2.0, "below")], "squeezed": 0.6}, "walls"),
-        ({"pairs": {("W", "W"): dpd.MDPD(A=-40, B=25, gamma=18, cutoff=1.0, cutoff_B=0.75)}}, "MDPD"),
+        ({"pairs": [{("W", "W"): dpd.MDPD(A=-40, B=25, gamma=18)}, {("W", "W"): dpd.DPD(A=1, gamma=0)}]}, "MDPD"),
     ],
 )
 def test_what_was_not_measured_has_no_step(table, more, what):
     found = recommend(scene(**more), table=table)
     assert found.dt is None and what in found.notes[0] and "benchmarks/recommended_steps.py" in found.notes[0]
+
+
+# -- many-body liquids ------------------------------------------------------------------------------------------------------------
+def liquid(a=-40.0, b=25.0, gamma=18.0, kT=1.0, **more) -> dpd.Scene:
+    """Warren's, or another in units of kT, with vacuum beside it."""
+    pairs = {("W", "W"): dpd.MDPD(A=a * kT, B=b * kT, gamma=gamma, **more.pop("coefficient", {}))}
+    return scene(pairs=pairs, kT=kT, squeezed=0.5, **more)
+
+
+def test_density_of_a_many_body_liquid():
+    """Where Warren's equation of state has no pressure; his figure 1 has 6.1 at A = -40, B = 25."""
+    rho = liquid_density(-40, 25)
+    many = 0.202 * 25 * 0.75**4
+    assert rho - 0.101 * 40 * rho**2 + many * (rho**3 - 4.16 * rho**2 + 18) == pytest.approx(0, abs=1e-9)
+    assert rho == pytest.approx(6.1, abs=0.05) and liquid_density(0, 25) == 0.0
+
+
+def test_many_body_liquids_have_steps_of_their_own():
+    found = recommend(liquid())
+    assert found.dt is not None and found.scheme in {c.scheme for c in found.choices} and 0.01 < found.dt < 0.1
+    assert {c.scheme for c in found.choices} == set(SCHEMES) - {"native"}
+    soft, stiff = recommend(liquid(-20, 12.5)), recommend(liquid(-80, 50))
+    assert soft.dt > found.dt > stiff.dt
+    # the same groups: a step goes with (m/kT)^(1/2)
+    assert recommend(liquid(kT=4.0, gamma=36.0)).dt == pytest.approx(found.dt / 2)
+    assert advice(liquid(), "middle", 0.03).startswith("middle at dt")
+
+
+@cases(
+    "other, words",
+    (liquid(-100, 60), "stiffness"),
+    (liquid(gamma=500.0), "friction"),
+    (liquid(gamma=0.0), "no friction"),
+    (liquid(coefficient={"kernel": "lucy"}), "quadratic kernel"),
+    (liquid(coefficient={"cutoff_B": 0.6}), "cutoff_B = 0.75"),
+    (liquid(bonds=[dpd.HarmonicBonds([[0, 1]], 1.0, 0.5)]), "bonds"),
+)
+def test_many_body_liquids_outside_of_their_table(other, words):
+    found = recommend(other)
+    assert found.dt is None and any(words in note for note in found.notes)
+
+
+def test_diffusion_of_many_body_liquids_was_not_measured():
+    assert "many-body" in recommend(liquid(), quantity="diffusion").notes[-1]
 
 
 def test_stiff_bonds_are_in_the_sentence(table):
@@ -341,17 +386,23 @@ def test_structure_leaves_out_what_is_read_from_velocities():
 
 def test_motion_limits_the_step_too():
     """The errors of the made-up table grow with the square of the step: diffusion is 1 % off at 0.05 and 0.02 of the ends, viscosity never."""
-    rows = {4.5: 0.05, 450.0: 0.02}
-    points = [
-        {"gamma": g, "schemes": {"basa": [[k * dt, [0.01 * k * k, 0.002], [-0.002, 0.001]] for k in (0.5, 2.0)]}} for g, dt in rows.items()
-    ]
-    motion = TransportTable({"points": points})
+
+    def made(parts: tuple[float, ...], limit: float = 0.0) -> TransportTable:
+        schemes = {g: [[k * dt, [0.01 * k * k, 0.002], [-0.002, 0.001]] for k in parts] for g, dt in ((4.5, 0.05), (450.0, 0.02))}
+        return TransportTable(
+            {"points": [{"gamma": g, "D": [1.0, limit], "eta": [1.0, 0.0], "schemes": {"basa": found}} for g, found in schemes.items()]}
+        )
+
+    motion = made((0.5, 2.0))
     assert motion.step("basa", Groups(4.5, 25.0), 0.01, "diffusion").dt == pytest.approx(0.05, rel=0.01)
     assert motion.step("basa", Groups(45.0, 25.0), 0.01, "diffusion").dt == pytest.approx((0.05 * 0.02) ** 0.5, rel=0.01)
     assert motion.step("basa", Groups(4.5, 25.0), 0.0025, "diffusion").dt == pytest.approx(0.025, rel=0.01)
     assert motion.step("basa", Groups(4.5, 25.0), 0.01, "viscosity").dt == pytest.approx(0.1)
     # 0.25 +- 0.2 % at half the step and 4 +- 0.2 % at twice it
     assert 0.002 < motion.step("basa", Groups(4.5, 25.0), 0.01, "diffusion").error < 0.02
+    # an error of the limit shifts all errors, and does not get smaller with their number
+    own, common = (made((0.5, 0.8, 1.2, 2.0), limit).step("basa", Groups(4.5, 25.0), 0.01, "diffusion") for limit in (0.0, 0.002))
+    assert common.dt == own.dt and common.error > 1.4 * own.error
     assert not motion.covers(Groups(500.0, 25.0))
 
 

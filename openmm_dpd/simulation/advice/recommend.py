@@ -14,8 +14,9 @@ from ...plan.plan import make_plan
 from ..mixed_system import MixedSystem
 from ..programs.native import why_not
 from .bonded_modes import Modes, bonded_modes, why_no_step
-from .scene_groups import charge_frequency, groups, surroundings
-from .stability_table import LEVELS, SAFE, Groups, StabilityTable, shipped_table
+from .many_body import is_many_body
+from .scene_groups import charge_frequency, groups, steps_table, surroundings
+from .stability_table import LEVELS, SAFE, Groups, StabilityTable
 from .transport_steps import MEASURED, MeasuredStep, shipped_transport
 
 #: Smallest error that may be asked for; below, no table could have measured it.
@@ -120,11 +121,13 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
     Notes
     -----
     The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.simulation.advice.scene_groups.groups` combines layers and
-    pairs of types. Bonds, angles and dihedrals limit the step by what each scheme does to their vibrations
-    (:mod:`openmm_dpd.simulation.advice.bonded_modes`), charges by that of two opposite ones on top of each other.  There is no
-    recommendation for walls, segmental repulsion, many-body beads, other potentials between beads or an attraction, without friction, and
-    where the beads of a dihedral may come into line; ``notes`` say so.  The steps of ``native`` were measured on the CPU platform; on GPU
-    platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.  Beads beside atoms
+    pairs of types.  A many-body liquid with the quadratic kernel has a table of its own
+    (:func:`openmm_dpd.simulation.advice.many_body.many_body_groups`). Bonds, angles and dihedrals limit the step by what each scheme does
+    to their vibrations (:mod:`openmm_dpd.simulation.advice.bonded_modes`), charges by that of two opposite ones on top of each other.
+    There is no recommendation for walls, segmental repulsion, mixtures of many-body beads, other potentials between beads or an
+    attraction, without friction, and where the beads of a dihedral may come into line; ``notes`` say so.  The steps of ``native`` were
+    measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.
+    Beads beside atoms
     (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are refused.
     """
     if isinstance(scene, MixedSystem):
@@ -140,7 +143,7 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
         )
     if quantity not in QUANTITIES:
         raise ParameterError(f"unknown quantity {quantity!r}; it must be one of {', '.join(QUANTITIES)}")
-    table = table or shipped_table()
+    table = table or steps_table(scene)
     pairs, notes = groups(scene)
     outside = [f"outside of the table: {text}" for text in dict.fromkeys(text for at in pairs for text in table.outside(at))]
     unbound = why_no_step(scene)
@@ -149,6 +152,8 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
         outside.append(
             f"outside of the table: {quantity} has been measured at frictions from {motion.frictions[0]:g} to {motion.frictions[-1]:g}"
         )
+    if motion and is_many_body(scene):
+        outside.append(f"{quantity} has not been measured in many-body liquids")
     if not pairs or outside or unbound:
         return Recommendation(None, None, None, error, quantity, notes=(*notes, *outside, *([unbound] if unbound else [])))
     able = [scheme for scheme in (motion.schemes if motion else table.schemes) if scheme in table.schemes and _runs(scene, scheme)]
@@ -158,7 +163,7 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
     usual = costs.get("mvv", min(costs.values()))
     choices = [Choice(s, steps[s][0].dt, steps[s][0].error, costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]
     best = choices[0]
-    if quantity == "temperature":
+    if quantity == "temperature" and not is_many_body(scene):
         notes += _motion_notes(best, pairs)
     return Recommendation(best.scheme, best.dt, best.relative_cost, error, quantity, tuple(choices), tuple(notes))
 
@@ -215,7 +220,7 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
     """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.  Bonds,
     angles and dihedrals count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`)."""
     word = scheme_of(scheme)
-    scheme, table = word.name, table or shipped_table()
+    scheme, table = word.name, table or steps_table(scene)
     pairs, _ = groups(scene)
     if scheme not in table.schemes or not pairs or any(table.outside(at) for at in pairs) or why_no_step(scene):
         return None
@@ -233,7 +238,7 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
 
 def advice(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> str:
     """What the table says about a scheme and a step (ps), in a sentence with what it leaves out."""
-    table = table or shipped_table()
+    table = table or steps_table(scene)
     scheme = scheme_of(scheme).name
     found = predicted_error(scene, scheme, dt, table=table)
     if found is None:

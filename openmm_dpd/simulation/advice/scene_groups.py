@@ -8,7 +8,8 @@ from ...model.internal import InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...plan.kinds import kind_for
-from .stability_table import Groups, drag
+from .many_body import is_many_body, many_body_groups, shipped_many_body
+from .stability_table import Groups, StabilityTable, drag, shipped_table
 
 #: What measures a scene that is not in the table.
 _SCRIPT = "benchmarks/recommended_steps.py measures the temperatures of scenes at a step"
@@ -44,6 +45,8 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     for what, there in unmeasured.items():
         if there:
             return [], [f"the table of steps does not have {what}; {_SCRIPT}"]
+    if is_many_body(scene):
+        return many_body_groups(scene, moves)
     for table in scene.tables:
         if table.kind is not None and kind_for(table.kind).frictions is None:
             return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it; {_SCRIPT}"]
@@ -73,6 +76,11 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
         reduced = friction * cutoff / (light * kT) ** 0.5
         found += [Groups(reduced / drag(1.0, rho, s), a, rho, ratio, s, capacity, unit) for s in sorted(exponents)]
     return found, _notes(scene, drags)
+
+
+def steps_table(scene: Scene) -> StabilityTable:
+    """The table that comes with the package, for the beads of a scene."""
+    return shipped_many_body() if is_many_body(scene) else shipped_table()
 
 
 def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list]:

@@ -76,7 +76,7 @@ class StabilityTable:
         """What is beyond the table, as sentences."""
         found = []
         lines = zip(("density", "mass ratio", "exponent", "heat capacity"), _LINES, strict=True)
-        rows = [("friction", self._frictions, at.friction), ("repulsion", self._repulsions, at.a)]
+        rows = [("friction", self._frictions, at.friction), (self.data.get("a is", "repulsion"), self._repulsions, at.a)]
         for name, known, value in [*rows, *((name, self._values(n), getattr(at, n)) for name, n in lines)]:
             if value is None or (name == "heat capacity" and len(known) and value > known.max()):
                 continue  # beyond the largest heat capacity beads are thermostats

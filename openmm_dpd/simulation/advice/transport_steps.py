@@ -13,6 +13,9 @@ from .stability_table import Groups
 #: Quantities, with the place of their errors in a row of the table.
 MEASURED = {"diffusion": 1, "viscosity": 2}
 
+#: Names of their limits of short steps in the table.
+_LIMITS = {"diffusion": "D", "viscosity": "eta"}
+
 #: Draws of the measured errors, for the error of a step.
 _DRAWS = 100
 
@@ -30,11 +33,13 @@ class TransportTable:
     Parameters
     ----------
     data : mapping
-        ``points``: of each friction ``gamma`` and ``schemes``: {scheme: [[dt, [error of D, standard error], [of viscosity, ...]], ...]}.
+        ``points``: of each friction ``gamma``, the limits of short steps ``D`` and ``eta``, [value, standard error], and ``schemes``:
+        {scheme: [[dt, [error of D, standard error], [of viscosity, ...]], ...]}, whose errors have that of the limit in them.
     """
 
     def __init__(self, data: Mapping[str, Any]):
         self.points = {float(point["gamma"]): point["schemes"] for point in data["points"]}
+        self._common = {float(point["gamma"]): {q: point[n][1] / point[n][0] for q, n in _LIMITS.items()} for point in data["points"]}
         self.frictions = np.array(sorted(self.points))
         self.schemes = tuple(sorted(set.intersection(*(set(schemes) for schemes in self.points.values()))))
 
@@ -71,13 +76,15 @@ class TransportTable:
     def _curves(self, gamma: float, scheme: str, quantity: str) -> tuple[np.ndarray, float, np.ndarray]:
         """Steps (n,), the first of them, and errors there (1 + draws, n): c2 dt^2 + c4 dt^4 through the measured ones, and draws of them.
 
-        A tenth of an error is left to what the curve cannot follow.
+        A tenth of an error is left to what the curve cannot follow.  The error of the limit of short steps is common to all of them.
         """
         dt, off, sem = np.array(sorted((row[0], *row[MEASURED[quantity]]) for row in self.points[gamma][scheme])).T
         steps = np.linspace(dt[0], dt[-1], 200)
         terms, at_steps = ((x[:, None] / dt[-1]) ** np.array([2, 4]) for x in (dt, steps))
         weight = 1 / np.hypot(sem, 0.1 * off)
-        draws = np.vstack([off, np.random.default_rng(0).normal(off, sem, (_DRAWS, len(dt)))])
+        rng, common = np.random.default_rng(0), self._common[gamma][quantity]
+        own = np.sqrt(np.maximum(sem**2 - common**2, 0.0))
+        draws = np.vstack([off, rng.normal(off, own, (_DRAWS, len(dt))) + rng.normal(0.0, common, (_DRAWS, 1))])
         coefficients = np.linalg.lstsq(terms * weight[:, None], (draws * weight).T, rcond=None)[0]
         return steps, float(dt[0]), (at_steps @ coefficients).T
 
