@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from list_life import standard_fluid
 from numba import njit
-from step_profile import standard_fluid
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine
