@@ -185,6 +185,12 @@ def test_noise_has_not_changed():
         assert drawn[k] == pytest.approx((2 * (bits >> 63) - 1) * special.ndtri(tail), abs=2e-6)
 
 
+@compiled
+def _of_a_column(key, arrays, m, scratch):
+    """As kernels call it."""
+    noise.draw(key, arrays, np.uint64(0), m, scratch)
+
+
 def test_numbers_of_a_column_are_those_of_its_pairs():
     """Drawn together, with tails (one in thirty) and in any order of the beads: the same bits."""
     rng, n, m = np.random.default_rng(8), 2000, 5000
@@ -196,7 +202,7 @@ def test_numbers_of_a_column_are_those_of_its_pairs():
     arrays = pairs.arrays._replace(pi=first.astype(np.uint32), pj=second.astype(np.uint32))
     scratch = Scratch(np.zeros((4, m + 1)), np.zeros(m + 1, np.uint64), np.zeros(m + 1, np.uint32))
     key = noise.call_key(3, 4)
-    noise.draw(key, arrays, np.uint64(0), np.uint64(m), scratch)
+    _of_a_column(key, arrays, np.uint64(m), scratch)
     one_by_one = np.empty(m)
     _of_pairs(key, pairs.order[first], pairs.order[second], one_by_one)
     assert np.array_equal(scratch.values[3, :m], one_by_one)
