@@ -232,9 +232,7 @@ def make_plan(
     double, driven = platform in DOUBLE_PLATFORMS, any(wall.driven for wall in scene.walls)
     check_driven(scene, chosen, tables, thermostat)
     only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
-    engine_name, why_engine = chosen_engine(
-        engine, platform, chosen, kinds, thermostat, scene.n_beads, scene.interacting is not None, driven
-    )
+    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, driven)
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, longest(layers))
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
