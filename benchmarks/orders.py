@@ -6,7 +6,7 @@ their own: R kicks with friction and noise as forces, of one random number per p
 the probability (friction times step) that makes the viscosity similar (Lowe, Europhys. Lett. 47, 145 (1999)); N and P are sweeps with a friction
 that follows the temperature of the pairs, N of that alone (pairwise Nose-Hoover-Langevin: Leimkuhler and Shang, J. Comput. Phys. 280, 72
 (2015)), P of that added to the fluid's (pairwise adaptive Langevin: the same, J. Comput. Phys. 324, 174 (2016)); their order of substeps is
-that of aboba.  Prints Markdown tables and puts them into docs/atlas.md and, of the published methods, docs/schemes.md.
+that of aboba, our choice.  Prints Markdown tables and puts them into docs/atlas.md and, of the published methods, docs/schemes.md.
 
     python benchmarks/orders.py                # three quarters of an hour on one core
     python benchmarks/orders.py --time 50      # a look
