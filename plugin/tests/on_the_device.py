@@ -3,8 +3,6 @@
 PYTHONPATH=plugin/tests pytest -q -p on_the_device -m "not slow" $(python plugin/tests/on_the_device.py)
 """
 
-from itertools import product
-
 import pytest
 
 #: Forces, constraints and barostats of others, every setter, reporters, restarts, errors.  Not here: what runs decks in processes of their own
@@ -22,11 +20,6 @@ DIFFERENT = {
     "test_ctrl_c_is_a_keyboard_interrupt": "it interrupts a force of the host",
     "test_methods_of_system_context_and_integrator[setIntegrationForceGroups-whole]": "whole steps on the device refuse it, as programs do",
     "test_a_system_in_xml_stays_small": "it looks into a force of the host",
-}
-#: Beside a word, forces of others kick around whole steps, as in the host's loops: the same step in `middle` only.
-DIFFERENT |= {
-    f"test_a_bond_is_a_bond_whoever_makes_it[{group}-{place}-{platform}-{scheme}]": "a force of OpenMM's kicks around whole steps"
-    for group, place, platform, scheme in product((0, 7, 30), ("openmm", "kernel"), ("Reference", "CPU"), ("shardlow", "aboba", "bababo"))
 }
 
 
