@@ -12,6 +12,7 @@ import openmm
 from ..base.errors import PlanError
 from ..base.platforms import opencl_is_a_gpu
 from ..kernels.engines import EngineKind, engine_kind, register_engine
+from ..model.scene import Scene
 from ..model.schemes import Scheme
 from .forces.device_force import why_no_plugin
 from .kinds import Kind
@@ -52,10 +53,9 @@ def is_gpu(platform: str | None) -> bool:
 
 
 def chosen_engine(
-    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, beads: int, partial: bool, driven: bool
+    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, scene: Scene, driven: bool
 ) -> tuple[str, str]:
-    """Name of the engine, and why it is that one; ``partial``: on some beads only body forces act; ``driven``: walls move or have
-    something behind them.
+    """Name of the engine, and why it is that one; ``driven``: walls move or have something behind them.
 
     Raises
     ------
@@ -71,10 +71,11 @@ def chosen_engine(
         "OpenMM's own integrator steps": scheme.native,
         "there is no friction and no noise": not thermostat,
         f"it has no {beyond}": beyond is not None,
-        "it has no beads on which only body forces act": partial,
+        "it has no beads on which only body forces act": scene.interacting is not None,
+        "it has no Lees-Edwards shear": scene.shear is not None,
         "it has no walls that move or have something behind them": driven,
         "it has no several tables": len(kinds) > 1,
-        f"it takes no more than {MOST_BEADS:,} beads": beads > MOST_BEADS,
+        f"it takes no more than {MOST_BEADS:,} beads": scene.n_beads > MOST_BEADS,
     }
     reason = next((reason for reason, holds in reasons.items() if holds), None) or why_no_plugin(platform)
     if reason is None:

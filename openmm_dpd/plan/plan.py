@@ -186,7 +186,8 @@ def make_plan(
         Whether the kernel carries out many whole steps at once where it can: where it holds every fast force of the scene, on the CPU and
         Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums of many charges,
         formulas of the position, forces added to the System) then kick before and after each step, and a barostat acts at the end
-        of up to ten steps.  Otherwise the program does one step at a time.
+        of up to ten steps.  Otherwise the program does one step at a time, and all forces kick at every ``B``.  On the device steps are
+        whole ones either way, and this says where such forces kick.
     slow_every : int, default 1
         In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
         Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
@@ -232,9 +233,7 @@ def make_plan(
     double, driven = platform in DOUBLE_PLATFORMS, any(wall.driven for wall in scene.walls)
     check_driven(scene, chosen, tables, thermostat)
     only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
-    engine_name, why_engine = chosen_engine(
-        engine, platform, chosen, kinds, thermostat, scene.n_beads, scene.interacting is not None, driven
-    )
+    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, driven)
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, longest(layers))
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
@@ -258,6 +257,7 @@ def make_plan(
         conservative=where,
         held=held,
         precision="double" if double else "single",
+        slow=whole and loop and host is None,
         why={
             "engine": why_engine,
             "steps": no_loop or "the pair kernel holds all fast forces",

@@ -485,12 +485,17 @@ def test_without_the_plugin_all_is_as_before(gpu, monkeypatch):
         dpd.build(scene, dt=0.01, platform="CPU", engine="device")
 
 
+MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.Wall("z", 3.5, "below", "bounce-back")]
+
+
 @pytest.mark.parametrize(
     "scene, scheme, reason",
     [
         (lambda: fluid({("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5)}, BOX, n=40), "middle", "it has no MDPD"),
         (lambda: fluid(PLAIN, BOX, n=40), "native", "OpenMM's own integrator steps"),
         (lambda: fluid({("*", "*"): D(A=25)}, BOX, n=40), "middle", "there is no friction and no noise"),
+        (lambda: fluid(PLAIN, BOX, n=40, shear=dpd.LeesEdwards(rate=0.1)), "middle", "it has no Lees-Edwards shear"),
+        (lambda: beads(40, positions=1 + np.random.default_rng(1).random((40, 3)) * 2, edge=5.0, walls=MOVING), "middle", "it has no walls that move or have something behind them"),
     ],
 )
 def test_what_it_cannot_is_refused_by_name(scene, scheme, reason, exact):
