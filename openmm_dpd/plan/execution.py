@@ -30,6 +30,8 @@ class Execution:
         ("harmonic bonds"), "overlays", "segments", "body forces", "walls" and "charges".
     precision : {"double", "single"}
         What positions, velocities and forces of the platform have at least.
+    slow : bool
+        On the device: whether charges and forces of others kick before and after a step, as beside the loop, and not at every ``B``.
     why : dict
         The reason for "engine", "steps", "conservative" and "precision", and for whatever is held or could be.
     """
@@ -39,6 +41,7 @@ class Execution:
     held: frozenset[str] = frozenset()
     precision: str = "double"
     engine: str = "host"
+    slow: bool = False
     why: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     @property

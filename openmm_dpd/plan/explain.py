@@ -155,7 +155,7 @@ def _execution_lines(plan: Plan) -> list[str]:
         lines.append(f"friction and noise: {plan.engine.what}{behind}" + (", with transverse terms" if transverse else ""))
     often = "each step" if options.slow_every == 1 else f"every {options.slow_every} steps"
     loop = f"many at once in compiled loops; other forces of OpenMM kick before and after {often}, a barostat acts behind them"
-    beside = "charges and forces of others kick before and after each" if plan.host is None else "all forces of the System kick at every B"
+    beside = "charges and forces of others kick before and after each" if execution.slow else "all forces of the System kick at every B"
     device = f"whole ones on the device; {beside}"
     steps = {"loop": loop, "program": "one by one, by the program", "openmm": "one by one", "device": device}
     lines.append(f"steps: {steps[execution.steps]} ({execution.why['steps']})")

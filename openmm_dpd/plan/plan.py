@@ -186,7 +186,8 @@ def make_plan(
         Whether the kernel carries out many whole steps at once where it can: where it holds every fast force of the scene, on the CPU and
         Reference platforms, and on others if it holds the conservative force.  Forces that stay OpenMM's (lattice sums of many charges,
         formulas of the position, forces added to the System) then kick before and after each step, and a barostat acts at the end
-        of up to ten steps.  Otherwise the program does one step at a time.
+        of up to ten steps.  Otherwise the program does one step at a time, and all forces kick at every ``B``.  On the device steps are
+        whole ones either way, and this says where such forces kick.
     slow_every : int, default 1
         In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
         Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
@@ -256,6 +257,7 @@ def make_plan(
         conservative=where,
         held=held,
         precision="double" if double else "single",
+        slow=whole and loop and host is None,
         why={
             "engine": why_engine,
             "steps": no_loop or "the pair kernel holds all fast forces",

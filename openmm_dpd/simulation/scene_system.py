@@ -65,7 +65,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         whole = plan.execution.steps == "device"
         letters = () if not whole else (("V", options.lam),) if options.predicting else options.scheme.steps(options.thermostat)
         walls = planes(gaps(scene.walls, scene.box)) if whole and scene.walls else {}
-        slow = _slow_groups(plan, system) if whole and not options.predicting else ()
+        slow = _slow_groups(plan, system) if plan.execution.slow and not options.predicting else ()
         system.addForce(device_force(plan.spec, letters, walls, slow, options=options, integrator=integrator, periodic=periodic))
     if options.scheme.native:
         system.addForce(native_marker(options, integrator, periodic))
@@ -74,11 +74,11 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
 
 def _slow_groups(plan: Plan, system: openmm.System) -> set[int]:
     """Groups of forces that kick before and after a whole step on the device, as they do beside the host's loop: sums over charges, and all
-    that are free for forces of others.  Those of a System made elsewhere act at every ``B``."""
+    that are free for forces of others."""
     letters, ends = plan.options.scheme.steps(plan.options.thermostat), plan.options.slow_kicks
     kicks = {n: part for n, (letter, part) in enumerate(letters) if letter == "B"}
-    if plan.host is not None or kicks == {n: part for n, part in zip((0, len(letters) - 1), ends, strict=True) if part}:
-        return set()  # or all kicks are at the ends: one evaluation serves both
+    if kicks == {n: part for n, part in zip((0, len(letters) - 1), ends, strict=True) if part}:
+        return set()  # all kicks are at the ends: one evaluation serves both
     fast = {force.getForceGroup() for force in system.getForces()} - {COULOMB_GROUP, LATTICE_GROUP}
     return set(range(PAIR_GROUP)) - fast
 

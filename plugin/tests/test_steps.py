@@ -485,7 +485,7 @@ def test_without_the_plugin_all_is_as_before(gpu, monkeypatch):
         dpd.build(scene, dt=0.01, platform="CPU", engine="device")
 
 
-MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.Wall("z", 3.0, "below", "bounce-back")]
+MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.Wall("z", 3.5, "below", "bounce-back")]
 
 
 @pytest.mark.parametrize(
@@ -495,7 +495,11 @@ MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.
         (lambda: fluid(PLAIN, BOX, n=40), "native", "OpenMM's own integrator steps"),
         (lambda: fluid({("*", "*"): D(A=25)}, BOX, n=40), "middle", "there is no friction and no noise"),
         (lambda: fluid(PLAIN, BOX, n=40, shear=dpd.LeesEdwards(rate=0.1)), "middle", "it has no Lees-Edwards shear"),
-        (lambda: fluid(PLAIN, BOX, n=40, walls=MOVING), "middle", "it has no walls that move or have something behind them"),
+        (
+            lambda: beads(40, positions=1 + np.random.default_rng(1).random((40, 3)) * 2, edge=5.0, walls=MOVING),
+            "middle",
+            "it has no walls that move or have something behind them",
+        ),
     ],
 )
 def test_what_it_cannot_is_refused_by_name(scene, scheme, reason, exact):
