@@ -380,7 +380,7 @@ def test_reporter_gives_the_impulses():
 
 @pytest.mark.slow
 @any_seed(1)
-@cases("gamma, published", (4.5, 0.85), (40.5, 1.49))
+@pytest.mark.parametrize("gamma, published", [(4.5, 0.85), pytest.param(40.5, 1.49, marks=pytest.mark.long)])
 def test_couette_flow(gamma, published, seed):
     """Shear rate within 2 % of the imposed one, density within 3 % from half a cutoff on, temperature within 1 %, viscosity within 4 %,
     each and their standard errors: a step of 0.03 in a channel of 10."""

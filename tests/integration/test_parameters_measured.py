@@ -39,7 +39,7 @@ def test_water_is_as_compressible_as_water(seed):
 
 @pytest.mark.slow
 @any_seed(9)
-@pytest.mark.parametrize("density", [3.0, 5.0])
+@pytest.mark.parametrize("density", [3.0, pytest.param(5.0, marks=pytest.mark.long)])
 def test_two_fluids_demix_as_their_chi_says(density, seed):
     dA = repulsion_from_chi(3.5, density)
     found, error = demixing.demixed_chi(demixing.Model(density), dA.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=seed)
