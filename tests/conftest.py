@@ -14,6 +14,7 @@ import numba
 import pytest
 from devices import DEVICES, MARKS, Device, available
 
+from openmm_dpd.kernels import threads
 from openmm_dpd.kernels.threads import set_threads
 
 
@@ -39,9 +40,11 @@ def host(request) -> Device:
 
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
-    """The kernel uses one thread unless a test asks for more."""
+    """The kernel uses one thread unless a test asks for more, and then for few beads, too."""
     set_threads(1)
+    least, threads.LEAST = threads.LEAST, 1
     yield
+    threads.LEAST = least
     set_threads(None)
 
 

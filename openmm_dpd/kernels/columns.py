@@ -24,7 +24,6 @@ from .listing import list_column
 from .native import Kernel
 from .pairs import PairList, Scratch
 from .team import meet
-from .threads import get_threads
 
 
 class Totals(NamedTuple):
@@ -210,7 +209,7 @@ def over_pairs(
             if tensor:
                 arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
             space = pairs.scratch, pairs.shares, source
-            if not loop(arrays, data, *space, sums, parts=get_threads() if parallel else 1, memory=pairs.memory):
+            if not loop(arrays, data, *space, sums, parts=pairs.threads if parallel else 1, memory=pairs.memory):
                 break
             pairs.make_passing_room()
         stress = None

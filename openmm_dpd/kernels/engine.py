@@ -15,7 +15,6 @@ from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
 from .notice import announced
 from .pairs import MANY
-from .threads import get_threads
 
 
 class PairEngine(Engine):
@@ -198,7 +197,7 @@ _MODELS = {
 def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
     """Compile the kernels that steps of ``spec`` need (or load them from the cache), with a notice for each kind of model."""
     tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
-    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, get_threads() > 1, _are_many(spec), spec.sheared)
+    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, _are_many(spec), spec.sheared)
     if not spec.terms or kinds in _WARM:
         return
     models = " and ".join(dict.fromkeys(_MODELS.get(type(table).__name__, "pair terms") for table in spec.terms))

@@ -224,14 +224,10 @@ class TermEvaluator:
 
 
 def warm_up_extras(extras: Sequence[Extra]) -> None:
-    """Compile what these need (or load it from the cache), for one thread, and for several if there are."""
+    """Compile what these need, or load it from the cache."""
     for extra in extras:
         small, x, box = extra.few()
         evaluator = small.evaluator()
         with announced(f"{extra.term} forces", 25 if extra.term == "electrostatic" else 5, LOGGER.warning):
             with suppress(RunError):  # what the numbers are is of no consequence
                 evaluator.add_to(x, box, np.zeros_like(x), 1.0)
-            if get_threads() > 1 and hasattr(evaluator, "fewest"):
-                evaluator.fewest = 0
-                with suppress(RunError):
-                    evaluator.add_to(x, box, np.zeros_like(x), 1.0)

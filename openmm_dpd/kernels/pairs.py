@@ -9,7 +9,7 @@ from ..base.geometry import widths
 from ..base.wording import bead_number
 from . import cells, listing
 from .native import Memory
-from .threads import get_threads
+from .threads import threads_for
 
 #: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
 MANY = 50_000
@@ -134,6 +134,11 @@ class PairList:
         self.cutoff, self._cut2, self._grid, self._source = longest, squares, None, None
 
     @property
+    def threads(self) -> int:
+        """How many threads share the work."""
+        return threads_for(len(self.beads))
+
+    @property
     def alike(self) -> bool:
         """Whether all pairs have the same types and the factor 1."""
         return self.ntypes == 1 and not len(self.exceptions[0])
@@ -187,7 +192,7 @@ class PairList:
         """The same where each thread has room for one column."""
         found = int(self._stored.found.max())
         most = found + found // 8 + 48
-        self._passing, self._longest = self._room(get_threads() * most), max(self._longest, most)
+        self._passing, self._longest = self._room(self.threads * most), max(self._longest, most)
 
     def bin(self, x: np.ndarray, grid: cells.Grid, chunks: int) -> None:
         """Sort the beads into cells; the threads share them in so many chunks."""
@@ -226,7 +231,7 @@ class PairList:
 
     def build(self, x: np.ndarray, box: np.ndarray | None) -> None:
         """Sort the beads at the positions x (N, 3), and list their pairs if loops will not do so."""
-        self._complete, threads, grid = False, get_threads(), self.grid(x, box)
+        self._complete, threads, grid = False, self.threads, self.grid(x, box)
         self._resize((grid.nx, grid.ny, grid.nz))
         self.bin(x, grid, threads)
         self._placed = grid
@@ -243,19 +248,19 @@ class PairList:
     def arrays(self) -> Pairs:
         """All pairs, as loops read them; not valid any more after the next :meth:`build`."""
         if not self._complete:
-            self.list(self._placed, get_threads())
+            self.list(self._placed, self.threads)
         return self._stored
 
     def passing(self) -> tuple[Pairs, listing.SortedCells]:
         """Room for the pairs of one column for each thread, and what a loop lists them from."""
         pi, pj, geometry, factors = self._passing
         roomy = self._stored._replace(pi=pi, pj=pj, geometry=geometry, factors=factors)
-        return roomy, self._listing(self._placed, get_threads())
+        return roomy, self._listing(self._placed, self.threads)
 
     @property
     def scratch(self) -> Scratch:
         """Space for the longest column, one for each thread."""
-        threads, longest = get_threads(), self._longest + 1
+        threads, longest = self.threads, self._longest + 1
         if self._scratch.tail.shape != (threads, longest):
             numbers = np.empty((threads, 6, longest)), np.empty((threads, longest), np.uint64)
             self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
@@ -264,7 +269,7 @@ class PairList:
     @property
     def shares(self) -> np.ndarray:
         """Space for the first column of each thread, and the end, in four colours."""
-        threads = get_threads()
+        threads = self.threads
         if self._shares.shape[1] != threads + 1:
             self._shares = np.zeros((4, threads + 1), np.int64)
         return self._shares

@@ -23,10 +23,8 @@ from .replay import play
 from .shear import add_flow, rate_at, sheared_box, strain_at
 from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
-from .threads import get_threads
+from .threads import threads_for
 
-#: From so many beads on several threads do better where what each works on lies together.
-SEATED = 500
 #: After so many steps beads have gone so far that they are put in order again.
 RESEATED = 100
 #: Pair updates of the letters that sweep.
@@ -68,7 +66,7 @@ class StepLoop:
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
         done = 0
-        if len(moment.x) >= SEATED and get_threads() > 1 and self.engine.number and self._repeats(moment, slow, n):
+        if threads_for(len(moment.x)) > 1 and self.engine.number and self._repeats(moment, slow, n):
             while done < n - 1 and (more := self._run_seated(moment, min(n - 1 - done, RESEATED))):
                 done += more
         self.carry_out(moment, n - done, slow)

@@ -1,4 +1,4 @@
-"""All kernels compiled ahead of the first run: a few steps of a small scene of each kind, with one thread and with all, and a sample."""
+"""All kernels compiled ahead of the first run: a few steps of a small scene of each kind, and a sample."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import PlanError
-from ..kernels.threads import get_threads, set_threads
 from ..model.angles import HarmonicAngles
 from ..model.bonds import HarmonicBonds
 from ..model.edpd import EDPD
@@ -51,17 +50,13 @@ def _scenes() -> Iterator[tuple[str, Scene]]:
 
 def warm(log: Callable[[str], None]) -> None:
     """Compile and keep what steps and samples of every kind of scene need; ``log`` gets a line for each."""
-    threads = get_threads()
     for name, scene in _scenes():
         log(name)
-        for count in {1, threads}:
-            set_threads(count)
-            for scheme in _SCHEMES:
-                try:
-                    built = build(scene, dt=1e-4, scheme=scheme, platform="CPU", seed=1)
-                except PlanError:  # not every kind runs with every scheme
-                    continue
-                simulation = built.simulation()
-                simulation.step(2)
-                Observer(built).sample(simulation.context)
-    set_threads(threads)
+        for scheme in _SCHEMES:
+            try:
+                built = build(scene, dt=1e-4, scheme=scheme, platform="CPU", seed=1)
+            except PlanError:  # not every kind runs with every scheme
+                continue
+            simulation = built.simulation()
+            simulation.step(4)
+            Observer(built).sample(simulation.context)

@@ -45,7 +45,6 @@ def together(monkeypatch, two_threads):
     """Two threads, and beads in the order of their cells, whatever the clock says about the cores."""
     monkeypatch.setattr(thread_count, "_WATCH", thread_count._Watch())
     monkeypatch.setattr(thread_count._Watch, "REST", -1.0)
-    monkeypatch.setattr(steps, "SEATED", 1)
     monkeypatch.setattr(steps, "RESEATED", 7)
 
 
