@@ -11,10 +11,7 @@ import numpy as np
 
 from .compiled import compiled, helper, inlined, renamed
 from .native import Kernel
-from .threads import get_threads
-
-#: Fewer beads than this are not worth waking a second thread for.
-FEW = 4000
+from .threads import threads_for
 
 
 def _over_beads(beads, counts, arguments, part, parts, team):
@@ -37,7 +34,7 @@ def over_beads(function: Callable, counts: bool = False) -> Callable:
     kernel = Kernel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
 
     def call(first, *others):
-        parts = get_threads() if first.size >= 3 * FEW else 1
+        parts = threads_for(first.size // 3)
         found = np.zeros(parts, np.int64)
         kernel(len(first), found, (first, *others), parts=parts)
         return sum(found.tolist()) if counts else None
