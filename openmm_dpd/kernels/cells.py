@@ -15,6 +15,10 @@ from .native import Kernel
 from .team import meet
 
 
+#: Few cells have more beads.
+_FEW, _ONE = np.uint64(8), np.uint64(1)
+
+
 class Grid(NamedTuple):
     """Cells of equal size."""
 
@@ -79,37 +83,47 @@ def _count_chunk(x, beads, grid, scratch, chunk):
 
 
 @helper
-def _place_chunk(beads, scratch, chunk, seats):
-    """Write down which beads of one chunk belong where."""
-    cell, place = scratch.cell, scratch.place[chunk]
+def _place_chunk(beads, names, scratch, chunk):
+    """Write down which beads of one chunk belong where; and their numbers, and the cells of these, if they are not sorted by them."""
+    cell, place, rows = scratch.cell, scratch.place[chunk], scratch.rows
     m, chunks = len(beads), len(scratch.place)
     for k in range(np.uint64(m * chunk // chunks), np.uint64(m * (chunk + 1) // chunks)):
         n = place[cell[k]]
         place[cell[k]] = n + np.uint32(1)
-        seats[n] = k
+        rows[n] = k
+        if len(names):
+            scratch.numbers[n + _FEW], scratch.cells[n + _FEW] = names[beads[k]], cell[k]
 
 
 @helper
-def _by_number(beads, names, seats, begin, end):
-    """Sort the few beads of a cell by their numbers."""
-    one = np.uint64(1)
-    for n in range(begin + one, end):
-        k, m = seats[n], np.uint64(n)
-        while m > begin and names[beads[seats[m - one]]] > names[beads[k]]:
-            seats[m] = seats[m - one]
-            m -= one
-        seats[m] = k
+def _sort_cells(numbers, cells, count, first, last, to):
+    """Where the beads of the places in these cells go, so that they are in the order of their numbers in each.  Most cells have few beads:
+    then each is compared with as many places before and behind, without a branch, so that several are treated at once."""
+    for place in range(np.uint64(count[first]), np.uint64(count[last])):
+        at, n = place + _FEW, np.uint32(place)
+        for q in range(_ONE, _FEW):
+            n -= np.uint32((cells[at - q] == cells[at]) & (numbers[at - q] > numbers[at]))
+            n += np.uint32((cells[at + q] == cells[at]) & (numbers[at + q] < numbers[at]))
+        to[place] = n
+    for k in range(np.uint64(first), np.uint64(last)):
+        begin, end = np.uint64(count[k]), np.uint64(count[k + 1])
+        for place in range(begin, end if end - begin > _FEW else begin):
+            n = np.uint32(begin)
+            for other in range(begin, end):
+                n += np.uint32(numbers[other + _FEW] < numbers[place + _FEW])
+            to[place] = n
 
 
 @helper
-def _fill_in(beads, names, wrapped, begin, end, order, seats, xs, of_beads, sorted_types, sorted_inv_mass):
-    """Put the sorted beads from begin to end where they belong."""
-    for n in range(begin, end):
-        k = seats[n]
-        i = beads[k]
+def _fill_in(beads, scratch, begin, end, named, order, seats, xs, of_beads, sorted_types, sorted_inv_mass):
+    """Put the beads of the places from begin to end where they belong."""
+    wrapped, rows = scratch.wrapped, scratch.rows
+    for place in range(np.uint64(begin), np.uint64(end)):
+        k = rows[place]
+        i, n = beads[k], np.uint64(scratch.to[place]) if named else place
         xs[0, n], xs[1, n], xs[2, n] = wrapped[0, k], wrapped[1, k], wrapped[2, k]
         seats[n] = i
-        order[n] = names[i] if len(names) else i
+        order[n] = scratch.numbers[place + _FEW] if named else i
         if len(of_beads.types):
             sorted_types[n] = of_beads.types[i]
         if len(of_beads.inv_mass):
@@ -124,20 +138,25 @@ class OfBeads(NamedTuple):
 
 
 class CellScratch(NamedTuple):
-    """For M beads in as many chunks as the threads share them in: cell (M,), wrapped (3, M), place (chunks, ncells), usable and beads_in
-    (chunks,)."""
+    """For M beads in as many chunks as the threads share them in."""
 
-    cell: np.ndarray
-    wrapped: np.ndarray
-    place: np.ndarray
-    usable: np.ndarray
+    cell: np.ndarray  #: (M,)
+    wrapped: np.ndarray  #: (3, M)
+    rows: np.ndarray  #: (M,) the bead that was put in each place
+    numbers: np.ndarray  # numbers, cells: (M + 2 FEW,) its number and its cell; no place has the first and last FEW
+    cells: np.ndarray
+    to: np.ndarray  #: (M,) the place that its number gives it
+    place: np.ndarray  #: (chunks, ncells)
+    usable: np.ndarray  # usable, beads_in: (chunks,)
     beads_in: np.ndarray
 
 
 def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
     """Scratch of its sizes."""
     of_chunks = np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_), np.zeros(chunks, np.uint32)
-    return CellScratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), *of_chunks)
+    padded = beads + 2 * int(_FEW)
+    of_places = np.zeros(beads, np.uint32), np.zeros(padded, np.uint32), np.full(padded, 2**32 - 1, np.uint32), np.zeros(beads, np.uint32)
+    return CellScratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), *of_places, *of_chunks)
 
 
 @helper
@@ -207,14 +226,13 @@ def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs
         count[cells] = len(beads)
     meet(team, parts)
     for chunk in range(part, len(usable), parts):
-        _place_chunk(beads, scratch, chunk, seats)
+        _place_chunk(beads, names, scratch, chunk)
     meet(team, parts)
     if part == 0:
         found[0] = most_near(count, grid.nx * grid.ny)
     if len(names):
-        for cell in range(first, last):
-            _by_number(beads, names, seats, count[cell], count[cell + 1])
-    _fill_in(beads, names, scratch.wrapped, count[first], count[last], order, seats, xs, of_beads, sorted_types, sorted_inv_mass)
+        _sort_cells(scratch.numbers, scratch.cells, count, first, last, scratch.to)
+    _fill_in(beads, scratch, count[first], count[last], len(names) > 0, order, seats, xs, of_beads, sorted_types, sorted_inv_mass)
     return 0
 
 

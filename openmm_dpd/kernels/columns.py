@@ -20,7 +20,7 @@ from numba import types
 from numba.extending import overload
 
 from .compiled import BARE, helper, inlined, renamed
-from .listing import list_column
+from .listing import list_column, share_out
 from .native import Kernel
 from .pairs import PairList, Scratch
 from .team import meet
@@ -57,34 +57,6 @@ def _with(tensor, g, n, virial):
 @helper
 def nothing(pairs, data, begin, m, scratch):
     """There is nothing that can be done for many pairs at once."""
-
-
-@inlined
-def _work_in(pairs, block):
-    """About as many pairs as a block has, and one more for each column: as many as were found there last."""
-    work = np.int64(0)
-    for task in range(pairs.block_start[block], pairs.block_start[block + 1]):
-        work += np.int64(pairs.found[pairs.columns[task]]) + 1
-    return work
-
-
-@helper
-def _share_out(pairs, shares, parts):
-    """Write the first column of each thread, and the end, in each colour: each gets about as much work.  It is done before all else, since
-    loops that list pairs write how many there are."""
-    for colour in range(len(pairs.colour_start) - 1):
-        begin, end = pairs.colour_start[colour], pairs.colour_start[colour + 1]
-        work, passed, part = 0, 0, 1
-        for block in range(begin, end):
-            work += _work_in(pairs, block)
-        shares[colour, :] = pairs.block_start[end]
-        shares[colour, 0] = pairs.block_start[begin]
-        for block in range(begin, end):
-            here = _work_in(pairs, block)
-            while part < parts and parts * (2 * passed + here) >= 2 * work * part:
-                shares[colour, part] = pairs.block_start[block]
-                part += 1
-            passed += here
 
 
 @helper
@@ -142,7 +114,7 @@ def _enough(pairs, source):
 def _over_pairs(pairs, data, scratch, shares, source, found, part, parts, team):
     begin, end = len(pairs.order) * part // parts, len(pairs.order) * (part + 1) // parts
     if part == 0:
-        _share_out(pairs, shares, parts)
+        share_out(pairs, shares, parts)
     if _BEGINS:
         _first(pairs, data, begin, end)
     for colour in range(len(pairs.colour_start) - 1):

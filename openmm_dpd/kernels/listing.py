@@ -24,6 +24,8 @@ _WORD, _ONE, _STEP = np.uint64(64), np.uint64(1), np.uint64(LANES)
 _USUAL = np.uint64(8)
 #: So many hits are collected before they are looked at together.
 _BATCH = 2048
+#: Numbers on two lines of the processor's cache, which come together.
+LINE = 16
 
 
 class SortedCells(NamedTuple):
@@ -65,8 +67,9 @@ def space_for(parts: int, nx: int, most: int) -> tuple[np.ndarray, ...]:
     beads, hits = (parts, most + 64), (parts, most + 64 + _BATCH)
     copied = np.zeros((parts, 3, most + 64)), np.zeros(beads, np.uint32)
     found = np.empty(hits, np.uint32), np.empty(hits, np.uint32), np.empty(hits)
-    ends = np.empty((parts, nx + 3), np.uint64), np.empty((parts, nx + 3), np.uint64)
-    return *copied, *found, *ends, np.empty((parts, 5), np.int64), np.empty((parts, 5, 3))
+    # what is short has room behind it: threads that write on one line of the cache wait for each other all the time
+    ends = np.empty((parts, nx + 3 + LINE), np.uint64), np.empty((parts, nx + 3 + LINE), np.uint64)
+    return *copied, *found, *ends, np.empty((parts, 5 + LINE), np.int64), np.empty((parts, 5 + LINE, 3))
 
 
 @inlined
@@ -251,15 +254,49 @@ def list_column(pairs, source, part, column, begin, room):
     return _flush(source, order, types, near, bead, hits, m, n, room, pairs) - begin
 
 
-def _list_pairs(pairs, source, part, parts, team):
+@inlined
+def _work_in(pairs, block):
+    """About as many pairs as a block has, and one more for each column: as many as it has room for, or where pairs are not stored as many
+    as were found there last."""
+    work, stored = np.int64(0), pairs.start[-1] != 0
+    for task in range(pairs.block_start[block], pairs.block_start[block + 1]):
+        column = pairs.columns[task]
+        work += np.int64(pairs.start[column + 1] - pairs.start[column] if stored else pairs.found[column]) + 1
+    return work
+
+
+@helper
+def share_out(pairs, shares, parts):
+    """Write the first column of each thread, and the end, in each colour: each gets about as much work.  The same ones as long as the room
+    is the same, so that a thread finds the pairs that it has listed itself in its own cache."""
+    for colour in range(len(pairs.colour_start) - 1):
+        begin, end = pairs.colour_start[colour], pairs.colour_start[colour + 1]
+        work, passed, part = 0, 0, 1
+        for block in range(begin, end):
+            work += _work_in(pairs, block)
+        shares[colour, :] = pairs.block_start[end]
+        shares[colour, 0] = pairs.block_start[begin]
+        for block in range(begin, end):
+            here = _work_in(pairs, block)
+            while part < parts and parts * (2 * passed + here) >= 2 * work * part:
+                shares[colour, part] = pairs.block_start[block]
+                part += 1
+            passed += here
+
+
+def _list_pairs(pairs, source, shares, part, parts, team):
     """List all pairs; the threads share the columns.  Returns 1 where there was too little room for them or for the beads near a column."""
     if most_near(source.cells, source.nx * source.ny) + 64 > source.bead.shape[1]:
         return 1
-    columns = source.ny * source.nz
-    for column in range(columns * part // parts, columns * (part + 1) // parts):
-        pairs.found[column] = list_column(pairs, source, part, column, pairs.start[column], pairs.start[column + 1])
+    if part == 0:
+        share_out(pairs, shares, parts)
     meet(team, parts)
-    for column in range(columns):
+    for colour in range(len(pairs.colour_start) - 1):
+        for task in range(shares[colour, part], shares[colour, part + 1]):
+            column = pairs.columns[task]
+            pairs.found[column] = list_column(pairs, source, part, column, pairs.start[column], pairs.start[column + 1])
+    meet(team, parts)
+    for column in range(len(pairs.found)):
         if pairs.found[column] > pairs.start[column + 1] - pairs.start[column]:
             return 1
     return 0

@@ -209,7 +209,7 @@ class PairList:
     def _listing(self, grid: cells.Grid, parts: int) -> listing.SortedCells:
         """What the pairs of the sorted beads are listed from, by so many threads."""
         now = self._source
-        fits = now is not None and now.own.shape == (parts, grid.nx + 3) and now.bead.shape[1] >= self._near + 64
+        fits = now is not None and now.own.shape == (parts, grid.nx + 3 + listing.LINE) and now.bead.shape[1] >= self._near + 64
         if now is None or not fits or now.box is not grid.box:
             rule = self._cut2, self.cutoff**2, self.ntypes, *self.exceptions
             space = now[-9:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
@@ -223,7 +223,7 @@ class PairList:
             if grid.periodic and self._shape == (1, 1, 1):
                 short = listing.list_pairs_small_box(self._stored, source)
             else:
-                short = listing.list_pairs(self._stored, source, parts=parts, memory=self.memory)
+                short = listing.list_pairs(self._stored, source, self.shares, parts=parts, memory=self.memory)
             if not short:
                 break
             self._make_room()
