@@ -21,7 +21,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 import openmm_dpd as dpd  # noqa: E402
-from openmm_dpd.kernels import replay, steps  # noqa: E402
+from openmm_dpd.kernels.replay import Recording  # noqa: E402
+
+PLAY = Recording.play
 
 
 class Clock:
@@ -31,16 +33,15 @@ class Clock:
         self.names: list[str] = []
         self.spent, self.played, self.seconds = np.zeros((0, 0, 2)), 0, 0.0
 
-    def play(self, tape, counted, state, count):
-        """As :func:`openmm_dpd.kernels.replay.play`."""
-        threads = max(call.parts for call in tape.calls)
-        spent, begun = np.zeros((len(tape.calls), threads, 2), np.int64), time.perf_counter()
-        found = replay.play(tape, counted, state, count, spent)
+    def play(self, recording: Recording, counter: int, steps: int, heats: np.ndarray | None) -> tuple[int, bool]:
+        """As :meth:`openmm_dpd.kernels.replay.Recording.play`."""
+        threads = recording.threads
+        spent, begun = np.zeros((len(recording.names), threads, 2), np.int64), time.perf_counter()
+        found = PLAY(recording, counter, steps, heats, spent)
         if threads > 1 and not spent[:, 1].any():
             return found  # one of them did all: there were not cores enough
-        names = [call.layout.name for call in tape.calls]
-        if names != self.names or self.spent.shape != spent.shape:
-            self.names, self.spent, self.played, self.seconds = names, np.zeros(spent.shape), 0, 0.0
+        if recording.names != self.names or self.spent.shape != spent.shape:
+            self.names, self.spent, self.played, self.seconds = recording.names, np.zeros(spent.shape), 0, 0.0
         self.spent, self.played, self.seconds = self.spent + spent, self.played + found[0], self.seconds + time.perf_counter() - begun
         return found
 
@@ -56,11 +57,11 @@ def measured(scheme: str, beads: int, threads: int, count: int) -> tuple[list[st
     while time.perf_counter() < warm:
         simulation.step(100)
     clock = Clock()
-    steps.play = clock.play
+    Recording.play = lambda *arguments: clock.play(*arguments)  # type: ignore[method-assign]
     begun = time.perf_counter()
     simulation.step(count)
     whole = time.perf_counter() - begun
-    steps.play = replay.play
+    Recording.play = PLAY  # type: ignore[method-assign]
     if not clock.played:
         raise SystemExit(
             f"no step was played with {threads} thread(s): there are no cores for them, or the beads are too few, or 50,000 and more"

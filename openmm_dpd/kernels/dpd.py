@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from . import forces, sweeps
-from .forces import GAMMA
+from .forces import GAMMA, GAMMA_PERP, SIGMA, SIGMA_PERP
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .pairs import PairList
 
@@ -38,6 +38,15 @@ class TermTable:
         sigma = np.where(fixed_sigma, self.sigma, np.sqrt(2 * kT * np.where(fixed_sigma, 0.0, self.gamma)))
         perpendicular = self.gamma_perp, np.sqrt(2 * kT * self.gamma_perp)
         return table_of(self.A, self.cutoff, gamma, sigma, *perpendicular, self.exponent, self.exponent_perp)
+
+    def coefficients_at(self, heats: np.ndarray) -> np.ndarray | None:
+        """(S, T*T, 8) the same at S thermal energies, if sigma alone depends on them."""
+        if np.isnan(self.gamma).any():
+            return None
+        tables = np.repeat(self.coefficients(1.0)[None], len(heats), axis=0)
+        for sigma, gamma in ((SIGMA, GAMMA), (SIGMA_PERP, GAMMA_PERP)):
+            tables[:, :, sigma] = np.sqrt((2 * heats)[:, None] * tables[:, :, gamma])
+        return tables
 
     def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
@@ -97,6 +106,10 @@ class DPDLayer(SweptLayer):
         plain = bool(pairs.alike and table.exponent.flat[0] == 1.0)
         super().__init__(table, number, pairs, plain, bool(np.any(table.gamma_perp != 0.0)))
         self.parts_forces = not self._transverse
+
+    def tables(self, heats: np.ndarray) -> np.ndarray | None:
+        """See :class:`.interface.Engine`."""
+        return self.table.coefficients_at(heats)
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""

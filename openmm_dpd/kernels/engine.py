@@ -152,6 +152,10 @@ class PairEngine(Engine):
         parts = [*self.layers, *self.extras]
         return self._covered and not any(pairs.many for pairs in self.lists) and all(getattr(each, "repeats", False) for each in parts)
 
+    def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
+        """See :class:`.interface.Engine`."""
+        return self.layers[layer].tables(heats)  # type: ignore[attr-defined]  # all that repeat have it
+
     def sorted_beads(self) -> np.ndarray:
         """See :class:`.interface.Engine`."""
         return self.lists[0].order.copy()

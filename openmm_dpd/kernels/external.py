@@ -85,7 +85,9 @@ class BodyEvaluator:
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""
-        self._arguments = places[self.terms.beads], *self._arguments[1:]
+        if self._arguments[0] is self.terms.beads:
+            self._arguments = self.terms.beads.copy(), *self._arguments[1:]
+        self._arguments[0][...] = places[self.terms.beads]
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; the energy is 0 in a box, where -f.x would jump with a bead that is folded back."""

@@ -58,6 +58,10 @@ class Engine(Protocol):
         """Whether all that a step asks for is done by kernels on arrays that stay, so that it can be played again (:mod:`.tape`)."""
         return False
 
+    def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
+        """Coefficients (S, ...) of a layer at S thermal energies, None if more than noise depends on these; only where it repeats."""
+        raise NotImplementedError
+
     def sorted_beads(self) -> np.ndarray:
         """(N,) numbers of all beads, cell by cell, at the positions that were placed last; only where it repeats."""
         raise NotImplementedError

@@ -1,5 +1,6 @@
 """Steps that were recorded on a :class:`.tape.Tape`, played again in compiled code."""
 
+from collections.abc import Callable
 from struct import Struct
 
 import numpy as np
@@ -13,9 +14,10 @@ from .team import crowded, meet
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 
 
-def _play(calls, keys, kept, told, spent, steps, part, parts, team):
+def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, parts, team):
     """Do steps until one is not to be done, or threads are in each other's way.  Before each its state is kept; ``told`` has how many were
-    complete, whether a kernel said anything (at every other call in one place, since a thread may be one call ahead), and that.  ``spent``
+    complete, whether a kernel said anything (at every other call in one place, since a thread may be one call ahead), and that.  On a
+    ramp ``heats`` (steps,) are the bits of kT, and ``patches`` (P, steps) the words that go to the places ``patched``.  ``spent``
     (calls, threads, 2) has the time of each at work and waiting, if there is room."""
     for step in range(steps):
         if part == 0 and crowded(team, parts):
@@ -25,8 +27,11 @@ def _play(calls, keys, kept, told, spent, steps, part, parts, team):
                 put_word(kept[k, 1], n, word(kept[k, 0], n))
         for k in range(part, len(keys), parts):
             count = keys[k, 2] + np.uint64(step) * keys[k, 3]
-            key = next_key(next_key(next_key(keys[k, 1], count), keys[k, 4]), keys[k, 5])
+            heat = heats[step] if len(heats) else keys[k, 5]
+            key = next_key(next_key(next_key(keys[k, 1], count), keys[k, 4]), heat)
             put_word(np.int64(keys[k, 0]), 0, np.int64(key))
+        for k in range(part, len(patched), parts):
+            put_word(patched[k], 0, patches[k, step])
         meet(team, parts)
         if told[3] != 0:
             return 0
@@ -49,29 +54,73 @@ def _play(calls, keys, kept, told, spent, steps, part, parts, team):
 
 _play_kernel = Kernel(_play)
 _UNTIMED = np.zeros((0, 0, 2), np.int64)
+_CONSTANT = np.zeros(0, np.uint64), np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
 
 
-def play(tape: Tape, counted: int, state: list[np.ndarray], steps: int, spent: np.ndarray = _UNTIMED) -> tuple[int, bool]:
-    """Do up to so many steps like the recorded one, which has counted up the noise by ``counted``; returns how many were done, and whether
-    one more was begun.  ``state`` are the arrays, contiguous, of 64-bit numbers, that a step begins with; they are as after the last step
-    that was done.  ``spent`` is for who measures (benchmarks/profile_steps.py)."""
-    packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in tape.calls]
-    calls = np.array(
-        [(call.layout.address, words.ctypes.data, call.parts) for call, words in zip(tape.calls, packed, strict=True)], np.int64
-    )
-    keys = []
-    for call, words in zip(tape.calls, packed, strict=True):
-        place = call.layout.places.get("key")
-        made = None if place is None else tape.keys.get(int(words.view(np.uint64)[place]))
-        if place is not None and made is not None:
-            bits = _BITS.unpack(_NUMBER.pack(made.kT))[0]
-            keys.append((words[place:].ctypes.data, int(call_key(made.seed)), made.counted + counted, counted, made.layer, bits))
-    before = [array.copy() for array in state]
-    kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in zip(state, before, strict=True)], np.int64)
-    told = np.zeros(4, np.int64)
-    threads = max(call.parts for call in tape.calls)
-    begun = bool(_play_kernel(calls, np.array(keys, np.uint64).reshape(-1, 6), kept, told, spent, steps, parts=threads))
-    if begun:
-        for array, copy in zip(state, before, strict=True):
-            array[...] = copy
-    return int(told[0]), begun
+class Recording:
+    """A step that can be played again.
+
+    Parameters
+    ----------
+    tape : Tape
+        What it has called.
+    counter, counted : int
+        The counter of the noise before it, and by how much it has counted that up.
+    state : list of ndarray
+        Arrays, contiguous, of 64-bit numbers, that a step begins with.
+    tables : callable
+        (layer, kT (steps,)) -> its coefficients (steps, ...) at these thermal energies, or None where it cannot say.
+    """
+
+    def __init__(self, tape: Tape, counter: int, counted: int, state: list[np.ndarray], tables: Callable):
+        self.counted, self._tape, self._tables = counted, tape, tables
+        self._packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in tape.calls]
+        both = list(zip(tape.calls, self._packed, strict=True))
+        self._calls = np.array([(call.layout.address, words.ctypes.data, call.parts) for call, words in both], np.int64)
+        keys, self._heated = [], []
+        for call, words in both:
+            place = call.layout.places.get("key")
+            made = None if place is None else tape.keys.get(int(words.view(np.uint64)[place]))
+            if place is not None and made is not None:
+                bits = _BITS.unpack(_NUMBER.pack(made.kT))[0]
+                keys.append((words[place:].ctypes.data, int(call_key(made.seed)), made.counted - counter, counted, made.layer, bits))
+                self._heated.append((made.layer, {name: words[at:].ctypes.data for name, at in call.layout.places.items()}))
+        self._keys = np.array(keys, np.uint64).reshape(-1, 6)
+        self._state, self._before = state, [array.copy() for array in state]
+        both_states = zip(state, self._before, strict=True)
+        self._kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in both_states], np.int64)
+        self.threads, self.names = max(call.parts for call in tape.calls), [call.layout.name for call in tape.calls]
+
+    def play(self, counter: int, steps: int, heats: np.ndarray | None = None, spent: np.ndarray = _UNTIMED) -> tuple[int, bool]:
+        """Do up to so many steps like it, with this counter before them and thermal energies ``heats`` (steps,) if these change; returns how
+        many were done, and whether one more was begun.  The state is as after the last step that was done.  ``spent`` is for who measures
+        (benchmarks/profile_steps.py)."""
+        ramped = _CONSTANT if heats is None else self._ramped(heats)
+        if ramped is None:
+            return 0, False
+        keys, told = self._keys.copy(), np.zeros(4, np.int64)
+        keys[:, 2] += np.uint64(counter)
+        begun = bool(_play_kernel(self._calls, keys, *ramped[:3], self._kept, told, spent, steps, parts=self.threads))
+        if begun:
+            for array, copy in zip(self._state, self._before, strict=True):
+                array[...] = copy
+        return int(told[0]), begun
+
+    def _ramped(self, heats: np.ndarray) -> tuple | None:
+        """What changes with the thermal energy, as :func:`_play` has it (and what has to stay where it is); None where a kernel depends on
+        it in another way."""
+        if not heats.min() > 0.0:
+            return None
+        bits, patched, patches, tables = heats.view(np.int64), [], [], {}
+        for layer, places in self._heated:
+            if layer not in tables:
+                tables[layer] = self._tables(layer, heats)
+            table = tables[layer]
+            if table is None:
+                return None
+            patched.append(places["coefficients"])
+            patches.append(table.ctypes.data + table.strides[0] * np.arange(len(heats)))
+            if "kT" in places:
+                patched.append(places["kT"])
+                patches.append(bits)
+        return heats.view(np.uint64), np.array(patched, np.int64), np.array(patches, np.int64).reshape(-1, len(heats)), tables

@@ -19,14 +19,14 @@ from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, ramped_energy
-from .replay import play
+from .replay import Recording
 from .shear import add_flow, rate_at, sheared_box, strain_at
 from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
 from .threads import threads_for
 
 #: After so many steps beads have gone so far that they are put in order again.
-RESEATED = 100
+RESEATED = 200
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
 
@@ -39,6 +39,7 @@ class StepLoop:
     engine: Engine
     watch: Callable[[np.ndarray, Moment], None]  #: (velocities, moment) -> None; raises RunError if beads run away
     reach: float  #: It is asked where a bead has a component of the velocity with which it would go so far in a step, if it is hot as well
+    parts: bool = False  #: Whether it does parts of the runs of another one, in arrays of its own
     force: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -54,8 +55,11 @@ class StepLoop:
         self.moment: Moment | None = None
         self.tensor = self.parted = False
         self._last, self._held = False, np.zeros((0, 3))
-        #: does steps with beads in another order
+        #: does steps with beads in another order; room for moments, where it is such a one
         self._seated: StepLoop | None = None
+        self._room: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        #: a step that can be played again, the arrays it begins with, what was known before it, and conditions
+        self._recorded: tuple[Recording, list[np.ndarray], tuple, tuple] | None = None
         #: whether conservative forces depend on fields, which may change where positions do not
         self._acting = pairs.fields is not None and pairs.fields.acts
         #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
@@ -67,7 +71,7 @@ class StepLoop:
         """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
         done = 0
         if threads_for(len(moment.x)) > 1 and self.engine.number and self._repeats(moment, slow, n):
-            while done < n - 1 and (more := self._run_seated(moment, min(n - 1 - done, RESEATED))):
+            while n - done > 3 and (more := self._run_seated(moment, min(n - 1 - done, RESEATED))):
                 done += more
         self.carry_out(moment, n - done, slow)
 
@@ -75,11 +79,10 @@ class StepLoop:
         """Do steps with beads in the order of the cells they are in, so that what a thread works on lies together; returns n, or 0 if they
         failed."""
         if self._seated is None:
-            self._seated = StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach)  # type: ignore[call-arg]
+            self._seated = StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True)  # type: ignore[call-arg]
         loop = self._seated
         names = (loop.engine if loop.engine.number else self.engine).sorted_beads()
-        loop.seat(names, self.engine.body_scale)
-        there = replace(m, x=m.x[names], v=m.v[names], acc=None if m.acc is None else m.acc[names])
+        there = loop.seat(m, names, self.engine.body_scale)
         try:
             loop.carry_out(there, n, None)
         except RunError:  # it is to be said with the numbers of the beads
@@ -88,28 +91,42 @@ class StepLoop:
         if there.acc is not None:
             m.acc = np.empty_like(there.acc) if m.acc is None else m.acc
             m.acc[names] = there.acc
-        m.counter, m.time, m.slow_step = there.counter, there.time, there.slow_step
+        m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT
         return n
 
-    def seat(self, names: np.ndarray, body_scale: float) -> None:
-        """Take moments from now on with the bead of number ``names`` (N,) in each row."""
+    def seat(self, m: Moment, names: np.ndarray, body_scale: float) -> Moment:
+        """Take moments from now on with the bead of number ``names`` (N,) in each row; returns this one, in arrays that stay, as all that
+        belong to beads here: what was recorded can be played with them again."""
         self.engine.seat(names)
         self.engine.body_scale, self.forced = body_scale, -1
-        self.inv_mass = self.engine.spec.inv_mass[names]
-        self._inv_mass = np.repeat(self.inv_mass, 3)
+        if self._room is None:
+            self._room = np.empty_like(m.x), np.empty_like(m.x), np.empty_like(m.x)
+            self.inv_mass, self._inv_mass = self.inv_mass.copy(), self._inv_mass.copy()
+        np.take(self.engine.spec.inv_mass, names, out=self.inv_mass)
+        self._inv_mass.reshape(-1, 3)[...] = self.inv_mass[:, None]
+        for given, out in zip((m.x, m.v, m.acc), self._room, strict=True):
+            if given is not None:
+                np.take(given, names, axis=0, out=out)
+        return replace(m, x=self._room[0], v=self._room[1], acc=None if m.acc is None else self._room[2])
 
     def carry_out(self, moment: Moment, n: int, slow: SlowForces | None) -> None:
         """Do steps with beads where they are."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
-        done = 0
+        # the last step of a run is done here, so that all that belongs to it is there
+        done, last = 0, n if self.parts else n - 1
         try:
             self.moment = None
             self.placed = self.engine.holds(moment.x, moment.box)
-            force, done, played = None, 0, 0
+            force = None
             while done < n:
                 CTRL_C.check()
-                begun, counter, tape = self._known(moment), moment.counter, Tape() if self._repeats(moment, slow, n - done) else None
+                repeats = self._repeats(moment, slow, n - done)
+                if repeats and done < last and (played := self._play(moment, last - done)):
+                    done += played
+                    continue
+                begun, counter, tape = self._known(moment), moment.counter, Tape() if repeats else None
+                self._recorded = None
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
                     if self.spec.predicts and (moment.acc is None or self.spec.foresees):
@@ -119,38 +136,71 @@ class StepLoop:
                 with nullcontext() if tape is None else tape.recording():
                     step(moment)
                 if tape is not None and tape.smooth and begun == self._known(moment):
-                    played = self._play(moment, tape, moment.counter - counter, n - done - 2)
-                for _ in range(1 + played):
-                    moment.time += moment.dt
-                    moment.slow_step = (moment.slow_step + 1) % self.spec.slow_every
-                done, played = done + 1 + played, 0
+                    self._record(moment, tape, counter)
+                self._count(moment, 1)
+                done += 1
                 if slow is not None and moment.slow_step == 0:
                     force = slow(moment, done) if after or done < n else None
                     if after and force is not None:
                         self._move(moment, force, after * moment.dt)
-            if self.placed:
+            if self.placed and not self.parts:
                 self.engine.keep()
             self.moment = moment
         except RunError as error:
             error.steps_done = min(done, n - 1)  # type: ignore[attr-defined]
             raise
 
+    def _count(self, m: Moment, steps: int) -> None:
+        for _ in range(steps):
+            m.time += m.dt
+            m.slow_step = (m.slow_step + 1) % self.spec.slow_every
+
     def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:
         """Whether a step does what the one before it has done, with other noise, and so many are enough for that to pay."""
         spec = self.spec
-        plain = slow is None and spec.driven is None and spec.ramp is None and m.box is not None and m.sheared is None and m.values is None
+        plain = slow is None and spec.driven is None and m.box is not None and m.sheared is None and m.values is None
         return plain and steps > 2 and spec.lam == 0.5 and not len(self.still) and self.engine.repeats
 
     def _known(self, m: Moment) -> tuple[bool, bool, bool]:
         """What a step need not do, since it has been done."""
         return self.placed, self.forced == self.engine.number, m.acc is None
 
-    def _play(self, m: Moment, tape: Tape, counted: int, steps: int) -> int:
-        """Repeat a step; the last one of a run is left to Python, which then has all that belongs to it."""
-        played, begun = play(tape, counted, [m.x, m.v] if m.acc is None else [m.x, m.v, m.acc], steps)
-        m.counter += counted * played
+    def _conditions(self, m: Moment) -> tuple:
+        """What a recorded step depends on beside the arrays it begins with."""
+        box = None if m.box is None else m.box.tobytes()
+        return m.dt, None if self._heats(m) else m.kT, m.seed, box, self.engine.body_scale, threads_for(len(m.x))
+
+    def _record(self, m: Moment, tape: Tape, counter: int) -> None:
+        """Keep a step that can be repeated."""
+        state = [m.x, m.v] if m.acc is None else [m.x, m.v, m.acc]
+        recording = Recording(tape, counter, m.counter - counter, state, self.engine.tables)
+        self._recorded = recording, state, self._known(m), self._conditions(m)
+
+    def _play(self, m: Moment, steps: int) -> int:
+        """Repeat the recorded step, if there is one that fits; returns how many steps were done."""
+        if self._recorded is None:
+            return 0
+        recording, state, known, conditions = self._recorded
+        same = all(one is other for one, other in zip(state, (m.x, m.v, m.acc), strict=False))
+        if not same or known[2] != (m.acc is None) or conditions != self._conditions(m):
+            return 0
+        # where beads were given other seats
+        if known[0]:
+            self._place(m)
+        if known[1] and not self.spec.predicts:
+            self.conserve(m.values)
+        heats = None
+        if self._heats(m):
+            heats = np.array([ramped_energy(self.spec.ramp, m.ramped + 1.0 + k) for k in range(steps)])  # type: ignore[operator]
+        played, begun = recording.play(m.counter, steps, heats)
+        m.counter += recording.counted * played
+        self._count(m, played)
+        if heats is not None and played:
+            m.ramped, m.kT = m.ramped + played, float(heats[played - 1])  # type: ignore[operator]
         if begun:  # it has other lists
             self.placed, self.forced = False, -1
+        if played < steps:
+            self._recorded = None
         return played
 
     def _place(self, m: Moment) -> None:
@@ -215,7 +265,9 @@ class StepLoop:
 
     def _limit(self, m: Moment) -> float:
         """No bead runs away without a component of the velocity above this one."""
-        return max(self.reach / m.dt, FASTEST * self._slowest * math.sqrt(m.kT / 3.0))
+        ramp = self.spec.ramp
+        kT = m.kT if ramp is None else min(m.kT, ramp.kT_start, ramp.kT_end)  # the same one as long as it acts
+        return max(self.reach / m.dt, FASTEST * self._slowest * math.sqrt(kT / 3.0))
 
     def _shear(self, m: Moment, time: float) -> tuple[float, float]:
         """Slide the images for a time; returns what the rate of the flow changes by before and after beads drift for that time, so that
@@ -299,9 +351,14 @@ class StepLoop:
 
     def _warm(self, m: Moment) -> None:
         """The thermal energy of this step."""
-        if self.spec.ramp is not None and m.ramped is not None and self.spec.thermostat:
+        if self._heats(m):
+            assert m.ramped is not None
             m.ramped += 1.0
             m.kT = ramped_energy(self.spec.ramp, m.ramped)
+
+    def _heats(self, m: Moment) -> bool:
+        """Whether the loop follows a temperature ramp."""
+        return self.spec.ramp is not None and m.ramped is not None and self.spec.thermostat
 
     # -- modified velocity Verlet ----------------------------------------------------------------------------------------------------
     def _predicting(self, m: Moment) -> None:

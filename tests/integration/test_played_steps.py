@@ -6,6 +6,7 @@ from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import steps, threads as thread_count
+from openmm_dpd.kernels.replay import Recording
 from openmm_dpd.kernels.steps import StepLoop
 from openmm_dpd.kernels.threads import set_threads
 
@@ -22,6 +23,7 @@ PLAYED = {
     "bounce-back",
     "mixed walls",
     "patterns",
+    "ramp",
 }
 STEPS = 23
 
@@ -29,14 +31,14 @@ STEPS = 23
 @pytest.fixture
 def counted(monkeypatch):
     """How many steps were played so far."""
-    real, found = steps.play, [0]
+    real, found = Recording.play, [0]
 
     def play(*arguments):
         played = real(*arguments)
         found[0] += played[0]
         return played
 
-    monkeypatch.setattr(steps, "play", play)
+    monkeypatch.setattr(Recording, "play", play)
     return found
 
 
