@@ -244,14 +244,20 @@ def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
     (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too, and blocks
-    of one colour never touch the same bead.  Four colours at most, since threads wait for each other at the end of every colour.
+    of one colour never touch the same bead.  Four colours at most, since threads wait for each other at the end of every colour.  Three
+    blocks of a colour would be two for one thread and one for the other, so they are made two.
     """
 
-    def edges(n: int, width: int) -> np.ndarray:
-        count = n // width - (n // width) % 2 if n >= 2 * width else 1
+    def blocks_along(n: int, width: int) -> int:
+        return n // width - (n // width) % 2 if n >= 2 * width else 1
+
+    def edges(n: int, count: int) -> np.ndarray:
         return np.array([n * k // count for k in range(count + 1)])
 
-    y_edges, z_edges = edges(ny, 2), edges(nz, 1)
+    along_y, along_z = blocks_along(ny, 2), blocks_along(nz, 1)
+    if along_y <= 2 and along_z == 6:
+        along_z = 4
+    y_edges, z_edges = edges(ny, along_y), edges(nz, along_z)
     blocks: list[list[list[int]]] = [[], [], [], []]
     for bz in range(len(z_edges) - 1):
         for by in range(len(y_edges) - 1):
