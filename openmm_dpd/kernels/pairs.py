@@ -77,7 +77,8 @@ class PairList:
     statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
     ``inv_mass`` is sorted with the beads for who reads the list.  Where beads are ``many`` pairs are stored only if somebody reads
-    :attr:`arrays`, or if two loops have gone over them at the positions before the last ones: steps look at one or two places, in turn.
+    :attr:`arrays`, or if two loops went over them the last time that as many had gone over them at the two positions before: steps look at
+    some places in turn.
     Otherwise loops list the pairs of a column when they come to it.
     """
 
@@ -101,8 +102,8 @@ class PairList:
         self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))  # type: ignore[arg-type]
         self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
         self._source: listing.SortedCells | None = None
-        #: whether beads are many, and how many loops went over the pairs at the positions before the present ones, and at these
-        self.many, self._uses = m >= MANY, [0, 0]
+        #: whether beads are many; how many loops went over the pairs at these positions, at the two before, and after as many as that
+        self.many, self._uses, self._last_uses, self._uses_after = m >= MANY, 0, (0, 0), dict[tuple[int, int], int]()
         #: the cells of the beads that are sorted, and whether their pairs are stored; room for a column of each thread, where they are not
         self._placed, self._complete = cells.Grid(np.eye(3), np.zeros(3), False, 1, 1, 1), True
         self._passing = self._room(0)
@@ -235,13 +236,15 @@ class PairList:
         self._resize((grid.nx, grid.ny, grid.nz))
         self.bin(x, grid, threads)
         self._placed = grid
-        often, self._uses = self._uses[0] > 1, [self._uses[1], 0]
+        self._uses_after[self._last_uses] = self._uses
+        self._last_uses, self._uses = (self._last_uses[1], self._uses), 0
+        often = self._uses_after.get(self._last_uses, 0) > 1
         if often or not self.many or (grid.periodic and self._shape == (1, 1, 1)):
             self.list(grid, threads)
 
     def used(self) -> bool:
         """Count a loop over the pairs; returns whether they are stored."""
-        self._uses[1] += 1
+        self._uses += 1
         return self._complete
 
     @property
