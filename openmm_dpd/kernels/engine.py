@@ -35,7 +35,8 @@ class PairEngine(Engine):
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
-        self._x = np.zeros((len(spec.types), 3))
+        self._inv_mass, self._prescribed = spec.inv_mass, spec.wall_velocity
+        self._x, self._seen = np.zeros((len(spec.types), 3)), np.zeros((0 if spec.wall_velocity is None else len(spec.types), 3))
         self._box: np.ndarray | None = None
         #: Whether the lists belong to these positions, and nobody else can change them.
         self._kept = False
@@ -103,10 +104,11 @@ class PairEngine(Engine):
 
     def swept(self, v: np.ndarray, kT, dt, seed, counter, field_values=None, out=None, update: int | None = None) -> np.ndarray:
         """See :meth:`.interface.Engine.swept`."""
-        before = self.seen(v)
         out = np.empty_like(v) if out is None else out
-        if out is not before:
-            out[...] = before
+        if self._prescribed is not None:
+            motion.see(v, self._inv_mass, self._prescribed, out)
+        elif out is not v:
+            out[...] = v
         given = None
         if self.spec.fields is not None:
             given = self._given_by_sources(0.5 * dt)
@@ -166,7 +168,19 @@ class PairEngine(Engine):
         places[names] = np.arange(len(names), dtype=names.dtype)
         for each in (*self.lists, *self.extras):
             each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
+        if self._prescribed is not None:
+            if self._prescribed is self.spec.wall_velocity:
+                self._inv_mass, self._prescribed = self._inv_mass.copy(), self._prescribed.copy()
+            np.take(self.spec.inv_mass, names, out=self._inv_mass)
+            np.take(self.spec.wall_velocity, names, axis=0, out=self._prescribed)  # type: ignore[arg-type]  # there is one
         self._kept = False
+
+    def seen(self, v: np.ndarray) -> np.ndarray:
+        """See :meth:`.interface.Engine.seen`; valid until the next call."""
+        if self._prescribed is None:
+            return v
+        motion.see(v, self._inv_mass, self._prescribed, self._seen)
+        return self._seen
 
     @property
     def parts_forces(self) -> bool:

@@ -68,6 +68,22 @@ def add_to_moving(begin, end, values, changes, inv_mass):
                 values[i, k] += changes[i, k]
 
 
+@over_beads
+def see(begin, end, v, inv_mass, prescribed, out):
+    """Write velocities (N, 3) to ``out``, which may be they themselves: those of beads that do not move are ``prescribed`` (N, 3)."""
+    for i in range(begin, end):
+        for k in range(3):
+            out[i, k] = v[i, k] if inv_mass[i] > 0.0 else prescribed[i, k]
+
+
+@over_beads
+def hold(begin, end, v, inv_mass):
+    """Set the velocities (N, 3) of beads that do not move to 0."""
+    for i in range(begin, end):
+        if inv_mass[i] == 0.0:
+            v[i, 0] = v[i, 1] = v[i, 2] = 0.0
+
+
 @counting
 def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     """Kick and drift: all that a step does between two looks at the pairs.  The force acts for the time ``kick``, beads that move then

@@ -13,6 +13,7 @@ the nearest points, and the force is not quite the gradient of U.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar, NamedTuple
@@ -20,15 +21,17 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from ..base.errors import RunError
-from ..base.geometry import minimum_images
 from ..base.wording import bead_names, in_length
 from .columns import add_stress, over_pairs
 from .compiled import helper, inlined
+from .extras import bead_rows, box_array, inverse_edges, minimum_image
+from .native import Kernel
 from .pairs import PairList, compressed_exceptions, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)
 #: Distance (nm) below which a contact has no direction, and exerts no force.
 D_MIN = 1e-10
+_NO_BOX = b"none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +114,37 @@ def _clamped(px, py, pz, a, b, i, j):
 
 
 class Contacts(NamedTuple):
-    """What the loop reads and writes beside the pairs.  ``arm``: (S, 3) of the sorted segments; ``f``: (S, 6) forces on the first and
-    second bead of each; ``stress``: (columns, 6)."""
+    """What the loop reads and writes beside the pairs."""
 
     rule: int
     A: float
     cutoff: float
+    arms: np.ndarray  # arms, arm: (S, 3) in the order of the segments, and sorted
     arm: np.ndarray
-    f: np.ndarray
-    stress: np.ndarray
+    f: np.ndarray  #: (S, 6) forces on the first and second bead of each sorted segment
+    pieces: np.ndarray  #: (2 S, 3) the same in the order of the segments
+    stress: np.ndarray  #: (columns, 6)
+
+
+@helper
+def _lay_down(pairs, data, begin, end):
+    """Sort the arms, and begin with no force."""
+    for k in range(begin, end):
+        s = pairs.order[k]
+        data.arm[k, 0], data.arm[k, 1], data.arm[k, 2] = data.arms[s, 0], data.arms[s, 1], data.arms[s, 2]
+        data.f[k, :] = 0.0
+    if begin == 0:
+        data.stress[:] = 0.0
+
+
+@helper
+def _take_up(pairs, data, begin, end):
+    """Give the forces back in the order of the segments."""
+    for k in range(begin, end):
+        s = np.uint64(pairs.order[k])
+        for n in range(3):
+            data.pieces[np.uint64(2) * s, n] = data.f[k, n]
+            data.pieces[np.uint64(2) * s + np.uint64(1), n] = data.f[k, 3 + n]
 
 
 @inlined
@@ -161,7 +186,46 @@ def _contact(pairs, data, scratch, n, k, column):
     return energy, radial * d * d, 0.0
 
 
-segment_forces = over_pairs("segment_forces", _contact)
+segment_forces = over_pairs("segment_forces", _contact, first=_lay_down, last=_take_up)
+
+
+def _arms(x, box, beads, arms, middles, cutoff, eighths, most, longest, part, parts, team):
+    """Vectors along segments, their middles, and the length of the longest one.  Returns 1 where that is beyond ``most``, or reaches not so
+    many eighths of the cutoff: in such steps it counts, since the cells of the list are made anew whenever it changes."""
+    inverse = inverse_edges(box)
+    length2 = 0.0
+    for s in range(len(beads)):
+        i, j = beads[s, 0], beads[s, 1]
+        dx, dy, dz = minimum_image(x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2], box, inverse)
+        arms[s, 0], arms[s, 1], arms[s, 2] = dx, dy, dz
+        middles[s, 0], middles[s, 1], middles[s, 2] = x[i, 0] + 0.5 * dx, x[i, 1] + 0.5 * dy, x[i, 2] + 0.5 * dz
+        here = dx * dx + dy * dy + dz * dz
+        length2 = here if not here <= length2 else length2
+        if not np.isfinite(here):
+            longest[0] = here
+            return 1
+    longest[0] = np.sqrt(length2)
+    return 0 if longest[0] <= most and (eighths < 0.0 or np.ceil(8.0 * longest[0] / cutoff + 1e-9) == eighths) else 1
+
+
+lay_arms = Kernel(_arms)
+
+
+def _add_rows(force, rows, start, slots, pieces, part, parts, team):
+    """Add up what acts on each bead, and add that to its force."""
+    for row in range(len(rows)):
+        i, fx, fy, fz = rows[row], 0.0, 0.0, 0.0
+        for k in range(start[row], start[row + 1]):
+            fx += pieces[slots[k], 0]
+            fy += pieces[slots[k], 1]
+            fz += pieces[slots[k], 2]
+        force[i, 0] += fx
+        force[i, 1] += fy
+        force[i, 2] += fz
+    return 0
+
+
+add_rows = Kernel(_add_rows)
 
 
 class SegmentEngine:
@@ -170,67 +234,71 @@ class SegmentEngine:
     The results are the same, bit for bit, for any number of threads, and depend on the present positions alone.
     """
 
+    repeats = True
+
     def __init__(self, spec: SegmentSpec):
         self.spec = spec
         n = len(spec.pairs)
         exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else no_exceptions()
         self._list = PairList(np.zeros(n, np.int32), np.ones(n), np.array([[spec.cutoff]]), exceptions)
-        self._last: tuple[np.ndarray, np.ndarray | None, tuple[float, np.ndarray, np.ndarray]] | None = None
+        self._beads = spec.pairs.astype(np.uint32)
+        self._rows = bead_rows(self._beads)
+        self._middles, arms = np.zeros((n, 3)), np.zeros((n, 3))
+        self._data = Contacts(
+            spec.rule, spec.A, spec.cutoff, arms, np.zeros((n, 3)), np.zeros((n, 6)), np.zeros((2 * n, 3)), np.zeros((0, 6))
+        )
+        #: the box that the reach was set in, and the reach; -1 where it does not depend on lengths
+        self._box, self._eighths = b"", -1.0
+
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
+        """See :meth:`.pairs.PairList.seat`."""
+        self._beads[...] = places[self.spec.pairs]
+        for here, moved in zip(self._rows, bead_rows(self._beads), strict=True):
+            here[...] = moved
 
     def forces(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, np.ndarray]:
         """Energy, forces (N, 3) and sum over contacts of d F (6,) (xx, yy, zz, xy, xz, yz) at positions x (N, 3), in or beyond the box.
 
         RunError if a position is not finite, or the box too small for the range and the length of the bonds.
         """
-        if self._last is not None:
-            last_x, last_box, result = self._last
-            if np.array_equal(x, last_x) and (box is None or np.array_equal(box, last_box)):  # type: ignore[arg-type]
-                return result
-        result = self._evaluate(x, box)
-        self._last = x.copy(), None if box is None else box.copy(), result
-        return result
+        force = np.zeros((self.spec.n_beads, 3))
+        return self.add_to(x, box, force, 1.0), force, self._data.stress.sum(axis=0)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; RunError as :meth:`forces`."""
-        energy, on_beads, _ = self.forces(x, box)
-        force += on_beads
+        spec, pairs = self.spec, self._list
+        longest, most = np.zeros(1), math.inf
+        if box is not None and spec.rule != MID:
+            most = 0.5 * box.diagonal().min() * (1 + 1e-9) - spec.cutoff
+        here = self._beads, self._data.arms, self._middles, spec.cutoff, self._eighths, most
+        if lay_arms(x, box_array(box), *here, longest) or self._box != (_NO_BOX if box is None else box.tobytes()):
+            self._set_reach(x, float(longest[0]), box)
+        pairs.build(self._middles, box)
+        if len(self._data.stress) != len(pairs.arrays.found):
+            self._data = self._data._replace(stress=np.zeros((len(pairs.arrays.found), 6)))
+        energy = segment_forces(pairs, self._data).energy
+        add_rows(force, *self._rows, self._data.pieces)
         return energy
 
     def stress(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """The sum alone; RunError as :meth:`forces`."""
         return self.forces(x, box)[2]
 
-    def _evaluate(self, x: np.ndarray, box: np.ndarray | None) -> tuple[float, np.ndarray, np.ndarray]:
-        spec, pairs = self.spec, self._list
-        first = x[spec.pairs[:, 0]]
-        arm = minimum_images(x[spec.pairs[:, 1]] - first, box)
-        length2 = np.sum(arm * arm, axis=1)
-        if not np.all(np.isfinite(length2)):
-            i, j = spec.pairs[int(np.argmin(np.isfinite(length2)))]
-            raise RunError(f"the position of one of the {bead_names(i, j)} is not finite")
-        self._set_reach(float(np.sqrt(length2.max(initial=0.0))), box)
-        pairs.build(first + 0.5 * arm, box)
-        sorted_arm = np.take(arm, pairs.order, axis=0)
-        f, stress = np.zeros((len(arm), 6)), np.zeros((len(pairs.arrays.found), 6))
-        energy = segment_forces(pairs, Contacts(spec.rule, spec.A, spec.cutoff, sorted_arm, f, stress)).energy
-        on_beads = np.empty_like(f)
-        on_beads[pairs.order] = f
-        force = np.empty((spec.n_beads, 3))
-        for k in range(3):
-            force[:, k] = np.bincount(spec.pairs.ravel(), on_beads[:, [k, k + 3]].ravel(), spec.n_beads)
-        return energy, force, stress.sum(axis=0)
-
-    def _set_reach(self, longest: float, box: np.ndarray | None) -> None:
+    def _set_reach(self, x: np.ndarray, longest: float, box: np.ndarray | None) -> None:
         """Distance of midpoints up to which two segments can meet; it depends on the longest of them where ends can meet."""
         spec, pairs = self.spec, self._list
-        reach = spec.cutoff if spec.rule == MID else spec.cutoff + longest
-        if box is not None and reach > 0.5 * box.diagonal().min() * (1 + 1e-9):
+        if not math.isfinite(longest):
+            i, j = spec.pairs[np.isfinite(x[self._beads].sum(axis=(1, 2))).argmin()]
+            raise RunError(f"the position of one of the {bead_names(i, j)} is not finite")
+        ends_meet = spec.rule != MID
+        if box is not None and spec.cutoff + longest * ends_meet > 0.5 * box.diagonal().min() * (1 + 1e-9):
             raise RunError(
                 f"segmental repulsion reaches over half the box: the range of {in_length(spec.cutoff)}"
-                + (f" and the longest bond of {in_length(longest)}" if spec.rule != MID else "")
+                + (f" and the longest bond of {in_length(longest)}" if ends_meet else "")
                 + f" in a box of {' x '.join(map(in_length, box.diagonal()))}"
             )
-        # in steps of 1/8: the cells of the list are made anew whenever this changes
-        reach = spec.cutoff * (1.0 if spec.rule == MID else 1.0 + np.ceil(8.0 * longest / spec.cutoff + 1e-9) / 8.0)
+        self._eighths = math.ceil(8.0 * longest / spec.cutoff + 1e-9) if ends_meet else -1.0
+        reach = spec.cutoff * (1.0 + max(0.0, self._eighths) / 8.0)
         if reach != pairs.cutoff:
             pairs.set_cutoff(np.array([[reach]]))
+        self._box = _NO_BOX if box is None else box.tobytes()

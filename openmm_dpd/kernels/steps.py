@@ -159,7 +159,7 @@ class StepLoop:
         """Whether a step does what the one before it has done, with other noise, and so many are enough for that to pay."""
         spec = self.spec
         plain = slow is None and spec.driven is None and m.box is not None and m.sheared is None and m.values is None
-        return plain and steps > 2 and spec.lam == 0.5 and not len(self.still) and self.engine.repeats
+        return plain and steps > 2 and spec.lam == 0.5 and self.engine.repeats
 
     def _known(self, m: Moment) -> tuple[bool, bool, bool]:
         """What a step need not do, since it has been done."""
@@ -339,7 +339,7 @@ class StepLoop:
             m.v = v
             self.passed = self.passed + self.engine.passed()
         if len(self.still):
-            m.v[self.still] = 0.0
+            motion.hold(m.v, self.inv_mass)
         driven = self.spec.driven
         if driven is not None and driven.continuum is not None:
             axis, taken = driven.continuum.axis, np.zeros((2, 3))

@@ -24,6 +24,10 @@ PLAYED = {
     "mixed walls",
     "patterns",
     "ramp",
+    "immobile",
+    "bonded",
+    "bonded, tilted",
+    "moving walls",
 }
 STEPS = 23
 
@@ -101,7 +105,7 @@ def polymers(beads: int = 600) -> dpd.Scene:
         {"A": 1.0, "B": 2.0}, list("AB") * (beads // 2), x, pairs, kT=1.0, box=[edge] * 3,
         bonds=[dpd.HarmonicBonds(bonds, 4.0, 0.3)], angles=[dpd.HarmonicAngles(angles, 2.0, 2.5)],
         dihedrals=[dpd.HarmonicDihedrals(dihedrals, 0.5, 1, 1)], bonded_factors=(0.0, 0.5, 1.0),
-        body_forces=[dpd.BodyForce([0.1, 0.0, 0.0], types="B")],
+        body_forces=[dpd.BodyForce([0.1, 0.0, 0.0], types="B")], segments=dpd.SegmentalRepulsion(A=15, cutoff=0.6),
     )  # fmt: skip
 
 
