@@ -14,7 +14,6 @@ from .compiled import helper, inlined
 from .native import Kernel
 from .team import meet
 
-
 #: Few cells have more beads.
 _FEW, _ONE = np.uint64(8), np.uint64(1)
 

@@ -180,8 +180,8 @@ def over_pairs(
                 arrays = arrays._replace(flow=pairs.flow)
             if tensor:
                 arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
-            space = pairs.scratch, pairs.shares, source
-            if not loop(arrays, data, *space, sums, parts=pairs.threads if parallel else 1, memory=pairs.memory):
+            threads = pairs.threads if parallel else 1
+            if not loop(arrays, data, pairs.scratch, pairs.shares(threads), source, sums, parts=threads, memory=pairs.memory):
                 break
             pairs.make_passing_room()
         stress = None

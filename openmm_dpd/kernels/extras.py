@@ -207,7 +207,13 @@ class TermEvaluator:
         kind: Any = type(terms)
         beads = terms.beads
         self.terms, self.fewest, self._kernel, self._sits = terms, FEW, _kernel(kind), False
-        self._arguments: tuple[np.ndarray, ...] = beads, terms.parameters, *bead_rows(beads), np.zeros((beads.size, 3)), energy_chunks(len(beads))
+        self._arguments: tuple[np.ndarray, ...] = (
+            beads,
+            terms.parameters,
+            *bead_rows(beads),
+            np.zeros((beads.size, 3)),
+            energy_chunks(len(beads)),
+        )
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""

@@ -77,9 +77,8 @@ class PairList:
     statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
     ``inv_mass`` is sorted with the beads for who reads the list.  Where beads are ``many`` pairs are stored only if somebody reads
-    :attr:`arrays`, or if two loops went over them the last time that as many had gone over them at the two positions before: steps look at
-    some places in turn.
-    Otherwise loops list the pairs of a column when they come to it.
+    :attr:`arrays`, or if two loops went over them the last time that as many had gone over them at the two positions before (or at the
+    positions before the last ones): steps look at some places in turn.  Otherwise loops list the pairs of a column when they come to it.
     """
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):
@@ -224,7 +223,7 @@ class PairList:
             if grid.periodic and self._shape == (1, 1, 1):
                 short = listing.list_pairs_small_box(self._stored, source)
             else:
-                short = listing.list_pairs(self._stored, source, self.shares, parts=parts, memory=self.memory)
+                short = listing.list_pairs(self._stored, source, self.shares(parts), parts=parts, memory=self.memory)
             if not short:
                 break
             self._make_room()
@@ -238,7 +237,7 @@ class PairList:
         self._placed = grid
         self._uses_after[self._last_uses] = self._uses
         self._last_uses, self._uses = (self._last_uses[1], self._uses), 0
-        often = self._uses_after.get(self._last_uses, 0) > 1
+        often = self._uses_after.get(self._last_uses, self._last_uses[0]) > 1
         if often or not self.many or (grid.periodic and self._shape == (1, 1, 1)):
             self.list(grid, threads)
 
@@ -269,12 +268,10 @@ class PairList:
             self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
         return self._scratch
 
-    @property
-    def shares(self) -> np.ndarray:
+    def shares(self, parts: int) -> np.ndarray:
         """Space for the first column of each thread, and the end, in four colours."""
-        threads = self.threads
-        if self._shares.shape[1] != threads + 1:
-            self._shares = np.zeros((4, threads + 1), np.int64)
+        if self._shares.shape[1] != parts + 1:
+            self._shares = np.zeros((4, parts + 1), np.int64)
         return self._shares
 
     def listed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:

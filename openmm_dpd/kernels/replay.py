@@ -91,10 +91,15 @@ class Recording:
         self._kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in both_states], np.int64)
         self.threads, self.names = max(call.parts for call in tape.calls), [call.layout.name for call in tape.calls]
 
+    def begins_with(self, *arrays: np.ndarray | None) -> bool:
+        """Whether these are the arrays that the step begins with, apart from those that there are none of."""
+        given = [array for array in arrays if array is not None]
+        return len(given) == len(self._state) and all(one is other for one, other in zip(given, self._state, strict=True))
+
     def play(self, counter: int, steps: int, heats: np.ndarray | None = None, spent: np.ndarray = _UNTIMED) -> tuple[int, bool]:
-        """Do up to so many steps like it, with this counter before them and thermal energies ``heats`` (steps,) if these change; returns how
-        many were done, and whether one more was begun.  The state is as after the last step that was done.  ``spent`` is for who measures
-        (benchmarks/profile_steps.py)."""
+        """Do up to so many steps like it, with this counter before them, and thermal energies ``heats`` (steps,) if these change; returns
+        how many were done, and whether one more was begun.  The state is as after the last step that was done.  ``spent`` is for who
+        measures (benchmarks/profile_steps.py)."""
         ramped = _CONSTANT if heats is None else self._ramped(heats)
         if ramped is None:
             return 0, False

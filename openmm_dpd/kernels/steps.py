@@ -58,8 +58,8 @@ class StepLoop:
         #: does steps with beads in another order; room for moments, where it is such a one
         self._seated: StepLoop | None = None
         self._room: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        #: a step that can be played again, the arrays it begins with, what was known before it, and conditions
-        self._recorded: tuple[Recording, list[np.ndarray], tuple, tuple] | None = None
+        #: a step that can be played again, what was known before it, and its conditions
+        self._recorded: tuple[Recording, tuple, tuple] | None = None
         #: whether conservative forces depend on fields, which may change where positions do not
         self._acting = pairs.fields is not None and pairs.fields.acts
         #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
@@ -174,21 +174,23 @@ class StepLoop:
         """Keep a step that can be repeated."""
         state = [m.x, m.v] if m.acc is None else [m.x, m.v, m.acc]
         recording = Recording(tape, counter, m.counter - counter, state, self.engine.tables)
-        self._recorded = recording, state, self._known(m), self._conditions(m)
+        self._recorded = recording, self._known(m), self._conditions(m)
 
     def _play(self, m: Moment, steps: int) -> int:
         """Repeat the recorded step, if there is one that fits; returns how many steps were done."""
         if self._recorded is None:
             return 0
-        recording, state, known, conditions = self._recorded
-        same = all(one is other for one, other in zip(state, (m.x, m.v, m.acc), strict=False))
-        if not same or known[2] != (m.acc is None) or conditions != self._conditions(m):
+        recording, known, conditions = self._recorded
+        if not recording.begins_with(m.x, m.v, m.acc) or conditions != self._conditions(m):
             return 0
-        # where beads were given other seats
-        if known[0]:
-            self._place(m)
-        if known[1] and not self.spec.predicts:
-            self.conserve(m.values)
+        again = Tape()
+        with again.recording():  # what was known before the recorded step, where beads were given other seats
+            if known[0]:
+                self._place(m)
+            if known[1] and not self.spec.predicts:
+                self.conserve(m.values)
+        if not again.smooth:  # there are other arrays now
+            return 0
         heats = None
         if self._heats(m):
             heats = np.array([ramped_energy(self.spec.ramp, m.ramped + 1.0 + k) for k in range(steps)])  # type: ignore[operator]

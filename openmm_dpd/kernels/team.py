@@ -2,7 +2,7 @@
 
 The thread that calls is the first of them; the others are made once and wait for work: for some milliseconds they look for it again and
 again, since to wake up takes longer than most kernels, then they sleep.  All meet several times in a kernel, so meeting is what has to be
-quick: each adds one to a number, and looks at another one until the last has come (0.1 us with a core each).  Who has waited for long lets
+quick: each adds one to a number, and looks at another one until the last has come (0.2 us with a core each).  Who has waited for long lets
 others go first; :mod:`.threads` takes care that one thread works alone where there are not enough cores.
 
 A team is an array of words, see the places below: each of those that threads write has a line of the processor's cache to itself.

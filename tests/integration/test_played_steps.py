@@ -6,6 +6,7 @@ from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import steps, threads as thread_count
+from openmm_dpd.kernels.pairs import PairList
 from openmm_dpd.kernels.replay import Recording
 from openmm_dpd.kernels.steps import StepLoop
 from openmm_dpd.kernels.threads import set_threads
@@ -119,6 +120,29 @@ def test_chains(scheme, threads, monkeypatch, counted, together):
     set_threads(threads)
     assert not same(run_of(dpd.build(scene, dt=0.01, scheme=scheme, seed=SEED, platform="CPU"), 20, 40), expected)
     assert 0 < counted[0] < 58
+
+
+@pytest.mark.parametrize("scheme", ["shardlow", "bab3"])
+@pytest.mark.parametrize("beads", [600, 601])
+def test_lists_that_always_want_more_room(scheme, beads, monkeypatch, counted, together):
+    """Wherever a list gets more room, what was recorded with the arrays before is not played with them."""
+
+    def make_room(self):
+        start = np.zeros_like(self._stored.start)
+        start[1:] = np.cumsum(np.maximum(np.diff(self._stored.start), self._stored.found))
+        pi, pj, geometry, factors = self._room(int(start[-1]))
+        self._stored = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
+        self._longest = max(self._longest, int(np.diff(start).max()))
+
+    monkeypatch.setattr(PairList, "_make_room", make_room)
+    edge = (beads / 3.0) ** (1 / 3)
+    x = np.random.default_rng(beads).random((beads, 3)) * edge
+    scene = dpd.Scene({"W": 1.0}, ["W"] * beads, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
+    set_threads(1)
+    expected = step_by_step(monkeypatch, lambda: dpd.build(scene, dt=0.05, scheme=scheme, seed=SEED, platform="CPU"), 200)
+    set_threads(2)
+    assert not same(run_of(dpd.build(scene, dt=0.05, scheme=scheme, seed=SEED, platform="CPU"), *[10] * 20), expected)
+    assert 0 < counted[0] < 150
 
 
 def test_a_step_that_fails_is_python_s(monkeypatch, counted, together):
