@@ -7,7 +7,7 @@ friction is a force.  All that a step begins with is in the :class:`Moment`, so 
 import math
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, ramped_energy
 from .replay import Recording
+from .seats import Seats
 from .shear import add_flow, rate_at, sheared_box, strain_at
 from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
@@ -44,7 +45,7 @@ class StepLoop:
 
     def __post_init__(self):
         pairs = self.engine.spec
-        self.inv_mass, self._inv_mass = pairs.inv_mass, np.repeat(pairs.inv_mass, 3)
+        self.inv_mass, self.inv_mass_3 = pairs.inv_mass, np.repeat(pairs.inv_mass, 3)
         self.still = np.flatnonzero(self.inv_mass == 0.0)
         #: square root of 1/mass of the heaviest bead that moves
         self._slowest = math.sqrt(self.inv_mass[self.inv_mass > 0.0].min(initial=np.inf)) if len(self.still) < len(self.inv_mass) else 0.0
@@ -55,9 +56,8 @@ class StepLoop:
         self.moment: Moment | None = None
         self.tensor = self.parted = False
         self._last, self._held = False, np.zeros((0, 3))
-        #: does steps with beads in another order; room for moments, where it is such a one
-        self._seated: StepLoop | None = None
-        self._room: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        #: does steps with beads in another order
+        self._seats: Seats | None = None
         #: a step that can be played again, what was known before it, and its conditions
         self._recorded: tuple[Recording, tuple, tuple] | None = None
         #: whether conservative forces depend on fields, which may change where positions do not
@@ -71,43 +71,11 @@ class StepLoop:
         """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
         done = 0
         if threads_for(len(moment.x)) > 1 and self.engine.number and self._repeats(moment, slow, n):
-            while n - done > 3 and (more := self._run_seated(moment, min(n - 1 - done, RESEATED))):
+            if self._seats is None:
+                self._seats = Seats(StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True))  # type: ignore[call-arg]
+            while n - done > 3 and (more := self._seats.run(moment, min(n - 1 - done, RESEATED), self.engine)):
                 done += more
         self.carry_out(moment, n - done, slow)
-
-    def _run_seated(self, m: Moment, n: int) -> int:
-        """Do steps with beads in the order of the cells they are in, so that what a thread works on lies together; returns n, or 0 if they
-        failed."""
-        if self._seated is None:
-            self._seated = StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True)  # type: ignore[call-arg]
-        loop = self._seated
-        names = (loop.engine if loop.engine.number else self.engine).sorted_beads()
-        there = loop.seat(m, names, self.engine.body_scale)
-        try:
-            loop.carry_out(there, n, None)
-        except RunError:  # it is to be said with the numbers of the beads
-            return 0
-        m.x[names], m.v[names] = there.x, there.v
-        if there.acc is not None:
-            m.acc = np.empty_like(there.acc) if m.acc is None else m.acc
-            m.acc[names] = there.acc
-        m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT
-        return n
-
-    def seat(self, m: Moment, names: np.ndarray, body_scale: float) -> Moment:
-        """Take moments from now on with the bead of number ``names`` (N,) in each row; returns this one, in arrays that stay, as all that
-        belong to beads here: what was recorded can be played with them again."""
-        self.engine.seat(names)
-        self.engine.body_scale, self.forced = body_scale, -1
-        if self._room is None:
-            self._room = np.empty_like(m.x), np.empty_like(m.x), np.empty_like(m.x)
-            self.inv_mass, self._inv_mass = self.inv_mass.copy(), self._inv_mass.copy()
-        np.take(self.engine.spec.inv_mass, names, out=self.inv_mass)
-        self._inv_mass.reshape(-1, 3)[...] = self.inv_mass[:, None]
-        for given, out in zip((m.x, m.v, m.acc), self._room, strict=True):
-            if given is not None:
-                np.take(given, names, axis=0, out=out)
-        return replace(m, x=self._room[0], v=self._room[1], acc=None if m.acc is None else self._room[2])
 
     def carry_out(self, moment: Moment, n: int, slow: SlowForces | None) -> None:
         """Do steps with beads where they are."""
@@ -254,7 +222,7 @@ class StepLoop:
         """Kick and drift; returns how many beads are to be watched."""
         if time:
             self.placed = False
-        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self._inv_mass
+        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.inv_mass_3
         if not time or m.sheared is None:
             return motion.move(*flat, kick, time, self._limit(m))
         before, after = self._shear(m, time)
@@ -378,7 +346,7 @@ class StepLoop:
             m.values = before + 0.5 * dt * m.rates
             seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
         self.placed = False
-        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self._inv_mass
+        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.inv_mass_3
         moving = (m.v,) if predicted is None else (predicted, m.v)
         changes = (0.0, 0.0) if m.sheared is None else self._shear(m, dt)
         for velocities in moving if changes[0] else ():
@@ -414,6 +382,6 @@ class StepLoop:
             self._held = self._held if len(self._held) else np.empty_like(self.force)
             apart = {"held": self._held}
         self._sum(which, self._seen(m, v), m.kT, m.dt, m.seed, m.counter, values, **apart)
-        motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self._inv_mass, kick)
+        motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.inv_mass_3, kick)
         if values is not None:
             m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)

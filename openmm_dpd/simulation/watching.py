@@ -21,7 +21,7 @@ import openmm
 
 from ..base.errors import PlanError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
-from ..base.openmm_private import context_of
+from ..base.openmm_private import bare, context_of
 from ..base.signals import CTRL_C, unbroken
 from ..plan.made import Made, acting, lines_of, text_number, variables_number
 from .barostat_temperature import barostats, check_barostats, tell_pressures
@@ -34,6 +34,11 @@ STRAIGHT, MOST = 0.25, 1000
 
 #: Seconds after which it is on a device.
 REMEMBERED = 10.0
+
+
+def _box(context: openmm.Context) -> list:
+    """Vectors of the box of a Context, which the host knows."""
+    return bare(openmm.Context.getState(context).getPeriodicBoxVectors())
 
 
 @lru_cache
@@ -138,8 +143,7 @@ class Watching:
         for again in (False, True):
             try:
                 with self._or_back(context):
-                    self._announce(last - context.getStepCount())
-                    super().step(last - context.getStepCount())  # type: ignore[misc]
+                    self._step_beside_barostats(context, last - context.getStepCount())
                     if again:
                         self._ask(context)
                     self._unverified = not again
@@ -148,8 +152,23 @@ class Watching:
                 if again or ROOM not in str(error):
                     raise
 
+    def _step_beside_barostats(self, context: openmm.Context, steps: int) -> None:
+        """Take steps on a device.  A barostat acts behind the last one, whose acceleration is not that of the box that it makes."""
+        self._announce(steps)
+        if not self._has_barostats:
+            super().step(steps)  # type: ignore[misc]
+            return
+        super().step(steps - 1)  # type: ignore[misc]
+        box = _box(context)
+        super().step(1)  # type: ignore[misc]
+        if _box(context) != box:
+            self._forget_acceleration()
+
     def _announce(self, steps: int) -> None:
         """Tell a program how many steps follow."""
+
+    def _forget_acceleration(self) -> None:
+        """Tell a program that the acceleration that it has kept is not valid."""
 
     @contextmanager
     def _or_back(self, context: openmm.Context) -> Iterator[None]:

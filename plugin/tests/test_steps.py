@@ -290,7 +290,9 @@ def test_two_runs_cut_runs_and_restarts_have_the_same_bits(scheme, device, tmp_p
 def test_a_barostat_acts_and_bits_are_the_same(scheme, usual):
     scene = beads(375, edge=5.0)
     states = []
-    for cuts in ((60,), (25, 35)):
+    # the lines of each degree of freedom draw numbers on Reference, from where barostats draw theirs, and the last step of a call has more
+    odd = () if scheme == "mvv" and usual.platform == "Reference" else ((24, 36), (1, 6, 23, 30))
+    for cuts in ((60,), (25, 35), *odd):
         built = made_on(scene, usual, scheme)
         built.system.addForce(
             openmm.MonteCarloBarostat(
@@ -301,7 +303,7 @@ def test_a_barostat_acts_and_bits_are_the_same(scheme, usual):
         for n in cuts:
             simulation.step(n)
         states.append((*state_of(simulation.context), simulation.context.getState().getPeriodicBoxVectors(asNumpy=True)._value))
-    assert same_bits(*states)
+    assert all(same_bits(states[0], other) for other in states[1:])
     assert abs(states[0][2][0, 0] - 5.0) > 1e-3
 
 

@@ -48,12 +48,16 @@ def _verlet(p: Program) -> Program:
     with p.when("valid_for = 1", "did somebody bring an acceleration?"):
         _exchange(p, "v", "acc")
     _run(p, 1)
+    last = len(p.steps)
     with p.when(f"{AHEAD} = 1", "is it the last step of a call?"):
         _exchange(p, "acc", "v")
         if p.options.lam != 0.5:
             p.declare_per_dof("vp", "predicted velocity")
             _exchange(p, "vp", "v", 1)
         p.set("valid_for", "1")
+    with p.when(f"{AHEAD} != 1", "numbers are drawn for every line, from where barostats draw theirs: as many in every step"):
+        for _ in range(sum(step.kind == "global" for step in p.steps[last:])):
+            p.set("valid_for", "0")
     p.set(AHEAD, f"{AHEAD}-1")
     return p
 
