@@ -4,7 +4,7 @@ Each run drives a fluid of density 3 and repulsion 25 by a force f sin(2 pi z/L)
 from the displacements across it (docs/measure/transport_table.py).  Runs what is missing in ``out/transport``, then writes
 openmm_dpd/simulation/advice/transport.json and the table of docs/atlas.md; it can be interrupted at any time.
 
-    python benchmarks/transport.py                     # forty minutes of one core
+    python benchmarks/transport.py                     # an hour of one core
     python benchmarks/transport.py --time 1500         # a quarter of it; errors twice as large
     python benchmarks/transport.py --only table        # only the file, from the runs that are there
     python benchmarks/transport.py --check             # the steps that are recommended for diffusion, with 3,000 beads and other seeds: half an hour

@@ -1,6 +1,6 @@
 """Diffusion beside a published value: 1,000 beads of density 3 without repulsion, friction 6.75, step 0.04.
 
-OpenMM's test of its DPDIntegrator (tests/TestDPDIntegrator.h, testDiffusion) has 0.5203 of such a box, "computed with LAMMPS"; no correction
+OpenMM's test of its DPDIntegrator (TestDPDIntegrator.h, testDiffusion) has 0.5203 of such a box, "computed with LAMMPS"; no correction
 for its size, no error given, 5 % allowed.  Printed for schemes here at that step and at half of it.
 
     python docs/measure/published_diffusion.py       # half a minute of one core
