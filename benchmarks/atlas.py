@@ -24,7 +24,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 
-from atlas_parts import drivers, figures, page, peer, summary, timing  # noqa: E402
+from atlas_parts import drivers, figures, headline, page, peer, summary, timing  # noqa: E402
 from atlas_parts.fluids import FLUIDS, available, methods  # noqa: E402
 from atlas_parts.store import Store, carry_out  # noqa: E402
 
@@ -131,6 +131,7 @@ def main() -> None:
     say(page.summary_text(atlas))
     if publish:
         page.update(ROOT / "docs" / "atlas.md", atlas)
+        headline.publish()
 
 
 if __name__ == "__main__":

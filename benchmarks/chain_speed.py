@@ -2,7 +2,8 @@
 
 Chains of ten beads of benchmarks/atlas_parts/scenes.py, 10,000 beads, started from equilibrium.  LAMMPS (dpd + nve, the better one of two
 skins) does what ``mvv`` does here, and takes the step that is recommended for it; ``benchmarks/recommended_steps.py --scheme mvv --only NAME``
-runs that, and without ``--scheme`` the other.  In turn, the best of some rounds.  Writes the table of docs/atlas.md; a quiet machine is needed.
+runs that, and without ``--scheme`` the other.  In turn, the best of some rounds.  Writes them into docs/scaling.json
+and the tables of docs/atlas.md, README and paper; a quiet machine is needed.
 
     python benchmarks/chain_speed.py           # three minutes
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import datetime
+import json
 import sys
 import tempfile
 import time
@@ -22,7 +24,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 
-from atlas_parts import page, peer  # noqa: E402
+from atlas_parts import headline, page, peer  # noqa: E402
 from atlas_parts.scenes import FIRST, SCENES  # noqa: E402
 from atlas_parts.summary import machine  # noqa: E402
 from atlas_parts.timing import SKINS  # noqa: E402
@@ -30,7 +32,8 @@ from atlas_parts.timing import SKINS  # noqa: E402
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.lammps import export_lammps  # noqa: E402
 
-NAMES, BEADS, TIME = ("chains, k 100", "FENE chains, k 30, R0 1.5"), 10_000, 4.0
+FILE = ROOT / "docs" / "scaling.json"
+NAMES, BEADS, FRICTION, TIME = ("chains, k 100", "FENE chains, k 30, R0 1.5"), 10_000, 4.5, 4.0
 
 
 def equilibrium(scene: dpd.Scene) -> dpd.Scene:
@@ -71,22 +74,35 @@ def main() -> None:
     for name in NAMES:
         scene = equilibrium(SCENES[name](BEADS))
         found = dpd.recommend(scene)
-        steps, cells = {c.scheme: c.dt for c in found.choices}, []
+        steps = {c.scheme: c.dt for c in found.choices}
         best: dict[tuple[str, int], float] = {}
         for _ in range(options.rounds):
             for threads in (1, 2):
                 both = {found.scheme: ours(scene, found.scheme, found.dt, threads)}
                 both["LAMMPS"] = min(lammps(scene, steps["mvv"], skin, threads) for skin in SKINS)
                 best |= {(who, threads): min(ms, best.get((who, threads), np.inf)) for who, ms in both.items()}
-        for threads in (1, 2):
-            mine, theirs = best[found.scheme, threads], best["LAMMPS", threads]
-            cells += [f"{mine:.2f}", f"{theirs:.2f}", f"{theirs / steps['mvv'] / (mine / found.dt):.1f}"]
-        rows.append([name, f"`{found.scheme}` {found.dt:.3g}", f"{steps['mvv']:.2g}", *cells])
+        ms = {str(threads): [best[found.scheme, threads], best["LAMMPS", threads]] for threads in (1, 2)}
+        ratios = {threads: theirs / steps["mvv"] / (mine / found.dt) for threads, (mine, theirs) in ms.items()}
+        row = {"name": name, "beads": BEADS, "friction": FRICTION, "scheme": found.scheme, "dt": found.dt, "theirs": steps["mvv"]}
+        rows.append(row | {"ms": ms, "ratios": ratios})
         print(rows[-1], flush=True)
+    data = json.loads(FILE.read_text())
+    data["chains"] = {"date": str(datetime.date.today()), "machine": machine(), "rows": rows}
+    FILE.write_text(json.dumps(data, indent=1))
+    page.update(ROOT / "docs" / "atlas.md", texts={"chains": text(data["chains"])})
+    headline.publish()
+
+
+def text(chains: dict) -> str:
+    """The table of the page."""
     columns = [f"{what}, {cores} core(s)" for cores in (1, 2) for what in ("ms per step", "LAMMPS", "times less wall time")]
-    head = f"{datetime.date.today()}, {machine()['processor']}, LAMMPS {machine()['lammps']}."
-    table = page.table(["chains", "step here", "step of LAMMPS", *columns], rows)
-    page.update(ROOT / "docs" / "atlas.md", texts={"chains": f"{head}\n\n{table}"})
+    rows = [
+        [row["name"], f"`{row['scheme']}` {row['dt']:.3g}", f"{row['theirs']:.2g}"]
+        + [cell for c in ("1", "2") for cell in (*(f"{ms:.2f}" for ms in row["ms"][c]), f"{row['ratios'][c]:.1f}")]
+        for row in chains["rows"]
+    ]
+    head = f"{chains['date']}, {chains['machine']['processor']}, LAMMPS {chains['machine']['lammps']}."
+    return f"{head}\n\n{page.table(['chains', 'step here', 'step of LAMMPS', *columns], rows)}"
 
 
 if __name__ == "__main__":

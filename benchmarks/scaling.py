@@ -4,11 +4,11 @@ Every scheme runs at its own step, the longest of docs/atlas.json with both temp
 skins), in turn, each in a process of its own; the best of two rounds counts (of a
 million beads there is one).  Memory is the peak of a process less the peak of one in which OpenMM alone holds as many
 particles (a Topology, a System, a VerletIntegrator, a Simulation on the same platform), beside a very small
-scene.  Writes docs/scaling.json, the picture docs/figures/scaling.png, and the table of docs/atlas.md.
+scene.  Writes docs/scaling.json, the picture docs/figures/scaling.png, the table of docs/atlas.md, and those of speeds in README and paper.
 
     python benchmarks/scaling.py                 # a quarter of an hour on a quiet machine
     python benchmarks/scaling.py --only memory   # that alone, for the sizes of the JSON that is there
-    python benchmarks/scaling.py --only page     # picture and table, from the JSON that is there
+    python benchmarks/scaling.py --only page     # picture and tables, from the JSON that is there
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ import openmm.app
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 
-from atlas_parts import page, peer  # noqa: E402
+from atlas_parts import headline, page, peer  # noqa: E402
 from atlas_parts.fluids import FLUIDS, method_of  # noqa: E402
 from atlas_parts.summary import machine  # noqa: E402
 from atlas_parts.timing import SKINS  # noqa: E402
@@ -42,15 +42,15 @@ import openmm_dpd as dpd  # noqa: E402
 FLUID, DENSITY = FLUIDS["weak"], 3.0
 SIZES = (1000, 10_000, 100_000, 1_000_000)
 SCHEMES = ("mvv", "middle", "bababo", "bab3")
-#: LAMMPS's methods: what its users have, and its cheapest one; and the method of the atlas that has the steps of each.
-PEERS = {"LAMMPS dpd + nve": "LAMMPS dpd + nve", "LAMMPS dpd + mvv/dpd, lambda 0.65": "mvv, lambda 0.65"}
+#: LAMMPS's methods: what its users have, and its cheapest one.
+PEERS = ("LAMMPS dpd + nve", "LAMMPS dpd + mvv/dpd, lambda 0.65")
 
 
 @functools.cache
 def step_of(method: str) -> float:
     """Longest step with both temperatures within 1 %, or the longest one measured."""
     atlas = json.loads((ROOT / "docs" / "atlas.json").read_text(encoding="utf-8"))
-    limits = atlas["fluids"][FLUID.name]["methods"][PEERS.get(method, method)]["limits"]
+    limits = atlas["fluids"][FLUID.name]["methods"][method]["limits"]
     found = min(limits[measure].get("dt") or limits[measure]["at_least"] for measure in ("T_conf", "T_kin"))
     return float(f"{found:.3g}")
 
@@ -174,7 +174,7 @@ def draw(data: dict, file: Path) -> None:
     rows, beads = data["rows"], [row["beads"] for row in data["rows"]]
     for number, name in enumerate((*SCHEMES, *PEERS)):
         theirs = name in PEERS
-        color = ("black", "gray")[list(PEERS).index(name)] if theirs else f"C{number}"
+        color = ("black", "gray")[PEERS.index(name)] if theirs else f"C{number}"
         for count, style in (("1", "-"), ("2", "--")):
             if count in rows[0]["ns"][name]:
                 cost = [1e-3 * row["ns"][name][count] / data["steps"][name] for row in rows]
@@ -183,8 +183,8 @@ def draw(data: dict, file: Path) -> None:
         if not theirs:
             right.plot(beads, [row["memory"][name] for row in rows], marker="o", color=color, label=name)
     left.set(xscale="log", yscale="log", xlabel="beads", ylabel="microseconds per bead and unit of time", title="cost at 1 %")
-    left.yaxis.set_major_formatter("{x:g}")
-    left.yaxis.set_minor_formatter("{x:g}")
+    left.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+    left.set_yticks([], minor=True)
     right.axhline(1000, color="gray", linewidth=0.8)
     right.set(xscale="log", xlabel="beads", ylabel="bytes per bead beside OpenMM's own", title="memory")
     right.set_ylim(bottom=0)
@@ -210,10 +210,11 @@ def text(data: dict) -> str:
 
 
 def publish(data: dict) -> None:
-    """Picture and table."""
+    """Picture and tables."""
     draw(data, ROOT / "docs" / "figures" / "scaling.png")
     file = ROOT / "docs" / "atlas.md"
     file.write_text(page.replaced(file.read_text(), "scaling", text(data)))
+    headline.publish()
 
 
 def main() -> None:
@@ -232,8 +233,10 @@ def main() -> None:
     file = ROOT / "docs" / "scaling.json"
     data: dict = {"date": str(datetime.date.today()), "machine": machine(), "threads": options.cores, "rows": []}
     data["steps"] = {name: step_of(name) for name in (*SCHEMES, *PEERS)}
+    before = json.loads(file.read_text())
+    data["chains"] = before["chains"]  # those are benchmarks/chain_speed.py's
     if options.only:
-        data = json.loads(file.read_text())
+        data = before
     for row in data["rows"] if options.only else (times(beads, options.cores) for beads in options.sizes):
         if options.only != "page":
             row["memory"] = memories(row["beads"])

@@ -8,6 +8,7 @@ then writes openmm_dpd/simulation/advice/stability.json, the maps in docs/figure
     python benchmarks/stability.py                       # twice the beads
     python benchmarks/stability.py --coarse              # a quarter of the points
     python benchmarks/stability.py --coarse --loose 4    # errors twice as large: some minutes
+    python benchmarks/stability.py --missing             # only what the shipped table lacks
     python benchmarks/stability.py --only table          # only the table, the maps and the page
     python benchmarks/stability.py --noisy --loose 1 --schemes bababo  # points of the shipped table whose step of 1 % is badly known, again and
                                                          # longer: about a minute of one core each
@@ -392,6 +393,7 @@ def main() -> None:
     parser.add_argument("--schemes", nargs="+", choices=SCHEMES, default=SCHEMES)
     parser.add_argument("--only", choices=("runs", "table"))
     parser.add_argument("--noisy", action="store_true", help="only points of the shipped table that are badly known")
+    parser.add_argument("--missing", action="store_true", help="only schemes and points that the shipped table lacks")
     parser.add_argument("--limit", type=int, help="no more than this many runs")
     options = parser.parse_args()
     store = Store(ROOT / "out" / "stability" / "results.jsonl")
@@ -399,6 +401,9 @@ def main() -> None:
     length = {"beads": options.beads, "loose": options.loose, "longest": 400.0 / options.loose**2, "settle": 2500}
     grid = points(COARSE if options.coarse else FULL)
     wanted = noisy(shipped_table()) if options.noisy else [(s, p) for p in grid for s in SCHEMES if possible(p, s)]
+    if options.missing:
+        known = {(s, *(p[name] for name in BASE)) for p in shipped_table().data["points"] for s in p["schemes"]}
+        wanted = [(s, p) for s, p in wanted if (s, *(p[name] for name in BASE)) not in known]
     jobs = [{"part": "stability", "scheme": s, "point": p, **length} for s, p in wanted if s in options.schemes]
     if options.only != "table":
         left = [job for job in jobs if job not in store][: options.limit]

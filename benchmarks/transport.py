@@ -4,7 +4,7 @@ Each run drives a fluid of density 3 and repulsion 25 by a force f sin(2 pi z/L)
 from the displacements across it (docs/measure/transport_table.py).  Runs what is missing in ``out/transport``, then writes
 openmm_dpd/simulation/advice/transport.json and the table of docs/atlas.md; it can be interrupted at any time.
 
-    python benchmarks/transport.py                     # forty minutes of one core
+    python benchmarks/transport.py                     # an hour of one core
     python benchmarks/transport.py --time 1500         # a quarter of it; errors twice as large
     python benchmarks/transport.py --only table        # only the file, from the runs that are there
     python benchmarks/transport.py --check             # the steps that are recommended for diffusion, with 3,000 beads and other seeds: half an hour
@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "docs" / "measure")]
 
 import transport_table  # noqa: E402
-from atlas_parts import page  # noqa: E402
+from atlas_parts import headline, page  # noqa: E402
 from atlas_parts.errors import pooled  # noqa: E402
 from atlas_parts.store import Store, carry_out  # noqa: E402
 from atlas_parts.summary import machine, write  # noqa: E402
@@ -40,7 +40,16 @@ FILE = ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json"
 
 #: Steps are these parts of the time between samples.
 FAST, LONG, LONGER, OWN = (15, 10, 8, 6), (10, 6, 5, 4), (6, 4, 3), (6, 5, 4)
-STEPS = {"middle": FAST, "basa": FAST, "bababo": LONG, "bababs": LONG, "bab3": LONGER}
+STEPS = {"middle": FAST, "basa": (*FAST, 5, 4), "bababo": LONG, "bababs": LONG, "bab3": LONGER}
+#: What LAMMPS does (dpd with nve or mvv/dpd, dpd/fdt with shardlow) does a scheme here; its weight of the prediction, and steps.
+PEERS = {"mvv": 0.5, "mvv, lambda 0.65": 0.65, "shardlow": 0.5}
+PEER_STEPS = {
+    4.5: dict.fromkeys(PEERS, (50, 25, 15, 10)),
+    40.5: {"mvv": (100, 50, 25), "mvv, lambda 0.65": (100, 50, 25), "shardlow": (50, 25, 15, 10)},
+}
+#: Half the friction twice, in the place of once.
+HALVES = "B A/2 S/2 S/2 A/2"
+SHOWN = (*STEPS, *PEERS, HALVES)
 #: And others, where errors of 1 % are at shorter ones.
 STRONG = {
     135.0: {
@@ -49,6 +58,7 @@ STRONG = {
         "bababo": (30, 20, *LONG),
         "bababs": (20, *LONG),
         "bab3": (30, 20, *LONGER),
+        HALVES: (20, 10),
     },
     450.0: {"middle": (100, 60, 30), "basa": (100, 60, 30), "bababo": (60, 30, 20), "bababs": (60, 30, 20), "bab3": (60, 30, 20)},
 }
@@ -57,7 +67,7 @@ FRICTIONS = {4.5: 25, 40.5: 40, 135.0: 100, 450.0: 333}
 #: Scheme whose run at the finest step is the limit.
 LIMIT = "basa"
 #: Seeds of the check.
-SEEDS = (3, 4)
+SEEDS = (3, 4, 5)
 #: Beads, and the speed of the flow: fast enough to be seen, slow enough for the viscosity at rest within what differences need.
 BEADS, SPEED = 1000, 0.5
 
@@ -68,8 +78,9 @@ def jobs(length: float, frictions: list[float], words: list[str]) -> list[dict]:
     for gamma in frictions:
         finest = transport_table.EVERY / FRICTIONS[gamma]
         found += [] if words else [{"gamma": gamma, "scheme": LIMIT, "dt": finest, "time": length, "seed": 1}]
-        for scheme in words or STEPS:
-            steps = [transport_table.EVERY / n for n in STRONG.get(gamma, STEPS).get(scheme, OWN)]
+        known = STRONG.get(gamma) or STEPS | PEER_STEPS[gamma]
+        for scheme in words or known:
+            steps = [transport_table.EVERY / n for n in known.get(scheme, OWN)]
             found += [{"gamma": gamma, "scheme": scheme, "dt": dt, "time": length, "seed": 2} for dt in steps]
     return found
 
@@ -79,15 +90,16 @@ def work(job: dict) -> dict:
     dpd.set_threads(1)
     begun = time.perf_counter()
     point = {**transport_table.BASE, "drag": job["gamma"]}
+    scheme, lam = job["scheme"].partition(",")[0], PEERS.get(job["scheme"], 0.5)
     try:
-        found = transport_table.measure(point, job["time"], job["seed"], job.get("beads", BEADS), job["dt"], job["scheme"], SPEED)
+        found = transport_table.measure(point, job["time"], job["seed"], job.get("beads", BEADS), job["dt"], scheme, SPEED, lam)
         report = {name: round(found[name], 5) for name in ("D", "D_error", "eta", "eta_error")}
     except DPDError as error:
         report = {"failed": str(error).splitlines()[0][:200]}
     return job | report | {"seconds": round(time.perf_counter() - begun, 1)}
 
 
-def check(length: float, frictions: list[float], store: Store, processes: int) -> None:
+def check(length: float, frictions: list[float], seeds: list[int], store: Store, processes: int) -> None:
     """Diffusion and viscosity at the steps that are recommended for diffusion, beside the limit of short steps: other beads, other seeds."""
     todo: dict[float, tuple[list[dict], ...]] = {}
     for gamma in frictions:
@@ -99,7 +111,7 @@ def check(length: float, frictions: list[float], store: Store, processes: int) -
             [
                 {"gamma": gamma, "scheme": s, "dt": transport_table.EVERY / n, "time": length, "seed": seed, "beads": 3 * BEADS}
                 for s, n in part.items()
-                for seed in SEEDS
+                for seed in seeds
             ]
             for part in parts
         )
@@ -118,7 +130,7 @@ def check(length: float, frictions: list[float], store: Store, processes: int) -
 def _together(rows: list[dict], name: str) -> tuple[float, float]:
     """Mean of several seeds, with the larger of the errors that the runs say and that their spread says."""
     mean, sem = pooled([{name: (row[name], row[f"{name}_error"])} for row in rows], name)
-    return mean, max(sem, float(np.std([row[name] for row in rows], ddof=1)) / len(rows) ** 0.5)
+    return mean, max(sem, float(np.std([row[name] for row in rows], ddof=1)) / len(rows) ** 0.5) if len(rows) > 1 else sem
 
 
 def rows_of(table: dict) -> list[dict]:
@@ -168,7 +180,7 @@ def blocks(table: dict) -> dict[str, str]:
     """Blocks of the page: errors of all runs, in per cent."""
     m, found = table["machine"], []
     for point in table["points"]:
-        for scheme in STEPS:
+        for scheme in SHOWN:
             rows = point["schemes"].get(scheme, [])
             found += [[f"{point['gamma']:g}", f"`{scheme}`", f"{dt:.3g}", *(_per_cent(pair) for pair in pairs)] for dt, *pairs in rows]
     limits = ", ".join(
@@ -191,18 +203,20 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only", choices=("runs", "table"))
     parser.add_argument("--check", action="store_true", help="only whether the recommended steps hold for other beads")
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="of the check")
     options = parser.parse_args()
     store = Store(ROOT / "out" / "transport" / "results.jsonl")
     if options.check:
-        check(0.5 * options.time, options.friction, store, options.processes)
+        check(0.5 * options.time, options.friction, options.seeds, store, options.processes)
         return
     if options.only != "table":
         carry_out(jobs(options.time, options.friction, options.words), work, store, options.processes, functools.partial(print, flush=True))
     if options.only != "runs":
-        named = [row for row in store.results.values() if row["scheme"] in STEPS and "beads" not in row]
+        named = [row for row in store.results.values() if row["scheme"] in SHOWN and "beads" not in row]
         table = tabulate(named, json.loads(FILE.read_text()))
         write(table, FILE)
         page.update(ROOT / "docs" / "atlas.md", texts=blocks(table))
+        headline.publish()
 
 
 if __name__ == "__main__":

@@ -79,27 +79,33 @@ def _apart(steps: list[float]) -> list[float]:
     """Those far enough from each other for their labels to be read."""
     kept = steps[:1]
     for step in steps[1:]:
-        if step > 1.12 * kept[-1]:
+        if step > max(1.12, (steps[-1] / steps[0]) ** (1 / 25)) * kept[-1]:
             kept.append(step)
     return kept
 
 
 def _chart(fluid: dict, measures: tuple[str, ...], against: str, file: Path, title: str, label: str) -> None:
-    columns = 2
-    figure, grid = plt.subplots(
-        len(measures) // 2, columns, figsize=(11, 1.2 + 3.9 * (len(measures) // 2)), layout="constrained", squeeze=False
-    )
-    spare, drawn = iter(SPARE), False
+    # with charges there is no configurational temperature
+    measures = tuple(m for m in measures if any(len(series(entry, m, against)[0]) for entry in fluid["methods"].values()))
+    if not measures:
+        return
+    columns, rows = min(2, len(measures)), -(-len(measures) // 2)
+    figure, grid = plt.subplots(rows, columns, figsize=(11 if columns > 1 else 8, 1.2 + 3.9 * rows), layout="constrained", squeeze=False)
+    for axes in grid.flat[len(measures) :]:
+        axes.set_axis_off()
+    spare, shown = iter(SPARE), {}
     colours = {name: COLOURS.get(name) or next(spare, "gray") for name in fluid["methods"]}
-    for axes, measure in zip(grid.ravel(), measures, strict=True):
+    for axes, measure in zip(grid.flat, measures, strict=False):
         floor, bound = (1e-11, DRIFT) if measure == "drift" else (0.03, 100 * BOUND)
         for name, entry in fluid["methods"].items():
             x, y, e = series(entry, measure, against)
             if not len(x):
                 continue
-            drawn, ours, size = True, entry["kind"] == "ours", np.maximum(np.abs(y), floor)
+            ours, size = entry["kind"] == "ours", np.maximum(np.abs(y), floor)
             line, colour = "-" if ours else "--", colours[name]
-            axes.errorbar(x, size, yerr=[np.minimum(e, size * 0.9), e], color=colour, linestyle=line, capsize=2, linewidth=1.4, label=name)
+            shown[name] = axes.errorbar(
+                x, size, yerr=[np.minimum(e, size * 0.9), e], color=colour, linestyle=line, capsize=2, linewidth=1.4, label=name
+            )
             for marker, which in (("^", y > 0), ("v", y < 0)) if measure != "g" else (("o", y >= 0),):
                 axes.plot(x[which], size[which], marker, color=colour, markerfacecolor=colour if ours else "white", markersize=6)
         axes.axhline(bound, color="black", linewidth=0.8)
@@ -115,12 +121,9 @@ def _chart(fluid: dict, measures: tuple[str, ...], against: str, file: Path, tit
         axes.set_title(
             f"{'below the line: accurate enough' if measure != 'drift' else 'below the line: less than 1e-7'}; {better}", fontsize=9
         )
-    if drawn:
-        title += "\nupward triangles: too large, downward: too small; open: other programs"
-        handles, labels = grid.ravel()[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
-        figure.suptitle(title)
-        figure.savefig(file, dpi=110)
+    figure.legend(shown.values(), shown, loc="outside lower center", ncols=3, fontsize=9)
+    figure.suptitle(f"{title}\nupward triangles: too large, downward: too small; open: other programs")
+    figure.savefig(file, dpi=110)
     plt.close(figure)
 
 

@@ -34,10 +34,10 @@ def draw(table: dict, folder: Path) -> None:
         _planes(
             table,
             folder / f"stability_{kind}.png",
-            lambda e, k=kind: (e[k]["1"] or e["kin"]["1"])[0],
+            lambda e, k=kind: e[k]["1"] or e["kin"]["1"],
             f"longest step with the {words} within 1 %",
         )
-    _planes(table, folder / "stability_blow.png", lambda e: e["blow"][0], "step at which a run blows up")
+    _planes(table, folder / "stability_blow.png", lambda e: e["blow"], "step at which a run blows up")
     _lines(table, folder / "stability_lines.png")
 
 
@@ -45,31 +45,32 @@ def _base(table: dict, point: dict, but: str = "") -> bool:
     return all(point[name] == table["base"][name] for name in NAMES if name != but)
 
 
-def plane(table: dict, scheme: str, take) -> tuple[list, list, np.ndarray]:
-    """Frictions, repulsions and what ``take`` says of each point; NaN where the table has nothing."""
+def plane(table: dict, scheme: str, take) -> tuple[list, list, np.ndarray, dict]:
+    """Frictions, repulsions, the step that ``take`` finds at each point (NaN where the table has nothing), and as a text with its error."""
     points = [p for p in table["points"] if _base(table, p) and scheme in p["schemes"]]
     gammas, repulsions = (sorted({p[name] for p in points}) for name in ("gamma", "a"))
-    values = np.full((len(repulsions), len(gammas)), np.nan)
+    values, texts = np.full((len(repulsions), len(gammas)), np.nan), {}
     for p in points:
-        values[repulsions.index(p["a"]), gammas.index(p["gamma"])] = take(p["schemes"][scheme])
-    return gammas, repulsions, values
+        place, (dt, sem, kind) = (repulsions.index(p["a"]), gammas.index(p["gamma"])), take(p["schemes"][scheme])
+        values[place], texts[place] = dt, f"{kind}{dt:.2g}" if kind else f"{dt:.2g}\n±{sem:.1g}"
+    return gammas, repulsions, values, texts
 
 
 def _planes(table: dict, file: Path, take, title: str) -> None:
     schemes = list(table["cost"])
     rows = -(-len(schemes) // 3)
-    figure, grid = plt.subplots(rows, 3, figsize=(12.5, 3.4 * rows), layout="constrained", squeeze=False)
+    figure, grid = plt.subplots(rows, 3, figsize=(12.5, 3.8 * rows), layout="constrained", squeeze=False)
     image = None
     for axes in grid.flat[len(schemes) :]:
         axes.set_axis_off()
     for axes, scheme in zip(grid.flat, schemes, strict=False):
-        gammas, repulsions, values = plane(table, scheme, take)
+        gammas, repulsions, values, texts = plane(table, scheme, take)
         if not gammas:
             continue
         image = axes.imshow(np.log10(values), origin="lower", aspect="auto", cmap="viridis", vmin=-2.3, vmax=0)
-        for (row, column), value in np.ndenumerate(values):
-            if np.isfinite(value):
-                axes.text(column, row, f"{value:.2g}", ha="center", va="center", fontsize=8, color="white" if value < 0.15 else "black")
+        for (row, column), text in texts.items():
+            color = "white" if values[row, column] < 0.15 else "black"
+            axes.text(column, row, text, ha="center", va="center", fontsize=7, color=color)
         axes.set_xticks(range(len(gammas)), [f"{g:g}" for g in gammas], fontsize=8)
         axes.set_yticks(range(len(repulsions)), [f"{a:g}" for a in repulsions], fontsize=8)
         axes.set(title=scheme, xlabel="friction", ylabel="repulsion")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from .summary import EVERY, ratio, step_of
+from .summary import EVERY, step_of
 
 MEASURES = {"T_conf": "T_conf", "U": "potential energy", "T_kin": "T_kin", "P": "pressure", "g": "g(r)", "D": "diffusion", "drift": "drift", "agree": "temperatures agree", "both": "both"}  # fmt: skip
 
 
 def blocks(atlas: dict) -> dict[str, str]:
     """{name of the block: its text}."""
-    found = {"machine": _machine(atlas), "gains": gains(atlas), "targets": _targets(atlas), "reference": _references(atlas)}
+    found = {"machine": _machine(atlas), "targets": _targets(atlas), "reference": _references(atlas)}
     for name, fluid in atlas["fluids"].items():
         found[f"limits-{name}"] = _limits(name, fluid)
         found[f"figures-{name}"] = _pictures(atlas, name)
@@ -95,45 +95,6 @@ def _targets(atlas: dict) -> str:
     if not rows:
         return "Nothing was timed yet."
     return table(["fluid", "beside", "cores", "aimed at", "scheme", "times less wall time", "reached"], rows)
-
-
-def gains(atlas: dict) -> str:
-    """How many times less wall time than LAMMPS: at the same step with the same scheme, and at 1 % by every measure, where each program
-    takes the method that is cheapest by that measure on one core."""
-    header, columns = ["judged by"], []
-    for name, friction in (("weak", "4.5"), ("strong", "40.5")):
-        ours, theirs = (
-            {method: entry for method, entry in atlas["fluids"][name]["methods"].items() if entry["kind"] == kind}
-            for kind in ("ours", "lammps")
-        )
-        header += [f"friction {friction}, 1 core", "2 cores", "methods"]
-        columns.append(
-            [
-                _same_step(ours["mvv"], theirs["LAMMPS dpd + nve"]),
-                *(_gain(ours, theirs, m) for m in EVERY),
-            ]
-        )
-    words = ["the same step", *(f"1 % of {MEASURES[m]}" for m in EVERY)]
-    return table(header, [[word, *weak, *strong] for word, weak, strong in zip(words, *columns, strict=True)])
-
-
-def _same_step(mine: dict, theirs: dict) -> list[str]:
-    step = max(set(mine["ms"]["1"]) & set(theirs["ms"]["1"]), key=float)
-    return [*(f"{theirs['ms'][c][step] / mine['ms'][c][step]:.3g}" for c in ("1", "2")), f"`mvv` and dpd + nve, both at {step}"]
-
-
-def _gain(ours: dict, theirs: dict, measure: str) -> list[str]:
-    (here, mine), (there, other) = (
-        min(((name, entry) for name, entry in methods.items()), key=lambda item: item[1]["wall"]["1"][measure]["seconds"])
-        for methods in (ours, theirs)
-    )
-    found = [ratio(other["wall"][c][measure], mine["wall"][c][measure]) for c in ("1", "2")]
-    steps = (step_text(entry["limits"][measure]) for entry in (mine, other))
-    names = (f"`{here}`", there.removeprefix("LAMMPS "))
-    return [
-        *(f"{word_of(r['bound'])}{r['ratio']:.3g}{error_text(r['sem'])}" for r in found),
-        " and ".join(f"{name} at {step}" for name, step in zip(names, steps, strict=True)),
-    ]
 
 
 def error_text(sem: float) -> str:

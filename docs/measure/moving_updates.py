@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import orders  # noqa: E402
 from transport import BEADS, SPEED  # noqa: E402
-from transport_table import DENSITY, EVERY, coefficients  # noqa: E402
+from transport_table import DENSITY, EVERY, amplitude, coefficients  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.stats import ratio_average  # noqa: E402
@@ -121,8 +121,10 @@ def measured(gamma: float, word: str, dt: float, time: float) -> dict[str, tuple
     frames = round(time / EVERY)
     paths, flow, rows = np.empty((frames, BEADS, 3), np.float32), np.empty(frames), []
     for k in range(frames):
-        fluid.run(order, dt, every)
-        paths[k], flow[k] = fluid.x, 2 * np.mean(fluid.v[:, 0] * np.sin(fluid.wave * fluid.x[:, 2]))
+        fluid.run(order, dt, every - 1)
+        before = fluid.x.copy()
+        fluid.run(order, dt, 1)
+        paths[k], flow[k] = fluid.x, amplitude(before, fluid.x, fluid.wave, dt)
         force = orders.Fluid.force(fluid)[1]
         rows.append(((force**2).sum(), fluid.engine.laplacian()))
     found, conf = coefficients(paths, flow, fluid.push, fluid.box[0, 0]), ratio_average(*np.array(rows).T)

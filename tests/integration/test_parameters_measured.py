@@ -84,3 +84,11 @@ def test_transport_between_the_points_of_the_table(seed):
     assert abs(found["eta"] - said.viscosity.value) < 4 * math.hypot(found["eta_error"], said.viscosity.error)
     assert abs(found["D"] - said.diffusion.value) < 4 * math.hypot(found["D_error"], said.diffusion.error)
     assert found["D_error"] < 0.03 * found["D"]
+
+
+def test_amplitude_of_a_flow_is_that_of_displacements():
+    """Beads that drift with 0.3 sin(k z) for a step, and across."""
+    z, wave, dt = np.arange(200) * 0.05, 2 * np.pi / 10, 0.1
+    before = np.stack([np.zeros(200), np.zeros(200), z], axis=1)
+    after = before + dt * np.stack([0.3 * np.sin(wave * (z + 0.5 * dt)), np.ones(200), np.ones(200)], axis=1)
+    assert transport_table.amplitude(before, after, wave, dt) == pytest.approx(0.3)

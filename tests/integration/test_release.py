@@ -157,17 +157,6 @@ def test_figures_of_the_paper_are_those_of_the_documentation():
     assert len(figures) == PAPER.count("![") == 2 and all((ROOT / "paper" / name).is_file() for name in figures)
 
 
-def test_gains_in_the_paper_are_those_of_the_atlas():
-    """Those of one core."""
-
-    def cells(line: str) -> list[str]:
-        return [cell.strip() for cell in line.strip("|").split("|")]
-
-    gains = text("docs/atlas.md").partition("<!-- begin gains -->")[2].partition("<!-- end gains -->")[0]
-    measured = [[words[0], words[1], words[4]] for words in map(cells, gains.splitlines()) if len(words) > 4]
-    assert [cells(line) for line in PAPER.splitlines() if line.startswith("| ")] == measured and len(measured) == 9
-
-
 # -- what is packed --------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory) -> tuple[set[str], set[str], set[str]]:

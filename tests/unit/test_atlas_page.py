@@ -4,13 +4,14 @@ import json
 import re
 from pathlib import Path
 
+import chain_speed
 import many_body
 import numpy as np
 import orders
 import pytest
 import scaling
 import transport
-from atlas_parts import maps, page
+from atlas_parts import headline, maps, page
 from atlas_parts.errors import crossing, norm
 from atlas_parts.fluids import FLUIDS, methods
 from atlas_parts.sampling import BINS, Series
@@ -55,6 +56,29 @@ def test_tables_of_orders_are_those_of_their_json():
 def test_the_table_of_sizes_is_that_of_its_json():
     data = json.loads((ROOT / "docs" / "scaling.json").read_text(encoding="utf-8"))
     assert page.block_of(PAGE, "scaling") == scaling.text(data)
+
+
+def test_the_table_of_chains_is_that_of_its_json():
+    chains = json.loads((ROOT / "docs" / "scaling.json").read_text(encoding="utf-8"))["chains"]
+    assert page.block_of(PAGE, "chains") == chain_speed.text(chains)
+
+
+def test_speeds_on_the_page_in_readme_and_paper_are_those_of_the_files():
+    """Every ratio; README says of what versions they are."""
+    of, readme = headline.load(), (ROOT / "README.md").read_text(encoding="utf-8")
+    sizes = headline.sizes(of)
+    assert page.block_of(PAGE, "gains") == headline.gains(of) and page.block_of(PAGE, "sizes") == sizes
+    assert f"\n\n{sizes}\n\n" in readme and f"\n\n{sizes}\n\n" in (ROOT / "paper" / "paper.md").read_text(encoding="utf-8")
+    for name, version in ("LAMMPS", of.scaling["machine"]["lammps"]), ("OpenMM", of.scaling["machine"]["openmm"]):
+        assert f"{name} {version}" in readme.partition("**Speed.**")[2]
+
+
+def test_ratios_of_other_sizes():
+    """Twice as fast per bead here, four times there: half the ratio."""
+    of = headline.load()
+    ms = {name: of.ms("weak", name, "1", of.scaling["steps"][name]) for name in ("bab3", "LAMMPS dpd + nve")}
+    row = {"ns": {"bab3": {"1": ms["bab3"] / 2}, "LAMMPS dpd + nve": {"1": ms["LAMMPS dpd + nve"] / 4}}}
+    assert of.change(row, "bab3", "LAMMPS dpd + nve", "1") == pytest.approx(0.5)
 
 
 def test_pictures_of_the_page_exist():

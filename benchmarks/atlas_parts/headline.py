@@ -1,0 +1,159 @@
+"""How many times less wall time than LAMMPS for the same simulated time: by what is measured, and by the number of beads.
+
+Steps of diffusion and viscosity are those of ``benchmarks/transport.py``, all others those of docs/atlas.json; times of 10,000 beads are
+those of docs/atlas.json, and docs/scaling.json brings them to other sizes, and to the day on which it was written.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+
+from openmm_dpd.simulation.advice.transport_steps import MEASURED, TransportTable
+
+from .page import MEASURES, error_text, step_text, table, update, word_of
+from .summary import BOUND, EVERY, ratio, step_of
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = {
+    "atlas": ROOT / "docs" / "atlas.json",
+    "transport": ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json",
+    "scaling": ROOT / "docs" / "scaling.json",
+}
+#: Fluids of the atlas and their frictions.
+FRICTIONS = {"weak": 4.5, "strong": 40.5}
+STATIC = tuple(measure for measure in EVERY if measure != "D")
+#: Methods of LAMMPS that move beads as a scheme here does.
+ALIKE = {
+    "LAMMPS dpd + nve": "mvv",
+    "LAMMPS dpd + mvv/dpd, lambda 0.65": "mvv, lambda 0.65",
+    "LAMMPS dpd/fdt + shardlow": "shardlow",
+}
+#: What is timed at all sizes in the place of others that do the same work per step.
+TIMED = {"basa": "middle", "bababs": "bababo", "aboba": "middle", "shardlow": "middle", "LAMMPS dpd/fdt + shardlow": "LAMMPS dpd + nve"}
+
+
+class Headline:
+    """The files, and the costs that follow from them."""
+
+    def __init__(self, atlas: dict, transport: dict, scaling: dict):
+        self.atlas, self.transport, self.scaling = atlas, TransportTable(transport), scaling
+
+    def limit(self, fluid: str, method: str, measure: str) -> dict | None:
+        """The longest step within 1 %, as docs/atlas.json has it."""
+        if measure in STATIC:
+            return self.atlas["fluids"][fluid]["methods"][method]["limits"].get(measure)
+        gamma, scheme = FRICTIONS[fluid], ALIKE.get(method, method)
+        if scheme not in self.transport.points[gamma]:
+            return None
+        dt, sem = self.transport.crossing(gamma, scheme, BOUND, measure)
+        longest = max(row[0] for row in self.transport.points[gamma][scheme])
+        return {"at_least": longest} if dt >= longest else {"dt": dt, "sem": sem}
+
+    def ms(self, fluid: str, method: str, cores: str, dt: float) -> float:
+        """ms per step of 10,125 beads, in the atlas."""
+        row = self.atlas["fluids"][fluid]["methods"][method]["ms"][cores]
+        return float(np.interp(dt, *np.array(sorted((float(step), ms) for step, ms in row.items())).T))
+
+    def wall(self, fluid: str, method: str, measure: str, cores: str) -> dict | None:
+        """Wall seconds for a unit of simulated time at the limit."""
+        limit = self.limit(fluid, method, measure)
+        if not limit:
+            return None
+        dt, sem, sign = step_of(limit)
+        seconds = 1e-3 * self.ms(fluid, method, cores, dt) / dt
+        return {"seconds": seconds, "sem": seconds * sem / dt, "bound": {">=": "<=", "<=": ">="}.get(sign, "")}
+
+    def best(self, fluid: str, measure: str) -> tuple[str, str]:
+        """The cheapest method here and of LAMMPS, on one core."""
+        found = []
+        for kind in ("ours", "lammps"):
+            walls = {
+                name: self.wall(fluid, name, measure, "1")
+                for name, entry in self.atlas["fluids"][fluid]["methods"].items()
+                if entry["kind"] == kind and entry["ms"]
+            }
+            found.append(min((wall["seconds"], name) for name, wall in walls.items() if wall)[1])
+        return found[0], found[1]
+
+    def gain(self, fluid: str, measure: str, cores: str) -> dict:
+        """Times less wall time with the cheapest methods."""
+        mine, theirs = (self.wall(fluid, method, measure, cores) for method in self.best(fluid, measure))
+        assert mine and theirs
+        return ratio(theirs, mine)
+
+    def same_step(self, fluid: str, cores: str) -> tuple[float, str]:
+        """Times less wall time with the same scheme at the same step, and this step."""
+        methods = self.atlas["fluids"][fluid]["methods"]
+        mine, theirs = (methods[name]["ms"] for name in ("mvv", "LAMMPS dpd + nve"))
+        step = max(set(mine["1"]) & set(theirs["1"]), key=float)
+        return theirs[cores][step] / mine[cores][step], step
+
+    def change(self, row: dict, mine: str, theirs: str, cores: str) -> float:
+        """By what the ratio of two methods is larger with the beads of a row than in the atlas."""
+        mine, theirs = TIMED.get(mine, mine), TIMED.get(theirs, theirs)
+        cost = [row["ns"][name][cores] / self.ms("weak", name, cores, self.scaling["steps"][name]) for name in (theirs, mine)]
+        return cost[0] / cost[1]
+
+
+def gains(of: Headline) -> str:
+    """By every measure, with methods, steps and errors, 10,125 beads."""
+    header, columns = ["judged by"], []
+    for fluid, friction in FRICTIONS.items():
+        header += [f"friction {friction:g}, 1 core", "2 cores", "methods"]
+        same, step = zip(*(of.same_step(fluid, cores) for cores in ("1", "2")), strict=True)
+        columns.append([[*(f"{value:.3g}" for value in same), f"`mvv` and dpd + nve, both at {step[0]}"]])
+        for measure in (*STATIC, *MEASURED):
+            found = [of.gain(fluid, measure, cores) for cores in ("1", "2")]
+            names = [(f"`{name}`", of.limit(fluid, name, measure)) for name in of.best(fluid, measure)]
+            columns[-1].append(
+                [
+                    *(f"{word_of(r['bound'])}{r['ratio']:.3g}{error_text(r['sem'])}" for r in found),
+                    " and ".join(f"{name.strip('`').removeprefix('LAMMPS ') if 'LAMMPS' in name else name} at {step_text(limit)}" for name, limit in names),
+                ]
+            )  # fmt: skip
+    return table(header, [[word, *weak, *strong] for word, weak, strong in zip(words(), *columns, strict=True)])
+
+
+def words() -> list[str]:
+    """First cells of the rows."""
+    return ["the same step", *(f"1 % of {MEASURES.get(measure, measure)}" for measure in (*STATIC, *MEASURED))]
+
+
+def sizes(of: Headline) -> str:
+    """By every measure and number of beads, on one core / on two; chains of ten beads in the last row."""
+    data = of.scaling
+    header = [f"{data['date']}, {data['machine']['processor']}"]
+    chains = data["chains"]["rows"]
+    rows = [[word] for word in [*words(), "; ".join(chain["name"] for chain in chains)]]
+    for fluid, friction in FRICTIONS.items():
+        for number, row in enumerate(data["rows"]):
+            header.append(f"friction {friction:g}, {row['beads']:,} beads" if number == 0 else f"{row['beads']:,}")
+            same = [of.same_step(fluid, cores)[0] * of.change(row, "mvv", "LAMMPS dpd + nve", cores) for cores in ("1", "2")]
+            cells = [" / ".join(f"{value:.2g}" for value in same)]
+            for measure in (*STATIC, *MEASURED):
+                found = [of.gain(fluid, measure, cores) for cores in ("1", "2")]
+                both = [r["ratio"] * of.change(row, *of.best(fluid, measure), cores) for r, cores in zip(found, ("1", "2"), strict=True)]
+                cells.append(word_of(found[0]["bound"]) + " / ".join(f"{value:.2g}" for value in both))
+            here = [chain["ratios"].values() for chain in chains if (chain["beads"], chain["friction"]) == (row["beads"], friction)]
+            cells.append("; ".join(" / ".join(f"{value:.2g}" for value in ratios) for ratios in here) or "-")
+            for line, cell in zip(rows, cells, strict=True):
+                line.append(cell)
+    return table(header, rows)
+
+
+def load() -> Headline:
+    """From the files as they are."""
+    return Headline(**{name: json.loads(file.read_text(encoding="utf-8")) for name, file in FILES.items()})
+
+
+def publish() -> None:
+    """Both tables in docs/atlas.md, that of sizes in README and paper, in the place of the one that is there."""
+    of = load()
+    update(ROOT / "docs" / "atlas.md", texts={"gains": gains(of), "sizes": sizes(of)})
+    for name in ("README.md", "paper/paper.md"):
+        text = (ROOT / name).read_text(encoding="utf-8")
+        (ROOT / name).write_text(re.sub(r"(?m)(^\|.*\n)+(?=\n)", lambda _: sizes(of) + "\n", text, count=1), encoding="utf-8")
