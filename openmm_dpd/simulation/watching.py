@@ -12,7 +12,7 @@ script, or takes a failed step back.
 import logging
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache, wraps
 from typing import Any
@@ -94,7 +94,9 @@ class Watching:
     _mixed = False
     _slow = True
     _barostats = _has_barostats = True
-    _piece = straight = PIECE
+    straight = PIECE
+    _intervals: Sequence[int] = ()
+    _taken = 0
     _begun = False
 
     def context(self) -> openmm.Context | None:
@@ -111,6 +113,7 @@ class Watching:
         if not hasattr(context, "watched"):
             context.__class__ = watched(type(context), self.device_group is not None)  # type: ignore[arg-type]
         self._known, self._looked_at, self._remembered, self._unverified = weakref.ref(context), (), None, False
+        self._taken = 0
         self._groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
 
     @unbroken()
@@ -125,9 +128,14 @@ class Watching:
         self._look(context)
         while steps > 0:
             CTRL_C.check()
-            piece = min(steps, self._piece if self.whole is None or self._slow or self._barostats else self.straight)
+            piece = min(steps, self._piece() if self.whole is None or self._slow or self._barostats else self.straight)
             self._take(context, piece)
             steps -= piece
+            self._taken += piece
+
+    def _piece(self) -> int:
+        """Steps to the next move of a barostat, which counts from where its Context was made; a few at most."""
+        return min([PIECE, *(every - self._taken % every for every in self._intervals)])
 
     def _take(self, context: openmm.Context, steps: int) -> None:
         """Take a few steps, or none of them if one fails."""
@@ -229,7 +237,7 @@ class Watching:
             self._looked_at = now
         moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0] if self._has_barostats else []
         self._barostats = self._mixed or bool(moving)
-        self._piece = min([PIECE, *(barostat.getFrequency() for barostat in moving)])
+        self._intervals = [barostat.getFrequency() for barostat in moving]
         self.settle(context)
         parameters = context.getParameters()
         if BESIDE in parameters and parameters[BESIDE] != self._beside:
