@@ -5,6 +5,7 @@ import logging
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import openmm
@@ -305,6 +306,39 @@ def test_a_barostat_acts_and_bits_are_the_same(scheme, usual):
         states.append((*state_of(simulation.context), simulation.context.getState().getPeriodicBoxVectors(asNumpy=True)._value))
     assert all(same_bits(states[0], other) for other in states[1:])
     assert abs(states[0][2][0, 0] - 5.0) > 1e-3
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
+def test_restarts_behind_a_move_of_a_barostat_have_the_same_bits(scheme, tmp_path):
+    """From checkpoints to the end; from States, which lack the numbers that barostats draw, to the next move.  Moves were accepted and refused."""
+    device = available(Device("OpenCL", "single"))
+    scene, edges = beads(375, edge=5.0), [5.0]
+
+    def started():
+        built = made_on(scene, device, scheme)
+        dpd.add_barostat(built, 20.0, interval=5)
+        return built.simulation(properties=device.properties)
+
+    whole, found = started(), []
+    for _ in range(6):
+        whole.step(5)
+        whole.saveCheckpoint(str(tmp_path / f"{len(found)}.chk"))
+        whole.saveState(str(tmp_path / f"{len(found)}.xml"))
+        found.append(state_of(whole.context))
+        edges.append(whole.context.getState().getPeriodicBoxVectors()[0][0]._value)
+    assert {a == b for a, b in pairwise(edges)} == {True, False}
+    for at in range(5):
+        again = started()
+        again.loadCheckpoint(str(tmp_path / f"{at}.chk"))
+        again.step(25 - 5 * at)
+        assert same_bits(state_of(again.context), found[5]), at
+        ends = []
+        for load in ("loadCheckpoint", "loadState"):
+            again = started()
+            getattr(again, load)(str(tmp_path / f"{at}.{'xml' if load == 'loadState' else 'chk'}"))
+            again.step(4)
+            ends.append(state_of(again.context))
+        assert same_bits(*ends), at
 
 
 def test_it_steps_without_this_package(exact, tmp_path):

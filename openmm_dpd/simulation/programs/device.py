@@ -4,6 +4,8 @@ Either the plugin carries out a whole step when the Context's state is updated (
 of a program evaluate: where constraints hold.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 
 from ...base.names import AHEAD, PHASE, Phase
@@ -45,21 +47,30 @@ def _verlet(p: Program) -> Program:
     p.declare_per_dof("acc", "acceleration at x, friction and noise included")
     p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
-    with p.when("valid_for = 1", "did somebody bring an acceleration?"):
+    with _drawing_alike(p, "valid_for", "1", "did somebody bring an acceleration?"):
         _exchange(p, "v", "acc")
     _run(p, 1)
-    last = len(p.steps)
-    with p.when(f"{AHEAD} = 1", "is it the last step of a call?"):
+    with _drawing_alike(p, AHEAD, "1", "is it the last step of a call?"):
         _exchange(p, "acc", "v")
         if p.options.lam != 0.5:
             p.declare_per_dof("vp", "predicted velocity")
             _exchange(p, "vp", "v", 1)
         p.set("valid_for", "1")
-    with p.when(f"{AHEAD} != 1", "numbers are drawn for every line, from where barostats draw theirs: as many in every step"):
-        for _ in range(sum(step.kind == "global" for step in p.steps[last:])):
-            p.set("valid_for", "0")
     p.set(AHEAD, f"{AHEAD}-1")
     return p
+
+
+@contextmanager
+def _drawing_alike(p: Program, name: str, value: str, why: str) -> Iterator[None]:
+    """A block that runs where a variable has a value.  OpenMM draws numbers for every line, from where barostats draw theirs: where
+    the block does not run there are as many, so that moves do not depend on it."""
+    begun = len(p.steps)
+    with p.when(f"{name} = {value}", why):
+        yield
+    lines = sum(step.kind == "global" for step in p.steps[begun:])
+    with p.when(f"{name} != {value}", "numbers are drawn for every line: as many in every step"):
+        for _ in range(lines):
+            p.set(name, name)
 
 
 def _exchange(p: Program, target: str, source: str, block: int = 0) -> None:
