@@ -297,8 +297,9 @@ class SegmentEngine:
                 + (f" and the longest bond of {in_length(longest)}" if ends_meet else "")
                 + f" in a box of {' x '.join(map(in_length, box.diagonal()))}"
             )
-        self._eighths = math.ceil(8.0 * longest / spec.cutoff + 1e-9) if ends_meet else -1.0
-        reach = spec.cutoff * (1.0 + max(0.0, self._eighths) / 8.0)
+        eighths = math.ceil(8.0 * longest / spec.cutoff + 1e-9) if ends_meet else -1.0
+        reach = spec.cutoff * (1.0 + max(0.0, eighths) / 8.0)
+        self._box = b""  # until the list has it
         if reach != pairs.cutoff:
             pairs.set_cutoff(np.array([[reach]]))
-        self._box = _NO_BOX if box is None else box.tobytes()
+        self._eighths, self._box = eighths, _NO_BOX if box is None else box.tobytes()

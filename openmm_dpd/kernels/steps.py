@@ -146,9 +146,10 @@ class StepLoop:
 
     def _play(self, m: Moment, steps: int) -> int:
         """Repeat the recorded step, if there is one that fits; returns how many steps were done."""
-        if self._recorded is None:
+        recorded, self._recorded = self._recorded, None  # it is kept if all goes well
+        if recorded is None:
             return 0
-        recording, known, conditions = self._recorded
+        recording, known, conditions = recorded
         if not recording.begins_with(m.x, m.v, m.acc) or conditions != self._conditions(m):
             return 0
         again = Tape()
@@ -169,8 +170,8 @@ class StepLoop:
             m.ramped, m.kT = m.ramped + played, float(heats[played - 1])  # type: ignore[operator]
         if begun:  # it has other lists
             self.placed, self.forced = False, -1
-        if played < steps:
-            self._recorded = None
+        if played == steps:
+            self._recorded = recorded
         return played
 
     def _place(self, m: Moment) -> None:

@@ -30,7 +30,7 @@ CASES = {
     "threads": ("dpd", 1.4, 2, "", ROOM),
     "many beads": ("dpd", 1.4, 1, "", ROOM - {"list", "_make_room"} | {"passing"}),
     "many beads without a box": ("no box", 0.35, 1, "", ROOM - {"list", "_make_room"} | {"passing", "make_passing_room"}),
-    "segments": ("bonded", 1.25, 1, "segments", {"forces", "_set_reach"}),
+    "segments": ("bonded", 1.25, 1, "segments", {"add_to", "_set_reach"}),
     "charges": ("charged", 1.25, 1, "charges", {"_prepare", "_space_for"}),
 }
 
