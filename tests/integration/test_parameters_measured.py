@@ -76,8 +76,7 @@ def test_demixed_tetramers_have_the_chi_that_was_asked_for(seed):
     model = demixing.Model(3.0, beads=4, spring=Spring(k=2.0, r0=0.0))
     demixed = repulsion_from_chi(0.75, beads=4, bond=model.spring)
     slabs = [  # compositions of slabs this small change slowly: they scatter by four times the error of a series
-        demixing.demixed_chi(model, demixed.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=s)[0]
-        for s in range(seed, seed + 6)
+        demixing.demixed_chi(model, demixed.value, edge=6.0, length=18.0, time=100.0, settle=30.0, seed=s)[0] for s in range(seed, seed + 6)
     ]
     found, error = np.mean(slabs), np.std(slabs, ddof=1) / len(slabs) ** 0.5
     assert error < 0.06 * 0.75
