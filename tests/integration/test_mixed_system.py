@@ -272,7 +272,7 @@ def test_what_is_not_measured_of_atoms_and_beads():
 
 @pytest.mark.slow
 @any_seed(3)
-@pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("platform", ["CPU", pytest.param("Reference", marks=pytest.mark.long)])
 def test_temperature_of_atoms_and_of_beads(platform, seed):
     """Both at 300 K; friction between them, none among the atoms."""
     topology, system, x = atoms()
