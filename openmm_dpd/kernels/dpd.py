@@ -107,10 +107,6 @@ class DPDLayer(SweptLayer):
         super().__init__(table, number, pairs, plain, bool(np.any(table.gamma_perp != 0.0)))
         self.parts_forces = not self._transverse
 
-    def tables(self, heats: np.ndarray) -> np.ndarray | None:
-        """See :class:`.interface.Engine`."""
-        return self.table.coefficients_at(heats)
-
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
         noise = call.key(self.number), call.rsqrt_dt

@@ -35,7 +35,9 @@ class PairEngine(Engine):
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
-        self._inv_mass, self._prescribed = spec.inv_mass, spec.wall_velocity
+        self._inv_mass = self._prescribed = None
+        if spec.wall_velocity is not None:
+            self._inv_mass, self._prescribed = spec.inv_mass.copy(), spec.wall_velocity.copy()
         self._x, self._seen = np.zeros((len(spec.types), 3)), np.zeros((0 if spec.wall_velocity is None else len(spec.types), 3))
         self._box: np.ndarray | None = None
         #: Whether the lists belong to these positions, and nobody else can change them.
@@ -156,7 +158,7 @@ class PairEngine(Engine):
 
     def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
         """See :class:`.interface.Engine`."""
-        return self.layers[layer].tables(heats)  # type: ignore[attr-defined]  # all that repeat have it
+        return self.layers[layer].table.coefficients_at(heats)  # type: ignore[attr-defined]  # all that repeat have it
 
     def sorted_beads(self) -> np.ndarray:
         """See :class:`.interface.Engine`."""
@@ -169,8 +171,6 @@ class PairEngine(Engine):
         for each in (*self.lists, *self.extras):
             each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
         if self._prescribed is not None:
-            if self._prescribed is self.spec.wall_velocity:
-                self._inv_mass, self._prescribed = self._inv_mass.copy(), self._prescribed.copy()
             np.take(self.spec.inv_mass, names, out=self._inv_mass)
             np.take(self.spec.wall_velocity, names, axis=0, out=self._prescribed)  # type: ignore[arg-type]  # there is one
         self._kept = False

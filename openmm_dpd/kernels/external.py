@@ -80,13 +80,11 @@ class BodyEvaluator:
 
     def __init__(self, terms: BodyTerms):
         self.terms, self.fewest = terms, FEW
-        self._arguments = terms.beads, terms.vectors, terms.pattern, terms.axis, terms.origin, terms.period
+        self._arguments = terms.beads.copy(), terms.vectors, terms.pattern, terms.axis, terms.origin, terms.period
         self._energies = energy_chunks(len(terms.beads))
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""
-        if self._arguments[0] is self.terms.beads:
-            self._arguments = self.terms.beads.copy(), *self._arguments[1:]
         self._arguments[0][...] = places[self.terms.beads]
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:

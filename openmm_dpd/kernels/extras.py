@@ -206,21 +206,15 @@ class TermEvaluator:
     def __init__(self, terms: BondedKernel):
         kind: Any = type(terms)
         beads = terms.beads
-        self.terms, self.fewest, self._kernel, self._sits = terms, FEW, _kernel(kind), False
-        self._arguments: tuple[np.ndarray, ...] = (
-            beads,
-            terms.parameters,
-            *bead_rows(beads),
-            np.zeros((beads.size, 3)),
-            energy_chunks(len(beads)),
-        )
+        self.terms, self.fewest, self._kernel = terms, FEW, _kernel(kind)
+        # beads and their rows are its own: they change with the seats
+        self._beads = beads.copy(), *bead_rows(beads)
+        self._arguments = self._beads[0], terms.parameters, *self._beads[1:], np.zeros((beads.size, 3)), energy_chunks(len(beads))
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""
         beads = places[self.terms.beads]
-        if not self._sits:
-            self._arguments, self._sits = tuple(map(np.copy, self._arguments)), True
-        for here, moved in zip((self._arguments[0], *self._arguments[2:5]), (beads, *bead_rows(beads)), strict=True):
+        for here, moved in zip(self._beads, (beads, *bead_rows(beads)), strict=True):
             here[...] = moved
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
