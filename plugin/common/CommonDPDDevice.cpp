@@ -70,6 +70,8 @@ void CommonDPDDeviceKernel::compile() {
     defines.insert(atomics.begin(), atomics.end());
     defines["NUM_ATOMS"] = cc.intToString(cc.getNumAtoms());
     defines["STRIDE"] = cc.intToString(cc.getPaddedNumAtoms());
+    defines["LANES"] = cc.intToString(device.lanes());
+    defines["BLOCK"] = cc.intToString(device.block(true));
     defines["MAX_CUTOFF"] = cc.doubleToString(engine->reach());
     device.program = cc.compileProgram(kernelSource, defines);
 }

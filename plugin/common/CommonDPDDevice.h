@@ -5,6 +5,7 @@
 #include "openmm/KernelFactory.h"
 #include "openmm/common/ComputeArray.h"
 #include "openmm/common/ComputeContext.h"
+#include <cstdlib>
 #include <memory>
 
 namespace DPDDevice {
@@ -52,7 +53,21 @@ public:
         }
         int at = 0;
         std::apply([&](auto&&... values) { (set(*kernel, at++, values), ...); }, all);
-        kernel->execute(std::is_same<Tag, dpdEvaluate_>::value ? std::min((int) cc.getEnergyBuffer().getSize(), beads()) : beads(), block());
+        long long threads = (long long) beads()*(Tag::shared ? lanes() : 1), most = std::is_same<Tag, dpdEvaluate_>::value ? cc.getEnergyBuffer().getSize() : 1<<30;
+        kernel->execute((int) std::min(threads, most), block(Tag::shared));
+    }
+
+    // Threads that share a bead; tests on a CPU ask for what GPUs do
+    int lanes() const {
+        const char* asked = std::getenv("OPENMM_DPD_DEVICE_LANES");
+        return asked != nullptr ? std::atoi(asked) : cc.getIsCPU() ? 1 : 8;
+    }
+
+    // Threads of a block: OpenMM starts at most six of them per multiprocessor, of 64 threads unless told otherwise: too few for many beads
+    int block(bool shared) const {
+        if (shared && lanes() > 1)
+            return (long long) beads()*lanes() <= 128*cc.getNumThreadBlocks() ? 128 : 256;
+        return beads() < 65536 ? 64 : std::min(256, cc.getMaxThreadBlockSize());
     }
 
     OpenMM::ComputeProgram program;
@@ -75,9 +90,6 @@ private:
         else
             kernel.setArg(at, (float) value);
     }
-    // OpenMM starts at most six blocks per multiprocessor, of 64 threads unless told otherwise: too few for many beads
-    int block() const { return beads() < 65536 ? 64 : std::min(256, cc.getMaxThreadBlockSize()); }
-
     OpenMM::ComputeContext& cc;
     const bool wide;
     int stepsBefore = 0;

@@ -24,8 +24,10 @@ struct Mixed4 { double x, y, z, w; };
 template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std::forward<T>(value)); }
 template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
 
-#define DPD_KERNELS(X) X(dpdMove) X(dpdEvaluate) X(dpdKick) X(dpdRenew) X(dpdCompare) X(dpdExchange) X(dpdRows) X(dpdPass) X(dpdFinish)
-#define DPD_TAG(name) struct name##_ { static constexpr const char* text = #name; };
+// Whether several threads may share a bead is said of each.
+#define DPD_KERNELS(X) X(dpdMove, false) X(dpdEvaluate, true) X(dpdKick, true) X(dpdRenew, false) X(dpdCompare, false) X(dpdExchange, false) \
+    X(dpdRows, true) X(dpdPass, true) X(dpdFinish, true)
+#define DPD_TAG(name, share) struct name##_ { static constexpr const char* text = #name; static constexpr bool shared = share; };
 DPD_KERNELS(DPD_TAG)
 #undef DPD_TAG
 
@@ -36,6 +38,8 @@ public:
 
     Engine(Device& device, const Fluid& fluid, const OpenMM::System& system) : device(device), fluid(fluid) {
         int n = fluid.numTypes, beads = system.getNumParticles();
+        if (beads > 1<<24)
+            throw OpenMM::OpenMMException("DPDDeviceForce: more than 16,777,216 beads, which single precision cannot count");
         std::vector<std::array<double, 4> > first(n*n), second(n*n);
         for (int k = 0; k < n*n; k++) {
             bool fixedSigma = fluid.sigma[k] >= 0;
@@ -348,7 +352,7 @@ private:
             for (auto& array : count)
                 device.make(array, Kind::Int, cellCapacity);
             for (auto& array : beads)
-                device.make(array, Kind::Int, (size_t) cellCapacity*cellRoom);
+                device.make(array, Kind::Real4, (size_t) cellCapacity*cellRoom);
         }
         for (auto& array : count)
             device.clear(array);

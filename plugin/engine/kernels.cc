@@ -1,7 +1,11 @@
 // Pair terms of DPD and whole steps on cells of our own: one source for OpenCL, CUDA, HIP and C++.
 //
-// No barriers, no local memory, one thread per bead.  Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the
-// order of beads in a cell nor that of threads changes a bit, and that momentum is conserved to the last one.
+// Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the order of beads in a cell nor that of threads changes a
+// bit, and that momentum is conserved to the last one.
+//
+// On a CPU a thread does all for its bead.  On a GPU LANES threads of a block share one: each looks for partners in other cells, what they find is
+// listed in the memory of the block (else nearly all threads of a warp would wait while one draws noise), each takes its part of the list, and
+// what they sum up comes together in lane 0.
 //
 // Where anything is wrong (a cell or row is full, a bead runs away) a kernel sets flags[STOP], and all kernels after it do nothing: the host
 // finds out when it looks.  Launches have numbers, so that all of the one that found it still counts what room would be needed.
@@ -20,6 +24,45 @@
 #define MOVED 7       // of the launch that has found other positions than those kept
 #define STOPPED (flags[STOP] != 0 && flags[WHEN] != 0 && flags[WHEN] != launch)
 #define HALT(why) { flags[WHEN] = launch; ATOMIC_OR(&flags[STOP], why); }
+
+#if LANES == 1
+#define SHARED(sums)
+#define EACH_BEAD for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) { \
+    const bool there = true; \
+    const int lane = 0; \
+    int entries = 0;
+#define TOGETHER(sums, n)
+#define ENTRY (entries++)
+#define ENTRIES entries
+#else
+#define BEADS (BLOCK/LANES) // that a block has at a time
+#define LISTED 40           // partners: those beyond are taken where they are found
+#define SHARED(sums) \
+    LOCAL mm_long shared[(sums)*BLOCK]; \
+    LOCAL int found[BEADS], entered[BEADS], list[LISTED*BEADS];
+#define EACH_BEAD for (int first = GROUP_ID*BEADS; first < NUM_ATOMS; first += NUM_GROUPS*BEADS) { \
+    const int lane = LOCAL_ID/BEADS, mine = LOCAL_ID%BEADS, i = min(first+mine, NUM_ATOMS-1); \
+    const bool there = first+mine < NUM_ATOMS; \
+    if (lane == 0) \
+        found[mine] = entered[mine] = 0; \
+    SYNC_THREADS
+#define TOGETHER(sums, n) dpdTogether(sums, n, shared);
+#define ENTRY ATOMIC_ADD(&entered[mine], 1)
+#define ENTRIES entered[mine]
+
+DEVICE void dpdTogether(mm_long* sums, int n, LOCAL_ARG mm_long* shared) {
+    for (int k = 0; k < n; k++)
+        shared[k*BLOCK+LOCAL_ID] = sums[k];
+    SYNC_THREADS
+    if (LOCAL_ID < BEADS)
+        for (int k = 0; k < n; k++)
+            for (int at = LOCAL_ID+BEADS; at < BLOCK; at += BEADS)
+                sums[k] += shared[k*BLOCK+at];
+    SYNC_THREADS
+}
+#endif
+#define END_BEAD }
+#define SUMMED (there && lane == 0) // who has all sums
 
 #define GOLDEN 0x9E3779B97F4A7C15UL
 #define STREAM 0xD1342543DE82EF95UL
@@ -113,12 +156,33 @@ DEVICE real3 dpdDelta(mixed3 x, mixed3 y, BOX) { // from y to x, the nearest ima
     return make_real3((real) d.x, (real) d.y, (real) d.z);
 }
 
-// Cells: how many beads are in each, which they are (`room` places per cell), and the cell of each bead (-1: it takes no part).
-#define FILL GLOBAL int* RESTRICT count, GLOBAL int* RESTRICT beads, GLOBAL int* RESTRICT cellOf, GLOBAL int* RESTRICT dirty, int cells, int room
-#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const int* RESTRICT beads, GLOBAL const int* RESTRICT cellOf, int room
+#ifdef USE_MIXED_PRECISION
+DEVICE real3 dpdNear(mixed3 x, real4 y, BOX) { // the same for a rounded position y
+    real3 d = make_real3((real) x.x-y.x, (real) x.y-y.y, (real) x.z-y.z);
+    if (!PERIODIC)
+        return d;
+    real s = floor(d.z*(real) inverse.z+(real) 0.5);
+    d.z -= s*(real) edges.z;
+#ifdef TRICLINIC
+    d.y -= s*(real) tilt.z;
+    d.x -= s*(real) tilt.y;
+#endif
+    s = floor(d.y*(real) inverse.y+(real) 0.5);
+    d.y -= s*(real) edges.y;
+#ifdef TRICLINIC
+    d.x -= s*(real) tilt.x;
+#endif
+    d.x -= floor(d.x*(real) inverse.x+(real) 0.5)*(real) edges.x;
+    return d;
+}
+#endif
+
+// Cells: how many beads are in each, where these are and which (`room` places per cell), and the cell of each bead (-1: it takes no part).
+#define FILL GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT cellOf, GLOBAL int* RESTRICT dirty, int cells, int room
+#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const real4* RESTRICT beads, GLOBAL const int* RESTRICT cellOf, int room
 #define CELLS_ count, beads, cellOf, room
 
-DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL int* RESTRICT beads, GLOBAL int* RESTRICT cellOf, int room,
+DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT cellOf, int room,
         GLOBAL int* RESTRICT flags, int launch, BOX) {
     if (type < 0) {
         cellOf[i] = -1;
@@ -128,7 +192,7 @@ DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL
     cellOf[i] = cell;
     int k = ATOMIC_ADD(&count[cell], 1);
     if (k < room)
-        beads[cell*room+k] = i;
+        beads[cell*room+k] = make_real4((real) x.x, (real) x.y, (real) x.z, (real) i);
     else
         HALT(CELLS_FULL)
     if (k+1 > flags[MOST_IN_CELL])
@@ -233,68 +297,93 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 #define GAP(axis, at, n) dpdGap(at, place##axis, edges.axis, n)
 #endif
 
-// All partners j of bead i within the longest cutoff: delta from j to i, r2 its square.  Cells that are farther away are left out.
-#define PARTNERS \
+// Another bead, as cells have it: delta from it to x, r2 its square.  Where positions have more digits than cells, these tell who is near.
+#define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && r2 != 0)
+#define SQUARE(delta) (delta.x*delta.x+delta.y*delta.y+delta.z*delta.z)
+#ifdef USE_MIXED_PRECISION
+#define OTHER(slot) real4 y = beads[slot]; int j = (int) y.w; real3 delta = dpdNear(x, y, BOX_); real r2 = SQUARE(delta);
+#define IS_NEAR (r2 < (real) (MAX_CUTOFF*MAX_CUTOFF*1.01) && j != i)
+#define EXACTLY delta = dpdDelta(x, dpdLoad(pos, corr, j), BOX_); r2 = SQUARE(delta);
+#else
+#define OTHER(slot) real4 y = beads[slot]; int j = (int) y.w; real3 delta = dpdDelta(x, make_mixed3(y.x, y.y, y.z), BOX_); real r2 = SQUARE(delta);
+#define IS_NEAR WITHIN
+#define EXACTLY
+#endif
+
+// What is to be done with all partners j of bead i within the longest cutoff.  Cells that are farther away are left out.
+#define PARTNERS(found_one) \
     int cell = cellOf[i], plane = cell/nx; \
     int hx = cell-plane*nx, hz = plane/ny, hy = plane-hz*ny; \
     float placex = PLACE(x, nx, hx), placey = PLACE(y, ny, hy), placez = PLACE(z, nz, hz); \
-    for (int line = 0; line < (nz < 3 ? nz : 3)*(ny < 3 ? ny : 3); line++) { \
-    int c = line/(ny < 3 ? ny : 3), b = line%(ny < 3 ? ny : 3); \
-    int first = ((nz < 3 ? c : dpdWrap(hz+c-1, nz))*ny+(ny < 3 ? b : dpdWrap(hy+b-1, ny)))*nx; \
-    float gap = GAP(z, c, nz)+GAP(y, b, ny); \
-    for (int a = 0; a < (nx < 3 ? nx : 3); a++) { \
-        int other = first+(nx < 3 ? a : dpdWrap(hx+a-1, nx)); \
-        int n = gap+GAP(x, a, nx) < (float) (MAX_CUTOFF*MAX_CUTOFF*1.0002) ? count[other] : 0; \
-        for (int k = 0; k < n; k++) { \
-            int j = beads[other*room+k]; \
-            real3 delta = dpdDelta(x, dpdLoad(pos, corr, j), BOX_); \
-            real r2 = delta.x*delta.x+delta.y*delta.y+delta.z*delta.z; \
-            if (r2 >= MAX_CUTOFF*MAX_CUTOFF || r2 == 0) /* itself, too */ \
-                continue;
-#define END_PARTNERS }}}
+    for (int t = lane; t < 27; t += LANES) { \
+        int c = t/9, b = t/3-3*c, a = t-3*(t/3); \
+        if (c >= nz || b >= ny || a >= nx || GAP(z, c, nz)+GAP(y, b, ny)+GAP(x, a, nx) >= (float) (MAX_CUTOFF*MAX_CUTOFF*1.0002)) \
+            continue; \
+        int other = ((nz < 3 ? c : dpdWrap(hz+c-1, nz))*ny+(ny < 3 ? b : dpdWrap(hy+b-1, ny)))*nx+(nx < 3 ? a : dpdWrap(hx+a-1, nx)); \
+        int end = other*room+count[other]; \
+        for (int slot = other*room; slot < end; slot++) { \
+            OTHER(slot) \
+            if (IS_NEAR) { \
+                found_one \
+            } \
+        } \
+    }
+#define TAKE(pair) EXACTLY if (WITHIN) { pair; }
+#if LANES == 1
+#define EACH_PARTNER(takesPart, pair) if (takesPart) { PARTNERS(TAKE(pair)) }
+#else
+#define EACH_PARTNER(takesPart, pair) \
+    if (takesPart) { \
+        PARTNERS( \
+            int k = ATOMIC_ADD(&found[mine], 1); \
+            if (k < LISTED) \
+                list[k*BEADS+mine] = slot; \
+            else { \
+                TAKE(pair) \
+            } \
+        ) \
+    } \
+    SYNC_THREADS \
+    for (int k = lane, n = min(found[mine], LISTED); (takesPart) && k < n; k += LANES) { \
+        OTHER(list[k*BEADS+mine]) \
+        TAKE(pair) \
+    }
+#endif
 
 #define CONSERVATIVE 1
 #define THERMOSTAT 2
 
-// Force on bead i, added to f, and half of the energy of its pairs.
-DEVICE real dpdGather(int i, mixed3 x, int terms, GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr,
-        GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS, mm_long* f, BOX) {
-    real energy = 0;
-    if (cellOf[i] < 0)
+// Force of a pair on a bead of this type (times their number), index and velocity, added to f, and half of its energy.
+DEVICE real dpdPush(int j, real3 delta, real r2, int type, int index, mixed4 v, int terms, GLOBAL const mixed4* RESTRICT vel, TERMS, mm_long* f) {
+    real invR = RSQRT(r2), r = r2*invR, energy = 0;
+    int partner = atomIndex[j];
+    DPDPair p;
+    if (!dpdPair(&p, type+types[j], index, partner, r, TERMS_))
         return energy;
-    int type = types[i]*NUM_TYPES, index = atomIndex[i];
-    mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
-    PARTNERS
-        real invR = RSQRT(r2), r = r2*invR;
-        int partner = atomIndex[j];
-        DPDPair p;
-        if (!dpdPair(&p, type+types[j], index, partner, r, TERMS_))
-            continue;
-        real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z), force = make_real3(0, 0, 0);
-        real size = 0;
-        if ((terms & CONSERVATIVE) != 0) {
-            real w = 1-r/p.rc;
-            size += p.A;
-            energy += (real) 0.25*p.A*w*p.rc;
-        }
-        if ((terms & THERMOSTAT) != 0) {
-            mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
-            mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
-            real3 u = make_real3((real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
-            real along = e.x*u.x+e.y*u.y+e.z*u.z, s = p.root*p.w;
-            size += s*(noise*dpdNormal(pair, cubics)-s*along);
+    real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z), force = make_real3(0, 0, 0);
+    real size = 0;
+    if ((terms & CONSERVATIVE) != 0) {
+        real w = 1-r/p.rc;
+        size += p.A;
+        energy = (real) 0.25*p.A*w*p.rc;
+    }
+    if ((terms & THERMOSTAT) != 0) {
+        mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
+        mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
+        real3 u = make_real3((real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
+        real along = e.x*u.x+e.y*u.y+e.z*u.z, s = p.root*p.w;
+        size += s*(noise*dpdNormal(pair, cubics)-s*along);
 #ifdef TRANSVERSE
-            if (p.rootAcross != 0) {
-                real t = p.rootAcross*p.wAcross;
-                real3 z = dpdAcross(pair, e, index < partner, cubics);
-                force = make_real3(t*(noise*z.x-t*(u.x-along*e.x)), t*(noise*z.y-t*(u.y-along*e.y)), t*(noise*z.z-t*(u.z-along*e.z)));
-            }
-#endif
+        if (p.rootAcross != 0) {
+            real t = p.rootAcross*p.wAcross;
+            real3 z = dpdAcross(pair, e, index < partner, cubics);
+            force = make_real3(t*(noise*z.x-t*(u.x-along*e.x)), t*(noise*z.y-t*(u.y-along*e.y)), t*(noise*z.z-t*(u.z-along*e.z)));
         }
-        f[0] += realToFixedPoint(size*e.x+force.x);
-        f[1] += realToFixedPoint(size*e.y+force.y);
-        f[2] += realToFixedPoint(size*e.z+force.z);
-    END_PARTNERS
+#endif
+    }
+    f[0] += realToFixedPoint(size*e.x+force.x);
+    f[1] += realToFixedPoint(size*e.y+force.y);
+    f[2] += realToFixedPoint(size*e.z+force.z);
     return energy;
 }
 
@@ -303,14 +392,21 @@ KERNEL void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RE
         GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, BOX) {
     if (STOPPED)
         return;
+    SHARED(3)
     mixed energy = 0;
-    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+    EACH_BEAD
         mm_long f[3] = {0, 0, 0};
-        energy += dpdGather(i, dpdLoad(pos, corr, i), terms, pos, corr, vel, TERMS_, CELLS_, f, BOX_);
-        ATOMIC_ADD(&force[i], (mm_ulong) f[0]);
-        ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) f[1]);
-        ATOMIC_ADD(&force[i+2*STRIDE], (mm_ulong) f[2]);
-    }
+        mixed3 x = dpdLoad(pos, corr, i);
+        mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
+        int type = types[i]*NUM_TYPES, index = atomIndex[i];
+        EACH_PARTNER(there && cellOf[i] >= 0, energy += dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f))
+        TOGETHER(f, 3)
+        if (SUMMED) {
+            ATOMIC_ADD(&force[i], (mm_ulong) f[0]);
+            ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) f[1]);
+            ATOMIC_ADD(&force[i+2*STRIDE], (mm_ulong) f[2]);
+        }
+    END_BEAD
     energyBuffer[GLOBAL_ID] += energy;
 }
 
@@ -400,7 +496,7 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
 // posNew, 3 as 1 and a copy of x.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
 KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
-        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL int* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
+        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
@@ -410,37 +506,45 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
     }
     if (GLOBAL_ID == 0)
         flags[BOUND] = 0;
-    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+    SHARED(3)
+    EACH_BEAD
         mm_long f[3] = {0, 0, 0};
         mixed3 x = dpdLoad(pos, corr, i);
-        if (terms)
-            dpdGather(i, x, terms, pos, corr, seen, TERMS_, CELLS_, f, BOX_);
-        if (useOthers) {
-            f[0] += others[i];
-            f[1] += others[i+STRIDE];
-            f[2] += others[i+2*STRIDE];
+        int type = types[i], index = atomIndex[i];
+        if (terms) {
+            mixed4 v = dpdVelocity(seen, i, atomIndex, wallVelocity);
+            EACH_PARTNER(there && cellOf[i] >= 0, dpdPush(j, delta, r2, type*NUM_TYPES, index, v, terms, seen, TERMS_, f))
+            TOGETHER(f, 3)
         }
-        for (int k = i; k < 3*STRIDE && useOthers == 2; k += STRIDE)
-            kept[k] = others[k];
-        mixed4 v = velm[i];
-        mixed scale = v.w/(mixed) 0x100000000;
-        mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
-        acc[i] = a;
-        if (v.w != 0 && kick != 0) {
-            v.x += kick*a.x;
-            v.y += kick*a.y;
-            v.z += kick*a.z;
+        if (SUMMED) {
+            if (useOthers) {
+                f[0] += others[i];
+                f[1] += others[i+STRIDE];
+                f[2] += others[i+2*STRIDE];
+            }
+            for (int k = i; k < 3*STRIDE && useOthers == 2; k += STRIDE)
+                kept[k] = others[k];
+            mixed4 v = velm[i];
+            mixed scale = v.w/(mixed) 0x100000000;
+            mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
+            acc[i] = a;
+            if (v.w != 0 && kick != 0) {
+                v.x += kick*a.x;
+                v.y += kick*a.y;
+                v.z += kick*a.z;
+                if (drifts)
+                    dpdDrift(&x, &v, DRIFT_);
+                velm[i] = v;
+            }
+            real q = pos[i].w;
+            if (moves)
+                dpdStore(posNew, corrNew, i, x, q);
+            if (moves == 3)
+                dpdStore(posCopy, corrCopy, i, x, q);
             if (drifts)
-                dpdDrift(&x, &v, DRIFT_);
-            velm[i] = v;
+                dpdPut(i, type, x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
         }
-        if (moves)
-            dpdStore(posNew, corrNew, i, x, pos[i].w);
-        if (moves == 3)
-            dpdStore(posCopy, corrCopy, i, x, pos[i].w);
-        if (drifts)
-            dpdPut(i, types[i], x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
-    }
+    END_BEAD
 }
 
 // What the force of others has changed by since it was kept is added to acc.
@@ -500,79 +604,95 @@ DEVICE real3 dpdFriction(real4 s, real t, real x, real y, real z) {
 #endif
 }
 
+// What a row knows of a pair; sums: the noise, the friction at these velocities, and what bounds the eigenvalues.
+DEVICE bool dpdRow(int j, real3 delta, real r2, int type, int index, mixed4 v, real inertia, GLOBAL const mixed4* RESTRICT vel, TERMS, real perRate,
+        real4* row, real* rowAcross, mm_long* sums) {
+    real invR = RSQRT(r2);
+    int partner = atomIndex[j];
+    DPDPair p;
+    if (!dpdPair(&p, type+types[j], index, partner, r2*invR, TERMS_))
+        return false;
+    real s = p.root*p.w, t = p.rootAcross*p.wAcross, radial = s*s, across = t*t;
+    mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
+    if ((radial == 0 && across == 0) || (v.w == 0 && o.w == 0))
+        return false;
+    real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z);
+    mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
+    real push = noise*s*dpdNormal(pair, cubics);
+    real3 kick = make_real3(push*e.x, push*e.y, push*e.z);
+#ifdef TRANSVERSE
+    if (t != 0) {
+        real3 z = dpdAcross(pair, e, index < partner, cubics);
+        kick = make_real3(kick.x+noise*t*z.x, kick.y+noise*t*z.y, kick.z+noise*t*z.z);
+    }
+    s = SQRT(fabs(radial-across));
+    if (radial < across)
+        across = -across;
+#endif
+    *row = make_real4(s*e.x, s*e.y, s*e.z, (real) j);
+    *rowAcross = across;
+    real3 drag = dpdFriction(*row, across, (real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
+    sums[0] += realToFixedPoint(kick.x);
+    sums[1] += realToFixedPoint(kick.y);
+    sums[2] += realToFixedPoint(kick.z);
+    sums[3] += realToFixedPoint(drag.x);
+    sums[4] += realToFixedPoint(drag.y);
+    sums[5] += realToFixedPoint(drag.z);
+    sums[6] += realToFixedPoint(perRate*max(radial, (real) fabs(across))*(inertia+SQRT((real) o.w)));
+    return true;
+}
+
+#ifdef TRANSVERSE
+#define KEEP_ACROSS rowsAcross[k*STRIDE+i] = across;
+#else
+#define KEEP_ACROSS
+#endif
+#define KEEP_ROW \
+    real4 row; \
+    real across; \
+    if (dpdRow(j, delta, r2, type, index, v, inertia, vel, TERMS_, perRate, &row, &across, sums)) { \
+        int k = ENTRY; \
+        if (k < rowRoom) { \
+            rows[k*STRIDE+i] = row; \
+            KEEP_ACROSS \
+        } \
+    }
+
 KERNEL void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
         GLOBAL int* RESTRICT rowCount, GLOBAL real4* RESTRICT rows, GLOBAL real* RESTRICT rowsAcross, int rowRoom, GLOBAL mm_long* RESTRICT random,
         GLOBAL real4* RESTRICT u, GLOBAL real4* RESTRICT res, mixed halfdt, real perRate, GLOBAL int* RESTRICT flags, int launch, BOX) {
     if (STOPPED)
         return;
     const mixed unit = 1/(mixed) 0x100000000;
-    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+    SHARED(7)
+    EACH_BEAD
+        mixed3 x = dpdLoad(pos, corr, i);
         mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
-        mm_long r[3] = {0, 0, 0}, f[3] = {0, 0, 0}, sum = 0;
-        int entries = 0;
-        if (cellOf[i] >= 0) {
-            mixed3 x = dpdLoad(pos, corr, i);
-            int type = types[i]*NUM_TYPES, index = atomIndex[i];
-            real inertia = SQRT((real) v.w);
-            PARTNERS
-                real invR = RSQRT(r2);
-                int partner = atomIndex[j];
-                DPDPair p;
-                if (!dpdPair(&p, type+types[j], index, partner, r2*invR, TERMS_))
-                    continue;
-                real s = p.root*p.w, t = p.rootAcross*p.wAcross, radial = s*s, across = t*t;
-                mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
-                if ((radial == 0 && across == 0) || (v.w == 0 && o.w == 0))
-                    continue;
-                real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z);
-                mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
-                real push = noise*s*dpdNormal(pair, cubics);
-                real3 kick = make_real3(push*e.x, push*e.y, push*e.z);
-#ifdef TRANSVERSE
-                if (t != 0) {
-                    real3 z = dpdAcross(pair, e, index < partner, cubics);
-                    kick = make_real3(kick.x+noise*t*z.x, kick.y+noise*t*z.y, kick.z+noise*t*z.z);
-                }
-                s = SQRT(fabs(radial-across));
-                if (radial < across)
-                    across = -across;
-#endif
-                real4 row = make_real4(s*e.x, s*e.y, s*e.z, (real) j);
-                real3 drag = dpdFriction(row, across, (real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
-                r[0] += realToFixedPoint(kick.x);
-                r[1] += realToFixedPoint(kick.y);
-                r[2] += realToFixedPoint(kick.z);
-                f[0] += realToFixedPoint(drag.x);
-                f[1] += realToFixedPoint(drag.y);
-                f[2] += realToFixedPoint(drag.z);
-                sum += realToFixedPoint(perRate*max(radial, (real) fabs(across))*(inertia+SQRT((real) o.w)));
-                if (entries < rowRoom) {
-                    rows[entries*STRIDE+i] = row;
-#ifdef TRANSVERSE
-                    rowsAcross[entries*STRIDE+i] = across;
-#endif
-                }
-                entries++;
-            END_PARTNERS
+        int type = types[i]*NUM_TYPES, index = atomIndex[i];
+        real inertia = SQRT((real) v.w);
+        mm_long sums[7] = {0, 0, 0, 0, 0, 0, 0};
+        EACH_PARTNER(there && cellOf[i] >= 0, KEEP_ROW)
+        TOGETHER(sums, 7)
+        if (SUMMED) {
             // Gershgorin's bound
-            int bound = (int) ((real) (unit*sum)*inertia*1048576)+1;
+            int bound = (int) ((real) (unit*sums[6])*inertia*1048576)+1, n = ENTRIES;
             if (bound > flags[BOUND])
                 ATOMIC_MAX(&flags[BOUND], bound);
             if (bound > flags[MOST_BOUND])
                 ATOMIC_MAX(&flags[MOST_BOUND], bound);
+            if (n > flags[MOST_IN_ROW])
+                ATOMIC_MAX(&flags[MOST_IN_ROW], n);
+            if (n > rowRoom && rowRoom > 0) // without any room they are only counted
+                HALT(ROWS_FULL)
+            rowCount[i] = n;
+            mixed scale = halfdt*v.w*unit;
+            u[i] = make_real4((real) v.x, (real) v.y, (real) v.z, (real) v.w);
+            res[i] = make_real4((real) (scale*(sums[0]-sums[3])), (real) (scale*(sums[1]-sums[4])), (real) (scale*(sums[2]-sums[5])), 0);
+            random[i] = sums[0];
+            random[i+STRIDE] = sums[1];
+            random[i+2*STRIDE] = sums[2];
         }
-        if (entries > flags[MOST_IN_ROW])
-            ATOMIC_MAX(&flags[MOST_IN_ROW], entries);
-        if (entries > rowRoom && rowRoom > 0) // without any room they are only counted
-            HALT(ROWS_FULL)
-        rowCount[i] = entries;
-        mixed scale = halfdt*v.w*unit;
-        u[i] = make_real4((real) v.x, (real) v.y, (real) v.z, (real) v.w);
-        res[i] = make_real4((real) (scale*(r[0]-f[0])), (real) (scale*(r[1]-f[1])), (real) (scale*(r[2]-f[2])), 0);
-        random[i] = r[0];
-        random[i+STRIDE] = r[1];
-        random[i+2*STRIDE] = r[2];
-    }
+    END_BEAD
 }
 
 // How many passes the present bound needs: the host has the largest bound for each number of them.
@@ -593,11 +713,12 @@ KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RES
         return;
     real4 c = weights[passes*MOST_PASSES+pass]; // of the correction as it is, of the last correction and of the residual in the next one
     const mixed unit = 1/(mixed) 0x100000000;
-    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
-        real4 a = d[i], x = u[i], r = res[i];
+    SHARED(3)
+    EACH_BEAD
+        real4 a = d[i];
         mm_long q[3] = {0, 0, 0};
-        int n = rowCount[i];
-        for (int k = 0; k < n; k++) {
+        int n = there ? rowCount[i] : 0;
+        for (int k = lane; k < n; k += LANES) {
             real4 s = rows[k*STRIDE+i];
             real4 o = d[(int) s.w];
 #ifdef TRANSVERSE
@@ -609,12 +730,16 @@ KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RES
             q[1] += realToFixedPoint(f.y);
             q[2] += realToFixedPoint(f.z);
         }
-        u[i] = make_real4(x.x+c.x*a.x, x.y+c.x*a.y, x.z+c.x*a.z, x.w);
-        real f = (real) (halfdt*unit)*x.w;
-        r = make_real4(r.x-c.x*(a.x+f*q[0]), r.y-c.x*(a.y+f*q[1]), r.z-c.x*(a.z+f*q[2]), 0);
-        resNew[i] = r;
-        dNew[i] = make_real4(c.y*a.x+c.z*r.x, c.y*a.y+c.z*r.y, c.y*a.z+c.z*r.z, 0);
-    }
+        TOGETHER(q, 3)
+        if (SUMMED) {
+            real4 x = u[i], r = res[i];
+            u[i] = make_real4(x.x+c.x*a.x, x.y+c.x*a.y, x.z+c.x*a.z, x.w);
+            real f = (real) (halfdt*unit)*x.w;
+            r = make_real4(r.x-c.x*(a.x+f*q[0]), r.y-c.x*(a.y+f*q[1]), r.z-c.x*(a.z+f*q[2]), 0);
+            resNew[i] = r;
+            dNew[i] = make_real4(c.y*a.x+c.z*r.x, c.y*a.y+c.z*r.y, c.y*a.z+c.z*r.z, 0);
+        }
+    END_BEAD
 }
 
 // v += h/m (R - G u) with the last correction added to u, and v and x move on: kick by acc, drift.  Where the impulses are asked for by OpenMM,
@@ -634,12 +759,13 @@ KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
     }
     real scale = weights[passes*MOST_PASSES+passes-1].x;
     GLOBAL const real4* RESTRICT d = passes%2 ? res : d1;
-    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+    SHARED(3)
+    EACH_BEAD
         real4 a = d[i], y = u[i];
         real vx = y.x+scale*a.x, vy = y.y+scale*a.y, vz = y.z+scale*a.z;
-        mm_long f[3] = {random[i], random[i+STRIDE], random[i+2*STRIDE]};
-        int n = rowCount[i];
-        for (int k = 0; k < n; k++) {
+        mm_long f[3] = {0, 0, 0};
+        int n = there ? rowCount[i] : 0;
+        for (int k = lane; k < n; k += LANES) {
             real4 s = rows[k*STRIDE+i];
             int j = (int) s.w;
             real4 b = d[j], o = u[j];
@@ -653,29 +779,35 @@ KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
             f[1] -= realToFixedPoint(g.y);
             f[2] -= realToFixedPoint(g.z);
         }
-        if (share != 0) {
-            ATOMIC_ADD(&force[i], (mm_ulong) (f[0]/share));
-            ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) (f[1]/share));
-            ATOMIC_ADD(&force[i+2*STRIDE], (mm_ulong) (f[2]/share));
-        }
-        mixed4 v = vel[i];
-        mixed3 x = dpdLoad(pos, corr, i);
-        if (v.w != 0) {
-            mixed impulse = 2*halfdt*v.w/(mixed) 0x100000000;
-            v.x += impulse*f[0];
-            v.y += impulse*f[1];
-            v.z += impulse*f[2];
-            if (kick != 0) {
-                mixed4 c = acc[i];
-                v.x += kick*c.x;
-                v.y += kick*c.y;
-                v.z += kick*c.z;
+        TOGETHER(f, 3)
+        if (SUMMED) {
+            f[0] += random[i];
+            f[1] += random[i+STRIDE];
+            f[2] += random[i+2*STRIDE];
+            if (share != 0) {
+                ATOMIC_ADD(&force[i], (mm_ulong) (f[0]/share));
+                ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) (f[1]/share));
+                ATOMIC_ADD(&force[i+2*STRIDE], (mm_ulong) (f[2]/share));
             }
+            mixed4 v = vel[i];
+            mixed3 x = dpdLoad(pos, corr, i);
+            if (v.w != 0) {
+                mixed impulse = 2*halfdt*v.w/(mixed) 0x100000000;
+                v.x += impulse*f[0];
+                v.y += impulse*f[1];
+                v.z += impulse*f[2];
+                if (kick != 0) {
+                    mixed4 c = acc[i];
+                    v.x += kick*c.x;
+                    v.y += kick*c.y;
+                    v.z += kick*c.z;
+                }
+                if (moves)
+                    dpdDrift(&x, &v, DRIFT_);
+            }
+            velNew[i] = v;
             if (moves)
-                dpdDrift(&x, &v, DRIFT_);
+                dpdStore(posNew, corrNew, i, x, pos[i].w);
         }
-        velNew[i] = v;
-        if (moves)
-            dpdStore(posNew, corrNew, i, x, pos[i].w);
-    }
+    END_BEAD
 }

@@ -36,6 +36,7 @@ thread_local bool PERIODIC;
 #define DEVICE static inline
 #define GLOBAL
 #define RESTRICT __restrict__
+#define LANES 1
 #define GLOBAL_ID 0
 #define GLOBAL_SIZE 1
 #define ATOMIC_ADD(at, value) add(at, value)
@@ -144,7 +145,7 @@ private:
     static double given(Mixed value) { return value.value; }
     static double given(Real value) { return value.value; }
     static Kernels::mixed4 given(Mixed4 v) { return {v.x, v.y, v.z, v.w}; }
-#define DPD_CALL(name) template <class... T> static void call(name##_, T... values) { Kernels::name(values...); }
+#define DPD_CALL(name, share) template <class... T> static void call(name##_, T... values) { Kernels::name(values...); }
     DPD_KERNELS(DPD_CALL)
 #undef DPD_CALL
 

@@ -4,8 +4,14 @@
 #define KERNEL extern "C" __attribute__((global))
 #define DEVICE __device__
 #define GLOBAL
+#define LOCAL __attribute__((shared))
+#define LOCAL_ARG
 #define RESTRICT __restrict__
 #define GLOBAL_ID (int) (__builtin_amdgcn_workgroup_id_x()*__builtin_amdgcn_workgroup_size_x()+__builtin_amdgcn_workitem_id_x())
+#define LOCAL_ID (int) __builtin_amdgcn_workitem_id_x()
+#define GROUP_ID (int) __builtin_amdgcn_workgroup_id_x()
+#define NUM_GROUPS (int) (__builtin_amdgcn_grid_size_x()/__builtin_amdgcn_workgroup_size_x())
+#define SYNC_THREADS __builtin_amdgcn_s_barrier();
 #define GLOBAL_SIZE (int) __builtin_amdgcn_grid_size_x()
 #define ATOMIC_ADD(at, value) __hip_atomic_fetch_add(at, value, __ATOMIC_RELAXED, __HIP_MEMORY_SCOPE_AGENT)
 #define ATOMIC_OR(at, value) __hip_atomic_fetch_or(at, value, __ATOMIC_RELAXED, __HIP_MEMORY_SCOPE_AGENT)
@@ -38,6 +44,7 @@ __device__ inline float floor(float x) { return __builtin_floorf(x); }
 __device__ inline double floor(double x) { return __builtin_floor(x); }
 __device__ inline float fabs(float x) { return __builtin_fabsf(x); }
 __device__ inline double fabs(double x) { return __builtin_fabs(x); }
+__device__ inline int min(int x, int y) { return x < y ? x : y; }
 __device__ inline float max(float x, float y) { return __builtin_fmaxf(x, y); }
 __device__ inline double max(double x, double y) { return __builtin_fmax(x, y); }
 #ifdef USE_DOUBLE_PRECISION
