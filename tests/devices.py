@@ -23,6 +23,8 @@ class Device:
         """Platform properties."""
         if self.platform == "CPU":
             return {"Threads": "1"}
+        if self.platform in ("CUDA", "HIP"):  # PME has other bits in each run there, unless it is told not to
+            return {"Precision": self.precision, "DeterministicForces": "true"}
         return {"Precision": self.precision} if self.precision else {}
 
     @property

@@ -57,10 +57,14 @@ public:
         kernel->execute((int) std::min(threads, most), block(Tag::shared));
     }
 
-    // Threads that share a bead; tests on a CPU ask for what GPUs do
+    // Threads that share a bead: as many as run at once, 4 to 16 of them.  Tests on a CPU ask for what GPUs do.
     int lanes() const {
-        const char* asked = std::getenv("OPENMM_DPD_DEVICE_LANES");
-        return asked != nullptr ? std::atoi(asked) : cc.getIsCPU() ? 1 : 8;
+        if (const char* asked = std::getenv("OPENMM_DPD_DEVICE_LANES"))
+            return std::atoi(asked);
+        int lanes = cc.getIsCPU() ? 1 : 16;
+        while (lanes > 4 && (long long) beads()*lanes > 128*cc.getNumThreadBlocks())
+            lanes /= 2;
+        return lanes;
     }
 
     // Threads of a block: OpenMM starts at most six of them per multiprocessor, of 64 threads unless told otherwise: too few for many beads

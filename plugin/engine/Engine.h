@@ -92,7 +92,7 @@ public:
         device.make(posB, Kind::Real4, padded);
         device.make(corrB, Kind::Real4, device.mixed() ? padded : 1);
         device.make(acc, Kind::Mixed4, padded);
-        for (auto array : {&cellOf[0], &cellOf[1]})
+        for (auto array : {&placeOf[0], &placeOf[1]})
             device.make(*array, Kind::Int, padded);
         device.make(accSlow, Kind::Mixed4, 1);
         for (auto array : {&posC, &corrC})
@@ -282,8 +282,8 @@ private:
 
     // -- arguments -----------------------------------------------------------------------------------------------------------------
     auto BOX() { return std::make_tuple(edges, inverse, tilt, grid[0], grid[1], grid[2]); }
-    auto CELLS() { return std::tie(count[cells], beads[side], cellOf[side], cellRoom); }
-    auto NEXT() { return std::tie(count[next()], beads[1-side], cellOf[1-side]); }
+    auto CELLS() { return std::tie(count[cells], beads[side], placeOf[side], cellRoom); }
+    auto NEXT() { return std::tie(count[next()], beads[1-side], placeOf[1-side]); }
     auto TERMS(const Now& now, double dt, int part) {
         return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params, more, cubics,
             exceptionStart, exceptionBead, exceptionFactor, wallVelocity, (long long) noiseKey(now.seed, now.counter, now.kT, part),
@@ -601,7 +601,7 @@ private:
     double owedSlow = 0;                       // part of a kick by accSlow that velocities still lack
     std::chrono::steady_clock::time_point looked;
     Array types, params, more, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
-    Array posB, corrB, posC, corrC, acc, accSlow, seen, beside, count[3], beads[2], cellOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
+    Array posB, corrB, posC, corrC, acc, accSlow, seen, beside, count[3], beads[2], placeOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
 };
 
 }

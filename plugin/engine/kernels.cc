@@ -36,15 +36,15 @@
 #define ENTRIES entries
 #else
 #define BEADS (BLOCK/LANES) // that a block has at a time
-#define LISTED 40           // partners: those beyond are taken where they are found
+#define LISTED 40           // partners of a bead at a time
 #define SHARED(sums) \
     LOCAL mm_long shared[(sums)*BLOCK]; \
-    LOCAL int found[BEADS], entered[BEADS], list[LISTED*BEADS];
+    LOCAL int found[BEADS], entered[BEADS], list[LISTED*BEADS], unfinished[1];
 #define EACH_BEAD for (int first = GROUP_ID*BEADS; first < NUM_ATOMS; first += NUM_GROUPS*BEADS) { \
     const int lane = LOCAL_ID/BEADS, mine = LOCAL_ID%BEADS, i = min(first+mine, NUM_ATOMS-1); \
     const bool there = first+mine < NUM_ATOMS; \
     if (lane == 0) \
-        found[mine] = entered[mine] = 0; \
+        found[mine] = entered[mine] = unfinished[0] = 0; \
     SYNC_THREADS
 #define TOGETHER(sums, n) dpdTogether(sums, n, shared);
 #define ENTRY ATOMIC_ADD(&entered[mine], 1)
@@ -125,74 +125,60 @@ DEVICE void dpdStore(GLOBAL real4* RESTRICT pos, GLOBAL real4* RESTRICT corr, in
 #define BOX mixed4 edges, mixed4 inverse, mixed4 tilt, int nx, int ny, int nz
 #define BOX_ edges, inverse, tilt, nx, ny, nz
 
-DEVICE int dpdAxis(mixed s, int n) {
-    int c = (int) ((s-floor(s))*n);
-    return c >= 0 && c < n ? c : 0; // rounded up to 1, or no number
+// The cell along an axis, if a bead is at s in units of the box, which it is `periods` of away from it.
+DEVICE int dpdAxis(mixed s, int n, mixed* periods) {
+    *periods = floor(s);
+    int c = (int) ((s-*periods)*n);
+    if (c >= n) { // rounded up to 1
+        *periods += 1;
+        return 0;
+    }
+    return c >= 0 ? c : 0; // no number
 }
 
-DEVICE int dpdCellOf(mixed3 x, BOX) {
-    mixed sz = x.z*inverse.z;
-    mixed sy = (x.y-sz*tilt.z)*inverse.y;
-    mixed sx = (x.x-sz*tilt.y-sy*tilt.x)*inverse.x;
-    return (dpdAxis(sz, nz)*ny+dpdAxis(sy, ny))*nx+dpdAxis(sx, nx);
+// The cell of a bead, and where it is in the box.
+DEVICE int dpdCellOf(mixed3 x, mixed3* inside, BOX) {
+    mixed sz = x.z*inverse.z, sy = (x.y-sz*tilt.z)*inverse.y, sx = (x.x-sz*tilt.y-sy*tilt.x)*inverse.x, px, py, pz;
+    int cell = (dpdAxis(sz, nz, &pz)*ny+dpdAxis(sy, ny, &py))*nx+dpdAxis(sx, nx, &px);
+    *inside = PERIODIC ? make_mixed3(x.x-px*edges.x-py*tilt.x-pz*tilt.y, x.y-py*edges.y-pz*tilt.z, x.z-pz*edges.z) : x;
+    return cell;
 }
 
-DEVICE real3 dpdDelta(mixed3 x, mixed3 y, BOX) { // from y to x, the nearest image
-    mixed3 d = make_mixed3(x.x-y.x, x.y-y.y, x.z-y.z);
-    if (!PERIODIC)
-        return make_real3((real) d.x, (real) d.y, (real) d.z);
-    mixed s = floor(d.z*inverse.z+(mixed) 0.5);
-    d.z -= s*edges.z;
+DEVICE real3 dpdNearest(mixed3 d, BOX) { // of the images of a difference
+    if (PERIODIC) {
+        mixed s = floor(d.z*inverse.z+(mixed) 0.5);
+        d.z -= s*edges.z;
 #ifdef TRICLINIC
-    d.y -= s*tilt.z;
-    d.x -= s*tilt.y;
+        d.y -= s*tilt.z;
+        d.x -= s*tilt.y;
 #endif
-    s = floor(d.y*inverse.y+(mixed) 0.5);
-    d.y -= s*edges.y;
+        s = floor(d.y*inverse.y+(mixed) 0.5);
+        d.y -= s*edges.y;
 #ifdef TRICLINIC
-    d.x -= s*tilt.x;
+        d.x -= s*tilt.x;
 #endif
-    d.x -= floor(d.x*inverse.x+(mixed) 0.5)*edges.x;
+        d.x -= floor(d.x*inverse.x+(mixed) 0.5)*edges.x;
+    }
     return make_real3((real) d.x, (real) d.y, (real) d.z);
 }
 
-#ifdef USE_MIXED_PRECISION
-DEVICE real3 dpdNear(mixed3 x, real4 y, BOX) { // the same for a rounded position y
-    real3 d = make_real3((real) x.x-y.x, (real) x.y-y.y, (real) x.z-y.z);
-    if (!PERIODIC)
-        return d;
-    real s = floor(d.z*(real) inverse.z+(real) 0.5);
-    d.z -= s*(real) edges.z;
-#ifdef TRICLINIC
-    d.y -= s*(real) tilt.z;
-    d.x -= s*(real) tilt.y;
-#endif
-    s = floor(d.y*(real) inverse.y+(real) 0.5);
-    d.y -= s*(real) edges.y;
-#ifdef TRICLINIC
-    d.x -= s*(real) tilt.x;
-#endif
-    d.x -= floor(d.x*(real) inverse.x+(real) 0.5)*(real) edges.x;
-    return d;
-}
-#endif
+// Cells: how many beads are in each, where in the box these are and which (`room` places per cell), and the place of each bead (-1: it takes no part).
+#define FILL GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT placeOf, GLOBAL int* RESTRICT dirty, int cells, int room
+#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const real4* RESTRICT beads, GLOBAL const int* RESTRICT placeOf, int room
+#define CELLS_ count, beads, placeOf, room
 
-// Cells: how many beads are in each, where these are and which (`room` places per cell), and the cell of each bead (-1: it takes no part).
-#define FILL GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT cellOf, GLOBAL int* RESTRICT dirty, int cells, int room
-#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const real4* RESTRICT beads, GLOBAL const int* RESTRICT cellOf, int room
-#define CELLS_ count, beads, cellOf, room
-
-DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT cellOf, int room,
+DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT placeOf, int room,
         GLOBAL int* RESTRICT flags, int launch, BOX) {
     if (type < 0) {
-        cellOf[i] = -1;
+        placeOf[i] = -1;
         return;
     }
-    int cell = dpdCellOf(x, BOX_);
-    cellOf[i] = cell;
+    mixed3 inside;
+    int cell = dpdCellOf(x, &inside, BOX_);
     int k = ATOMIC_ADD(&count[cell], 1);
+    placeOf[i] = cell*room+k;
     if (k < room)
-        beads[cell*room+k] = make_real4((real) x.x, (real) x.y, (real) x.z, (real) i);
+        beads[cell*room+k] = make_real4((real) inside.x, (real) inside.y, (real) inside.z, (real) i);
     else
         HALT(CELLS_FULL)
     if (k+1 > flags[MOST_IN_CELL])
@@ -273,7 +259,10 @@ DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, GLOBAL const real4* R
     return make_real3(sign*(x-along*e.x), sign*(y-along*e.y), sign*(z-along*e.z));
 }
 
-DEVICE int dpdWrap(int c, int n) {
+// The cell before another one along an axis (at = 0), itself (1) or the one after it (2), and how many periods it is away by that; all, of few.
+DEVICE int dpdNext(int own, int at, int n, real* periods) {
+    int c = n < 3 ? at : own+at-1;
+    *periods = PERIODIC ? (c < 0) - (c >= n) : 0;
     return c < 0 ? c+n : c >= n ? c-n : c;
 }
 
@@ -293,60 +282,97 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 #define PLACE(axis, n, own) 0
 #define GAP(axis, at, n) 0
 #else
-#define PLACE(axis, n, own) dpdPlace(x.axis*inverse.axis, n, own)
+#define PLACE(axis, n, own) dpdPlace(here.axis*inverse.axis, n, own)
 #define GAP(axis, at, n) dpdGap(at, place##axis, edges.axis, n)
 #endif
 
-// Another bead, as cells have it: delta from it to x, r2 its square.  Where positions have more digits than cells, these tell who is near.
-#define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && r2 != 0)
+// Which of those that cells have near a bead are within the longest cutoff: delta is from j to i, r2 its square.
 #define SQUARE(delta) (delta.x*delta.x+delta.y*delta.y+delta.z*delta.z)
-#ifdef USE_MIXED_PRECISION
-#define OTHER(slot) real4 y = beads[slot]; int j = (int) y.w; real3 delta = dpdNear(x, y, BOX_); real r2 = SQUARE(delta);
-#define IS_NEAR (r2 < (real) (MAX_CUTOFF*MAX_CUTOFF*1.01) && j != i)
-#define EXACTLY delta = dpdDelta(x, dpdLoad(pos, corr, j), BOX_); r2 = SQUARE(delta);
+#define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && r2 != 0)
+#if LANES > 1 || defined(USE_MIXED_PRECISION)
+#define IS_NEAR (r2 < (real) (MAX_CUTOFF*MAX_CUTOFF*1.01) && (int) y.w != i) // positions in cells are rounded
+#define TAKE(pair) \
+    mixed3 z = dpdLoad(pos, corr, j); \
+    real3 delta = dpdNearest(make_mixed3(x.x-z.x, x.y-z.y, x.z-z.z), BOX_); \
+    real r2 = SQUARE(delta); \
+    if (WITHIN) { \
+        pair; \
+    }
 #else
-#define OTHER(slot) real4 y = beads[slot]; int j = (int) y.w; real3 delta = dpdDelta(x, make_mixed3(y.x, y.y, y.z), BOX_); real r2 = SQUARE(delta);
 #define IS_NEAR WITHIN
-#define EXACTLY
+#define TAKE(pair) pair;
 #endif
 
-// What is to be done with all partners j of bead i within the longest cutoff.  Cells that are farther away are left out.
-#define PARTNERS(found_one) \
-    int cell = cellOf[i], plane = cell/nx; \
-    int hx = cell-plane*nx, hz = plane/ny, hy = plane-hz*ny; \
+// What is to be done with all partners j of a bead within the longest cutoff, if it takes part.  Cells that are farther away are left out.
+#define HERE \
+    int place = max(placeOf[i], 0), cell = place/room, plane = cell/nx, hx = cell-plane*nx, hz = plane/ny, hy = plane-hz*ny; \
+    real4 here = beads[place]; \
     float placex = PLACE(x, nx, hx), placey = PLACE(y, ny, hy), placez = PLACE(z, nz, hz); \
-    for (int t = lane; t < 27; t += LANES) { \
-        int c = t/9, b = t/3-3*c, a = t-3*(t/3); \
-        if (c >= nz || b >= ny || a >= nx || GAP(z, c, nz)+GAP(y, b, ny)+GAP(x, a, nx) >= (float) (MAX_CUTOFF*MAX_CUTOFF*1.0002)) \
-            continue; \
-        int other = ((nz < 3 ? c : dpdWrap(hz+c-1, nz))*ny+(ny < 3 ? b : dpdWrap(hy+b-1, ny)))*nx+(nx < 3 ? a : dpdWrap(hx+a-1, nx)); \
-        int end = other*room+count[other]; \
-        for (int slot = other*room; slot < end; slot++) { \
-            OTHER(slot) \
-            if (IS_NEAR) { \
-                found_one \
+    bool few = PERIODIC && min(nx, min(ny, nz)) < 3;
+#define FAR_CELL (GAP(z, c, nz)+GAP(y, b, ny)+GAP(x, a, nx) >= (float) (MAX_CUTOFF*MAX_CUTOFF*1.0002))
+#define OTHER_CELL \
+    real px, py, pz; \
+    int other = (dpdNext(hz, c, nz, &pz)*ny+dpdNext(hy, b, ny, &py))*nx+dpdNext(hx, a, nx, &px), end = other*room+count[other]; \
+    real3 away = make_real3(px*edges.x+py*tilt.x+pz*tilt.y, py*edges.y+pz*tilt.z, pz*edges.z);
+#define OTHER_BEAD \
+    real4 y = beads[slot]; \
+    real3 delta = make_real3(here.x-y.x+away.x, here.y-y.y+away.y, here.z-y.z+away.z); \
+    if (few) \
+        delta = dpdNearest(make_mixed3(delta.x, delta.y, delta.z), BOX_); \
+    real r2 = SQUARE(delta); \
+    int j = (int) y.w;
+#if LANES == 1
+#define EACH_PARTNER(takesPart, pair) \
+    if (takesPart) { \
+        HERE \
+        for (int c = 0; c < min(nz, 3); c++) for (int b = 0; b < min(ny, 3); b++) for (int a = 0; a < min(nx, 3); a++) { \
+            if (FAR_CELL) \
+                continue; \
+            OTHER_CELL \
+            for (int slot = other*room; slot < end; slot++) { \
+                OTHER_BEAD \
+                if (IS_NEAR) { \
+                    TAKE(pair) \
+                } \
             } \
         } \
     }
-#define TAKE(pair) EXACTLY if (WITHIN) { pair; }
-#if LANES == 1
-#define EACH_PARTNER(takesPart, pair) if (takesPart) { PARTNERS(TAKE(pair)) }
 #else
 #define EACH_PARTNER(takesPart, pair) \
-    if (takesPart) { \
-        PARTNERS( \
-            int k = ATOMIC_ADD(&found[mine], 1); \
-            if (k < LISTED) \
-                list[k*BEADS+mine] = slot; \
-            else { \
-                TAKE(pair) \
+    HERE \
+    for (int t = (takesPart) ? lane : 27, from = 0; ; ) { /* a full list at a time */ \
+        for (bool full = false; t < 27 && !full; t += full ? 0 : LANES) { \
+            int a = t%3, b = t/3%3, c = t/9; \
+            if (a >= nx || b >= ny || c >= nz || FAR_CELL) \
+                continue; \
+            OTHER_CELL \
+            int slot = other*room+from; \
+            for (from = 0; slot < end; slot++) { \
+                OTHER_BEAD \
+                if (!IS_NEAR) \
+                    continue; \
+                int k = ATOMIC_ADD(&found[mine], 1); \
+                if (k >= LISTED) { \
+                    unfinished[0] = 1; \
+                    from = slot-other*room; \
+                    full = true; \
+                    break; \
+                } \
+                list[k*BEADS+mine] = j; \
             } \
-        ) \
-    } \
-    SYNC_THREADS \
-    for (int k = lane, n = min(found[mine], LISTED); (takesPart) && k < n; k += LANES) { \
-        OTHER(list[k*BEADS+mine]) \
-        TAKE(pair) \
+        } \
+        SYNC_THREADS \
+        for (int k = lane, n = min(found[mine], LISTED); k < n; k += LANES) { \
+            int j = list[k*BEADS+mine]; \
+            TAKE(pair) \
+        } \
+        bool last = unfinished[0] == 0; \
+        SYNC_THREADS \
+        if (last) \
+            break; \
+        if (lane == 0) \
+            found[mine] = unfinished[0] = 0; \
+        SYNC_THREADS \
     }
 #endif
 
@@ -399,7 +425,7 @@ KERNEL void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RE
         mixed3 x = dpdLoad(pos, corr, i);
         mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
         int type = types[i]*NUM_TYPES, index = atomIndex[i];
-        EACH_PARTNER(there && cellOf[i] >= 0, energy += dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f))
+        EACH_PARTNER(there && placeOf[i] >= 0, energy += dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f))
         TOGETHER(f, 3)
         if (SUMMED) {
             ATOMIC_ADD(&force[i], (mm_ulong) f[0]);
@@ -488,7 +514,7 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             if (moves == 3)
                 dpdStore(posCopy, corrCopy, i, x, w);
         }
-        dpdPut(i, types[i], x, count, beads, cellOf, room, flags, launch, BOX_);
+        dpdPut(i, types[i], x, count, beads, placeOf, room, flags, launch, BOX_);
     }
 }
 
@@ -496,7 +522,7 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
 // posNew, 3 as 1 and a copy of x.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
 KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
-        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL int* RESTRICT cellOfNew, GLOBAL int* RESTRICT dirty, int cells,
+        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL int* RESTRICT placeOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
@@ -513,7 +539,7 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         int type = types[i], index = atomIndex[i];
         if (terms) {
             mixed4 v = dpdVelocity(seen, i, atomIndex, wallVelocity);
-            EACH_PARTNER(there && cellOf[i] >= 0, dpdPush(j, delta, r2, type*NUM_TYPES, index, v, terms, seen, TERMS_, f))
+            EACH_PARTNER(there && placeOf[i] >= 0, dpdPush(j, delta, r2, type*NUM_TYPES, index, v, terms, seen, TERMS_, f))
             TOGETHER(f, 3)
         }
         if (SUMMED) {
@@ -542,7 +568,7 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             if (moves == 3)
                 dpdStore(posCopy, corrCopy, i, x, q);
             if (drifts)
-                dpdPut(i, type, x, countNew, beadsNew, cellOfNew, room, flags, launch, BOX_);
+                dpdPut(i, type, x, countNew, beadsNew, placeOfNew, room, flags, launch, BOX_);
         }
     END_BEAD
 }
@@ -671,7 +697,7 @@ KERNEL void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         int type = types[i]*NUM_TYPES, index = atomIndex[i];
         real inertia = SQRT((real) v.w);
         mm_long sums[7] = {0, 0, 0, 0, 0, 0, 0};
-        EACH_PARTNER(there && cellOf[i] >= 0, KEEP_ROW)
+        EACH_PARTNER(there && placeOf[i] >= 0, KEEP_ROW)
         TOGETHER(sums, 7)
         if (SUMMED) {
             // Gershgorin's bound

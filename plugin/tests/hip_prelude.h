@@ -45,6 +45,7 @@ __device__ inline double floor(double x) { return __builtin_floor(x); }
 __device__ inline float fabs(float x) { return __builtin_fabsf(x); }
 __device__ inline double fabs(double x) { return __builtin_fabs(x); }
 __device__ inline int min(int x, int y) { return x < y ? x : y; }
+__device__ inline int max(int x, int y) { return x > y ? x : y; }
 __device__ inline float max(float x, float y) { return __builtin_fmaxf(x, y); }
 __device__ inline double max(double x, double y) { return __builtin_fmax(x, y); }
 #ifdef USE_DOUBLE_PRECISION

@@ -112,7 +112,7 @@ def test_all_kernels_compile_for_cuda(architecture, tmp_path):
 
 
 #: What there is in every scene, and what the kernels are compiled with where a scene has everything.
-PLAIN = {"NUM_ATOMS": 3000, "STRIDE": 3008, "NUM_TYPES": 2, "MOST_PASSES": 64, "MAX_CUTOFF": 1.0, "PERIODIC": 1}
+PLAIN = {"NUM_ATOMS": 3000, "STRIDE": 3008, "NUM_TYPES": 2, "MOST_PASSES": 64, "MAX_CUTOFF": 1.0, "PERIODIC": 1, "LANES": 8, "BLOCK": 128}
 EVERYTHING = PLAIN | dict.fromkeys(set(re.findall(r"^#ifdef (\w+)", SOURCE.read_text(), re.M)) - {"USE_MIXED_PRECISION"}, 1)
 
 
