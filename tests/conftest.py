@@ -16,6 +16,7 @@ from devices import DEVICES, MARKS, Device, available
 
 from openmm_dpd.kernels import threads
 from openmm_dpd.kernels.threads import set_threads
+from openmm_dpd.plan import device as device_engine
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -36,6 +37,12 @@ def device(request) -> Device:
 def host(request) -> Device:
     """The platforms that hand positions and pair forces over in double precision, bit for bit."""
     return available(request.param)
+
+
+@pytest.fixture(autouse=True)
+def engine_of_the_host(monkeypatch) -> None:
+    """engine="auto" is the host's on GPUs too: the plugin has tests of its own (plugin/tests/on_the_device.py asks for it here)."""
+    monkeypatch.setattr(device_engine, "is_gpu", lambda platform: False)
 
 
 @pytest.fixture(autouse=True)

@@ -8,6 +8,7 @@ from openmm import unit
 
 from ..base.errors import RunError
 from ..base.names import COUNTER, DT, KT, PHASE, SEED, Phase
+from ..kernels.forces import GAMMA, GAMMA_PERP
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM
 from ..model.schemes import SWEEPS
 from ..plan.plan import Plan
@@ -77,7 +78,10 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
         force = of_device(Phase.SWEEP_SEEN + SWEEPS.index("S"))[1]
         between = v + 0.5 * conditions[1] * spec.inv_mass[:, None] * force
         expected = engine.forces(DISSIPATIVE | RANDOM, between, *conditions)[1]
-        found["the pair update"] = (_relative(force[mobile], expected[mobile]), UPDATE)
+        # friction makes the more of an error in velocities the stronger it is
+        friction = spec.terms[0].coefficients(conditions[0])[:, [GAMMA, GAMMA_PERP]].max()  # type: ignore[attr-defined]  # DPD alone comes here
+        bound = UPDATE * (1 + conditions[1] * friction * spec.inv_mass.max())
+        found["the pair update"] = (_relative(force[mobile], expected[mobile]), bound)
     return found
 
 

@@ -35,7 +35,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(autouse=True)
-def on_device(monkeypatch) -> None:
+def on_device(monkeypatch, engine_of_the_host) -> None:
     """engine="auto" takes the device on every platform."""
     from openmm_dpd.plan import device
 

@@ -472,6 +472,12 @@ def test_a_broken_kernel_is_refused(broken, wrong, usual, monkeypatch):
         run_on(scene, usual)
 
 
+@pytest.mark.parametrize("dt", [0.5, 2.0])
+def test_a_long_step_of_a_right_device_is_not_refused(dt, usual):
+    """Errors of velocities within the tolerance are larger forces there."""
+    run_on(fluid({("*", "*"): D(gamma=4.5)}, np.eye(3) * 3.0, n=81, spread=0), usual, dt=dt)
+
+
 def test_large_scenes_are_not_compared(exact, monkeypatch, caplog):
     monkeypatch.setattr(device_check, "MOST", 50)
     monkeypatch.setattr(device_check, "differences", None)
