@@ -67,7 +67,7 @@ void CommonDPDDeviceKernel::compile() {
     if (device.program)
         return;
     map<string, string> defines = engine->defines(triclinic);
-    defines.insert(atomics.begin(), atomics.end());
+    defines.insert(names.begin(), names.end());
     defines["NUM_ATOMS"] = cc.intToString(cc.getNumAtoms());
     defines["STRIDE"] = cc.intToString(cc.getPaddedNumAtoms());
     defines["LANES"] = cc.intToString(device.lanes());

@@ -104,9 +104,9 @@ private:
 
 class CommonDPDDeviceKernel : public DPDDeviceKernel {
 public:
-    // atomics: what OR and MAX of an int are called on this platform
-    CommonDPDDeviceKernel(std::string name, const OpenMM::Platform& platform, OpenMM::ComputeContext& cc, std::map<std::string, std::string> atomics) :
-        DPDDeviceKernel(name, platform), cc(cc), device(cc), atomics(atomics) {}
+    // names: what OR and MAX of an int are called on this platform, and how its compiler is told how large blocks are, if it asks
+    CommonDPDDeviceKernel(std::string name, const OpenMM::Platform& platform, OpenMM::ComputeContext& cc, std::map<std::string, std::string> names) :
+        DPDDeviceKernel(name, platform), cc(cc), device(cc), names(names) {}
     void initialize(const OpenMM::System& system, const DPDDeviceForce& force) override;
     double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) override;
     void step(OpenMM::ContextImpl& context, int others) override;
@@ -115,7 +115,7 @@ private:
     void compile();
     OpenMM::ComputeContext& cc;
     CommonDevice device;
-    std::map<std::string, std::string> atomics;
+    std::map<std::string, std::string> names;
     std::unique_ptr<Engine<CommonDevice> > engine;
     bool triclinic = false;
 };
@@ -123,19 +123,19 @@ private:
 // A factory for a platform's Contexts
 template <class PlatformData> class CommonFactory : public OpenMM::KernelFactory {
 public:
-    CommonFactory(std::map<std::string, std::string> atomics) : atomics(atomics) {}
+    CommonFactory(std::map<std::string, std::string> names) : names(names) {}
     OpenMM::KernelImpl* createKernelImpl(std::string name, const OpenMM::Platform& platform, OpenMM::ContextImpl& context) const override {
         auto& data = *static_cast<PlatformData*>(context.getPlatformData());
-        return new CommonDPDDeviceKernel(name, platform, *data.contexts[0], atomics);
+        return new CommonDPDDeviceKernel(name, platform, *data.contexts[0], names);
     }
 private:
-    std::map<std::string, std::string> atomics;
+    std::map<std::string, std::string> names;
 };
 
-template <class PlatformData> void registerFactory(const std::string& platform, std::map<std::string, std::string> atomics) {
+template <class PlatformData> void registerFactory(const std::string& platform, std::map<std::string, std::string> names) {
     for (int k = 0; k < OpenMM::Platform::getNumPlatforms(); k++)
         if (OpenMM::Platform::getPlatform(k).getName() == platform)
-            OpenMM::Platform::getPlatform(k).registerKernelFactory(DPDDeviceKernel::Name(), new CommonFactory<PlatformData>(atomics));
+            OpenMM::Platform::getPlatform(k).registerKernelFactory(DPDDeviceKernel::Name(), new CommonFactory<PlatformData>(names));
 }
 
 }

@@ -25,6 +25,9 @@
 #define STOPPED (flags[STOP] != 0 && flags[WHEN] != 0 && flags[WHEN] != launch)
 #define HALT(why) { flags[WHEN] = launch; ATOMIC_OR(&flags[STOP], why); }
 
+#ifndef BOUNDS // what a compiler has to be told of the size of blocks
+#define BOUNDS
+#endif
 #if LANES == 1
 #define SHARED(sums)
 #define EACH_BEAD for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) { \
@@ -304,6 +307,12 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 #endif
 
 // What is to be done with all partners j of a bead within the longest cutoff, if it takes part.  Cells that are farther away are left out.
+#define TAKES_PART (there && placeOf[i] >= 0)
+#define ITSELF(vel) \
+    mixed3 x = dpdLoad(pos, corr, i); \
+    mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity); \
+    int type = types[i]*NUM_TYPES, index = atomIndex[i]; \
+    real inertia = SQRT((real) v.w);
 #define HERE \
     int place = max(placeOf[i], 0), cell = place/room, plane = cell/nx, hx = cell-plane*nx, hz = plane/ny, hy = plane-hz*ny; \
     real4 here = beads[place]; \
@@ -322,9 +331,10 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
     real r2 = SQUARE(delta); \
     int j = (int) y.w;
 #if LANES == 1
-#define EACH_PARTNER(takesPart, pair) \
-    if (takesPart) { \
+#define EACH_PARTNER(vel, pair) \
+    if (TAKES_PART) { \
         HERE \
+        ITSELF(vel) \
         for (int c = 0; c < min(nz, 3); c++) for (int b = 0; b < min(ny, 3); b++) for (int a = 0; a < min(nx, 3); a++) { \
             if (FAR_CELL) \
                 continue; \
@@ -338,9 +348,9 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
         } \
     }
 #else
-#define EACH_PARTNER(takesPart, pair) \
+#define EACH_PARTNER(vel, pair) \
     HERE \
-    for (int t = (takesPart) ? lane : 27, from = 0; ; ) { /* a full list at a time */ \
+    for (int t = TAKES_PART ? lane : 27, from = 0; ; ) { /* a full list at a time */ \
         for (bool full = false; t < 27 && !full; t += full ? 0 : LANES) { \
             int a = t%3, b = t/3%3, c = t/9; \
             if (a >= nx || b >= ny || c >= nz || FAR_CELL) \
@@ -362,6 +372,7 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
             } \
         } \
         SYNC_THREADS \
+        ITSELF(vel) /* not before, for there are not that many registers */ \
         for (int k = lane, n = min(found[mine], LISTED); k < n; k += LANES) { \
             int j = list[k*BEADS+mine]; \
             TAKE(pair) \
@@ -414,7 +425,7 @@ DEVICE real dpdPush(int j, real3 delta, real r2, int type, int index, mixed4 v, 
 }
 
 // For OpenMM: adds to its force and energy buffers.
-KERNEL void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
         GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, BOX) {
     if (STOPPED)
         return;
@@ -422,10 +433,7 @@ KERNEL void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RE
     mixed energy = 0;
     EACH_BEAD
         mm_long f[3] = {0, 0, 0};
-        mixed3 x = dpdLoad(pos, corr, i);
-        mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
-        int type = types[i]*NUM_TYPES, index = atomIndex[i];
-        EACH_PARTNER(there && placeOf[i] >= 0, energy += dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f))
+        EACH_PARTNER(vel, energy += dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f))
         TOGETHER(f, 3)
         if (SUMMED) {
             ATOMIC_ADD(&force[i], (mm_ulong) f[0]);
@@ -520,7 +528,7 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
 
 // acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
 // posNew, 3 as 1 and a copy of x.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
-KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
+KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
         GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL int* RESTRICT placeOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
@@ -535,11 +543,8 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
     SHARED(3)
     EACH_BEAD
         mm_long f[3] = {0, 0, 0};
-        mixed3 x = dpdLoad(pos, corr, i);
-        int type = types[i], index = atomIndex[i];
         if (terms) {
-            mixed4 v = dpdVelocity(seen, i, atomIndex, wallVelocity);
-            EACH_PARTNER(there && placeOf[i] >= 0, dpdPush(j, delta, r2, type*NUM_TYPES, index, v, terms, seen, TERMS_, f))
+            EACH_PARTNER(seen, dpdPush(j, delta, r2, type, index, v, terms, seen, TERMS_, f))
             TOGETHER(f, 3)
         }
         if (SUMMED) {
@@ -554,6 +559,7 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             mixed scale = v.w/(mixed) 0x100000000;
             mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
             acc[i] = a;
+            mixed3 x = dpdLoad(pos, corr, i);
             if (v.w != 0 && kick != 0) {
                 v.x += kick*a.x;
                 v.y += kick*a.y;
@@ -568,7 +574,7 @@ KERNEL void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             if (moves == 3)
                 dpdStore(posCopy, corrCopy, i, x, q);
             if (drifts)
-                dpdPut(i, type, x, countNew, beadsNew, placeOfNew, room, flags, launch, BOX_);
+                dpdPut(i, types[i], x, countNew, beadsNew, placeOfNew, room, flags, launch, BOX_);
         }
     END_BEAD
 }
@@ -684,7 +690,7 @@ DEVICE bool dpdRow(int j, real3 delta, real r2, int type, int index, mixed4 v, r
         } \
     }
 
-KERNEL void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+KERNEL BOUNDS void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
         GLOBAL int* RESTRICT rowCount, GLOBAL real4* RESTRICT rows, GLOBAL real* RESTRICT rowsAcross, int rowRoom, GLOBAL mm_long* RESTRICT random,
         GLOBAL real4* RESTRICT u, GLOBAL real4* RESTRICT res, mixed halfdt, real perRate, GLOBAL int* RESTRICT flags, int launch, BOX) {
     if (STOPPED)
@@ -692,16 +698,13 @@ KERNEL void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
     const mixed unit = 1/(mixed) 0x100000000;
     SHARED(7)
     EACH_BEAD
-        mixed3 x = dpdLoad(pos, corr, i);
-        mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
-        int type = types[i]*NUM_TYPES, index = atomIndex[i];
-        real inertia = SQRT((real) v.w);
         mm_long sums[7] = {0, 0, 0, 0, 0, 0, 0};
-        EACH_PARTNER(there && placeOf[i] >= 0, KEEP_ROW)
+        EACH_PARTNER(vel, KEEP_ROW)
         TOGETHER(sums, 7)
         if (SUMMED) {
+            mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
             // Gershgorin's bound
-            int bound = (int) ((real) (unit*sums[6])*inertia*1048576)+1, n = ENTRIES;
+            int bound = (int) ((real) (unit*sums[6])*SQRT((real) v.w)*1048576)+1, n = ENTRIES;
             if (bound > flags[BOUND])
                 ATOMIC_MAX(&flags[BOUND], bound);
             if (bound > flags[MOST_BOUND])
@@ -731,7 +734,7 @@ DEVICE int dpdPasses(GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRI
 }
 
 // Corrections are in d: in `res` and d1 by turns, the first one is the residual itself, up to a factor.
-KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross,
+KERNEL BOUNDS void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross,
         GLOBAL real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL real4* RESTRICT resNew, GLOBAL const real4* RESTRICT d, GLOBAL real4* RESTRICT dNew,
         GLOBAL const int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, mixed halfdt, int pass) {
     int passes = dpdPasses(flags, limits, factor);
@@ -770,7 +773,7 @@ KERNEL void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RES
 
 // v += h/m (R - G u) with the last correction added to u, and v and x move on: kick by acc, drift.  Where the impulses are asked for by OpenMM,
 // they go to its force buffer too, divided by `share`.
-KERNEL void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
+KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* RESTRICT vel, GLOBAL mixed4* RESTRICT velNew, GLOBAL const mixed4* RESTRICT acc,
         GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross, GLOBAL const mm_long* RESTRICT random,
         GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d1,

@@ -4,5 +4,5 @@
 
 extern "C" DPD_EXPORT void registerPlatforms() {}
 extern "C" DPD_EXPORT void registerKernelFactories() {
-    DPDDevice::registerFactory<OpenMM::HipPlatform::PlatformData>("HIP", {{"ATOMIC_OR", "atomicOr"}, {"ATOMIC_MAX", "atomicMax"}});
+    DPDDevice::registerFactory<OpenMM::HipPlatform::PlatformData>("HIP", {{"ATOMIC_OR", "atomicOr"}, {"ATOMIC_MAX", "atomicMax"}, {"BOUNDS", "__launch_bounds__(BLOCK)"}});
 }

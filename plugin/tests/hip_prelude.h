@@ -3,6 +3,7 @@
 #define __device__ __attribute__((device))
 #define KERNEL extern "C" __attribute__((global))
 #define DEVICE __device__
+#define BOUNDS __attribute__((amdgpu_flat_work_group_size(1, BLOCK)))
 #define GLOBAL
 #define LOCAL __attribute__((shared))
 #define LOCAL_ARG

@@ -20,7 +20,7 @@ from openmm_dpd.model.schemes import SCHEMES
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 SOURCE = HERE.parent / "engine" / "kernels.cc"
-KERNELS = set(re.findall(r"^KERNEL void (\w+)", SOURCE.read_text(), re.M))
+KERNELS = set(re.findall(r"^KERNEL (?:BOUNDS )?void (\w+)", SOURCE.read_text(), re.M))
 
 
 def compiled(tmp_path: Path, source: str, name: str, *flags: str) -> Path:
@@ -138,4 +138,5 @@ def test_all_kernels_compile_for_hip(names, architecture, precision, tmp_path):
     assert found.returncode == 0 and not found.stderr, found.stderr
     text = re.findall(r"\.symbol:\s+(dpd\w+)\.kd\n.*?\.vgpr_count:\s+(\d+)\n\s+\.vgpr_spill_count:\s+(\d+)", made.read_text(), re.S)
     assert {name for name, *_ in text} == KERNELS
-    assert all(int(registers) <= MOST_REGISTERS and spilt == "0" for _, registers, spilt in text), text
+    most = MOST_REGISTERS * (2 if architecture == "gfx90a" else 1)  # it has twice as many
+    assert all(int(registers) <= most and spilt == "0" for _, registers, spilt in text), text
