@@ -386,6 +386,31 @@ def test_arrays_are_those_that_a_scheme_needs(precision, mvv, middle, monkeypatc
         assert 0.5 * most < bytes_of_arrays() / n <= most, bytes_of_arrays() / n
 
 
+# -- threads that share beads, as on GPUs ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("lanes", [4, 16])
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
+@pytest.mark.parametrize("name", ["two cells", "everything", "tilted", "bonds", "crowded", "no box"])
+def test_threads_that_share_beads_change_no_bit(name, scheme, lanes, monkeypatch):
+    """In mixed precision, where both find the same differences of positions; in a crowd each bead has more partners than are listed at a time."""
+    scene = {
+        "two cells": lambda: fluid(PLAIN, np.eye(3) * 3.5, n=200, spread=0),
+        "everything": lambda: fluid(EXTENDED, BOX, n=200, spread=0, mobile=np.arange(200) > 7),
+        "tilted": lambda: fluid(PLAIN, BOXES["tilted"], n=200),
+        "bonds": lambda: chains(BOX, n=60, k=20.0),
+        "crowded": lambda: beads(500, edge=3.3, table={("W", "W"): D(A=1, gamma=4.5)}),
+        "no box": lambda: fluid(PLAIN, None, n=200),
+    }[name]()
+    found = available(Device("OpenCL", "mixed"))
+    ends = []
+    for threads in (1, lanes):
+        monkeypatch.setenv("OPENMM_DPD_DEVICE_LANES", str(threads))
+        simulation = run_on(scene, found, scheme, dt=0.01)
+        simulation.step(20)
+        ends.append((*state_of(simulation.context), simulation.context.getState(energy=True).getPotentialEnergy()._value))
+    assert same_bits(ends[1][:2], ends[0][:2])
+    assert ends[1][2] == pytest.approx(ends[0][2], rel=1e-6)
+
+
 # -- errors ---------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["middle", "mvv"])
 def test_beads_that_run_away_are_an_error(scheme, usual):
