@@ -70,7 +70,7 @@ void CommonDPDDeviceKernel::compile() {
     defines.insert(names.begin(), names.end());
     defines["NUM_ATOMS"] = cc.intToString(cc.getNumAtoms());
     defines["STRIDE"] = cc.intToString(cc.getPaddedNumAtoms());
-    defines["LANES"] = cc.intToString(device.lanes());
+    defines["LANES"] = cc.intToString(device.lanes);
     defines["BLOCK"] = cc.intToString(device.block(true));
     defines["MAX_CUTOFF"] = cc.doubleToString(engine->reach());
     device.program = cc.compileProgram(kernelSource, defines);

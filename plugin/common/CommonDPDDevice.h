@@ -16,7 +16,7 @@ public:
     using Array = OpenMM::ComputeArray;
     static constexpr bool everything = false; // the kernels are compiled for one scene
 
-    CommonDevice(OpenMM::ComputeContext& cc) : cc(cc), wide(cc.getUseDoublePrecision() || cc.getUseMixedPrecision()) {}
+    CommonDevice(OpenMM::ComputeContext& cc) : lanes(lanesOf(cc)), cc(cc), wide(cc.getUseDoublePrecision() || cc.getUseMixedPrecision()) {}
     ~CommonDevice() { bytesOfArrays -= bytes; }
     int beads() const { return cc.getNumAtoms(); }
     int padded() const { return cc.getPaddedNumAtoms(); }
@@ -53,30 +53,30 @@ public:
         }
         int at = 0;
         std::apply([&](auto&&... values) { (set(*kernel, at++, values), ...); }, all);
-        long long threads = (long long) beads()*(Tag::shared ? lanes() : 1), most = std::is_same<Tag, dpdEvaluate_>::value ? cc.getEnergyBuffer().getSize() : 1<<30;
+        long long threads = (long long) beads()*(Tag::shared ? lanes : 1), most = std::is_same<Tag, dpdEvaluate_>::value ? cc.getEnergyBuffer().getSize() : 1<<30;
         kernel->execute((int) std::min(threads, most), block(Tag::shared));
-    }
-
-    // Threads that share a bead: as many as run at once, 4 to 16 of them.  Tests on a CPU ask for what GPUs do.
-    int lanes() const {
-        if (const char* asked = std::getenv("OPENMM_DPD_DEVICE_LANES"))
-            return std::atoi(asked);
-        int lanes = cc.getIsCPU() ? 1 : 16;
-        while (lanes > 4 && (long long) beads()*lanes > 128*cc.getNumThreadBlocks())
-            lanes /= 2;
-        return lanes;
     }
 
     // Threads of a block: OpenMM starts at most six of them per multiprocessor, of 64 threads unless told otherwise: too few for many beads
     int block(bool shared) const {
-        if (shared && lanes() > 1)
-            return (long long) beads()*lanes() <= 128*cc.getNumThreadBlocks() ? 128 : 256;
-        return beads() < 65536 ? 64 : std::min(256, cc.getMaxThreadBlockSize());
+        bool few = shared && lanes > 1 ? (long long) beads()*lanes <= 128*cc.getNumThreadBlocks() : beads() < 65536;
+        return few ? (shared && lanes > 1 ? 128 : 64) : std::min(256, cc.getMaxThreadBlockSize());
     }
 
     OpenMM::ComputeProgram program;
+    const int lanes;
 
 private:
+    // Threads that share a bead: as many as run at once, 4 to 16 of them.  Tests on a CPU ask for what GPUs do.
+    static int lanesOf(OpenMM::ComputeContext& cc) {
+        if (const char* asked = std::getenv("OPENMM_DPD_DEVICE_LANES"))
+            return std::atoi(asked);
+        int lanes = cc.getIsCPU() ? 1 : 16;
+        while (lanes > 4 && (long long) cc.getNumAtoms()*lanes > 128*cc.getNumThreadBlocks())
+            lanes /= 2;
+        return lanes;
+    }
+
     void set(OpenMM::ComputeKernelImpl& kernel, int at, Base& array) { kernel.setArg(at, array); }
     void set(OpenMM::ComputeKernelImpl& kernel, int at, int value) { kernel.setArg(at, value); }
     void set(OpenMM::ComputeKernelImpl& kernel, int at, long long value) { kernel.setArg(at, value); }

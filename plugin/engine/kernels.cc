@@ -86,17 +86,15 @@ DEVICE mm_ulong dpdPairKey(mm_ulong key, int a, int b) {
 // and in the last cells Wichura's PPND7 (algorithm AS 241).
 DEVICE real dpdNormal(mm_ulong bits, GLOBAL const real4* RESTRICT cubics) {
     int cell = (int) ((bits>>55)&0xFF);
-    mm_ulong k = (bits&0x7FFFFFFFFFFFFFUL)>>3;
-    real place = ((real) (mm_long) k+(real) 0.5)*(real) 2.220446049250313e-16;
+    real place = ((real) (mm_long) ((bits&0x7FFFFFFFFFFFFFUL)>>3)+(real) 0.5)*(real) 2.220446049250313e-16;
     real z;
     if (cell < SMOOTH) {
         real4 c = cubics[cell];
         z = c.x+place*(c.y+place*(c.z+place*c.w));
     }
     else {
-        // 1-place, not rounded to 0: single precision would draw infinity once in 8e9 times
-        real rest = ((real) (mm_long) (0xFFFFFFFFFFFFFUL-k)+(real) 0.5)*(real) 2.220446049250313e-16;
-        real p = ((real) (255-cell)+rest)*(real) (0.5/256);
+        // 255-cell and 1-place in one number that is never rounded to 0: single precision would draw infinity once in 8e9 times
+        real p = ((real) (mm_long) ((~bits>>3)&0xFFFFFFFFFFFFFFFUL)+(real) 0.5)*(real) 4.336808689942018e-19;
         real r = SQRT(-LOG(p));
         if (r <= 5) {
             r -= (real) 1.6;
