@@ -39,6 +39,7 @@ from .elementary import power
 from .energy import passes
 from .eos import log_ratio
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .motion import add_listed
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
@@ -146,7 +147,7 @@ class ThermalLayer:
         of_beads = capacity, yielding, temperature, failed, v, self._motion.v
         thermal_sweep(pairs, ThermalExchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads))
         self._check_conduction(failed)
-        increments[order, 0] += temperature - before
+        add_listed((temperature - before)[:, None], order, increments)
 
     def laplacian(self) -> float:
         """NaN: not defined for forces that depend on temperatures."""

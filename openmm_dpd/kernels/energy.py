@@ -89,7 +89,7 @@ class EnergyLayer:
         if not call.which & (DISSIPATIVE | RANDOM):
             return Sums(*forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion)))
         assert call.field_values is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
-        inverse = 1.0 / np.take(self._thetas(call.field_values.sum(axis=1), "within the step"), pairs.order)
+        inverse = 1.0 / np.take(self._thetas(call.field_values[:, 0] + call.field_values[:, 1], "within the step"), pairs.order)
         rates = np.zeros((len(inverse), 2))
         noise = call.key(self.number), call.rsqrt_dt
         given = Rates(call.which, *noise, self.coefficients, inverse, rates, *motion)

@@ -82,7 +82,7 @@ class PairEngine(Engine):
         for number, layer in enumerate(self.layers):
             result = layer.forces(call, force, number > 0)
             if result.rates is not None:
-                self.rates[layer.pairs.order] += result.rates
+                motion.add_listed(result.rates, layer.pairs.order, self.rates)
             if stress is not None:
                 if result.stress is None:
                     raise RunError(f"{type(layer).__name__} has no stress tensor")

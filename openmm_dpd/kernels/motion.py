@@ -69,6 +69,14 @@ def add_to_moving(begin, end, values, changes, inv_mass):
 
 
 @over_beads
+def add_listed(begin, end, changes, order, values):
+    """Add changes (M, K) to the values (N, K) of the beads that ``order`` (M,) names."""
+    for i in range(begin, end):
+        for k in range(values.shape[1]):
+            values[order[i], k] += changes[i, k]
+
+
+@over_beads
 def see(begin, end, v, inv_mass, prescribed, out):
     """Write velocities (N, 3) to ``out``, which may be they themselves: those of beads that do not move are ``prescribed`` (N, 3)."""
     for i in range(begin, end):

@@ -385,4 +385,5 @@ class StepLoop:
         self._sum(which, self._seen(m, v), m.kT, m.dt, m.seed, m.counter, values, **apart)
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.inv_mass_3, kick)
         if values is not None:
-            m.rates = np.where(self.inv_mass[:, None] > 0.0, self.engine.rates, 0.0)
+            m.rates = self.engine.rates.copy()
+            m.rates[self.inv_mass == 0.0] = 0.0

@@ -28,6 +28,7 @@ from .compiled import inlined
 from .edpd import clamped
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
+from .motion import add_listed
 from .noise import normal, pair_key
 from .pairs import PairList
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
@@ -93,7 +94,7 @@ class SpeciesLayer:
         of_beads = after, v, self._motion.v
         given = SpeciesExchange(call.update, call.kT, call.dt, call.key(self.number), self.coefficients, self.exchange, *of_beads)
         species_sweep(self.pairs, given)
-        increments[self.pairs.order] += after - before
+        add_listed(after - before, self.pairs.order, increments)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""

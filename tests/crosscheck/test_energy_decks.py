@@ -116,7 +116,7 @@ def compare_profiles(deck: str, profile: dict[str, list[float]]) -> dict[str, tu
 
 @pytest.mark.slow
 @any_seed(1)
-@pytest.mark.parametrize("deck", ["in.edpd", "in.tdpd"])
+@pytest.mark.parametrize("deck", [pytest.param("in.edpd", marks=pytest.mark.long), "in.tdpd"])
 def test_profiles(deck, tmp_path, seed):
     """Bins of the heat and species profiles, and the diffusivities fitted to them: 1 % beside LAMMPS, 3 % beside the continuum formula.
 
