@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from docutils import nodes
 from sphinx.addnodes import pending_xref
 
 import openmm_dpd
@@ -50,7 +51,16 @@ def leave_words(app, doctree):
             node.replace_self(node.children)
 
 
+def keep_numbers_whole(app, doctree):
+    """A number stays on one line with its per cent or with the sign before it, so that cells of tables break before the error at most."""
+    for node in list(doctree.findall(nodes.Text)):
+        whole = re.sub(r"(?<=[±<>]) (?=\d)|(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", node)
+        if whole != node and not isinstance(node.parent, nodes.literal | nodes.math | nodes.FixedTextElement):
+            node.parent.replace(node, nodes.Text(whole))
+
+
 def setup(app):
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", escape_bars)
     app.connect("doctree-read", leave_words)
+    app.connect("doctree-read", keep_numbers_whole)
