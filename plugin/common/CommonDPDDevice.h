@@ -53,14 +53,16 @@ public:
         }
         int at = 0;
         std::apply([&](auto&&... values) { (set(*kernel, at++, values), ...); }, all);
-        long long threads = (long long) beads()*(Tag::shared ? lanes : 1), most = std::is_same<Tag, dpdEvaluate_>::value ? cc.getEnergyBuffer().getSize() : 1<<30;
-        kernel->execute((int) std::min(threads, most), block(Tag::shared));
+        // whole blocks are started, and each thread of dpdEvaluate has a place in OpenMM's buffer
+        const int size = block(Tag::shared), places = cc.getEnergyBuffer().getSize()/size*size;
+        long long threads = (long long) beads()*(Tag::shared ? lanes : 1);
+        kernel->execute((int) std::min(threads, (long long) (std::is_same<Tag, dpdEvaluate_>::value ? places : 1<<30)), size);
     }
 
     // Threads of a block: OpenMM starts at most six of them per multiprocessor, of 64 threads unless told otherwise: too few for many beads
     int block(bool shared) const {
         bool few = shared && lanes > 1 ? (long long) beads()*lanes <= 128*cc.getNumThreadBlocks() : beads() < 65536;
-        return few ? (shared && lanes > 1 ? 128 : 64) : std::min(256, cc.getMaxThreadBlockSize());
+        return std::min(few ? (shared && lanes > 1 ? 128 : 64) : 256, cc.getMaxThreadBlockSize());
     }
 
     OpenMM::ComputeProgram program;
@@ -69,8 +71,12 @@ public:
 private:
     // Threads that share a bead: as many as run at once, 4 to 16 of them.  Tests on a CPU ask for what GPUs do.
     static int lanesOf(OpenMM::ComputeContext& cc) {
-        if (const char* asked = std::getenv("OPENMM_DPD_DEVICE_LANES"))
-            return std::atoi(asked);
+        if (const char* asked = std::getenv("OPENMM_DPD_DEVICE_LANES")) {
+            int lanes = std::atoi(asked);
+            if (lanes < 1 || 32%lanes != 0)
+                throw OpenMM::OpenMMException("OPENMM_DPD_DEVICE_LANES has to be 1, 2, 4, 8, 16 or 32");
+            return lanes;
+        }
         int lanes = cc.getIsCPU() ? 1 : 16;
         while (lanes > 4 && (long long) cc.getNumAtoms()*lanes > 128*cc.getNumThreadBlocks())
             lanes /= 2;

@@ -333,6 +333,10 @@ private:
             edges = {edge, edge, edge, 0};
             tilt = {0, 0, 0, 0};
         }
+        // a nearly empty box has larger cells, for each has room for some beads
+        double most = std::max(200000.0, 8.0*device.beads()), many = (double) n[0]*n[1]*n[2];
+        for (int k = 0; k < 3 && many > most; k++)
+            n[k] = std::max(1, (int) (n[k]*std::cbrt(most/many)));
         inverse = {1/edges.x, 1/edges.y, 1/edges.z, 0};
         if (std::equal(n, n+3, grid))
             return;
@@ -370,6 +374,11 @@ private:
         std::vector<int> f(FLAGS);
         device.download(flags, f);
         int stop = f[STOP];
+        if (stop) { // kernels that did nothing have emptied no cells
+            for (auto& array : count)
+                device.clear(array);
+            binned = false;
+        }
         if (stop & RUNAWAY) {
             device.clear(flags);
             throw OpenMM::OpenMMException("bead "+std::to_string(f[WHO])+" has a velocity that is not finite, or crosses more than a cutoff in one step; the step size is too large"

@@ -1,7 +1,7 @@
 // Pair terms of DPD and whole steps on cells of our own: one source for OpenCL, CUDA, HIP and C++.
 //
 // Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the order of beads in a cell nor that of threads changes a
-// bit, and that momentum is conserved to the last one.
+// bit (but of energies), and that momentum is conserved to the last one.
 //
 // On a CPU a thread does all for its bead.  On a GPU LANES threads of a block share one: each looks for partners in other cells, what they find is
 // listed in the memory of the block (else nearly all threads of a warp would wait while one draws noise), each takes its part of the list, and
@@ -125,6 +125,14 @@ DEVICE void dpdStore(GLOBAL real4* RESTRICT pos, GLOBAL real4* RESTRICT corr, in
 #endif
 }
 
+// Whether positions in cells are those in the box, or in its place without one: there beads of other periods seem near, until they are looked at.
+#define WRAPPED (PERIODIC || REPEATED)
+#if LANES > 1 || defined(USE_MIXED_PRECISION)
+#define REPEATED true
+#else
+#define REPEATED false
+#endif
+
 // The box: edges, their inverses, and the components below the diagonal (b.x, c.x, c.y).  Without a box it is the period of the cells alone.
 #define BOX mixed4 edges, mixed4 inverse, mixed4 tilt, int nx, int ny, int nz
 #define BOX_ edges, inverse, tilt, nx, ny, nz
@@ -144,7 +152,7 @@ DEVICE int dpdAxis(mixed s, int n, mixed* periods) {
 DEVICE int dpdCellOf(mixed3 x, mixed3* inside, BOX) {
     mixed sz = x.z*inverse.z, sy = (x.y-sz*tilt.z)*inverse.y, sx = (x.x-sz*tilt.y-sy*tilt.x)*inverse.x, px, py, pz;
     int cell = (dpdAxis(sz, nz, &pz)*ny+dpdAxis(sy, ny, &py))*nx+dpdAxis(sx, nx, &px);
-    *inside = PERIODIC ? make_mixed3(x.x-px*edges.x-py*tilt.x-pz*tilt.y, x.y-py*edges.y-pz*tilt.z, x.z-pz*edges.z) : x;
+    *inside = WRAPPED ? make_mixed3(x.x-px*edges.x-py*tilt.x-pz*tilt.y, x.y-py*edges.y-pz*tilt.z, x.z-pz*edges.z) : x;
     return cell;
 }
 
@@ -266,14 +274,15 @@ DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, GLOBAL const real4* R
 // The cell before another one along an axis (at = 0), itself (1) or the one after it (2), and how many periods it is away by that; all, of few.
 DEVICE int dpdNext(int own, int at, int n, real* periods) {
     int c = n < 3 ? at : own+at-1;
-    *periods = PERIODIC ? (c < 0) - (c >= n) : 0;
+    *periods = WRAPPED ? (c < 0) - (c >= n) : 0;
     return c < 0 ? c+n : c >= n ? c-n : c;
 }
 
-// Where a bead is in its cell along an axis, from 0 to 1, if it is at s in units of the box; `dpdAxis` may have rounded.
+// Where a bead is in its cell along an axis, from 0 to 1, if it is at s in units of the box.  Both `dpdAxis` and the position in the cell may have
+// rounded: to the other end of the box (far from 0 and 1), and out of the cell by a little.
 DEVICE float dpdPlace(mixed s, int n, int own) {
     float f = (float) ((s-floor(s))*n-own);
-    return f < 0 || f > 1.5f ? 0 : f > 1 ? 1 : f;
+    return f < -0.5f ? 1 : f > 1.5f ? 0 : f < 0 ? 0 : f > 1 ? 1 : f;
 }
 
 // The square of how far it is from the cells before its own (at = 0), in line with it (1) and after it (2).
@@ -293,7 +302,7 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 // Which of those that cells have near a bead are within the longest cutoff: delta is from j to i, r2 its square.
 #define SQUARE(delta) (delta.x*delta.x+delta.y*delta.y+delta.z*delta.z)
 #define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && r2 != 0)
-#if LANES > 1 || defined(USE_MIXED_PRECISION)
+#if LANES > 1 || defined(USE_MIXED_PRECISION) // these look at the positions themselves
 #define IS_NEAR (r2 < (real) (MAX_CUTOFF*MAX_CUTOFF*1.01) && (int) y.w != i) // positions in cells are rounded
 #define TAKE(pair) \
     mixed3 z = dpdLoad(pos, corr, j); \
@@ -351,7 +360,7 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 #else
 #define EACH_PARTNER(vel, pair) \
     HERE \
-    for (int t = TAKES_PART ? lane : 27, from = 0; ; ) { /* a full list at a time */ \
+    for (int t = TAKES_PART ? lane : 27, from = 0; ; ) { /* a full list at a time; then cell t goes on at its bead `from` */ \
         for (bool full = false; t < 27 && !full; t += full ? 0 : LANES) { \
             int a = t%3, b = t/3%3, c = t/9; \
             if (a >= nx || b >= ny || c >= nz || FAR_CELL) \

@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
-from devices import DEVICES
+from devices import DEVICES, Device
 from midpoint import impulses, noise_of_piece, pieces_of
 from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, noise_of, oracle_params
 
@@ -101,6 +101,33 @@ def test_forces_and_noise_are_the_oracles(name, device):
     expected = oracle.dissipative(x, v, *here, factor).forces
     expected = expected + oracle.random(x, *here, 1.0, DT, noise_of(60, SEED, COUNTER, 1.0), factor).forces
     close(found(context, Phase.FORCE_KEPT)[1], expected, bound(device))
+
+
+@pytest.mark.parametrize("lanes", ["1", "8"])
+@pytest.mark.parametrize("x", [6 - 1e-8, -2.1e-7])
+def test_a_bead_on_a_face_of_the_box_has_partners_on_both_sides(x, lanes, device, monkeypatch):
+    """Its position is rounded to the other side of its cell."""
+    monkeypatch.setenv("OPENMM_DPD_DEVICE_LANES", lanes)
+    x = np.array([[x, 3.0, 3.0], [0.3, 3.0, 3.0], [5.7, 3.0, 3.0]])
+    energy, force = found(context_of(beads(3, edge=6.0, positions=x, velocities=np.zeros((3, 3))), device), Phase.CONSERVE)
+    assert energy == pytest.approx(14.25, rel=1e-5)
+    np.testing.assert_allclose(force, [[0, 0, 0], [27.5, 0, 0], [-27.5, 0, 0]], atol=1e-4)
+
+
+@pytest.mark.parametrize("lanes", ["1", "8"])
+def test_without_a_box_beads_may_be_far_away(lanes, exact, monkeypatch):
+    monkeypatch.setenv("OPENMM_DPD_DEVICE_LANES", lanes)
+    devices = (exact, Device(exact.platform, "mixed")) if exact.precision else (exact,)
+    near = np.random.default_rng(1).random((100, 3)) * 3
+    expected, forces = (
+        [
+            found(context_of(beads(100, positions=near + away, velocities=np.zeros((100, 3)), box=None), device), Phase.CONSERVE)[1]
+            for device in devices
+        ]
+        for away in (0.0, 65536.0)
+    )
+    for one, other in zip(forces, expected, strict=True):
+        close(one, other, 1e-6)
 
 
 def test_the_largest_numbers_are_finite(device):

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -430,6 +431,20 @@ def test_beads_that_run_away_are_an_error(scheme, usual):
     assert np.isfinite(state_of(simulation.context)[0]).all()
 
 
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_beads_that_ran_away_are_counted_once_afterwards(steps, usual):
+    simulation = run_on(fluid(PLAIN, BOX, n=60, spread=0), usual, "mvv")
+    x, v = state_of(simulation.context)
+    energy = simulation.context.getState(energy=True).getPotentialEnergy()._value
+    simulation.context.setVelocities(v + 1e4 * (np.arange(60) == 17)[:, None])
+    with pytest.raises(openmm.OpenMMException, match="bead 17"):
+        simulation.integrator.step(steps)
+        simulation.context.getState(energy=True)
+    simulation.context.setPositions(x)
+    simulation.context.setVelocities(v)
+    assert simulation.context.getState(energy=True).getPotentialEnergy()._value == pytest.approx(energy, rel=1e-6)
+
+
 def test_a_run_that_is_not_a_number_is_an_error(usual):
     simulation = run_on(fluid(PLAIN, BOX, n=60, spread=0), usual)
     x, v = state_of(simulation.context)
@@ -453,6 +468,47 @@ def test_room_grows_and_no_pair_is_dropped(scheme, usual):
         simulation.context.setParameter("dpd_counter", 5)
         simulation.step(12)
     assert same_bits(*(state_of(simulation.context) for simulation in (narrow, ample)))
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+@pytest.mark.parametrize("scheme", ["basa", "shardlow"])
+def test_where_rows_alone_are_too_full_no_bead_is_counted_twice(scheme, steps, usual):
+    lattice = np.stack(np.meshgrid(*[np.arange(4) * 1.5 + 0.7] * 3), -1).reshape(-1, 3)
+    corners = np.stack(np.meshgrid(*[[-1, 1]] * 3), -1).reshape(-1, 3)
+    crowded = np.concatenate([2.4 + 0.12 * corners, 2.4 + 0.21 * corners, lattice[16:]])  # in eight cells
+    narrow, ample = (run_on(beads(64, edge=6.0, positions=x), usual, scheme, dt=0.002) for x in (lattice, crowded))
+    narrow.step(5)
+    v = state_of(narrow.context)[1]
+    for simulation in (narrow, ample):
+        simulation.context.setPositions(crowded)
+        simulation.context.setVelocities(v)
+        simulation.context.setParameter("dpd_counter", 5)
+        simulation.step(steps)
+    assert same_bits(*(state_of(simulation.context) for simulation in (narrow, ample)))
+
+
+def test_a_nearly_empty_box_takes_little_memory(usual):
+    before = made.plugin().bytes_of_arrays()
+    simulation = run_on(beads(500, edge=100.0), usual)
+    simulation.step(2)
+    assert made.plugin().bytes_of_arrays() - before < 1e8
+
+
+def test_energies_of_a_device_with_an_odd_number_of_blocks():
+    """OpenMM's buffer of energies is no multiple of a block of ours there."""
+    found = available(Device("OpenCL", "mixed"))
+    script = f"""
+import sys
+sys.path[:0] = {sys.path!r}
+from test_steps import Device, beads, device_check, run_on
+device_check.MOST = 0
+print(run_on(beads(3000, edge=10.0), Device("OpenCL", "mixed"), "mvv").context.getState(energy=True).getPotentialEnergy()._value)
+"""
+    environment = os.environ | {"POCL_MAX_PTHREAD_COUNT": "1", "OPENMM_DPD_DEVICE_LANES": "8"}
+    run = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    expected = run_on(beads(3000, edge=10.0), found, "mvv").context.getState(energy=True).getPotentialEnergy()._value
+    assert float(run.stdout.split()[-1]) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("crowd", range(4, 26))
