@@ -61,8 +61,8 @@ public:
 
     // Threads of a block: OpenMM starts at most six of them per multiprocessor, of 64 threads unless told otherwise: too few for many beads
     int block(bool shared) const {
-        bool few = shared && lanes > 1 ? (long long) beads()*lanes <= 128*cc.getNumThreadBlocks() : beads() < 65536;
-        return std::min(few ? (shared && lanes > 1 ? 128 : 64) : 256, cc.getMaxThreadBlockSize());
+        bool together = shared && lanes > 1, few = together ? runAtOnce(cc, lanes) : beads() < 65536;
+        return std::min(!few ? 256 : together ? 128 : 64, cc.getMaxThreadBlockSize());
     }
 
     OpenMM::ComputeProgram program;
@@ -78,10 +78,11 @@ private:
             return lanes;
         }
         int lanes = cc.getIsCPU() ? 1 : 16;
-        while (lanes > 4 && (long long) cc.getNumAtoms()*lanes > 128*cc.getNumThreadBlocks())
+        while (lanes > 4 && !runAtOnce(cc, lanes))
             lanes /= 2;
         return lanes;
     }
+    static bool runAtOnce(OpenMM::ComputeContext& cc, int lanes) { return (long long) cc.getNumAtoms()*lanes <= 128*cc.getNumThreadBlocks(); }
 
     void set(OpenMM::ComputeKernelImpl& kernel, int at, Base& array) { kernel.setArg(at, array); }
     void set(OpenMM::ComputeKernelImpl& kernel, int at, int value) { kernel.setArg(at, value); }
@@ -100,6 +101,7 @@ private:
         else
             kernel.setArg(at, (float) value);
     }
+
     OpenMM::ComputeContext& cc;
     const bool wide;
     int stepsBefore = 0;

@@ -125,6 +125,12 @@ DEVICE void dpdStore(GLOBAL real4* RESTRICT pos, GLOBAL real4* RESTRICT corr, in
 #endif
 }
 
+DEVICE void dpdAdd(mixed4* v, mixed part, mixed4 a) {
+    v->x += part*a.x;
+    v->y += part*a.y;
+    v->z += part*a.z;
+}
+
 // Whether positions in cells are those in the box, or in its place without one: there beads of other periods seem near, until they are looked at.
 #define WRAPPED (PERIODIC || REPEATED)
 #if LANES > 1 || defined(USE_MIXED_PRECISION)
@@ -507,17 +513,10 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         if (moves) {
             if (v.w != 0) {
                 mixed4 a = acc[i], s = make_mixed4(v.x+predict*a.x, v.y+predict*a.y, v.z+predict*a.z, v.w);
-                if (kick != 0) {
-                    v.x += kick*a.x;
-                    v.y += kick*a.y;
-                    v.z += kick*a.z;
-                }
-                if (kickSlow != 0) {
-                    mixed4 b = slow[i];
-                    v.x += kickSlow*b.x;
-                    v.y += kickSlow*b.y;
-                    v.z += kickSlow*b.z;
-                }
+                if (kick != 0)
+                    dpdAdd(&v, kick, a);
+                if (kickSlow != 0)
+                    dpdAdd(&v, kickSlow, slow[i]);
                 mixed4 straight = v;
                 if (drift != 0)
                     dpdDrift(&x, &v, DRIFT_);
@@ -571,9 +570,7 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
             acc[i] = a;
             mixed3 x = dpdLoad(pos, corr, i);
             if (v.w != 0 && kick != 0) {
-                v.x += kick*a.x;
-                v.y += kick*a.y;
-                v.z += kick*a.z;
+                dpdAdd(&v, kick, a);
                 if (drifts)
                     dpdDrift(&x, &v, DRIFT_);
                 velm[i] = v;
@@ -835,12 +832,8 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
                 v.x += impulse*f[0];
                 v.y += impulse*f[1];
                 v.z += impulse*f[2];
-                if (kick != 0) {
-                    mixed4 c = acc[i];
-                    v.x += kick*c.x;
-                    v.y += kick*c.y;
-                    v.z += kick*c.z;
-                }
+                if (kick != 0)
+                    dpdAdd(&v, kick, acc[i]);
                 if (moves)
                     dpdDrift(&x, &v, DRIFT_);
             }
