@@ -2,8 +2,8 @@
 
 A *column* is all cells with the same (y, z); it owns the pairs of its beads among themselves and with four neighbouring columns.  Its beads
 follow each other, so that its pairs lie on few pages of memory; with its cells far from each other a million beads take a fifth longer.
-Blocks of columns are coloured so that two blocks of one colour never touch the same bead: threads can work on the blocks of one colour in
-any order, and the sums and sweeps come out bit for bit the same for any number of threads.
+Blocks of columns are coloured so that two blocks of one colour never touch the same bead; what follows from that is in :mod:`.shares`: sums
+and sweeps come out bit for bit the same for any number of threads.
 """
 
 from typing import NamedTuple
@@ -16,6 +16,8 @@ from .team import meet
 
 #: Few cells have more beads.
 _FEW, _ONE = np.uint64(8), np.uint64(1)
+#: So many beads are put into cells together.
+_SOME = np.uint64(1024)
 
 
 class Grid(NamedTuple):
@@ -29,13 +31,36 @@ class Grid(NamedTuple):
     nz: int
 
 
+class _Edges(NamedTuple):
+    """What turns positions into units of the (lower-triangular) box vectors and back, as numbers: what is read from an array has to be read
+    again after each number that is written."""
+
+    ox: float
+    oy: float
+    oz: float
+    rx: float
+    ry: float
+    rz: float
+    ax: float
+    bx: float
+    by: float
+    cx: float
+    cy: float
+    cz: float
+
+
 @inlined
-def _fractions(px, py, pz, grid):
-    """Position in units of the (lower-triangular) box vectors."""
-    box, origin = grid.box, grid.origin
-    sz = (pz - origin[2]) * (1.0 / box[2, 2])
-    sy = (py - origin[1] - sz * box[2, 1]) * (1.0 / box[1, 1])
-    sx = (px - origin[0] - sz * box[2, 0] - sy * box[1, 0]) * (1.0 / box[0, 0])
+def _edges(grid):
+    b, o = grid.box, grid.origin
+    return _Edges(o[0], o[1], o[2], 1.0 / b[0, 0], 1.0 / b[1, 1], 1.0 / b[2, 2], b[0, 0], b[1, 0], b[1, 1], b[2, 0], b[2, 1], b[2, 2])
+
+
+@inlined
+def _fractions(px, py, pz, e):
+    """Position in units of the box vectors."""
+    sz = (pz - e.oz) * e.rz
+    sy = (py - e.oy - sz * e.cy) * e.ry
+    sx = (px - e.ox - sz * e.cx - sy * e.bx) * e.rx
     return sx, sy, sz
 
 
@@ -45,25 +70,31 @@ def _usable(sx, sy, sz):
 
 
 @helper
-def _find_cells(x, beads, grid, begin, end, cell, wrapped):
-    """Cells of the beads begin:end, and their positions wrapped into the grid; returns whether all positions are usable.  Without a branch,
-    so that several beads are treated at once."""
-    box, nx, ny, nz = grid.box, grid.nx, grid.ny, grid.nz
+def _find_cells(x, beads, grid, begin, end, cell, wrapped, some):
+    """Cells of the beads begin:end, and their positions wrapped into the grid; returns whether all positions are usable.  What is read at
+    places that are not known before is read on its own, some beads at a time: the rest is then done for several at once."""
+    e, nx, ny, nz, periodic = _edges(grid), grid.nx, grid.ny, grid.nz, grid.periodic
     usable = True
-    for k in range(np.uint64(begin), np.uint64(end)):
-        i = beads[k]
-        px, py, pz = x[i, 0], x[i, 1], x[i, 2]
-        sx, sy, sz = _fractions(px, py, pz, grid)
-        usable &= _usable(sx, sy, sz)
-        if grid.periodic:
-            tx, ty, tz = np.floor(sx), np.floor(sy), np.floor(sz)
-            sx, sy, sz = sx - tx, sy - ty, sz - tz
-            # the same turns: a bead on a face must get the position of the cell it was put into
-            px -= tz * box[2, 0] + ty * box[1, 0] + tx * box[0, 0]
-            py -= tz * box[2, 1] + ty * box[1, 1]
-            pz -= tz * box[2, 2]
-        wrapped[0, k], wrapped[1, k], wrapped[2, k] = px, py, pz
-        cell[k] = (min(int(sz * nz), nz - 1) * ny + min(int(sy * ny), ny - 1)) * nx + min(int(sx * nx), nx - 1)
+    for first in range(np.uint64(begin), np.uint64(end), _SOME):
+        last = min(first + _SOME, np.uint64(end))
+        for k in range(last - first):
+            i = beads[first + k]
+            some[0, k], some[1, k], some[2, k] = x[i, 0], x[i, 1], x[i, 2]
+        for k in range(last - first):
+            px, py, pz = some[0, k], some[1, k], some[2, k]
+            sx, sy, sz = _fractions(px, py, pz, e)
+            usable &= _usable(sx, sy, sz)
+            if periodic:
+                tx, ty, tz = np.floor(sx), np.floor(sy), np.floor(sz)
+                sx, sy, sz = sx - tx, sy - ty, sz - tz
+                # the same turns: a bead on a face must get the position of the cell it was put into
+                px -= tz * e.cx + ty * e.bx + tx * e.ax
+                py -= tz * e.cy + ty * e.by
+                pz -= tz * e.cz
+            some[0, k], some[1, k], some[2, k] = px, py, pz
+            cell[first + k] = (min(int(sz * nz), nz - 1) * ny + min(int(sy * ny), ny - 1)) * nx + min(int(sx * nx), nx - 1)
+        for k in range(last - first):
+            wrapped[first + k, 0], wrapped[first + k, 1], wrapped[first + k, 2] = some[0, k], some[1, k], some[2, k]
     return usable
 
 
@@ -73,7 +104,7 @@ def _count_chunk(x, beads, grid, scratch, chunk):
     cell, wrapped, place = scratch.cell, scratch.wrapped, scratch.place[chunk]
     m, chunks = len(beads), len(scratch.place)
     begin, end = m * chunk // chunks, m * (chunk + 1) // chunks
-    usable = _find_cells(x, beads, grid, begin, end, cell, wrapped)
+    usable = _find_cells(x, beads, grid, begin, end, cell, wrapped, scratch.some[chunk])
     place[:] = 0
     if usable:
         for k in range(np.uint64(begin), np.uint64(end)):
@@ -120,7 +151,7 @@ def _fill_in(beads, scratch, begin, end, named, order, seats, xs, of_beads, sort
     for place in range(np.uint64(begin), np.uint64(end)):
         k = rows[place]
         i, n = beads[k], np.uint64(scratch.to[place]) if named else place
-        xs[0, n], xs[1, n], xs[2, n] = wrapped[0, k], wrapped[1, k], wrapped[2, k]
+        xs[0, n], xs[1, n], xs[2, n] = wrapped[k, 0], wrapped[k, 1], wrapped[k, 2]
         seats[n] = i
         order[n] = scratch.numbers[place + _FEW] if named else i
         if len(of_beads.types):
@@ -140,7 +171,8 @@ class CellScratch(NamedTuple):
     """For M beads in as many chunks as the threads share them in."""
 
     cell: np.ndarray  #: (M,)
-    wrapped: np.ndarray  #: (3, M)
+    wrapped: np.ndarray  #: (M, 3)
+    some: np.ndarray  #: (chunks, 3, SOME) positions that are treated together
     rows: np.ndarray  #: (M,) the bead that was put in each place
     numbers: np.ndarray  # numbers, cells: (M + 2 FEW,) its number and its cell; no place has the first and last FEW
     cells: np.ndarray
@@ -155,14 +187,16 @@ def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
     of_chunks = np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_), np.zeros(chunks, np.uint32)
     padded = beads + 2 * int(_FEW)
     of_places = np.zeros(beads, np.uint32), np.zeros(padded, np.uint32), np.full(padded, 2**32 - 1, np.uint32), np.zeros(beads, np.uint32)
-    return CellScratch(np.zeros(beads, np.uint32), np.zeros((3, beads)), *of_places, *of_chunks)
+    positions = np.zeros((beads, 3)), np.zeros((chunks, 3, int(_SOME)))
+    return CellScratch(np.zeros(beads, np.uint32), *positions, *of_places, *of_chunks)
 
 
 @helper
 def _find_bad(x, beads, grid, found):
     """Write down the first bead whose position is not finite."""
+    e = _edges(grid)
     for i in beads:
-        sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], grid)
+        sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], e)
         if not _usable(sx, sy, sz):
             found[0] = i
             return
@@ -238,8 +272,8 @@ def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs
 bin_beads = Kernel(_bin_beads)
 
 
-def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Columns in blocks, blocks in colours: (columns, first column of each block, first block of each colour).
+def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Columns in blocks, blocks in colours: (columns, first column of each block, first block of each colour, layers of blocks along z).
 
     Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
     (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too, and blocks
@@ -265,5 +299,5 @@ def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     ordered = [block for colour in blocks for block in colour]
     columns = np.array([column for block in ordered for column in block], dtype=np.int64)
     block_start = np.concatenate([[0], np.cumsum([len(block) for block in ordered])]).astype(np.int64)
-    colour_start = np.concatenate([[0], np.cumsum([len(colour) for colour in blocks if colour])]).astype(np.int64)
-    return columns, block_start, colour_start
+    colour_start = np.concatenate([[0], np.cumsum([len(colour) for colour in blocks])]).astype(np.int64)
+    return columns, block_start, colour_start, along_z

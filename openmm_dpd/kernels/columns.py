@@ -1,10 +1,10 @@
-"""The loop over all pairs: colours, blocks of columns, columns, pairs.
+"""The loop over all pairs: blocks of columns in the order of their colours, columns, pairs.
 
 It is written here once.  What is done with a column and with a pair is put in when it is compiled::
 
     first(pairs, data, begin, end)              for the sorted beads begin:end, before all else
-    before(pairs, data, begin, m, scratch)      once for each column, the pairs begin:begin + m: what can be done for many pairs at once
-    pair(pairs, data, scratch, n, k, column)    for each pair number n, the k-th of its column: returns energy, virial, virial of friction
+    before(pairs, data, begin, m, scratch)      for the next pairs of a column, begin:begin + m: what can be done for many at once
+    pair(pairs, data, scratch, n, k, column)    for each pair number n, the k-th of these: returns energy, virial, virial of friction
     last(pairs, data, begin, end)               for the sorted beads begin:end, after all else
 
 ``pairs`` is a :class:`.pairs.Pairs`, ``data`` a NamedTuple of the caller's.  Where the list has room for stress tensors, virials are added
@@ -20,10 +20,14 @@ from numba import types
 from numba.extending import overload
 
 from .compiled import BARE, helper, inlined, renamed
-from .listing import list_column, share_out
+from .listing import fetch_around, list_some, look_around
 from .native import Kernel
-from .pairs import PairList, Scratch
+from .pairs import CHUNK, PairList, Scratch
+from .shares import TURNS, columns_of, share_out
 from .team import meet
+
+#: As a number that numba knows to be positive.
+_CHUNK = np.uint64(CHUNK)
 
 
 class Totals(NamedTuple):
@@ -59,46 +63,58 @@ def nothing(pairs, data, begin, m, scratch):
     """There is nothing that can be done for many pairs at once."""
 
 
-@helper
-def _listed(pairs, source, column, part):
-    """List the pairs of a column in the room of a thread; returns the first one, and how many there are, 0 where they are too many."""
-    room = np.uint64(len(pairs.pi) // len(source.bead))
-    begin = np.uint64(part) * room
-    pairs.found[column] = list_column(pairs, source, part, column, begin, begin + room)
-    return begin, pairs.found[column] if pairs.found[column] <= room else np.uint64(0)
-
-
-def _share(pairs, data, scratch, shares, source, colour, part):
-    """The columns of a colour that one thread takes."""
-    space = Scratch(scratch.values[part], scratch.bits[part], scratch.tail[part])
-    for task in range(shares[colour, part], shares[colour, part + 1]):
-        column = pairs.columns[task]
+def _column(pairs, data, space, source, column, part):
+    """One column."""
+    energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
+    tensor = drags = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    cell, bead, goes_on = np.int64(0), np.uint64(0), True
+    if _LISTS:
+        room = np.uint64(len(pairs.pi) // len(source.bead))
+        look_around(source, part, column)
+        pairs.found[column] = 0
+    while goes_on:
         if _LISTS:
-            begin, m = _listed(pairs, source, column, part)
+            begin = np.uint64(part) * room
+            cell, bead, stop = list_some(pairs, source, part, cell, bead, begin, begin + room)
+            pairs.found[column] += stop - begin
+            goes_on = cell < source.nx and pairs.found[column] <= room
+            stop = stop if stop <= begin + room else begin  # what there was no room for is not there
         else:
-            begin, m = pairs.start[column], pairs.found[column]
-        _before(pairs, data, begin, m, space)
-        energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
-        tensor = drags = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        for k in range(m):
-            n = begin + k
-            more = _pair(pairs, data, space, n, k, column)
-            energy += more[0]
-            virial += more[1]
-            drag += more[2]
-            if _PARTS:
-                laplacian += more[3]
-                conservative += more[4]
-            if _TENSOR:
-                tensor = _with(tensor, pairs.geometry, n, more[1])
-            if _DRAGS:
-                drags = _with(drags, pairs.geometry, n, more[2])
-        if _TENSOR:
-            add_stress(pairs.stress, column, tensor)
-        if _DRAGS:
-            add_stress(pairs.stress, len(pairs.found) + column, drags)
-        sums = pairs.sums
-        sums[column, 0], sums[column, 1], sums[column, 2], sums[column, 3], sums[column, 4] = energy, virial, drag, laplacian, conservative
+            begin, goes_on = pairs.start[column], False
+            stop = begin + pairs.found[column]
+        for here in range(begin, stop, _CHUNK):
+            last = min(here + _CHUNK, stop)
+            _before(pairs, data, here, last - here, space)
+            for n in range(here, last):
+                more = _pair(pairs, data, space, n, n - here, column)
+                energy += more[0]
+                virial += more[1]
+                drag += more[2]
+                if _PARTS:
+                    laplacian += more[3]
+                    conservative += more[4]
+                if _TENSOR:
+                    tensor = _with(tensor, pairs.geometry, n, more[1])
+                if _DRAGS:
+                    drags = _with(drags, pairs.geometry, n, more[2])
+    if _TENSOR:
+        add_stress(pairs.stress, column, tensor)
+    if _DRAGS:
+        add_stress(pairs.stress, len(pairs.found) + column, drags)
+    sums = pairs.sums
+    sums[column, 0], sums[column, 1], sums[column, 2], sums[column, 3], sums[column, 4] = energy, virial, drag, laplacian, conservative
+
+
+def _share(pairs, data, scratch, shares, source, part, parts, team):
+    """The columns of one thread."""
+    space = Scratch(scratch.values[part], scratch.bits[part], scratch.tail[part])
+    for turn in range(TURNS):
+        for n in range(shares.first[turn, part], shares.first[turn, part + 1]):
+            for task in columns_of(pairs, shares, n):
+                if _LISTS:
+                    fetch_around(source, _written(data), pairs.columns[min(task + 1, len(pairs.columns) - 1)])
+                _columns(pairs, data, space, source, pairs.columns[task], part)
+        meet(team, parts)
 
 
 @helper
@@ -117,10 +133,8 @@ def _over_pairs(pairs, data, scratch, shares, source, found, part, parts, team):
         share_out(pairs, shares, parts)
     if _BEGINS:
         _first(pairs, data, begin, end)
-    for colour in range(len(pairs.colour_start) - 1):
-        meet(team, parts)
-        _share(pairs, data, scratch, shares, source, colour, part)
     meet(team, parts)
+    _share(pairs, data, scratch, shares, source, part, parts, team)
     if _LISTS and not _enough(pairs, source):
         return 1
     if _ENDS:
@@ -136,6 +150,8 @@ def _over_pairs(pairs, data, scratch, shares, source, found, part, parts, team):
 # what over_pairs() puts in
 _before: Any = nothing
 _pair: Any = None
+_columns: Any = None
+_written: Any = None
 _first: Any = None
 _last: Any = None
 _BEGINS = _ENDS = _LISTS = _TENSOR = _DRAGS = _PARTS = False
@@ -149,7 +165,7 @@ def over_pairs(
     first: Callable | None = None,
     last: Callable | None = None,
     parallel: bool = True,
-    again: bool = False,
+    again: Callable | None = None,
     drags: bool = False,
     parts: bool = False,
 ) -> Callable:
@@ -158,8 +174,8 @@ def over_pairs(
     With a third argument that is true it gives the stress tensor too; where it ``drags`` two, that of the friction's virial as well.  The
     function ``pair`` returns energy and two virials, one that ``parts`` the Laplacian and the conservative virial too.
 
-    Where beads are many, loops that can be done ``again`` from the start list the pairs of each column when they come to it (see
-    :class:`.pairs.PairList`).  There ``pair`` changes nothing that ``first`` does not set.
+    Where beads are many, loops that can be done ``again`` from the start, and say by data -> array (M, 3) what ``pair`` writes on, list the
+    pairs of each column when they come to it (see :class:`.pairs.PairList`).  There ``pair`` changes nothing that ``first`` does not set.
     """
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
 
@@ -168,11 +184,12 @@ def over_pairs(
         """Those with tensors, and those that list, apart: many runs ask for none, and to compile all takes seconds."""
         word = f"{name}{'_tensor' * tensor}{'_lists' * lists}"
         inside = {"_pair": pair, "_before": before, "_LISTS": lists, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
-        share = helper(renamed(_share, f"{word}_share", inside))
+        column = inlined(renamed(_column, f"{word}_column", inside))
+        share = helper(renamed(_share, f"{word}_share", {"_columns": column, "_LISTS": lists, "_written": again}))
         return Kernel(renamed(_over_pairs, word, {"_share": share, "_LISTS": lists} | around))
 
     def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:
-        lists = not pairs.used() and again
+        lists = again is not None and not pairs.stored
         loop, sums = kernel(bool(tensor), lists), np.empty(5)
         while True:
             arrays, source = pairs.passing() if lists else (pairs.arrays, 0)
@@ -242,24 +259,30 @@ def approach(pairs, v, n, i, j):
 
 @inlined
 def push(f, i, j, fx, fy, fz):
-    """Add a force to bead i, and the opposite one to bead j."""
-    f[i, 0] += fx
-    f[i, 1] += fy
-    f[i, 2] += fz
-    f[j, 0] -= fx
-    f[j, 1] -= fy
-    f[j, 2] -= fz
+    """Add a force to bead i, and the opposite one to bead j (another one: what is read first need not wait for what is written)."""
+    xi, yi, zi, xj, yj, zj = f[i, 0], f[i, 1], f[i, 2], f[j, 0], f[j, 1], f[j, 2]
+    f[i, 0], f[i, 1], f[i, 2] = xi + fx, yi + fy, zi + fz
+    f[j, 0], f[j, 1], f[j, 2] = xj - fx, yj - fy, zj - fz
 
 
 @inlined
 def change(v, i, j, wi, wj, dx, dy, dz):
     """Give wi (dx, dy, dz) to bead i, and take wj (dx, dy, dz) from bead j."""
-    v[i, 0] += wi * dx
-    v[i, 1] += wi * dy
-    v[i, 2] += wi * dz
-    v[j, 0] -= wj * dx
-    v[j, 1] -= wj * dy
-    v[j, 2] -= wj * dz
+    xi, yi, zi, xj, yj, zj = v[i, 0], v[i, 1], v[i, 2], v[j, 0], v[j, 1], v[j, 2]
+    v[i, 0], v[i, 1], v[i, 2] = xi + wi * dx, yi + wi * dy, zi + wi * dz
+    v[j, 0], v[j, 1], v[j, 2] = xj - wj * dx, yj - wj * dy, zj - wj * dz
+
+
+@inlined
+def on_forces(data):
+    """Pairs write on ``f``."""
+    return data.f
+
+
+@inlined
+def on_velocities(data):
+    """Pairs write on ``v``."""
+    return data.v
 
 
 @helper

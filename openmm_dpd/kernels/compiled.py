@@ -24,6 +24,8 @@ BARE = SEMANTICS | NO_REFERENCE_COUNTS
 #: time; or put in where they are called.
 helper = numba.njit(**BARE, **NO_PYTHON_WRAPPER)
 inlined = numba.njit(inline="always", **BARE)
+#: Compiled on their own, and put in by LLVM where they are called: what is called often with many arrays, each of which is seven arguments.
+merged = numba.njit(forceinline=True, **BARE, **NO_PYTHON_WRAPPER)
 #: The same for functions that are also called from Python, where they stay what they are.
 both = register_jitable(inline="always", **BARE)
 

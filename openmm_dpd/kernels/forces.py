@@ -22,6 +22,7 @@ from .columns import (
     deliver,
     factor_of,
     gather_and_clear,
+    on_forces,
     over_pairs,
     push,
     push_apart,
@@ -195,9 +196,9 @@ def _any(pairs, data, scratch, n, k, column):
 
 
 # the usual cases apart: what need not be asked for each pair is a third of the time
-conservative_forces = over_pairs("conservative_forces", _conservative, first=clear, last=deliver, again=True)
-_central_forces = over_pairs("central_forces", _central, _radial_terms, first=gather_and_clear, last=deliver, again=True)
-_any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_clear, last=deliver, again=True)
+conservative_forces = over_pairs("conservative_forces", _conservative, first=clear, last=deliver, again=on_forces)
+_central_forces = over_pairs("central_forces", _central, _radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
+_any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
 
 
 def pair_forces(pairs: PairList, terms: Terms, transverse: bool, more: int) -> Sums:

@@ -1,9 +1,10 @@
 """Pairs within the cutoff, column by column.
 
 The order of pairs is a function of the present positions alone.  A column first copies all beads that its own beads can meet, shifted to
-where they meet them, in the order of x, so that what a bead is compared with is one range.  The comparison gives one bit for each; the
-bits give the indices of the hits, a fixed number at a time; the hits of many beads are looked at together.  None of these loops has a
-branch that the processor could not foresee, and that is what makes them fast.
+where they meet them, in the order of x, so that what a bead is compared with is one range.  The comparison, in single precision and with a
+cutoff that is longer by what rounding can do, gives one bit for each; the bits give the indices of the hits, a fixed number at a time;
+the hits of many beads are looked at together, in double precision.  None of these loops has a branch that the processor could not foresee,
+and that is what makes them fast.
 """
 
 from typing import NamedTuple
@@ -11,19 +12,24 @@ from typing import NamedTuple
 import numpy as np
 
 from .cells import most_near
-from .compiled import helper, inlined
+from .compiled import helper, inlined, merged
 from .native import Kernel
+from .shares import TURNS, columns_of, share_out
 from .team import meet
-from .vectors import LANES, bits_set, copy_shifted, count_up, lowest_bit
+from .vectors import LANES, bits_set, close_by, copy_shifted, count_up, fetch, lowest_bit
 
 #: Square of the distance (nm^2) below which a pair exerts no force.
 R_MIN2 = 1e-20
 # The loops below run over unsigned indices: with signed ones numba looks out for indices below zero, and nothing is vectorised.
-_WORD, _ONE, _STEP = np.uint64(64), np.uint64(1), np.uint64(LANES)
+_WORD, _ONE, _THREE, _STEP = np.uint64(64), np.uint64(1), np.uint64(3), np.uint64(LANES)
 #: So many hits of a bead are written down without a question; few beads have more.
 _USUAL = np.uint64(8)
-#: So many hits are collected before they are looked at together.
-_BATCH = 2048
+#: So many hits are collected before they are looked at together; so many fill the space for them, where beads are close together.
+_BATCH, _MOST = np.uint64(384), np.uint64(2048)
+#: Pairs that follow each other are so many parts of a batch apart.
+_ROWS = np.uint64(4)
+#: Cells of a large layer: beads of several such layers are more than a processor's second cache holds.
+_LARGE = 2000
 #: Numbers on two lines of the processor's cache, which come together.
 LINE = 16
 
@@ -32,8 +38,8 @@ class SortedCells(NamedTuple):
     """What pairs are listed from, and on; one record of all, since numba knows no records of records in loops for several threads.
 
     The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
-    pairs: the squares of the cutoffs of all types, exceptions in compressed rows (of length 0 if there are none).  What each thread
-    writes on: see :func:`space_for`.
+    pairs: the squares of the cutoffs of all types, of the longest one, and of what that can be in single precision; exceptions in
+    compressed rows (of length 0 if there are none).  What each thread writes on: see :func:`space_for`.
     """
 
     xs: np.ndarray
@@ -46,11 +52,13 @@ class SortedCells(NamedTuple):
     nz: int
     cut2: np.ndarray
     longest2: float
+    reach2: float
     ntypes: int
     exc_start: np.ndarray
     exc_bead: np.ndarray
     exc_factor: np.ndarray
     near: np.ndarray
+    rounded: np.ndarray
     bead: np.ndarray
     who: np.ndarray
     whom: np.ndarray
@@ -64,8 +72,8 @@ class SortedCells(NamedTuple):
 def space_for(parts: int, nx: int, most: int) -> tuple[np.ndarray, ...]:
     """Space of so many threads for so many beads near a column, and nx cells along it: the last items of a :class:`SortedCells`."""
     # a whole word of bits is read beyond the last bead, and a whole vector written
-    beads, hits = (parts, most + 64), (parts, most + 64 + _BATCH)
-    copied = np.zeros((parts, 3, most + 64)), np.zeros(beads, np.uint32)
+    beads, hits = (parts, most + 64), (parts, most + 64 + int(_MOST))
+    copied = np.zeros((parts, 3, most + 64)), np.zeros((parts, 3, most + 64), np.float32), np.zeros(beads, np.uint32)
     found = np.empty(hits, np.uint32), np.empty(hits, np.uint32), np.empty(hits)
     # what is short has room behind it: threads that write on one line of the cache wait for each other all the time
     ends = np.empty((parts, nx + 3 + LINE), np.uint64), np.empty((parts, nx + 3 + LINE), np.uint64)
@@ -156,14 +164,12 @@ def _below(n):
 
 
 @inlined
-def _hits(x, y, z, first, cut2, near):
-    """Which of the 64 beads from the first one on are closer than the cutoff, and not in the same place, as bits."""
-    bits = np.uint64(0)
-    for k in range(np.uint64(0), _WORD):
-        dx, dy, dz = x - near[0, first + k], y - near[1, first + k], z - near[2, first + k]
-        r2 = dx * dx + dy * dy + dz * dz
-        bits |= np.uint64((r2 < cut2) & (r2 >= R_MIN2)) << k
-    return bits
+def _round(near, grid, beads, rounded):
+    """Positions in single precision, from the corner of the grid."""
+    for axis in range(3):
+        corner = grid.origin[axis]
+        for k in range(beads):
+            rounded[axis, k] = np.float32(near[axis, k] - corner)
 
 
 @inlined
@@ -181,17 +187,18 @@ def _collect(bits, s, first, who, whom, n):
     return n + hits
 
 
-@inlined
-def _keep(rule, order, types, near, bead, who, whom, factor, m):
-    """Leave out what the cutoffs of the types and the exceptions leave out; returns how many are left, with their factors."""
+@helper
+def _keep(rule, order, types, near, bead, hits, m):
+    """Leave out what the cutoffs of the types and the exceptions leave out, and what only seems to be near enough; returns how many are
+    left, with their factors."""
+    who, whom, factor = hits
     n = np.uint64(0)
     for q in range(m):
         s, k = who[q], whom[q]
         i, j = bead[s], bead[k]
-        kept = True
-        if rule.ntypes > 1:
-            dx, dy, dz = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
-            kept = dx * dx + dy * dy + dz * dz < rule.cut2[types[i] * rule.ntypes + types[j]]
+        dx, dy, dz = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
+        r2 = dx * dx + dy * dy + dz * dz
+        kept = (r2 < (rule.cut2[types[i] * rule.ntypes + types[j]] if rule.ntypes > 1 else rule.longest2)) & (r2 >= R_MIN2)
         if len(rule.exc_start) and kept:
             factor[n] = _factor(rule, order[i], order[j])
             kept = factor[n] != 0.0
@@ -201,87 +208,125 @@ def _keep(rule, order, types, near, bead, who, whom, factor, m):
 
 
 @inlined
-def _write(near, bead, who, whom, factor, m, n, room, out):
-    """Write hits as pairs number n and following, as far as there is room."""
-    g = out.geometry
-    end = min(n + m, max(n, room))
-    for q in range(end - n):
-        s, k = who[q], whom[q]
-        out.pi[n + q], out.pj[n + q] = bead[s], bead[k]
-        g[0, n + q], g[1, n + q], g[2, n + q] = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
-    for p in range(n, end):
-        dx, dy, dz = g[0, p], g[1, p], g[2, p]
-        r = np.sqrt(dx * dx + dy * dy + dz * dz)
-        inverse = 1.0 / r
-        g[0, p], g[1, p], g[2, p], g[3, p] = dx * inverse, dy * inverse, dz * inverse, r
-    if len(out.factors):
-        for q in range(end - n):
-            out.factors[n + q] = factor[q]
-
-
-@helper
-def _flush(rule, order, types, near, bead, hits, m, n, room, out):
-    """Turn the m hits into pairs number n and following; returns the number of the next one, also where there was no room for all."""
-    who, whom, factor = hits
-    if rule.ntypes > 1 or len(rule.exc_start):
-        m = _keep(rule, order, types, near, bead, who, whom, factor, m)
-    _write(near, bead, who, whom, factor, m, n, room, out)
-    return n + m
-
-
-@helper
-def list_column(pairs, source, part, column, begin, room):
-    """List the pairs of a column from number ``begin`` on, as far as there is room, up to ``room``; returns how many there are.  Each
-    thread has its ``part`` of the space."""
-    near, bead, own, others = source.near[part], source.bead[part], source.own[part], source.others[part]
-    hits = source.who[part], source.whom[part], source.factor[part]
-    neighbours = source.corner[part], source.shift[part]
-    order, types = pairs.order, pairs.types
-    _gather(source.xs, column % source.ny, column // source.ny, source, source.cells, neighbours, own, others, near, bead)
-    n, m = begin, np.uint64(0)
-    for cx in range(source.nx):
-        start, stop, mine = others[cx], own[cx + 3], own[cx + 1]
-        for s in range(mine, others[cx + 1]):
-            x, y, z = near[0, s], near[1, s], near[2, s]
-            for first in range(start, stop, _WORD):
-                bits = _hits(x, y, z, first, source.longest2, near)
-                # not itself and the own beads before it, which have met it, nor what lies beyond the range
-                met = _below(np.int64(s + _ONE - first)) & ~_below(np.int64(mine - first))
-                m = _collect(bits & ~met & _below(np.int64(stop - first)), s, first, hits[0], hits[1], m)
-            if m > _BATCH:
-                n = _flush(source, order, types, near, bead, hits, m, n, room, pairs)
-                m = np.uint64(0)
-    return _flush(source, order, types, near, bead, hits, m, n, room, pairs) - begin
+def _inverse_root(square):
+    """1/sqrt, to the last digit or two: in single precision, then Newton's rule twice, which takes half as long."""
+    y = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+    half = 0.5 * square
+    y *= 1.5 - half * y * y
+    return y * (1.5 - half * y * y)
 
 
 @inlined
-def _work_in(pairs, block):
-    """About as many pairs as a block has, and one more for each column: as many as it has room for, or where pairs are not stored as many
-    as were found there last."""
-    work, stored = np.int64(0), pairs.start[-1] != 0
-    for task in range(pairs.block_start[block], pairs.block_start[block + 1]):
-        column = pairs.columns[task]
-        work += np.int64(pairs.start[column + 1] - pairs.start[column] if stored else pairs.found[column]) + 1
-    return work
+def _write_one(near, bead, hits, q, out, p):
+    """Write hit q as pair p, with the vector between its beads."""
+    who, whom, factor = hits
+    s, k, g = who[q], whom[q], out.geometry
+    out.pi[p], out.pj[p] = bead[s], bead[k]
+    g[0, p], g[1, p], g[2, p] = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
+    if len(out.factors):
+        out.factors[p] = factor[q]
+
+
+@inlined
+def _write(near, bead, hits, m, n, longest2, out):
+    """Write hits as pairs number n and following; returns whether all are near enough.  Pairs that follow each other are of beads that are
+    apart, so that what is done with one of them need not wait for the one before it."""
+    apart, p = m // _ROWS, n
+    for q in range(apart):
+        for row in range(_ROWS):
+            _write_one(near, bead, hits, q + row * apart, out, p + row)
+        p += _ROWS
+    for q in range(_ROWS * apart, m):
+        _write_one(near, bead, hits, q, out, n + q)
+    g, good = out.geometry, True
+    for p in range(n, n + m):
+        dx, dy, dz = g[0, p], g[1, p], g[2, p]
+        r2 = dx * dx + dy * dy + dz * dz
+        good &= (r2 < longest2) & (r2 >= R_MIN2)
+        inverse = _inverse_root(r2)
+        g[0, p], g[1, p], g[2, p], g[3, p] = dx * inverse, dy * inverse, dz * inverse, r2 * inverse
+    return good
+
+
+@inlined
+def _flush(rule, order, types, near, bead, hits, m, n, room, out):
+    """Turn the m hits into pairs number n and following; returns the number of the next one, also where there was no room for all."""
+    exact = rule.ntypes > 1 or len(rule.exc_start) > 0
+    while True:
+        if exact:
+            m = _keep(rule, order, types, near, bead, hits, m)
+        if n + m > room or _write(near, bead, hits, m, n, rule.longest2, out) or exact:
+            return n + m
+        exact = True
+
+
+@inlined
+def look_around(source, part, column):
+    """Copy what the beads of a column can meet into the space of a thread."""
+    near, own, others = source.near[part], source.own[part], source.others[part]
+    neighbours = source.corner[part], source.shift[part]
+    _gather(source.xs, column % source.ny, column // source.ny, source, source.cells, neighbours, own, others, near, source.bead[part])
+    _round(near, source, own[source.nx + 2], source.rounded[part])
 
 
 @helper
-def share_out(pairs, shares, parts):
-    """Write the first column of each thread, and the end, in each colour: each gets about as much work.  The same ones as long as the room
-    is the same, so that a thread finds the pairs that it has listed itself in its own cache."""
-    for colour in range(len(pairs.colour_start) - 1):
-        begin, end = pairs.colour_start[colour], pairs.colour_start[colour + 1]
-        work, passed, part = 0, 0, 1
-        for block in range(begin, end):
-            work += _work_in(pairs, block)
-        shares[colour, :] = pairs.block_start[end]
-        shares[colour, 0] = pairs.block_start[begin]
-        for block in range(begin, end):
-            here = _work_in(pairs, block)
-            while part < parts and parts * (2 * passed + here) >= 2 * work * part:
-                shares[colour, part] = pairs.block_start[block]
-                part += 1
-            passed += here
+def _fetch_column(source, written, column):
+    begin, end = source.cells[column * source.nx], source.cells[(column + 1) * source.nx]
+    x, y, z = source.xs[0], source.xs[1], source.xs[2]
+    for k in range(begin, end, _STEP):
+        fetch(x, k)
+        fetch(y, k)
+        fetch(z, k)
+    for k in range(_THREE * begin, _THREE * end, _STEP):
+        fetch(written, k)
+
+
+@helper
+def fetch_around(source, written, column):
+    """Where layers of cells are so large that the processor has not all around a column at hand, bring nearer what its pairs need:
+    positions, and the array (M, 3) on which they write.  With a million beads this takes a twelfth of the time of a loop away."""
+    if source.nx * source.ny < _LARGE:
+        return
+    ny, y, z = source.ny, column % source.ny, column // source.ny
+    above = (z + 1) % source.nz * ny
+    _fetch_column(source, written, column)
+    _fetch_column(source, written, z * ny + (y + 1) % ny)
+    for beside in range(3):
+        _fetch_column(source, written, above + (y + ny - 1 + beside) % ny)
+
+
+@merged
+def list_some(pairs, source, part, cell, s, n, room):
+    """List pairs of the column around which a thread has looked: those of its beads from number s on, in this cell, until they are many.
+    They get number n and following, as far as there is room, up to ``room``.  Returns cell and bead that are next, and the number of the
+    next pair."""
+    near, bead, own, others = source.near[part], source.bead[part], source.own[part], source.others[part]
+    hits, m, reach2 = (source.who[part], source.whom[part], source.factor[part]), np.uint64(0), np.float32(source.reach2)
+    x, y, z = source.rounded[part, 0], source.rounded[part, 1], source.rounded[part, 2]
+    while cell < source.nx and m < _BATCH:
+        start, stop, mine, end = others[cell], own[cell + 3], own[cell + 1], others[cell + 1]
+        s = max(s, mine)
+        while s < end and m < _MOST:
+            for first in range(start, stop, _WORD):
+                bits = close_by(x, y, z, first, x[s], y[s], z[s], reach2)
+                # not itself and the own beads before it, which have met it, nor what lies beyond the range
+                met = _below(np.int64(s + _ONE - first)) & ~_below(np.int64(mine - first))
+                m = _collect(bits & ~met & _below(np.int64(stop - first)), s, first, hits[0], hits[1], m)
+            s += _ONE
+        if s == end:
+            cell += 1
+    return cell, s, _flush(source, pairs.order, pairs.types, near, bead, hits, m, n, room, pairs)
+
+
+@helper
+def _list_column(pairs, source, part, column):
+    """List the pairs of a column where it has room for them; returns how many there are."""
+    begin, room = pairs.start[column], pairs.start[column + 1]
+    look_around(source, part, column)
+    cell, bead, n = np.int64(0), np.uint64(0), begin
+    while cell < source.nx:
+        cell, bead, n = list_some(pairs, source, part, cell, bead, n, room)
+    return n - begin
 
 
 def _list_pairs(pairs, source, shares, part, parts, team):
@@ -291,11 +336,12 @@ def _list_pairs(pairs, source, shares, part, parts, team):
     if part == 0:
         share_out(pairs, shares, parts)
     meet(team, parts)
-    for colour in range(len(pairs.colour_start) - 1):
-        for task in range(shares[colour, part], shares[colour, part + 1]):
-            column = pairs.columns[task]
-            pairs.found[column] = list_column(pairs, source, part, column, pairs.start[column], pairs.start[column + 1])
-    meet(team, parts)
+    for turn in range(TURNS):
+        for n in range(shares.first[turn, part], shares.first[turn, part + 1]):
+            for task in columns_of(pairs, shares, n):
+                column = pairs.columns[task]
+                pairs.found[column] = _list_column(pairs, source, part, column)
+        meet(team, parts)
     for column in range(len(pairs.found)):
         if pairs.found[column] > pairs.start[column + 1] - pairs.start[column]:
             return 1

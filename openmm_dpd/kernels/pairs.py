@@ -9,6 +9,7 @@ from ..base.geometry import widths
 from ..base.wording import bead_number
 from . import cells, listing
 from .native import Memory
+from .shares import Shares, space_for_shares
 from .threads import threads_for
 
 #: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
@@ -48,6 +49,7 @@ class Pairs(NamedTuple):
     columns: np.ndarray  # columns, block_start, colour_start: columns in blocks, blocks in colours
     block_start: np.ndarray
     colour_start: np.ndarray
+    layers: int  #: So many blocks lie behind each other along z
     start: np.ndarray  # start, found: column c has the pairs start[c]:start[c] + found[c]
     found: np.ndarray
     sums: np.ndarray  #: (columns, 5) sums over the pairs of each column, see :mod:`.columns`
@@ -56,15 +58,19 @@ class Pairs(NamedTuple):
     flow: float = 0
 
 
+#: So many pairs are computed together: few enough for the processor to have all of them at hand.
+CHUNK = 512
+
+
 class Scratch(NamedTuple):
-    """Space for what is computed for all pairs of a column at once, for each thread: four rows of numbers; hashes; indices."""
+    """Space for what is computed for many pairs at once, for each thread: six rows of numbers; hashes; indices."""
 
     values: np.ndarray
     bits: np.ndarray
     tail: np.ndarray
 
 
-def _without_room(ny: int, nz: int) -> tuple[np.ndarray, ...]:
+def _without_room(ny: int, nz: int) -> tuple[np.ndarray | int, ...]:
     """Columns that have no room for pairs yet: the last items of :class:`Pairs`."""
     columns = ny * nz
     return *cells.colours(ny, nz), np.zeros(columns + 1, np.uint64), np.zeros(columns, np.uint64), np.zeros((columns, 5)), np.zeros((0, 6))
@@ -77,8 +83,7 @@ class PairList:
     statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
     ``inv_mass`` is sorted with the beads for who reads the list.  Where beads are ``many`` pairs are stored only if somebody reads
-    :attr:`arrays`, or if two loops went over them the last time that as many had gone over them at the two positions before (or at the
-    positions before the last ones): steps look at some places in turn.  Otherwise loops list the pairs of a column when they come to it.
+    :attr:`arrays`.  Otherwise loops list the pairs of a column when they come to it.
     """
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):
@@ -101,17 +106,16 @@ class PairList:
         self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))  # type: ignore[arg-type]
         self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
         self._source: listing.SortedCells | None = None
-        #: whether beads are many; how many loops went over the pairs at these positions, at the two before, and after as many as that
-        self.many, self._uses, self._last_uses, self._uses_after = m >= MANY, 0, (0, 0), dict[tuple[int, int], int]()
+        self.many = m >= MANY
         #: the cells of the beads that are sorted, and whether their pairs are stored; room for a column of each thread, where they are not
         self._placed, self._complete = cells.Grid(np.eye(3), np.zeros(3), False, 1, 1, 1), True
         self._passing = self._room(0)
-        self._longest, self._scratch = 0, Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
-        self._shares = np.zeros((4, 0), np.int64)
+        self._scratch = Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
+        self._shares: Shares | None = None
         #: see :class:`Pairs`
         self.flow: float = 0
         #: of kernels that are given the arrays of this list, see :class:`.native.Kernel`
-        self.memory = Memory(Pairs, Scratch, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
+        self.memory = Memory(Pairs, Scratch, Shares, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """Take arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row, ``places`` (N,) the
@@ -185,14 +189,12 @@ class PairList:
         found, start = self._stored.found, np.zeros_like(self._stored.start)
         start[1:] = np.cumsum(np.maximum(np.diff(self._stored.start), found + found // 8 + 48))
         pi, pj, geometry, factors = self._room(int(start[-1]))
-        roomy = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
-        self._stored, self._longest = roomy, max(self._longest, int(np.diff(start).max()))
+        self._stored = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
 
     def make_passing_room(self) -> None:
         """The same where each thread has room for one column."""
         found = int(self._stored.found.max())
-        most = found + found // 8 + 48
-        self._passing, self._longest = self._room(self.threads * most), max(self._longest, most)
+        self._passing = self._room(self.threads * (found + found // 8 + 48))
 
     def bin(self, x: np.ndarray, grid: cells.Grid, chunks: int) -> None:
         """Sort the beads into cells; the threads share them in so many chunks."""
@@ -211,8 +213,10 @@ class PairList:
         now = self._source
         fits = now is not None and now.own.shape == (parts, grid.nx + 3 + listing.LINE) and now.bead.shape[1] >= self._near + 64
         if now is None or not fits or now.box is not grid.box:
-            rule = self._cut2, self.cutoff**2, self.ntypes, *self.exceptions
-            space = now[-9:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
+            # coordinates are at most 2 |box| from the corner: what rounding them can do to a square, and that twice
+            rounding = np.finfo(np.float32).eps * (16.0 * np.abs(grid.box).sum() + 8.0 * self.cutoff) * self.cutoff
+            rule = self._cut2, self.cutoff**2, self.cutoff**2 + rounding, self.ntypes, *self.exceptions
+            space = now[-10:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
             self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *space)  # type: ignore[arg-type]
         return now
 
@@ -235,15 +239,12 @@ class PairList:
         self._resize((grid.nx, grid.ny, grid.nz))
         self.bin(x, grid, threads)
         self._placed = grid
-        self._uses_after[self._last_uses] = self._uses
-        self._last_uses, self._uses = (self._last_uses[1], self._uses), 0
-        often = self._uses_after.get(self._last_uses, self._last_uses[0]) > 1
-        if often or not self.many or (grid.periodic and self._shape == (1, 1, 1)):
+        if not self.many or (grid.periodic and self._shape == (1, 1, 1)):
             self.list(grid, threads)
 
-    def used(self) -> bool:
-        """Count a loop over the pairs; returns whether they are stored."""
-        self._uses += 1
+    @property
+    def stored(self) -> bool:
+        """Whether all pairs at the present positions are stored."""
         return self._complete
 
     @property
@@ -261,17 +262,18 @@ class PairList:
 
     @property
     def scratch(self) -> Scratch:
-        """Space for the longest column, one for each thread."""
-        threads, longest = self.threads, self._longest + 1
-        if self._scratch.tail.shape != (threads, longest):
-            numbers = np.empty((threads, 6, longest)), np.empty((threads, longest), np.uint64)
-            self._scratch = Scratch(*numbers, np.empty((threads, longest), np.uint32))
+        """Space for some pairs of each thread."""
+        threads = self.threads
+        if len(self._scratch.tail) != threads:
+            numbers = np.empty((threads, 6, CHUNK)), np.empty((threads, CHUNK), np.uint64)
+            self._scratch = Scratch(*numbers, np.empty((threads, CHUNK), np.uint32))
         return self._scratch
 
-    def shares(self, parts: int) -> np.ndarray:
-        """Space for the first column of each thread, and the end, in four colours."""
-        if self._shares.shape[1] != parts + 1:
-            self._shares = np.zeros((4, parts + 1), np.int64)
+    def shares(self, parts: int) -> Shares:
+        """Space for what so many threads do."""
+        blocks = len(self._stored.block_start) - 1
+        if self._shares is None or self._shares.first.shape[1] != parts + 1 or len(self._shares.blocks) != blocks:
+            self._shares = space_for_shares(parts, blocks)
         return self._shares
 
     def listed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:

@@ -26,8 +26,9 @@ from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
 from .threads import threads_for
 
-#: After so many steps beads have gone so far that they are put in order again.
-RESEATED = 200
+#: Beads are put in order again when one of thermal velocity could have gone so many times as far as is watched, and after no fewer and
+#: no more steps than these.
+RESEATED, SOONEST, LATEST = 6.0, 10, 200
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
 
@@ -73,7 +74,9 @@ class StepLoop:
         if threads_for(len(moment.x)) > 1 and self.engine.number and self._repeats(moment, slow, n):
             if self._seats is None:
                 self._seats = Seats(StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True))  # type: ignore[call-arg]
-            while n - done > 3 and (more := self._seats.run(moment, min(n - 1 - done, RESEATED), self.engine)):
+            going = moment.dt * self._slowest * math.sqrt(moment.kT)
+            seated = int(min(max(SOONEST, RESEATED * self.reach / going), LATEST)) if going else LATEST
+            while n - done > 3 and (more := self._seats.run(moment, min(n - 1 - done, seated), self.engine)):
                 done += more
         self.carry_out(moment, n - done, slow)
 

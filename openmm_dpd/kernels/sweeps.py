@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .columns import Totals, along_flow, approach, change, factor_of, if_sheared, over_pairs, row_of
+from .columns import Totals, along_flow, approach, change, factor_of, if_sheared, on_velocities, over_pairs, row_of
 from .compiled import helper, inlined
 from .elementary import exp, power
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP
@@ -182,8 +182,8 @@ def scatter_velocities(pairs, data, begin, end):
         velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
 
 
-_central_sweep = over_pairs("central_sweep", _central, _updates, first=gather_velocities, last=scatter_velocities, again=True)
-_any_sweep = over_pairs("any_sweep", _any, _updates, first=gather_velocities, last=scatter_velocities, again=True)
+_central_sweep = over_pairs("central_sweep", _central, _updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
+_any_sweep = over_pairs("any_sweep", _any, _updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
 
 
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> Totals:

@@ -26,6 +26,8 @@ from numba import types
 from numba.extending import intrinsic, models, overload, register_model
 
 LANES = 8
+#: So many numbers of half the length are treated at once.
+_SINGLES = 16
 
 
 def instruction(signature: Callable) -> Callable[[Callable], Any]:
@@ -62,9 +64,9 @@ def lanes_at(context, builder, kind, array, index, vector):
 
 
 def splatted(builder, value, vector):
-    """Eight times the same value."""
+    """The same value in each place of a vector."""
     one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), vector.count), [0] * vector.count))
 
 
 @instruction(lambda source, first, shift, target, at: types.void(source, first, shift, target, at))
@@ -85,6 +87,36 @@ def count_up(context, builder, signature, arguments):
     write = lanes_at(context, builder, signature.args[1], arguments[1], arguments[2], vector)
     start = splatted(builder, builder.trunc(arguments[0], ir.IntType(32)), vector)
     builder.store(builder.add(start, ir.Constant(vector, list(range(LANES)))), write, align=4)
+    return context.get_dummy_value()
+
+
+@instruction(lambda xs, ys, zs, first, x, y, z, reach2: types.uint64(xs, ys, zs, first, x, y, z, reach2))
+def close_by(context, builder, signature, arguments):
+    """Which of the 64 points from the first one on, arrays of float32, are closer to (x, y, z) than a distance whose square is given, as
+    bits."""
+    vector, word, lanes = ir.VectorType(ir.FloatType(), _SINGLES), ir.IntType(64), ir.IntType(_SINGLES)
+    middle, reach2 = [splatted(builder, a, vector) for a in arguments[4:7]], splatted(builder, arguments[7], vector)
+    bits = ir.Constant(word, 0)
+    for begin in range(0, 64, _SINGLES):
+        index, squares = builder.add(arguments[3], ir.Constant(word, begin)), []
+        for kind, array, at in zip(signature.args, arguments, middle, strict=False):
+            apart = builder.fsub(at, builder.load(lanes_at(context, builder, kind, array, index, vector), align=4))
+            squares.append(builder.fmul(apart, apart))
+        r2 = builder.fadd(builder.fadd(squares[0], squares[1]), squares[2])
+        found = builder.zext(builder.bitcast(builder.fcmp_ordered("<", r2, reach2), lanes), word)
+        bits = builder.or_(bits, builder.shl(found, ir.Constant(word, begin)))
+    return bits
+
+
+@instruction(lambda array, index: types.void(array, types.uint64))
+def fetch(context, builder, signature, arguments):
+    """Have the processor bring nearer what is at a place of a contiguous array."""
+    number, place = ir.IntType(32), ir.IntType(8).as_pointer()
+    data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+    its = ir.FunctionType(ir.VoidType(), [place, number, number, number])
+    function = builder.module.declare_intrinsic("llvm.prefetch.p0", (), its)
+    how = [ir.Constant(number, k) for k in (0, 2, 1)]  # to be read, to the second cache, data
+    builder.call(function, [builder.bitcast(builder.gep(data, [arguments[1]]), place), *how])
     return context.get_dummy_value()
 
 

@@ -52,7 +52,7 @@ def together(monkeypatch, two_threads):
     """Two threads, and beads in the order of their cells, whatever the clock says about the cores."""
     monkeypatch.setattr(thread_count, "_WATCH", thread_count._Watch())
     monkeypatch.setattr(thread_count._Watch, "REST", -1.0)
-    monkeypatch.setattr(steps, "RESEATED", 7)
+    monkeypatch.setattr(steps, "LATEST", 7)
 
 
 def run_of(built: dpd.BuiltSystem, *cuts: int) -> dict[str, np.ndarray]:
@@ -132,7 +132,6 @@ def test_lists_that_always_want_more_room(scheme, beads, monkeypatch, counted, t
         start[1:] = np.cumsum(np.maximum(np.diff(self._stored.start), self._stored.found))
         pi, pj, geometry, factors = self._room(int(start[-1]))
         self._stored = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
-        self._longest = max(self._longest, int(np.diff(start).max()))
 
     monkeypatch.setattr(PairList, "_make_room", make_room)
     edge = (beads / 3.0) ** (1 / 3)

@@ -2,6 +2,7 @@
 
 import itertools
 
+import numba
 import numpy as np
 import oracle
 import pytest
@@ -10,11 +11,18 @@ from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pai
 
 from openmm_dpd import RunError
 from openmm_dpd.base.neighbours import coincident_pairs
-from openmm_dpd.kernels import cells
+from openmm_dpd.kernels import threads as thread_count
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine, PairSpec
+from openmm_dpd.kernels.shares import TURNS, share_out, space_for_shares
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
+
+
+@numba.njit
+def shared_out(pairs, shares, parts):
+    """As kernels call it."""
+    share_out(pairs, shares, parts)
 
 
 def engine_of(scene, **choices) -> PairEngine:
@@ -118,11 +126,11 @@ def test_same_bits_for_one_and_two_threads(box, density, two_threads):
 @BOX
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 def test_same_bits_where_loops_list_the_pairs(box, table, two_threads):
-    """As with many beads, with tensors and without, for one and two threads, where columns become full; from the third positions on the
-    pairs are stored, since several loops went over those two before."""
+    """As with many beads, with tensors and without, for one and two threads, where columns become full.  In the narrowest boxes, which have no
+    columns, pairs are stored."""
     scene = fluid(table, box, seed=6)
     stored, late = engine_of(scene), engine_of(scene)
-    late.lists[0].many, ways = True, []
+    late.lists[0].many = True
     thin = scene.positions * 1.2, None if box is None else box * 1.2
     for threads in (1, 2):
         set_threads(threads)
@@ -130,16 +138,28 @@ def test_same_bits_where_loops_list_the_pairs(box, table, two_threads):
             found = []
             for engine in (stored, late):
                 engine.prepare(*place)
-                if engine is late:
-                    ways.append(late.lists[0].used() and not (box is not None and late.lists[0].grid(*place)[3:] == (1, 1, 1)))
+                assert engine.lists[0].stored == (engine is stored or (box is not None and engine.lists[0].grid(*place)[3:] == (1, 1, 1)))
                 sums = engine.sums(
                     CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS, scene.velocities, 1.0, 0.01, 5, 9, out=(force := 0.0 * place[0])
                 )
                 swept = engine.swept(scene.velocities, 1.0, 0.01, 5, 9)
                 found.append([*sums[:4], force, swept, engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0)[1]])
             assert all(map(np.array_equal, *found))
-    assert not any(ways[:2])
-    assert all(ways[2:]) or (box is not None and box.diagonal().min() < 4)
+
+
+def test_one_thread_alone_does_what_two_would(monkeypatch, two_threads):
+    """Where there are not cores enough, with room for two."""
+    scene, found = fluid(TABLES["dpd"], BOXES["ortho"], seed=6), []
+    set_threads(2)
+    for until in (0.0, np.inf):
+        monkeypatch.setattr(thread_count._WATCH, "until", until)
+        engine = engine_of(scene)
+        for _ in range(2):
+            engine.prepare(scene.positions, BOXES["ortho"])
+            forces = engine.forces(CONSERVATIVE | DISSIPATIVE, scene.velocities, 1.0, 0.01, 5, 9)
+            found.append([*forces, engine.sweep(scene.velocities, 1.0, 0.01, 5, 9)])
+    for other in found[1:]:
+        assert all(map(np.array_equal, found[0], other))
 
 
 @pytest.mark.parametrize("box", [None, BOXES["tilted"]], ids=["none", "tilted"])
@@ -160,23 +180,89 @@ def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
         assert np.array_equal(pairs.arrays.geometry[:, rows], geometry[:, rows])
 
 
-@pytest.mark.parametrize(("ny", "nz"), [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13)])
-def test_tasks_of_one_colour_never_touch_the_same_column(ny, nz):
-    """Recomputed from the geometry: a column's pairs reach (y +- 1, z), and (y - 1 ... y + 1, z + 1), around the box."""
-    columns, block_start, colour_start = cells.colours(ny, nz)
-    assert sorted(columns) == list(range(ny * nz))
-    assert colour_start[0] == 0 and colour_start[-1] == len(block_start) - 1 and block_start[-1] == ny * nz
+def blocks_of(ny, nz):
+    """A list of pairs with columns in blocks, the colour of each block, and the columns it touches, recomputed from the geometry: those of
+    a column reach (y +- 1, z), and (y - 1 ... y + 1, z + 1), around the box."""
+    engine = simple_engine(2)
+    engine.lists[0]._resize((3, ny, nz))
+    pairs = engine.lists[0].arrays
 
     def touched(column):
         y, z = column % ny, column // ny
         near = {(y, z), (y + 1, z), (y - 1, z + 1), (y, z + 1), (y + 1, z + 1)}
         return {(a % ny, b % nz) for a, b in near}
 
-    for colour in range(len(colour_start) - 1):
-        blocks = range(colour_start[colour], colour_start[colour + 1])
-        reach = [set().union(*(touched(c) for c in columns[block_start[b] : block_start[b + 1]])) for b in blocks]
-        for first, second in itertools.combinations(reach, 2):
+    ends = itertools.pairwise(pairs.block_start)
+    reach = [set().union(*(touched(c) for c in pairs.columns[begin:end])) for begin, end in ends]
+    return pairs, np.repeat(range(4), np.diff(pairs.colour_start)), reach
+
+
+GRIDS = [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13), (5, 40), (33, 34)]
+
+
+@pytest.mark.parametrize(("ny", "nz"), GRIDS)
+def test_tasks_of_one_colour_never_touch_the_same_column(ny, nz):
+    pairs, colours, reach = blocks_of(ny, nz)
+    assert sorted(pairs.columns) == list(range(ny * nz))
+    assert pairs.colour_start[0] == 0 and pairs.colour_start[-1] == len(pairs.block_start) - 1 and pairs.block_start[-1] == ny * nz
+    for colour in range(4):
+        for first, second in itertools.combinations([its for its, c in zip(reach, colours, strict=True) if c == colour], 2):
             assert not first & second
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 5])
+@pytest.mark.parametrize("uneven", [False, True], ids=["even", "uneven"])
+@pytest.mark.parametrize(("ny", "nz"), GRIDS)
+def test_blocks_that_touch_the_same_bead_come_in_the_order_of_their_colours(ny, nz, uneven, parts):
+    """Whichever thread does them, also if there is room for more threads, and where nearly all pairs lie in one layer."""
+    pairs, colours, reach = blocks_of(ny, nz)
+    of_columns: dict[tuple[int, int], list[int]] = {}
+    for block, touched in enumerate(reach):
+        for column in touched:
+            of_columns.setdefault(column, []).append(block)
+    both = {pair for blocks in of_columns.values() for pair in itertools.permutations(blocks, 2)}
+    touching = [(one, other) for one, other in both if colours[one] < colours[other]]
+    assert touching or len(reach) == 1
+    pairs.found[:] = 10
+    if uneven:
+        pairs.found[ny * (nz // 2) : ny * (nz // 2 + 1)] = 10_000
+    for room in (parts, 6):
+        shares = space_for_shares(room, len(reach))
+        shared_out(pairs, shares, parts)
+        when = {}
+        for turn, part in itertools.product(range(TURNS), range(parts)):
+            for n in range(shares.first[turn, part], shares.first[turn, part + 1]):
+                when[int(shares.blocks[n])] = turn, part, n
+        assert sorted(when) == list(range(len(reach)))
+        for one, other in touching:
+            (turn, part, n), (later, its, m) = when[one], when[other]
+            assert turn < later or (turn == later and part == its and n < m)
+
+
+EDGES = {
+    "long": np.diag([3000.0, 4.0, 4.0]),
+    "tilted": np.array([[50.0, 0, 0], [-20.0, 40.0, 0], [15.0, -10.0, 30.0]]),
+    "none": None,
+}
+
+
+@pytest.mark.parametrize("edge", EDGES)
+def test_which_beads_are_pairs_is_exact(edge):
+    """Beads that are just within the cutoff, or just beyond it, or nearly or quite in one place: they are looked for in single precision, whose
+    digits end at a hundredth of the cutoff in the longest of these boxes.  Without a box they are far from the origin."""
+    rng, box = np.random.default_rng(8), EDGES[edge]
+    first = rng.random((600, 3)) @ (np.diag([50.0] * 3) if box is None else box) + (1e6 if box is None else 0.0)
+    away = rng.normal(size=(600, 3))
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    far = 1.0 + rng.choice([-1e-3, -1e-4, -1e-6, -1e-8, 1e-8, 1e-6, 1e-4, 1e-3], 600)
+    far[:20], far[20:40] = 0.0, 1e-5
+    x = np.concatenate([first, first + far[:, None] * away])
+    engine = simple_engine(len(x))
+    engine.prepare(x, box)
+    found = unordered(listed_pairs(engine))
+    near = {(k, k + 600) for k in np.flatnonzero((far < 1.0) & (far > 0.0)).tolist()}
+    assert {pair for pair in found if pair[1] == pair[0] + 600} == near
+    assert len(found) == len(set(found)) == len(oracle_pairs(x, box))
 
 
 def test_more_pairs_than_there_was_room_for():
