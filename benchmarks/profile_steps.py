@@ -94,10 +94,12 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--beads", type=int, default=10_000)
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--threads", type=int, default=2, help="two and more, beside one")
     parser.add_argument("--steps", type=int, default=0, help="a million beads and steps by default")
     parser.add_argument("--schemes", nargs="+", default=["middle", "bab3"])
     options = parser.parse_args()
+    if options.threads < 2:
+        parser.error("--threads must be two or more: one is what they are compared with")
     for scheme in options.schemes:
         report(scheme, options.beads, options.threads, options.steps or max(100, 1_000_000 // options.beads))
 

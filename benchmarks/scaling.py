@@ -1,12 +1,12 @@
 """Time and memory per bead, from a thousand to a million beads of the standard fluid (density 3, A 25, gamma 4.5).
 
 Every scheme runs at its own step, the longest of docs/atlas.json with both temperatures within 1 %, and so does LAMMPS (the better one of two
-skins), in turn, each in a process of its own; the best of two rounds counts (of a
-million beads there is one).  Memory is the peak of a process less the peak of one in which OpenMM alone holds as many
+skins), in turn, each in a process of its own, all from the same fluid in equilibrium and over as many steps; the best of two rounds counts (of
+a million beads there is one).  Memory is the peak of a process less the peak of one in which OpenMM alone holds as many
 particles (a Topology, a System, a VerletIntegrator, a Simulation on the same platform), beside a very small
 scene.  Writes docs/scaling.json, the picture docs/figures/scaling.png, the table of docs/atlas.md, and those of speeds in README and paper.
 
-    python benchmarks/scaling.py                 # a quarter of an hour on a quiet machine
+    python benchmarks/scaling.py                 # twenty-five minutes on a quiet machine
     python benchmarks/scaling.py --only memory   # that alone, for the sizes of the JSON that is there
     python benchmarks/scaling.py --only page     # picture and tables, from the JSON that is there
 """
@@ -55,15 +55,27 @@ def step_of(method: str) -> float:
     return float(f"{found:.3g}")
 
 
-def scene_of(beads: int) -> dpd.Scene:
-    """Beads on a slightly disordered lattice: a start without hot pairs, made in no time."""
+def scene_of(beads: int, start: str = "") -> dpd.Scene:
+    """Beads on a slightly disordered lattice, which are made in no time and have no hot pairs; or where a file has them."""
     edge = (beads / DENSITY) ** (1 / 3)
-    cells = int(np.ceil(beads ** (1 / 3)))
-    rng = np.random.default_rng(1)
-    sites = np.stack(np.unravel_index(np.sort(rng.permutation(cells**3)[:beads]), (cells,) * 3), axis=1) * (edge / cells)
-    positions, velocities = (sites + 0.1 * rng.random((beads, 3))) % edge, rng.normal(size=(beads, 3))
+    if start:
+        with np.load(start) as found:
+            positions, velocities = found["positions"], found["velocities"]
+    else:
+        cells = int(np.ceil(beads ** (1 / 3)))
+        rng = np.random.default_rng(1)
+        sites = np.stack(np.unravel_index(np.sort(rng.permutation(cells**3)[:beads]), (cells,) * 3), axis=1) * (edge / cells)
+        positions, velocities = (sites + 0.1 * rng.random((beads, 3))) % edge, rng.normal(size=(beads, 3))
     pairs = {("W", "W"): dpd.DPD(A=25.0, gamma=4.5)}
     return dpd.Scene({"W": 1.0}, ["W"] * beads, positions, pairs, kT=1.0, box=[edge] * 3, velocities=velocities)
+
+
+def settle(beads: int, file: Path) -> None:
+    """Write a start in equilibrium, after five units of time: from a lattice LAMMPS's lists last longer than they do later."""
+    simulation = running("bab3", beads, 2)[0]
+    simulation.step(int(5.0 / step_of("bab3")))
+    state = simulation.context.getState(positions=True, velocities=True, enforcePeriodicBox=True)
+    np.savez(file, positions=state.getPositions(asNumpy=True)._value, velocities=state.getVelocities(asNumpy=True)._value)
 
 
 def peak() -> float:
@@ -72,29 +84,26 @@ def peak() -> float:
 
 
 def steps_for(beads: int) -> int:
-    """About two seconds of steps for one core."""
-    return int(np.clip(4e6 / beads, 5, 1000))
+    """So many that LAMMPS makes several lists: some ten seconds on one core, and of a million beads twice that."""
+    return int(np.clip(2e7 / beads, 40, 4000))
 
 
-def running(kind: str, beads: int, threads: int) -> tuple[openmm.app.Simulation, float]:
+def running(kind: str, beads: int, threads: int, start: str = "") -> tuple[openmm.app.Simulation, float]:
     """A scene that is ready to step, and how long that took to make."""
     dpd.set_threads(threads)
     begun = time.perf_counter()
-    built = dpd.build(scene_of(beads), dt=step_of(kind), scheme=kind, platform="CPU", seed=1)
+    built = dpd.build(scene_of(beads, start), dt=step_of(kind), scheme=kind, platform="CPU", seed=1)
     return built.simulation(properties={"Threads": str(threads)}), time.perf_counter() - begun
 
 
-def speed(kind: str, beads: int, threads: int) -> dict:
+def speed(kind: str, beads: int, threads: int, start: str) -> dict:
     """Nanoseconds per bead and step, in this process."""
-    simulation, building = running(kind, beads, threads)
-    # disorder comes within a time unit or so
-    simulation.step(max(20, min(100, 4 * steps_for(beads))))
-    best = np.inf
-    for _ in range(3):
-        begun = time.perf_counter()
-        simulation.step(steps_for(beads))
-        best = min(best, (time.perf_counter() - begun) / steps_for(beads))
-    return {"ns": 1e9 * best / beads, "build": building}
+    simulation, building = running(kind, beads, threads, start)
+    steps = steps_for(beads)
+    simulation.step(max(20, steps // 5))
+    begun = time.perf_counter()
+    simulation.step(steps)
+    return {"ns": 1e9 * (time.perf_counter() - begun) / steps / beads, "build": building}
 
 
 def memory(kind: str, beads: int) -> dict:
@@ -116,20 +125,20 @@ def memory(kind: str, beads: int) -> dict:
     return {"peak": peak()}
 
 
-def lammps(name: str, beads: int, threads: int) -> float:
+def lammps(name: str, beads: int, threads: int, start: str) -> float:
     """Nanoseconds per bead and step of a method of LAMMPS."""
     method, dt, steps = method_of(FLUID.name, name), step_of(name), steps_for(beads)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         data = folder / "data"
-        data.write_text(peer.data_file(scene_of(beads), method))
+        data.write_text(peer.data_file(scene_of(beads, start), method))
         decks = [peer.timing_lines(FLUID, method, data, dt, steps, skin) for skin in SKINS]
         return 1e6 * min(peer.timed(deck, folder, folder, steps, threads) for deck in decks) / beads
 
 
-def spawned(what: str, kind: str, beads: int, threads: int = 1) -> dict:
+def spawned(what: str, kind: str, beads: int, threads: int = 1, start: str = "") -> dict:
     """A measurement in a new process."""
-    command = [sys.executable, __file__, "--child", what, kind, str(beads), str(threads)]
+    command = [sys.executable, __file__, "--child", what, kind, str(beads), str(threads), start]
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "NUMBA_NUM_THREADS": str(threads)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode:
@@ -140,14 +149,17 @@ def spawned(what: str, kind: str, beads: int, threads: int = 1) -> dict:
 def times(beads: int, threads: list[int]) -> dict:
     """Times of one size: of everything in turn, the best of all rounds."""
     row: dict = {"beads": beads, "ns": {name: {} for name in (*SCHEMES, *PEERS)}, "build": {}}
-    for count in map(str, threads):
-        for _ in range(2 if beads < 500_000 else 1):
-            for name in SCHEMES:
-                found = spawned("speed", name, beads, int(count))
-                row["ns"][name][count] = min(found["ns"], row["ns"][name].get(count, np.inf))
-                row["build"][name] = found["build"]
-            for name in PEERS:
-                row["ns"][name][count] = min(lammps(name, beads, int(count)), row["ns"][name].get(count, np.inf))
+    with tempfile.TemporaryDirectory() as place:
+        start = f"{place}/start.npz"
+        spawned("settle", "bab3", beads, start=start)
+        for count in map(str, threads):
+            for _ in range(2 if beads < 500_000 else 1):
+                for name in SCHEMES:
+                    found = spawned("speed", name, beads, int(count), start)
+                    row["ns"][name][count] = min(found["ns"], row["ns"][name].get(count, np.inf))
+                    row["build"][name] = found["build"]
+                for name in PEERS:
+                    row["ns"][name][count] = min(lammps(name, beads, int(count), start), row["ns"][name].get(count, np.inf))
     return row
 
 
@@ -224,11 +236,17 @@ def main() -> None:
     parser.add_argument("--cores", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--only", choices=("memory", "page"))
     parser.add_argument("--dry", action="store_true", help="print only, write nothing")
-    parser.add_argument("--child", nargs=4, help=argparse.SUPPRESS)
+    parser.add_argument("--child", nargs=5, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
-        what, kind, beads, threads = options.child
-        print(json.dumps(speed(kind, int(beads), int(threads)) if what == "speed" else memory(kind, int(beads))))
+        what, kind, beads, threads, start = options.child
+        if what == "settle":
+            settle(int(beads), Path(start))
+        print(
+            json.dumps(
+                speed(kind, int(beads), int(threads), start) if what == "speed" else memory(kind, int(beads)) if what == "memory" else {}
+            )
+        )
         return
     file = ROOT / "docs" / "scaling.json"
     data: dict = {"date": str(datetime.date.today()), "machine": machine(), "threads": options.cores, "rows": []}
