@@ -155,6 +155,7 @@ def test_constant_pressure_in_equilibrium(deck, tmp_path, seed):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @any_seed(4)
 def test_volume_fluctuations_are_the_compressibility(tmp_path, seed):
     """Isothermal: <dV^2> = kT V kappa, with kappa from the pressures of two runs at constant volume; and as LAMMPS has it."""

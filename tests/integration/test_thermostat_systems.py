@@ -215,6 +215,7 @@ def test_coarse_grained_system_from_xml(tmp_path, seed):
 
 # -- the flow ------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.slow
+@pytest.mark.long
 @any_seed(5)
 def test_diffusion_and_shear_waves_are_left_alone(seed):
     """Liquid argon, both thermostats at 0.5/ps: Langevin lowers the diffusion constant and kills shear waves, pairwise friction does not.
