@@ -284,7 +284,7 @@ def _fetch_column(source, written, column):
 @helper
 def fetch_around(source, written, column):
     """Where layers of cells are so large that the processor has not all around a column at hand, bring nearer what its pairs need:
-    positions, and the array (M, 3) on which they write.  With a million beads this takes a twelfth of the time of a loop away."""
+    positions, and the array (M, 3) on which they write."""
     if source.nx * source.ny < _LARGE:
         return
     ny, y, z = source.ny, column % source.ny, column // source.ny

@@ -48,11 +48,16 @@ def _in_turn(begin, end, n):
 
 
 @inlined
+def _width(pairs):
+    """How many blocks a layer has."""
+    return (len(pairs.block_start) - 1) // pairs.layers
+
+
+@inlined
 def _block_at(pairs, layer, across):
-    """Number of a block, which is so many of ``width`` blocks of its layer across."""
-    width = (len(pairs.block_start) - 1) // pairs.layers
+    """Number of a block of a layer, the one with so many others before it."""
     colour = 2 * (layer % 2) + across % 2
-    return pairs.colour_start[colour] + layer // 2 * ((width + 1 - across % 2) // 2) + across // 2
+    return pairs.colour_start[colour] + layer // 2 * ((_width(pairs) + 1 - across % 2) // 2) + across // 2
 
 
 @helper
@@ -73,7 +78,7 @@ def _work_of(pairs, layers, n):
         return _work_in(pairs, n)
     work = np.int64(0)
     for layer in range(2 * n, min(2 * n + 2, pairs.layers)):
-        for across in range((len(pairs.block_start) - 1) // pairs.layers):
+        for across in range(_width(pairs)):
             work += _work_in(pairs, _block_at(pairs, layer, across))
     return work
 
@@ -99,7 +104,7 @@ def _split(pairs, layers, begin, end, first, parts):
 @helper
 def _add_layer(pairs, layer, blocks, n):
     """Write the blocks of one layer; returns how many there are then."""
-    width = (len(pairs.block_start) - 1) // pairs.layers
+    width = _width(pairs)
     for q in range(width if layer < pairs.layers else 0):
         blocks[n] = _block_at(pairs, layer, _in_turn(0, width, q))
         n += 1
