@@ -63,9 +63,7 @@ def measured(scheme: str, beads: int, threads: int, count: int) -> tuple[list[st
     whole = time.perf_counter() - begun
     Recording.play = PLAY  # type: ignore[method-assign]
     if not clock.played:
-        raise SystemExit(
-            f"no step was played with {threads} thread(s): there are no cores for them, or the beads are too few, or 50,000 and more"
-        )
+        raise SystemExit(f"no step was played with {threads} thread(s): there are no cores for them, or the beads are too few")
     ticks = clock.spent[:, 0].sum() / clock.seconds  # of the processor's clock in a second
     return clock.names, 1e6 * clock.spent / clock.played / ticks, 1e6 * whole / count
 

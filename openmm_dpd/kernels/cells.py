@@ -2,8 +2,7 @@
 
 A *column* is all cells with the same (y, z); it owns the pairs of its beads among themselves and with four neighbouring columns.  Its beads
 follow each other, so that its pairs lie on few pages of memory; with its cells far from each other a million beads take a fifth longer.
-Blocks of columns are coloured so that two blocks of one colour never touch the same bead; what follows from that is in :mod:`.shares`: sums
-and sweeps come out bit for bit the same for any number of threads.
+Which thread does which column, and when, is in :mod:`.shares`.
 """
 
 from typing import NamedTuple
@@ -270,34 +269,3 @@ def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs
 
 
 bin_beads = Kernel(_bin_beads)
-
-
-def colours(ny: int, nz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Columns in blocks, blocks in colours: (columns, first column of each block, first block of each colour, layers of blocks along z).
-
-    Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
-    (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too, and blocks
-    of one colour never touch the same bead.  Four colours at most, since threads wait for each other at the end of every colour.  Three
-    blocks of a colour would be two for one thread and one for the other, so they are made two.
-    """
-
-    def blocks_along(n: int, width: int) -> int:
-        return n // width - (n // width) % 2 if n >= 2 * width else 1
-
-    def edges(n: int, count: int) -> np.ndarray:
-        return np.array([n * k // count for k in range(count + 1)])
-
-    along_y, along_z = blocks_along(ny, 2), blocks_along(nz, 1)
-    if along_y <= 2 and along_z == 6:
-        along_z = 4
-    y_edges, z_edges = edges(ny, along_y), edges(nz, along_z)
-    blocks: list[list[list[int]]] = [[], [], [], []]
-    for bz in range(len(z_edges) - 1):
-        for by in range(len(y_edges) - 1):
-            inside = [z * ny + y for z in range(z_edges[bz], z_edges[bz + 1]) for y in range(y_edges[by], y_edges[by + 1])]
-            blocks[2 * (bz % 2) + by % 2].append(inside)
-    ordered = [block for colour in blocks for block in colour]
-    columns = np.array([column for block in ordered for column in block], dtype=np.int64)
-    block_start = np.concatenate([[0], np.cumsum([len(block) for block in ordered])]).astype(np.int64)
-    colour_start = np.concatenate([[0], np.cumsum([len(colour) for colour in blocks])]).astype(np.int64)
-    return columns, block_start, colour_start, along_z

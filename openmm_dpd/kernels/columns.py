@@ -1,4 +1,4 @@
-"""The loop over all pairs: blocks of columns in the order of their colours, columns, pairs.
+"""The loop over all pairs: columns, in the order of :mod:`.shares`, and the pairs of each.
 
 It is written here once.  What is done with a column and with a pair is put in when it is compiled::
 
@@ -20,10 +20,9 @@ from numba import types
 from numba.extending import overload
 
 from .compiled import BARE, helper, inlined, renamed
-from .listing import fetch_around, list_some, look_around
+from .listing import fetch_around, has_room, list_some, look_around
 from .native import Kernel
 from .pairs import CHUNK, PairList, Scratch
-from .shares import TURNS, columns_of, share_out
 from .team import meet
 
 #: As a number that numba knows to be positive.
@@ -108,12 +107,13 @@ def _column(pairs, data, space, source, column, part):
 def _share(pairs, data, scratch, shares, source, part, parts, team):
     """The columns of one thread."""
     space = Scratch(scratch.values[part], scratch.bits[part], scratch.tail[part])
-    for turn in range(TURNS):
-        for n in range(shares.first[turn, part], shares.first[turn, part + 1]):
-            for task in columns_of(pairs, shares, n):
+    columns = shares.columns
+    for first in shares.first:
+        for mine in range(part, len(first) - 1, parts):
+            for n in range(first[mine], first[mine + 1]):
                 if _LISTS:
-                    fetch_around(source, _written(data), pairs.columns[min(task + 1, len(pairs.columns) - 1)])
-                _columns(pairs, data, space, source, pairs.columns[task], part)
+                    fetch_around(source, _written(data), columns[min(n + 1, len(columns) - 1)])
+                _columns(pairs, data, space, source, columns[n], part)
         meet(team, parts)
 
 
@@ -129,8 +129,8 @@ def _enough(pairs, source):
 
 def _over_pairs(pairs, data, scratch, shares, source, found, part, parts, team):
     begin, end = len(pairs.order) * part // parts, len(pairs.order) * (part + 1) // parts
-    if part == 0:
-        share_out(pairs, shares, parts)
+    if _LISTS and not has_room(source):
+        return 1
     if _BEGINS:
         _first(pairs, data, begin, end)
     meet(team, parts)
@@ -197,8 +197,8 @@ def over_pairs(
                 arrays = arrays._replace(flow=pairs.flow)
             if tensor:
                 arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
-            threads = pairs.threads if parallel else 1
-            if not loop(arrays, data, pairs.scratch, pairs.shares(threads), source, sums, parts=threads, memory=pairs.memory):
+            shares, threads = pairs.shares(pairs.threads), pairs.threads if parallel else 1
+            if not loop(arrays, data, pairs.scratch, shares, source, sums, parts=threads, memory=pairs.memory):
                 break
             pairs.make_passing_room()
         stress = None

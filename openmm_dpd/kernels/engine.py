@@ -153,8 +153,9 @@ class PairEngine(Engine):
     @property
     def repeats(self) -> bool:
         """See :class:`.interface.Engine`."""
-        parts = [*self.layers, *self.extras]
-        return self._covered and not any(pairs.many for pairs in self.lists) and all(getattr(each, "repeats", False) for each in parts)
+        # pairs of many beads that somebody has had stored are not there in the next step
+        stored, parts = any(pairs.many and pairs.stored for pairs in self.lists), [*self.layers, *self.extras]
+        return self._covered and not stored and all(getattr(each, "repeats", False) for each in parts)
 
     def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
         """See :class:`.interface.Engine`."""
@@ -164,10 +165,8 @@ class PairEngine(Engine):
         """See :class:`.interface.Engine`."""
         return self.lists[0].order.copy()
 
-    def seat(self, names: np.ndarray) -> None:
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :class:`.interface.Engine`."""
-        places = np.empty_like(names)
-        places[names] = np.arange(len(names), dtype=names.dtype)
         for each in (*self.lists, *self.extras):
             each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
         if self._prescribed is not None:

@@ -66,9 +66,9 @@ class Engine(Protocol):
         """(N,) numbers of all beads, cell by cell, at the positions that were placed last; only where it repeats."""
         raise NotImplementedError
 
-    def seat(self, names: np.ndarray) -> None:
-        """Take all arrays of beads from now on in another order, with the bead of number ``names`` (N,) in each row; only where it
-        repeats."""
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
+        """Take all arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row, ``places`` (N,) the
+        row of each; only where it repeats."""
         raise NotImplementedError
 
     @property

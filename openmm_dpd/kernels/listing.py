@@ -14,7 +14,6 @@ import numpy as np
 from .cells import most_near
 from .compiled import helper, inlined, merged
 from .native import Kernel
-from .shares import TURNS, columns_of, share_out
 from .team import meet
 from .vectors import LANES, bits_set, close_by, copy_shifted, count_up, fetch, lowest_bit
 
@@ -260,6 +259,12 @@ def _flush(rule, order, types, near, bead, hits, m, n, room, out):
         exact = True
 
 
+@helper
+def has_room(source):
+    """Whether there is room for all beads near a column."""
+    return most_near(source.cells, source.nx * source.ny) + 64 <= source.bead.shape[1]
+
+
 @inlined
 def look_around(source, part, column):
     """Copy what the beads of a column can meet into the space of a thread."""
@@ -331,15 +336,12 @@ def _list_column(pairs, source, part, column):
 
 def _list_pairs(pairs, source, shares, part, parts, team):
     """List all pairs; the threads share the columns.  Returns 1 where there was too little room for them or for the beads near a column."""
-    if most_near(source.cells, source.nx * source.ny) + 64 > source.bead.shape[1]:
+    if not has_room(source):
         return 1
-    if part == 0:
-        share_out(pairs, shares, parts)
-    meet(team, parts)
-    for turn in range(TURNS):
-        for n in range(shares.first[turn, part], shares.first[turn, part + 1]):
-            for task in columns_of(pairs, shares, n):
-                column = pairs.columns[task]
+    for first in shares.first:
+        for mine in range(part, len(first) - 1, parts):
+            for n in range(first[mine], first[mine + 1]):
+                column = shares.columns[n]
                 pairs.found[column] = _list_column(pairs, source, part, column)
         meet(team, parts)
     for column in range(len(pairs.found)):

@@ -43,6 +43,11 @@ class StepSpec:
         return not self.letters
 
     @property
+    def sweeps_first(self) -> bool:
+        """Whether a step begins with a sweep."""
+        return bool(self.letters) and self.letters[0][0] not in "AB"
+
+    @property
     def foresees(self) -> bool:
         """Whether a kick by slow forces before a step is not just what they add to that prediction; impulses are taken as they are."""
         return self.lam != 0.5 and self.slow_every == 1

@@ -77,6 +77,14 @@ def add_listed(begin, end, changes, order, values):
 
 
 @over_beads
+def take_rows(begin, end, out, rows, names):
+    """Write the rows (N, 3) with these numbers to ``out``, in their order."""
+    for i in range(begin, end):
+        n = names[i]
+        out[i, 0], out[i, 1], out[i, 2] = rows[n, 0], rows[n, 1], rows[n, 2]
+
+
+@over_beads
 def see(begin, end, v, inv_mass, prescribed, out):
     """Write velocities (N, 3) to ``out``, which may be they themselves: those of beads that do not move are ``prescribed`` (N, 3)."""
     for i in range(begin, end):

@@ -26,7 +26,7 @@ from .addresses import ENTRY, reader_of
 from .compiled import BARE, DIGEST, SEMANTICS, at_address
 from .tape import TAPES, KernelCall
 from .team import CALL, the_team
-from .threads import dispatch, rest
+from .threads import dispatch
 
 #: Flags of an array: contiguous in C's order, and writeable.
 _PLAIN = 0x0001 | 0x0400
@@ -127,10 +127,7 @@ def _alone(layout: Layout, packed: bytes, parts: int) -> int:
 
 
 def _together(layout: Layout, packed: bytes, parts: int) -> int:
-    found = the_team().run(layout.address, packed, parts)
-    if the_team().crowded:
-        rest()
-    return found
+    return the_team().run(layout.address, packed, parts)
 
 
 def run(layout: Layout, packed: bytes, parts: int) -> int:

@@ -1,4 +1,4 @@
-"""The pairs of one layer of terms at one set of positions, in coloured columns (see :mod:`.cells` and :mod:`.listing`)."""
+"""The pairs of one layer of terms at one set of positions, in columns (see :mod:`.cells` and :mod:`.listing`)."""
 
 from typing import NamedTuple
 
@@ -9,11 +9,13 @@ from ..base.geometry import widths
 from ..base.wording import bead_number
 from . import cells, listing
 from .native import Memory
-from .shares import Shares, space_for_shares
+from .shares import Shares, blocks_of, by_colours, share_out
 from .threads import threads_for
 
 #: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
 MANY = 50_000
+#: After so many lists of many beads it is looked again how the work is shared.
+_SHARED = 20
 
 #: Exceptions of a list without any: bonded neighbours in compressed rows, start (N + 1,), bead (E,), factor (E,).
 Exceptions = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -46,10 +48,6 @@ class Pairs(NamedTuple):
     pj: np.ndarray
     geometry: np.ndarray  #: (4, room) unit vector from j to i, and distance
     factors: np.ndarray  #: (room,) factors of bonded neighbours; of length 0 if there are none
-    columns: np.ndarray  # columns, block_start, colour_start: columns in blocks, blocks in colours
-    block_start: np.ndarray
-    colour_start: np.ndarray
-    layers: int  #: So many blocks lie behind each other along z
     start: np.ndarray  # start, found: column c has the pairs start[c]:start[c] + found[c]
     found: np.ndarray
     sums: np.ndarray  #: (columns, 5) sums over the pairs of each column, see :mod:`.columns`
@@ -70,10 +68,9 @@ class Scratch(NamedTuple):
     tail: np.ndarray
 
 
-def _without_room(ny: int, nz: int) -> tuple[np.ndarray | int, ...]:
-    """Columns that have no room for pairs yet: the last items of :class:`Pairs`."""
-    columns = ny * nz
-    return *cells.colours(ny, nz), np.zeros(columns + 1, np.uint64), np.zeros(columns, np.uint64), np.zeros((columns, 5)), np.zeros((0, 6))
+def _without_room(columns: int) -> tuple[np.ndarray, ...]:
+    """So many columns that have no room for pairs yet: the last items of :class:`Pairs`."""
+    return np.zeros(columns + 1, np.uint64), np.zeros(columns, np.uint64), np.zeros((columns, 5)), np.zeros((0, 6))
 
 
 class PairList:
@@ -103,8 +100,8 @@ class PairList:
         self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
         self._sorting: cells.CellScratch | None = None
         self._names, self._seats = np.zeros(0, np.uint32), self.order
-        self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1, 1))  # type: ignore[arg-type]
-        self._shape, self._count, self._near = (1, 1, 1), np.zeros(2, np.uint64), 0
+        self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1))  # type: ignore[arg-type]
+        self._shape, self._count, self._near, self._blocks = (1, 1, 1), np.zeros(2, np.uint64), 0, blocks_of(1, 1)
         self._source: listing.SortedCells | None = None
         self.many = m >= MANY
         #: the cells of the beads that are sorted, and whether their pairs are stored; room for a column of each thread, where they are not
@@ -112,6 +109,7 @@ class PairList:
         self._passing = self._room(0)
         self._scratch = Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
         self._shares: Shares | None = None
+        self._age = 0
         #: see :class:`Pairs`
         self.flow: float = 0
         #: of kernels that are given the arrays of this list, see :class:`.native.Kernel`
@@ -174,9 +172,9 @@ class PairList:
     def _resize(self, shape: tuple[int, int, int]) -> None:
         if shape != self._shape:
             nx, ny, nz = shape
-            resized = Pairs(*self._stored[:9], *_without_room(ny, nz))  # type: ignore[arg-type]  # without the flow
-            count = np.zeros(nx * ny * nz + 1, np.uint64)
-            self._stored, self._count, self._shape, self._source = resized, count, shape, None
+            resized = Pairs(*self._stored[:9], *_without_room(ny * nz))  # type: ignore[arg-type]  # without the flow
+            count, blocks = np.zeros(nx * ny * nz + 1, np.uint64), blocks_of(ny, nz)
+            self._stored, self._count, self._shape, self._blocks, self._source, self._shares = resized, count, shape, blocks, None, None
 
     def _room(self, pairs: int) -> tuple[np.ndarray, ...]:
         """For so many pairs: the items of :class:`Pairs` from ``pi`` to ``factors``."""
@@ -189,7 +187,7 @@ class PairList:
         found, start = self._stored.found, np.zeros_like(self._stored.start)
         start[1:] = np.cumsum(np.maximum(np.diff(self._stored.start), found + found // 8 + 48))
         pi, pj, geometry, factors = self._room(int(start[-1]))
-        self._stored = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors)
+        self._stored, self._shares = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors), None
 
     def make_passing_room(self) -> None:
         """The same where each thread has room for one column."""
@@ -239,6 +237,9 @@ class PairList:
         self._resize((grid.nx, grid.ny, grid.nz))
         self.bin(x, grid, threads)
         self._placed = grid
+        self._age += 1
+        if self.many and self._age % _SHARED == 0:
+            self._share_again(threads)
         if not self.many or (grid.periodic and self._shape == (1, 1, 1)):
             self.list(grid, threads)
 
@@ -270,11 +271,22 @@ class PairList:
         return self._scratch
 
     def shares(self, parts: int) -> Shares:
-        """Space for what so many threads do."""
-        blocks = len(self._stored.block_start) - 1
-        if self._shares is None or self._shares.first.shape[1] != parts + 1 or len(self._shares.blocks) != blocks:
-            self._shares = space_for_shares(parts, blocks)
+        """What each of so many threads does.  The same as long as the room is the same, so that a thread finds the pairs that it has listed
+        itself in its own cache; where pairs are not stored it is looked at again and again how many there are."""
+        if self._shares is None or self._shares.first.shape[1] != parts + 1:
+            self._shares = self._shared(parts)
         return self._shares
+
+    def _share_again(self, parts: int) -> None:
+        """In the same arrays, so that what has been recorded with them goes on with the new shares, and all at once."""
+        now, again = self._shares, self._shared(parts)
+        if now is not None and now.first.shape == again.first.shape:
+            now.columns.base[...] = again.columns.base  # type: ignore[index]  # what both arrays are parts of
+
+    def _shared(self, parts: int) -> Shares:
+        """Shares of about as many pairs, or as much room for them; and of columns, where there is none."""
+        start, found = self._stored.start, self._stored.found
+        return share_out(self._blocks, 1 + (np.diff(start) if start[-1] else found).astype(np.int64), parts)
 
     def listed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
         """Beads i and j, directions e (P, 3), distances and factors of all pairs."""
@@ -284,7 +296,7 @@ class PairList:
 
     @property
     def rows(self) -> np.ndarray:
-        """Numbers of all pairs, in the order in which a loop meets them (see :mod:`.columns`)."""
-        columns = self.arrays.columns
+        """Numbers of all pairs, in an order in which a loop may meet them (see :mod:`.columns`)."""
+        columns = np.concatenate([self._blocks.columns[k] for colour in by_colours(self._blocks) for k in colour])
         ranges = zip(self.arrays.start[columns].tolist(), self.arrays.found[columns].tolist(), strict=True)
         return np.concatenate([np.arange(begin, begin + count) for begin, count in ranges])

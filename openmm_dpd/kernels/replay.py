@@ -9,9 +9,12 @@ from .addresses import call_kernel, cycles, put_word, word
 from .native import Kernel
 from .noise import call_key, next_key
 from .tape import Tape
-from .team import crowded, meet
+from .team import be_patient, crowded, meet
+from .threads import rest
 
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
+#: So many rounds of looking at another thread, for each component of a bead, take less time than any kernel.
+_ROUNDS = 1
 
 
 def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, parts, team):
@@ -19,6 +22,8 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
     complete, whether a kernel said anything (at every other call in one place, since a thread may be one call ahead), and that.  On a
     ramp ``heats`` (steps,) are the bits of kT, and ``patches`` (P, steps) the words that go to the places ``patched``.  ``spent``
     (calls, threads, 2) has the time of each at work and waiting, if there is room."""
+    if part == 0 and parts > 1:
+        be_patient(team, _ROUNDS * kept[0, 2])
     for step in range(steps):
         if part == 0 and crowded(team, parts):
             told[3] = 1
@@ -37,10 +42,10 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
             return 0
         for k in range(len(calls)):
             sharing, turn = parts if calls[k, 2] > 1 else 1, 1 + (step * len(calls) + k) % 2
-            begun = cycles()
+            begun = cycles() if len(spent) else 0  # not all processors let everybody look at their clock
             if part < sharing and call_kernel(calls[k, 0], calls[k, 1], part, sharing, team) != 0:
                 told[turn] = 1
-            worked = cycles()
+            worked = cycles() if len(spent) else 0
             meet(team, parts)
             if len(spent):
                 spent[k, part, 0] += worked - begun
@@ -109,6 +114,8 @@ class Recording:
         if begun:
             for array, copy in zip(self._state, self._before, strict=True):
                 array[...] = copy
+        if told[3]:
+            rest()
         return int(told[0]), begun
 
     def _ramped(self, heats: np.ndarray) -> tuple | None:

@@ -1,13 +1,18 @@
 """Steps with beads in the order of the cells they are in, so that what a thread works on lies together."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..base.errors import RunError
-from .interface import Engine
 from .moment import Moment
+from .motion import take_rows
+
+#: Beads are put in order again when one of thermal velocity could have gone so many times as far as is watched, and after no fewer and
+#: no more steps than these.
+RESEATED, SOONEST, LATEST = 6.0, 10, 200
 
 
 class Seats:
@@ -18,34 +23,49 @@ class Seats:
         self.loop = loop
         beads = len(loop.inv_mass)
         self._room = np.empty((beads, 3)), np.empty((beads, 3)), np.empty((beads, 3))
+        #: the bead in each seat, the seat of each bead, and how many steps they have done there
+        self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(beads, np.uint32), 0
         loop.inv_mass, loop.inv_mass_3 = loop.inv_mass.copy(), loop.inv_mass_3.copy()
 
-    def run(self, m: Moment, n: int, engine: Engine) -> int:
-        """Do n steps; returns n, or 0 if they failed.  ``engine`` is that of the run, which has seen its beads."""
+    def run(self, m: Moment, n: int, main: Any, given: bool) -> tuple[int, bool] | None:
+        """Do up to n steps for the loop of a run, ``main``, whose engine has seen its beads; ``given``: its force is that at the positions
+        of the moment.  Returns how many were done, and whether its force is that at the positions after them; None if they failed."""
+        loop, seated = self.loop, self._longest(m)
+        if not len(self._names) or self._steps + n // 2 > seated:
+            self._seat(main.engine)
+        n = min(n, seated)
+        there = replace(m, x=self._room[0], v=self._room[1], acc=None if m.acc is None else self._room[2])
+        for rows, out in ((m.x, there.x), (m.v, there.v), (m.acc, there.acc), (main.force if given else None, loop.force)):
+            if rows is not None:
+                take_rows(out, rows, self._names)
+        loop.engine.body_scale = main.engine.body_scale
+        try:
+            loop.carry_out(there, n, None, given)
+        except RunError:  # it is to be said with the numbers of the beads
+            return None
+        self._steps += n
+        if there.acc is not None and m.acc is None:
+            m.acc = np.empty_like(there.acc)
+        given = not loop.spec.predicts and loop.placed and loop.forced == loop.engine.number
+        main.forced = -1
+        for rows, out in ((there.x, m.x), (there.v, m.v), (there.acc, m.acc), (loop.force if given else None, main.force)):
+            if rows is not None:
+                take_rows(out, rows, self._places)
+        m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT
+        return n, given
+
+    def _longest(self, m: Moment) -> int:
+        """For so many steps beads keep their seats."""
+        going = m.dt * self.loop.slowest * math.sqrt(m.kT)
+        return int(min(max(SOONEST, RESEATED * self.loop.reach / going), LATEST)) if going else LATEST
+
+    def _seat(self, engine: Any) -> None:
+        """Give the beads seats, in the order of their cells; ``engine`` is that of the run."""
         loop = self.loop
         names = (loop.engine if loop.engine.number else engine).sorted_beads()
-        loop.engine.body_scale = engine.body_scale
-        there = self._seat(m, names)
-        try:
-            loop.carry_out(there, n, None)
-        except RunError:  # it is to be said with the numbers of the beads
-            return 0
-        m.x[names], m.v[names] = there.x, there.v
-        if there.acc is not None:
-            m.acc = np.empty_like(there.acc) if m.acc is None else m.acc
-            m.acc[names] = there.acc
-        m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT
-        return n
-
-    def _seat(self, m: Moment, names: np.ndarray) -> Moment:
-        """A moment with the bead of number ``names`` (N,) in each row."""
-        loop = self.loop
-        loop.engine.seat(names)
-        loop.forced = -1
+        self._names = names[:0]  # until all are seated
+        self._places[names] = np.arange(len(names), dtype=names.dtype)
+        loop.engine.seat(names, self._places)
         np.take(loop.engine.spec.inv_mass, names, out=loop.inv_mass)
         loop.inv_mass_3.reshape(-1, 3)[...] = loop.inv_mass[:, None]
-        x, v, acc = self._room
-        for given, out in zip((m.x, m.v, m.acc), self._room, strict=True):
-            if given is not None:
-                np.take(given, names, axis=0, out=out)
-        return replace(m, x=x, v=v, acc=None if m.acc is None else acc)
+        loop.forced, self._names, self._steps = -1, names, 0

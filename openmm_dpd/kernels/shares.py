@@ -1,136 +1,91 @@
-"""Which blocks of columns each thread goes through, and in which order.
+"""Which columns each thread goes through, and in which order.
 
-Two blocks that touch the same bead come in the order of their colours (see :func:`.cells.colours`), always: so sums and sweeps have the
-same bits for any number of threads.  Where threads have few layers of blocks each, all take their share of one colour, meet, and go on to
-the next.  Otherwise a thread has layers of its own, and goes through them in an order in which what it works on stays in its cache: an
-even layer, then the odd one before it, which touches beads of the two even ones around it and no others; and in each layer so too, an even
-block and the odd one before it.  Only the odd layer behind its last even one has to wait for another thread.
+Blocks of columns are coloured so that two of one colour never touch the same bead, and two that touch the same bead come in the order of
+their colours, always: so sums and sweeps have the same bits for any number of threads.  There are two ways to share them out, and the one
+that is done sooner is taken.  Threads take their share of one colour, meet, and go on to the next.  Or a thread has layers of its own, and
+goes through them in an order in which what it works on stays in its cache: an even layer, then the odd one before it, which touches beads
+of the two even ones around it and no others; and in each layer so too, an even block and the odd one before it.  Only the odd layer behind
+its last even one has to wait for another thread.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import helper, inlined
-
-#: Times after which all threads meet.
-TURNS = 4
-#: Threads that have so many pairs of layers each have layers of their own.
-_LAYERS = 4
+#: Threads have colours in common only where they would wait longer than for this part of their work with layers of their own.
+_WAITING = 0.03
 
 
 class Shares(NamedTuple):
-    """The shares of all threads."""
+    """The shares of all threads; both arrays are parts of one."""
 
-    first: np.ndarray  #: (TURNS, threads + 1) where the blocks of each thread begin in each turn, and the end
-    blocks: np.ndarray  #: (blocks,) the blocks, in the order in which they are done
-
-
-def space_for_shares(parts: int, blocks: int) -> Shares:
-    """Space for so many threads."""
-    return Shares(np.zeros((TURNS, parts + 1), np.int64), np.zeros(blocks, np.int64))
+    #: (turns, threads + 1) where the columns of each thread begin in each turn, and the end; at the end of a turn all meet
+    first: np.ndarray
+    columns: np.ndarray  #: (columns,) in the order in which they are done
 
 
-@inlined
-def columns_of(pairs, shares, n):
-    """The tasks of the n-th block."""
-    block = shares.blocks[n]
-    return range(pairs.block_start[block], pairs.block_start[block + 1])
+class Blocks(NamedTuple):
+    """Columns in blocks, which lie in layers behind each other along z."""
+
+    columns: list[np.ndarray]  #: Of each block
+    numbers: np.ndarray  #: (layers, blocks of each) of the blocks
 
 
-@inlined
-def _in_turn(begin, end, n):
-    """The n-th of the numbers from begin to end, even ones before the odd ones beside them: 0 2 1 4 3 5, or 2 1 4 3."""
-    first = n + 1 if begin % 2 else n
-    if first == 0 or (n == end - begin - 1 and (end - 1) % 2):
-        return begin + n
-    return begin + n + (1 if first % 2 else -1)
+def blocks_of(ny: int, nz: int) -> Blocks:
+    """Columns of a grid in blocks.
+
+    Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
+    (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too.  Four colours
+    at most, since threads wait for each other at the end of every colour.  Two threads can share four layers, or eight, and not six.
+    """
+    along_y, along_z = (max(n - n % (4 if n >= least else 2), 1) for n, least in ((ny // 2, np.inf), (nz, 4)))
+    columns, (y_edges, z_edges) = np.arange(ny * nz).reshape(nz, ny), (np.arange(k + 1) * n // k for n, k in ((ny, along_y), (nz, along_z)))
+    blocks = [block.ravel() for layer in np.split(columns, z_edges[1:-1]) for block in np.split(layer, y_edges[1:-1], axis=1)]
+    return Blocks(blocks, np.arange(along_y * along_z).reshape(along_z, along_y))
 
 
-@inlined
-def _width(pairs):
-    """How many blocks a layer has."""
-    return (len(pairs.block_start) - 1) // pairs.layers
+def by_colours(blocks: Blocks) -> list[np.ndarray]:
+    """Numbers of the blocks of each colour."""
+    return [blocks.numbers[z::2, y::2].ravel() for z in range(2) for y in range(2)]
 
 
-@inlined
-def _block_at(pairs, layer, across):
-    """Number of a block of a layer, the one with so many others before it."""
-    colour = 2 * (layer % 2) + across % 2
-    return pairs.colour_start[colour] + layer // 2 * ((_width(pairs) + 1 - across % 2) // 2) + across // 2
+def share_out(blocks: Blocks, work: np.ndarray, parts: int) -> Shares:
+    """Shares of so many threads, each of about as much of the ``work`` (columns,)."""
+    sums = np.add.reduceat(work[np.concatenate(blocks.columns)], np.cumsum([0, *map(len, blocks.columns[:-1])]))
+    turns = _layers_each(blocks.numbers, sums, parts)
+    if parts > 1 and _time(turns, sums) > (1 + _WAITING) * _time(common := _colours(by_colours(blocks), sums, parts), sums):
+        turns = common
+    its = [[blocks.columns[k] for k in numbers] for turn in turns for numbers in turn]
+    ends = np.cumsum([0, *(sum(map(len, columns)) for columns in its)]).tolist()
+    first = [ends[k : k + parts + 1] for k in range(0, len(its), parts)]
+    both = np.concatenate([np.ravel(first), *(block for columns in its for block in columns)])
+    return Shares(both[: np.size(first)].reshape(-1, parts + 1), both[np.size(first) :])
 
 
-@helper
-def _work_in(pairs, block):
-    """About as many pairs as a block has, and one more for each column: as many as it has room for, or where pairs are not stored as many
-    as were found there last."""
-    work, stored = np.int64(0), pairs.start[-1] != 0
-    for task in range(pairs.block_start[block], pairs.block_start[block + 1]):
-        column = pairs.columns[task]
-        work += np.int64(pairs.start[column + 1] - pairs.start[column] if stored else pairs.found[column]) + 1
-    return work
+def _time(turns: list[list[np.ndarray]], work: np.ndarray) -> int:
+    """How long all that takes, where threads meet at the end of each turn."""
+    return sum(max(int(work[its].sum()) for its in turn) for turn in turns)
 
 
-@helper
-def _work_of(pairs, layers, n):
-    """The same of the n-th pair of ``layers``, or of the n-th block."""
-    if not layers:
-        return _work_in(pairs, n)
-    work = np.int64(0)
-    for layer in range(2 * n, min(2 * n + 2, pairs.layers)):
-        for across in range(_width(pairs)):
-            work += _work_in(pairs, _block_at(pairs, layer, across))
-    return work
+def _split(work: np.ndarray, parts: int) -> np.ndarray:
+    """Where each of so many threads begins, and the end, so that each gets about as much."""
+    middle = 2 * np.cumsum(work) - work
+    return np.searchsorted(parts * middle, 2 * work.sum() * np.arange(parts + 1))
 
 
-@helper
-def _split(pairs, layers, begin, end, first, parts):
-    """Write where each of so many threads begins (there can be room for more), so that each gets about as much work."""
-    work, passed, part = np.int64(0), np.int64(0), 1
-    first[:] = end
-    first[0] = begin
-    if parts == 1:
-        return
-    for n in range(begin, end):
-        work += _work_of(pairs, layers, n)
-    for n in range(begin, end):
-        here = _work_of(pairs, layers, n)
-        while part < parts and parts * (2 * passed + here) >= 2 * work * part:
-            first[part] = n
-            part += 1
-        passed += here
+def _colours(colours: list[np.ndarray], work: np.ndarray, parts: int) -> list[list[np.ndarray]]:
+    """The blocks of each thread in each turn, where a turn is a colour."""
+    return [np.split(colour, _split(work[colour], parts)[1:-1]) for colour in colours]
 
 
-@helper
-def _add_layer(pairs, layer, blocks, n):
-    """Write the blocks of one layer; returns how many there are then."""
-    width = _width(pairs)
-    for q in range(width if layer < pairs.layers else 0):
-        blocks[n] = _block_at(pairs, layer, _in_turn(0, width, q))
-        n += 1
-    return n
+def _even_first(n: int) -> np.ndarray:
+    """0 2 1 4 3 ...: each odd one behind the two even ones around it."""
+    return np.argsort(np.arange(n) + 1.5 * (np.arange(n) % 2))
 
 
-@helper
-def share_out(pairs, shares, parts):
-    """Write the shares of so many threads.  The same ones as long as the room is the same, so that a thread finds the pairs that it has
-    listed itself in its own cache."""
-    first, blocks = shares.first, shares.blocks
-    layers = parts == 1 or pairs.layers >= 2 * _LAYERS * parts
-    for colour in range(1 if layers else TURNS):
-        colours = pairs.colour_start[colour], pairs.colour_start[colour + 1]
-        begin, end = (np.int64(0), np.int64((pairs.layers + 1) // 2)) if layers else colours
-        _split(pairs, layers, begin, end, first[TURNS - 1 if layers else colour], parts)
-    if not layers:
-        for block in range(len(blocks)):
-            blocks[block] = block
-        return
-    its, n = first[TURNS - 1], np.int64(0)  # the pairs of layers of each thread
-    for turn in range(2):
-        for part in range(parts):
-            first[turn, part] = n
-            begin, end = 2 * its[part], 2 * its[part + 1] - 1
-            for k in range(end - begin if turn == 0 else its[part + 1] > its[part]):
-                n = _add_layer(pairs, _in_turn(begin, end, k) if turn == 0 else end, blocks, n)
-        first[turn, parts] = n
-    first[2, :] = first[3, :] = n
+def _layers_each(layers: np.ndarray, work: np.ndarray, parts: int) -> list[list[np.ndarray]]:
+    """The same where each thread has layers of its own, an even number of them (or the only one)."""
+    layers = layers[:, _even_first(layers.shape[1])]
+    cuts = 2 * _split(np.add.reduceat(work[layers].sum(axis=1), np.arange(0, len(layers), 2)), parts)
+    its = [layers[begin:end][_even_first(end - begin)] for begin, end in zip(cuts, np.minimum(cuts[1:], len(layers)), strict=False)]
+    return [[done[: len(done) - 1 or 1].ravel() for done in its], [done[len(done) - 1 or 1 :].ravel() for done in its]]

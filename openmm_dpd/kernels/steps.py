@@ -26,9 +26,6 @@ from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
 from .threads import threads_for
 
-#: Beads are put in order again when one of thermal velocity could have gone so many times as far as is watched, and after no fewer and
-#: no more steps than these.
-RESEATED, SOONEST, LATEST = 6.0, 10, 200
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
 
@@ -49,7 +46,7 @@ class StepLoop:
         self.inv_mass, self.inv_mass_3 = pairs.inv_mass, np.repeat(pairs.inv_mass, 3)
         self.still = np.flatnonzero(self.inv_mass == 0.0)
         #: square root of 1/mass of the heaviest bead that moves
-        self._slowest = math.sqrt(self.inv_mass[self.inv_mass > 0.0].min(initial=np.inf)) if len(self.still) < len(self.inv_mass) else 0.0
+        self.slowest = math.sqrt(self.inv_mass[self.inv_mass > 0.0].min(initial=np.inf)) if len(self.still) < len(self.inv_mass) else 0.0
         self.force = np.zeros((len(pairs.types), 3))
         #: which list of the engine the force and its sums belong to: the conservative one, or all where friction is a force
         self.forced, self._summed, self.totals = -1, 0, Totals(0.0, 0.0, 0.0)
@@ -65,29 +62,29 @@ class StepLoop:
         self._acting = pairs.fields is not None and pairs.fields.acts
         #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
         self.passed: np.ndarray | float = 0.0
-        #: whether the lists of the engine are those of the moment's positions
-        self.placed = False
+        #: whether the lists of the engine are those of the moment's positions; whether the force is, though there are no lists
+        self.placed = self._given = False
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
-        done = 0
+        done, given = 0, False
         if threads_for(len(moment.x)) > 1 and self.engine.number and self._repeats(moment, slow, n):
             if self._seats is None:
                 self._seats = Seats(StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True))  # type: ignore[call-arg]
-            going = moment.dt * self._slowest * math.sqrt(moment.kT)
-            seated = int(min(max(SOONEST, RESEATED * self.reach / going), LATEST)) if going else LATEST
-            while n - done > 3 and (more := self._seats.run(moment, min(n - 1 - done, seated), self.engine)):
+            given = not self.spec.predicts and self.forced == self.engine.number and self.engine.holds(moment.x, moment.box)
+            while n - done > 3 and (found := self._seats.run(moment, n - 1 - done, self, given)):
+                more, given = found
                 done += more
-        self.carry_out(moment, n - done, slow)
+        self.carry_out(moment, n - done, slow, given)
 
-    def carry_out(self, moment: Moment, n: int, slow: SlowForces | None) -> None:
-        """Do steps with beads where they are."""
+    def carry_out(self, moment: Moment, n: int, slow: SlowForces | None, given: bool = False) -> None:
+        """Do steps with beads where they are.  ``given``: the force is that at the positions of the moment."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
         # the last step of a run is done here, so that all that belongs to it is there
         done, last = 0, n if self.parts else n - 1
         try:
-            self.moment = None
+            self.moment, self._given = None, given
             self.placed = self.engine.holds(moment.x, moment.box)
             force = None
             while done < n:
@@ -156,11 +153,11 @@ class StepLoop:
         if not recording.begins_with(m.x, m.v, m.acc) or conditions != self._conditions(m):
             return 0
         again = Tape()
-        with again.recording():  # what was known before the recorded step, where beads were given other seats
-            if known[0]:
+        with again.recording():  # what was known before the recorded step, and is used in it
+            if known[0] and self.spec.sweeps_first:
                 self._place(m)
             if known[1] and not self.spec.predicts:
-                self.conserve(m.values)
+                self._conserve(m)
         if not again.smooth:  # there are other arrays now
             return 0
         heats = None
@@ -171,8 +168,10 @@ class StepLoop:
         self._count(m, played)
         if heats is not None and played:
             m.ramped, m.kT = m.ramped + played, float(heats[played - 1])  # type: ignore[operator]
+        if played:
+            self.placed, self.forced, self._given = known[0], self.engine.number if known[1] else -1, False
         if begun:  # it has other lists
-            self.placed, self.forced = False, -1
+            self.placed, self.forced, self._given = False, -1, False
         if played == steps:
             self._recorded = recorded
         return played
@@ -225,7 +224,7 @@ class StepLoop:
     def _move(self, m: Moment, force: np.ndarray, kick: float, time: float = 0.0) -> int:
         """Kick and drift; returns how many beads are to be watched."""
         if time:
-            self.placed = False
+            self.placed = self._given = False
         flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.inv_mass_3
         if not time or m.sheared is None:
             return motion.move(*flat, kick, time, self._limit(m))
@@ -241,7 +240,7 @@ class StepLoop:
         """No bead runs away without a component of the velocity above this one."""
         ramp = self.spec.ramp
         kT = m.kT if ramp is None else min(m.kT, ramp.kT_start, ramp.kT_end)  # the same one as long as it acts
-        return max(self.reach / m.dt, FASTEST * self._slowest * math.sqrt(kT / 3.0))
+        return max(self.reach / m.dt, FASTEST * self.slowest * math.sqrt(kT / 3.0))
 
     def _shear(self, m: Moment, time: float) -> tuple[float, float]:
         """Slide the images for a time; returns what the rate of the flow changes by before and after beads drift for that time, so that
@@ -278,8 +277,9 @@ class StepLoop:
 
     def _conserve(self, m: Moment) -> None:
         """Conservative force at x, unless it is there already."""
-        self._place(m)
-        self.conserve(m.values)
+        if not self._given:
+            self._place(m)
+            self.conserve(m.values)
 
     def swept(self, counter: int) -> np.ndarray | None:
         """See :class:`Stepper`."""
@@ -349,7 +349,7 @@ class StepLoop:
             before = m.values
             m.values = before + 0.5 * dt * m.rates
             seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
-        self.placed = False
+        self.placed = self._given = False
         flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.inv_mass_3
         moving = (m.v,) if predicted is None else (predicted, m.v)
         changes = (0.0, 0.0) if m.sheared is None else self._shear(m, dt)

@@ -21,9 +21,9 @@ from numba import types
 from .addresses import ENTRY, add_to_word, call_kernel, call_plain, pause, put_word, share_word, shared_word, word
 from .compiled import DIGEST, at_address, helper, renamed
 
-# how many have come to the meeting, and how many meetings there were; the job, what it is, and how many have done it; whether one is
-# coming, how others are let go first, and how often somebody has waited for long in this job
-_HERE, _MEETINGS, _JOB, _KERNEL, _WORDS, _DONE, _COMING, _YIELD, _LONG, _SIZE = 0, 16, 32, 33, 34, 48, 64, 65, 80, 96
+# how many have come to the meeting, and how many meetings there were; the job, what it is, what is a long wait in it, and how many have
+# done it; whether one is coming, how others are let go first, and how often somebody has waited for long in this job
+_HERE, _MEETINGS, _JOB, _KERNEL, _WORDS, _LONG, _DONE, _COMING, _YIELD, _WAITS, _SIZE = 0, 16, 32, 33, 34, 35, 48, 64, 65, 80, 96
 #: A job is its number times this, and how many threads share it.
 _MOST = 1 << 16
 #: So many long waits in one job are too many.
@@ -55,14 +55,20 @@ def meet(team, parts):
             rounds = 0
             while shared_word(team, _MEETINGS) == meeting:
                 rounds = _let_others(team, rounds)
-                if rounds == _PATIENCE:
-                    add_to_word(team, _LONG, 1)
+                if rounds == word(team, _LONG):
+                    add_to_word(team, _WAITS, 1)
+
+
+@helper
+def be_patient(team, rounds):
+    """Take waits in this job for long ones after so many rounds of looking, if that is more than usual."""
+    put_word(team, _LONG, max(rounds, _PATIENCE))
 
 
 @helper
 def crowded(team, parts):
     """Whether threads have waited for each other for so long that they cannot have a core each."""
-    return parts > 1 and word(team, _LONG) >= _CROWDED
+    return parts > 1 and word(team, _WAITS) >= _CROWDED
 
 
 def _lead(team, kernel, words, job):
@@ -70,7 +76,8 @@ def _lead(team, kernel, words, job):
     put_word(team, _KERNEL, kernel)
     put_word(team, _WORDS, words)
     put_word(team, _DONE, 0)
-    put_word(team, _LONG, 0)
+    put_word(team, _LONG, _PATIENCE)
+    put_word(team, _WAITS, 0)
     share_word(team, _JOB, job)
     share_word(team, _COMING, 0)
     parts = job % _MOST
@@ -171,11 +178,6 @@ class Team:
         self._jobs += 1
         at = ctypes.cast(ctypes.c_char_p(words), ctypes.c_void_p).value
         return self._lead(self._address, kernel, at, self._jobs * _MOST + parts)
-
-    @property
-    def crowded(self) -> bool:
-        """See :func:`crowded`, of the last job."""
-        return bool(self._words[_LONG] >= _CROWDED)
 
     def stop(self) -> None:
         """Let the threads end."""

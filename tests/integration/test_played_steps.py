@@ -5,7 +5,7 @@ import pytest
 from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels import steps, threads as thread_count
+from openmm_dpd.kernels import pairs, seats, threads as thread_count
 from openmm_dpd.kernels.pairs import PairList
 from openmm_dpd.kernels.replay import Recording
 from openmm_dpd.kernels.steps import StepLoop
@@ -52,7 +52,7 @@ def together(monkeypatch, two_threads):
     """Two threads, and beads in the order of their cells, whatever the clock says about the cores."""
     monkeypatch.setattr(thread_count, "_WATCH", thread_count._Watch())
     monkeypatch.setattr(thread_count._Watch, "REST", -1.0)
-    monkeypatch.setattr(steps, "LATEST", 7)
+    monkeypatch.setattr(seats, "LATEST", 7)
 
 
 def run_of(built: dpd.BuiltSystem, *cuts: int) -> dict[str, np.ndarray]:
@@ -89,6 +89,35 @@ def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
     expected = step_by_step(monkeypatch, lambda: made(kind, scheme))
     set_threads(2)
     assert not same(run_of(made(kind, scheme), 3, STEPS - 3), expected) and counted[0] > 0
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "bab3"])
+@pytest.mark.parametrize("kind", ["dpd", "tilted", "ramp", "bonded"])
+def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, together):
+    """Whose pairs are listed where they are used; also where a measurement has had them stored, and where columns become full."""
+    monkeypatch.setattr(pairs, "MANY", 0)
+
+    def measured() -> tuple:
+        simulation, found = running(built := made(kind, scheme)), []
+        for count in (4, STEPS):
+            simulation.integrator.step(count)
+            sample = dpd.Observer(built).sample(simulation.context)
+            found.append((sample.pair, sample.virial_conservative, sample.virial_dissipative, sample.laplacian))
+        return *found, everything(simulation.context, built)
+
+    set_threads(1)
+    with monkeypatch.context() as patch:
+        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
+        *expected, state = measured()
+    set_threads(threads)
+    monkeypatch.setattr(PairList, "make_passing_room", _just_enough)
+    *found, reached = measured()
+    assert found == expected and not same(reached, state) and counted[0] > 5
+
+
+def _just_enough(self):
+    self._passing = self._room(self.threads * int(self._stored.found.max()))
 
 
 def polymers(beads: int = 600) -> dpd.Scene:

@@ -2,7 +2,6 @@
 
 import itertools
 
-import numba
 import numpy as np
 import oracle
 import pytest
@@ -14,15 +13,9 @@ from openmm_dpd.base.neighbours import coincident_pairs
 from openmm_dpd.kernels import threads as thread_count
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine, PairSpec
-from openmm_dpd.kernels.shares import TURNS, share_out, space_for_shares
+from openmm_dpd.kernels.shares import blocks_of, by_colours, share_out
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
-
-
-@numba.njit
-def shared_out(pairs, shares, parts):
-    """As kernels call it."""
-    share_out(pairs, shares, parts)
 
 
 def engine_of(scene, **choices) -> PairEngine:
@@ -180,21 +173,18 @@ def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
         assert np.array_equal(pairs.arrays.geometry[:, rows], geometry[:, rows])
 
 
-def blocks_of(ny, nz):
-    """A list of pairs with columns in blocks, the colour of each block, and the columns it touches, recomputed from the geometry: those of
-    a column reach (y +- 1, z), and (y - 1 ... y + 1, z + 1), around the box."""
-    engine = simple_engine(2)
-    engine.lists[0]._resize((3, ny, nz))
-    pairs = engine.lists[0].arrays
+def coloured_blocks(ny, nz):
+    """Blocks of columns, the colour of each, and the columns it touches, recomputed from the geometry: those of a column reach (y +- 1, z),
+    and (y - 1 ... y + 1, z + 1), around the box."""
 
     def touched(column):
         y, z = column % ny, column // ny
         near = {(y, z), (y + 1, z), (y - 1, z + 1), (y, z + 1), (y + 1, z + 1)}
         return {(a % ny, b % nz) for a, b in near}
 
-    ends = itertools.pairwise(pairs.block_start)
-    reach = [set().union(*(touched(c) for c in pairs.columns[begin:end])) for begin, end in ends]
-    return pairs, np.repeat(range(4), np.diff(pairs.colour_start)), reach
+    blocks = blocks_of(ny, nz)
+    found = [(blocks.columns[k], colour) for colour, its in enumerate(by_colours(blocks)) for k in its]
+    return *zip(*found, strict=True), [set().union(*map(touched, block)) for block, _ in found]
 
 
 GRIDS = [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13), (5, 40), (33, 34)]
@@ -202,9 +192,8 @@ GRIDS = [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8),
 
 @pytest.mark.parametrize(("ny", "nz"), GRIDS)
 def test_tasks_of_one_colour_never_touch_the_same_column(ny, nz):
-    pairs, colours, reach = blocks_of(ny, nz)
-    assert sorted(pairs.columns) == list(range(ny * nz))
-    assert pairs.colour_start[0] == 0 and pairs.colour_start[-1] == len(pairs.block_start) - 1 and pairs.block_start[-1] == ny * nz
+    blocks, colours, reach = coloured_blocks(ny, nz)
+    assert sorted(np.concatenate(blocks)) == list(range(ny * nz))
     for colour in range(4):
         for first, second in itertools.combinations([its for its, c in zip(reach, colours, strict=True) if c == colour], 2):
             assert not first & second
@@ -214,29 +203,41 @@ def test_tasks_of_one_colour_never_touch_the_same_column(ny, nz):
 @pytest.mark.parametrize("uneven", [False, True], ids=["even", "uneven"])
 @pytest.mark.parametrize(("ny", "nz"), GRIDS)
 def test_blocks_that_touch_the_same_bead_come_in_the_order_of_their_colours(ny, nz, uneven, parts):
-    """Whichever thread does them, also if there is room for more threads, and where nearly all pairs lie in one layer."""
-    pairs, colours, reach = blocks_of(ny, nz)
+    """Whichever thread does them, one alone too, and where nearly all pairs lie in one layer."""
+    blocks, colours, reach = coloured_blocks(ny, nz)
     of_columns: dict[tuple[int, int], list[int]] = {}
     for block, touched in enumerate(reach):
         for column in touched:
             of_columns.setdefault(column, []).append(block)
-    both = {pair for blocks in of_columns.values() for pair in itertools.permutations(blocks, 2)}
+    both = {pair for its in of_columns.values() for pair in itertools.permutations(its, 2)}
     touching = [(one, other) for one, other in both if colours[one] < colours[other]]
     assert touching or len(reach) == 1
-    pairs.found[:] = 10
+    work = np.full(ny * nz, 10)
     if uneven:
-        pairs.found[ny * (nz // 2) : ny * (nz // 2 + 1)] = 10_000
-    for room in (parts, 6):
-        shares = space_for_shares(room, len(reach))
-        shared_out(pairs, shares, parts)
-        when = {}
-        for turn, part in itertools.product(range(TURNS), range(parts)):
-            for n in range(shares.first[turn, part], shares.first[turn, part + 1]):
-                when[int(shares.blocks[n])] = turn, part, n
-        assert sorted(when) == list(range(len(reach)))
-        for one, other in touching:
-            (turn, part, n), (later, its, m) = when[one], when[other]
-            assert turn < later or (turn == later and part == its and n < m)
+        work[ny * (nz // 2) : ny * (nz // 2 + 1)] = 10_000
+    first, columns = share_out(blocks_of(ny, nz), work, parts)
+    block_of = {int(column): block for block, its in enumerate(blocks) for column in its}
+    when: dict[int, list] = {}
+    for (turn, row), part in itertools.product(enumerate(first), range(parts)):
+        for n in range(row[part], row[part + 1]):
+            when.setdefault(block_of[int(columns[n])], []).append((turn, part, n))
+    assert first.shape[1] == parts + 1 and sorted(columns) == list(range(ny * nz))
+    for one, other in touching:
+        (turn, part, n), (later, its, m) = when[one][-1], when[other][0]
+        # turns end with a meeting of all; a thread alone does the shares of all in each
+        assert turn < later or (turn == later and part == its and n < m)
+    for its in when.values():
+        assert {time[:2] for time in its} == {its[0][:2]}
+
+
+@pytest.mark.parametrize(("ny", "nz"), [(33, 34), (12, 9)])
+def test_shares_are_of_as_many_pairs(ny, nz):
+    """Of columns with 10 to 1,000 pairs, however they lie; where there are few of them the largest block may be too much for one."""
+    work = np.exp(np.random.default_rng(2).uniform(np.log(10), np.log(1000), ny * nz)).astype(int)
+    for parts in (2, 3):
+        first, columns = share_out(blocks_of(ny, nz), work, parts)
+        turns = [max(work[columns[row[p] : row[p + 1]]].sum() for p in range(parts)) for row in first]
+        assert sum(turns) < (1.1 if ny == 33 else 1.35) * work.sum() / parts
 
 
 EDGES = {

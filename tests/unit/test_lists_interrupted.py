@@ -12,7 +12,6 @@ from lines import PACKAGE, Lines
 import openmm_dpd as dpd
 from openmm_dpd.kernels import pairs, threads as thread_count
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.kernels.team import Team
 from openmm_dpd.kernels.threads import set_threads
 
 KERNELS = f"{Path(PACKAGE) / 'kernels'}{os.sep}"
@@ -56,7 +55,6 @@ def threads(request, monkeypatch):
     """
     monkeypatch.setattr(thread_count, "_PARALLEL_LOCK", nullcontext())
     monkeypatch.setattr(thread_count._WATCH, "until", 0.0)
-    monkeypatch.setattr(Team, "crowded", False)
     monkeypatch.setattr(thread_count._WATCH, "call", lambda threads, function, arguments: function(*arguments))
     set_threads(request.param)
     yield request.param
