@@ -170,10 +170,10 @@ class CellScratch(NamedTuple):
     """For M beads in as many chunks as the threads share them in."""
 
     cell: np.ndarray  #: (M,)
-    wrapped: np.ndarray  #: (M, 3)
+    wrapped: np.ndarray  #: (M, 3) positions in the grid
     some: np.ndarray  #: (chunks, 3, SOME) positions that are treated together
     rows: np.ndarray  #: (M,) the bead that was put in each place
-    numbers: np.ndarray  # numbers, cells: (M + 2 FEW,) its number and its cell; no place has the first and last FEW
+    numbers: np.ndarray  # numbers, cells: (M + 2 FEW,) its number and its cell where beads are named; no place has the first and last FEW
     cells: np.ndarray
     to: np.ndarray  #: (M,) the place that its number gives it
     place: np.ndarray  #: (chunks, ncells)
@@ -181,13 +181,13 @@ class CellScratch(NamedTuple):
     beads_in: np.ndarray
 
 
-def scratch_for(beads: int, chunks: int, cells: int) -> CellScratch:
-    """Scratch of its sizes."""
+def scratch_for(wrapped: np.ndarray, named: bool, chunks: int, cells: int) -> CellScratch:
+    """Scratch of its sizes; ``wrapped`` (M, 3) may be anybody's in between."""
+    beads, some = len(wrapped), np.zeros((chunks, 3, int(_SOME)))
+    padded, its = (beads + 2 * int(_FEW), beads) if named else (0, 0)
+    of_names = np.zeros(padded, np.uint32), np.full(padded, 2**32 - 1, np.uint32), np.zeros(its, np.uint32)
     of_chunks = np.zeros((chunks, cells), np.uint32), np.zeros(chunks, np.bool_), np.zeros(chunks, np.uint32)
-    padded = beads + 2 * int(_FEW)
-    of_places = np.zeros(beads, np.uint32), np.zeros(padded, np.uint32), np.full(padded, 2**32 - 1, np.uint32), np.zeros(beads, np.uint32)
-    positions = np.zeros((beads, 3)), np.zeros((chunks, 3, int(_SOME)))
-    return CellScratch(np.zeros(beads, np.uint32), *positions, *of_places, *of_chunks)
+    return CellScratch(np.zeros(beads, np.uint32), wrapped, some, np.zeros(beads, np.uint32), *of_names, *of_chunks)
 
 
 @helper

@@ -66,11 +66,11 @@ class SweptLayer:
 
     def __init__(self, table: Any, number: int, pairs: PairList, plain: bool, transverse: bool):
         self.table, self.number, self.pairs = table, number, pairs
-        self._plain, self._transverse, self._motion = plain, transverse, SortedMotion(len(pairs.order))
+        self._plain, self._transverse, self._motion = plain, transverse, SortedMotion(pairs)
         # of the last two temperatures: a step asks for conservative forces, at 0, and for friction
         self._coefficients: dict[float, np.ndarray] = {}
-        # scratch, in the order of the list; the second one is made when it is wanted
-        self._v, self._apart = np.zeros((len(pairs.order), 3)), np.zeros((0, 3))
+        # scratch, in the order of the list; made when it is wanted
+        self._apart = np.zeros((0, 3))
         self._inv_mass = (pairs.common_inv_mass or None) if plain else None
 
     def _at(self, kT: float) -> np.ndarray:
@@ -87,7 +87,7 @@ class SweptLayer:
             halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
         plain = inv_mass is not None and halvings <= _MOST_HALVINGS
         noise = call.kT, call.dt, call.key(self.number)
-        terms = sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._v)
+        terms = sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._motion.v)
         self.passed = sweeps.sweep(self.pairs, terms, self._transverse).stress
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:

@@ -87,7 +87,7 @@ class ThermalLayer:
         assert spec.fields is not None and spec.fields.capacity is not None
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         self.number, self.lammps, self.capacity = number, table.lammps, spec.fields.capacity
-        self.coefficients, self._motion = table.coefficients(), SortedMotion(len(self.pairs.order))
+        self.coefficients, self._motion = table.coefficients(), SortedMotion(self.pairs)
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``; rates (M, 1) are dT/dt."""

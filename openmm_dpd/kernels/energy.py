@@ -69,7 +69,7 @@ class EnergyLayer:
         self.coefficients = table_of(table.A, table.cutoff, table.sigma, table.kappa)
         # scratch, in the order of the pair list
         m = len(self.pairs.order)
-        self._motion = SortedMotion(m)
+        self._motion = SortedMotion(self.pairs)
         self._sorted = self._motion.v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
 
     def _thetas(self, energies: np.ndarray, when: str) -> np.ndarray:

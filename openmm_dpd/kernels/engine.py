@@ -153,9 +153,10 @@ class PairEngine(Engine):
     @property
     def repeats(self) -> bool:
         """See :class:`.interface.Engine`."""
-        # pairs of many beads that somebody has had stored are not there in the next step
-        stored, parts = any(pairs.many and pairs.stored for pairs in self.lists), [*self.layers, *self.extras]
-        return self._covered and not stored and all(getattr(each, "repeats", False) for each in parts)
+        # pairs of many beads that somebody has had stored are not there in the next step; and one thread alone gains nothing with them, but
+        # would have to keep the state before each step
+        unlike = any(pairs.many and (pairs.stored or pairs.threads == 1) for pairs in self.lists)
+        return self._covered and not unlike and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])
 
     def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
         """See :class:`.interface.Engine`."""

@@ -76,8 +76,8 @@ class SortedMotion:
     """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.  The loops over pairs fetch and
     deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`."""
 
-    def __init__(self, beads: int):
-        self.v, self.f = np.zeros((beads, 3)), np.zeros((beads, 3))
+    def __init__(self, pairs: PairList):
+        self.v, self.f = pairs.rows_of_beads, np.zeros((len(pairs.order), 3))
 
     def arrays(self, call: Call, out: np.ndarray, add: bool) -> tuple[Any, ...]:
         """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes.  They are no record in that

@@ -87,6 +87,7 @@ class Stepper(Protocol):
 
     spec: StepSpec
     tensor: bool  #: Whether the forces of last steps are to be summed with their stress tensor, where friction is a force
+    moment: Moment | None  #: After the last step, None where there is none
     parted: bool  #: Whether their conservative forces are to be had apart too, from engines that can
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:

@@ -100,38 +100,58 @@ def hold(begin, end, v, inv_mass):
             v[i, 0] = v[i, 1] = v[i, 2] = 0.0
 
 
+@inlined
+def _move_component(x, v, c, change, time):
+    """Change a component of the velocity, and let it drift; returns it."""
+    speed = v[c] + change
+    v[c] = speed
+    x[c] += time * speed
+    return speed
+
+
 @counting
 def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     """Kick and drift: all that a step does between two looks at the pairs.  The force acts for the time ``kick``, beads that move then
     drift for ``time``.  Arrays are (3N,), all components one after the other: this way (and counted without a sign) several of them are
-    treated at once.  Returns how many components of v are not below ``limit``."""
-    count = 0
-    for c in range(np.uint64(begin), np.uint64(end)):
-        speed = v[c] + (kick * inv_mass[c]) * force[c]
-        v[c] = speed
-        count += not abs(speed) <= limit
-        x[c] += (time if inv_mass[c] > 0.0 else 0.0) * speed
+    treated at once; ``inv_mass`` may be (1,), the same for all.  Returns how many components of v are not below ``limit``."""
+    count, first, last = 0, np.uint64(begin), np.uint64(end)
+    if len(inv_mass) == 1:
+        scale, drift = kick * inv_mass[0], time if inv_mass[0] > 0.0 else 0.0
+        for c in range(first, last):
+            count += not abs(_move_component(x, v, c, scale * force[c], drift)) <= limit
+    else:
+        for c in range(first, last):
+            drift = time if inv_mass[c] > 0.0 else 0.0
+            count += not abs(_move_component(x, v, c, (kick * inv_mass[c]) * force[c], drift)) <= limit
     return count
 
 
 @counting
 def move_accelerated(begin, end, x, v, acc, inv_mass, kick, time, limit):
     """The same with accelerations in place of forces."""
-    count = 0
-    for c in range(np.uint64(begin), np.uint64(end)):
-        speed = v[c] + kick * acc[c]
-        v[c] = speed
-        count += not abs(speed) <= limit
-        x[c] += (time if inv_mass[c] > 0.0 else 0.0) * speed
+    count, first, last = 0, np.uint64(begin), np.uint64(end)
+    if len(inv_mass) == 1:
+        drift = time if inv_mass[0] > 0.0 else 0.0
+        for c in range(first, last):
+            count += not abs(_move_component(x, v, c, kick * acc[c], drift)) <= limit
+    else:
+        for c in range(first, last):
+            drift = time if inv_mass[c] > 0.0 else 0.0
+            count += not abs(_move_component(x, v, c, kick * acc[c], drift)) <= limit
     return count
 
 
 @over_beads
 def accelerate(begin, end, acc, v, force, inv_mass, kick):
-    """Write force/mass to the accelerations, and add kick times that to v; (3N,) each."""
-    for c in range(np.uint64(begin), np.uint64(end)):
-        acc[c] = force[c] * inv_mass[c]
-        v[c] += kick * acc[c]
+    """Write force/mass to the accelerations, and add kick times that to v; (3N,) each, masses as in :func:`move`."""
+    if len(inv_mass) == 1:
+        for c in range(np.uint64(begin), np.uint64(end)):
+            acc[c] = force[c] * inv_mass[0]
+            v[c] += kick * acc[c]
+    else:
+        for c in range(np.uint64(begin), np.uint64(end)):
+            acc[c] = force[c] * inv_mass[c]
+            v[c] += kick * acc[c]
 
 
 @over_beads

@@ -85,7 +85,7 @@ class PairList:
 
     def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):
         self._takes_part = types >= 0
-        self.beads = np.flatnonzero(self._takes_part)
+        self.beads = np.flatnonzero(self._takes_part).astype(np.uint32)
         self.ntypes = len(cutoff)
         self.exceptions = no_exceptions() if exceptions is None else exceptions
         self._grid: cells.Grid | None = None
@@ -99,6 +99,8 @@ class PairList:
             self.common_inv_mass, of_sorted[:] = float(mine[0]), mine[0]
         self._of_beads = cells.OfBeads(types[: 0 if self.ntypes == 1 else None], inv_mass[: None if self.common_inv_mass is None else 0])
         self._sorting: cells.CellScratch | None = None
+        #: (M, 3) scratch of whoever needs it: positions that are being sorted, then velocities that are
+        self.rows_of_beads = np.zeros((m, 3))
         self._names, self._seats = np.zeros(0, np.uint32), self.order
         self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1))  # type: ignore[arg-type]
         self._shape, self._count, self._near, self._blocks = (1, 1, 1), np.zeros(2, np.uint64), 0, blocks_of(1, 1)
@@ -123,7 +125,7 @@ class PairList:
             self._given = self._of_beads
             self._names, self._seats = np.empty(len(names), np.uint32), np.empty_like(self.order)
             self._of_beads = cells.OfBeads(types.copy(), inv_mass.copy())
-            self._stored = self._stored._replace(seats=self._seats)
+            self._stored, self._sorting = self._stored._replace(seats=self._seats), None
         self._names[:] = names
         self.beads[:] = np.flatnonzero(self._takes_part[names])
         for here, given in zip(self._of_beads, self._given, strict=True):
@@ -198,7 +200,7 @@ class PairList:
         """Sort the beads into cells; the threads share them in so many chunks."""
         sizes = chunks, len(self._count) - 1
         if self._sorting is None or self._sorting.place.shape != sizes:
-            self._sorting = cells.scratch_for(len(self.beads), *sizes)
+            self._sorting = cells.scratch_for(self.rows_of_beads, len(self._names) > 0, *sizes)
         out = self._count, self.order, self._seats, self._xs, self._stored.types, self._stored.inv_mass
         found = np.zeros(1, np.int64)
         if cells.bin_beads(x, self.beads, self._names, self._of_beads, grid, self._sorting, *out, found, parts=chunks, memory=self.memory):

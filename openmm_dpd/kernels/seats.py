@@ -25,7 +25,7 @@ class Seats:
         self._room = np.empty((beads, 3)), np.empty((beads, 3)), np.empty((beads, 3))
         #: the bead in each seat, the seat of each bead, and how many steps they have done there
         self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(beads, np.uint32), 0
-        loop.inv_mass, loop.inv_mass_3 = loop.inv_mass.copy(), loop.inv_mass_3.copy()
+        loop.inv_mass = loop.inv_mass.copy()
 
     def run(self, m: Moment, n: int, main: Any, given: bool) -> tuple[int, bool] | None:
         """Do up to n steps for the loop of a run, ``main``, whose engine has seen its beads; ``given``: its force is that at the positions
@@ -67,5 +67,6 @@ class Seats:
         self._places[names] = np.arange(len(names), dtype=names.dtype)
         loop.engine.seat(names, self._places)
         np.take(loop.engine.spec.inv_mass, names, out=loop.inv_mass)
-        loop.inv_mass_3.reshape(-1, 3)[...] = loop.inv_mass[:, None]
+        if len(loop.inv_masses) > 1:
+            loop.inv_masses.reshape(-1, 3)[...] = loop.inv_mass[:, None]
         loop.forced, self._names, self._steps = -1, names, 0

@@ -43,7 +43,9 @@ class StepLoop:
 
     def __post_init__(self):
         pairs = self.engine.spec
-        self.inv_mass, self.inv_mass_3 = pairs.inv_mass, np.repeat(pairs.inv_mass, 3)
+        self.inv_mass, alike = pairs.inv_mass, bool(np.all(pairs.inv_mass == pairs.inv_mass[:1]))
+        #: as passes over components have it
+        self.inv_masses = self.inv_mass[:1].copy() if alike else np.repeat(pairs.inv_mass, 3)
         self.still = np.flatnonzero(self.inv_mass == 0.0)
         #: square root of 1/mass of the heaviest bead that moves
         self.slowest = math.sqrt(self.inv_mass[self.inv_mass > 0.0].min(initial=np.inf)) if len(self.still) < len(self.inv_mass) else 0.0
@@ -225,7 +227,7 @@ class StepLoop:
         """Kick and drift; returns how many beads are to be watched."""
         if time:
             self.placed = self._given = False
-        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.inv_mass_3
+        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.inv_masses
         if not time or m.sheared is None:
             return motion.move(*flat, kick, time, self._limit(m))
         before, after = self._shear(m, time)
@@ -350,7 +352,7 @@ class StepLoop:
             m.values = before + 0.5 * dt * m.rates
             seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
         self.placed = self._given = False
-        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.inv_mass_3
+        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.inv_masses
         moving = (m.v,) if predicted is None else (predicted, m.v)
         changes = (0.0, 0.0) if m.sheared is None else self._shear(m, dt)
         for velocities in moving if changes[0] else ():
@@ -386,7 +388,7 @@ class StepLoop:
             self._held = self._held if len(self._held) else np.empty_like(self.force)
             apart = {"held": self._held}
         self._sum(which, self._seen(m, v), m.kT, m.dt, m.seed, m.counter, values, **apart)
-        motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.inv_mass_3, kick)
+        motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.inv_masses, kick)
         if values is not None:
             m.rates = self.engine.rates.copy()
             m.rates[self.inv_mass == 0.0] = 0.0

@@ -65,7 +65,7 @@ class SpeciesLayer:
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
         self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
-        self._motion = SortedMotion(len(self.pairs.order))
+        self._motion = SortedMotion(self.pairs)
         self.coefficients = table_of(table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
         per_species = (table.kappa, table.epsilon, table.exponent_c)
         # (T*T, K, 3): kappa, epsilon and the exponent of the noise weight of each species

@@ -53,14 +53,18 @@ class WholeSteps:
         dt = bare(integrator.getStepSize())
         if barostats and self.spec.driven is not None and any(each.getFrequency() > 0 for each in barostats_of(context)):
             raise openmm.OpenMMException("a barostat moves beads and not walls that move or have something behind them; remove it")
-        state = context.getState(positions=True, velocities=True, parameters=True)
+        state = context.getState(positions=True, parameters=True)
         # the step size as the program would set it first
         count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
         clock = list(accumulate([dt] * n, initial=bare(state.getTime())))  # as OpenMM adds it up
         try:
-            moment = self._moment(integrator, context, state, parameters, dt, own)
             loop = own.loop
             assert loop is not None
+            # what is not needed any more is let go at once: each of these arrays has 24 bytes per bead
+            loop.moment = None
+            x, box = self.function.positions(state), self.function.box(state)
+            del state
+            moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, dt, own)
 
             def forces(m: Moment, done: int) -> np.ndarray:
                 if done:
@@ -78,9 +82,9 @@ class WholeSteps:
             raise openmm.OpenMMException(f"step {count + getattr(error, 'steps_done', 0) + 1}: {error}") from error
         reached = (count, clock[0]) if barostats else (count + n, clock[-1])
         try:
-            self._give_back(integrator, context, state, parameters, moment, own, reached)
+            self._give_back(integrator, context, resting, parameters, moment, own, reached)
         except BaseException:
-            self._give_back(integrator, context, state, parameters, moment, own, reached)  # all of it, wherever that was interrupted
+            self._give_back(integrator, context, resting, parameters, moment, own, reached)  # all of it, wherever that was interrupted
             raise
         if barostats:
             openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, float(n))
@@ -90,21 +94,23 @@ class WholeSteps:
             finally:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
 
-    def _moment(self, integrator: PairIntegrator, context: openmm.Context, state, parameters, dt: float, own: ThreadState) -> Moment:
-        """The state in which the first step begins."""
+    def _moment(
+        self, integrator: PairIntegrator, context: openmm.Context, x: np.ndarray, box, time: float, parameters, dt: float, own: ThreadState
+    ) -> tuple[Moment, np.ndarray]:
+        """The state in which the first step begins, at positions x, and the velocities that beads have which do not move."""
         function, spec = self.function, self.spec
         if not dt > 0.0:
             raise RunError(f"the step size must be > 0, but the integrator's is {in_units(dt, 'time')}")
-        x, box = function.positions(state), function.box(state)
         function.take_over(own, parameters)
-        v = vectors(state, openmm.State.Velocities)
+        v = vectors(context.getState(velocities=True), openmm.State.Velocities)
+        resting = v[self._still]
         v[self._still] = 0.0
         kT = function.thermal_energy(parameters)
-        moment = Moment(x.copy(), v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
+        moment = Moment(x, v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
         if spec.driven is not None:
-            moment.time, moment.impulses = bare(state.getTime()), np.zeros((3, 2, 3))
+            moment.time, moment.impulses = time, np.zeros((3, 2, 3))
             for place, name in shared.IMPULSES.items():
                 moment.impulses[place] = parameters.get(name, 0.0)
         if spec.ramp is not None:
@@ -124,18 +130,21 @@ class WholeSteps:
         if spec.predicts:
             if fields is not None:
                 moment.rates = raw_rates(context, fields)
-            if own.fingerprints.of(x, box, parameters) == integrator.getGlobalVariableByName("valid_for"):
-                moment.acc = per_dof(integrator, "acc").copy()
-        return moment
+            here = own.fingerprints.of(x, box, parameters)
+            own.fingerprints.forget()  # x changes now
+            if here == integrator.getGlobalVariableByName("valid_for"):
+                moment.acc = per_dof(integrator, "acc")
+                self._held = 0.0, {}  # and so does it; after an error the Context has the one before
+        return moment, resting
 
     def _give_back(
-        self, integrator: PairIntegrator, context: openmm.Context, state, parameters, moment: Moment, own: ThreadState, reached
+        self, integrator: PairIntegrator, context: openmm.Context, resting, parameters, moment: Moment, own: ThreadState, reached
     ) -> None:
         """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName
         if len(self._still):
-            moment.v[self._still] = vectors(state, openmm.State.Velocities)[self._still]
+            moment.v[self._still] = resting
         if moment.sheared is not None:
             assert moment.box is not None
             context.setPeriodicBoxVectors(*moment.box)
@@ -166,12 +175,12 @@ class WholeSteps:
             if moment.predicted is not None:
                 held["vp"] = moment.predicted
             x, box = moment.x, moment.box
-            if context.getPlatform().getName() in DOUBLE_PLATFORMS:
-                own.fingerprints.forget()  # these beads were not just folded
-            else:  # positions are rounded there, and beads wrapped
+            if context.getPlatform().getName() not in DOUBLE_PLATFORMS:  # positions are rounded there, and beads wrapped
                 after = context.getState(positions=True)
                 x, box = function.positions(after), function.box(after)
             last = own.fingerprints.of(x, box, parameters)
+            if x is moment.x:
+                own.fingerprints.forget()  # nobody folds these beads
             put(integrator, "valid_for", last)
             put(integrator, "fingerprint", last)
         for name, values in held.items():

@@ -95,7 +95,8 @@ def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
 @pytest.mark.parametrize("scheme", ["mvv", "middle", "bab3"])
 @pytest.mark.parametrize("kind", ["dpd", "tilted", "ramp", "bonded"])
 def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, together):
-    """Whose pairs are listed where they are used; also where a measurement has had them stored, and where columns become full."""
+    """Whose pairs are listed where they are used; also where a measurement has had them stored, and where columns become full.  With one
+    thread none is played: that would take more memory and no less time."""
     monkeypatch.setattr(pairs, "MANY", 0)
 
     def measured() -> tuple:
@@ -113,7 +114,8 @@ def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, togeth
     set_threads(threads)
     monkeypatch.setattr(PairList, "make_passing_room", _just_enough)
     *found, reached = measured()
-    assert found == expected and not same(reached, state) and counted[0] > 5
+    assert found == expected and not same(reached, state)
+    assert (counted[0] > 0) == (threads == 2)
 
 
 def _just_enough(self):
