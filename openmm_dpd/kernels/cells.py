@@ -65,7 +65,7 @@ def _fractions(px, py, pz, e):
 
 @inlined
 def _usable(sx, sy, sz):
-    return abs(sx) < 1e15 and abs(sy) < 1e15 and abs(sz) < 1e15
+    return (abs(sx) < 1e15) & (abs(sy) < 1e15) & (abs(sz) < 1e15)
 
 
 @helper
@@ -190,15 +190,11 @@ def scratch_for(wrapped: np.ndarray, named: bool, chunks: int, cells: int) -> Ce
     return CellScratch(np.zeros(beads, np.uint32), wrapped, some, np.zeros(beads, np.uint32), *of_names, *of_chunks)
 
 
-@helper
-def _find_bad(x, beads, grid, found):
-    """Write down the first bead whose position is not finite."""
-    e = _edges(grid)
-    for i in beads:
-        sx, sy, sz = _fractions(x[i, 0], x[i, 1], x[i, 2], e)
-        if not _usable(sx, sy, sz):
-            found[0] = i
-            return
+def first_unusable(x: np.ndarray, beads: np.ndarray, grid: Grid) -> int:
+    """The first bead whose position is not finite, or so far away that it is in no cell."""
+    edges = _edges.py_func(grid)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return int(beads[np.argmin(_usable.py_func(*_fractions.py_func(*x[beads].T, edges)))])
 
 
 @helper
@@ -235,16 +231,14 @@ def _first_places(place, count, first, last, total):
 def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs, sorted_types, sorted_inv_mass, found, part, parts, team):
     """Counting sort of the ``beads`` that take part by cell (x fastest, then y), and by their numbers in each.  Writes ``count`` (ncells +
     1,), the first sorted bead of each cell; ``order`` (M,), the number of each sorted bead, and ``seats`` (M,), its row in other arrays;
-    ``xs`` (3, M or more), its position, wrapped into the grid; and what else is sorted.  Returns 1 where a position is not finite.
-    ``found`` gets the first such bead, or how many beads can be near a column."""
+    ``xs`` (3, M or more), its position, wrapped into the grid; and what else is sorted.  Returns 1 where a position is not finite;
+    ``found`` gets how many beads can be near a column."""
     place, usable = scratch.place, scratch.usable
     for chunk in range(part, len(usable), parts):
         usable[chunk] = _count_chunk(x, beads, grid, scratch, chunk)
     meet(team, parts)
     for chunk in range(len(usable)):
         if not usable[chunk]:
-            if part == 0:
-                _find_bad(x, beads, grid, found)
             return 1
     cells, before = len(count) - 1, np.uint32(0)
     first, last = cells * part // parts, cells * (part + 1) // parts

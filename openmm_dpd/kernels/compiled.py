@@ -11,7 +11,7 @@ from numba import types
 from numba.extending import register_jitable
 
 from ..base.kernel_cache import keep_on_disk
-from ..base.numba_private import NO_PYTHON_WRAPPER, NO_REFERENCE_COUNTS, CFunc
+from ..base.numba_private import NO_REFERENCE_COUNTS, ONLY_LINKED, CFunc
 
 #: Hash of all kernel sources.
 DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
@@ -22,12 +22,12 @@ SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 BARE = SEMANTICS | NO_REFERENCE_COUNTS
 #: Decorators of functions that kernels call: compiled on their own, without a way in from Python, which takes a quarter of the compiler's
 #: time; or put in where they are called.
-helper = numba.njit(**BARE, **NO_PYTHON_WRAPPER)
+helper = numba.njit(**BARE, **ONLY_LINKED)
 inlined = numba.njit(inline="always", **BARE)
 #: Compiled on their own, and put in by LLVM where they are called: what is called often with many arrays, each of which is seven arguments.
-merged = numba.njit(forceinline=True, **BARE, **NO_PYTHON_WRAPPER)
+merged = numba.njit(forceinline=True, **BARE, **ONLY_LINKED)
 #: The same for functions that are also called from Python, where they stay what they are.
-both = register_jitable(inline="always", **BARE)
+both = register_jitable(inline="always", **BARE, **ONLY_LINKED)
 
 
 def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:

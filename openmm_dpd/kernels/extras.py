@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from ..base.errors import RunError
-from ..base.numba_private import NO_PYTHON_WRAPPER
+from ..base.numba_private import ONLY_LINKED
 from .compiled import SEMANTICS, renamed
 from .native import Kernel
 from .notice import LOGGER, announced
@@ -163,7 +163,7 @@ def _kernel(kind: Any) -> Kernel:
     kept = kind.__module__.startswith(f"{__package__}.")
     names = {"_formula": njit(inline="always", error_model="numpy")(kind.formula)}
     part = {
-        "_part": njit(**SEMANTICS, **NO_PYTHON_WRAPPER)(renamed(kind.part, f"{kind.__name__}_part", names)),
+        "_part": njit(**SEMANTICS, **ONLY_LINKED)(renamed(kind.part, f"{kind.__name__}_part", names)),
         "_width": len(kind.sample),
     }
     return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False, kept=kept)

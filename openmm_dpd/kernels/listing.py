@@ -216,28 +216,18 @@ def _inverse_root(square):
 
 
 @inlined
-def _write_one(near, bead, hits, q, out, p):
-    """Write hit q as pair p, with the vector between its beads."""
-    who, whom, factor = hits
-    s, k, g = who[q], whom[q], out.geometry
-    out.pi[p], out.pj[p] = bead[s], bead[k]
-    g[0, p], g[1, p], g[2, p] = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
-    if len(out.factors):
-        out.factors[p] = factor[q]
-
-
-@inlined
 def _write(near, bead, hits, m, n, longest2, out):
     """Write hits as pairs number n and following; returns whether all are near enough.  Pairs that follow each other are of beads that are
     apart, so that what is done with one of them need not wait for the one before it."""
-    apart, p = m // _ROWS, n
-    for q in range(apart):
-        for row in range(_ROWS):
-            _write_one(near, bead, hits, q + row * apart, out, p + row)
-        p += _ROWS
-    for q in range(_ROWS * apart, m):
-        _write_one(near, bead, hits, q, out, n + q)
-    g, good = out.geometry, True
+    who, whom, factor = hits
+    g, apart, good = out.geometry, m // _ROWS, True
+    for k in range(m):
+        q, p = k % _ROWS * apart + k // _ROWS if k < _ROWS * apart else k, n + k
+        i, j = who[q], whom[q]
+        out.pi[p], out.pj[p] = bead[i], bead[j]
+        g[0, p], g[1, p], g[2, p] = near[0, i] - near[0, j], near[1, i] - near[1, j], near[2, i] - near[2, j]
+        if len(out.factors):
+            out.factors[p] = factor[q]
     for p in range(n, n + m):
         dx, dy, dz = g[0, p], g[1, p], g[2, p]
         r2 = dx * dx + dy * dy + dz * dz

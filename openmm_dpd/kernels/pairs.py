@@ -204,7 +204,7 @@ class PairList:
         out = self._count, self.order, self._seats, self._xs, self._stored.types, self._stored.inv_mass
         found = np.zeros(1, np.int64)
         if cells.bin_beads(x, self.beads, self._names, self._of_beads, grid, self._sorting, *out, found, parts=chunks, memory=self.memory):
-            bad = int(found[0])
+            bad = cells.first_unusable(x, self.beads, grid)
             raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
         self._near = int(found[0])
 
