@@ -13,7 +13,7 @@ correlation of forces, f^2 tau/kT in place of gamma.  docs/theory_flow.md derive
 """
 
 import numpy as np
-from scipy.fft import dst
+import scipy
 
 from ..base.errors import PlanError
 from ..base.wording import in_length
@@ -130,8 +130,8 @@ def fluid_structure(pair, density: float, kT: float) -> tuple[np.ndarray, np.nda
     indirect = np.zeros(len(r))
     for _ in range(5000):
         direct = np.exp(indirect - energy) - 1.0 - indirect
-        in_k = 2.0 * np.pi * dr / k * dst(r * direct, type=1)
-        new = dst(k * density * in_k**2 / (1.0 - density * in_k), type=1) / (4.0 * np.pi * RANGE * reach * r)
+        in_k = 2.0 * np.pi * dr / k * scipy.fft.dst(r * direct, type=1)
+        new = scipy.fft.dst(k * density * in_k**2 / (1.0 - density * in_k), type=1) / (4.0 * np.pi * RANGE * reach * r)
         off = float(np.abs(new - indirect).max())
         indirect = 0.5 * (indirect + new)
         if off < 1e-11:
