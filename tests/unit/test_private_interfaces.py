@@ -121,6 +121,20 @@ def test_references_are_not_counted():
         assert counted({}) and not counted(NO_REFERENCE_COUNTS)
 
 
+def test_code_that_is_only_linked_is_called_by_others():
+    """Two functions of the same types, one of which calls the other; and no code of theirs is anywhere by itself."""
+    with advised(NUMBA, "ONLY_LINKED"):
+        from openmm_dpd.base.numba_private import NO_REFERENCE_COUNTS, ONLY_LINKED
+
+        options = {**NO_REFERENCE_COUNTS, **ONLY_LINKED, "error_model": "numpy"}
+        half = numba.njit(**options)(lambda a, n: 0.5 * a[n])
+        third = numba.njit(**options)(lambda a, n: a[n] / 3.0 + half(a, n))
+        kernel = numba.njit(lambda a: half(a, 0) + 100.0 * third(a, 1))
+        assert kernel(np.array([4.0, 6.0])) == 2.0 + 100.0 * 5.0
+        for compiled in (*half.overloads.values(), *third.overloads.values()):
+            assert compiled.library.get_pointer_to_function(compiled.fndesc.mangled_name) == 0
+
+
 def test_compiled_functions_are_kept_and_come_back():
     """Loaded and saved by numba, by signature, through pickles."""
     kept: dict[object, bytes] = {}
