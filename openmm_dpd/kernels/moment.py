@@ -43,9 +43,9 @@ class StepSpec:
         return not self.letters
 
     @property
-    def sweeps_first(self) -> bool:
-        """Whether a step begins with a sweep."""
-        return bool(self.letters) and self.letters[0][0] not in "AB"
+    def looks_first(self) -> bool:
+        """Whether a step sweeps over the pairs at the positions that it begins with."""
+        return next((letter for letter, _ in self.letters if letter != "B"), "A") != "A"
 
     @property
     def foresees(self) -> bool:

@@ -91,7 +91,7 @@ class PairList:
         self._grid: cells.Grid | None = None
         self.set_cutoff(cutoff)
         m = len(self.beads)
-        self.order, self._xs, of_sorted = np.zeros(m, np.uint32), np.zeros((3, m + listing.LANES)), np.zeros(m)
+        self.order, self._xs, of_sorted = np.arange(m, dtype=np.uint32), np.zeros((3, m + listing.LANES)), np.zeros(m)
         mine = inv_mass[self.beads]
         #: 1/mass of all the beads if it is the same, otherwise None.
         self.common_inv_mass: float | None = None
@@ -122,10 +122,9 @@ class PairList:
         row of each."""
         if not len(self._names):
             types, inv_mass = self._of_beads
-            self._given = self._of_beads
-            self._names, self._seats = np.empty(len(names), np.uint32), np.empty_like(self.order)
-            self._of_beads = cells.OfBeads(types.copy(), inv_mass.copy())
-            self._stored, self._sorting = self._stored._replace(seats=self._seats), None
+            own, rows, seats = cells.OfBeads(types.copy(), inv_mass.copy()), np.empty(len(names), np.uint32), np.empty_like(self.order)
+            stored, its = self._stored._replace(seats=seats), self._of_beads
+            self._given, self._of_beads, self._names, self._seats, self._stored, self._sorting = its, own, rows, seats, stored, None
         self._names[:] = names
         self.beads[:] = np.flatnonzero(self._takes_part[names])
         for here, given in zip(self._of_beads, self._given, strict=True):
@@ -282,7 +281,9 @@ class PairList:
     def _share_again(self, parts: int) -> None:
         """In the same arrays, so that what has been recorded with them goes on with the new shares, and all at once."""
         now, again = self._shares, self._shared(parts)
-        if now is not None and now.first.shape == again.first.shape:
+        if now is None or now.first.shape != again.first.shape:
+            self._shares = again
+        else:
             now.columns.base[...] = again.columns.base  # type: ignore[index]  # what both arrays are parts of
 
     def _shared(self, parts: int) -> Shares:

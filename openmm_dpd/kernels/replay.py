@@ -94,7 +94,9 @@ class Recording:
         self._state, self._before = state, [array.copy() for array in state]
         both_states = zip(state, self._before, strict=True)
         self._kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in both_states], np.int64)
-        self.threads, self.names = max(call.parts for call in tape.calls), [call.layout.name for call in tape.calls]
+        # as many as each that is shared has room for; extras may have been shared by more than pairs
+        self.threads = min((call.parts for call in tape.calls if call.parts > 1), default=1)
+        self.names = [call.layout.name for call in tape.calls]
 
     def begins_with(self, *arrays: np.ndarray | None) -> bool:
         """Whether these are the arrays that the step begins with, apart from those that there are none of."""

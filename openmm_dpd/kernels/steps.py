@@ -131,9 +131,9 @@ class StepLoop:
         plain = slow is None and spec.driven is None and m.box is not None and m.sheared is None and m.values is None
         return plain and steps > 2 and spec.lam == 0.5 and self.engine.repeats
 
-    def _known(self, m: Moment) -> tuple[bool, bool, bool]:
+    def _known(self, m: Moment) -> tuple[bool, ...]:
         """What a step need not do, since it has been done."""
-        return self.placed, self.forced == self.engine.number, m.acc is None
+        return self.placed, self.forced == self.engine.number, m.acc is None, self._given
 
     def _conditions(self, m: Moment) -> tuple:
         """What a recorded step depends on beside the arrays it begins with."""
@@ -156,7 +156,7 @@ class StepLoop:
             return 0
         again = Tape()
         with again.recording():  # what was known before the recorded step, and is used in it
-            if known[0] and self.spec.sweeps_first:
+            if known[0] and self.spec.looks_first:
                 self._place(m)
             if known[1] and not self.spec.predicts:
                 self._conserve(m)

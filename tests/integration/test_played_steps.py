@@ -1,5 +1,7 @@
 """Steps that are recorded and played again without Python, also with beads in another order: the same bits as step by step."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from kinds import KINDS, SEED, everything, made, running, same, schemes_of
@@ -9,6 +11,7 @@ from openmm_dpd.kernels import pairs, seats, threads as thread_count
 from openmm_dpd.kernels.pairs import PairList
 from openmm_dpd.kernels.replay import Recording
 from openmm_dpd.kernels.steps import StepLoop
+from openmm_dpd.kernels.tape import KernelCall, Tape
 from openmm_dpd.kernels.threads import set_threads
 
 #: Kinds of which all but the first and the last step of a call are played.
@@ -120,6 +123,49 @@ def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, togeth
 
 def _just_enough(self):
     self._passing = self._room(self.threads * int(self._stored.found.max()))
+
+
+@pytest.mark.parametrize("scheme", ["middle", "B A/2 S A/2", "B/2 O A B/2", "B/2 O/2 B/2 A O/2"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_measured_between_calls(scheme, threads, monkeypatch, counted, together):
+    """So that the force is there when beads get seats, at another step size too, in words that sweep before beads drift too."""
+
+    def measured() -> dict[str, np.ndarray]:
+        simulation = running(built := made("dpd", scheme))
+        for dt in (0.01, 0.02):
+            simulation.integrator.setStepSize(dt)
+            for count in (STEPS, 2 * STEPS):
+                simulation.integrator.step(count)
+                dpd.Observer(built).sample(simulation.context)
+        return everything(simulation.context, built)
+
+    set_threads(1)
+    with monkeypatch.context() as patch:
+        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
+        expected = measured()
+    set_threads(threads)
+    assert not same(measured(), expected) and counted[0] > 0
+
+
+def test_a_parameter_is_set_before_anything_else(together):
+    """The factor of body forces, before beads were ever put in order."""
+    found = []
+    for threads in (1, 2):
+        set_threads(threads)
+        built = dpd.build(polymers(), dt=0.01, scheme="middle", seed=SEED, platform="CPU")
+        simulation = built.simulation()
+        simulation.context.setParameter("dpd_body_force", 2.0)
+        simulation.step(20)
+        found.append(everything(simulation.context, built))
+    assert not same(*found)
+
+
+def test_shared_by_as_many_as_have_room():
+    """Kernels that were recorded with more threads are played with fewer: each has room for its own."""
+    layout = SimpleNamespace(address=0, places={}, name="kernel")
+    tape = Tape()
+    tape.calls = [KernelCall(layout, b"12345678", parts, ()) for parts in (1, 4, 3, 4)]  # type: ignore[arg-type]
+    assert Recording(tape, 0, 0, [], lambda *arguments: None).threads == 3
 
 
 def polymers(beads: int = 600) -> dpd.Scene:

@@ -2,6 +2,7 @@
 
 import os
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +88,33 @@ def test_an_error_before_any_line(kind, scale, threads, files, called, monkeypat
             if not all(map(np.array_equal, forces_at(engine, places[which], scene), expected[which])):
                 wrong.append((at, trace.functions[at - 1], which))
     assert not wrong
+
+
+def test_an_error_before_any_line_of_changing_seats():
+    """The next change is that of a new engine, and what the scene has given stays as it was."""
+    scene = KINDS["two layers"]()
+    spec = dpd.build(scene, dt=0.01, scheme="middle", platform="CPU", conservative="kernel", seed=SEED).plan.spec
+    spec = replace(spec, inv_mass=np.linspace(0.5, 1.0, len(spec.types)))
+    names = np.random.default_rng(4).permutation(len(spec.types)).astype(np.uint32)
+    places = np.argsort(names).astype(np.uint32)
+    kept = spec.types.copy(), spec.inv_mass.copy()
+
+    def seated(at: int | None) -> list[np.ndarray]:
+        engine = PairEngine(spec)
+        if at is not None:
+            with pytest.raises(MemoryError), Lines(at, MemoryError(), f"{KERNELS}pairs"):
+                engine.seat(names, places)
+        with Lines(files=f"{KERNELS}pairs") as trace:
+            engine.seat(names, places)
+        lines.append(len(trace.functions))
+        engine.prepare(np.ascontiguousarray(scene.positions[names]), np.array(scene.box))
+        lists = engine.lists
+        return [
+            array for pairs in lists for array in (pairs.order, pairs.arrays.seats, pairs.arrays.inv_mass, pairs.arrays.types, pairs.beads)
+        ]
+
+    lines: list[int] = []
+    expected = seated(None)
+    for at in range(1, lines[0] + 1):
+        assert all(map(np.array_equal, seated(at), expected)), at
+    assert np.array_equal(spec.types, kept[0]) and np.array_equal(spec.inv_mass, kept[1])
