@@ -65,6 +65,10 @@ class PairEngine(Engine):
         """Remember the positions that were placed last, and have not changed since, for :meth:`prepare`."""
         self._x, self._kept = self._x.copy(), True
 
+    def resume(self, x: np.ndarray) -> None:
+        """See :meth:`.interface.Engine.resume`."""
+        self._x, self._kept = x, False
+
     def sums(self, which: int, v, kT, dt, seed, counter, field_values=None, out=None, held=None) -> Totals:
         """See :meth:`.interface.Engine.sums`."""
         force = np.empty((len(self.spec.types), 3)) if out is None else out

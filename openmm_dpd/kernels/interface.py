@@ -33,6 +33,10 @@ class Engine(Protocol):
         """Remember the positions that were placed last, and have not changed since."""
         ...
 
+    def resume(self, x: np.ndarray) -> None:
+        """Take x, which are the positions that are kept, as if they had just been placed."""
+        ...
+
     def sums(
         self,
         which: int,

@@ -88,6 +88,8 @@ class StepLoop:
         try:
             self.moment, self._given = None, given
             self.placed = self.engine.holds(moment.x, moment.box)
+            if self.placed:  # what is recorded reads the array that beads move in
+                self.engine.resume(moment.x)
             force = None
             while done < n:
                 CTRL_C.check()

@@ -126,12 +126,13 @@ def _just_enough(self):
 
 
 @pytest.mark.parametrize("scheme", ["middle", "B A/2 S A/2", "B/2 O A B/2", "B/2 O/2 B/2 A O/2"])
+@pytest.mark.parametrize("kind", ["dpd", "bonded"])
 @pytest.mark.parametrize("threads", [1, 2])
-def test_measured_between_calls(scheme, threads, monkeypatch, counted, together):
+def test_measured_between_calls(kind, scheme, threads, monkeypatch, counted, together):
     """So that the force is there when beads get seats, at another step size too, in words that sweep before beads drift too."""
 
     def measured() -> dict[str, np.ndarray]:
-        simulation = running(built := made("dpd", scheme))
+        simulation = running(built := made(kind, scheme))
         for dt in (0.01, 0.02):
             simulation.integrator.setStepSize(dt)
             for count in (STEPS, 2 * STEPS):
