@@ -64,6 +64,7 @@ def test_beads_in_the_fluid_of_groot_and_warren(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @any_seed(1)
 def test_a_repulsion_from_log_p_gives_that_log_p(seed):
     """Two beads on a spring between solvents of single beads and of pairs."""

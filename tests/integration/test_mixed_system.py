@@ -271,8 +271,9 @@ def test_what_is_not_measured_of_atoms_and_beads():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @any_seed(3)
-@pytest.mark.parametrize("platform", ["CPU", pytest.param("Reference", marks=pytest.mark.long)])
+@pytest.mark.parametrize("platform", ["CPU", "Reference"])
 def test_temperature_of_atoms_and_of_beads(platform, seed):
     """Both at 300 K; friction between them, none among the atoms."""
     topology, system, x = atoms()
