@@ -20,8 +20,8 @@ SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
 BARE = SEMANTICS | NO_REFERENCE_COUNTS
-#: Decorators of functions that kernels call: compiled on their own, without a way in from Python, which takes a quarter of the compiler's
-#: time; or put in where they are called.
+#: Decorators of functions that kernels call: compiled on their own, without a way in from Python, and optimised with those that call them,
+#: since each for itself takes a third of the compiler's time; or put in where they are called.
 helper = numba.njit(**BARE, **ONLY_LINKED)
 inlined = numba.njit(inline="always", **BARE)
 #: Compiled on their own, and put in by LLVM where they are called: what is called often with many arrays, each of which is seven arguments.

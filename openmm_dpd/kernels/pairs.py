@@ -110,6 +110,7 @@ class PairList:
         self._placed, self._complete = cells.Grid(np.eye(3), np.zeros(3), False, 1, 1, 1), True
         self._passing = self._room(0)
         self._scratch = Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
+        #: what each thread does, and how many lists there were, see :data:`_SHARED`
         self._shares: Shares | None = None
         self._age = 0
         #: see :class:`Pairs`

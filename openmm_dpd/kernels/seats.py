@@ -31,9 +31,9 @@ class Seats:
         """Do up to n steps for the loop of a run, ``main``, whose engine has seen its beads; ``given``: its force is that at the positions
         of the moment.  Returns how many were done, and whether its force is that at the positions after them; None if they failed."""
         loop, seated = self.loop, self._longest(m)
+        n = min(n, seated)
         if not len(self._names) or self._steps + n // 2 > seated:
             self._seat(main.engine)
-        n = min(n, seated)
         there = replace(m, x=self._room[0], v=self._room[1], acc=None if m.acc is None else self._room[2])
         for rows, out in ((m.x, there.x), (m.v, there.v), (m.acc, there.acc), (main.force if given else None, loop.force)):
             if rows is not None:

@@ -38,8 +38,10 @@ def blocks_of(ny: int, nz: int) -> Blocks:
     (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too.  Four colours
     at most, since threads wait for each other at the end of every colour.  Two threads can share four layers, or eight, and not six.
     """
-    along_y, along_z = (max(n - n % (4 if n >= least else 2), 1) for n, least in ((ny // 2, np.inf), (nz, 4)))
-    columns, (y_edges, z_edges) = np.arange(ny * nz).reshape(nz, ny), (np.arange(k + 1) * n // k for n, k in ((ny, along_y), (nz, along_z)))
+    along_y = max(ny // 2 - ny // 2 % 2, 1)
+    along_z = nz - nz % 4 if nz >= 4 else max(nz - nz % 2, 1)
+    columns = np.arange(ny * nz).reshape(nz, ny)
+    y_edges, z_edges = np.arange(along_y + 1) * ny // along_y, np.arange(along_z + 1) * nz // along_z
     blocks = [block.ravel() for layer in np.split(columns, z_edges[1:-1]) for block in np.split(layer, y_edges[1:-1], axis=1)]
     return Blocks(blocks, np.arange(along_y * along_z).reshape(along_z, along_y))
 
