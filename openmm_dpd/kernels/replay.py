@@ -1,5 +1,6 @@
 """Steps that were recorded on a :class:`.tape.Tape`, played again in compiled code."""
 
+import time
 from collections.abc import Callable
 from struct import Struct
 
@@ -13,6 +14,8 @@ from .team import be_patient, crowded, meet
 from .threads import rest
 
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
+#: Ctrl-C is heard between steps that are done at once: at first so many, then as many as take so many seconds.
+_AT_FIRST, _ANSWERS = 10, 0.1
 #: So many rounds of looking at another thread, for each component of a bead, take less time than any kernel.
 _ROUNDS = 1
 
@@ -97,6 +100,8 @@ class Recording:
         # as many as each that is shared has room for; extras may have been shared by more than pairs
         self.threads = min((call.parts for call in tape.calls if call.parts > 1), default=1)
         self.names = [call.layout.name for call in tape.calls]
+        #: how many are to be done at once
+        self.at_once = _AT_FIRST
 
     def begins_with(self, *arrays: np.ndarray | None) -> bool:
         """Whether these are the arrays that the step begins with, apart from those that there are none of."""
@@ -112,7 +117,9 @@ class Recording:
             return 0, False
         keys, told = self._keys.copy(), np.zeros(4, np.int64)
         keys[:, 2] += np.uint64(counter)
+        before = time.monotonic()
         begun = bool(_play_kernel(self._calls, keys, *ramped[:3], self._kept, told, spent, steps, parts=self.threads))
+        self.at_once = int(min(max(1.0, steps * _ANSWERS / max(time.monotonic() - before, 1e-6)), 2 * steps + 2))
         if begun:
             for array, copy in zip(self._state, self._before, strict=True):
                 array[...] = copy

@@ -12,7 +12,7 @@ from .motion import take_rows
 
 #: Beads are put in order again when one of thermal velocity could have gone so many times as far as is watched, and after no fewer and
 #: no more steps than these.
-RESEATED, SOONEST, LATEST = 6.0, 10, 200
+RESEATED, SOONEST, LATEST = 3.0, 10, 200
 
 
 class Seats:

@@ -149,14 +149,14 @@ class StepLoop:
         self._recorded = recording, self._known(m), self._conditions(m)
 
     def _play(self, m: Moment, steps: int) -> int:
-        """Repeat the recorded step, if there is one that fits; returns how many steps were done."""
+        """Repeat the recorded step for a while, if there is one that fits; returns how many steps were done."""
         recorded, self._recorded = self._recorded, None  # it is kept if all goes well
         if recorded is None:
             return 0
         recording, known, conditions = recorded
         if not recording.begins_with(m.x, m.v, m.acc) or conditions != self._conditions(m):
             return 0
-        again = Tape()
+        steps, again = min(steps, recording.at_once), Tape()
         with again.recording():  # what was known before the recorded step, and is used in it
             if known[0] and self.spec.looks_first:
                 self._place(m)

@@ -30,7 +30,7 @@ _LOGGER = logging.getLogger("openmm_dpd")
 #: Steps after which what has been reached is remembered.  OpenMM's Simulation.step() asks for no more than that at once.
 PIECE = 10
 #: The same where nothing but the loop of whole steps acts: as many as it does in so many seconds, and no more than that.
-STRAIGHT, MOST = 0.25, 1000
+STRAIGHT, MOST = 1.0, 10_000
 
 #: Seconds after which it is on a device.
 REMEMBERED = 10.0
