@@ -330,6 +330,24 @@ def deliver(pairs, data, begin, end):
 
 
 @helper
+def gather_and_clear_rates(pairs, data, begin, end):
+    """:func:`gather_and_clear`, and begin with no ``rates`` (M, K) of fields."""
+    gather_and_clear(pairs, data, begin, end)
+    for k in range(begin, end):
+        for column in range(data.rates.shape[1]):
+            data.rates[k, column] = 0.0
+
+
+@helper
+def deliver_rates(pairs, data, begin, end):
+    """:func:`deliver`, and add the ``rates`` to ``changing`` (N, K)."""
+    deliver(pairs, data, begin, end)
+    for k in range(begin, end):
+        for column in range(data.rates.shape[1]):
+            data.changing[pairs.seats[k], column] += data.rates[k, column]
+
+
+@helper
 def gather_and_clear_both(pairs, data, begin, end):
     """:func:`gather_and_clear` where conservative forces ``c`` (M, 3) are added up apart too."""
     gather_and_clear(pairs, data, begin, end)

@@ -33,13 +33,14 @@ import numpy as np
 
 from ..base.errors import RunError
 from ..base.wording import bead_names, bead_number, in_number
+from . import motion
 from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
-from .compiled import inlined
+from .compiled import helper, inlined
 from .elementary import power
 from .energy import passes
 from .eos import log_ratio
+from .fields import NO_INCREMENTS, sort_temperatures
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
-from .motion import add_listed
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
@@ -83,51 +84,49 @@ class ThermalTable:
 class ThermalLayer:
     """Evaluates a :class:`ThermalTable`.  The first column of the fields is the temperature."""
 
+    repeats = True
+
     def __init__(self, table: ThermalTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.capacity is not None
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         self.number, self.lammps, self.capacity = number, table.lammps, spec.fields.capacity
         self.coefficients, self._motion = table.coefficients(), SortedMotion(self.pairs)
+        # scratch, in the order of the pair list, and for each column
+        self._before, self._temperature, self._capacity, self._other = np.zeros((4, len(self.pairs.order)))
+        self._failed = np.zeros((0, 2))
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
-        """Force form at the listed positions, written or added to ``out``; rates (M, 1) are dT/dt."""
-        assert call.field_values is not None
-        pairs, m = self.pairs, len(self.pairs.order)
-        temperature = self._temperatures(call.field_values)
+        """Force form at the listed positions, written or added to ``out``; rates (N, 1) are dT/dt."""
         # the heat of the noise depends on velocities too
-        assert call.velocities is not None or not call.which & (DISSIPATIVE | RANDOM)
-        capacity = np.take(self.capacity, pairs.order)
-        heat, failed = np.zeros(m), self._none_failed()
+        assert call.rates is not None and (call.velocities is not None or not call.which & (DISSIPATIVE | RANDOM))
+        self._begin(call, NO_INCREMENTS)
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = self.coefficients, capacity, temperature
-        motion = self._motion.arrays(call, out, add)
-        given = Heat(call.which, self.lammps, *noise, *of_beads, heat, failed, *motion)
-        totals = thermal_forces(pairs, given)
-        self._check_conduction(failed)
-        return Sums(totals.energy, totals.virial, totals.drag, rates=(heat / capacity)[:, None])
+        of_beads = self._capacity, self._temperature, self._other, self._failed, call.rates
+        given = Heat(call.which, self.lammps, *noise, self.coefficients, *of_beads, *self._motion.arrays(call, out, add))
+        found = Sums(*thermal_forces(self.pairs, given))
+        self._check_conduction()
+        return found
 
-    def _temperatures(self, field_values: np.ndarray) -> np.ndarray:
-        """(M,) temperatures in the order of the list; RunError if one is not > 0."""
-        order = self.pairs.order
-        temperature = np.take(field_values[:, 0], order)
-        bad = np.flatnonzero(~(temperature > 0.0))
-        if len(bad):
-            bead = order[bad].min()
+    def _begin(self, call: Call, increments: np.ndarray) -> None:
+        """Sort temperatures and heat capacities; RunError if a temperature is not > 0.  No pair has failed yet."""
+        assert call.field_values is not None
+        order, found = self.pairs.order, (self._before, self._temperature, self._capacity)
+        if sort_temperatures(order, self.pairs.arrays.seats, call.field_values, increments, self.capacity, *found):
+            bad = np.flatnonzero(~(self._before > 0.0))
+            first = bad[order[bad].argmin()]
             raise RunError(
-                f"the temperature of bead {bead_number(bead)} is {in_number(field_values[bead, 0], 'thermal_energy')}; it must be > 0 (the "
-                "step size may be too large, the heat capacity too small for the noise of the heat, or a source take what is not there)"
+                f"the temperature of bead {bead_number(order[first])} is {in_number(self._before[first], 'thermal_energy')}; it must be > "
+                "0 (the step size may be too large, the heat capacity too small for its noise, or a source take what is not there)"
             )
-        return temperature
+        if len(self._failed) != len(self.pairs.arrays.found):
+            self._failed = np.zeros((len(self.pairs.arrays.found), 2))
+        motion.clear(self._failed)
 
-    def _none_failed(self) -> np.ndarray:
-        """(columns, 2) for a pair whose conduction is negative, and its temperature."""
-        return np.full((len(self.pairs.arrays.found), 2), -1.0)
-
-    def _check_conduction(self, failed: np.ndarray) -> None:
-        bad = np.flatnonzero(failed[:, 0] >= 0)
-        if not len(bad):
+    def _check_conduction(self) -> None:
+        if not motion.marked(self._failed):
             return
-        pairs, n, mean = self.pairs.arrays, int(failed[bad[0], 0]), failed[bad[0], 1]
+        pairs, failed = self.pairs.arrays, self._failed[np.flatnonzero(self._failed[:, 0])[0]]
+        n, mean = int(failed[0]) - 1, failed[1]
         i, j = pairs.pi[n], pairs.pj[n]
         row = self.coefficients[pairs.types[i] * pairs.ntypes + pairs.types[j]]
         kappa = row[KAPPA] * float(np.polynomial.polynomial.polyval(mean - 1.0, [1.0, *row[KAPPA_POLYNOMIAL : KAPPA_POLYNOMIAL + 4]]))
@@ -139,15 +138,11 @@ class ThermalLayer:
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``increments`` what the temperatures change by."""
-        assert call.field_values is not None and increments is not None
-        pairs, order = self.pairs, self.pairs.order
-        before = self._temperatures(call.field_values + increments)
-        temperature, failed, capacity = before.copy(), self._none_failed(), np.take(self.capacity, order)
-        yielding = np.where(pairs.arrays.inv_mass > 0.0, 1.0 / capacity, 0.0)
-        of_beads = capacity, yielding, temperature, failed, v, self._motion.v
-        thermal_sweep(pairs, ThermalExchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads))
-        self._check_conduction(failed)
-        add_listed((temperature - before)[:, None], order, increments)
+        assert increments is not None
+        self._begin(call, increments)
+        of_beads = self._capacity, self._other, self._before, self._temperature, self._failed, increments, v, self._motion.v
+        thermal_sweep(self.pairs, ThermalExchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads))
+        self._check_conduction()
 
     def laplacian(self) -> float:
         """NaN: not defined for forces that depend on temperatures."""
@@ -179,8 +174,8 @@ def _friction_at(coefficients, row, r, mean):
 def _conductivity(coefficients, row, mean, failed, n, column):
     """k at the mean temperature of a pair; a negative one is written down."""
     kappa = coefficients[row, KAPPA] * temperature_factor(coefficients, row, KAPPA_POLYNOMIAL, mean - 1.0)
-    if kappa < 0.0 and failed[column, 0] < 0.0:
-        failed[column, 0], failed[column, 1] = n, mean
+    if kappa < 0.0 and failed[column, 0] == 0.0:
+        failed[column, 0], failed[column, 1] = n + 1, mean
     return kappa
 
 
@@ -219,8 +214,8 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
 
 
 class Heat(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``failed``: (columns, 2) a pair whose conduction is negative, or -1, and its
-    temperature.  See also :class:`.layer.SortedMotion`."""
+    """What the force form reads and writes beside the pairs; ``failed``: (columns, 2) 1 + the number of a pair whose conduction is
+    negative, or 0, and its temperature; ``changing``: (N, 1) where rates go to.  See also :class:`.layer.SortedMotion`."""
 
     which: int
     lammps: bool
@@ -231,6 +226,7 @@ class Heat(NamedTuple):
     temperature: np.ndarray
     heat: np.ndarray
     failed: np.ndarray
+    changing: np.ndarray
     seen: np.ndarray
     v: np.ndarray
     f: np.ndarray
@@ -273,12 +269,27 @@ def _pair_heat(pairs, data, scratch, n, k, column):
     return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
 
 
-thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear, last=deliver)
+@helper
+def _gather(pairs, data, begin, end):
+    gather_and_clear(pairs, data, begin, end)
+    for k in range(begin, end):
+        data.heat[k] = 0.0
+
+
+@helper
+def _deliver(pairs, data, begin, end):
+    deliver(pairs, data, begin, end)
+    for k in range(begin, end):
+        data.changing[pairs.seats[k], 0] += data.heat[k] / data.capacity[k]
+
+
+thermal_forces = over_pairs("thermal_forces", _pair_heat, first=_gather, last=_deliver)
 
 
 class ThermalExchange(NamedTuple):
-    """What the sweep form reads and writes beside the pairs: ``velocities`` (N, 3) are changed; sorted, M: ``capacity``, ``yielding``
-    (1/capacity, 0 where the temperature stays), ``temperature``, which is changed; ``failed`` as in :class:`Heat`."""
+    """What the sweep form reads and writes beside the pairs: ``velocities`` (N, 3) and ``increments`` (N, 1) are changed; sorted, M:
+    ``capacity``, ``yielding`` (1/capacity, 0 where the temperature stays), temperatures ``before`` and ``temperature``, which is changed;
+    ``failed`` as in :class:`Heat`."""
 
     update: int
     dt: float
@@ -286,8 +297,10 @@ class ThermalExchange(NamedTuple):
     coefficients: np.ndarray
     capacity: np.ndarray
     yielding: np.ndarray
+    before: np.ndarray
     temperature: np.ndarray
     failed: np.ndarray
+    increments: np.ndarray
     velocities: np.ndarray
     v: np.ndarray
 
@@ -365,4 +378,18 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     return 0.0, 0.0, 0.0
 
 
-thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, first=gather_velocities, last=scatter_velocities)
+@helper
+def _gather_swept(pairs, data, begin, end):
+    gather_velocities(pairs, data, begin, end)
+    for k in range(begin, end):
+        data.yielding[k] = 1.0 / data.capacity[k] if pairs.inv_mass[k] > 0.0 else 0.0
+
+
+@helper
+def _scatter_swept(pairs, data, begin, end):
+    scatter_velocities(pairs, data, begin, end)
+    for k in range(begin, end):
+        data.increments[pairs.seats[k], 0] += data.temperature[k] - data.before[k]
+
+
+thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, first=_gather_swept, last=_scatter_swept)

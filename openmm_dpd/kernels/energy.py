@@ -30,14 +30,15 @@ import numpy as np
 from ..base.errors import RunError
 from ..base.wording import bead_number, in_units
 from . import forces
-from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
-from .compiled import compiled, helper, inlined
+from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
+from .compiled import helper, inlined
 from .elementary import exp
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_range, inverse_temperature, log_ratio
+from .fields import NO_INCREMENTS, sort_energies
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
-from .sweeps import decay, relaxed
+from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, SIGMA, KAPPA = range(4)
@@ -62,67 +63,58 @@ class EnergyTable:
 class EnergyLayer:
     """Evaluates an :class:`EnergyTable`.  The first two columns of the fields are the conductive and the mechanical energy."""
 
+    repeats = True
+
     def __init__(self, table: EnergyTable, spec: PairSpec, number: int):
         assert spec.fields is not None and isinstance(spec.fields.eos, EOSTable)
         self.fields, self.eos, self.number = spec.fields, spec.fields.eos, number
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         self.coefficients = table_of(table.A, table.cutoff, table.sigma, table.kappa)
         # scratch, in the order of the pair list
-        m = len(self.pairs.order)
-        self._motion = SortedMotion(self.pairs)
-        self._sorted = self._motion.v, *np.zeros((3, m)), np.zeros(m, np.int32), np.zeros((m, 2))
+        self._motion, m = SortedMotion(self.pairs), len(self.pairs.order)
+        self._u, self._inverse, self._capacity = np.zeros((3, m))
+        self._curve, self._changes = np.zeros(m, np.int32), np.zeros((m, 2))
 
-    def _thetas(self, energies: np.ndarray, when: str) -> np.ndarray:
-        """(N,) thetas; RunError if an energy has none."""
-        theta = self.eos.thetas(energies)
-        bad = np.flatnonzero(np.isnan(theta))
-        if len(bad):
+    def _find_temperatures(self, energies: np.ndarray, increments: np.ndarray, when: str) -> None:
+        """Sort internal energies, and 1/theta; RunError if an energy has none."""
+        order, seats, eos = self.pairs.order, self.pairs.arrays.seats, self.eos
+        if sort_energies(order, seats, energies, increments, eos.capacity, eos.curve, *eos.curves, self._u, self._inverse):
+            bad = np.flatnonzero(np.isnan(eos.of(order).thetas(self._u)))
+            first = bad[order[bad].argmin()]
             raise RunError(
-                f"the internal energy {in_units(energies[bad[0]], 'energy')} of bead {bead_number(bad[0])} {when} is outside its equation "
-                "of state; the step size may be too large for this scheme (middle, aboba and bababo never leave the range)"
+                f"the internal energy {in_units(self._u[first], 'energy')} of bead {bead_number(order[first])} {when} is outside its "
+                "equation of state; the step size may be too large for this scheme (middle, aboba and bababo never leave the range)"
             )
-        return theta
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``."""
         pairs, motion = self.pairs, self._motion.arrays(call, out, add)
         if not call.which & (DISSIPATIVE | RANDOM):
             return Sums(*forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion)))
-        assert call.field_values is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
-        inverse = 1.0 / np.take(self._thetas(call.field_values[:, 0] + call.field_values[:, 1], "within the step"), pairs.order)
-        rates = np.zeros((len(inverse), 2))
+        assert call.field_values is not None and call.rates is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
+        self._find_temperatures(call.field_values, NO_INCREMENTS, "within the step")
         noise = call.key(self.number), call.rsqrt_dt
-        given = Rates(call.which, *noise, self.coefficients, inverse, rates, *motion)
-        found = energy_forces(pairs, given)
-        return Sums(found.energy, found.virial, found.drag, rates=rates)
+        of_beads = self._inverse, self._changes, call.rates, *motion
+        return Sums(*energy_forces(pairs, Rates(call.which, *noise, self.coefficients, *of_beads)))
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``increments`` the conductive and mechanical energy each bead got."""
         assert call.field_values is not None and increments is not None
-        before = totals(call.field_values, increments)
-        theta = self._thetas(before, "before the sweep")
-        of_beads = v, increments, before, theta, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
-        exchange = Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *self._sorted)
-        energy_sweep(self.pairs, exchange)
+        self._find_temperatures(call.field_values, increments, "before the sweep")
+        of_beads = v, increments, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
+        in_order = self._motion.v, self._u, self._inverse, self._capacity, self._curve, self._changes
+        energy_sweep(self.pairs, Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *in_order))
         if call.update != EXACT:
-            self._thetas(totals(call.field_values, increments), "after the sweep")
+            self._find_temperatures(call.field_values, increments, "after the sweep")
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
         return forces.soft_laplacian(self.pairs, self.coefficients)
 
 
-@compiled
-def totals(energies, increments):
-    """(N,) internal energies, the conductive and the mechanical part of (N, 2) of two arrays added up."""
-    result = np.empty(len(energies))
-    for i in range(len(energies)):
-        result[i] = (energies[i, 0] + energies[i, 1]) + (increments[i, 0] + increments[i, 1])
-    return result
-
-
 class Rates(NamedTuple):
-    """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs; see also :class:`.layer.SortedMotion`."""
+    """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs (``rates``: (M, 2), and ``changing``: (N, 2)
+    where they go to); see also :class:`.layer.SortedMotion`."""
 
     which: int
     key: np.uint64
@@ -130,6 +122,7 @@ class Rates(NamedTuple):
     coefficients: np.ndarray
     inverse: np.ndarray
     rates: np.ndarray
+    changing: np.ndarray
     seen: np.ndarray
     v: np.ndarray
     f: np.ndarray
@@ -169,7 +162,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
     return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
 
 
-energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear, last=deliver)
+energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear_rates, last=deliver_rates)
 
 
 @helper
@@ -201,10 +194,8 @@ def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
         high = min(high, total if kj == CONSTANT else total - nodes[start[kj]])
     for _ in range(40):
         middle = 0.5 * (low + high)
-        warmer = inverse_temperature(middle, ci, ki, start, nodes, pieces) < inverse_temperature(
-            total - middle, cj, kj, start, nodes, pieces
-        )
-        if warmer:
+        here = inverse_temperature(middle, ci, ki, start, nodes, pieces)
+        if here < inverse_temperature(total - middle, cj, kj, start, nodes, pieces):
             high = middle
         else:
             low = middle
@@ -312,10 +303,9 @@ def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
 class Exchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs.
 
-    The beads in the order of their numbers, N: ``velocities`` (N, 3) and ``increments`` (N, 2) are changed; ``energies`` and ``theta``:
-    internal energies and temperatures before; ``capacities`` and ``numbers``: equations of state, with the curves ``start``, ``nodes``,
-    ``pieces``; ``immobile``: those whose energies stay.  Sorted, M: ``v``, ``u``, ``frozen`` (1/temperatures before), ``capacity``,
-    ``curve``, ``changes`` (M, 2).
+    Beads where they are, N: ``velocities`` (N, 3) and ``increments`` (N, 2) are changed.  In the order of their numbers: ``capacities`` and
+    ``numbers``, equations of state, with the curves ``start``, ``nodes``, ``pieces``; ``immobile``: those whose energies stay.  Sorted, M:
+    ``v``, ``u`` and ``frozen`` (internal energies and 1/temperatures before), ``capacity``, ``curve``, ``changes`` (M, 2).
     """
 
     update: int
@@ -324,8 +314,6 @@ class Exchange(NamedTuple):
     coefficients: np.ndarray
     velocities: np.ndarray
     increments: np.ndarray
-    energies: np.ndarray
-    theta: np.ndarray
     capacities: np.ndarray
     numbers: np.ndarray
     start: np.ndarray
@@ -342,22 +330,19 @@ class Exchange(NamedTuple):
 
 @helper
 def _gather(pairs, data, begin, end):
-    velocities, v, order, changes = data.velocities, data.v, pairs.order, data.changes
+    order, changes = pairs.order, data.changes
+    gather_velocities(pairs, data, begin, end)
     for k in range(begin, end):
-        i = order[k]
-        v[k, 0], v[k, 1], v[k, 2] = velocities[i, 0], velocities[i, 1], velocities[i, 2]
-        data.u[k], data.frozen[k] = data.energies[i], 1.0 / data.theta[i]
-        data.capacity[k], data.curve[k] = data.capacities[i], data.numbers[i]
+        data.capacity[k], data.curve[k] = data.capacities[order[k]], data.numbers[order[k]]
         changes[k, 0] = changes[k, 1] = 0.0
 
 
 @helper
 def _scatter(pairs, data, begin, end):
-    velocities, v, order, changes, increments = data.velocities, data.v, pairs.order, data.changes, data.increments
+    order, seats, changes, increments = pairs.order, pairs.seats, data.changes, data.increments
+    scatter_velocities(pairs, data, begin, end)
     for k in range(begin, end):
-        i = order[k]
-        velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
-        stays = data.immobile[i]
+        i, stays = seats[k], data.immobile[order[k]]
         increments[i, 0] = 0.0 if stays else increments[i, 0] + changes[k, 0]
         increments[i, 1] = 0.0 if stays else increments[i, 1] + changes[k, 1]
 

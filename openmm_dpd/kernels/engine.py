@@ -80,13 +80,11 @@ class PairEngine(Engine):
         conservative = None if held is None else 0.0
         if which & RANDOM and kT == 0.0 and self.spec.fields is None:
             which &= ~RANDOM
-        call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values, held=held)
+        call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values, held=held, rates=self.rates)
         if self.spec.fields is not None:
-            self.rates[...] = 0.0
+            motion.clear(self.rates)
         for number, layer in enumerate(self.layers):
             result = layer.forces(call, force, number > 0)
-            if result.rates is not None:
-                motion.add_listed(result.rates, layer.pairs.order, self.rates)
             if stress is not None:
                 if result.stress is None:
                     raise RunError(f"{type(layer).__name__} has no stress tensor")
@@ -118,7 +116,9 @@ class PairEngine(Engine):
         given = None
         if self.spec.fields is not None:
             given = self._given_by_sources(0.5 * dt)
-            self.increments[...] = 0.0 if given is None else given
+            motion.clear(self.increments)
+            if given is not None:
+                self.increments += given
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         for layer in self.layers:
             layer.sweep(call, out, self.increments)
@@ -160,11 +160,13 @@ class PairEngine(Engine):
         # pairs of many beads that somebody has had stored are not there in the next step; and one thread alone gains nothing with them, but
         # would have to keep the state before each step
         unlike = any(pairs.many and (pairs.stored or pairs.threads == 1) for pairs in self.lists)
-        return self._covered and not unlike and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])
+        steady = self._covered and not unlike and (self.spec.fields is None or not self.spec.fields.sources)
+        return steady and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])
 
     def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
         """See :class:`.interface.Engine`."""
-        return self.layers[layer].table.coefficients_at(heats)  # type: ignore[attr-defined]  # all that repeat have it
+        table = getattr(self.layers[layer], "table", None)
+        return None if table is None else table.coefficients_at(heats)
 
     def sorted_beads(self) -> np.ndarray:
         """See :class:`.interface.Engine`."""

@@ -7,7 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from .eos import EOSTable
+from .eos import EOSTable, in_range, inverse_temperature
+from .motion import counting
 
 #: Kinds of fields.
 ENERGY, TEMPERATURE, SPECIES = "energy", "temperature", "species"
@@ -51,3 +52,36 @@ class FieldSpec:
         eos = None if self.eos is None else self.eos.of(beads)
         capacity = None if self.capacity is None else self.capacity[beads]
         return FieldSpec(self.kind, self.initial[beads], self.immobile[beads], capacity, eos)
+
+
+#: Where nothing is to be added to fields.
+NO_INCREMENTS = np.zeros((0, 1))
+
+
+@counting
+def sort_energies(begin, end, order, seats, energies, increments, capacities, numbers, start, nodes, pieces, u, inverse):
+    """Sort internal energies, the conductive and the mechanical part of (N, 2) of two arrays added up (the second may be of length 0), into
+    ``u`` (M,), and 1/theta into ``inverse`` (M,); returns how many have none."""
+    count = 0
+    for k in range(begin, end):
+        i, n = seats[k], order[k]
+        u[k] = energies[i, 0] + energies[i, 1]
+        if len(increments):
+            u[k] += increments[i, 0] + increments[i, 1]
+        count += not in_range(u[k], capacities[n], numbers[n], start, nodes)
+        # of theta itself, which is what others read
+        inverse[k] = 1.0 / (1.0 / inverse_temperature(u[k], capacities[n], numbers[n], start, nodes, pieces))
+    return count
+
+
+@counting
+def sort_temperatures(begin, end, order, seats, values, increments, capacities, before, temperature, capacity):
+    """Sort temperatures, ``values`` (N, 1) and ``increments`` (N, 1, or of length 0) added up, into both ``before`` and ``temperature``
+    (M,), and heat capacities into ``capacity`` (M,); returns how many temperatures are not > 0."""
+    count = 0
+    for k in range(begin, end):
+        i = seats[k]
+        before[k] = temperature[k] = values[i, 0] + increments[i, 0] if len(increments) else values[i, 0]
+        capacity[k] = capacities[order[k]]
+        count += not before[k] > 0.0
+    return count

@@ -37,6 +37,8 @@ class Call(NamedTuple):
     field_values: np.ndarray | None = None  #: (N, K) or None; values of the per-bead fields (see :mod:`.fields`)
     update: int = EXACT  # Pair update of a sweep: EXACT or SHARDLOW
     held: np.ndarray | None = None  #: (N, 3), or None; where conservative forces are wanted apart too, written or added as the others
+    #: (N, K), or None; change per time of the per-bead fields (for internal energies: conductive, mechanical), to which layers add theirs
+    rates: np.ndarray | None = None
 
     def key(self, number: int) -> np.uint64:
         """Key of the noise of layer number ``number``; 0 where none is asked for."""
@@ -64,8 +66,6 @@ class Sums:
     stress: np.ndarray | None = None
     laplacian: float | None = None  #: If it came with the forces; otherwise :meth:`Layer.laplacian` has it
     conservative: float | None = None  #: Virial of the conservative terms alone, where they are written apart
-    # (M, K) or None; change per time of the per-bead fields (for internal energies: conductive, mechanical), in the order of the pair list
-    rates: np.ndarray | None = None
 
 
 #: Velocities where there is no friction.

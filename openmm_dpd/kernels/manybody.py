@@ -56,6 +56,12 @@ class ManyBodyTable:
         of_dpd = self.A, self.cutoff, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, one, one
         return table_of(*of_dpd, self.B, self.cutoff_B, self.cutoff_density)
 
+    def coefficients_at(self, heats: np.ndarray) -> np.ndarray:
+        """(S, T*T, 11) the same at S thermal energies."""
+        tables = np.repeat(self.coefficients(1.0)[None], len(heats), axis=0)
+        tables[:, :, SIGMA] = np.sqrt((2.0 * heats)[:, None] * tables[:, :, GAMMA])
+        return tables
+
     def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return ManyBodyLayer(self, spec, number)
@@ -63,6 +69,8 @@ class ManyBodyTable:
 
 class ManyBodyLayer(SweptLayer):
     """Evaluates a :class:`ManyBodyTable`."""
+
+    repeats = True
 
     def __init__(self, table: ManyBodyTable, spec: PairSpec, number: int):
         start, bead, factor = spec.exceptions
@@ -72,13 +80,13 @@ class ManyBodyLayer(SweptLayer):
         self._n_beads = len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
         self._mass = np.resize(table.mass, self._n_beads).astype(np.float64)
+        # scratch, in the order of the pair list
+        self._sorted_mass, self._rho = np.zeros((2, len(pairs.order)))
 
     def _sorted_densities(self, coefficients: np.ndarray) -> np.ndarray:
         """Densities in the order of the pair list."""
-        pairs = self.pairs
-        rho = np.zeros(len(pairs.order))
-        density_sums(pairs, Density(self.table.lucy, coefficients, np.take(self._mass, pairs.order), rho))
-        return rho
+        density_sums(self.pairs, Density(self.table.lucy, coefficients, self._mass, self._sorted_mass, self._rho))
+        return self._rho
 
     @property
     def densities(self) -> np.ndarray:
@@ -120,12 +128,19 @@ def quadratic_weight(r, h):
 
 
 class Density(NamedTuple):
-    """What the sums of densities read and write beside the pairs."""
+    """What the sums of densities read and write beside the pairs; ``masses`` (N,) are in the order of numbers."""
 
     lucy: bool
     coefficients: np.ndarray
+    masses: np.ndarray
     mass: np.ndarray
     rho: np.ndarray
+
+
+@helper
+def _begin(pairs, data, begin, end):
+    for k in range(begin, end):
+        data.mass[k], data.rho[k] = data.masses[pairs.order[k]], 0.0
 
 
 @inlined
@@ -144,7 +159,7 @@ def _pair_density(pairs, data, scratch, n, k, column):
     return 0.0, 0.0, 0.0
 
 
-density_sums = over_pairs("density_sums", _pair_density)
+density_sums = over_pairs("density_sums", _pair_density, first=_begin)
 
 
 class ManyBody(NamedTuple):

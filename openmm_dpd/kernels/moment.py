@@ -77,6 +77,12 @@ class Moment:
     unkicked: np.ndarray | None = None
     sheared: float | None = None  #: Time that has been sheared, which the box vectors belong to; None without a shear
 
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What there is of positions, velocities, fields, their rates, and accelerations, by name."""
+        each = {"x": self.x, "v": self.v, "values": self.values, "rates": self.rates, "acc": self.acc}
+        return {name: rows for name, rows in each.items() if rows is not None}
+
 
 #: Forces (N, 3) of others at the positions of a moment, after so many of the steps that are being done.
 SlowForces = Callable[[Moment, int], np.ndarray]

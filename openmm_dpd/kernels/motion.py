@@ -69,19 +69,45 @@ def add_to_moving(begin, end, values, changes, inv_mass):
 
 
 @over_beads
-def add_listed(begin, end, changes, order, values):
-    """Add changes (M, K) to the values (N, K) of the beads that ``order`` (M,) names."""
+def take_rows(begin, end, out, rows, names):
+    """Write the rows (N, K) with these numbers to ``out``, in their order."""
     for i in range(begin, end):
-        for k in range(values.shape[1]):
-            values[order[i], k] += changes[i, k]
+        n = names[i]
+        for k in range(rows.shape[1]):
+            out[i, k] = rows[n, k]
 
 
 @over_beads
-def take_rows(begin, end, out, rows, names):
-    """Write the rows (N, 3) with these numbers to ``out``, in their order."""
+def take_moving(begin, end, out, values, inv_mass):
+    """Write the values (N, K) of beads that move to ``out``, and 0 for those that do not."""
     for i in range(begin, end):
-        n = names[i]
-        out[i, 0], out[i, 1], out[i, 2] = rows[n, 0], rows[n, 1], rows[n, 2]
+        for k in range(values.shape[1]):
+            out[i, k] = values[i, k] if inv_mass[i] > 0.0 else 0.0
+
+
+@over_beads
+def advance(begin, end, values, rates, time):
+    """Add what the rates (N, K) make in a time to the values (N, K)."""
+    for i in range(begin, end):
+        for k in range(values.shape[1]):
+            values[i, k] += time * rates[i, k]
+
+
+@over_beads
+def clear(begin, end, values):
+    """Set the values (N, K) to 0."""
+    for i in range(begin, end):
+        for k in range(values.shape[1]):
+            values[i, k] = 0.0
+
+
+@counting
+def marked(begin, end, marks):
+    """How many rows of (N, K) do not begin with 0."""
+    count = 0
+    for i in range(begin, end):
+        count += marks[i, 0] != 0.0
+    return count
 
 
 @over_beads

@@ -103,10 +103,9 @@ class Recording:
         #: how many are to be done at once
         self.at_once = _AT_FIRST
 
-    def begins_with(self, *arrays: np.ndarray | None) -> bool:
-        """Whether these are the arrays that the step begins with, apart from those that there are none of."""
-        given = [array for array in arrays if array is not None]
-        return len(given) == len(self._state) and all(one is other for one, other in zip(given, self._state, strict=True))
+    def begins_with(self, *arrays: np.ndarray) -> bool:
+        """Whether these are the arrays that the step begins with."""
+        return len(arrays) == len(self._state) and all(one is other for one, other in zip(arrays, self._state, strict=True))
 
     def play(self, counter: int, steps: int, heats: np.ndarray | None = None, spent: np.ndarray = _UNTIMED) -> tuple[int, bool]:
         """Do up to so many steps like it, with this counter before them, and thermal energies ``heats`` (steps,) if these change; returns

@@ -21,10 +21,9 @@ class Seats:
 
     def __init__(self, loop: Any):
         self.loop = loop
-        beads = len(loop.inv_mass)
-        self._room = np.empty((beads, 3)), np.empty((beads, 3)), np.empty((beads, 3))
+        self._room: dict[str, np.ndarray] = {}
         #: the bead in each seat, the seat of each bead, and how many steps they have done there
-        self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(beads, np.uint32), 0
+        self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(len(loop.inv_mass), np.uint32), 0
         loop.inv_mass = loop.inv_mass.copy()
 
     def run(self, m: Moment, n: int, main: Any, given: bool) -> tuple[int, bool] | None:
@@ -34,10 +33,11 @@ class Seats:
         n = min(n, seated)
         if not len(self._names) or self._steps + n // 2 > seated:
             self._seat(main.engine)
-        there = replace(m, x=self._room[0], v=self._room[1], acc=None if m.acc is None else self._room[2])
-        for rows, out in ((m.x, there.x), (m.v, there.v), (m.acc, there.acc), (main.force if given else None, loop.force)):
-            if rows is not None:
-                take_rows(out, rows, self._names)
+        there = replace(m, **{name: self._room.setdefault(name, np.empty_like(rows)) for name, rows in m.arrays.items()})  # type: ignore[arg-type]
+        for name, rows in m.arrays.items():
+            take_rows(there.arrays[name], rows, self._names)
+        if given:
+            take_rows(loop.force, main.force, self._names)
         loop.engine.body_scale = main.engine.body_scale
         try:
             loop.carry_out(there, n, None, given)
@@ -46,11 +46,12 @@ class Seats:
         self._steps += n
         if there.acc is not None and m.acc is None:
             m.acc = np.empty_like(there.acc)
-        given = not loop.spec.predicts and loop.placed and loop.forced == loop.engine.number
+        given = loop.has_force
         main.forced = -1
-        for rows, out in ((there.x, m.x), (there.v, m.v), (there.acc, m.acc), (loop.force if given else None, main.force)):
-            if rows is not None:
-                take_rows(out, rows, self._places)
+        for name, rows in there.arrays.items():
+            take_rows(m.arrays[name], rows, self._places)
+        if given:
+            take_rows(main.force, loop.force, self._places)
         m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT
         return n, given
 

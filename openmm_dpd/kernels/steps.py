@@ -73,7 +73,8 @@ class StepLoop:
         if threads_for(len(moment.x)) > 1 and self.engine.number and self._repeats(moment, slow, n):
             if self._seats is None:
                 self._seats = Seats(StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True))  # type: ignore[call-arg]
-            given = not self.spec.predicts and self.forced == self.engine.number and self.engine.holds(moment.x, moment.box)
+            self.placed = self.engine.holds(moment.x, moment.box)
+            given = self.has_force
             while n - done > 3 and (found := self._seats.run(moment, n - 1 - done, self, given)):
                 more, given = found
                 done += more
@@ -130,8 +131,8 @@ class StepLoop:
     def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:
         """Whether a step does what the one before it has done, with other noise, and so many are enough for that to pay."""
         spec = self.spec
-        plain = slow is None and spec.driven is None and m.box is not None and m.sheared is None and m.values is None
-        return plain and steps > 2 and spec.lam == 0.5 and self.engine.repeats
+        plain = slow is None and spec.driven is None and m.box is not None and m.sheared is None
+        return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
     def _known(self, m: Moment) -> tuple[bool, ...]:
         """What a step need not do, since it has been done."""
@@ -144,8 +145,7 @@ class StepLoop:
 
     def _record(self, m: Moment, tape: Tape, counter: int) -> None:
         """Keep a step that can be repeated."""
-        state = [m.x, m.v] if m.acc is None else [m.x, m.v, m.acc]
-        recording = Recording(tape, counter, m.counter - counter, state, self.engine.tables)
+        recording = Recording(tape, counter, m.counter - counter, list(m.arrays.values()), self.engine.tables)
         self._recorded = recording, self._known(m), self._conditions(m)
 
     def _play(self, m: Moment, steps: int) -> int:
@@ -154,7 +154,7 @@ class StepLoop:
         if recorded is None:
             return 0
         recording, known, conditions = recorded
-        if not recording.begins_with(m.x, m.v, m.acc) or conditions != self._conditions(m):
+        if not recording.begins_with(*m.arrays.values()) or conditions != self._conditions(m):
             return 0
         steps, again = min(steps, recording.at_once), Tape()
         with again.recording():  # what was known before the recorded step, and is used in it
@@ -179,6 +179,11 @@ class StepLoop:
         if played == steps:
             self._recorded = recorded
         return played
+
+    @property
+    def has_force(self) -> bool:
+        """Whether the force is all of that at the positions of the moment, whatever happens to velocities and fields."""
+        return self.placed and self.forced == self.engine.number and not self.spec.predicts and not self._acting
 
     def _place(self, m: Moment) -> None:
         """List the pairs at x, unless they are listed."""
@@ -349,10 +354,9 @@ class StepLoop:
         m.unkicked = None
         seen = m.values
         if m.values is not None:
-            assert m.rates is not None
-            before = m.values
-            m.values = before + 0.5 * dt * m.rates
-            seen = m.values if self.spec.field_lam == 0.5 else before + self.spec.field_lam * dt * m.rates
+            if self.spec.field_lam != 0.5:
+                seen = m.values + self.spec.field_lam * dt * m.rates  # type: ignore[operator]  # where there are values
+            motion.advance(m.values, m.rates, 0.5 * dt)
         self.placed = self._given = False
         flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.inv_masses
         moving = (m.v,) if predicted is None else (predicted, m.v)
@@ -370,8 +374,7 @@ class StepLoop:
             self.watch(self._seen(m, v), m)
         self._accelerate(m, v, seen, 0.5 * dt)
         if m.values is not None:
-            assert m.rates is not None
-            m.values += 0.5 * dt * m.rates
+            motion.advance(m.values, m.rates, 0.5 * dt)
         m.predicted = predicted
 
     def _predicted(self, m: Moment, lam: float) -> np.ndarray:
@@ -392,5 +395,4 @@ class StepLoop:
         self._sum(which, self._seen(m, v), m.kT, m.dt, m.seed, m.counter, values, **apart)
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.inv_masses, kick)
         if values is not None:
-            m.rates = self.engine.rates.copy()
-            m.rates[self.inv_mass == 0.0] = 0.0
+            motion.take_moving(m.rates, self.engine.rates, self.inv_mass)

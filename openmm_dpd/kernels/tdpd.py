@@ -23,12 +23,11 @@ from typing import NamedTuple
 import numpy as np
 
 from . import forces
-from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
-from .compiled import inlined
+from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
+from .compiled import helper, inlined
 from .edpd import clamped
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
-from .motion import add_listed
 from .noise import normal, pair_key
 from .pairs import PairList
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
@@ -62,6 +61,8 @@ class SpeciesTable:
 class SpeciesLayer:
     """Evaluates a :class:`SpeciesTable`.  The fields are the concentrations of the species."""
 
+    repeats = True
+
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
         self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
@@ -71,30 +72,23 @@ class SpeciesLayer:
         # (T*T, K, 3): kappa, epsilon and the exponent of the noise weight of each species
         self.exchange = np.stack([array.reshape(-1, array.shape[-1]) for array in per_species], axis=-1)
         self.exchange[..., 2] *= 0.5
+        # scratch, in the order of the pair list
+        self._c, self._other = np.zeros((2, len(self.pairs.order), spec.fields.n_values))
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
-        """Force form at the listed positions, written or added to ``out``; rates (M, K) are dC/dt."""
-        pairs, m = self.pairs, len(self.pairs.order)
-        concentrations = np.zeros((m, self.exchange.shape[1]))
-        if call.which & (DISSIPATIVE | RANDOM):
-            assert call.field_values is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
-            concentrations = np.take(call.field_values, pairs.order, axis=0)
-        rates = np.zeros(concentrations.shape)
+        """Force form at the listed positions, written or added to ``out``; rates (N, K) are dC/dt."""
+        values = call.field_values if call.which & (DISSIPATIVE | RANDOM) else np.zeros((0, self._c.shape[1]))
+        assert values is not None and call.rates is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = concentrations, rates, *self._motion.arrays(call, out, add)
-        given = Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads)
-        found = species_forces(pairs, given)
-        return Sums(found.energy, found.virial, found.drag, rates=rates)
+        of_beads = values, self._c, self._other, call.rates, *self._motion.arrays(call, out, add)
+        return Sums(*species_forces(self.pairs, Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads)))
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``increments`` what the concentrations change by."""
         assert call.field_values is not None and increments is not None
-        before = np.take(call.field_values + increments, self.pairs.order, axis=0)
-        after = before.copy()
-        of_beads = after, v, self._motion.v
+        of_beads = call.field_values, increments, self._other, self._c, v, self._motion.v
         given = SpeciesExchange(call.update, call.kT, call.dt, call.key(self.number), self.coefficients, self.exchange, *of_beads)
         species_sweep(self.pairs, given)
-        add_listed(after - before, self.pairs.order, increments)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
@@ -102,7 +96,8 @@ class SpeciesLayer:
 
 
 class Diffusion(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``c``: (M, K) concentrations; see also :class:`.layer.SortedMotion`."""
+    """What the force form reads and writes beside the pairs: concentrations ``values`` (N, K; of length 0 where none are wanted), sorted
+    ``c`` (M, K); their ``rates`` (M, K), and ``changing`` (N, K), where these go to.  See also :class:`.layer.SortedMotion`."""
 
     which: int
     kT: float
@@ -110,8 +105,10 @@ class Diffusion(NamedTuple):
     rsqrt_dt: float
     coefficients: np.ndarray
     exchange: np.ndarray
+    values: np.ndarray
     c: np.ndarray
     rates: np.ndarray
+    changing: np.ndarray
     seen: np.ndarray
     v: np.ndarray
     f: np.ndarray
@@ -162,11 +159,20 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
     return energy, virial, -drag * r
 
 
-species_forces = over_pairs("species_forces", _pair_diffusion, first=gather_and_clear, last=deliver)
+@helper
+def _gather(pairs, data, begin, end):
+    gather_and_clear_rates(pairs, data, begin, end)
+    for k in range(begin, end if len(data.values) else begin):
+        for s in range(data.c.shape[1]):
+            data.c[k, s] = data.values[pairs.seats[k], s]
+
+
+species_forces = over_pairs("species_forces", _pair_diffusion, first=_gather, last=deliver_rates)
 
 
 class SpeciesExchange(NamedTuple):
-    """What the sweep form reads and writes beside the pairs: ``c`` (M, K) sorted, and ``velocities`` (N, 3), are changed."""
+    """What the sweep form reads and writes beside the pairs: concentrations are ``values`` and ``increments`` (N, K) added up, sorted
+    ``before`` and ``c`` (M, K); ``increments``, ``c`` and ``velocities`` (N, 3) are changed."""
 
     update: int
     kT: float
@@ -174,6 +180,9 @@ class SpeciesExchange(NamedTuple):
     key: np.uint64
     coefficients: np.ndarray
     exchange: np.ndarray
+    values: np.ndarray
+    increments: np.ndarray
+    before: np.ndarray
     c: np.ndarray
     velocities: np.ndarray
     v: np.ndarray
@@ -223,4 +232,21 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     return 0.0, 0.0, 0.0
 
 
-species_sweep = over_pairs("species_sweep", _pair_exchange, first=gather_velocities, last=scatter_velocities)
+@helper
+def _gather_swept(pairs, data, begin, end):
+    gather_velocities(pairs, data, begin, end)
+    for k in range(begin, end):
+        i = pairs.seats[k]
+        for s in range(data.c.shape[1]):
+            data.before[k, s] = data.c[k, s] = data.values[i, s] + data.increments[i, s]
+
+
+@helper
+def _scatter_swept(pairs, data, begin, end):
+    scatter_velocities(pairs, data, begin, end)
+    for k in range(begin, end):
+        for s in range(data.c.shape[1]):
+            data.increments[pairs.seats[k], s] += data.c[k, s] - data.before[k, s]
+
+
+species_sweep = over_pairs("species_sweep", _pair_exchange, first=_gather_swept, last=_scatter_swept)

@@ -1,5 +1,6 @@
 """Steps that are recorded and played again without Python, also with beads in another order: the same bits as step by step."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,6 +33,11 @@ PLAYED = {
     "bonded",
     "bonded, tilted",
     "moving walls",
+    "energies",
+    "tabulated energies",
+    "energies between walls",
+    "mdpd",
+    "mdpd lucy",
 }
 STEPS = 23
 
@@ -92,6 +98,28 @@ def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
     expected = step_by_step(monkeypatch, lambda: made(kind, scheme))
     set_threads(2)
     assert not same(run_of(made(kind, scheme), 3, STEPS - 3), expected) and counted[0] > 0
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "O/2 B/2 A B/2 O/2", "B/2 O/2 B/2 A O/2"])
+@pytest.mark.parametrize("kind", ["edpd", "tdpd", "energies", "mdpd lucy"])
+def test_fields(kind, scheme, threads, monkeypatch, counted, together):
+    """Without sources; forces of eDPD depend on temperatures, which sweeps change where positions stay."""
+    scene = replace(KINDS[kind](), sources=())
+
+    def reached() -> dict[str, np.ndarray]:
+        simulation = running(built := dpd.build(scene, dt=0.005, scheme=scheme, seed=SEED, platform="CPU"))
+        for count in (STEPS, 1, 2 * STEPS):
+            simulation.integrator.step(count)
+            dpd.Observer(built).sample(simulation.context)
+        return everything(simulation.context, built)
+
+    set_threads(1)
+    with monkeypatch.context() as patch:
+        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
+        expected = reached()
+    set_threads(threads)
+    assert not same(reached(), expected) and counted[0] > 0
 
 
 @pytest.mark.parametrize("threads", [1, 2])
