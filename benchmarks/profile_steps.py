@@ -38,8 +38,8 @@ class Clock:
         threads = recording.threads
         spent, begun = np.zeros((len(recording.names), threads, 2), np.int64), time.perf_counter()
         found = PLAY(recording, counter, steps, heats, spent)
-        if threads > 1 and not spent[:, 1].any():
-            return found  # one of them did all: there were not cores enough
+        if not spent[:, -1].any():
+            return found  # fewer did all: there were not cores enough
         if recording.names != self.names or self.spent.shape != spent.shape:
             self.names, self.spent, self.played, self.seconds = recording.names, np.zeros(spent.shape), 0, 0.0
         self.spent, self.played, self.seconds = self.spent + spent, self.played + found[0], self.seconds + time.perf_counter() - begun

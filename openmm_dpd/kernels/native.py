@@ -132,7 +132,9 @@ def _together(layout: Layout, packed: bytes, parts: int) -> int:
 
 def run(layout: Layout, packed: bytes, parts: int) -> int:
     """Call a kernel with so many threads, where there are cores for them."""
-    return _alone(layout, packed, 1) if parts == 1 else dispatch(_alone, _together, layout, packed, parts, threads=parts)
+    if parts == 1:
+        return _alone(layout, packed, 1)
+    return dispatch(lambda threads: (_together if threads > 1 else _alone)(layout, packed, threads), parts)
 
 
 class Kernel:

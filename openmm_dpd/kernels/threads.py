@@ -3,6 +3,7 @@
 import os
 import threading
 import time
+from collections.abc import Callable
 
 import numba
 
@@ -42,7 +43,7 @@ def threads_for(beads: int) -> int:
 
 
 class _Watch:
-    """Notices where threads do not have a core each, and leaves the work to one of them for a while.  Beside another busy process two
+    """Notices where threads do not have a core each, and leaves the work to half of them for a while.  Beside another busy process two
     threads often share a core, and spin until the other one gets its turn (2 to 4 ms in place of 1.1 ms). The CPU time of the process shows
     this: it is then no more than the wall time."""
 
@@ -56,21 +57,28 @@ class _Watch:
         self.passed = self.spent = self.until = 0.0
         #: Both clocks at the end of the last call.
         self.last = (-1.0, 0.0)
+        #: How many threads worked in it, and how many do until then.
+        self.working = self.left = 1
 
-    def call(self, threads: int, function, arguments: tuple):
-        """Call a function with so many threads, and look at its times."""
+    def rest(self, now: float) -> None:
+        """Half as many threads as in the last call, for a while."""
+        self.until, self.left = now + self.REST, max(1, self.working // 2)
+
+    def call(self, threads: int, function: Callable[[int], int]) -> int:
+        """Call a function of a number of threads, and look at its times."""
+        self.working = threads
         begun, before = self.last
         now = time.perf_counter()
         if not 0.0 <= now - begun < self.PAUSE:
             begun, before = now, time.process_time()
-        result = function(*arguments)
+        result = function(threads)
         now, spent = time.perf_counter(), time.process_time()
         self.last = now, spent
         self.passed += now - begun
         self.spent += spent - before
         if self.passed > self.SPAN:
             if self.spent < self.ENOUGH * threads * self.passed:
-                self.until = now + self.REST
+                self.rest(now)
             self.passed = self.spent = 0.0
         return result
 
@@ -79,13 +87,15 @@ _WATCH = _Watch()
 
 
 def rest() -> None:
-    """Leave the work to one thread for a while."""
-    _WATCH.until = time.perf_counter() + _WATCH.REST
+    """Leave the work to half of the threads for a while."""
+    _WATCH.rest(time.perf_counter())
 
 
-def dispatch(serial, parallel, *arguments, threads: int):
-    """Call the parallel version, which uses so many threads, alone at a time; or the serial one, where they have not a core each."""
-    if threads == 1 or time.perf_counter() < _WATCH.until:
-        return serial(*arguments)
+def dispatch(function: Callable[[int], int], threads: int) -> int:
+    """Call a function with so many threads, several of them alone at a time; with fewer, where they have not a core each."""
+    if threads > 1 and time.perf_counter() < _WATCH.until:
+        threads = min(threads, _WATCH.left)
+    if threads == 1:
+        return function(1)
     with _PARALLEL_LOCK:
-        return _WATCH.call(threads, parallel, arguments)
+        return _WATCH.call(threads, function)

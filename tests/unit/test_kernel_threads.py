@@ -26,12 +26,19 @@ def watch(monkeypatch, two_threads):
 def called(clocks, passed, spent) -> str:
     """Which of the two versions a call of the given duration used."""
 
-    def parallel():
-        clocks["passed"] += passed
-        clocks["spent"] += spent
-        return "parallel"
+    return {1: "serial", 2: "parallel"}[shared(clocks, 2, passed, spent)]
 
-    return threads.dispatch(lambda: "serial", parallel, threads=2)
+
+def shared(clocks, count, passed, spent) -> int:
+    """How many of so many threads shared a call."""
+
+    def work(threads):
+        if threads > 1:
+            clocks["passed"] += passed
+            clocks["spent"] += spent
+        return threads
+
+    return threads.dispatch(work, count)
 
 
 def test_threads_with_a_core_each_go_on(watch):
@@ -45,6 +52,16 @@ def test_threads_that_share_a_core_leave_the_work_to_one_for_a_while(watch):
     assert called(watch, 0.004, 0.004) == "serial"
     watch["passed"] += 0.02
     assert [called(watch, 0.004, 0.004) for _ in range(judged + 1)] == ["parallel"] * judged + ["serial"]
+
+
+def test_of_many_threads_half_go_on(watch):
+    judged = int(threads._Watch.SPAN / 0.004) + 1
+    assert [shared(watch, 16, 0.004, 0.03) for _ in range(judged)] == [16] * judged
+    assert [shared(watch, 16, 0.004, 0.03) for _ in range(20)] == [8] * 20  # 7.5 cores are enough for those
+    threads.rest()
+    assert shared(watch, 16, 0.004, 0.03) == 4 and shared(watch, 3, 0.004, 0.03) == 3
+    watch["passed"] += threads._Watch.REST
+    assert shared(watch, 16, 0.004, 0.03) == 16
 
 
 @pytest.fixture

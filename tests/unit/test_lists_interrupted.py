@@ -56,7 +56,7 @@ def threads(request, monkeypatch):
     """
     monkeypatch.setattr(thread_count, "_PARALLEL_LOCK", nullcontext())
     monkeypatch.setattr(thread_count._WATCH, "until", 0.0)
-    monkeypatch.setattr(thread_count._WATCH, "call", lambda threads, function, arguments: function(*arguments))
+    monkeypatch.setattr(thread_count._WATCH, "call", lambda threads, function: function(threads))
     set_threads(request.param)
     yield request.param
     set_threads(1)
