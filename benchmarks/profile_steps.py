@@ -7,6 +7,7 @@ of the share that does not get faster, s = (n T_n/T_1 - 1)/(n - 1), for 4, 8 and
 
     python benchmarks/profile_steps.py                      # 10,000 beads, middle and bab3, on one core and on two
     python benchmarks/profile_steps.py --beads 100000 --threads 4
+    python benchmarks/profile_steps.py --kinds energies many-body chains --schemes mvv middle
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +28,37 @@ from openmm_dpd.kernels.engine import PairEngine  # noqa: E402
 from openmm_dpd.kernels.replay import Recording  # noqa: E402
 
 PLAY, REPEATS = Recording.play, PairEngine.repeats
+
+
+def scene_of(kind: str, beads: int) -> tuple[dpd.Scene, float]:
+    """A fluid of one of :data:`KINDS`, and a step for it."""
+    edge, rng = (beads / 3) ** (1 / 3), np.random.default_rng(1)
+    x = rng.random((beads, 3)) * edge
+    if kind == "chains":
+        x = x[np.arange(beads) // 10] + np.cumsum(rng.normal(size=(beads, 3)) * 0.3, axis=0)
+    pair, more = KINDS[kind](beads)
+    scene = dpd.Scene({"W": 1.0}, ["W"] * beads, x, {("W", "W"): pair}, kT=1.0, box=np.full(3, edge), **more)
+    return scene, {"fluid": 0.05, "many-body": 0.01}.get(kind, 0.02)
+
+
+def pairs_in_line(beads: int) -> dict:
+    """Bonds of chains of ten beads."""
+    first = np.flatnonzero(np.arange(beads) % 10 < 9)[: -(beads % 10) or None]
+    return {"bonds": [dpd.HarmonicBonds(np.stack([first, first + 1], axis=1), 10.0, 0.5)]}
+
+
+#: What pairs do, and what else is in the scene.
+KINDS: dict[str, Callable[[int], tuple[Any, dict]]] = {
+    "fluid": lambda n: (dpd.DPD(A=25, gamma=4.5), {}),
+    "chains": lambda n: (dpd.DPD(A=25, gamma=4.5), pairs_in_line(n)),
+    "many-body": lambda n: (dpd.MDPD(A=-40, B=25, gamma=4.5), {}),
+    "energies": lambda n: (
+        dpd.EnergyDPD(A=25, sigma=3.0, kappa=1.0),
+        {"internal": dpd.InternalEnergy(dpd.ConstantHeatCapacity(60.0), np.ones(n))},
+    ),
+    "temperatures": lambda n: (dpd.EDPD(A=18.75, gamma=4.5, kappa=1e-5), {"internal": dpd.BeadTemperatures(1.0, 1e5)}),
+    "concentrations": lambda n: (dpd.TDPD(A=18.75, gamma=4.5, kappa=(1.0,)), {"internal": dpd.Concentrations(np.ones((n, 1)))}),
+}
 
 
 class Clock:
@@ -47,13 +81,11 @@ class Clock:
         return found
 
 
-def measured(scheme: str, beads: int, threads: int, count: int) -> tuple[list[str], np.ndarray, float]:
+def measured(kind: str, scheme: str, beads: int, threads: int, count: int) -> tuple[list[str], np.ndarray, float]:
     """Names of kernels, microseconds a step of each (calls, threads, 2), and of a whole step with all that lies between calls."""
     dpd.set_threads(threads)
-    edge = (beads / 3) ** (1 / 3)
-    x = np.random.default_rng(1).random((beads, 3)) * edge
-    scene = dpd.Scene({"W": 1.0}, ["W"] * beads, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
-    simulation = dpd.build(scene, dt=0.05, scheme=scheme, platform="CPU", seed=1).simulation()
+    scene, dt = scene_of(kind, beads)
+    simulation = dpd.build(scene, dt=dt, scheme=scheme, platform="CPU", seed=1).simulation()
     warm = time.perf_counter() + 3.0  # on a virtual machine both threads can be on one core for the first second
     while time.perf_counter() < warm:
         simulation.step(100)
@@ -70,13 +102,12 @@ def measured(scheme: str, beads: int, threads: int, count: int) -> tuple[list[st
     return clock.names, 1e6 * clock.spent / clock.played / ticks, 1e6 * whole / count
 
 
-def report(scheme: str, beads: int, threads: int, count: int) -> None:
+def report(kind: str, scheme: str, beads: int, threads: int, count: int) -> None:
     """Print the table of a scheme."""
-    names, alone, whole = measured(scheme, beads, 1, count)
-    _, shared, whole_shared = measured(scheme, beads, threads, count)
-    print(
-        f"{scheme}, {beads:,} beads, microseconds a step\n{'kernel':28s} {'1 thread':>9s} {f'{threads} threads':>10s} {'waiting':>8s} faster"
-    )
+    names, alone, whole = measured(kind, scheme, beads, 1, count)
+    _, shared, whole_shared = measured(kind, scheme, beads, threads, count)
+    print(f"{kind}, {scheme}, {beads:,} beads, microseconds a step")
+    print(f"{'kernel':28s} {'1 thread':>9s} {f'{threads} threads':>10s} {'waiting':>8s} faster")
     for name in dict.fromkeys(names):
         of_it = [k for k, other in enumerate(names) if other == name]
         one, work = alone[of_it, 0, 0].sum(), shared[of_it, :, 0].max(axis=1).sum()
@@ -97,11 +128,13 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2, help="two and more, beside one")
     parser.add_argument("--steps", type=int, default=0, help="a million beads and steps by default")
     parser.add_argument("--schemes", nargs="+", default=["middle", "bab3"])
+    parser.add_argument("--kinds", nargs="+", default=["fluid"], choices=KINDS, help="of fluids")
     options = parser.parse_args()
     if options.threads < 2:
         parser.error("--threads must be two or more: one is what they are compared with")
-    for scheme in options.schemes:
-        report(scheme, options.beads, options.threads, options.steps or max(100, 1_000_000 // options.beads))
+    for kind in options.kinds:
+        for scheme in options.schemes:
+            report(kind, scheme, options.beads, options.threads, options.steps or max(100, 1_000_000 // options.beads))
 
 
 if __name__ == "__main__":

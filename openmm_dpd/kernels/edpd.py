@@ -120,10 +120,10 @@ class ThermalLayer:
             )
         if len(self._failed) != len(self.pairs.arrays.found):
             self._failed = np.zeros((len(self.pairs.arrays.found), 2))
-        motion.clear(self._failed)
+        motion.clear_values(self._failed)
 
     def _check_conduction(self) -> None:
-        if not motion.marked(self._failed):
+        if not motion.count_marked(self._failed):
             return
         pairs, failed = self.pairs.arrays, self._failed[np.flatnonzero(self._failed[:, 0])[0]]
         n, mean = int(failed[0]) - 1, failed[1]

@@ -82,7 +82,7 @@ class PairEngine(Engine):
             which &= ~RANDOM
         call = Call(which, None if v is None else self.seen(v), kT, dt, seed, counter, field_values, held=held, rates=self.rates)
         if self.spec.fields is not None:
-            motion.clear(self.rates)
+            motion.clear_values(self.rates)
         for number, layer in enumerate(self.layers):
             result = layer.forces(call, force, number > 0)
             if stress is not None:
@@ -116,7 +116,7 @@ class PairEngine(Engine):
         given = None
         if self.spec.fields is not None:
             given = self._given_by_sources(0.5 * dt)
-            motion.clear(self.increments)
+            motion.clear_values(self.increments)
             if given is not None:
                 self.increments += given
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)

@@ -94,7 +94,7 @@ def advance(begin, end, values, rates, time):
 
 
 @over_beads
-def clear(begin, end, values):
+def clear_values(begin, end, values):
     """Set the values (N, K) to 0."""
     for i in range(begin, end):
         for k in range(values.shape[1]):
@@ -102,7 +102,7 @@ def clear(begin, end, values):
 
 
 @counting
-def marked(begin, end, marks):
+def count_marked(begin, end, marks):
     """How many rows of (N, K) do not begin with 0."""
     count = 0
     for i in range(begin, end):
