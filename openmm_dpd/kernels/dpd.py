@@ -80,6 +80,10 @@ class SweptLayer:
             self._coefficients[kT] = self.table.coefficients(kT)
         return self._coefficients[kT]
 
+    def coefficients_at(self, heats: np.ndarray) -> np.ndarray | None:
+        """See :meth:`.interface.Engine.tables`."""
+        return self.table.coefficients_at(heats)
+
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
         coefficients, inv_mass, halvings = self._at(call.kT), self._inv_mass, 0

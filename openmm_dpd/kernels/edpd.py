@@ -33,13 +33,12 @@ import numpy as np
 
 from ..base.errors import RunError
 from ..base.wording import bead_names, bead_number, in_number
-from . import motion
 from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined
 from .elementary import power
 from .energy import passes
 from .eos import log_ratio
-from .fields import NO_INCREMENTS, sort_temperatures
+from .fields import NO_INCREMENTS, count_failed, sort_temperatures
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
@@ -110,7 +109,9 @@ class ThermalLayer:
     def _begin(self, call: Call, increments: np.ndarray) -> None:
         """Sort temperatures and heat capacities; RunError if a temperature is not > 0.  No pair has failed yet."""
         assert call.field_values is not None
-        order, found = self.pairs.order, (self._before, self._temperature, self._capacity)
+        if len(self._failed) != len(self.pairs.arrays.found):
+            self._failed = np.zeros((len(self.pairs.arrays.found), 2))
+        order, found = self.pairs.order, (self._before, self._temperature, self._capacity, self._failed)
         if sort_temperatures(order, self.pairs.arrays.seats, call.field_values, increments, self.capacity, *found):
             bad = np.flatnonzero(~(self._before > 0.0))
             first = bad[order[bad].argmin()]
@@ -118,12 +119,9 @@ class ThermalLayer:
                 f"the temperature of bead {bead_number(order[first])} is {in_number(self._before[first], 'thermal_energy')}; it must be > "
                 "0 (the step size may be too large, the heat capacity too small for its noise, or a source take what is not there)"
             )
-        if len(self._failed) != len(self.pairs.arrays.found):
-            self._failed = np.zeros((len(self.pairs.arrays.found), 2))
-        motion.clear_values(self._failed)
 
     def _check_conduction(self) -> None:
-        if not motion.count_marked(self._failed):
+        if not count_failed(self.pairs.order, self._failed):
             return
         pairs, failed = self.pairs.arrays, self._failed[np.flatnonzero(self._failed[:, 0])[0]]
         n, mean = int(failed[0]) - 1, failed[1]

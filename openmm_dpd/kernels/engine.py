@@ -5,6 +5,7 @@
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -165,8 +166,10 @@ class PairEngine(Engine):
 
     def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
         """See :class:`.interface.Engine`."""
-        table = getattr(self.layers[layer], "table", None)
-        return None if table is None else table.coefficients_at(heats)
+        its: Any = self.layers[layer]
+        if hasattr(its, "coefficients_at"):
+            return its.coefficients_at(heats)
+        return np.repeat(its.coefficients[None], len(heats), axis=0)  # they are the same at all
 
     def sorted_beads(self) -> np.ndarray:
         """See :class:`.interface.Engine`."""

@@ -3,14 +3,12 @@
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..base.errors import ParameterError
 from .engine import host_engine, warm_up
 from .extras import warm_up_extras
 from .interface import Engine
 from .layer import PairSpec
-from .moment import Moment, Stepper, StepSpec
+from .moment import Stepper, StepSpec, Watch
 from .steps import StepLoop
 
 
@@ -25,7 +23,7 @@ class EngineKind:
     #: default.  Scenes that need more are refused.
     can: Container[str] | None = None
     #: From (StepSpec, engine, watch, reach) to what does whole steps with it, see :class:`.steps.StepLoop`.
-    stepper: Callable[[StepSpec, Engine, Callable[[np.ndarray, Moment], None], float], Stepper] = StepLoop
+    stepper: Callable[[StepSpec, Engine, Watch, float], Stepper] = StepLoop
     #: Does what has to be done once before the first step, such as compiling, and says in ``log``, a function of a text, if it takes long.
     warm_up: Callable[[PairSpec, Callable[[str], None]], None] = lambda spec, log: None
 

@@ -75,13 +75,25 @@ def sort_energies(begin, end, order, seats, energies, increments, capacities, nu
 
 
 @counting
-def sort_temperatures(begin, end, order, seats, values, increments, capacities, before, temperature, capacity):
+def sort_temperatures(begin, end, order, seats, values, increments, capacities, before, temperature, capacity, failed):
     """Sort temperatures, ``values`` (N, 1) and ``increments`` (N, 1, or of length 0) added up, into both ``before`` and ``temperature``
-    (M,), and heat capacities into ``capacity`` (M,); returns how many temperatures are not > 0."""
+    (M,), and heat capacities into ``capacity`` (M,); returns how many temperatures are not > 0.  Rows of ``failed`` (columns, 2) begin
+    with 0."""
     count = 0
+    for column in range(len(failed) * begin // len(order), len(failed) * end // len(order)):
+        failed[column, 0] = 0.0
     for k in range(begin, end):
         i = seats[k]
         before[k] = temperature[k] = values[i, 0] + increments[i, 0] if len(increments) else values[i, 0]
         capacity[k] = capacities[order[k]]
         count += not before[k] > 0.0
+    return count
+
+
+@counting
+def count_failed(begin, end, order, failed):
+    """How many rows of ``failed`` (columns, 2) do not begin with 0."""
+    count = 0
+    for column in range(len(failed) * begin // len(order), len(failed) * end // len(order)):
+        count += failed[column, 0] != 0.0
     return count

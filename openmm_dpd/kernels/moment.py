@@ -84,6 +84,8 @@ class Moment:
         return {name: rows for name, rows in each.items() if rows is not None}
 
 
+#: Raises RunError if beads of these velocities (N, 3) and 1/masses (N,) run away in a step of a moment.
+Watch = Callable[[np.ndarray, np.ndarray, Moment], None]
 #: Forces (N, 3) of others at the positions of a moment, after so many of the steps that are being done.
 SlowForces = Callable[[Moment, int], np.ndarray]
 

@@ -5,6 +5,7 @@ memory comes from the operating system page by page.  Several threads share a pa
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,13 @@ _rows: Any = None
 _COUNTS = False
 
 
-def over_beads(function: Callable, counts: bool = False) -> Callable:
-    """Make a pass over all beads, the rows of the first argument, of one over the rows ``begin`` to ``end``.  One that ``counts`` returns a
-    number for its rows, and the pass returns the sum."""
+def over_beads(function: Callable, counts: bool = False, each: int = 1) -> Callable:
+    """Make a pass over all beads of one over the rows ``begin`` to ``end`` of the first argument, of which ``each`` has so many.  One that
+    ``counts`` returns a number for its rows, and the pass returns the sum."""
     kernel = Kernel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
 
     def call(first, *others):
-        parts = threads_for(first.size // 3)
+        parts = threads_for(len(first) // each)
         found = np.zeros(parts, np.int64)
         kernel(len(first), found, (first, *others), parts=parts)
         return sum(found.tolist()) if counts else None
@@ -43,9 +44,9 @@ def over_beads(function: Callable, counts: bool = False) -> Callable:
     return call
 
 
-def counting(function: Callable) -> Callable:
-    """The same for one that counts."""
-    return over_beads(function, counts=True)
+#: The same for one that counts, and over components.
+counting, over_components = partial(over_beads, counts=True), partial(over_beads, each=3)
+counting_components = partial(counting, each=3)
 
 
 @over_beads
@@ -101,15 +102,6 @@ def clear_values(begin, end, values):
             values[i, k] = 0.0
 
 
-@counting
-def count_marked(begin, end, marks):
-    """How many rows of (N, K) do not begin with 0."""
-    count = 0
-    for i in range(begin, end):
-        count += marks[i, 0] != 0.0
-    return count
-
-
 @over_beads
 def see(begin, end, v, inv_mass, prescribed, out):
     """Write velocities (N, 3) to ``out``, which may be they themselves: those of beads that do not move are ``prescribed`` (N, 3)."""
@@ -135,7 +127,7 @@ def _move_component(x, v, c, change, time):
     return speed
 
 
-@counting
+@counting_components
 def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     """Kick and drift: all that a step does between two looks at the pairs.  The force acts for the time ``kick``, beads that move then
     drift for ``time``.  Arrays are (3N,), all components one after the other: this way (and counted without a sign) several of them are
@@ -152,7 +144,7 @@ def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     return count
 
 
-@counting
+@counting_components
 def move_accelerated(begin, end, x, v, acc, inv_mass, kick, time, limit):
     """The same with accelerations in place of forces."""
     count, first, last = 0, np.uint64(begin), np.uint64(end)
@@ -167,7 +159,7 @@ def move_accelerated(begin, end, x, v, acc, inv_mass, kick, time, limit):
     return count
 
 
-@over_beads
+@over_components
 def accelerate(begin, end, acc, v, force, inv_mass, kick):
     """Write force/mass to the accelerations, and add kick times that to v; (3N,) each, masses as in :func:`move`."""
     if len(inv_mass) == 1:

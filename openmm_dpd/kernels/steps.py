@@ -5,7 +5,6 @@ friction is a force.  All that a step begins with is in the :class:`Moment`, so 
 """
 
 import math
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 
@@ -18,7 +17,7 @@ from .columns import Totals
 from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
-from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, ramped_energy
+from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, Watch, ramped_energy
 from .replay import Recording
 from .seats import Seats
 from .shear import add_flow, rate_at, sheared_box, strain_at
@@ -36,7 +35,7 @@ class StepLoop:
 
     spec: StepSpec
     engine: Engine
-    watch: Callable[[np.ndarray, Moment], None]  #: (velocities, moment) -> None; raises RunError if beads run away
+    watch: Watch
     reach: float  #: It is asked where a bead has a component of the velocity with which it would go so far in a step, if it is hot as well
     parts: bool = False  #: Whether it does parts of the runs of another one, in arrays of its own
     force: np.ndarray = field(init=False)
@@ -64,7 +63,7 @@ class StepLoop:
         self._acting = pairs.fields is not None and pairs.fields.acts
         #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
         self.passed: np.ndarray | float = 0.0
-        #: whether the lists of the engine are those of the moment's positions; whether the force is, though there are no lists
+        #: whether lists of the engine are those of the moment's positions; whether the force is, though there are no lists
         self.placed = self._given = False
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
@@ -78,10 +77,11 @@ class StepLoop:
             while n - done > 3 and (found := self._seats.run(moment, n - 1 - done, self, given)):
                 more, given = found
                 done += more
-        self.carry_out(moment, n - done, slow, given)
+        self.carry_out(moment, n - done, slow, given, done)
 
-    def carry_out(self, moment: Moment, n: int, slow: SlowForces | None, given: bool = False) -> None:
-        """Do steps with beads where they are.  ``given``: the force is that at the positions of the moment."""
+    def carry_out(self, moment: Moment, n: int, slow: SlowForces | None, given: bool = False, already: int = 0) -> None:
+        """Do steps with beads where they are, so many after the first of the run.  ``given``: the force is that at the positions of the
+        moment."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
         # the last step of a run is done here, so that all that belongs to it is there
@@ -120,7 +120,7 @@ class StepLoop:
                 self.engine.keep()
             self.moment = moment
         except RunError as error:
-            error.steps_done = min(done, n - 1)  # type: ignore[attr-defined]
+            error.steps_done = already + min(done, n - 1)  # type: ignore[attr-defined]
             raise
 
     def _count(self, m: Moment, steps: int) -> None:
@@ -212,7 +212,7 @@ class StepLoop:
                 if first:
                     self._warm(m)
                     if fast or m.sheared is not None:
-                        self.watch(self._seen(m, m.v), m)
+                        self.watch(self._seen(m, m.v), self.inv_mass, m)
                     first = False
                 self._sweep(m, part, UPDATES[letter])
         if kick:
@@ -371,7 +371,7 @@ class StepLoop:
         m.counter += 1
         v = m.v if predicted is None else predicted
         if fast or predicted is not None or m.sheared is not None:
-            self.watch(self._seen(m, v), m)
+            self.watch(self._seen(m, v), self.inv_mass, m)
         self._accelerate(m, v, seen, 0.5 * dt)
         if m.values is not None:
             motion.advance(m.values, m.rates, 0.5 * dt)

@@ -118,7 +118,8 @@ class Watching:
 
     @unbroken()
     def step(self, steps: int) -> None:
-        """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not.  PlanError if something
+        """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not, or as it was a second
+        before where nothing but the loop of whole steps acts.  PlanError if something
         in the Context's System would not act, or its state was written by another scheme. openmm.OpenMMException if a step fails, with the
         reason. KeyboardInterrupt: After Ctrl-C, which waits for the end of a step."""
         context = None if self.made is None else self.context()

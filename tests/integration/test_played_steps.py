@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import openmm
 import pytest
 from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
@@ -104,8 +105,8 @@ def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
 @pytest.mark.parametrize("scheme", ["mvv", "middle", "O/2 B/2 A B/2 O/2", "B/2 O/2 B/2 A O/2"])
 @pytest.mark.parametrize("kind", ["edpd", "tdpd", "energies", "mdpd lucy"])
 def test_fields(kind, scheme, threads, monkeypatch, counted, together):
-    """Without sources; forces of eDPD depend on temperatures, which sweeps change where positions stay."""
-    scene = replace(KINDS[kind](), sources=())
+    """On a ramp, without sources; forces of eDPD depend on temperatures, which sweeps change where positions stay."""
+    scene = replace(KINDS[kind](), sources=(), kT=dpd.TemperatureRamp(1.0, 1.5, 3, 60))
 
     def reached() -> dict[str, np.ndarray]:
         simulation = running(built := dpd.build(scene, dt=0.005, scheme=scheme, seed=SEED, platform="CPU"))
@@ -250,10 +251,34 @@ def test_lists_that_always_want_more_room(scheme, beads, monkeypatch, counted, t
     assert 0 < counted[0] < 150
 
 
+@pytest.mark.parametrize("scheme", ["mvv", "middle"])
+@pytest.mark.parametrize("bead", [55, 301])
+def test_a_bead_runs_away_from_its_seat(bead, scheme, monkeypatch, counted, together):
+    """Half of the beads do not move, and one is pulled: it is found in the same step by its own number, whoever has that number's seat."""
+    edge, types = 200.0 ** (1 / 3), np.where(np.arange(600) == bead, "B", "A").tolist()
+    x = np.random.default_rng(2).random((600, 3)) * edge
+    pulled = [dpd.BodyForce([60.0, 0.0, 0.0], types="B")]
+    mobile, pair = np.arange(600) % 2 == 1, dpd.DPD(A=25, gamma=0.1)
+    scene = dpd.Scene({"A": 1.0, "B": 1.0}, types, x, {("*", "*"): pair}, kT=1.0, box=[edge] * 3, mobile=mobile, body_forces=pulled)
+
+    def failed() -> str:
+        simulation = running(dpd.build(scene, dt=0.02, scheme=scheme, seed=SEED, platform="CPU"))
+        simulation.integrator.step(5)  # beads get seats where they have been put into cells
+        simulation.integrator.straight = 200
+        with pytest.raises(openmm.OpenMMException) as error:
+            simulation.integrator.step(200)
+        return str(error.value)
+
+    set_threads(1)
+    with monkeypatch.context() as patch:
+        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
+        expected = failed()
+    set_threads(2)
+    assert failed() == expected and f"bead {bead} moves" in expected and counted[0] > 0
+
+
 def test_a_step_that_fails_is_python_s(monkeypatch, counted, together):
     """The state is that of the last call, and the message has the number of the bead."""
-    import openmm
-
     for threads in (1, 2):
         built = made("dpd", "middle")
         set_threads(threads)

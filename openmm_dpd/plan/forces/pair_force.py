@@ -160,7 +160,7 @@ class PairForceFunction:
         dt, tau, kT = parameters[names.DT], parameters[names.TAU], self.thermal_energy(parameters)
         key = (int(parameters[names.SEED]), int(parameters[names.COUNTER]))
         motion.seen_velocities(x, kept, tau, own.v)
-        self._check(own.v, kT, dt)
+        self._check(own.v, self.spec.inv_mass, kT, dt)
         own.engine.prepare(kept if phase in AT_KEPT else x, box)
         conditions = (kT, dt, *key, None if fields is None else fields.values)
         return self._sweep(own, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(own, phase, conditions)
@@ -182,12 +182,12 @@ class PairForceFunction:
             raise RunError(f"the context parameter {names.KT} must be >= 0 and finite, but is {kT}")
         return kT
 
-    def _watch(self, v: np.ndarray, moment: Moment) -> None:
-        self._check(v, moment.kT, moment.dt)
+    def _watch(self, v: np.ndarray, inv_mass: np.ndarray, moment: Moment) -> None:
+        self._check(v, inv_mass, moment.kT, moment.dt)
 
-    def _check(self, v: np.ndarray, kT: float, dt: float) -> None:
+    def _check(self, v: np.ndarray, inv_mass: np.ndarray, kT: float, dt: float) -> None:
         """RunError if beads run away."""
-        wrong = runaway(v, self.spec.inv_mass, kT, dt, self._cutoff)
+        wrong = runaway(v, inv_mass, kT, dt, self._cutoff)
         if wrong is not None:
             raise RunError(f"{wrong}; the step size is too large for this scheme, or the start is too far from equilibrium")
 
