@@ -122,15 +122,15 @@ def add_row(force, bead, begin, end, slots, parts):
     force[bead, 0], force[bead, 1], force[bead, 2] = fx, fy, fz
 
 
-def _terms(x, box, beads, p, rows, start, slots, pieces, energies, force, found, part, parts, team):
+def _terms(x, box, beads, p, rows, start, slots, pieces, energies, moved, force, found, part, parts, team):
     """Add the forces of all terms.  One thread does one after the other; several first write down what each term does, and then each takes
-    a bead and adds up its row, in the same order."""
-    inverse = inverse_edges(box)
+    a bead and adds up its row, in the same order, and so does one where terms have ``moved``."""
+    inverse, direct = inverse_edges(box), parts == 1 and not moved
     for chunk in range(part, len(energies), parts):
         begin, end = chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads))
-        first = begin if parts == 1 else 0
+        first = begin if direct else 0
         energies[chunk] = _part(x, box, inverse, beads, p, begin, end, pieces, first)
-        for n in range(begin, end if parts == 1 else begin):
+        for n in range(begin, end if direct else begin):
             for place in range(_width):
                 bead, slot = beads[n, place], (n - begin) * _width + place
                 force[bead, 0] += pieces[slot, 0]
@@ -144,7 +144,7 @@ def _terms(x, box, beads, p, rows, start, slots, pieces, energies, force, found,
         if part == 0:
             found[0] = total
         return 1
-    if parts > 1:
+    if not direct:
         for row in range(len(rows) * part // parts, len(rows) * (part + 1) // parts):
             add_row(force, rows[row], start[row], start[row + 1], slots, pieces)
     if part == 0:
@@ -207,20 +207,34 @@ class TermEvaluator:
         kind: Any = type(terms)
         beads = terms.beads
         self.terms, self.fewest, self._kernel = terms, FEW, _kernel(kind)
-        # beads and their rows are its own: they change with the seats
-        self._beads = beads.copy(), *bead_rows(beads)
-        self._arguments = self._beads[0], terms.parameters, *self._beads[1:], np.zeros((beads.size, 3)), energy_chunks(len(beads))
+        # all of these are its own: they change with the seats
+        rows, self._moved = bead_rows(beads), False
+        self._arguments = beads.copy(), terms.parameters.copy(), *rows, np.zeros((beads.size, 3)), energy_chunks(len(beads))
+        self._rows = [each.astype(np.int64) for each in rows]
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
-        """See :meth:`.pairs.PairList.seat`."""
-        beads = places[self.terms.beads]
-        for here, moved in zip(self._beads, (beads, *bead_rows(beads)), strict=True):
-            here[...] = moved
+        """See :meth:`.pairs.PairList.seat`.  Rows, and terms by their first beads, come in the order of the seats, but slots of a row do so
+        as ever."""
+        (rows, start, slots), width = self._rows, self.terms.beads.shape[1]
+        row_of = np.full(len(names), -1)
+        row_of[rows] = np.arange(len(rows))
+        taken = row_of[names]
+        taken = taken[taken >= 0]
+        length = np.diff(start)[taken]
+        begin = np.append(0, np.cumsum(length))
+        of_rows = slots[np.repeat(start[taken] - begin[:-1], length) + np.arange(len(slots))]
+        order = of_rows[of_rows % width == 0] // width
+        to = np.empty_like(order)
+        to[order] = np.arange(len(order))
+        moved = places[self.terms.beads[order]], self.terms.parameters[:, order], places[rows[taken]], begin
+        for here, there in zip(self._arguments, (*moved, to[of_rows // width] * width + of_rows % width), strict=False):
+            here[...] = there
+        self._moved = True
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`Evaluator`; RunError if a term has no finite energy: a position is not finite, or a bond has a length without one."""
         many = len(self.terms.beads) >= self.fewest
-        energy = run_terms(self._kernel, many, x, box_array(box), *self._arguments, force)[0]
+        energy = run_terms(self._kernel, many, x, box_array(box), *self._arguments, self._moved, force)[0]
         if not math.isfinite(energy):
             raise RunError(self.terms.what_is_wrong(x, box))
         return energy
