@@ -79,6 +79,16 @@ def step_by_step(monkeypatch, build, steps_of_it: int = STEPS) -> dict[str, np.n
         return run_of(build(), steps_of_it)
 
 
+def both_ways(monkeypatch, run, threads: int = 2) -> tuple:
+    """What a run gives step by step on one thread, and played on so many."""
+    set_threads(1)
+    with monkeypatch.context() as patch:
+        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
+        expected = run()
+    set_threads(threads)
+    return expected, run()
+
+
 @pytest.mark.parametrize("scheme", ["mvv", "middle", "bababo"])
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_steps_are_played(kind, scheme, monkeypatch, counted):
@@ -115,12 +125,7 @@ def test_fields(kind, scheme, threads, monkeypatch, counted, together):
             dpd.Observer(built).sample(simulation.context)
         return everything(simulation.context, built)
 
-    set_threads(1)
-    with monkeypatch.context() as patch:
-        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
-        expected = reached()
-    set_threads(threads)
-    assert not same(reached(), expected) and counted[0] > 0
+    assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -169,12 +174,7 @@ def test_measured_between_calls(kind, scheme, threads, monkeypatch, counted, tog
                 dpd.Observer(built).sample(simulation.context)
         return everything(simulation.context, built)
 
-    set_threads(1)
-    with monkeypatch.context() as patch:
-        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
-        expected = measured()
-    set_threads(threads)
-    assert not same(measured(), expected) and counted[0] > 0
+    assert not same(*both_ways(monkeypatch, measured, threads)) and counted[0] > 0
 
 
 def test_a_parameter_is_set_before_anything_else(together):
@@ -269,12 +269,8 @@ def test_a_bead_runs_away_from_its_seat(bead, scheme, monkeypatch, counted, toge
             simulation.integrator.step(200)
         return str(error.value)
 
-    set_threads(1)
-    with monkeypatch.context() as patch:
-        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
-        expected = failed()
-    set_threads(2)
-    assert failed() == expected and f"bead {bead} moves" in expected and counted[0] > 0
+    expected, found = both_ways(monkeypatch, failed)
+    assert found == expected and f"bead {bead} moves" in expected and counted[0] > 0
 
 
 def test_a_step_that_fails_is_python_s(monkeypatch, counted, together):
