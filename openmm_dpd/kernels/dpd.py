@@ -39,15 +39,6 @@ class TermTable:
         perpendicular = self.gamma_perp, np.sqrt(2 * kT * self.gamma_perp)
         return table_of(self.A, self.cutoff, gamma, sigma, *perpendicular, self.exponent, self.exponent_perp)
 
-    def coefficients_at(self, heats: np.ndarray) -> np.ndarray | None:
-        """(S, T*T, 8) the same at S thermal energies, if sigma alone depends on them."""
-        if np.isnan(self.gamma).any():
-            return None
-        tables = np.repeat(self.coefficients(1.0)[None], len(heats), axis=0)
-        for sigma, gamma in ((SIGMA, GAMMA), (SIGMA_PERP, GAMMA_PERP)):
-            tables[:, :, sigma] = np.sqrt((2 * heats)[:, None] * tables[:, :, gamma])
-        return tables
-
     def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return DPDLayer(self, spec, number)
@@ -55,7 +46,8 @@ class TermTable:
 
 class SweptLayer:
     """What layers whose friction and noise are those of DPD have in common.  ``table`` has ``coefficients(kT)``, whose first columns are
-    those of :mod:`.forces`; ``plain`` is as in :class:`.forces.Terms`; ``transverse`` says whether there are transverse terms."""
+    those of :mod:`.forces`, and ``gamma``, NaN where sigma is fixed; ``plain`` is as in :class:`.forces.Terms`; ``transverse`` says
+    whether there are transverse terms."""
 
     #: Whether A w is all of the repulsion.
     repels_by_pairs = False
@@ -81,8 +73,13 @@ class SweptLayer:
         return self._coefficients[kT]
 
     def coefficients_at(self, heats: np.ndarray) -> np.ndarray | None:
-        """See :meth:`.interface.Engine.tables`."""
-        return self.table.coefficients_at(heats)
+        """(S, T*T, ...) coefficients at S thermal energies, if sigma alone depends on them."""
+        if np.isnan(self.table.gamma).any():
+            return None
+        tables = np.repeat(self.table.coefficients(1.0)[None], len(heats), axis=0)
+        for sigma, gamma in ((SIGMA, GAMMA), (SIGMA_PERP, GAMMA_PERP)):
+            tables[:, :, sigma] = np.sqrt((2 * heats)[:, None] * tables[:, :, gamma])
+        return tables
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""

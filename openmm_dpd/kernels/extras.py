@@ -224,11 +224,12 @@ class TermEvaluator:
         begin = np.append(0, np.cumsum(length))
         of_rows = slots[np.repeat(start[taken] - begin[:-1], length) + np.arange(len(slots))]
         order = of_rows[of_rows % width == 0] // width
-        to = np.empty_like(order)
+        to = np.empty_like(order)  # the new number of each term
         to[order] = np.arange(len(order))
-        moved = places[self.terms.beads[order]], self.terms.parameters[:, order], places[rows[taken]], begin
-        for here, there in zip(self._arguments, (*moved, to[of_rows // width] * width + of_rows % width), strict=False):
-            here[...] = there
+        terms = places[self.terms.beads[order]], self.terms.parameters[:, order]
+        of_beads = places[rows[taken]], begin, to[of_rows // width] * width + of_rows % width
+        for here, new in zip(self._arguments[:5], (*terms, *of_beads), strict=True):
+            here[...] = new
         self._moved = True
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:

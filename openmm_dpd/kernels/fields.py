@@ -1,4 +1,4 @@
-"""Per-bead fields for the kernel: internal energies, temperatures, concentrations."""
+"""Per-bead fields for the kernel: internal energies, temperatures, concentrations; and how those with a range are sorted."""
 
 from __future__ import annotations
 

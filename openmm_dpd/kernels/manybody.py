@@ -56,12 +56,6 @@ class ManyBodyTable:
         of_dpd = self.A, self.cutoff, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, one, one
         return table_of(*of_dpd, self.B, self.cutoff_B, self.cutoff_density)
 
-    def coefficients_at(self, heats: np.ndarray) -> np.ndarray:
-        """(S, T*T, 11) the same at S thermal energies."""
-        tables = np.repeat(self.coefficients(1.0)[None], len(heats), axis=0)
-        tables[:, :, SIGMA] = np.sqrt((2.0 * heats)[:, None] * tables[:, :, GAMMA])
-        return tables
-
     def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return ManyBodyLayer(self, spec, number)

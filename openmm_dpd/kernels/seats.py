@@ -34,8 +34,8 @@ class Seats:
         if not len(self._names) or self._steps + n // 2 > seated:
             self._seat(main.engine)
         there = replace(m, **{name: self._room.setdefault(name, np.empty_like(rows)) for name, rows in m.arrays.items()})  # type: ignore[arg-type]
-        for name, rows in m.arrays.items():
-            take_rows(there.arrays[name], rows, self._names)
+        for rows, out in zip(m.arrays.values(), there.arrays.values(), strict=True):
+            take_rows(out, rows, self._names)
         if given:
             take_rows(loop.force, main.force, self._names)
         loop.engine.body_scale = main.engine.body_scale
@@ -48,8 +48,8 @@ class Seats:
             m.acc = np.empty_like(there.acc)
         given = loop.has_force
         main.forced = -1
-        for name, rows in there.arrays.items():
-            take_rows(m.arrays[name], rows, self._places)
+        for rows, out in zip(there.arrays.values(), m.arrays.values(), strict=True):
+            take_rows(out, rows, self._places)
         if given:
             take_rows(main.force, loop.force, self._places)
         m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT

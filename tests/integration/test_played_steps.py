@@ -73,18 +73,21 @@ def run_of(built: dpd.BuiltSystem, *cuts: int) -> dict[str, np.ndarray]:
     return everything(simulation.context, built)
 
 
-def step_by_step(monkeypatch, build, steps_of_it: int = STEPS) -> dict[str, np.ndarray]:
+def unplayed(monkeypatch, run):
+    """What a run gives step by step."""
     with monkeypatch.context() as patch:
         patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
-        return run_of(build(), steps_of_it)
+        return run()
+
+
+def step_by_step(monkeypatch, build, steps_of_it: int = STEPS) -> dict[str, np.ndarray]:
+    return unplayed(monkeypatch, lambda: run_of(build(), steps_of_it))
 
 
 def both_ways(monkeypatch, run, threads: int = 2) -> tuple:
     """What a run gives step by step on one thread, and played on so many."""
     set_threads(1)
-    with monkeypatch.context() as patch:
-        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
-        expected = run()
+    expected = unplayed(monkeypatch, run)
     set_threads(threads)
     return expected, run()
 
@@ -145,9 +148,7 @@ def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, togeth
         return *found, everything(simulation.context, built)
 
     set_threads(1)
-    with monkeypatch.context() as patch:
-        patch.setattr(StepLoop, "_repeats", lambda *arguments: False)
-        *expected, state = measured()
+    *expected, state = unplayed(monkeypatch, measured)
     set_threads(threads)
     monkeypatch.setattr(PairList, "make_passing_room", _just_enough)
     *found, reached = measured()
