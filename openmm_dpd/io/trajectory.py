@@ -11,7 +11,6 @@ Lengths are nm here and in mdtraj; DCD files hold float32 angstrom, so one reduc
 from __future__ import annotations
 
 import functools
-import gc
 import os
 from collections.abc import Sequence
 from itertools import count
@@ -22,6 +21,7 @@ import numpy as np
 from openmm import app, unit
 
 from ..base.errors import ParameterError
+from ..base.garbage import nothing_collected
 from ..model.scene import box_vectors
 from .bead_elements import bead_charges as bead_charges, bead_masses
 from .psf import SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf as write_psf
@@ -98,15 +98,10 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, re
     topology = app.Topology()
     chain = topology.addChain(CHAIN)
     atoms = []
-    collecting = gc.isenabled()
-    gc.disable()  # all of these objects stay: to look for garbage among a million of them takes longer than to make them
-    try:
+    with nothing_collected():  # to look for garbage among a million atoms takes longer than to make them
         for number, beads in runs(numbers):
             residue = topology.addResidue(called[beads[0]], chain, id=str(number))
             atoms += [topology.addAtom(names[bead], None, residue) for bead in beads]
-    finally:
-        if collecting:
-            gc.enable()
     for i, j in pairs.tolist():
         topology.addBond(atoms[i], atoms[j])
     vectors = box_vectors(box)
