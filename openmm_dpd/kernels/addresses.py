@@ -37,6 +37,17 @@ def put_word(context, builder, signature, arguments):
     return context.get_dummy_value()
 
 
+@instruction(lambda source, target, count: types.void(_INT, _INT, _INT))
+def copy_words(context, builder, signature, arguments):
+    """Copy so many words from one address to another; the two places have no word in common."""
+    source, target, count = arguments
+    pointer = ir.IntType(8).as_pointer()
+    function = builder.module.declare_intrinsic("llvm.memcpy", [pointer, pointer, _WORD])
+    places, size = (builder.inttoptr(each, pointer) for each in (target, source)), builder.mul(count, ir.Constant(_WORD, 8))
+    builder.call(function, [*places, size, ir.Constant(ir.IntType(1), 0)])
+    return context.get_dummy_value()
+
+
 @instruction(lambda address, place: _INT(_INT, _INT))
 def shared_word(context, builder, signature, arguments):
     """The word at a place that another thread writes; what that thread did before is seen from then on."""

@@ -4,19 +4,21 @@ Each is one pass without temporary arrays: an array of numpy's that lives for a 
 memory comes from the operating system page by page.  Several threads share a pass where there are beads enough for them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from .addresses import copy_words, put_word, word
 from .compiled import compiled, helper, inlined, renamed
 from .native import Kernel
+from .team import meet
 from .threads import threads_for
 
 
 def _over_beads(beads, counts, arguments, part, parts, team):
-    begin, end = beads * part // parts, beads * (part + 1) // parts
+    begin, end = beads // _EACH * part // parts * _EACH, beads // _EACH * (part + 1) // parts * _EACH
     if _COUNTS:
         counts[part] = _rows(begin, end, *arguments)
         return counts[part]
@@ -26,13 +28,13 @@ def _over_beads(beads, counts, arguments, part, parts, team):
 
 # what over_beads() puts in
 _rows: Any = None
-_COUNTS = False
+_COUNTS, _EACH = False, 1
 
 
 def over_beads(function: Callable, counts: bool = False, each: int = 1) -> Callable:
     """Make a pass over all beads of one over the rows ``begin`` to ``end`` of the first argument, of which ``each`` has so many.  One that
     ``counts`` returns a number for its rows, and the pass returns the sum."""
-    kernel = Kernel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts}))
+    kernel = Kernel(renamed(_over_beads, function.__name__, {"_rows": helper(function), "_COUNTS": counts, "_EACH": each}))
 
     def call(first, *others):
         parts = threads_for(len(first) // each)
@@ -69,13 +71,33 @@ def add_to_moving(begin, end, values, changes, inv_mass):
                 values[i, k] += changes[i, k]
 
 
-@over_beads
-def take_rows(begin, end, out, rows, names):
-    """Write the rows (N, K) with these numbers to ``out``, in their order."""
-    for i in range(begin, end):
-        n = names[i]
-        for k in range(rows.shape[1]):
-            out[i, k] = rows[n, k]
+def _take_rows(moved, names, back, part, parts, team):
+    begin, end = len(names) * part // parts, len(names) * (part + 1) // parts
+    for k in range(len(moved)):
+        rows, out, width = moved[k, 0], moved[k, 1], moved[k, 2]
+        for i in range(begin, end):
+            if width == 3:
+                for n in range(3):
+                    put_word(out, i * 3 + n, word(rows, names[i] * 3 + n))
+            else:
+                for n in range(width):
+                    put_word(out, i * width + n, word(rows, names[i] * width + n))
+    if back:
+        meet(team, parts)
+        for k in range(len(moved)):
+            first = 8 * begin * moved[k, 2]
+            copy_words(moved[k, 1] + first, moved[k, 0] + first, (end - begin) * moved[k, 2])
+    return 0
+
+
+_take_rows_kernel = Kernel(_take_rows)
+
+
+def take_rows(arrays: Sequence[tuple[np.ndarray, np.ndarray]], names: np.ndarray, back: bool = False) -> None:
+    """Write the rows of these numbers (N,) of the first of two arrays (N, K) to the second, in their order, and from there ``back`` if
+    wanted.  The arrays are contiguous, of 64-bit numbers."""
+    moved = np.array([(rows.ctypes.data, out.ctypes.data, rows.shape[1]) for rows, out in arrays], np.int64)
+    _take_rows_kernel(moved, names, back, parts=threads_for(len(names)))
 
 
 @over_beads
@@ -127,11 +149,21 @@ def _move_component(x, v, c, change, time):
     return speed
 
 
+@helper
+def _fast(v, begin, end, limit):
+    """How many beads, whose components are (3N,), are not slower than the square root of 3 times the limit."""
+    count = 0
+    for c in range(begin, end, 3):
+        count += not v[c] * v[c] + v[c + 1] * v[c + 1] + v[c + 2] * v[c + 2] <= 3.0 * limit * limit
+    return count
+
+
 @counting_components
 def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     """Kick and drift: all that a step does between two looks at the pairs.  The force acts for the time ``kick``, beads that move then
     drift for ``time``.  Arrays are (3N,), all components one after the other: this way (and counted without a sign) several of them are
-    treated at once; ``inv_mass`` may be (1,), the same for all.  Returns how many components of v are not below ``limit``."""
+    treated at once; ``inv_mass`` may be (1,), the same for all.  Returns how many beads are faster than the square root of 3 times the
+    ``limit``, which only those can be that have a component beyond it."""
     count, first, last = 0, np.uint64(begin), np.uint64(end)
     if len(inv_mass) == 1:
         scale, drift = kick * inv_mass[0], time if inv_mass[0] > 0.0 else 0.0
@@ -141,7 +173,7 @@ def move(begin, end, x, v, force, inv_mass, kick, time, limit):
         for c in range(first, last):
             drift = time if inv_mass[c] > 0.0 else 0.0
             count += not abs(_move_component(x, v, c, (kick * inv_mass[c]) * force[c], drift)) <= limit
-    return count
+    return _fast(v, begin, end, limit) if count else 0
 
 
 @counting_components
@@ -156,7 +188,7 @@ def move_accelerated(begin, end, x, v, acc, inv_mass, kick, time, limit):
         for c in range(first, last):
             drift = time if inv_mass[c] > 0.0 else 0.0
             count += not abs(_move_component(x, v, c, kick * acc[c], drift)) <= limit
-    return count
+    return _fast(v, begin, end, limit) if count else 0
 
 
 @over_components

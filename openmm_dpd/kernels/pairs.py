@@ -127,7 +127,8 @@ class PairList:
             stored, its = self._stored._replace(seats=seats), self._of_beads
             self._given, self._of_beads, self._names, self._seats, self._stored, self._sorting = its, own, rows, seats, stored, None
         self._names[:] = names
-        self.beads[:] = np.flatnonzero(self._takes_part[names])
+        if len(self.beads) < len(names):
+            self.beads[:] = np.flatnonzero(self._takes_part[names])
         for here, given in zip(self._of_beads, self._given, strict=True):
             if len(here):
                 np.take(given, names, out=here)
@@ -185,9 +186,10 @@ class PairList:
         return *beads, np.empty((4, pairs)), np.empty(pairs if len(self.exceptions[0]) else 0)
 
     def _make_room(self) -> None:
-        """Give every column an eighth more room than it needed, and never less than it had: columns fluctuate."""
+        """Give every column half more room than it needed, and never less than it had: columns fluctuate, and a step that has too little
+        is done twice."""
         found, start = self._stored.found, np.zeros_like(self._stored.start)
-        start[1:] = np.cumsum(np.maximum(np.diff(self._stored.start), found + found // 8 + 48))
+        start[1:] = np.cumsum(np.maximum(np.diff(self._stored.start), found + found // 2 + 48))
         pi, pj, geometry, factors = self._room(int(start[-1]))
         self._stored, self._shares = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors), None
 

@@ -6,7 +6,7 @@ from struct import Struct
 
 import numpy as np
 
-from .addresses import call_kernel, cycles, put_word, word
+from .addresses import call_kernel, copy_words, cycles, put_word
 from .native import Kernel
 from .noise import call_key, next_key
 from .tape import Tape
@@ -31,8 +31,8 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
         if part == 0 and crowded(team, parts):
             told[3] = 1
         for k in range(len(kept)):
-            for n in range(kept[k, 2] * part // parts, kept[k, 2] * (part + 1) // parts):
-                put_word(kept[k, 1], n, word(kept[k, 0], n))
+            first, end = kept[k, 2] * part // parts, kept[k, 2] * (part + 1) // parts
+            copy_words(kept[k, 0] + 8 * first, kept[k, 1] + 8 * first, end - first)
         for k in range(part, len(keys), parts):
             count = keys[k, 2] + np.uint64(step) * keys[k, 3]
             heat = heats[step] if len(heats) else keys[k, 5]

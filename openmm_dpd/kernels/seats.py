@@ -21,53 +21,78 @@ class Seats:
 
     def __init__(self, loop: Any):
         self.loop = loop
+        #: arrays of the loop, and what was in them when beads changed seats
         self._room: dict[str, np.ndarray] = {}
+        self._before: dict[str, np.ndarray] = {}
+        self._spare = np.empty_like(loop.force)
         #: the bead in each seat, the seat of each bead, and how many steps they have done there
         self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(len(loop.inv_mass), np.uint32), 0
         loop.inv_mass = loop.inv_mass.copy()
 
-    def run(self, m: Moment, n: int, main: Any, given: bool) -> tuple[int, bool] | None:
-        """Do up to n steps for the loop of a run, ``main``, whose engine has seen its beads; ``given``: its force is that at the positions
-        of the moment.  Returns how many were done, and whether its force is that at the positions after them; None if they failed."""
-        loop, seated = self.loop, self._longest(m)
-        n = min(n, seated)
-        if not len(self._names) or self._steps + n // 2 > seated:
-            self._seat(main.engine)
-        there = replace(m, **{name: self._room.setdefault(name, np.empty_like(rows)) for name, rows in m.arrays.items()})  # type: ignore[arg-type]
-        for rows, out in zip(m.arrays.values(), there.arrays.values(), strict=True):
-            take_rows(out, rows, self._names)
-        if given:
-            take_rows(loop.force, main.force, self._names)
+    def run(self, m: Moment, n: int, main: Any, given: bool) -> tuple[int, bool]:
+        """Do n steps for the loop of a run, ``main``, whose engine has seen its beads; ``given``: its force is that at the positions of the
+        moment.  Returns how many were done, and whether its force is that at the positions after them.  If a step fails these are the steps
+        before beads have changed seats last: what there is to say has to have the numbers of the beads."""
+        loop, done, has_force = self.loop, 0, given
+        if not len(self._names):
+            self._seat(main.engine.sorted_beads())
+        there, kept, before = _like(m, self._room), None, 0
+        _take(m, there, self._names, (main.force, loop.force) if given else None)
         loop.engine.body_scale = main.engine.body_scale
         try:
-            loop.carry_out(there, n, None, given)
-        except RunError:  # it is to be said with the numbers of the beads
-            return None
-        self._steps += n
+            while done < n:
+                longest = self._longest(there)
+                steps = min(n - done, longest)
+                if self._steps + steps // 2 > longest and loop.engine.number:
+                    kept, before = self._change(there, has_force), done
+                loop.carry_out(there, steps, None, has_force)
+                done, self._steps, has_force = done + steps, self._steps + steps, loop.has_force
+        except RunError:
+            if kept is None:
+                return 0, given
+            there, done, has_force = kept, before, False
         if there.acc is not None and m.acc is None:
             m.acc = np.empty_like(there.acc)
-        given = loop.has_force
         main.forced = -1
-        for rows, out in zip(there.arrays.values(), m.arrays.values(), strict=True):
-            take_rows(out, rows, self._places)
-        if given:
-            take_rows(main.force, loop.force, self._places)
+        _take(there, m, self._places, (loop.force, main.force) if has_force else None)
         m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT
-        return n, given
+        return done, has_force
 
     def _longest(self, m: Moment) -> int:
         """For so many steps beads keep their seats."""
         going = m.dt * self.loop.slowest * math.sqrt(m.kT)
         return int(min(max(SOONEST, RESEATED * self.loop.reach / going), LATEST)) if going else LATEST
 
-    def _seat(self, engine: Any) -> None:
-        """Give the beads seats, in the order of their cells; ``engine`` is that of the run."""
-        loop = self.loop
-        names = (loop.engine if loop.engine.number else engine).sorted_beads()
+    def _change(self, m: Moment, has_force: bool) -> Moment:
+        """Put beads that have seats in the order of the cells they are in now; returns the moment again, in arrays that stay as is."""
+        names, kept = self.loop.engine.sorted_beads(), _like(m, self._before)
+        force = self.loop.force, self._spare
         self._names = names[:0]  # until all are seated
+        _take(m, kept, self._places[names], force if has_force else None, back=True)
+        self._seat(names)
+        return kept
+
+    def _seat(self, names: np.ndarray) -> None:
+        """Give the beads seats, in this order."""
+        loop = self.loop
+        self._names = names[:0]
         self._places[names] = np.arange(len(names), dtype=names.dtype)
         loop.engine.seat(names, self._places)
-        np.take(loop.engine.spec.inv_mass, names, out=loop.inv_mass)
-        if len(loop.inv_masses) > 1:
+        if len(loop.inv_masses) > 1:  # they are unlike
+            np.take(loop.engine.spec.inv_mass, names, out=loop.inv_mass)
             loop.inv_masses.reshape(-1, 3)[...] = loop.inv_mass[:, None]
         loop.forced, self._names, self._steps = -1, names, 0
+
+
+def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:
+    """A moment whose arrays have their place in ``room``."""
+    for name, rows in m.arrays.items():
+        if name not in room:
+            room[name] = np.empty_like(rows)
+    return replace(m, **{name: room[name] for name in m.arrays})  # type: ignore[arg-type]
+
+
+def _take(m: Moment, to: Moment, names: np.ndarray, forces: tuple[np.ndarray, np.ndarray] | None, back: bool = False) -> None:
+    """Write the rows of these beads from one moment to another, and of the force of the one to that of the other."""
+    both = [*zip(m.arrays.values(), to.arrays.values(), strict=True), *([forces] if forces else [])]
+    take_rows(both, names, back)

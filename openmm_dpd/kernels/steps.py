@@ -74,9 +74,8 @@ class StepLoop:
                 self._seats = Seats(StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True))  # type: ignore[call-arg]
             self.placed = self.engine.holds(moment.x, moment.box)
             given = self.has_force
-            while n - done > 3 and (found := self._seats.run(moment, n - 1 - done, self, given)):
-                more, given = found
-                done += more
+            if n > 3:
+                done, given = self._seats.run(moment, n - 1, self, given)
         self.carry_out(moment, n - done, slow, given, done)
 
     def carry_out(self, moment: Moment, n: int, slow: SlowForces | None, given: bool = False, already: int = 0) -> None:
