@@ -11,25 +11,33 @@ import numpy as np
 from ..base.geometry import minimum_images
 from ..base.wording import bead_names, in_length, overstretched
 from .elementary import exp, log
-from .extras import BondedKernel, minimum_image
+from .extras import BondedKernel, nearest_image
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
 WCA_END = 2.0 ** (1.0 / 6.0)
+_ONE, _TWO = np.uint64(1), np.uint64(2)
 # the formula of a kind
 _formula: Any = None
 
 
 def _part(x, box, inverse, pairs, p, begin, end, parts, first):
-    energy = 0.0
-    for n in range(begin, end):
-        i, j, k = pairs[n, 0], pairs[n, 1], 2 * (n - first)
-        dx, dy, dz = minimum_image(x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2], box, inverse)
+    # what is read and written at places that are not known before has loops of its own: in the other one several bonds are done at once
+    energy, count, begin, first = 0.0, np.uint64(end - begin), np.uint64(begin), np.uint64(first)
+    ax, bx, by, cx, cy, cz = box[0, 0], box[1, 0], box[1, 1], box[2, 0], box[2, 1], box[2, 2]
+    some = np.empty((4, count))
+    for k in range(count):
+        i, j = pairs[begin + k, 0], pairs[begin + k, 1]
+        some[0, k], some[1, k], some[2, k] = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
+    for k in range(count):
+        dx, dy, dz = nearest_image(some[0, k], some[1, k], some[2, k], ax, bx, by, cx, cy, cz, inverse)
         r2 = dx * dx + dy * dy + dz * dz
-        u, pull = _formula(np.sqrt(r2), r2, p, n)
-        fx, fy, fz = pull * dx, pull * dy, pull * dz
-        energy += u
-        parts[k, 0], parts[k, 1], parts[k, 2] = fx, fy, fz
-        parts[k + 1, 0], parts[k + 1, 1], parts[k + 1, 2] = -fx, -fy, -fz
+        some[3, k], pull = _formula(np.sqrt(r2), r2, p, begin + k)
+        some[0, k], some[1, k], some[2, k] = pull * dx, pull * dy, pull * dz
+    for k in range(count):
+        fx, fy, fz, n = some[0, k], some[1, k], some[2, k], _TWO * (begin + k - first)
+        energy += some[3, k]
+        parts[n, 0], parts[n, 1], parts[n, 2] = fx, fy, fz
+        parts[n + _ONE, 0], parts[n + _ONE, 1], parts[n + _ONE, 2] = -fx, -fy, -fz
     return energy
 
 

@@ -52,7 +52,7 @@ def _sign(place, pattern, origin, period):
 
 def _body_forces(x, beads, vectors, pattern, axis, origin, period, scale, energies, force, found, part, parts, team):
     """Add the forces; writes down the energy -f.x, which means something only where nothing is periodic."""
-    for chunk in range(part, len(energies), parts):
+    for chunk in range(len(energies) * part // parts, len(energies) * (part + 1) // parts):
         energy = 0.0
         for n in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads))):
             i = beads[n]

@@ -88,14 +88,20 @@ def inverse_edges(box):
 @njit(inline="always")
 def minimum_image(dx, dy, dz, box, inverse):
     """The vector (dx, dy, dz) by minimum image; as it is in a box of zeros."""
+    return nearest_image(dx, dy, dz, box[0, 0], box[1, 0], box[1, 1], box[2, 0], box[2, 1], box[2, 2], inverse)
+
+
+@njit(inline="always")
+def nearest_image(dx, dy, dz, ax, bx, by, cx, cy, cz, inverse):
+    """The same with the box vectors as numbers."""
     turns = np.floor(dz * inverse[2] + 0.5)
-    dx -= turns * box[2, 0]
-    dy -= turns * box[2, 1]
-    dz -= turns * box[2, 2]
+    dx -= turns * cx
+    dy -= turns * cy
+    dz -= turns * cz
     turns = np.floor(dy * inverse[1] + 0.5)
-    dx -= turns * box[1, 0]
-    dy -= turns * box[1, 1]
-    dx -= np.floor(dx * inverse[0] + 0.5) * box[0, 0]
+    dx -= turns * bx
+    dy -= turns * by
+    dx -= np.floor(dx * inverse[0] + 0.5) * ax
     return dx, dy, dz
 
 
@@ -126,7 +132,7 @@ def _terms(x, box, beads, p, rows, start, slots, pieces, energies, moved, force,
     """Add the forces of all terms.  One thread does one after the other; several first write down what each term does, and then each takes
     a bead and adds up its row, in the same order, and so does one where terms have ``moved``."""
     inverse, direct = inverse_edges(box), parts == 1 and not moved
-    for chunk in range(part, len(energies), parts):
+    for chunk in range(len(energies) * part // parts, len(energies) * (part + 1) // parts):
         begin, end = chunk * CHUNK, min((chunk + 1) * CHUNK, len(beads))
         first = begin if direct else 0
         energies[chunk] = _part(x, box, inverse, beads, p, begin, end, pieces, first)
