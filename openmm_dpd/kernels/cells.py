@@ -97,7 +97,7 @@ def _find_cells(x, beads, grid, begin, end, cell, wrapped, some):
     return usable
 
 
-@helper
+@inlined
 def _count_chunk(x, beads, grid, scratch, chunk):
     """Cells of one chunk of the beads, and how many of them are in each; returns whether all positions are usable."""
     cell, wrapped, place = scratch.cell, scratch.wrapped, scratch.place[chunk]
@@ -111,7 +111,7 @@ def _count_chunk(x, beads, grid, scratch, chunk):
     return usable
 
 
-@helper
+@inlined
 def _place_chunk(beads, names, scratch, chunk):
     """Write down which beads of one chunk belong where; and their numbers, and the cells of these, if they are not sorted by them."""
     cell, place, rows = scratch.cell, scratch.place[chunk], scratch.rows
@@ -143,7 +143,7 @@ def _sort_cells(numbers, cells, count, first, last, to):
             to[place] = n
 
 
-@helper
+@inlined
 def _fill_in(beads, scratch, begin, end, named, order, seats, xs, of_beads, sorted_types, sorted_inv_mass):
     """Put the beads of the places from begin to end where they belong."""
     wrapped, rows = scratch.wrapped, scratch.rows
@@ -207,7 +207,7 @@ def most_near(count, layer):
     return 4 * np.int64(most)
 
 
-@helper
+@inlined
 def _beads_in(place, first, last):
     """How many beads are in cells."""
     total = np.uint32(0)
@@ -217,7 +217,7 @@ def _beads_in(place, first, last):
     return total
 
 
-@helper
+@inlined
 def _first_places(place, count, first, last, total):
     """From the number of beads of each chunk in each of these cells to the place of the first of them; ``total`` are in those before."""
     for k in range(np.uint64(first), np.uint64(last)):
@@ -240,7 +240,7 @@ def _bin_beads(x, beads, names, of_beads, grid, scratch, count, order, seats, xs
     for chunk in range(len(usable)):
         if not usable[chunk]:
             return 1
-    cells, before = len(count) - 1, np.uint32(0)
+    cells, before = len(count) - 1, np.uint64(0)
     first, last = cells * part // parts, cells * (part + 1) // parts
     if parts > 1:
         scratch.beads_in[part] = _beads_in(place, first, last)

@@ -57,7 +57,7 @@ def _with(tensor, g, n, virial):
     return xx + x * g[0, n], yy + y * g[1, n], zz + z * g[2, n], xy + x * g[1, n], xz + x * g[2, n], yz + y * g[2, n]
 
 
-@helper
+@inlined
 def nothing(pairs, data, begin, m, scratch):
     """There is nothing that can be done for many pairs at once."""
 
@@ -285,14 +285,14 @@ def on_velocities(data):
     return data.v
 
 
-@helper
+@inlined
 def clear(pairs, data, begin, end):
     """Begin with no force ``f`` (M, 3)."""
     for k in range(begin, end):
         data.f[k, 0] = data.f[k, 1] = data.f[k, 2] = 0.0
 
 
-@helper
+@inlined
 def gather(pairs, data, begin, end):
     """Sort the velocities ``seen`` (N, 3), 0 if there are none, into ``v`` (M, 3)."""
     seen, v, seats = data.seen, data.v, pairs.seats
@@ -304,7 +304,7 @@ def gather(pairs, data, begin, end):
             v[k, 0] = v[k, 1] = v[k, 2] = 0.0
 
 
-@helper
+@inlined
 def gather_and_clear(pairs, data, begin, end):
     """Both."""
     clear(pairs, data, begin, end)
@@ -323,13 +323,13 @@ def _put(f, out, add, seats, begin, end):
             out[i, 0], out[i, 1], out[i, 2] = f[k, 0], f[k, 1], f[k, 2]
 
 
-@helper
+@inlined
 def deliver(pairs, data, begin, end):
     """Write the forces ``f`` to ``out`` (N, 3), or add them there."""
     _put(data.f, data.out, data.add, pairs.seats, begin, end)
 
 
-@helper
+@inlined
 def gather_and_clear_rates(pairs, data, begin, end):
     """:func:`gather_and_clear`, and begin with no ``rates`` (M, K) of fields."""
     gather_and_clear(pairs, data, begin, end)
@@ -338,7 +338,7 @@ def gather_and_clear_rates(pairs, data, begin, end):
             data.rates[k, column] = 0.0
 
 
-@helper
+@inlined
 def deliver_rates(pairs, data, begin, end):
     """:func:`deliver`, and add the ``rates`` to ``changing`` (N, K)."""
     deliver(pairs, data, begin, end)
@@ -347,7 +347,7 @@ def deliver_rates(pairs, data, begin, end):
             data.changing[pairs.seats[k], column] += data.rates[k, column]
 
 
-@helper
+@inlined
 def gather_and_clear_both(pairs, data, begin, end):
     """:func:`gather_and_clear` where conservative forces ``c`` (M, 3) are added up apart too."""
     gather_and_clear(pairs, data, begin, end)
@@ -355,7 +355,7 @@ def gather_and_clear_both(pairs, data, begin, end):
         data.c[k, 0] = data.c[k, 1] = data.c[k, 2] = 0.0
 
 
-@helper
+@inlined
 def deliver_both(pairs, data, begin, end):
     """:func:`deliver`, and the forces ``c`` to ``held`` (N, 3)."""
     deliver(pairs, data, begin, end)

@@ -88,7 +88,7 @@ def _factor(rule, i, j):
     return 1.0
 
 
-@helper
+@inlined
 def _neighbours(cy, cz, grid, corner, shift):
     """The column (cy, cz) and the four whose beads it meets.  Writes for each its first cell, and the lattice vector to add; returns how
     many there are."""
@@ -249,7 +249,7 @@ def _flush(rule, order, types, near, bead, hits, m, n, room, out):
         exact = True
 
 
-@helper
+@inlined
 def has_room(source):
     """Whether there is room for all beads near a column."""
     return most_near(source.cells, source.nx * source.ny) + 64 <= source.bead.shape[1]
@@ -313,7 +313,7 @@ def list_some(pairs, source, part, cell, s, n, room):
     return cell, s, _flush(source, pairs.order, pairs.types, near, bead, hits, m, n, room, pairs)
 
 
-@helper
+@inlined
 def _list_column(pairs, source, part, column):
     """List the pairs of a column where it has room for them; returns how many there are."""
     begin, room = pairs.start[column], pairs.start[column + 1]

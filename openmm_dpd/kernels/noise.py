@@ -27,6 +27,7 @@ _SCALE = 2.0**-52
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 #: The upper half of the inverse distribution function lies in this many cells of a cubic polynomial each; the last ones are left to _tail.
 _CELLS, _SMOOTH = 256, 248
+_LAST = np.uint64(_SMOOTH - 1)
 #: Bits after the point that values at the edges of cells have.
 ROUNDED = 39
 
@@ -104,7 +105,8 @@ def _signed(bits, z):
 @inlined
 def _from_cubic(bits):
     """The number of these bits, if its cell has a cubic; something else otherwise."""
-    cell, place = np.uint64(min(int(_cell(bits)), _SMOOTH - 1)), _place(bits)
+    cell, place = _cell(bits), _place(bits)
+    cell = cell if cell < _LAST else _LAST
     z = _CUBICS[cell, 0] + place * (_CUBICS[cell, 1] + place * (_CUBICS[cell, 2] + place * _CUBICS[cell, 3]))
     return _signed(bits, z)
 
@@ -130,7 +132,8 @@ def draw(key, pairs, begin, m, scratch):
     order, pi, pj, bits, tail, xi = pairs.order, pairs.pi, pairs.pj, scratch.bits, scratch.tail, scratch.values[3]
     for k in range(m):
         i, j = order[pi[begin + k]], order[pj[begin + k]]
-        bits[k] = (np.uint64(min(i, j)) << _S32) | np.uint64(max(i, j))
+        low, high = (i, j) if i < j else (j, i)
+        bits[k] = (np.uint64(low) << _S32) | np.uint64(high)
     for k in range(m):
         bits[k] = mix(mix(bits[k] * _GOLDEN + key) + key)
     for k in range(m):

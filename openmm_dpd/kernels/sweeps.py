@@ -164,7 +164,7 @@ def _any(pairs, data, scratch, n, k, column):
     return 0.0, if_sheared(pairs, -lost * g[3, n]), 0.0
 
 
-@helper
+@inlined
 def gather_velocities(pairs, data, begin, end):
     """Sort the velocities (N, 3) into ``v`` (M, 3)."""
     velocities, v, seats = data.velocities, data.v, pairs.seats
@@ -173,7 +173,7 @@ def gather_velocities(pairs, data, begin, end):
         v[k, 0], v[k, 1], v[k, 2] = velocities[i, 0], velocities[i, 1], velocities[i, 2]
 
 
-@helper
+@inlined
 def scatter_velocities(pairs, data, begin, end):
     """Write them back."""
     velocities, v, seats = data.velocities, data.v, pairs.seats

@@ -30,6 +30,8 @@ _MOST = 1 << 16
 _CROWDED = 3
 #: Rounds of looking (some 20 to 50 ns each) after which others go first, and after which a thread without work goes to sleep.
 _PATIENCE, _AWAKE = 50_000, 100_000
+#: A number of rounds, of the type of all.
+_NONE = np.int64(0)
 #: The job after the last one.
 _STOP = -1
 
@@ -52,7 +54,7 @@ def meet(team, parts):
             put_word(team, _HERE, 0)
             share_word(team, _MEETINGS, meeting + 1)
         else:
-            rounds = 0
+            rounds = _NONE
             while shared_word(team, _MEETINGS) == meeting:
                 rounds = _let_others(team, rounds)
                 if rounds == word(team, _LONG):
@@ -82,7 +84,7 @@ def _lead(team, kernel, words, job):
     share_word(team, _COMING, 0)
     parts = job % _MOST
     found = call_kernel(kernel, words, 0, parts, team)
-    rounds = 0
+    rounds = _NONE
     while shared_word(team, _DONE) != parts - 1:
         rounds = _let_others(team, rounds)
     return found
@@ -90,7 +92,7 @@ def _lead(team, kernel, words, job):
 
 def _follow(team, part, last):
     """The shares of another thread, one job after the other; returns the last one, or that it is to stop."""
-    rounds = 0
+    rounds = _NONE
     while rounds < _AWAKE:
         job = shared_word(team, _JOB)
         if job == last:
@@ -102,7 +104,7 @@ def _follow(team, part, last):
         if part < parts:
             call_kernel(word(team, _KERNEL), word(team, _WORDS), part, parts, team)
             add_to_word(team, _DONE, 1)
-        last, rounds = job, 0
+        last, rounds = job, _NONE
     return last
 
 
