@@ -274,6 +274,17 @@ def test_a_bead_runs_away_from_its_seat(bead, scheme, monkeypatch, counted, toge
     assert found == expected and f"bead {bead} moves" in expected and counted[0] > 0
 
 
+@pytest.mark.parametrize("scheme", ["mvv", "middle"])
+def test_a_fast_bead_that_does_not_run_away(scheme, monkeypatch, counted):
+    """One component of its velocity is beyond what a bead has in one of them that runs away, at least: steps with it are played as well."""
+    edge = 200.0 ** (1 / 3)
+    x, v = np.random.default_rng(2).random((600, 3)) * edge, np.zeros((600, 3))
+    v[17, 1] = 35.0  # 0.7 cutoffs a step
+    scene = dpd.Scene({"A": 1.0}, ["A"] * 600, x, {("A", "A"): dpd.DPD(A=5, gamma=0.1)}, kT=1.0, box=[edge] * 3, velocities=v)
+    expected, found = both_ways(monkeypatch, lambda: run_of(dpd.build(scene, dt=0.02, scheme=scheme, seed=SEED, platform="CPU"), 30), 1)
+    assert not same(found, expected) and counted[0] >= 20
+
+
 def test_a_step_that_fails_is_python_s(monkeypatch, counted, together):
     """The state is that of the last call, and the message has the number of the bead."""
     for threads in (1, 2):

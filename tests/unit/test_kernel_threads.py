@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from openmm_dpd.kernels import threads
+from openmm_dpd.kernels.addresses import copy_words
 from openmm_dpd.kernels.native import Kernel
 from openmm_dpd.kernels.team import meet
 
@@ -113,6 +114,21 @@ def test_arguments_are_read_as_they_are_written():
     assert kernel.versions == 1
     kernel(*arguments[:4], grid, *arguments[5:])  # contiguous now
     assert kernel.versions == 2 and out[4] == grid[2, 1]
+
+
+def _copy(source, target, part, parts, team):
+    for k in range(len(source)):
+        copy_words(source[k], target[k], 5)
+    return 0
+
+
+def test_words_are_copied():
+    words, copies = np.arange(20.0).view(np.int64), np.zeros(20, np.int64)
+    first = np.array([words[2:].ctypes.data, words[10:].ctypes.data])
+    Kernel(_copy, kept=False)(first, np.array([copies[3:].ctypes.data, copies[9:].ctypes.data]))
+    expected = np.zeros(20)
+    expected[3:8], expected[9:14] = np.arange(2.0, 7.0), np.arange(10.0, 15.0)
+    assert np.array_equal(copies.view(np.float64), expected)
 
 
 def test_threads_wake_up_again(together):
