@@ -103,7 +103,7 @@ class DPDLayer(SweptLayer):
     repels_by_pairs = repeats = True
 
     def __init__(self, table: TermTable, spec: PairSpec, number: int):
-        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
+        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=True)
         plain = bool(pairs.alike and table.exponent.flat[0] == 1.0)
         super().__init__(table, number, pairs, plain, bool(np.any(table.gamma_perp != 0.0)))
         self.parts_forces = not self._transverse

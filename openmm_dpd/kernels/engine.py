@@ -247,7 +247,7 @@ def _use_all(spec: PairSpec, many: bool) -> None:
     edge = 4.0 * max(float(table.cutoff.max()) for table in spec.terms)
     engine = host_engine(small)
     for pairs in engine.lists:
-        pairs.many = many
+        pairs.many = many and pairs.passes
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
     # everywhere the same, so that no two beads meet that never would
     field_values = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))

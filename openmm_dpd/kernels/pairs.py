@@ -79,11 +79,13 @@ class PairList:
     An error, or Ctrl-C, may come before any line.  So arrays that have to fit each other are made first, and taken over together in one
     statement, with what says which ones they are; after an error the next :meth:`build` goes on with those before or those after it.
 
-    ``inv_mass`` is sorted with the beads for who reads the list.  Where beads are ``many`` pairs are stored only if somebody reads
-    :attr:`arrays`.  Otherwise loops list the pairs of a column when they come to it.
+    ``inv_mass`` is sorted with the beads for who reads the list.  If it ``passes`` pairs on, those of ``many`` beads are stored only if
+    somebody reads :attr:`arrays`.  Otherwise loops list the pairs of a column when they come to it.
     """
 
-    def __init__(self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None):
+    def __init__(
+        self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None, *, passes: bool = False
+    ):
         self._takes_part = types >= 0
         self.beads = np.flatnonzero(self._takes_part).astype(np.uint32)
         self.ntypes = len(cutoff)
@@ -105,7 +107,7 @@ class PairList:
         self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1))  # type: ignore[arg-type]
         self._shape, self._count, self._near, self._blocks = (1, 1, 1), np.zeros(2, np.uint64), 0, blocks_of(1, 1)
         self._source: listing.SortedCells | None = None
-        self.many = m >= MANY
+        self.passes, self.many = passes, passes and m >= MANY
         #: the cells of the beads that are sorted, and whether their pairs are stored; room for a column of each thread, where they are not
         self._placed, self._complete = cells.Grid(np.eye(3), np.zeros(3), False, 1, 1, 1), True
         self._passing = self._room(0)
