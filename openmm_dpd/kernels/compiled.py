@@ -25,7 +25,8 @@ BARE = SEMANTICS | NO_REFERENCE_COUNTS
 #: since each for itself takes a third of the compiler's time; or put in where they are called.
 helper = numba.njit(**BARE, **ONLY_LINKED)
 inlined = numba.njit(inline="always", **BARE)
-#: Compiled on their own, and put in by LLVM where they are called: what is called often with many arrays, each of which is seven arguments.
+#: Compiled on their own, and put in by LLVM where they are called: what is called often with many arrays, each of which is seven arguments,
+#: and what is long, for which numba would take ten seconds.
 merged = numba.njit(forceinline=True, **BARE, **ONLY_LINKED)
 #: The same for functions that are also called from Python, where they stay what they are.
 both = register_jitable(inline="always", **BARE, **ONLY_LINKED)

@@ -34,7 +34,7 @@ import numpy as np
 from ..base.errors import RunError
 from ..base.wording import bead_names, bead_number, in_number
 from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined
+from .compiled import helper, inlined, merged
 from .elementary import power
 from .energy import passes
 from .eos import log_ratio
@@ -232,7 +232,7 @@ class Heat(NamedTuple):
     add: bool
 
 
-@inlined
+@merged
 def _pair_heat(pairs, data, scratch, n, k, column):
     i, j, order, c, which, lammps, heat = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.lammps, data.heat
     row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
@@ -348,7 +348,7 @@ def _exchanged(lost, mean, ti, tj, ai, aj, xi, drawn):
     return flow if passes(exponent, drawn) else 0.0
 
 
-@inlined
+@merged
 def _pair_exchange(pairs, data, scratch, n, k, column):
     i, j, order, g, c, inv_mass = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, data.coefficients, pairs.inv_mass
     t, v, ai, aj, r = data.temperature, data.v, data.yielding[i], data.yielding[j], g[3, n]

@@ -31,7 +31,7 @@ from ..base.errors import RunError
 from ..base.wording import bead_number, in_units
 from . import forces
 from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined
+from .compiled import helper, inlined, merged
 from .elementary import exp
 from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_range, inverse_temperature, log_ratio
 from .fields import NO_INCREMENTS, sort_energies
@@ -130,7 +130,7 @@ class Rates(NamedTuple):
     add: bool
 
 
-@inlined
+@merged
 def _pair_rates(pairs, data, scratch, n, k, column):
     i, j, order, c, which, inverse, rates = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.inverse, data.rates
     row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
@@ -347,7 +347,7 @@ def _scatter(pairs, data, begin, end):
         increments[i, 1] = 0.0 if stays else increments[i, 1] + changes[k, 1]
 
 
-@inlined
+@merged
 def _pair_exchange(pairs, data, scratch, n, k, column):
     i, j, order, g, c, inv_mass = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, data.coefficients, pairs.inv_mass
     update, dt, frozen, u, v, changes = data.update, data.dt, data.frozen, data.u, data.v, data.changes

@@ -24,7 +24,7 @@ import numpy as np
 
 from . import forces
 from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined
+from .compiled import helper, inlined, merged
 from .edpd import clamped
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
@@ -203,7 +203,7 @@ def _exchanged(ci, cj, x, both, spread, xi):
     return flow
 
 
-@inlined
+@merged
 def _pair_exchange(pairs, data, scratch, n, k, column):
     i, j, order, g, inv_mass, c, v = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, pairs.inv_mass, data.c, data.v
     coefficients, exchange, wi, wj = data.coefficients, data.exchange, inv_mass[i], inv_mass[j]
