@@ -9,8 +9,8 @@ from contextlib import contextmanager
 def nothing_collected() -> Iterator[None]:
     """A block in which Python does not look for garbage, if it did before: it would look at all that stays, again and again."""
     collecting = gc.isenabled()
-    gc.disable()
     try:
+        gc.disable()
         yield
     finally:
         if collecting:

@@ -73,9 +73,8 @@ class Seats:
         return kept
 
     def _seat(self, names: np.ndarray) -> None:
-        """Give the beads seats, in this order."""
+        """Give beads that have none seats, in this order."""
         loop = self.loop
-        self._names = names[:0]
         self._places[names] = np.arange(len(names), dtype=names.dtype)
         loop.engine.seat(names, self._places)
         if len(loop.inv_masses) > 1:  # they are unlike
@@ -94,5 +93,4 @@ def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:
 
 def _take(m: Moment, to: Moment, names: np.ndarray, forces: tuple[np.ndarray, np.ndarray] | None, back: bool = False) -> None:
     """Write the rows of these beads from one moment to another, and of the force of the one to that of the other."""
-    both = [*zip(m.arrays.values(), to.arrays.values(), strict=True), *([forces] if forces else [])]
-    take_rows(both, names, back)
+    take_rows([*zip(m.arrays.values(), to.arrays.values(), strict=True), *([forces] if forces else [])], names, back)

@@ -135,7 +135,7 @@ class StepLoop:
 
     def _known(self, m: Moment) -> tuple[bool, ...]:
         """What a step need not do, since it has been done."""
-        return self.placed, self.forced == self.engine.number, m.acc is None, self._given
+        return self.placed, self.placed and self.forced == self.engine.number, m.acc is None, self._given
 
     def _conditions(self, m: Moment) -> tuple:
         """What a recorded step depends on beside the arrays it begins with."""

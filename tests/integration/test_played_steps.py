@@ -276,6 +276,20 @@ def test_a_bead_runs_away_from_its_seat(bead, scheme, monkeypatch, counted, toge
     assert found == expected and f"bead {bead} moves" in expected and counted[0] > 0
 
 
+@pytest.mark.parametrize("scheme", ["aboba", "B O A"])
+def test_forces_at_old_positions_are_not_computed_again(scheme, monkeypatch, counted):
+    """Where a step ends with a drift the force is that before it."""
+    real, sums = StepLoop._sum, [0]
+
+    def summed(*arguments):
+        sums[0] += 1
+        real(*arguments)
+
+    monkeypatch.setattr(StepLoop, "_sum", summed)
+    run_of(made("dpd", scheme), 5, 40)
+    assert counted[0] > 20 and sums[0] == 45 - counted[0]
+
+
 @pytest.mark.parametrize("scheme", ["mvv", "middle"])
 def test_a_fast_bead_that_does_not_run_away(scheme, monkeypatch, counted):
     """One component of its velocity is beyond what a bead has in one of them that runs away, at least: steps with it are played as well."""
