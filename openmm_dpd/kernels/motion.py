@@ -76,12 +76,8 @@ def _take_rows(moved, names, back, part, parts, team):
     for k in range(len(moved)):
         rows, out, width = moved[k, 0], moved[k, 1], moved[k, 2]
         for i in range(begin, end):
-            if width == 3:
-                for n in range(3):
-                    put_word(out, i * 3 + n, word(rows, names[i] * 3 + n))
-            else:
-                for n in range(width):
-                    put_word(out, i * width + n, word(rows, names[i] * width + n))
+            for n in range(width):
+                put_word(out, i * width + n, word(rows, names[i] * width + n))
     if back:
         meet(team, parts)
         for k in range(len(moved)):

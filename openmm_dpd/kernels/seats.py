@@ -36,7 +36,7 @@ class Seats:
         loop, done, has_force = self.loop, 0, given
         if not len(self._names):
             self._seat(main.engine.sorted_beads())
-        there, kept, before = _like(m, self._room), None, 0
+        there, kept, done_then = _like(m, self._room), None, 0
         _take(m, there, self._names, (main.force, loop.force) if given else None)
         loop.engine.body_scale = main.engine.body_scale
         try:
@@ -44,13 +44,13 @@ class Seats:
                 longest = self._longest(there)
                 steps = min(n - done, longest)
                 if self._steps + steps // 2 > longest and loop.engine.number:
-                    kept, before = self._change(there, has_force), done
+                    kept, done_then = self._change(there, has_force), done
                 loop.carry_out(there, steps, None, has_force)
                 done, self._steps, has_force = done + steps, self._steps + steps, loop.has_force
         except RunError:
             if kept is None:
                 return 0, given
-            there, done, has_force = kept, before, False
+            there, done, has_force = kept, done_then, False
         if there.acc is not None and m.acc is None:
             m.acc = np.empty_like(there.acc)
         main.forced = -1
