@@ -168,7 +168,7 @@ def _friction_at(coefficients, row, r, mean):
     return coefficients[row, GAMMA] * weight * weight
 
 
-@inlined
+@merged
 def _conductivity(coefficients, row, mean, failed, n, column):
     """k at the mean temperature of a pair; a negative one is written down."""
     kappa = coefficients[row, KAPPA] * temperature_factor(coefficients, row, KAPPA_POLYNOMIAL, mean - 1.0)
@@ -177,7 +177,7 @@ def _conductivity(coefficients, row, mean, failed, n, column):
     return kappa
 
 
-@inlined
+@merged
 def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, inverse_mass, capacities):
     """Friction with noise and friction alone of a pair within the cutoff, and its viscous heat for each of the two.  ``inverse_mass`` is
     1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j."""
@@ -198,7 +198,7 @@ def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt,
     return radial, drag, heat
 
 
-@inlined
+@merged
 def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
     """Heat that flows to i from j; ``kappa`` is C_i C_j k, ``xi`` as bead i sees it."""
     weight = power(1.0 - r / coefficients[row, CUTOFF_T], 0.5 * coefficients[row, EXPONENT_T])
@@ -242,7 +242,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
     radial, energy, drag, gain = 0.0, 0.0, 0.0, 0.0
     pair, xi = data.key, 0.0
     if which & RANDOM:
-        pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+        pair = pair_key(data.key, order[i], order[j])
         xi = normal(pair, MOTION) if inside else 0.0
     if inside and which & CONSERVATIVE:
         radial, energy = soft(factor * c[row, A] * 0.5 * (ti + tj), c[row, CUTOFF], r)
@@ -309,7 +309,7 @@ def _gained(ti, new, energy, a):
     return log_ratio(new, ti) / a if a > 0.0 else energy / ti
 
 
-@inlined
+@merged
 def _rubbed(coefficients, row, r, factor, update, dt, ev, im, ti, tj, ai, aj, xi, drawn):
     """(Relative velocity after an update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
     quarter = 0.25 / im
@@ -329,7 +329,7 @@ def _rubbed(coefficients, row, r, factor, update, dt, ev, im, ti, tj, ai, aj, xi
     return (new, gain) if passes(exponent, drawn) else (ev, 0.0)
 
 
-@inlined
+@merged
 def _exchanged(lost, mean, ti, tj, ai, aj, xi, drawn):
     """Energy that goes to bead i in an update that takes the part ``lost`` of a difference away; ``mean``: the temperature it keeps."""
     both = ai + aj
@@ -356,7 +356,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     if im == 0.0:
         return 0.0, 0.0, 0.0
     row = row_of(pairs, i, j)
-    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    pair = pair_key(data.key, order[i], order[j])
     if r < c[row, CUTOFF] and c[row, GAMMA] > 0.0:
         ev, xi, drawn = approach(pairs, v, n, i, j), normal(pair, MOTION), uniform(pair, MOTION_TEST)
         new, gain = _rubbed(c, row, r, factor_of(pairs, n), data.update, data.dt, ev, im, t[i], t[j], ai, aj, xi, drawn)

@@ -149,7 +149,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
             heat += 0.5 * (drag * ev - 0.5 * strength * (pairs.inv_mass[i] + pairs.inv_mass[j]))
             conducted += kappa * (inverse[i] - inverse[j])
         if which & RANDOM:
-            pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+            pair = pair_key(data.key, order[i], order[j])
             kick = np.sqrt(strength) * data.rsqrt_dt * normal(pair, MOTION)
             radial += kick
             heat -= 0.5 * ev * kick
@@ -212,7 +212,7 @@ def passes(exponent, drawn):
 # waits for the energies that the pair before it left.
 
 
-@inlined
+@merged
 def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
     """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
     quarter = 0.25 / im
@@ -232,7 +232,7 @@ def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
     return (new, gain) if passes(entropy - 2.0 * gain * inverse, drawn) else (ev, 0.0)
 
 
-@inlined
+@merged
 def _conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
     """Energy that goes to bead i in one exact update of the heat."""
     scale = 1.0 / (ci + cj)
@@ -360,7 +360,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     constants = update == EXACT and ki == CONSTANT and kj == CONSTANT
     states, curves = (ci, cj, ki, kj), (data.start, data.nodes, data.pieces)
     # drawn here, since each pair waits for the energies that the pair before it left: these cost nothing beside that
-    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    pair = pair_key(data.key, order[i], order[j])
     strength = factor_of(pairs, n) * (c[row, SIGMA] * w) ** 2
     if strength > 0.0:
         ev, xi, drawn = approach(pairs, v, n, i, j), normal(pair, MOTION), uniform(pair, MOTION_TEST)

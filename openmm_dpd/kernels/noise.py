@@ -78,8 +78,9 @@ def noise_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
 
 
 @inlined
-def pair_key(key, low, high):
-    """64-bit hash of the pair (low < high, indices of the beads) under the key of this evaluation."""
+def pair_key(key, i, j):
+    """64-bit hash of a pair of beads, whose indices may come in either order, under the key of this evaluation."""
+    low, high = (i, j) if i < j else (j, i)
     pair = (np.uint64(low) << _S32) | np.uint64(high)
     return mix(mix(pair * _GOLDEN + key) + key)
 

@@ -130,7 +130,7 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
     row, r = row_of(pairs, i, j), pairs.geometry[3, n]
     pair, energy, virial, drag = data.key, 0.0, 0.0, 0.0
     if which & RANDOM:
-        pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+        pair = pair_key(data.key, order[i], order[j])
     if r < coefficients[row, CUTOFF]:
         factor = factor_of(pairs, n)
         friction = _friction_at(coefficients, row, r, factor)
@@ -188,7 +188,7 @@ class SpeciesExchange(NamedTuple):
     v: np.ndarray
 
 
-@inlined
+@merged
 def _exchanged(ci, cj, x, both, spread, xi):
     """What goes to bead i, which moves, from bead j; ``both`` is whether that moves, ``spread`` epsilon^2 w^p dt."""
     h = 2.0 if both else 1.0
@@ -210,7 +210,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     im, row, r = wi + wj, row_of(pairs, i, j), g[3, n]
     if im == 0.0:
         return 0.0, 0.0, 0.0
-    pair = pair_key(data.key, min(order[i], order[j]), max(order[i], order[j]))
+    pair = pair_key(data.key, order[i], order[j])
     if r < coefficients[row, CUTOFF]:
         ev = approach(pairs, v, n, i, j)
         lost = decay(data.update, _friction_at(coefficients, row, r, factor_of(pairs, n)) * im * data.dt)

@@ -14,12 +14,10 @@ def _stir(total, bits):
 
 
 @compiled
-def fingerprint(x, parameters):
-    """A number that depends on every bit of the positions and parameters, too small to matter where it is taken for an energy."""
+def _of_words(x, parameters):
     # four sums side by side: each multiplication waits for the one before it
     a, b, c, d = np.uint64(0x9E3779B97F4A7C15), np.uint64(1), np.uint64(2), np.uint64(3)
-    for values in (x.ravel(), parameters):
-        bits = values.view(np.uint64)
+    for bits in (x, parameters):
         whole = len(bits) - len(bits) % 4
         for k in range(0, whole, 4):
             a, b, c, d = _stir(a, bits[k]), _stir(b, bits[k + 1]), _stir(c, bits[k + 2]), _stir(d, bits[k + 3])
@@ -28,6 +26,11 @@ def fingerprint(x, parameters):
     for other in (b, c, d):
         a = _stir(a, other)
     return np.float64(a >> np.uint64(11)) * 2.0**-960
+
+
+def fingerprint(x: np.ndarray, parameters: np.ndarray) -> float:
+    """A number that depends on every bit of the positions and parameters, too small to matter where it is taken for an energy."""
+    return _of_words(x.ravel().view(np.uint64), parameters.view(np.uint64))
 
 
 def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
