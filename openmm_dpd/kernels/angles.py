@@ -11,9 +11,9 @@ handed out.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from ..base.wording import bead_names
+from .compiled import inlined
 from .extras import CHUNK, BondedKernel, minimum_image
 
 #: Least |a x b| (nm^2) that a force is divided by: beads in line have no direction to bend in, and OpenMM has the same bound.
@@ -22,7 +22,7 @@ LEAST_CROSS = 1e-6
 _formula: Any = None
 
 
-@njit(inline="always")
+@inlined
 def angle(s, c):
     """atan2(s, c) for s >= 0, to the last bit or two, by the rational function of Cephes' atan; both 0 give 0.  It has no branches, so that
     the loop around it is vectorised, which the library's function is not."""

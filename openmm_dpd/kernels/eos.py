@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
-from .compiled import compiled
+from .compiled import compiled, helper, inlined, merged
 
 #: Entries of ``curve`` for beads without one.
 CONSTANT, RESERVOIR = -1, -2
@@ -41,7 +40,7 @@ class EOSTable:
         return _thetas(self.capacity, self.curve, *self.curves, np.ascontiguousarray(u))
 
 
-@njit(inline="always")
+@inlined
 def in_range(u, capacity, curve, start, nodes):
     """Whether there is a theta for the energy u."""
     if curve == CONSTANT:
@@ -51,7 +50,7 @@ def in_range(u, capacity, curve, start, nodes):
     return nodes[start[curve]] <= u <= nodes[start[curve + 1] - 1]
 
 
-@njit
+@helper
 def _piece(u, curve, start, nodes):
     """Interval of the curve that holds u, and the distance from its left end."""
     low, high = start[curve], start[curve + 1] - 1
@@ -64,7 +63,7 @@ def _piece(u, curve, start, nodes):
     return low, u - nodes[low]
 
 
-@njit
+@helper
 def inverse_temperature(u, capacity, curve, start, nodes, pieces):
     """1/theta; the energy is taken to the nearest end if it is out of range (constant capacity: NaN)."""
     if curve == CONSTANT:
@@ -76,7 +75,7 @@ def inverse_temperature(u, capacity, curve, start, nodes, pieces):
     return ((pieces[k, 0] * d + pieces[k, 1]) * d + pieces[k, 2]) * d + pieces[k, 3]
 
 
-@njit
+@helper
 def curvature(u, capacity, curve, start, nodes, pieces):
     """-d(1/theta)/du >= 0: minus the second derivative of the entropy."""
     if curve == CONSTANT:
@@ -88,7 +87,7 @@ def curvature(u, capacity, curve, start, nodes, pieces):
     return -((3.0 * pieces[k, 0] * d + 2.0 * pieces[k, 1]) * d + pieces[k, 2])
 
 
-@njit(inline="always")
+@merged
 def log_ratio(a, b):
     """ln(a/b) of positive numbers to 1e-14, with fewer divisions than log(a/b): 2 artanh((a - b)/(a + b)) by nine terms, of a root of a/b
     where that is far from 1."""
@@ -103,7 +102,7 @@ def log_ratio(a, b):
     return power * s * (1.0 + s2 * (1.0 / 3.0 + s2 * (1.0 / 5.0 + s2 * (1.0 / 7.0 + s2 * (1.0 / 9.0 + s2 * high)))))
 
 
-@njit
+@helper
 def entropy_change(u, new, capacity, curve, start, nodes, pieces):
     """S(new) - S(u), both in range."""
     if curve == CONSTANT:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
+from .compiled import inlined
 from .elementary import sine
 from .extras import CHUNK, FEW, Evaluator, Extra, energy_chunks, run_terms
 from .native import Kernel
@@ -39,7 +39,7 @@ class BodyTerms:
         return BodyTerms(np.zeros(1, np.uint32), np.ones((1, 3))), np.zeros((1, 3)), np.diag([1.0] * 3)
 
 
-@njit(inline="always")
+@inlined
 def _sign(place, pattern, origin, period):
     if pattern == UNIFORM:
         return 1.0

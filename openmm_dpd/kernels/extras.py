@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Protocol
 
+import numba
 import numpy as np
-from numba import njit
 
 from ..base.errors import RunError
 from ..base.numba_private import ONLY_LINKED
-from .compiled import SEMANTICS, renamed
+from .compiled import SEMANTICS, inlined, renamed
 from .native import Kernel
 from .notice import LOGGER, announced
 from .team import meet
@@ -77,7 +77,7 @@ def run_terms(kernel: Kernel, many: bool, *arguments) -> list[float]:
     return found.tolist()
 
 
-@njit(inline="always")
+@inlined
 def inverse_edges(box):
     """One over the diagonal of a box; zeros for a box of zeros, which means no box."""
     if box[0, 0] == 0.0:
@@ -85,13 +85,13 @@ def inverse_edges(box):
     return 1.0 / box[0, 0], 1.0 / box[1, 1], 1.0 / box[2, 2]
 
 
-@njit(inline="always")
+@inlined
 def minimum_image(dx, dy, dz, box, inverse):
     """The vector (dx, dy, dz) by minimum image; as it is in a box of zeros."""
     return nearest_image(dx, dy, dz, box[0, 0], box[1, 0], box[1, 1], box[2, 0], box[2, 1], box[2, 2], inverse)
 
 
-@njit(inline="always")
+@inlined
 def nearest_image(dx, dy, dz, ax, bx, by, cx, cy, cz, inverse):
     """The same with the box vectors as numbers."""
     turns = np.floor(dz * inverse[2] + 0.5)
@@ -116,7 +116,7 @@ def bead_rows(beads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rows.astype(np.uint32), start.astype(np.uint32), slots.astype(np.uint32)
 
 
-@njit(inline="always")
+@inlined
 def add_row(force, bead, begin, end, slots, parts):
     """Add the parts of one row to the force on its bead."""
     fx, fy, fz = force[bead, 0], force[bead, 1], force[bead, 2]
@@ -167,9 +167,9 @@ _width = 0
 def _kernel(kind: Any) -> Kernel:
     """Kernel of a class of terms.  With a formula from elsewhere it is not kept on disk: nothing would tell that it has changed."""
     kept = kind.__module__.startswith(f"{__package__}.")
-    names = {"_formula": njit(inline="always", error_model="numpy")(kind.formula)}
+    names = {"_formula": inlined(kind.formula)}
     part = {
-        "_part": njit(**SEMANTICS, **ONLY_LINKED)(renamed(kind.part, f"{kind.__name__}_part", names)),
+        "_part": numba.njit(**SEMANTICS, **ONLY_LINKED)(renamed(kind.part, f"{kind.__name__}_part", names)),
         "_width": len(kind.sample),
     }
     return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False, kept=kept)

@@ -12,7 +12,7 @@ from struct import Struct
 
 import numpy as np
 
-from .compiled import both, helper, inlined
+from .compiled import both, helper, inlined, merged
 from .elementary import exp, log, without_last_bits
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -119,7 +119,7 @@ def _from_tail(bits):
     return _signed(bits, _tail(p))
 
 
-@inlined
+@merged
 def normal(key, stream):
     """Standard normal number number ``stream`` (0, 1, ...) of a pair."""
     bits = key if stream == 0 else mix(key + np.uint64(stream) * _STREAM)
