@@ -68,7 +68,7 @@ class Clock:
         self.names: list[str] = []
         self.spent, self.played, self.seconds = np.zeros((0, 0, 2)), 0, 0.0
 
-    def play(self, recording: Recording, counter: int, steps: int, heats: np.ndarray | None) -> tuple[int, bool]:
+    def play(self, recording: Recording, counter: int, steps: int, heats: np.ndarray | None) -> tuple[int, int | None]:
         """As :meth:`openmm_dpd.kernels.replay.Recording.play`."""
         threads = recording.threads
         spent, begun = np.zeros((len(recording.names), threads, 2), np.int64), time.perf_counter()

@@ -159,7 +159,7 @@ class PairEngine(Engine):
     def repeats(self) -> bool:
         """See :class:`.interface.Engine`."""
         # pairs of many beads that somebody has had stored are not there in the next step; and one thread alone gains nothing with them, but
-        # would have to keep the state before each step
+        # would have to keep a state
         unlike = any(pairs.many and (pairs.stored or pairs.threads == 1) for pairs in self.lists)
         steady = self._covered and not unlike and (self.spec.fields is None or not self.spec.fields.sources)
         return steady and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])

@@ -18,19 +18,23 @@ _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 _AT_FIRST, _ANSWERS = 10, 0.1
 #: So many rounds of looking at another thread, for each component of a bead, take less time than any kernel.
 _ROUNDS = 1
+#: The state is kept before every such step: that takes up to a twentieth of a step, and to come back to one is rare.
+_EVERY = 16
 
 
 def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, parts, team):
-    """Do steps until one is not to be done, or threads are in each other's way.  Before each its state is kept; ``told`` has how many were
-    complete, whether a kernel said anything (at every other call in one place, since a thread may be one call ahead), and that.  On a
-    ramp ``heats`` (steps,) are the bits of kT, and ``patches`` (P, steps) the words that go to the places ``patched``.  ``spent``
-    (calls, threads, 2) has the time of each at work and waiting, if there is room."""
+    """Do steps until one is not to be done, or threads are in each other's way.  Now and then the state before one is kept.  ``told`` has
+    how many are done, or were when the state was kept if another one is not to be done, whether a kernel said anything (at every other
+    call in one place, since a thread may be one call ahead), that threads are in each other's way, and how many were complete.  On a ramp
+    ``heats`` (steps,) are the bits of kT, and ``patches`` (P, steps) the words that go to the places ``patched``.  ``spent`` (calls,
+    threads, 2) has the time of each at work and waiting, if there is room."""
     if part == 0 and parts > 1:
         be_patient(team, _ROUNDS * kept[0, 2])
     for step in range(steps):
         if part == 0 and crowded(team, parts):
             told[3] = 1
-        for k in range(len(kept)):
+        keeps = step % _EVERY == 0
+        for k in range(len(kept) if keeps else 0):
             first, end = kept[k, 2] * part // parts, kept[k, 2] * (part + 1) // parts
             copy_words(kept[k, 0] + 8 * first, kept[k, 1] + 8 * first, end - first)
         for k in range(part, len(keys), parts):
@@ -41,6 +45,8 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
         for k in range(part, len(patched), parts):
             put_word(patched[k], 0, patches[k, step])
         meet(team, parts)
+        if part == 0 and (keeps or told[3] != 0):
+            told[0] = step
         if told[3] != 0:
             return 0
         for k in range(len(calls)):
@@ -54,9 +60,11 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
                 spent[k, part, 0] += worked - begun
                 spent[k, part, 1] += cycles() - worked
             if told[turn] != 0:
+                if part == 0:
+                    told[4] = step
                 return 1
-        if part == 0:
-            told[0] = step + 1
+    if part == 0:
+        told[0] = steps
     return 0
 
 
@@ -107,14 +115,14 @@ class Recording:
         """Whether these are the arrays that the step begins with."""
         return len(arrays) == len(self._state) and all(one is other for one, other in zip(arrays, self._state, strict=True))
 
-    def play(self, counter: int, steps: int, heats: np.ndarray | None = None, spent: np.ndarray = _UNTIMED) -> tuple[int, bool]:
+    def play(self, counter: int, steps: int, heats: np.ndarray | None = None, spent: np.ndarray = _UNTIMED) -> tuple[int, int | None]:
         """Do up to so many steps like it, with this counter before them, and thermal energies ``heats`` (steps,) if these change; returns
-        how many were done, and whether one more was begun.  The state is as after the last step that was done.  ``spent`` is for who
-        measures (benchmarks/profile_steps.py)."""
+        how many were done, and None; or, if one is not to be done, how many before it are to be done again: the state is as before these.
+        ``spent`` is for who measures (benchmarks/profile_steps.py)."""
         ramped = _CONSTANT if heats is None else self._ramped(heats)
         if ramped is None:
-            return 0, False
-        keys, told = self._keys.copy(), np.zeros(4, np.int64)
+            return 0, None
+        keys, told = self._keys.copy(), np.zeros(5, np.int64)
         keys[:, 2] += np.uint64(counter)
         before = time.monotonic()
         begun = bool(_play_kernel(self._calls, keys, *ramped[:3], self._kept, told, spent, steps, parts=self.threads))
@@ -124,7 +132,7 @@ class Recording:
                 array[...] = copy
         if told[3]:
             rest()
-        return int(told[0]), begun
+        return int(told[0]), int(told[4] - told[0]) if begun else None
 
     def _ramped(self, heats: np.ndarray) -> tuple | None:
         """What changes with the thermal energy, as :func:`_play` has it (and what has to stay where it is); None where a kernel depends on

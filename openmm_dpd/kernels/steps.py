@@ -166,17 +166,20 @@ class StepLoop:
         heats = None
         if self._heats(m):
             heats = np.array([ramped_energy(self.spec.ramp, m.ramped + 1.0 + k) for k in range(steps)])  # type: ignore[operator]
-        played, begun = recording.play(m.counter, steps, heats)
+        played, sound = recording.play(m.counter, steps, heats)
         m.counter += recording.counted * played
         self._count(m, played)
         if heats is not None and played:
             m.ramped, m.kT = m.ramped + played, float(heats[played - 1])  # type: ignore[operator]
         if played:
             self.placed, self.forced, self._given = known[0], self.engine.number if known[1] else -1, False
-        if begun:  # it has other lists
+        if sound is not None:  # the one that is not to be done has other lists
             self.placed, self.forced, self._given = False, -1, False
-        if played == steps:
+        if sound or played == steps:
             self._recorded = recorded
+        if sound:
+            played += self._play(m, sound)
+            self._recorded = None
         return played
 
     @property

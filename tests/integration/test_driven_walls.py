@@ -16,6 +16,7 @@ from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.base.names import IMPULSES
 from openmm_dpd.base.units import BOLTZMANN
 from openmm_dpd.kernels import driven
+from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.noise import noise_key, normal, pair_key
 from openmm_dpd.measure import ProfileReporter, WallReporter
 from openmm_dpd.plan import continuum
@@ -68,6 +69,11 @@ def state_of(simulation):
 
 
 # -- tables --------------------------------------------------------------------------------------------------------------------
+@compiled
+def _drawn(key, bead, stream):
+    return normal(pair_key(key, bead, bead), stream)
+
+
 def half_space(r, values, weight, h):
     """Sum over points of the half space beyond the distance h of values(|r|) weight(cosine to the normal); in cylinders, by brute force."""
     z = h + (np.arange(400) + 0.5) / 400 * (1 - h)
@@ -141,7 +147,7 @@ def expected_steps(scene, v, speeds, steps: int, dt: float, seed: int):
                     at = distance(x[i, 2], side)
                     gamma = np.interp(at, h, table[:, 2 if k == 2 else 3], right=0.0)
                     kept = np.exp(-gamma * dt / mass)
-                    drawn = normal(np.uint64(pair_key(key, i, i)), 3 * side + k) if at < 1 else 0.0
+                    drawn = _drawn(key, i, 3 * side + k) if at < 1 else 0.0
                     new = u[side, k] + kept * (v[i, k] - u[side, k]) + np.sqrt((1 - kept**2) / mass) * drawn
                     taken[side, k] -= mass * (new - v[i, k])
                     v[i, k] = new
