@@ -11,7 +11,7 @@ from .native import Kernel
 from .noise import call_key, next_key
 from .tape import Tape
 from .team import be_patient, crowded, meet
-from .threads import rest
+from .threads import look
 
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 #: Ctrl-C is heard between steps that are done at once: at first so many, then as many as take so many seconds.
@@ -31,7 +31,7 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
     if part == 0 and parts > 1:
         be_patient(team, _ROUNDS * kept[0, 2])
     for step in range(steps):
-        if part == 0 and crowded(team, parts):
+        if part == 0 and crowded(team, parts, step):
             told[3] = 1
         keeps = step % _EVERY == 0
         for k in range(len(kept) if keeps else 0):
@@ -131,7 +131,7 @@ class Recording:
             for array, copy in zip(self._state, self._before, strict=True):
                 array[...] = copy
         if told[3]:
-            rest()
+            look()
         return int(told[0]), int(told[4] - told[0]) if begun else None
 
     def _ramped(self, heats: np.ndarray) -> tuple | None:

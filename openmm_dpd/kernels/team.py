@@ -26,7 +26,7 @@ from .compiled import DIGEST, at_address, helper, renamed
 _HERE, _MEETINGS, _JOB, _KERNEL, _WORDS, _LONG, _DONE, _COMING, _YIELD, _WAITS, _SIZE = 0, 16, 32, 33, 34, 35, 48, 64, 65, 80, 96
 #: A job is its number times this, and how many threads share it.
 _MOST = 1 << 16
-#: So many long waits in one job are too many.
+#: So many long waits in one job are too many, if they are half as many as its steps.
 _CROWDED = 3
 #: Rounds of looking (some 20 to 50 ns each) after which others go first, and after which a thread without work goes to sleep.
 _PATIENCE, _AWAKE = 50_000, 100_000
@@ -68,9 +68,10 @@ def be_patient(team, rounds):
 
 
 @helper
-def crowded(team, parts):
-    """Whether threads have waited for each other for so long that they cannot have a core each."""
-    return parts > 1 and word(team, _WAITS) >= _CROWDED
+def crowded(team, parts, steps):
+    """Whether threads have waited for each other for so long in most of the steps of this job that they cannot have a core each: one that
+    is interrupted now and then has one."""
+    return parts > 1 and word(team, _WAITS) >= max(_CROWDED, steps // 2)
 
 
 def _lead(team, kernel, words, job):

@@ -60,9 +60,11 @@ class _Watch:
         #: How many threads worked in it, and how many do until then.
         self.working = self.left = 1
 
-    def rest(self, now: float) -> None:
-        """Half as many threads as in the last call, for a while."""
-        self.until, self.left = now + self.REST, max(1, self.working // 2)
+    def judge(self) -> None:
+        """Half as many threads as in the last call for a while, if they did not run for long enough."""
+        if self.spent < self.ENOUGH * self.working * self.passed:
+            self.until, self.left = self.last[0] + self.REST, max(1, self.working // 2)
+        self.passed = self.spent = 0.0
 
     def call(self, threads: int, function: Callable[[int], int]) -> int:
         """Call a function of a number of threads, and look at its times."""
@@ -77,18 +79,17 @@ class _Watch:
         self.passed += now - begun
         self.spent += spent - before
         if self.passed > self.SPAN:
-            if self.spent < self.ENOUGH * threads * self.passed:
-                self.rest(now)
-            self.passed = self.spent = 0.0
+            self.judge()
         return result
 
 
 _WATCH = _Watch()
 
 
-def rest() -> None:
-    """Leave the work to half of the threads for a while."""
-    _WATCH.rest(time.perf_counter())
+def look() -> None:
+    """Threads have waited for each other for long: look whether they have a core each.  They do where a machine that is not there for us
+    alone stops one now and then, and where it is more work than the others had."""
+    _WATCH.judge()
 
 
 def dispatch(function: Callable[[int], int], threads: int) -> int:

@@ -59,10 +59,19 @@ def test_of_many_threads_half_go_on(watch):
     judged = int(threads._Watch.SPAN / 0.004) + 1
     assert [shared(watch, 16, 0.004, 0.03) for _ in range(judged)] == [16] * judged
     assert [shared(watch, 16, 0.004, 0.03) for _ in range(20)] == [8] * 20  # 7.5 cores are enough for those
-    threads.rest()
-    assert shared(watch, 16, 0.004, 0.03) == 4 and shared(watch, 3, 0.004, 0.03) == 3
     watch["passed"] += threads._Watch.REST
     assert shared(watch, 16, 0.004, 0.03) == 16
+
+
+def test_threads_that_have_waited_for_long_are_looked_at_at_once(watch):
+    """They go on where each had a core nevertheless."""
+    assert shared(watch, 16, 0.004, 0.06) == 16
+    threads.look()
+    assert shared(watch, 16, 0.004, 0.03) == 16
+    threads.look()
+    assert shared(watch, 16, 0.004, 0.01) == 8
+    threads.look()
+    assert shared(watch, 16, 0.004, 0.03) == 4 and shared(watch, 3, 0.004, 0.03) == 3
 
 
 @pytest.fixture
