@@ -33,14 +33,14 @@ import numpy as np
 
 from ..base.errors import RunError
 from ..base.wording import bead_names, bead_number, in_number
-from .columns import approach, change, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import approach, change, clear, deliver, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined, merged
 from .elementary import power
-from .energy import passes
+from .energy_updates import passes
 from .eos import log_ratio
 from .fields import NO_INCREMENTS, count_failed, sort_temperatures
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
-from .noise import normal, pair_key, uniform
+from .noise import clamped, normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 
@@ -49,8 +49,8 @@ A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = r
 KAPPA_POLYNOMIAL = EXPONENT_POLYNOMIAL + 4
 #: Streams of the pair's random numbers.
 MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
-#: Smallest exponent of the drag, and largest noise of a flux.
-SMALLEST_EXPONENT, LARGEST_NOISE = 0.01, 5.0
+#: Smallest exponent of the drag.
+SMALLEST_EXPONENT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +100,9 @@ class ThermalLayer:
         assert call.rates is not None and (call.velocities is not None or not call.which & (DISSIPATIVE | RANDOM))
         self._begin(call, NO_INCREMENTS)
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = self._capacity, self._temperature, self._other, self._failed, call.rates
+        of_beads = self._capacity, self._temperature, self._other[:, None], self._failed, call.rates
         given = Heat(call.which, self.lammps, *noise, self.coefficients, *of_beads, *self._motion.arrays(call, out, add))
-        found = Sums(*thermal_forces(self.pairs, given))
+        found = Sums(*(thermal_forces if call.which & (DISSIPATIVE | RANDOM) else thermal_repulsion)(self.pairs, given))
         self._check_conduction()
         return found
 
@@ -145,12 +145,6 @@ class ThermalLayer:
     def laplacian(self) -> float:
         """NaN: not defined for forces that depend on temperatures."""
         return np.nan
-
-
-@inlined
-def clamped(xi):
-    """Noise of a flux, limited as in LAMMPS."""
-    return min(LARGEST_NOISE, max(-LARGEST_NOISE, xi))
 
 
 @inlined
@@ -212,8 +206,8 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
 
 
 class Heat(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``failed``: (columns, 2) 1 + the number of a pair whose conduction is
-    negative, or 0, and its temperature; ``changing``: (N, 1) where rates go to.  See also :class:`.layer.SortedMotion`."""
+    """What the force form reads and writes beside the pairs; ``rates``: (M, 1) heat that flows; ``failed``: (columns, 2) 1 + the number of
+    a pair whose conduction is negative, or 0, and its temperature; ``changing``: (N, 1) where rates go to; :class:`.layer.SortedMotion`."""
 
     which: int
     lammps: bool
@@ -222,7 +216,7 @@ class Heat(NamedTuple):
     coefficients: np.ndarray
     capacity: np.ndarray
     temperature: np.ndarray
-    heat: np.ndarray
+    rates: np.ndarray
     failed: np.ndarray
     changing: np.ndarray
     seen: np.ndarray
@@ -232,9 +226,26 @@ class Heat(NamedTuple):
     add: bool
 
 
+@inlined
+def _repulsion(pairs, data, n):
+    """The conservative force of a pair within the cutoff, and its energy."""
+    i, j, c, t = pairs.pi[n], pairs.pj[n], data.coefficients, data.temperature
+    row = row_of(pairs, i, j)
+    return soft(factor_of(pairs, n) * c[row, A] * 0.5 * (t[i] + t[j]), c[row, CUTOFF], pairs.geometry[3, n])
+
+
+@inlined
+def _pair_repulsion(pairs, data, scratch, n, k, column):
+    i, j = pairs.pi[n], pairs.pj[n]
+    if pairs.geometry[3, n] >= data.coefficients[row_of(pairs, i, j), CUTOFF]:
+        return 0.0, 0.0, 0.0
+    radial, energy = _repulsion(pairs, data, n)
+    return energy, push_apart(pairs, data.f, n, i, j, radial), 0.0
+
+
 @merged
 def _pair_heat(pairs, data, scratch, n, k, column):
-    i, j, order, c, which, lammps, heat = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.lammps, data.heat
+    i, j, order, c, which, lammps, heat = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.lammps, data.rates
     row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
     ti, tj = data.temperature[i], data.temperature[j]
     inside, near = r < c[row, CUTOFF], r < c[row, CUTOFF_T]
@@ -245,7 +256,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         pair = pair_key(data.key, order[i], order[j])
         xi = normal(pair, MOTION) if inside else 0.0
     if inside and which & CONSERVATIVE:
-        radial, energy = soft(factor * c[row, A] * 0.5 * (ti + tj), c[row, CUTOFF], r)
+        radial, energy = _repulsion(pairs, data, n)
     if inside and which & (DISSIPATIVE | RANDOM):
         ev = approach(pairs, data.v, n, i, j)
         im = pairs.inv_mass[i] + pairs.inv_mass[j]
@@ -260,28 +271,22 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         drawn = xi if lammps or not which & RANDOM else normal(pair, HEAT)
         kappa *= data.capacity[i] * data.capacity[j]
         flux = _conduction(which, c, row, r, ti, tj, kappa, data.rsqrt_dt, drawn if lower else -drawn)
-        heat[i] += flux
-        heat[j] -= flux
-    heat[i] += gain
-    heat[j] += gain
+        heat[i, 0] += flux
+        heat[j, 0] -= flux
+    heat[i, 0] += gain
+    heat[j, 0] += gain
     return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
-
-
-@helper
-def _gather(pairs, data, begin, end):
-    gather_and_clear(pairs, data, begin, end)
-    for k in range(begin, end):
-        data.heat[k] = 0.0
 
 
 @helper
 def _deliver(pairs, data, begin, end):
     deliver(pairs, data, begin, end)
     for k in range(begin, end):
-        data.changing[pairs.seats[k], 0] += data.heat[k] / data.capacity[k]
+        data.changing[pairs.seats[k], 0] += data.rates[k, 0] / data.capacity[k]
 
 
-thermal_forces = over_pairs("thermal_forces", _pair_heat, first=_gather, last=_deliver)
+thermal_repulsion = over_pairs("thermal_repulsion", _pair_repulsion, first=clear, last=deliver)
+thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear_rates, last=_deliver)
 
 
 class ThermalExchange(NamedTuple):

@@ -31,14 +31,14 @@ from ..base.errors import RunError
 from ..base.wording import bead_number, in_units
 from . import forces
 from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined, merged
-from .elementary import exp
-from .eos import CONSTANT, RESERVOIR, EOSTable, curvature, entropy_change, in_range, inverse_temperature, log_ratio
+from .compiled import helper, merged, renamed
+from .energy_updates import any_conduction, any_motion, conduction_of_constants, motion_of_constants
+from .eos import CONSTANT, EOSTable
 from .fields import NO_INCREMENTS, sort_energies
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
-from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
+from .sweeps import gather_velocities, scatter_velocities
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, SIGMA, KAPPA = range(4)
@@ -71,6 +71,7 @@ class EnergyLayer:
         self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         self.coefficients = table_of(table.A, table.cutoff, table.sigma, table.kappa)
         # scratch, in the order of the pair list
+        self._constant = bool((self.eos.curve == CONSTANT).all())
         self._motion, m = SortedMotion(self.pairs), len(self.pairs.order)
         self._u, self._inverse, self._capacity = np.zeros((3, m))
         self._curve, self._changes = np.zeros(m, np.int32), np.zeros((m, 2))
@@ -103,7 +104,8 @@ class EnergyLayer:
         self._find_temperatures(call.field_values, increments, "before the sweep")
         of_beads = v, increments, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
         in_order = self._motion.v, self._u, self._inverse, self._capacity, self._curve, self._changes
-        energy_sweep(self.pairs, Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *in_order))
+        sweep = constant_sweep if self._constant and call.update == EXACT else energy_sweep
+        sweep(self.pairs, Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *in_order))
         if call.update != EXACT:
             self._find_temperatures(call.field_values, increments, "after the sweep")
 
@@ -165,141 +167,6 @@ def _pair_rates(pairs, data, scratch, n, k, column):
 energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear_rates, last=deliver_rates)
 
 
-@helper
-def _shared_temperature(bi, bj, ci, cj, ki, kj, start, nodes, pieces):
-    """Theta of a pair from bi = u_i + K/2 and bj = u_j + K/2, which motion and friction conserve: near K = Theta/2, its mean."""
-    rest = 2.0 / (inverse_temperature(bi, ci, ki, start, nodes, pieces) + inverse_temperature(bj, cj, kj, start, nodes, pieces))
-    si, sj = bi - 0.25 * rest, bj - 0.25 * rest
-    if in_range(si, ci, ki, start, nodes) and in_range(sj, cj, kj, start, nodes):
-        return 2.0 / (inverse_temperature(si, ci, ki, start, nodes, pieces) + inverse_temperature(sj, cj, kj, start, nodes, pieces))
-    return rest
-
-
-@helper
-def _balance(total, ci, cj, ki, kj, start, nodes, pieces):
-    """The share of bead i at which two beads that hold ``total`` have one temperature (40 bisections; any function of total would do)."""
-    if ki == CONSTANT and kj == CONSTANT:
-        return total * ci / (ci + cj)
-    if ki == CONSTANT and kj == RESERVOIR:
-        return ci * cj
-    if kj == CONSTANT and ki == RESERVOIR:
-        return total - ci * cj
-    # a reservoir takes what is left: only the other bead limits the share
-    low, high = -np.inf, np.inf
-    if ki != RESERVOIR:
-        low = 0.0 if ki == CONSTANT else nodes[start[ki]]
-        high = np.inf if ki == CONSTANT else nodes[start[ki + 1] - 1]
-    if kj != RESERVOIR:
-        low = max(low, -np.inf if kj == CONSTANT else total - nodes[start[kj + 1] - 1])
-        high = min(high, total if kj == CONSTANT else total - nodes[start[kj]])
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        here = inverse_temperature(middle, ci, ki, start, nodes, pieces)
-        if here < inverse_temperature(total - middle, cj, kj, start, nodes, pieces):
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)
-
-
-@inlined
-def passes(exponent, drawn):
-    """Metropolis test; exp(x) >= 1 + x decides nearly always, and the processor predicts that branch better than the sign of x."""
-    return drawn < 1.0 + exponent or (exponent < 0.0 and drawn < exp(exponent))
-
-
-# Beads of constant heat capacity are the usual case. What follows is the same as for any other, with short chains of divisions: each pair
-# waits for the energies that the pair before it left.
-
-
-@merged
-def _motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
-    """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
-    quarter = 0.25 / im
-    bi, bj = ui + quarter * ev * ev, uj + quarter * ev * ev
-    rest = 0.5 * bi * bj / (ci * bj + cj * bi)
-    si, sj = bi - rest, bj - rest
-    if not (si > 0.0 and sj > 0.0):
-        si, sj = bi, bj
-    above, below = 2.0 * si * sj, ci * sj + cj * si
-    theta, inverse = above / below, below / above
-    lost = decay(EXACT, 0.5 * strength * im * dt * inverse)
-    new = relaxed(ev, lost, theta * im, xi)
-    gain = quarter * (ev - new) * (ev + new)
-    if not (ui + gain > 0.0 and uj + gain > 0.0):
-        return ev, 0.0
-    entropy = _entropy_of_constants(ui, uj, ui + gain, uj + gain, ci, cj)
-    return (new, gain) if passes(entropy - 2.0 * gain * inverse, drawn) else (ev, 0.0)
-
-
-@merged
-def _conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
-    """Energy that goes to bead i in one exact update of the heat."""
-    scale = 1.0 / (ci + cj)
-    share = (ui + uj) * (ci * scale)
-    variance = share * (ui + uj - share) * scale
-    precision = 1.0 / variance
-    lost = decay(EXACT, exchange * precision)
-    old = ui - share
-    new = relaxed(old, lost, variance, xi)
-    change = new - old
-    if not (ui + change > 0.0 and uj - change > 0.0):
-        return 0.0
-    entropy = _entropy_of_constants(ui, uj, ui + change, uj - change, ci, cj)
-    return change if passes(entropy + 0.5 * change * (new + old) * precision, drawn) else 0.0
-
-
-@inlined
-def _entropy_of_constants(ui, uj, new_i, new_j, ci, cj):
-    """Change of the entropy of two beads; one logarithm if they are alike."""
-    return ci * log_ratio(new_i * new_j, ui * uj) if ci == cj else ci * log_ratio(new_i, ui) + cj * log_ratio(new_j, uj)
-
-
-@helper
-def _exact_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
-    """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
-    ci, cj, ki, kj = states
-    start, nodes, pieces = curves
-    kinetic = 0.5 * ev * ev / im
-    theta = _shared_temperature(ui + 0.5 * kinetic, uj + 0.5 * kinetic, ci, cj, ki, kj, start, nodes, pieces)
-    lost = decay(EXACT, 0.5 * strength / theta * im * dt)
-    new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
-    gain = 0.25 * (ev - new) * (ev + new) / im
-    if not (in_range(ui + gain, ci, ki, start, nodes) and in_range(uj + gain, cj, kj, start, nodes)):
-        return ev, 0.0
-    exponent = (
-        entropy_change(ui, ui + gain, ci, ki, start, nodes, pieces)
-        + entropy_change(uj, uj + gain, cj, kj, start, nodes, pieces)
-        - 2.0 * gain / theta
-    )
-    return (new, gain) if passes(exponent, drawn) else (ev, 0.0)
-
-
-@helper
-def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
-    """Energy that goes to bead i in one exact update of the heat, with exchange = kappa w^2 dt."""
-    ci, cj, ki, kj = states
-    start, nodes, pieces = curves
-    total = ui + uj
-    share = _balance(total, ci, cj, ki, kj, start, nodes, pieces)
-    bent = curvature(share, ci, ki, start, nodes, pieces) + curvature(total - share, cj, kj, start, nodes, pieces)
-    # a flat piece of a table has no curvature; any positive number that depends on the total alone is legal
-    slope = inverse_temperature(share, ci, ki, start, nodes, pieces)
-    variance = 1.0 / max(bent, 1e-6 * slope * slope)
-    lost = decay(EXACT, exchange / variance)
-    old = ui - share
-    new = relaxed(old, lost, variance, xi)
-    change = new - old
-    if not (in_range(ui + change, ci, ki, start, nodes) and in_range(uj - change, cj, kj, start, nodes)):
-        return 0.0
-    exponent = (
-        entropy_change(ui, ui + change, ci, ki, start, nodes, pieces)
-        + entropy_change(uj, uj - change, cj, kj, start, nodes, pieces)
-        + 0.5 * (new * new - old * old) / variance
-    )
-    return change if passes(exponent, drawn) else 0.0
-
-
 class Exchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs.
 
@@ -347,7 +214,10 @@ def _scatter(pairs, data, begin, end):
         increments[i, 1] = 0.0 if stays else increments[i, 1] + changes[k, 1]
 
 
-@merged
+# whether all beads have constant heat capacities, and updates are exact
+_CONSTANTS = False
+
+
 def _pair_exchange(pairs, data, scratch, n, k, column):
     i, j, order, g, c, inv_mass = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, data.coefficients, pairs.inv_mass
     update, dt, frozen, u, v, changes = data.update, data.dt, data.frozen, data.u, data.v, data.changes
@@ -357,22 +227,16 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     row = row_of(pairs, i, j)
     w = 1.0 - g[3, n] / c[row, CUTOFF]
     ci, cj, ki, kj = data.capacity[i], data.capacity[j], data.curve[i], data.curve[j]
-    constants = update == EXACT and ki == CONSTANT and kj == CONSTANT
     states, curves = (ci, cj, ki, kj), (data.start, data.nodes, data.pieces)
     # drawn here, since each pair waits for the energies that the pair before it left: these cost nothing beside that
     pair = pair_key(data.key, order[i], order[j])
     strength = factor_of(pairs, n) * (c[row, SIGMA] * w) ** 2
     if strength > 0.0:
         ev, xi, drawn = approach(pairs, v, n, i, j), normal(pair, MOTION), uniform(pair, MOTION_TEST)
-        if constants:
-            new, gain = _motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, xi, drawn)
-        elif update == EXACT:
-            new, gain = _exact_motion(ev, im, u[i], u[j], strength, dt, xi, drawn, states, curves)
+        if _CONSTANTS:
+            new, gain = motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, xi, drawn)
         else:
-            theta = 2.0 / (frozen[i] + frozen[j])
-            lost = decay(update, 0.5 * strength / theta * im * dt)
-            new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
-            gain = 0.25 * (ev - new) * (ev + new) / im
+            new, gain = any_motion(update, ev, im, u[i], u[j], frozen[i] + frozen[j], strength, dt, xi, drawn, states, curves)
         wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
         change(v, i, j, wi, wj, g[0, n], g[1, n], g[2, n])
         # each bead gets half of what the motion loses
@@ -384,12 +248,10 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     if exchange > 0.0:
         xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
         xi = -xi if order[i] > order[j] else xi
-        if constants:
-            flow = _conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
-        elif update == EXACT:
-            flow = _exact_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
+        if _CONSTANTS:
+            flow = conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
         else:
-            flow = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
+            flow = any_conduction(update, u[i], u[j], frozen[i] - frozen[j], exchange, xi, drawn, states, curves)
         u[i] += flow
         u[j] -= flow
         changes[i, 0] += flow
@@ -397,4 +259,6 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     return 0.0, 0.0, 0.0
 
 
-energy_sweep = over_pairs("energy_sweep", _pair_exchange, first=_gather, last=_scatter)
+energy_sweep = over_pairs("energy_sweep", merged(_pair_exchange), first=_gather, last=_scatter)
+_of_constants = merged(renamed(_pair_exchange, "constants_exchange", {"_CONSTANTS": True}))
+constant_sweep = over_pairs("constant_sweep", _of_constants, first=_gather, last=_scatter)

@@ -24,6 +24,8 @@ _STREAM = np.uint64(0xD1342543DE82EF95)
 _S30, _S27, _S31, _S12, _S32, _S55, _S63, _S3 = (np.uint64(k) for k in (30, 27, 31, 12, 32, 55, 63, 3))
 _BYTE, _LOW55 = np.uint64(0xFF), np.uint64((1 << 55) - 1)
 _SCALE = 2.0**-52
+#: Of the noise of a flux.
+_LARGEST = 5.0
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 #: The upper half of the inverse distribution function lies in this many cells of a cubic polynomial each; the last ones are left to _tail.
 _CELLS, _SMOOTH = 256, 248
@@ -152,6 +154,12 @@ def draw(key, pairs, begin, m, scratch):
 def uniform(key, stream):
     """Uniform number between 0 and 1 (neither of them) number ``stream`` of a pair; do not use a stream for two kinds of number."""
     return (np.float64(mix(key + np.uint64(stream) * _STREAM) >> _S12) + 0.5) * _SCALE
+
+
+@inlined
+def clamped(xi):
+    """Noise of a flux, limited as in LAMMPS."""
+    return min(_LARGEST, max(-_LARGEST, xi))
 
 
 @helper

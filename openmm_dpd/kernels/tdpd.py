@@ -25,10 +25,9 @@ import numpy as np
 from . import forces
 from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined, merged
-from .edpd import clamped
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
-from .noise import normal, pair_key
+from .noise import clamped, normal, pair_key
 from .pairs import PairList
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 
@@ -68,6 +67,8 @@ class SpeciesLayer:
         self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
         self._motion = SortedMotion(self.pairs)
         self.coefficients = table_of(table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
+        #: whether no pair is listed that does not repel
+        self._short = np.array_equal(table.cutoff, table.cutoff_F)
         per_species = (table.kappa, table.epsilon, table.exponent_c)
         # (T*T, K, 3): kappa, epsilon and the exponent of the noise weight of each species
         self.exchange = np.stack([array.reshape(-1, array.shape[-1]) for array in per_species], axis=-1)
@@ -77,10 +78,13 @@ class SpeciesLayer:
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``; rates (N, K) are dC/dt."""
-        values = call.field_values if call.which & (DISSIPATIVE | RANDOM) else np.zeros((0, self._c.shape[1]))
+        motion, reactive = self._motion.arrays(call, out, add), call.which & (DISSIPATIVE | RANDOM)
+        if self._short and not reactive:
+            return Sums(*forces.conservative_forces(self.pairs, forces.Repulsion(self.coefficients, *motion)))
+        values = call.field_values if reactive else np.zeros((0, self._c.shape[1]))
         assert values is not None and call.rates is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = values, self._c, self._other, call.rates, *self._motion.arrays(call, out, add)
+        of_beads = values, self._c, self._other, call.rates, *motion
         return Sums(*species_forces(self.pairs, Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads)))
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:

@@ -22,8 +22,8 @@ from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
 from scipy import stats
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels.edpd import clamped
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
+from openmm_dpd.kernels.noise import clamped
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
