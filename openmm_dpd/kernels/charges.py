@@ -206,8 +206,10 @@ charge_forces = Kernel(_charge_forces)
 class ChargeEvaluator:
     """Computes :class:`ChargeTerms`; from so much work as ``fewest`` on several threads share it."""
 
+    repeats = True
+
     def __init__(self, terms: ChargeTerms):
-        self.terms, self.fewest = terms, FEW
+        self.terms, self.fewest, self._beads = terms, FEW, terms.beads.copy()
         self._charge, self._alone = float(terms.charges.sum()), _alone(terms)
         short, whole = terms.short, terms.whole
         pieces = short.end, short.per_length, short.coefficients, whole.end, whole.per_length, whole.coefficients
@@ -216,6 +218,10 @@ class ChargeEvaluator:
         self._space: ChargeSpace | None = None
         self._strains: np.ndarray | None = None
         self._work = 0
+
+    def seat(self, names: np.ndarray, places: np.ndarray) -> None:
+        """See :meth:`.pairs.PairList.seat`."""
+        self._beads[...] = places[self.terms.beads]
 
     def _prepare(self, box: np.ndarray | None) -> ChargeSpace:
         """Waves of the present box, and room for them."""
@@ -237,11 +243,11 @@ class ChargeEvaluator:
     def _run(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, stress: np.ndarray) -> tuple[float, float]:
         """Energies of both parts; adds the forces, and the sums of r F if there is room for them."""
         terms, space = self.terms, self._prepare(box)
-        many, given = self._work >= self.fewest, (terms.beads, terms.constant, terms.pairs, terms.factors)
+        many, given = self._work >= self.fewest, (self._beads, terms.constant, terms.pairs, terms.factors)
         rest = self._law, self._waves, space, force, stress
         short, lattice = run_terms(charge_forces, many, x, self._box, *given, *rest)
         if not math.isfinite(short + lattice):
-            bad = terms.beads[~np.isfinite(x[terms.beads]).all(axis=1)]
+            bad = terms.beads[~np.isfinite(x[self._beads]).all(axis=1)]
             if len(bad):
                 raise RunError(f"the position of bead {bead_number(bad[0])} is not finite: {x[bad[0]].tolist()}")
             raise RunError("the energy of the charges is not finite")

@@ -9,7 +9,7 @@ import pytest
 from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels import pairs, seats, threads as thread_count
+from openmm_dpd.kernels import charges, pairs, seats, threads as thread_count
 from openmm_dpd.kernels.pairs import PairList
 from openmm_dpd.kernels.replay import Recording
 from openmm_dpd.kernels.steps import StepLoop
@@ -129,6 +129,19 @@ def test_fields(kind, scheme, threads, monkeypatch, counted, together):
         return everything(simulation.context, built)
 
     assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "bababo"])
+def test_charges(scheme, monkeypatch, counted, together):
+    """Whose forces the kernel computes."""
+    monkeypatch.setattr(charges, "FEW", 0)
+
+    def reached() -> dict[str, np.ndarray]:
+        return run_of(dpd.build(KINDS["charged"](), dt=0.01, scheme=scheme, seed=SEED, platform="CPU"), 3, STEPS - 3)
+
+    for threads in 1, 2:
+        counted[0] = 0
+        assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
 
 
 @pytest.mark.parametrize("threads", [1, 2])
