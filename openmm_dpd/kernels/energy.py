@@ -38,7 +38,7 @@ from .fields import NO_INCREMENTS, sort_energies
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
-from .sweeps import gather_velocities, scatter_velocities
+from .sweeps import decay, gather_velocities, scatter_velocities
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, SIGMA, KAPPA = range(4)
@@ -104,7 +104,7 @@ class EnergyLayer:
         self._find_temperatures(call.field_values, increments, "before the sweep")
         of_beads = v, increments, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
         in_order = self._motion.v, self._u, self._inverse, self._capacity, self._curve, self._changes
-        sweep = constant_sweep if self._constant and call.update == EXACT else energy_sweep
+        sweep = constant_sweep if self._constant else energy_sweep
         sweep(self.pairs, Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *in_order))
         if call.update != EXACT:
             self._find_temperatures(call.field_values, increments, "after the sweep")
@@ -214,7 +214,7 @@ def _scatter(pairs, data, begin, end):
         increments[i, 1] = 0.0 if stays else increments[i, 1] + changes[k, 1]
 
 
-# whether all beads have constant heat capacities, and updates are exact
+# whether all beads have constant heat capacities
 _CONSTANTS = False
 
 
@@ -233,10 +233,15 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     strength = factor_of(pairs, n) * (c[row, SIGMA] * w) ** 2
     if strength > 0.0:
         ev, xi, drawn = approach(pairs, v, n, i, j), normal(pair, MOTION), uniform(pair, MOTION_TEST)
-        if _CONSTANTS:
+        if update != EXACT:
+            theta = 2.0 / (frozen[i] + frozen[j])
+            lost = decay(update, 0.5 * strength / theta * im * dt)
+            new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
+            gain = 0.25 * (ev - new) * (ev + new) / im
+        elif _CONSTANTS:
             new, gain = motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, dt, xi, drawn)
         else:
-            new, gain = any_motion(update, ev, im, u[i], u[j], frozen[i] + frozen[j], strength, dt, xi, drawn, states, curves)
+            new, gain = any_motion(ev, im, u[i], u[j], strength, dt, xi, drawn, states, curves)
         wi, wj = (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im
         change(v, i, j, wi, wj, g[0, n], g[1, n], g[2, n])
         # each bead gets half of what the motion loses
@@ -248,10 +253,12 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     if exchange > 0.0:
         xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
         xi = -xi if order[i] > order[j] else xi
-        if _CONSTANTS:
+        if update != EXACT:
+            flow = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
+        elif _CONSTANTS:
             flow = conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
         else:
-            flow = any_conduction(update, u[i], u[j], frozen[i] - frozen[j], exchange, xi, drawn, states, curves)
+            flow = any_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
         u[i] += flow
         u[j] -= flow
         changes[i, 0] += flow

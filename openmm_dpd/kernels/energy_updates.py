@@ -145,25 +145,18 @@ def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
 
 
 @merged
-def any_motion(update, ev, im, ui, uj, colds, strength, dt, xi, drawn, states, curves):
-    """As the others, with any update; ``colds`` is the sum of 1/temperature before the sweep."""
+def any_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
+    """As :func:`motion_of_constants`, of beads with any equation of state."""
     ci, cj, ki, kj = states
-    if update != EXACT:
-        theta = 2.0 / colds
-        lost = decay(update, 0.5 * strength / theta * im * dt)
-        new = ev * (1.0 - lost) + np.sqrt(lost * (2.0 - lost) * theta * im) * xi
-        return new, 0.25 * (ev - new) * (ev + new) / im
     if ki == CONSTANT and kj == CONSTANT:
         return motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn)
     return _exact_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves)
 
 
 @merged
-def any_conduction(update, ui, uj, colder, exchange, xi, drawn, states, curves):
-    """The same for heat; ``colder`` is the difference of 1/temperature before the sweep."""
+def any_conduction(ui, uj, exchange, xi, drawn, states, curves):
+    """As :func:`conduction_of_constants`, of beads with any equation of state."""
     ci, cj, ki, kj = states
-    if update != EXACT:
-        return np.sqrt(2.0 * exchange) * xi + exchange * colder
     if ki == CONSTANT and kj == CONSTANT:
         return conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj)
     return _exact_conduction(ui, uj, exchange, xi, drawn, states, curves)

@@ -12,6 +12,7 @@ import numpy as np
 from ..base.errors import RunError
 from . import motion
 from .columns import Totals
+from .eos import CONSTANT
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
 from .notice import announced
@@ -242,6 +243,8 @@ def _use_all(spec: PairSpec, many: bool) -> None:
     """Call every kernel that steps need once.  Measurements, which are asked for later or never, have others."""
     # few enough beads to be quick, in a box with three cells along each edge
     few = np.arange(30) % len(spec.types)
+    if spec.fields is not None and spec.fields.eos is not None:
+        few[0] = np.argmax(spec.fields.eos.curve != CONSTANT)  # other kernels are for beads that are all constant
     fields = None if spec.fields is None else spec.fields.of(few)
     small = PairSpec(np.maximum(spec.types[few], 0), np.ones(len(few)), spec.terms, spec.update, fields=fields, sheared=spec.sheared)
     edge = 4.0 * max(float(table.cutoff.max()) for table in spec.terms)
@@ -249,8 +252,8 @@ def _use_all(spec: PairSpec, many: bool) -> None:
     for pairs in engine.lists:
         pairs.many = many and pairs.passes
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
-    # everywhere the same, so that no two beads meet that never would
-    field_values = None if fields is None else np.tile(fields.initial[:1], (len(few), 1))
+    # everywhere the same, so that no two beads meet that never would; but energies have ranges of their own
+    field_values = None if fields is None else fields.initial if fields.eos else np.tile(fields.initial[:1], (len(few), 1))
     which = CONSERVATIVE if spec.sweeps else CONSERVATIVE | DISSIPATIVE | RANDOM
     engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)
     if spec.sweeps:

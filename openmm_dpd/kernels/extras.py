@@ -252,6 +252,6 @@ def warm_up_extras(extras: Sequence[Extra]) -> None:
     for extra in extras:
         small, x, box = extra.few()
         evaluator = small.evaluator()
-        with announced(f"{extra.term} forces", 25 if extra.term == "electrostatic" else 5, LOGGER.warning):
+        with announced(f"{extra.term} forces", 10 if extra.term == "electrostatic" else 5, LOGGER.warning):
             with suppress(RunError):  # what the numbers are is of no consequence
                 evaluator.add_to(x, box, np.zeros_like(x), 1.0)

@@ -89,7 +89,8 @@ _WATCH = _Watch()
 def look() -> None:
     """Threads have waited for each other for long: look whether they have a core each.  They do where a machine that is not there for us
     alone stops one now and then, and where it is more work than the others had."""
-    _WATCH.judge()
+    with _PARALLEL_LOCK:
+        _WATCH.judge()
 
 
 def dispatch(function: Callable[[int], int], threads: int) -> int:

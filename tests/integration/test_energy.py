@@ -12,9 +12,10 @@ from scenes import BOXES, fluid, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER
+from openmm_dpd.kernels import engine
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine
 from openmm_dpd.model.energy_dpd import EnergyDPD
-from openmm_dpd.model.eos import ConstantHeatCapacity
+from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.simulation.barostat import EnthalpyBarostat, add_barostat
@@ -257,6 +258,21 @@ def test_setting_equals_a_fresh_start(scheme):
     step_all(2, simulation, fresh)
     for a, b in zip((*state_of(simulation.context), fields_of(simulation)), (*state_of(fresh.context), fields_of(fresh)), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle"])
+@pytest.mark.parametrize("types", ["AB" * 40, "BA" * 40, "A" * 40 + "B" * 40])
+def test_first_steps_of_beads_with_ranges_of_their_own(types, scheme):
+    """Kernels are compiled with a few of the beads: no energy here is one of a bead of the other type."""
+    eos = {"A": ConstantHeatCapacity(2.5), "B": TabulatedEOS.from_functions(lambda t: 50 * t + 5 * t**2, (0.2, 5.0))}
+    pairs = {("*", "*"): EnergyDPD(A=25, sigma=3, kappa=1.0)}
+    x = np.random.default_rng(0).random((80, 3)) * 3
+    scene = dpd.Scene({"A": 1.0, "B": 1.0}, list(types), x, pairs, 1.0, box=[3.0] * 3, internal=InternalEnergy(eos, np.ones(80)))
+    engine._WARM.clear()
+    built = dpd.build(scene, dt=0.001, scheme=scheme, seed=1, platform="CPU")
+    simulation = built.simulation()
+    simulation.step(6)
+    assert np.all(read_fields(simulation.context, built.plan)["theta"] > 0)
 
 
 def test_only_the_kernel_variables_that_are_needed_exist():
