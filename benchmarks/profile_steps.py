@@ -7,7 +7,7 @@ of the share that does not get faster, s = (n T_n/T_1 - 1)/(n - 1), for 4, 8 and
 
     python benchmarks/profile_steps.py                      # 10,000 beads, middle and bab3, on one core and on two
     python benchmarks/profile_steps.py --beads 100000 --threads 4
-    python benchmarks/profile_steps.py --kinds energies many-body chains --schemes mvv middle
+    python benchmarks/profile_steps.py --kinds energies many-body charges --schemes mvv middle
 """
 
 from __future__ import annotations
@@ -47,10 +47,18 @@ def pairs_in_line(beads: int) -> dict:
     return {"bonds": [dpd.HarmonicBonds(np.stack([first, first + 1], axis=1), 10.0, 0.5)]}
 
 
+def charges_of_some(beads: int) -> dict:
+    """Two beads of a hundred have a charge."""
+    ions = 2 * (beads // 100)
+    charges = np.where(np.arange(beads) < ions, 1.0 - 2.0 * (np.arange(beads) % 2), 0.0)
+    return {"charges": charges, "electrostatics": dpd.SlaterCharges(lamda=0.67, bjerrum_length=1.0, cutoff=3.0)}
+
+
 #: What pairs do, and what else is in the scene.
 KINDS: dict[str, Callable[[int], tuple[Any, dict]]] = {
     "fluid": lambda n: (dpd.DPD(A=25, gamma=4.5), {}),
     "chains": lambda n: (dpd.DPD(A=25, gamma=4.5), pairs_in_line(n)),
+    "charges": lambda n: (dpd.DPD(A=25, gamma=4.5), charges_of_some(n)),
     "many-body": lambda n: (dpd.MDPD(A=-40, B=25, gamma=4.5), {}),
     "energies": lambda n: (
         dpd.EnergyDPD(A=25, sigma=3.0, kappa=1.0),
