@@ -102,7 +102,9 @@ class ThermalLayer:
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = self._capacity, self._temperature, self._other[:, None], self._failed, call.rates
         given = Heat(call.which, self.lammps, *noise, self.coefficients, *of_beads, *self._motion.arrays(call, out, add))
-        found = Sums(*(thermal_forces if call.which & (DISSIPATIVE | RANDOM) else thermal_repulsion)(self.pairs, given))
+        if not call.which & (DISSIPATIVE | RANDOM):
+            return Sums(*thermal_repulsion(self.pairs, given))
+        found = Sums(*thermal_forces(self.pairs, given))
         self._check_conduction()
         return found
 

@@ -213,8 +213,6 @@ def host_engine(spec: PairSpec) -> PairEngine:
     return PairEngine(spec)
 
 
-_WARM: set = set()
-
 #: What a table of pair terms is the kernel of.
 _MODELS = {
     **{"TermTable": "DPD", "ManyBodyTable": "many-body DPD", "EnergyTable": "DPD with internal energies"},
@@ -224,19 +222,12 @@ _MODELS = {
 
 def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
     """Compile the kernels that steps of ``spec`` need (or load them from the cache), with a notice for each kind of model."""
-    tables = tuple((type(table), bool(np.any(getattr(table, "gamma_perp", 0.0)))) for table in spec.terms)
-    kinds = (tables, spec.sweeps, spec.update, spec.fields and spec.fields.kind, _are_many(spec), spec.sheared)
-    if not spec.terms or kinds in _WARM:
+    if not spec.terms:
         return
     models = " and ".join(dict.fromkeys(_MODELS.get(type(table).__name__, "pair terms") for table in spec.terms))
     with announced(models, 10, log):
-        for many in {False, _are_many(spec)}:
+        for many in {False, bool(np.count_nonzero(spec.types >= 0) >= MANY)}:
             _use_all(spec, many)
-    _WARM.add(kinds)
-
-
-def _are_many(spec: PairSpec) -> bool:
-    return bool(np.count_nonzero(spec.types >= 0) >= MANY)
 
 
 def _use_all(spec: PairSpec, many: bool) -> None:

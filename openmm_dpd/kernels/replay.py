@@ -18,7 +18,7 @@ _NUMBER, _BITS = Struct("<d"), Struct("<Q")
 _AT_FIRST, _ANSWERS = 10, 0.1
 #: So many rounds of looking at another thread, for each component of a bead, take less time than any kernel.
 _ROUNDS = 1
-#: The state is kept before every such step: that takes up to a twentieth of a step, and to come back to one is rare.
+#: The state is kept before every such step: that takes some hundredths of a step, and to come back to one is rare.
 _EVERY = 16
 
 

@@ -69,11 +69,6 @@ def state_of(simulation):
 
 
 # -- tables --------------------------------------------------------------------------------------------------------------------
-@compiled
-def _drawn(key, bead, stream):
-    return normal(pair_key(key, bead, bead), stream)
-
-
 def half_space(r, values, weight, h):
     """Sum over points of the half space beyond the distance h of values(|r|) weight(cosine to the normal); in cylinders, by brute force."""
     z = h + (np.arange(400) + 0.5) / 400 * (1 - h)
@@ -113,6 +108,11 @@ def test_structure_of_the_fluid():
 
 
 # -- single steps ----------------------------------------------------------------------------------------------------------------
+@compiled
+def _drawn(key, bead, stream):
+    return normal(pair_key(key, bead, bead), stream)
+
+
 def expected_steps(scene, v, speeds, steps: int, dt: float, seed: int):
     """``middle`` of beads that do not meet: kick, half drifts with reflections, friction; in numpy, one bead and wall after the other."""
     x, v, taken, h = scene.positions.copy(), v.copy(), np.zeros((2, 3)), np.linspace(0, 1, continuum.ROWS + 1)

