@@ -235,35 +235,19 @@ def reflect_beads(begin, end, x, v, inv_mass, low, high, start, period, back, la
                 x[i, k] = put
 
 
-@compiled
-def same(x, y):
+def same(x: np.ndarray, y: np.ndarray) -> bool:
     """Whether two arrays (N, 3) are the same, bit for bit (zeros of both signs are)."""
-    for i in range(len(x)):
-        if x[i, 0] != y[i, 0] or x[i, 1] != y[i, 1] or x[i, 2] != y[i, 2]:
-            return False
-    return True
+    return bool((x == y).all())
 
 
-@compiled
-def jumped(x, before, distance):
+def jumped(x: np.ndarray, before: np.ndarray, distance: float) -> bool:
     """Whether any coordinate differs by more than a distance."""
-    for i in range(len(x)):
-        if abs(x[i, 0] - before[i, 0]) > distance or abs(x[i, 1] - before[i, 1]) > distance or abs(x[i, 2] - before[i, 2]) > distance:
-            return True
-    return False
+    return bool((np.abs(x - before) > distance).any())
 
 
-@compiled
-def largest(v):
+def largest(v: np.ndarray) -> float:
     """Largest absolute component, or NaN if there is one that is none."""
-    most = 0.0
-    for i in range(len(v)):
-        size = max(abs(v[i, 0]), abs(v[i, 1]), abs(v[i, 2]))
-        # NaN is larger than nothing, and stays
-        most = size if not size <= most else most
-        if v[i, 0] + v[i, 1] + v[i, 2] != v[i, 0] + v[i, 1] + v[i, 2]:
-            return np.nan
-    return most
+    return float(np.abs(v).max(initial=0.0))
 
 
 @compiled

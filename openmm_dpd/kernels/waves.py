@@ -55,13 +55,19 @@ class Waves(NamedTuple):
         most = np.floor(k_max / (2 * math.pi) * np.linalg.norm(box, axis=1)).astype(np.int64)
         a, b, c = box
         recip = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)]) / np.prod(np.diag(box))
-        blocks = np.zeros(((most[2] + 1) * (2 * most[1] // LANES + 2), 4), np.int64)
-        depth = np.zeros(LANES * len(blocks), np.int64)
-        n_blocks, rows = _blocks(most, recip, k_max, blocks, depth)
-        blocks, depth = blocks[:n_blocks].copy(), depth[: LANES * n_blocks].copy()
+        blocks, depth, rows = [], [], 0
+        for n3, columns in enumerate(_depths(recip, k_max, most)):
+            there = np.flatnonzero(columns)
+            for first in range(there[0], there[-1] + 1, LANES) if len(there) else ():
+                its = columns[first : first + LANES].tolist()
+                deep = max(its) + max(its) % 2
+                blocks.append((first - most[1], n3, deep, rows))
+                depth += its
+                rows += deep
+        its_blocks = np.array(blocks, np.int64)
         weights = np.zeros(WEIGHTS * rows)
-        _weigh(recip, k_max, alpha, constant * float(np.prod(np.diag(recip))), blocks, weights)
-        return Waves(most, recip, blocks, depth, weights)
+        _weigh(recip, k_max, alpha, constant * float(np.prod(np.diag(recip))), its_blocks, weights)
+        return Waves(most, recip, its_blocks, np.array(depth, np.int64), weights)
 
     @property
     def tables(self) -> tuple[int, int, int]:
@@ -85,40 +91,17 @@ class Waves(NamedTuple):
         return ISOTROPIC - 2 * (1 / square + 0.25 / alpha**2)[:, None] * k[:, one] * k[:, other]
 
 
-@compiled
-def _depth_of(recip, k_max, n2, n3):
-    """How many n1 from 0 on have a wave within the limit, for either sign of n1; 0 if none has."""
-    limit = k_max / (2.0 * np.pi)
-    vx, vy, vz = n2 * recip[1, 0] + n3 * recip[2, 0], n2 * recip[1, 1] + n3 * recip[2, 1], n2 * recip[1, 2] + n3 * recip[2, 2]
+def _depths(recip: np.ndarray, k_max: float, most: np.ndarray) -> np.ndarray:
+    """How many n1 from 0 on have a wave within the limit, for either sign of n1, for each n3 from 0 and n2 from -most; 0 if none has, if
+    those of -n2, -n3 are the same, and for a block beyond the last n2."""
+    limit, n2, n3 = k_max / (2.0 * np.pi), np.arange(-most[1], most[1] + LANES + 1), np.arange(most[2] + 1)[:, None]
+    vx, vy, vz = (n2 * recip[1, axis] + n3 * recip[2, axis] for axis in range(3))
     square = recip[0, 0] ** 2 + recip[0, 1] ** 2 + recip[0, 2] ** 2
     along = recip[0, 0] * vx + recip[0, 1] * vy + recip[0, 2] * vz
     rest = along * along - square * (vx * vx + vy * vy + vz * vz - limit * limit)
-    if rest < 0.0:
-        return 0
-    return int(np.floor((abs(along) + np.sqrt(rest)) / square)) + 1
-
-
-@compiled
-def _blocks(most, recip, k_max, blocks, depth):
-    """Write down the blocks and the depths of their columns; returns how many blocks and rows there are."""
-    count, rows = 0, 0
-    for n3 in range(most[2] + 1):
-        low, high = 0 if n3 == 0 else -most[1], most[1]
-        while low <= high and _depth_of(recip, k_max, low, n3) == 0:
-            low += 1
-        while high >= low and _depth_of(recip, k_max, high, n3) == 0:
-            high -= 1
-        for first in range(low, high + 1, LANES):
-            deepest = 0
-            for lane in range(LANES):
-                found = _depth_of(recip, k_max, first + lane, n3) if first + lane <= high else 0
-                depth[LANES * count + lane] = found
-                deepest = max(deepest, found)
-            deepest += deepest % 2
-            blocks[count, 0], blocks[count, 1], blocks[count, 2], blocks[count, 3] = first, n3, deepest, rows
-            rows += deepest
-            count += 1
-    return count, rows
+    found = np.floor((np.abs(along) + np.sqrt(np.maximum(rest, 0.0))) / square).astype(np.int64) + 1
+    found[(rest < 0.0) | (n2 > most[1]) | ((n3 == 0) & (n2 < 0))] = 0
+    return found
 
 
 @compiled
