@@ -344,10 +344,13 @@ import numpy as np, openmm_dpd as dpd
 from openmm_dpd.base.numba_private import compiling
 heard = []
 x = np.random.default_rng(1).random((375, 3)) * 5
-scene = dpd.Scene({"W": 1.0}, ["W"] * 375, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[5, 5, 5])
+charges = np.where(np.arange(375) < 8, 1.0 - 2.0 * (np.arange(375) % 2), 0.0)
+clouds = dpd.SlaterCharges(lamda=0.5, bjerrum_length=1.0, cutoff=2.0)
 dpd.set_threads(1)
 with compiling(lambda: heard.append(1)):
-    for scheme in ("bababo", "mvv"):
+    stiff = {"bonds": [dpd.FENEBonds([[0, 1]], 1.0, 5.0)]}
+    for scheme, more in (("bababo", {}), ("mvv", stiff), ("middle", {"charges": charges, "electrostatics": clouds})):
+        scene = dpd.Scene({"W": 1.0}, ["W"] * 375, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[5, 5, 5], **more)
         built = dpd.build(scene, dt=0.01, scheme=scheme, platform="CPU", seed=1)
         simulation = built.simulation()
         simulation.step(12)
@@ -357,7 +360,7 @@ print(len(heard))
 
 
 def test_after_warm_nothing_is_left_to_compile(capsys):
-    """Another process, and a scene that ``warm`` does not have: a listener hears of every compilation."""
+    """Another process, and scenes that ``warm`` does not have: a listener hears of every compilation."""
     assert main(["warm", "--threads", "1"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "eDPD" in lines and "kernels are in" in lines[-1]
