@@ -6,18 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import PlanError
-from ..model.angles import CosineAngles, HarmonicAngles
-from ..model.bonds import FENEBonds, HarmonicBonds, MorseBonds
-from ..model.edpd import EDPD
-from ..model.electrostatics import SlaterCharges
-from ..model.energy_dpd import EnergyDPD
-from ..model.eos import ConstantHeatCapacity, TabulatedEOS
-from ..model.internal import BeadTemperatures, Concentrations, InternalEnergy
-from ..model.mdpd import MDPD
-from ..model.pairs import DPD
+from ..model import angles, bonds, edpd, electrostatics, energy_dpd, eos, internal, mdpd, pairs, segments, tdpd
 from ..model.scene import Scene
-from ..model.segments import SegmentalRepulsion
-from ..model.tdpd import TDPD
 from ..simulation.build import build
 from .observer import Observer
 
@@ -32,31 +22,29 @@ def _scenes() -> Iterator[tuple[str, Scene]]:
     grid = np.stack(np.unravel_index(np.arange(_BEADS), (5, 5, 5)), axis=1) * (edge / 5.0)
 
     def scene(pair, names: str = "A", **more: Any) -> Scene:
-        pairs = {(a, b): pair for a in names for b in names if a <= b}
-        return Scene(dict.fromkeys(names, 1.0), list(names) * (_BEADS // len(names)), grid, pairs, kT=1.0, box=np.full(3, edge), **more)
+        its = {(a, b): pair for a in names for b in names if a <= b}
+        return Scene(dict.fromkeys(names, 1.0), list(names) * (_BEADS // len(names)), grid, its, kT=1.0, box=np.full(3, edge), **more)
 
-    one, two, three = np.arange(_BEADS).reshape(-1, 3).T
-    first, second, across, bent = (np.stack(beads, axis=1) for beads in ((one, two), (two, three), (one, three), (one, two, three)))
+    a, b, c = np.arange(_BEADS).reshape(-1, 3).T
+    ab, bc, ac, abc = (np.stack(beads, axis=1) for beads in ((a, b), (b, c), (a, c), (a, b, c)))
     each = np.ones(_BEADS // 3)
     chains: dict[str, Any] = {
-        "bonds": [HarmonicBonds(first, each, each), FENEBonds(second, each, 4.0 * each), MorseBonds(across, each, each, each)],
-        "angles": [HarmonicAngles(bent, each, each), CosineAngles(bent[:, [1, 0, 2]], each)],
-        "segments": SegmentalRepulsion(A=1.0, cutoff=0.5),
+        "bonds": [bonds.HarmonicBonds(ab, each, each), bonds.FENEBonds(bc, each, 4.0 * each), bonds.MorseBonds(ac, each, each, each)],
+        "angles": [angles.HarmonicAngles(abc, each, each), angles.CosineAngles(abc[:, [1, 0, 2]], each)],
+        "segments": segments.SegmentalRepulsion(A=1.0, cutoff=0.5),
     }
-    charges: dict[str, Any] = {
-        "charges": np.repeat([1.0, -1.0, 0.0], [2, 2, _BEADS - 4]),
-        "electrostatics": SlaterCharges(lamda=0.5, bjerrum_length=1.0, cutoff=0.5 * edge),
-    }
-    yield "DPD", scene(DPD(A=25, gamma=4.5))
-    yield "DPD of several types, with bonds, angles and segments", scene(DPD(A=25, gamma=4.5), "AB", **chains)
-    yield "DPD with charges", scene(DPD(A=25, gamma=4.5), **charges)
-    yield "DPD with transverse friction", scene(DPD(A=25, gamma=4.5, gamma_perp=4.5), "AB")
-    yield "many-body DPD", scene(MDPD(A=-40, B=25, gamma=4.5))
-    tables = TabulatedEOS.from_functions(lambda theta: 60.0 * theta, (0.1, 10.0))
-    for name, curve in (("DPD with internal energies", ConstantHeatCapacity(60.0)), ("the same with tables", tables)):
-        yield name, scene(EnergyDPD(A=25, sigma=3.0, kappa=1.0), internal=InternalEnergy(curve, np.ones(_BEADS)))
-    yield "eDPD", scene(EDPD(A=18.75, gamma=4.5, kappa=1e-5), internal=BeadTemperatures(1.0, 1e5))
-    yield "tDPD", scene(TDPD(A=18.75, gamma=4.5, kappa=(1.0,)), internal=Concentrations(np.ones((_BEADS, 1))))
+    clouds = electrostatics.SlaterCharges(lamda=0.5, bjerrum_length=1.0, cutoff=0.5 * edge)
+    dpd, charges = pairs.DPD(A=25, gamma=4.5), np.repeat([1.0, -1.0, 0.0], [2, 2, _BEADS - 4])
+    yield "DPD", scene(dpd)
+    yield "DPD of several types, with bonds, angles and segments", scene(dpd, "AB", **chains)
+    yield "DPD with charges", scene(dpd, charges=charges, electrostatics=clouds)
+    yield "DPD with transverse friction", scene(pairs.DPD(A=25, gamma=4.5, gamma_perp=4.5), "AB")
+    yield "many-body DPD", scene(mdpd.MDPD(A=-40, B=25, gamma=4.5))
+    tables = eos.TabulatedEOS.from_functions(lambda theta: 60.0 * theta, (0.1, 10.0))
+    for name, curve in (("DPD with internal energies", eos.ConstantHeatCapacity(60.0)), ("the same with tables", tables)):
+        yield name, scene(energy_dpd.EnergyDPD(A=25, sigma=3.0, kappa=1.0), internal=internal.InternalEnergy(curve, np.ones(_BEADS)))
+    yield "eDPD", scene(edpd.EDPD(A=18.75, gamma=4.5, kappa=1e-5), internal=internal.BeadTemperatures(1.0, 1e5))
+    yield "tDPD", scene(tdpd.TDPD(A=18.75, gamma=4.5, kappa=(1.0,)), internal=internal.Concentrations(np.ones((_BEADS, 1))))
 
 
 def warm(log: Callable[[str], None]) -> None:
