@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
     export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")
     _add(export, "scheme dt steps seed compat var")
-    command("warm", "compile all kernels, which else the first run of each kind does; about a minute", "threads")
+    command("warm", "compile the kernels of all kinds of models, which else the first run of each kind does; about a minute", "threads")
     return parser
 
 

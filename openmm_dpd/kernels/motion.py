@@ -242,7 +242,8 @@ def same(x: np.ndarray, y: np.ndarray) -> bool:
 
 def jumped(x: np.ndarray, before: np.ndarray, distance: float) -> bool:
     """Whether any coordinate differs by more than a distance."""
-    return bool((np.abs(x - before) > distance).any())
+    with np.errstate(invalid="ignore"):  # from infinity to infinity is no jump
+        return bool((np.abs(x - before) > distance).any())
 
 
 def largest(v: np.ndarray) -> float:

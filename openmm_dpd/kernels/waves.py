@@ -55,19 +55,18 @@ class Waves(NamedTuple):
         most = np.floor(k_max / (2 * math.pi) * np.linalg.norm(box, axis=1)).astype(np.int64)
         a, b, c = box
         recip = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)]) / np.prod(np.diag(box))
-        blocks, depth, rows = [], [], 0
+        found, depth, rows = [], [], 0
         for n3, columns in enumerate(_depths(recip, k_max, most)):
             there = np.flatnonzero(columns)
             for first in range(there[0], there[-1] + 1, LANES) if len(there) else ():
                 its = columns[first : first + LANES].tolist()
                 deep = max(its) + max(its) % 2
-                blocks.append((first - most[1], n3, deep, rows))
+                found.append((first - most[1], n3, deep, rows))
                 depth += its
                 rows += deep
-        its_blocks = np.array(blocks, np.int64)
-        weights = np.zeros(WEIGHTS * rows)
-        _weigh(recip, k_max, alpha, constant * float(np.prod(np.diag(recip))), its_blocks, weights)
-        return Waves(most, recip, its_blocks, np.array(depth, np.int64), weights)
+        blocks, weights = np.array(found, np.int64), np.zeros(WEIGHTS * rows)
+        _weigh(recip, k_max, alpha, constant * float(np.prod(np.diag(recip))), blocks, weights)
+        return Waves(most, recip, blocks, np.array(depth, np.int64), weights)
 
     @property
     def tables(self) -> tuple[int, int, int]:

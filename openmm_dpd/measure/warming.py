@@ -1,4 +1,4 @@
-"""All kernels compiled ahead of the first run: a few steps of a small scene of each kind, and a sample."""
+"""Kernels of all kinds of models compiled ahead of the first run: a few steps of a small scene of each kind, and a sample."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -34,10 +34,10 @@ def _scenes() -> Iterator[tuple[str, Scene]]:
         "segments": segments.SegmentalRepulsion(A=1.0, cutoff=0.5),
     }
     clouds = electrostatics.SlaterCharges(lamda=0.5, bjerrum_length=1.0, cutoff=0.5 * edge)
-    dpd, charges = pairs.DPD(A=25, gamma=4.5), np.repeat([1.0, -1.0, 0.0], [2, 2, _BEADS - 4])
-    yield "DPD", scene(dpd)
-    yield "DPD of several types, with bonds, angles and segments", scene(dpd, "AB", **chains)
-    yield "DPD with charges", scene(dpd, charges=charges, electrostatics=clouds)
+    plain, charges = pairs.DPD(A=25, gamma=4.5), np.repeat([1.0, -1.0, 0.0], [2, 2, _BEADS - 4])
+    yield "DPD", scene(plain)
+    yield "DPD of several types, with bonds, angles and segments", scene(plain, "AB", **chains)
+    yield "DPD with charges", scene(plain, charges=charges, electrostatics=clouds)
     yield "DPD with transverse friction", scene(pairs.DPD(A=25, gamma=4.5, gamma_perp=4.5), "AB")
     yield "many-body DPD", scene(mdpd.MDPD(A=-40, B=25, gamma=4.5))
     tables = eos.TabulatedEOS.from_functions(lambda theta: 60.0 * theta, (0.1, 10.0))

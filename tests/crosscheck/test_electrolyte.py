@@ -33,7 +33,8 @@ STYLES = {
 }
 
 
-@pytest.mark.parametrize(("styles", "factor"), [("one", 1.0), ("one", 0.5), ("one", 0.0), ("overlay", 0.5)])
+@pytest.mark.parametrize("factor", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize("styles", STYLES)
 def test_one_configuration(styles, factor):
     """Energies, forces and pressure beside LAMMPS's Ewald sum with tight settings; the error function of LAMMPS has 1.5e-7.
 

@@ -585,10 +585,8 @@ def test_after_an_accepted_volume_move_the_run_is_as_a_fresh_one(scheme):
         other.step(1)
         simulation.step(1)
         assert np.abs(state_of(other.context)[1] - state_of(simulation.context)[1]).max() < 1e-9
-        if accepted == 3:
-            return
         simulation.step(2)
-    pytest.fail(f"{accepted} of 20 moves were accepted")
+    assert accepted > 2
 
 
 @SCHEME
