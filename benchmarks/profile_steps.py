@@ -59,6 +59,7 @@ KINDS: dict[str, Callable[[int], tuple[Any, dict]]] = {
     "fluid": lambda n: (dpd.DPD(A=25, gamma=4.5), {}),
     "chains": lambda n: (dpd.DPD(A=25, gamma=4.5), pairs_in_line(n)),
     "charges": lambda n: (dpd.DPD(A=25, gamma=4.5), charges_of_some(n)),
+    "shear": lambda n: (dpd.DPD(A=25, gamma=4.5), {"shear": dpd.LeesEdwards(rate=0.2)}),
     "many-body": lambda n: (dpd.MDPD(A=-40, B=25, gamma=4.5), {}),
     "energies": lambda n: (
         dpd.EnergyDPD(A=25, sigma=3.0, kappa=1.0),

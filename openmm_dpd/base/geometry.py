@@ -12,6 +12,13 @@ def widths(box: np.ndarray) -> np.ndarray:
     return 1.0 / np.linalg.norm(np.linalg.inv(box), axis=0)
 
 
+def most_tilted(box: np.ndarray) -> np.ndarray:
+    """Box vectors of which the second one is tilted along x as far as any that are reduced."""
+    tilted = box.copy()
+    tilted[1, 0] = 0.5 * box[0, 0]
+    return tilted
+
+
 def reduced(vectors) -> np.ndarray:
     """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge), from vectors with a along x and b in the xy
     plane.  A tilt a rounding error above half an edge becomes that half."""

@@ -230,7 +230,7 @@ class ChargeEvaluator:
             terms = self.terms
             if box is not None and not terms.cutoff <= 0.5 * float(np.diag(box).min()) * (1 + 1e-9):
                 raise RunError(f"the box is narrower than twice the cutoff of the charges, {in_length(terms.cutoff)}")
-            present = box_array(box)
+            present = box_array(box).copy()
             waves = Waves.none() if box is None else Waves.of(present, terms.k_max, terms.alpha, terms.constant)
             work = len(terms.beads) * (len(terms.beads) + LANES * int(waves.blocks[:, 2].sum()))
             # together: an error before, or Ctrl-C, leaves those of the last box

@@ -193,7 +193,7 @@ def over_pairs(
         loop, sums = kernel(bool(tensor), lists), np.empty(5)
         while True:
             arrays, source = pairs.passing() if lists else (pairs.arrays, 0)
-            if isinstance(pairs.flow, float):
+            if isinstance(pairs.flow, np.ndarray):
                 arrays = arrays._replace(flow=pairs.flow)
             if tensor:
                 arrays = arrays._replace(stress=np.zeros((1 + drags, len(arrays.found), 6)).reshape(-1, 6))
@@ -225,7 +225,7 @@ def factor_of(pairs, n):
 
 def _flows(pairs):
     """Whether a type of :class:`.pairs.Pairs` has a flow: decided when loops are compiled, so that those without are as ever."""
-    return isinstance(pairs.types[pairs.fields.index("flow")], types.Float)
+    return isinstance(pairs.types[pairs.fields.index("flow")], types.Array)
 
 
 def along_flow(pairs, n, u):
@@ -236,7 +236,7 @@ def along_flow(pairs, n, u):
 @overload(along_flow, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
 def _along_flow(pairs, n, u):
     if _flows(pairs):
-        return lambda pairs, n, u: u + pairs.flow * (pairs.geometry[3, n] * pairs.geometry[1, n])
+        return lambda pairs, n, u: u + pairs.flow[0] * (pairs.geometry[3, n] * pairs.geometry[1, n])
     return lambda pairs, n, u: u
 
 

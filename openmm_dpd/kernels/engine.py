@@ -29,14 +29,16 @@ class PairEngine(Engine):
         self.spec = spec
         self.layers: list[Layer] = [table.layer(spec, number) for number, table in enumerate(spec.terms)]
         self.lists = [layer.pairs for layer in self.layers]
-        if spec.sheared:
-            self.set_flow(0.0)
         #: Whether the first layer gives every bead a force.
         self._covered = bool(self.lists) and len(self.lists[0].order) == len(spec.types)
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
+        if spec.sheared:
+            self.set_flow(np.zeros(1))
+            for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
+                pairs.slides = True
         self._inv_mass = self._prescribed = None
         if spec.wall_velocity is not None:
             self._inv_mass, self._prescribed = spec.inv_mass.copy(), spec.wall_velocity.copy()
@@ -61,15 +63,15 @@ class PairEngine(Engine):
         for pairs in self.lists:
             pairs.build(x, box)
         self.number += 1
-        self._x, self._box = x, None if box is None else box.copy()
+        self._x, self._box = x, box
 
     def keep(self) -> None:
         """Remember the positions that were placed last, and have not changed since, for :meth:`prepare`."""
-        self._x, self._kept = self._x.copy(), True
+        self._x, self._box, self._kept = self._x.copy(), None if self._box is None else self._box.copy(), True
 
-    def resume(self, x: np.ndarray) -> None:
+    def resume(self, x: np.ndarray, box: np.ndarray | None) -> None:
         """See :meth:`.interface.Engine.resume`."""
-        self._x, self._kept = x, False
+        self._x, self._box, self._kept = x, box, False
 
     def sums(self, which: int, v, kT, dt, seed, counter, field_values=None, out=None, held=None) -> Totals:
         """See :meth:`.interface.Engine.sums`."""
@@ -143,10 +145,10 @@ class PairEngine(Engine):
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
         return sum(layer.laplacian() for layer in self.layers)
 
-    def set_flow(self, rate: float) -> None:
+    def set_flow(self, flow: np.ndarray) -> None:
         """See :meth:`.interface.Engine.set_flow`."""
         for pairs in self.lists:
-            pairs.flow = float(rate)
+            pairs.flow = flow
 
     def passed(self) -> np.ndarray:
         """See :meth:`.interface.Engine.passed`."""

@@ -59,9 +59,9 @@ class Extra(Protocol):
 
 
 def box_array(box: np.ndarray | None) -> np.ndarray:
-    """The box as kernels with :func:`minimum_image` read it: a copy that can be written, since numba compiles another version for one
-    that cannot; zeros without a box."""
-    return _NO_BOX if box is None else np.array(box, dtype=np.float64)
+    """The box as kernels with :func:`minimum_image` read it: a copy where it cannot be written, since numba compiles another version for
+    such a one; zeros without a box."""
+    return _NO_BOX if box is None else np.require(box, np.float64, ["C", "W"])
 
 
 def energy_chunks(terms: int) -> np.ndarray:

@@ -33,8 +33,8 @@ class Engine(Protocol):
         """Remember the positions that were placed last, and have not changed since."""
         ...
 
-    def resume(self, x: np.ndarray) -> None:
-        """Take x, which are the positions that are kept, as if they had just been placed."""
+    def resume(self, x: np.ndarray, box: np.ndarray | None) -> None:
+        """Take x, which are the positions that are kept, and their box as if they had just been placed."""
         ...
 
     def sums(
@@ -97,8 +97,9 @@ class Engine(Protocol):
         """
         ...
 
-    def set_flow(self, rate: float) -> None:
-        """Take velocities from now on relative to the flow of a Lees-Edwards shear of this rate, along x and growing with y."""
+    def set_flow(self, flow: np.ndarray) -> None:
+        """Take velocities from now on relative to the flow of a Lees-Edwards shear, along x and growing with y; its rate is the first
+        number, whatever that is when it is needed."""
         raise NotImplementedError
 
     def passed(self) -> np.ndarray:

@@ -75,13 +75,24 @@ class Moment:
     predicted: np.ndarray | None = None  #: (N, 3) velocities that friction saw last, if they are not those of the half step
     #: If friction is a force: (N, 3) velocities before the slow forces kicked, where that makes a difference.
     unkicked: np.ndarray | None = None
-    sheared: float | None = None  #: Time that has been sheared, which the box vectors belong to; None without a shear
+    #: (4,) in a shear, see :mod:`.shear`; the box vectors belong to its time, and both change in place
+    flow: np.ndarray | None = None
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """What there is of positions, velocities, fields, their rates, and accelerations, by name."""
         each = {"x": self.x, "v": self.v, "values": self.values, "rates": self.rates, "acc": self.acc}
         return {name: rows for name, rows in each.items() if rows is not None}
+
+    @property
+    def sliding(self) -> dict[str, np.ndarray]:
+        """What else changes in steps: box and flow of a shear."""
+        return {} if self.flow is None else {"box": self.box, "flow": self.flow}  # type: ignore[dict-item]  # there is one
+
+    @property
+    def state(self) -> list[np.ndarray]:
+        """All of these arrays."""
+        return [*self.arrays.values(), *self.sliding.values()]
 
 
 #: Raises RunError if beads of these velocities (N, 3) and 1/masses (N,) run away in a step of a moment.

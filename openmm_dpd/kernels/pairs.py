@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.errors import RunError
-from ..base.geometry import widths
+from ..base.geometry import most_tilted, widths
 from ..base.wording import bead_number
 from . import cells, listing
 from .native import Memory
@@ -52,8 +52,8 @@ class Pairs(NamedTuple):
     found: np.ndarray
     sums: np.ndarray  #: (columns, 5) sums over the pairs of each column, see :mod:`.columns`
     stress: np.ndarray  #: (columns, 6) its stress tensor; of length 0 where none is asked for
-    #: Rate of a Lees-Edwards shear, to whose flow velocities are relative; the integer 0 without any, for which loops are compiled apart
-    flow: float = 0
+    #: An array with the rate of a Lees-Edwards shear, to whose flow velocities are relative; 0 without any: then loops are compiled apart
+    flow: np.ndarray | int = 0
 
 
 #: So many pairs are computed together: few enough for the processor to have all of them at hand.
@@ -115,8 +115,9 @@ class PairList:
         #: what each thread does, and how many lists there were, see :data:`_SHARED`
         self._shares: Shares | None = None
         self._age = 0
-        #: see :class:`Pairs`
-        self.flow: float = 0
+        #: see :class:`Pairs`; and whether the images of the box slide in a shear, which then writes to the box vectors
+        self.flow: np.ndarray | int = 0
+        self.slides = False
         #: of kernels that are given the arrays of this list, see :class:`.native.Kernel`
         self.memory = Memory(Pairs, Scratch, Shares, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
 
@@ -151,10 +152,15 @@ class PairList:
         return self.ntypes == 1 and not len(self.exceptions[0])
 
     def grid(self, x: np.ndarray, box: np.ndarray | None) -> cells.Grid:
-        """Cells, no more than twice the beads.  Those of a box are kept for the next call."""
+        """Cells, no more than twice the beads.  Those of a box are kept for the next call.  Where images slide they are those of the most
+        tilted box, for all that it becomes."""
         kept = self._grid
-        if box is not None and kept is not None and kept.periodic and box.tobytes() == kept.box.tobytes():
-            return kept
+        if box is not None and kept is not None and kept.periodic:
+            if self.slides and np.array_equal(box.diagonal(), kept.box.diagonal()):
+                self._grid = kept = kept if kept.box is box else kept._replace(box=box)
+                return kept
+            if not self.slides and box.tobytes() == kept.box.tobytes():
+                return kept
         if box is None:
             used = x[self.beads]
             bad = np.flatnonzero(~np.isfinite(used).all(axis=1))
@@ -164,8 +170,8 @@ class PairList:
             wide = np.maximum(used.max(axis=0) - origin, self.cutoff) * (1 + 1e-9)
             extent = np.diag(wide)
         else:
-            origin, extent = np.zeros(3), box.copy()
-            wide = widths(box)
+            origin, extent = np.zeros(3), box if self.slides else box.copy()
+            wide = widths(most_tilted(box) if self.slides else box)
         ncell = np.maximum((wide / self.cutoff).astype(np.int64), 1)
         while np.prod(ncell, dtype=float) > max(64, 2 * len(self.beads)) and ncell.max() > 3:
             ncell[ncell.argmax()] = max(3, int(ncell.max() * 0.8))
@@ -218,7 +224,8 @@ class PairList:
         fits = now is not None and now.own.shape == (parts, grid.nx + 3 + listing.LINE) and now.bead.shape[1] >= self._near + 64
         if now is None or not fits or now.box is not grid.box:
             # coordinates are at most 2 |box| from the corner: what rounding them can do to a square, and that twice
-            rounding = np.finfo(np.float32).eps * (16.0 * np.abs(grid.box).sum() + 8.0 * self.cutoff) * self.cutoff
+            edges = np.abs(most_tilted(grid.box) if self.slides else grid.box).sum()
+            rounding = np.finfo(np.float32).eps * (16.0 * edges + 8.0 * self.cutoff) * self.cutoff
             rule = self._cut2, self.cutoff**2, self.cutoff**2 + rounding, self.ntypes, *self.exceptions
             space = now[-10:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
             self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *space)  # type: ignore[arg-type]

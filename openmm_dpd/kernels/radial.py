@@ -122,13 +122,13 @@ class RadialEvaluator:
 
     def __init__(self, terms: RadialTerms):
         self.terms = terms
-        self._pairs = PairList(terms.types, np.ones(len(terms.types)), terms.cutoff, terms.exceptions)
-        tables, f = terms.tables, np.zeros((len(self._pairs.beads), 3))
+        self.list = PairList(terms.types, np.ones(len(terms.types)), terms.cutoff, terms.exceptions)
+        tables, f = terms.tables, np.zeros((len(self.list.beads), 3))
         self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""
-        self._pairs.seat(names, places)
+        self.list.seat(names, places)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; RunError if a position is not finite."""
@@ -140,7 +140,7 @@ class RadialEvaluator:
         return np.zeros(6) if found is None else found
 
     def _sums(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, tensor: bool = False) -> Totals:
-        if not len(self._pairs.beads):
+        if not len(self.list.beads):
             return Totals(0.0, 0.0, 0.0)
-        self._pairs.build(x, box)
-        return radial_forces(self._pairs, self._potential._replace(out=force), tensor)
+        self.list.build(x, box)
+        return radial_forces(self.list, self._potential._replace(out=force), tensor)

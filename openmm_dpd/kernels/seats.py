@@ -85,12 +85,15 @@ class Seats:
 
 def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:
     """A moment whose arrays have their place in ``room``."""
-    for name, rows in m.arrays.items():
+    its = m.arrays | m.sliding
+    for name, rows in its.items():
         if name not in room:
             room[name] = np.empty_like(rows)
-    return replace(m, **{name: room[name] for name in m.arrays})  # type: ignore[arg-type]
+    return replace(m, **{name: room[name] for name in its})  # type: ignore[arg-type]
 
 
 def _take(m: Moment, to: Moment, names: np.ndarray, forces: tuple[np.ndarray, np.ndarray] | None, back: bool = False) -> None:
     """Write the rows of these beads from one moment to another, and of the force of the one to that of the other."""
+    for name, values in m.sliding.items():
+        to.sliding[name][...] = values
     take_rows([*zip(m.arrays.values(), to.arrays.values(), strict=True), *([forces] if forces else [])], names, back)

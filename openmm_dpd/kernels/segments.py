@@ -240,14 +240,14 @@ class SegmentEngine:
         self.spec = spec
         n = len(spec.pairs)
         exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else no_exceptions()
-        self._list = PairList(np.zeros(n, np.int32), np.ones(n), np.array([[spec.cutoff]]), exceptions)
+        self.list = PairList(np.zeros(n, np.int32), np.ones(n), np.array([[spec.cutoff]]), exceptions)
         self._beads = spec.pairs.astype(np.uint32)
         self._rows = bead_rows(self._beads)
         self._middles, arms = np.zeros((n, 3)), np.zeros((n, 3))
         self._data = Contacts(
             spec.rule, spec.A, spec.cutoff, arms, np.zeros((n, 3)), np.zeros((n, 6)), np.zeros((2 * n, 3)), np.zeros((0, 6))
         )
-        #: the box that the reach was set in, and the reach; -1 where it does not depend on lengths
+        #: edges of the box that the reach was set in, and the reach; -1 where it does not depend on lengths
         self._box, self._eighths = b"", -1.0
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
@@ -266,12 +266,12 @@ class SegmentEngine:
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; RunError as :meth:`forces`."""
-        spec, pairs = self.spec, self._list
+        spec, pairs = self.spec, self.list
         longest, most = np.zeros(1), math.inf
         if box is not None and spec.rule != MID:
             most = 0.5 * box.diagonal().min() * (1 + 1e-9) - spec.cutoff
         here = self._beads, self._data.arms, self._middles, spec.cutoff, self._eighths, most
-        if lay_arms(x, box_array(box), *here, longest) or self._box != (_NO_BOX if box is None else box.tobytes()):
+        if lay_arms(x, box_array(box), *here, longest) or self._box != _edges(box):
             self._set_reach(x, float(longest[0]), box)
         pairs.build(self._middles, box)
         if len(self._data.stress) != len(pairs.arrays.found):
@@ -286,7 +286,7 @@ class SegmentEngine:
 
     def _set_reach(self, x: np.ndarray, longest: float, box: np.ndarray | None) -> None:
         """Distance of midpoints up to which two segments can meet; it depends on the longest of them where ends can meet."""
-        spec, pairs = self.spec, self._list
+        spec, pairs = self.spec, self.list
         if not math.isfinite(longest):
             i, j = spec.pairs[np.isfinite(x[self._beads].sum(axis=(1, 2))).argmin()]
             raise RunError(f"the position of one of the {bead_names(i, j)} is not finite")
@@ -302,4 +302,9 @@ class SegmentEngine:
         self._box = b""  # until the list has it
         if reach != pairs.cutoff:
             pairs.set_cutoff(np.array([[reach]]))
-        self._eighths, self._box = eighths, _NO_BOX if box is None else box.tobytes()
+        self._eighths, self._box = eighths, _edges(box)
+
+
+def _edges(box: np.ndarray | None) -> bytes:
+    """What the reach depends on of a box."""
+    return _NO_BOX if box is None else box.diagonal().tobytes()

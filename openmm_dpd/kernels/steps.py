@@ -20,7 +20,7 @@ from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, Watch, ramped_energy
 from .replay import Recording
 from .seats import Seats
-from .shear import add_flow, rate_at, sheared_box, strain_at
+from .shear import AFTER, BEFORE, change_flow, join_flow, leave_flow, slide
 from .sweeps import EXACT, SHARDLOW
 from .tape import Tape
 from .threads import threads_for
@@ -55,6 +55,8 @@ class StepLoop:
         self.moment: Moment | None = None
         self.tensor = self.parted = False
         self._last, self._held = False, np.zeros((0, 3))
+        #: in a shear: velocities relative to the flow
+        self._relative = np.zeros((0 if self.spec.shear is None else len(pairs.types), 3))
         #: does steps with beads in another order
         self._seats: Seats | None = None
         #: a step that can be played again, what was known before it, and its conditions
@@ -89,7 +91,7 @@ class StepLoop:
             self.moment, self._given = None, given
             self.placed = self.engine.holds(moment.x, moment.box)
             if self.placed:  # what is recorded reads the array that beads move in
-                self.engine.resume(moment.x)
+                self.engine.resume(moment.x, moment.box)
             force = None
             while done < n:
                 CTRL_C.check()
@@ -130,7 +132,7 @@ class StepLoop:
     def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:
         """Whether a step does what the one before it has done, with other noise, and so many are enough for that to pay."""
         spec = self.spec
-        plain = slow is None and spec.driven is None and m.box is not None and m.sheared is None
+        plain = slow is None and spec.driven is None and m.box is not None
         return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
     def _known(self, m: Moment) -> tuple[bool, ...]:
@@ -139,12 +141,19 @@ class StepLoop:
 
     def _conditions(self, m: Moment) -> tuple:
         """What a recorded step depends on beside the arrays it begins with."""
-        box = None if m.box is None else m.box.tobytes()
-        return m.dt, None if self._heats(m) else m.kT, m.seed, box, self.engine.body_scale, threads_for(len(m.x))
+        box = m.box if m.box is None or m.flow is None else m.box.diagonal()  # what slides is in the state
+        return (
+            m.dt,
+            None if self._heats(m) else m.kT,
+            m.seed,
+            None if box is None else box.tobytes(),
+            self.engine.body_scale,
+            threads_for(len(m.x)),
+        )
 
     def _record(self, m: Moment, tape: Tape, counter: int) -> None:
         """Keep a step that can be repeated."""
-        recording = Recording(tape, counter, m.counter - counter, list(m.arrays.values()), self.engine.tables)
+        recording = Recording(tape, counter, m.counter - counter, m.state, self.engine.tables)
         self._recorded = recording, self._known(m), self._conditions(m)
 
     def _play(self, m: Moment, steps: int) -> int:
@@ -153,7 +162,7 @@ class StepLoop:
         if recorded is None:
             return 0
         recording, known, conditions = recorded
-        if not recording.begins_with(*m.arrays.values()) or conditions != self._conditions(m):
+        if not recording.begins_with(*m.state) or conditions != self._conditions(m):
             return 0
         steps, again = min(steps, recording.at_once), Tape()
         with again.recording():  # what was known before the recorded step, and is used in it
@@ -213,8 +222,7 @@ class StepLoop:
                     kick = 0.0
                 if first:
                     self._warm(m)
-                    if fast or m.sheared is not None:
-                        self.watch(self._seen(m, m.v), self.inv_mass, m)
+                    self._look(m, m.v, fast)
                     first = False
                 self._sweep(m, part, UPDATES[letter])
         if kick:
@@ -237,14 +245,11 @@ class StepLoop:
         if time:
             self.placed = self._given = False
         flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.inv_masses
-        if not time or m.sheared is None:
-            return motion.move(*flat, kick, time, self._limit(m))
-        before, after = self._shear(m, time)
-        if before:
-            add_flow(m.v, before, m.x)
-        found = motion.move(*flat, kick, time, self._limit(m))
-        if after:
-            add_flow(m.v, after, m.x)
+        if time:
+            self._slide(m, time, BEFORE, m.v)
+        found = motion.move(*flat, kick, time, self._limit(m) if m.flow is None else np.inf)
+        if time:
+            self._slide(m, 0.0, AFTER, m.v)
         return found
 
     def _limit(self, m: Moment) -> float:
@@ -253,26 +258,25 @@ class StepLoop:
         kT = m.kT if ramp is None else min(m.kT, ramp.kT_start, ramp.kT_end)  # the same one as long as it acts
         return max(self.reach / m.dt, FASTEST * self.slowest * math.sqrt(kT / 3.0))
 
-    def _shear(self, m: Moment, time: float) -> tuple[float, float]:
-        """Slide the images for a time; returns what the rate of the flow changes by before and after beads drift for that time, so that
-        those that follow it go on to do so."""
-        shear, begin = self.spec.shear, m.sheared
-        assert begin is not None and m.box is not None
-        m.sheared = end = begin + time
-        m.box = sheared_box(m.box, strain_at(shear, end), self.spec.tilt)
-        if shear.constant:
-            return 0.0, 0.0
-        mean = (strain_at(shear, end) - strain_at(shear, begin)) / time
-        return mean - rate_at(shear, begin), rate_at(shear, end) - mean
+    def _slide(self, m: Moment, time: float, which: int, *velocities: np.ndarray) -> None:
+        """In a shear slide the images for a time, if there is one, and give beads that follow the flow what it changes by."""
+        if m.flow is not None and time:
+            slide(self.spec.shear, self.spec.tilt, m.box, m.flow, time)  # type: ignore[arg-type]
+        for v in () if m.flow is None or self.spec.shear.constant else velocities:
+            change_flow(v, m.x, m.flow, which)
 
-    def _seen(self, m: Moment, v: np.ndarray) -> np.ndarray:
-        """Velocities as friction sees them: relative to the flow, if there is one."""
-        if m.sheared is None:
-            return v
-        rate, seen = rate_at(self.spec.shear, m.sheared), v.copy()
-        self.engine.set_flow(rate)
-        add_flow(seen, -rate, m.x)
-        return seen
+    def _seen(self, m: Moment, v: np.ndarray, limit: float = np.inf) -> tuple[np.ndarray, int]:
+        """Velocities as friction sees them: relative to the flow, if there is one; and how many components of these are beyond a limit."""
+        if m.flow is None:
+            return v, 0
+        self.engine.set_flow(m.flow)
+        return self._relative, leave_flow(v, m.x, m.flow, limit, self._relative)
+
+    def _look(self, m: Moment, v: np.ndarray, fast: int) -> None:
+        """Watch beads, where some are fast."""
+        v, found = self._seen(m, v, self._limit(m))
+        if fast or found:
+            self.watch(v, self.inv_mass, m)
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
         walls, driven = self.spec.walls, self.spec.driven
@@ -317,11 +321,10 @@ class StepLoop:
     def _sweep(self, m: Moment, part: float, update: int) -> None:
         self._place(m)
         m.counter += 1
-        v = self._seen(m, m.v)
+        v, _ = self._seen(m, m.v)
         self.engine.swept(v, m.kT, part * m.dt, m.seed, m.counter, m.values, v, update)
-        if m.sheared is not None:
-            add_flow(v, rate_at(self.spec.shear, m.sheared), m.x)
-            m.v = v
+        if m.flow is not None:
+            join_flow(m.v, m.x, m.flow, v)
             self.passed = self.passed + self.engine.passed()
         if len(self.still):
             motion.hold(m.v, self.inv_mass)
@@ -362,18 +365,14 @@ class StepLoop:
         self.placed = self._given = False
         flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.inv_masses
         moving = (m.v,) if predicted is None else (predicted, m.v)
-        changes = (0.0, 0.0) if m.sheared is None else self._shear(m, dt)
-        for velocities in moving if changes[0] else ():
-            add_flow(velocities, changes[0], m.x)
-        fast = motion.move_accelerated(*flat, 0.5 * dt, dt, self._limit(m))
-        for velocities in moving if changes[1] else ():
-            add_flow(velocities, changes[1], m.x)
+        self._slide(m, dt, BEFORE, *moving)
+        fast = motion.move_accelerated(*flat, 0.5 * dt, dt, self._limit(m) if m.flow is None else np.inf)
+        self._slide(m, 0.0, AFTER, *moving)
         self._reflect(m, *moving)
         self._warm(m)
         m.counter += 1
         v = m.v if predicted is None else predicted
-        if fast or predicted is not None or m.sheared is not None:
-            self.watch(self._seen(m, v), self.inv_mass, m)
+        self._look(m, v, fast if predicted is None else len(v))
         self._accelerate(m, v, seen, 0.5 * dt)
         if m.values is not None:
             motion.advance(m.values, m.rates, 0.5 * dt)
@@ -394,7 +393,7 @@ class StepLoop:
             which |= LAPLACIAN
             self._held = self._held if len(self._held) else np.empty_like(self.force)
             apart = {"held": self._held}
-        self._sum(which, self._seen(m, v), m.kT, m.dt, m.seed, m.counter, values, **apart)
+        self._sum(which, self._seen(m, v)[0], m.kT, m.dt, m.seed, m.counter, values, **apart)
         motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.inv_masses, kick)
         if values is not None:
             motion.take_moving(m.rates, self.engine.rates, self.inv_mass)

@@ -189,4 +189,4 @@ _any_sweep = over_pairs("any_sweep", _any, _updates, first=gather_velocities, la
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> Totals:
     """Update the velocities; ``transverse`` says whether there are transverse terms.  In a shear the stress tensor is the sum of r times
     the impulses of the friction along the lines between beads, without noise."""
-    return (_any_sweep if transverse else _central_sweep)(pairs, terms, isinstance(pairs.flow, float))
+    return (_any_sweep if transverse else _central_sweep)(pairs, terms, isinstance(pairs.flow, np.ndarray))

@@ -79,7 +79,7 @@ def force_terms(
     engine.prepare(x, scene.box)
     if scene.shear is not None:
         rate, v = rate_at(scene.shear, 0.0), v.copy()
-        engine.set_flow(rate)
+        engine.set_flow(np.array([rate]))
         add_flow(v, -rate, x)
     values = None if spec.fields is None else spec.fields.initial
     for name, which in (("dissipative", DISSIPATIVE), ("random", RANDOM)):

@@ -14,7 +14,7 @@ from ..base.errors import PlanError, RunError
 from ..base.openmm_private import bare, vectors
 from ..base.wording import in_units
 from ..kernels.moment import Moment, StepSpec
-from ..kernels.shear import sheared_box, strain_at
+from ..kernels.shear import TIME, flow_at, sheared_box, strain_at
 from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.fingerprint import fingerprint
 from ..plan.forces.pair_force import PairForceFunction
@@ -116,9 +116,9 @@ class WholeSteps:
         if spec.ramp is not None:
             moment.ramped = integrator.getGlobalVariableByName(shared.RAMP_STEP)
         if spec.shear is not None:
-            moment.sheared = parameters[shared.SHEARED]
+            moment.flow = flow_at(spec.shear, parameters[shared.SHEARED])
             assert box is not None
-            moment.box = sheared_box(box, strain_at(spec.shear, moment.sheared), spec.tilt)
+            moment.box = sheared_box(box, strain_at(spec.shear, parameters[shared.SHEARED]), spec.tilt)
             if not np.array_equal(moment.box, sheared_box(box, 0.0, box[1, 0])):  # half an edge to either side is the same
                 raise RunError(
                     f"the box is tilted by {box[1, 0]:g} and not by the {moment.box[1, 0]:g} nm of the shear: it was set, or comes from a "
@@ -145,11 +145,11 @@ class WholeSteps:
         put = openmm.CustomIntegrator.setGlobalVariableByName
         if len(self._still):
             moment.v[self._still] = resting
-        if moment.sheared is not None:
+        if moment.flow is not None:
             assert moment.box is not None
             context.setPeriodicBoxVectors(*moment.box)
-            context.setParameter(shared.SHEARED, moment.sheared)
-            parameters[shared.SHEARED] = moment.sheared
+            parameters[shared.SHEARED] = float(moment.flow[TIME])
+            context.setParameter(shared.SHEARED, parameters[shared.SHEARED])
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         context.setParameter(shared.COUNTER, float(moment.counter))

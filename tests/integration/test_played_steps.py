@@ -144,6 +144,32 @@ def test_charges(scheme, monkeypatch, counted, together):
         assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
 
 
+SHEARS = {
+    "constant": dpd.LeesEdwards(rate=-1.5),
+    "growing": dpd.LeesEdwards(rate=0.5, end_rate=3.0, ramp_time=0.3),
+    "oscillating": dpd.LeesEdwards(amplitude=0.7, frequency=5.0),
+}
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "O/2 B/2 A/3 B/2 2A/3 O/2"])
+@pytest.mark.parametrize(
+    ("kind", "shear"),
+    [*(("polymers", shear) for shear in SHEARS), *((kind, "oscillating") for kind in ("bonded", "energies", "mdpd lucy"))],
+)
+def test_shear(kind, shear, scheme, monkeypatch, counted, together):
+    """Box and flow change in place, and are put back with the beads; overlays and segments have lists of their own."""
+    scene = polymers() if kind == "polymers" else KINDS[kind]()
+    scene = replace(scene, shear=SHEARS[shear], body_forces=())
+
+    def reached() -> dict[str, np.ndarray]:
+        return run_of(dpd.build(scene, dt=0.01, scheme=scheme, seed=SEED, platform="CPU"), 3, 2 * STEPS, STEPS)
+
+    for threads in 1, 2:
+        counted[0] = 0
+        expected, found = both_ways(monkeypatch, reached, threads)
+        assert not same(found, expected) and counted[0] > 0
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("scheme", ["mvv", "middle", "bab3"])
 @pytest.mark.parametrize("kind", ["dpd", "tilted", "ramp", "bonded", "energies", "mdpd"])

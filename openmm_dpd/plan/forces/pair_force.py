@@ -17,7 +17,7 @@ from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
 from ...kernels.moment import Moment, StepSpec
 from ...kernels.notice import LOGGER
-from ...kernels.shear import rate_at
+from ...kernels.shear import flow_at
 from ..made import origin
 from ..program_options import ProgramOptions
 from .runaway import NEAR, runaway
@@ -169,7 +169,7 @@ class PairForceFunction:
         """Take the factor of body forces, and the rate of a shear, over from the Context."""
         if self.spec.sheared:
             assert self.steps is not None
-            own.engine.set_flow(rate_at(self.steps.shear, parameters[names.SHEARED]))
+            own.engine.set_flow(flow_at(self.steps.shear, parameters[names.SHEARED]))
         scale = parameters[names.BODY_FORCE] if names.BODY_FORCE in parameters else 1.0
         if scale != own.engine.body_scale:
             own.engine.number += 1  # first: what was computed before is not valid any more
