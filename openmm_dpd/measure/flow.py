@@ -1,12 +1,12 @@
 """What is recorded during a run to get viscosities: stress tensors, and velocities in slabs."""
 
 import numpy as np
-from openmm import unit
 
 from ..analysis.profiles import sums_in_slices
 from ..analysis.viscosity import VelocityProfile
 from ..base.cadence import Cadence
 from ..base.errors import ParameterError
+from ..base.openmm_private import bare
 from ..base.stats import block_average
 from ..base.units import whole_number
 from ..model.flow import AXES, require_plain_axis
@@ -67,21 +67,21 @@ class StressReporter(BuiltReporter):
             reason = "walls take up momentum"
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
-        #: of each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a shear
-        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
-        self.kT = plan.options.kT
+        #: of each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a shear,
+        #: kT, step size, time
+        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float, float, float, float]] = []
 
     def report(self, simulation, state):
         """Take one sample."""
         present = self._present
         present.look(simulation.context)
-        self.kT = present.kT
         found = present.conservative(present.apart) if self._needs_forces or present.apart else None
         force = None if found is None else found.force
         v = present.on_step(force)
         regular, friction, moment = present.tensors(v, found)
         regular += present.kinetic_stress(v, force)
-        self._rows.append((regular, friction, moment, np.diag(present.box), present.sheared, present.rate))  # type: ignore[arg-type]
+        now = present.sheared, present.rate, present.kT, present.dt, bare(simulation.context.getState().getTime())
+        self._rows.append((regular, friction, moment, np.diag(present.box), *now))  # type: ignore[arg-type]
 
     @property
     def regular(self) -> np.ndarray:
@@ -133,9 +133,26 @@ class StressReporter(BuiltReporter):
         return np.prod(self.edges, axis=1)
 
     @property
+    def kT(self) -> float:
+        """Thermal energy, kJ/mol; ParameterError if that was not the same for all samples."""
+        return self._the_same(6, "thermal energies", "kJ/mol")
+
+    @property
     def time_step(self) -> float:
-        """Time between two samples, ps."""
-        return self.interval * self.built.integrator.getStepSize().value_in_unit(unit.picosecond)
+        """Time between two samples, ps; ParameterError if they do not follow each other in the same time."""
+        step = self.interval * self._the_same(7, "step sizes", "ps")
+        times = np.array([row[8] for row in self._rows])
+        if np.any(np.abs(np.diff(times) - step) > 1e-6 * step + 1e-12 * np.abs(times[1:])):
+            raise ParameterError(f"the samples do not follow each other every {step:g} ps; take those of one run without a gap")
+        return step
+
+    def _the_same(self, column: int, what: str, unit: str) -> float:
+        """What all samples have in a column."""
+        found = {float(row[column]) for row in self._rows}
+        if len(found) != 1:
+            range_of = f" from {min(found):g} to {max(found):g} {unit}" if found else ""
+            raise ParameterError(f"the {len(self._rows)} samples were taken with {len(found)} {what}{range_of}; this needs one")
+        return found.pop()
 
 
 class ProfileReporter(BuiltReporter):
@@ -164,23 +181,25 @@ class ProfileReporter(BuiltReporter):
                 raise ParameterError(f"axis and component must be 'x', 'y' or 'z', not {name!r}")
         if built.plan.scene.box is None:
             raise ParameterError("a velocity profile needs a periodic box")
-        length = require_plain_axis(built.plan.scene.box, axis, "a velocity profile")
-        assert length is not None
+        require_plain_axis(built.plan.scene.box, axis, "a velocity profile")
         shear = built.plan.scene.shear
         if shear is not None and axis == "x":
             raise ParameterError("a velocity profile of a Lees-Edwards shear varies along y or z: images slide along x")
         self._flows, self._rates = shear is not None and (axis, component) == ("y", "x"), list[float]()
-        self._axis, self._component, self.length = AXES.index(axis), AXES.index(component), length
+        self._axis, self._component = AXES.index(axis), AXES.index(component)
         self.bins = whole_number(bins, "the number of slabs", least=2)
         self._momentum: list[np.ndarray] = []
-        self._mass, self._count, self._square = np.zeros(self.bins), np.zeros(self.bins), np.zeros(self.bins)
+        self._mass, self._count, self._square, self._density = np.zeros((4, self.bins))
+        self._edges: list[float] = []
         self._mobile, self._present = built.plan.spec.inv_mass > 0, Present(built)
 
     def report(self, simulation, state):
         """Take one sample."""
         present = self._present
         present.look(simulation.context)
-        x = present.x[self._mobile, self._axis] / self.length
+        assert present.box is not None
+        edge = present.box[self._axis, self._axis]
+        x = present.x[self._mobile, self._axis] / edge
         force = present.conservative().force if needs_forces(self.built.plan.options.scheme) else np.zeros_like(present.x)
         v = present.on_step(force)
         mass = self.built.plan.scene.bead_masses[self._mobile]
@@ -188,9 +207,17 @@ class ProfileReporter(BuiltReporter):
         self._momentum.append(sums_in_slices(slab, mass * v[self._mobile, self._component], self.bins))
         self._rates.append(present.rate if self._flows else 0.0)
         self._mass += sums_in_slices(slab, mass, self.bins)
-        self._count += sums_in_slices(slab, None, self.bins)
+        counts = sums_in_slices(slab, None, self.bins)
+        self._count += counts
+        self._density += counts * self.bins / np.prod(present.box.diagonal())
+        self._edges.append(edge)
         squares = present.kinetic_stress(v, force, lambda weight, a: weight * np.sum(a * a, axis=1))
         self._square += sums_in_slices(slab, squares[self._mobile], self.bins)
+
+    @property
+    def length(self) -> float:
+        """Mean edge of the box along the axis, nm; slabs have parts of the present one."""
+        return float(np.mean(self._edges)) if self._edges else float(self.built.plan.scene.box[self._axis, self._axis])  # type: ignore[index]
 
     @property
     def profile(self) -> VelocityProfile:
@@ -198,8 +225,6 @@ class ProfileReporter(BuiltReporter):
         n = len(self._momentum)
         if n == 0:
             raise ParameterError("there is no sample yet")
-        box = self.built.plan.scene.box
-        assert box is not None
         with np.errstate(divide="ignore", invalid="ignore"):
             rows = np.array(self._momentum) / (self._mass / n)
             velocity = rows.mean(axis=0)
@@ -209,5 +234,4 @@ class ProfileReporter(BuiltReporter):
         rows += np.outer(self._rates, centres)
         velocity = rows.mean(axis=0)
         error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
-        volume = float(np.prod(np.diag(box))) / self.bins
-        return VelocityProfile(centres, width, velocity, error, self._count / n / volume, kT, rows, self.length)
+        return VelocityProfile(centres, width, velocity, error, self._density / n, kT, rows, self.length)

@@ -140,11 +140,14 @@ class DPDReporter(Cadence):
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
             raise ParameterError(f"file must be a path or a text file open for writing, not {file!r}")
         # opened last, so that an error above leaves an existing file as it is
+        self._cut = False
         begun = self._has_header(file, append)
         self._out: TextIO = open(file, "a" if append else "w") if isinstance(file, (str, os.PathLike)) else file
         self._owned = isinstance(file, (str, os.PathLike))
         if not begun:
             self._write(self._columns)
+        elif self._cut:  # within a row, by a crash or a full disk
+            self._out.write("\n")
         for reason, names in _reasons(self._observer, self._columns).items():
             _LOGGER.warning("columns of DPDReporter that will be nan: %s (%s)", ", ".join(names), reason)
         if self._observer.uncounted and any(name.startswith("pressure") for name in self._columns):
@@ -161,7 +164,9 @@ class DPDReporter(Cadence):
             begun = append and file.seekable() and file.tell() > 0
         if begun and isinstance(path, (str, os.PathLike)) and os.path.isfile(path):
             with open(path) as there:
-                header = there.readline().rstrip("\n")
+                header, last = there.readline(), there.read()
+            self._cut = not (last or header).endswith("\n")
+            header = header.rstrip("\n")
             if header != ",".join(self._columns):
                 raise ParameterError(
                     f"cannot append to {os.fspath(path)}: its header is {header!r}, the columns are {','.join(self._columns)!r}"

@@ -101,17 +101,24 @@ class Made:
     kT: float  #: Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp)
     asked: float  #: The same as it stands in states
     seed: int | None  #: The seed the script chose; None if it left the choice to the package
+    no_barostat: str | None  #: Why none of OpenMM's barostats can act, or None
 
     @classmethod
     def of(
-        cls, maker: str, system: openmm.System, own: Sequence[openmm.Force], options: ProgramOptions, integrator: openmm.Integrator
+        cls,
+        maker: str,
+        system: openmm.System,
+        own: Sequence[openmm.Force],
+        options: ProgramOptions,
+        integrator: openmm.Integrator,
+        no_barostat: str | None = None,
     ) -> Made:
         """What a System has now, and what was asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
         there = masses_of(system), options.constraints, virtual_sites(system), forces
         used, lines = integrator.getIntegrationForceGroups(), lines_of(integrator)
-        return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed)
+        return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed, no_barostat)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
         """The forces in a System that the package did not make; PlanError if it is another System, or has something that would not act, or

@@ -45,14 +45,8 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
     scene = built.plan.scene
     if scene.box is None:
         raise PlanError("a scene without a box has no pressure to hold constant")
-    if scene.mobile is not None and not scene.mobile.all():
-        raise PlanError("a barostat would scale the positions of immobile beads; it needs a scene where all beads move")
-    if scene.shear is not None:
-        raise PlanError("a barostat does not know the sliding images of a Lees-Edwards shear")
-    if scene.interacting is not None:
-        raise PlanError("a barostat needs a scene where all forces act on all beads; `interacting` takes some away")
-    if built.plan.driven is not None:
-        raise PlanError("a barostat moves beads and not walls that move or have something behind them")
+    if built.plan.no_volume_moves is not None:
+        raise PlanError(built.plan.no_volume_moves)
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if len(axes) != 3 or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {axes!r}")
@@ -127,10 +121,8 @@ def add_barostat(
         raise PlanError(f"the System has a {type(present).__name__} already; two barostats would make the volume follow neither")
     if built.integrator.context() is not None:
         raise PlanError("there is a Context of this scene already, which would not know the barostat; add it before the Simulation is made")
-    if plan.spec.fields is not None:
-        if plan.spec.fields.kind == ENERGY:
-            raise PlanError("the beads have internal energies: use EnthalpyBarostat")
-        raise PlanError("there is no barostat for beads with temperatures or concentrations (EDPD, TDPD)")
+    if plan.no_barostat is not None:
+        raise PlanError(plan.no_barostat)
     if plan.options.ramp is not None:
         raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
     if plan.options.kT == 0:

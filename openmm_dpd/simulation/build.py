@@ -78,6 +78,8 @@ def build_plan(plan: Plan) -> BuiltSystem:
     system = scene_system(plan, integrator, function)
     if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
         integrator.whole = WholeSteps(function, options.pair_group)
+    if isinstance(integrator, PairIntegrator) and function is not None and plan.spec.fields is not None and plan.spec.fields.acts:
+        integrator.shown_to = function
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
@@ -132,7 +134,7 @@ def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force
     silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
     silent |= set() if options.execution.pushes else {options.pair_group}
     built.integrator.setIntegrationForceGroups(set(range(32)) - silent)
-    built.integrator.made = Made.of(maker, system, own, options, built.integrator)
+    built.integrator.made = Made.of(maker, system, own, options, built.integrator, built.plan.no_barostat)
     built.system = system
 
 

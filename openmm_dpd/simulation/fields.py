@@ -155,7 +155,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     for name, block in field_variables(new).items():
         integrator.setPerDofVariableByName(name, block)
     if any(integrator.getGlobalVariableName(k) == "valid_for" for k in range(integrator.getNumGlobalVariables())):
-        # stored accelerations and rates belong to the old values
+        # of a plain CustomIntegrator too: stored accelerations and rates belong to the old values
         integrator.setGlobalVariableByName("valid_for", -1.0)
 
 

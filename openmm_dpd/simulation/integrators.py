@@ -11,10 +11,11 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError
-from ..base.names import AHEAD, BY_SEED, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
+from ..base.names import AHEAD, BY_SEED, FIELD, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
 from .barostat_temperature import set_barostats
+from .fields import raw_fields
 from .watching import MOST, PIECE, STRAIGHT, Watching
 
 #: Temperature and thermal energy: whichever was set last holds, and the other one follows.  It is found by what both were when they last
@@ -94,6 +95,13 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         if self.device_group is not None:
             self._touched = True
             self._forget_acceleration()
+
+    def looked(self, context: openmm.Context) -> None:
+        """As for all; and the pair force gets the fields that this Context has, whoever stepped last."""
+        super().looked(context)
+        if self.shown_to is not None:
+            own = self.shown_to.thread_state()
+            own.fields.values = raw_fields(context, self.shown_to.spec.fields)
 
     def _announce(self, steps: int) -> None:
         put = openmm.CustomIntegrator.setGlobalVariableByName
@@ -214,11 +222,15 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         """Set a per-DOF variable; as in OpenMM."""
         super().setPerDofVariableByName(name, values)
         self._forget()
+        if name.startswith(FIELD):
+            self._forget_acceleration()  # it belongs to the old values, as rates do
+            context = None if self.shown_to is None else self.context()
+            if context is not None:
+                self.looked(context)
 
     def setPerDofVariable(self, index: int, values) -> None:
         """Set a per-DOF variable; as in OpenMM."""
-        super().setPerDofVariable(index, values)
-        self._forget()
+        self.setPerDofVariableByName(self.getPerDofVariableName(index), values)
 
     def _forget(self) -> None:
         """Per-DOF variables are not what a loop of steps has left."""

@@ -1,8 +1,10 @@
 """app.Simulation with what OpenMM leaves out: states of other schemes are refused in plain words, and minimising breaks no bonds."""
 
 import io
+import logging
 import os
 from collections.abc import Callable
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,8 +22,9 @@ from ..plan.made import variables_number
 from ..plan.pair_spec import longest
 from ..plan.plan import Plan
 from .downhill import descend
-from .watching import PIECE
+from .watching import whole_steps
 
+_LOGGER = logging.getLogger("openmm_dpd")
 #: No bead moves farther in one iteration of the minimiser, in cutoffs.
 FARTHEST = 0.1
 
@@ -33,26 +36,40 @@ class DPDSimulation(app.Simulation):
     def __init__(self, plan: Plan, *arguments):
         super().__init__(*arguments)
         self._plan = plan
+        if getattr(self.integrator, "shown_to", None) is not None:
+            self.integrator.context()  # which finds it, and hears of it from now on
 
     def step(self, steps: int) -> None:
-        """Take steps, as always; those before a report at once where a loop does them, where OpenMM would ask for ten at a time."""
-        end = self.currentStep + steps
+        """Take steps, as always; those before a report at once where a loop does them, where OpenMM would ask for ten at a time.  Reporters
+        are asked once before each report, since what they answer may be another number the next time."""
+        end = self.currentStep + whole_steps(steps)
+        if getattr(self.integrator, "whole", None) is None:
+            super().step(end - self.currentStep)
+            return
         while self.currentStep < end:
-            reports = [reporter.describeNextReport(self) for reporter in self.reporters]
-            due = [report["steps"] if isinstance(report, dict) else report[0] for report in reports]
-            free = min([end - self.currentStep, *(ahead for ahead in due if ahead > 0)])
-            if free <= PIECE or getattr(self.integrator, "whole", None) is None:
-                super().step(end - self.currentStep)
-                return
-            self.integrator.step(free - 1)
-            super().step(1)
+            asked = [(reporter, _described(reporter.describeNextReport(self))) for reporter in self.reporters]
+            free = min([end - self.currentStep, *(report["steps"] for _, report in asked if report["steps"] > 0)])
+            self.integrator.step(free)
+            self._report([each for each in asked if each[1]["steps"] == free])
+
+    def _report(self, due: list[tuple[Any, dict]]) -> None:
+        """Make reports as OpenMM does: those with and without folded positions, each with one State, which others share."""
+        folded, whole, either = list[tuple[Any, dict]](), list[tuple[Any, dict]](), list[tuple[Any, dict]]()
+        for each in due:
+            folds = self._usesPBC if each[1].get("periodic") is None else each[1]["periodic"]
+            (either if "positions" not in each[1]["include"] else folded if folds else whole).append(each)
+        (folded if len(folded) > len(whole) else whole).extend(either)
+        for reports, folds in ((folded, True), (whole, False)):
+            if reports:
+                self._generate_reports(reports, folds)
 
     @unbroken()
     def minimizeEnergy(self, tolerance=10 * unit.kilojoules_per_mole / unit.nanometer, maxIterations=0, reporter=None):
         """Minimise the potential energy by :func:`openmm_dpd.simulation.downhill.descend`, with the parameters of ``app.Simulation``.
 
         No particle moves by more than a tenth of the longest cutoff in one iteration, and no FENE bond gets as long as its R0.  OpenMM's
-        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.  RunError if the energy is not finite at the start.
+        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.  RunError if the energy is not finite at the start.  With the
+        Lucy kernel of many-body DPD it warns: that force derives from no potential, and has no minimum to go to.
         """
         scene, plan = self._plan.scene, self._plan
 
@@ -62,6 +79,8 @@ class DPDSimulation(app.Simulation):
         box = None if scene.box is None else self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         reach = FARTHEST * longest((*plan.layers, *plan.overlays)) or np.inf
         least, most = checked(tolerance, "force", "tolerance"), whole_number(maxIterations, "maxIterations", least=0)
+        if plan.no_potential is not None:
+            _LOGGER.warning("minimizeEnergy goes down an energy, but %s: it may stop where forces are far from 0", plan.no_potential)
         descend(self.context, least, most, reporter, longest=reach, impossible=impossible)
 
     def saveState(self, file):
@@ -99,6 +118,18 @@ class DPDSimulation(app.Simulation):
         """
         super().loadCheckpoint(file)
         self.integrator.settle(self.context)
+
+
+def _described(report: dict | tuple) -> dict:
+    """What a reporter wants next, in the newer of the two forms."""
+    if isinstance(report, dict):
+        return report
+    included = zip(("positions", "velocities", "forces", "energy"), report[1:5], strict=True)
+    return {
+        "steps": report[0],
+        "periodic": report[5] if len(report) > 5 else None,
+        "include": [name for name, wanted in included if wanted],
+    }
 
 
 def _save_whole(save: Callable, file, content: io.StringIO | io.BytesIO, what: str) -> None:

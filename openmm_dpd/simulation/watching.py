@@ -36,6 +36,13 @@ STRAIGHT, MOST = 1.0, 10_000
 REMEMBERED = 10.0
 
 
+def whole_steps(steps) -> int:
+    """A number of steps of any type, as OpenMM takes them; TypeError if it is not whole."""
+    if int(steps) != steps:
+        raise TypeError(f"the number of steps must be a whole one, not {steps!r}")
+    return int(steps)
+
+
 def _box(context: openmm.Context) -> list:
     """Vectors of the box of a Context, which the host knows."""
     return bare(openmm.Context.getState(context).getPeriodicBoxVectors())
@@ -54,7 +61,7 @@ def watched(kind: type, looking: bool) -> type:
 
     reinitialize.__doc__ = "As before; the next step looks at the System again."
     methods: dict[str, Any] = {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__}
-    for names, hear in ((_CHANGING, "changed"), (_LOOKING if looking else (), "verify")):
+    for names, hear in ((_CHANGING, "changed"), (_LOOKING if looking else (), "looked")):
         methods |= {name: _heard(kind, name, hear) for name in names}
     return type(kind.__name__, (kind,), methods)
 
@@ -85,6 +92,8 @@ class Watching:
     whole: Any = None
     #: Group of a pair force on a device, whose kernels stop where anything is wrong, but say so only when they are asked.
     device_group: int | None = None
+    #: The callable of a pair force whose energy depends on per-bead fields, which OpenMM does not hand to forces.
+    shown_to: Any = None
     _remembered: tuple[float, bytes] | None = None
     _unverified = False
     _known: weakref.ref | None = None
@@ -111,7 +120,7 @@ class Watching:
     def bind(self, context: openmm.Context) -> None:
         """Say which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
         if not hasattr(context, "watched"):
-            context.__class__ = watched(type(context), self.device_group is not None)  # type: ignore[arg-type]
+            context.__class__ = watched(type(context), self.device_group is not None or self.shown_to is not None)  # type: ignore[arg-type]
         self._known, self._looked_at, self._remembered, self._unverified = weakref.ref(context), (), None, False
         self._taken = 0
         self._groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
@@ -122,7 +131,7 @@ class Watching:
         before where nothing but the loop of whole steps acts.  PlanError if something
         in the Context's System would not act, or its state was written by another scheme. openmm.OpenMMException if a step fails, with the
         reason. KeyboardInterrupt: After Ctrl-C, which waits for the end of a step."""
-        context = None if self.made is None else self.context()
+        context, steps = None if self.made is None else self.context(), whole_steps(steps)
         if context is None:
             super().step(steps)  # type: ignore[misc]
             return
@@ -205,6 +214,10 @@ class Watching:
         self.verify(context)
         self._remembered = None
 
+    def looked(self, context: openmm.Context) -> None:
+        """Hear that somebody looks at the state of the Context."""
+        self.verify(context)
+
     def verify(self, context: openmm.Context) -> None:
         """Ask a device whether the steps since the last time went well; if not, all is as it was when it was remembered.
 
@@ -243,9 +256,11 @@ class Watching:
         parameters = context.getParameters()
         if BESIDE in parameters and parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
+        assert self.made is not None
+        if moving and self.made.no_barostat is not None:
+            raise PlanError(f"the System has a {type(moving[0]).__name__}: {self.made.no_barostat}")
         kelvin = self._kelvin(context) if moving else None
         if kelvin is not None:
-            assert self.made is not None
             check_barostats(context, moving, kelvin, self.made.asked < 0)
 
     def _look_at_everything(self, context: openmm.Context, groups: int) -> None:

@@ -19,7 +19,6 @@ from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.fingerprint import fingerprint
 from ..plan.forces.pair_force import PairForceFunction
 from ..plan.forces.thread_state import ThreadState
-from .barostat_temperature import barostats as barostats_of
 from .fields import field_variables, per_dof, raw_fields, raw_rates
 from .integrators import PairIntegrator
 
@@ -51,8 +50,6 @@ class WholeSteps:
             )
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
-        if barostats and self.spec.driven is not None and any(each.getFrequency() > 0 for each in barostats_of(context)):
-            raise openmm.OpenMMException("a barostat moves beads and not walls that move or have something behind them; remove it")
         state = context.getState(positions=True, parameters=True)
         # the step size as the program would set it first
         count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
@@ -106,7 +103,7 @@ class WholeSteps:
         resting = v[self._still]
         v[self._still] = 0.0
         kT = function.thermal_energy(parameters)
-        moment = Moment(x, v, box, dt, kT, int(parameters[shared.SEED]), int(parameters[shared.COUNTER]))
+        moment = Moment(x, v, box, dt, kT, *function.noise(parameters))
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
         if spec.driven is not None:

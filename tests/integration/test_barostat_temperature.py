@@ -1,9 +1,12 @@
 """One temperature for the thermostat and the barostats of OpenMM beside it, however either is set."""
 
+from dataclasses import replace
+
 import numpy as np
 import openmm
 import pytest
 from judged import any_seed, bounded
+from kinds import KINDS
 from openmm import unit
 from raising import raises
 from scenes import stepped
@@ -96,6 +99,34 @@ def test_no_ramp_beside_a_barostat():
     built = fluid(kT=dpd.TemperatureRamp(1.0, 2.0, 0, 100))
     built.system.addForce(barostats()[0])
     raises(dpd.PlanError, "MonteCarloBarostat has one temperature; a temperature ramp", lambda: built.simulation().step(1))
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("immobile", "scale the positions of immobile beads"),
+        ("mdpd lucy", "judges volumes by an energy, but the many-body force of the Lucy kernel derives from no potential"),
+        ("energies", "use EnthalpyBarostat"),
+        ("edpd", "temperatures or concentrations"),
+        ("tdpd", "temperatures or concentrations"),
+    ],
+)
+def test_scenes_without_a_barostat(kind, reason):
+    """Refused where it is added, and by the first step where somebody else added one; one that is switched off does nothing."""
+    scene = replace(KINDS[kind](), mobile=None) if kind in ("edpd", "tdpd") else KINDS[kind]()
+
+    def built() -> dpd.BuiltSystem:
+        return dpd.build(scene, dt=0.005, scheme="middle", platform="CPU", seed=1)
+
+    raises(dpd.PlanError, reason, dpd.add_barostat, built(), 20.0)
+    for frequency in (5, 0):
+        theirs = built()
+        theirs.system.addForce(openmm.MonteCarloBarostat(23.6 * BARS, 1 / BOLTZMANN, frequency))
+        step = theirs.simulation().step
+        if frequency:
+            raises(dpd.PlanError, f"the System has a MonteCarloBarostat: .*{reason}", step, 1)
+        else:
+            step(1)
 
 
 @pytest.mark.slow

@@ -249,6 +249,18 @@ def test_the_noise_count_may_be_large(device, count):
         assert abs(np.corrcoef(changes[first].ravel(), changes[second].ravel())[0, 1]) < 0.4
 
 
+@pytest.mark.parametrize("loop", [True, False])
+@pytest.mark.parametrize(("name", "value"), [(COUNTER, -5.0), (COUNTER, np.inf), (SEED, np.nan), (SEED, 1.5)])
+def test_a_key_of_the_noise_that_is_none(name, value, loop):
+    """One that is set to no whole number stops the run, however many steps follow."""
+    for steps in (1, 20):
+        simulation = run_of(beads(), REFERENCE, dt=0.02, scheme="middle", loop=loop)
+        simulation.step(2)
+        simulation.context.setParameter(name, value)
+        with pytest.raises(openmm.OpenMMException, match=f"the context parameter {name} must be a whole number >= 0"):
+            simulation.step(steps)
+
+
 @pytest.mark.parametrize(
     ("device", "conservative"),
     [(d, c) for d in DEVICES for c in ("kernel", "openmm") if c == "openmm" or d.precision == "single"],

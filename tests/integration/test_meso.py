@@ -1,5 +1,6 @@
 """eDPD, tDPD and mDPD in a running Context: steps on every platform against the oracle's integrators, sources, restart, files, energy."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from scenes import BOXES, MASSES, fluid, place, state_of, step_all, stepped
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.kernels.engine import PairEngine
-from openmm_dpd.simulation.fields import raw_fields, read_fields, write_fields
+from openmm_dpd.simulation.fields import field_variables, raw_fields, read_fields, write_fields
 
 DT, SEED, N = 0.01, 11, 90
 CORNER = (-1.5, -2.0, -2.5)  # The lower corner of the box is not 0: places are meant in these coordinates.
@@ -139,6 +140,47 @@ def test_setting_values_acts_at_once():
     raises(ParameterError, r"shape \(90, 4\)", lambda: write_fields(species.context, species.built.plan, concentrations=np.zeros(N)))
     write_fields(species.context, species.built.plan, concentrations=np.full((N, 4), 2.0))
     assert np.all(read_fields(species.context, species.built.plan)["concentrations"] == 2.0)
+
+
+@pytest.mark.parametrize(("make", "name"), [(heat_scene, "theta"), (species_scene, "concentrations")])
+@pytest.mark.parametrize("scheme", ["mvv", "middle"])
+def test_fields_set_in_either_way(make, name, scheme):
+    """By a per-DOF variable as by ``write_fields``: accelerations and rates of the old values are forgotten."""
+    found = []
+    for way in ("write_fields", "variables"):
+        simulation = stepped(running(replace(make(), mobile=None), DEVICES[1], scheme=scheme), 3)
+        values = 1.5 * read_fields(simulation.context, simulation.built.plan)[name]
+        if way == "write_fields":
+            write_fields(simulation.context, simulation.built.plan, **{name: values})
+        else:
+            for variable, block in field_variables(values.reshape(N, -1)).items():
+                simulation.integrator.setPerDofVariableByName(variable, block)
+        simulation.step(1)
+        found.append((*state_of(simulation.context), read_fields(simulation.context, simulation.built.plan)[name]))
+    assert all(np.array_equal(one, other) for one, other in zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("loop", [True, False])
+def test_the_energy_of_a_state_is_that_of_its_temperatures(loop, tmp_path):
+    """The repulsion of eDPD depends on them: after they are set, in a new Context that a state is loaded into, in another thread."""
+    simulation = stepped(running(heat_scene(frozen=False), DEVICES[1], loop=loop), 3)
+
+    def off(one) -> float:
+        state = one.context.getState(energy=True, positions=True)
+        engine = PairEngine(one.built.plan.spec)
+        engine.prepare(state.getPositions(asNumpy=True)._value, BOXES["ortho"])
+        expected = engine.forces(1, None, 0.0, 1.0, 0, 0, raw_fields(one.context, one.built.plan.spec.fields))[0]
+        return abs(state.getPotentialEnergy()._value - expected)
+
+    assert off(simulation) < 1e-9
+    write_fields(simulation.context, simulation.built.plan, theta=2.0)
+    assert off(simulation) < 1e-9
+    simulation.saveState(str(tmp_path / "hot.xml"))
+    other = running(heat_scene(frozen=False), DEVICES[1], loop=loop)
+    other.loadState(str(tmp_path / "hot.xml"))
+    with ThreadPoolExecutor(1) as threads:
+        assert threads.submit(off, other).result() < 1e-9
+    assert off(other) < 1e-9 and stepped(other, 1) and off(simulation) < 1e-9
 
 
 @pytest.mark.parametrize(("make", "name"), [(heat_scene, "theta"), (species_scene, "concentrations")])

@@ -122,6 +122,10 @@ def test_rows_go_on_after_those_that_are_there(tmp_path):
     path.write_text("")
     with open(path, "a") as file:
         assert steps(file) == ["step", "22", "24"]
+    path.write_text(path.read_text() + "26,0.9")  # a row that was cut
+    assert steps(path, append=True) == ["step", "22", "24", "26", "26", "28"]
+    path.write_text("step,kT")
+    assert steps(path, append=True) == ["step", "30", "32"]
 
 
 def test_frames_go_on_after_those_that_are_there(tmp_path):

@@ -1,6 +1,7 @@
 """Minimising: as low as OpenMM's minimiser goes, and where that one crashes or overshoots."""
 
 import copy
+import itertools
 
 import numpy as np
 import openmm
@@ -131,3 +132,67 @@ def test_impossible_starts_name_the_bond(loop):
     with pytest.raises(dpd.RunError, match=r"bond between beads 2 and 3 \(counted from 0\) is 1.7 nm long, which .* R0 of 1.5 nm"):
         simulation.minimizeEnergy()
     np.testing.assert_array_equal(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value, x)
+
+
+# -- steps and reports -------------------------------------------------------------------------------------------------------------
+class Asking:
+    """A reporter that answers something else each time it is asked; in the older form of OpenMM's answers, if wanted."""
+
+    def __init__(self, intervals, old: bool, include=("positions",), periodic=None):
+        self.intervals, self.old, self.include, self.periodic = iter(intervals), old, include, periodic
+        self.found: list[tuple] = []
+
+    def describeNextReport(self, simulation):
+        steps = next(self.intervals)
+        if self.old:
+            return (steps, *(what in self.include for what in ("positions", "velocities", "forces", "energy")), self.periodic)
+        return {"steps": steps, "periodic": self.periodic, "include": list(self.include)}
+
+    def report(self, simulation, state):
+        x = state.getPositions(asNumpy=True)._value.copy() if "positions" in self.include else None
+        self.found.append((simulation.currentStep, x))
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_reporters_are_asked_once_for_each_report(old):
+    """They report at the same steps, and see the same positions, folded or not, as those of an app.Simulation."""
+    found = []
+    for ours in (True, False):
+        simulation = start("CPU")
+        if not ours:
+            simulation.__class__ = app.Simulation
+        asking = [
+            Asking(itertools.repeat(25), old),
+            Asking(np.random.default_rng(1).geometric(0.03, 200).tolist(), old, periodic=False),
+            Asking(itertools.cycle([7, 40, 0, 3]), old, ("velocities",)),
+        ]
+        simulation.reporters += asking
+        simulation.step(90)
+        simulation.step(90)
+        found.append([one.found for one in asking])
+    assert [[step for step, _ in one] for one in found[0]] == [[step for step, _ in one] for one in found[1]]
+    assert all(len(one) > 2 for one in found[0])
+    for one, other in zip(*found, strict=True):
+        assert all(x is None and y is None or np.array_equal(x, y) for (_, x), (_, y) in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("steps", [20.0, np.int32(20), np.float64(20), 20])
+def test_whole_numbers_of_steps_of_any_type(steps):
+    simulation = start("CPU")
+    simulation.step(steps)
+    simulation.integrator.step(steps)
+    assert simulation.currentStep == 40
+    for wrong in (20.5, "20"):
+        for step in (simulation.step, simulation.integrator.step):
+            with pytest.raises(TypeError, match="must be a whole one"):
+                step(wrong)
+    assert simulation.currentStep == 40
+
+
+def test_forces_without_a_potential_have_no_minimum(caplog):
+    """... which is said."""
+    for kernel in ("quadratic", "lucy"):
+        x, pair = np.random.default_rng(1).random((N, 3)) * EDGE, dpd.MDPD(A=-40, B=25, gamma=4.5, kernel=kernel)
+        scene = dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): pair}, kT=1.0, box=[EDGE] * 3)
+        dpd.build(scene, dt=0.01, platform="CPU", seed=1).simulation().minimizeEnergy(maxIterations=2)
+        assert ("derives from no potential" in caplog.text) == (kernel == "lucy")

@@ -213,6 +213,46 @@ def test_refused_profiles(make, message):
     raises(dpd.ParameterError, message, lambda: make(profile(lambda z: np.where(z < 5, 1, -1) * (z % 5) * (5 - z % 5))))
 
 
+def test_samples_of_a_stress_know_their_steps():
+    """Another step size after the last sample changes nothing; samples with two of them, or with a gap, have no time between them."""
+    built = dpd.build(beads(81), dt=0.02, scheme="middle", platform="CPU", seed=1)
+    simulation, reporter = built.simulation(), StressReporter(2, built)
+    raises(ParameterError, "the 0 samples", lambda: reporter.time_step)
+    simulation.reporters.append(reporter)
+    simulation.step(8)
+    simulation.integrator.setStepSize(0.005)
+    assert reporter.time_step == pytest.approx(0.04) and reporter.kT == 1.0
+    simulation.step(2)
+    raises(ParameterError, "5 samples were taken with 2 step sizes from 0.005 to 0.02 ps", green_kubo_viscosity, reporter)
+    other = StressReporter(2, built)
+    for _ in range(2):
+        simulation.reporters[:] = [other]
+        simulation.step(4)
+        simulation.reporters.clear()
+        simulation.step(6)
+    raises(ParameterError, "do not follow each other every 0.01 ps", lambda: other.time_step)
+    dpd.set_kT(simulation.context, 1.5)
+    simulation.reporters[:] = [other]
+    simulation.step(2)
+    raises(ParameterError, "2 thermal energies from 1 to 1.5 kJ/mol", lambda: other.kT)
+
+
+def test_a_profile_in_a_box_that_changes():
+    """Slabs are parts of the present box."""
+    rng = np.random.default_rng(1)
+    scene = beads(300, positions=rng.random((300, 3)) * 5, box=[5.0] * 3)
+    built = dpd.build(scene, dt=0.02, scheme="middle", platform="Reference", seed=1)
+    simulation, reporter = built.simulation(), ProfileReporter(1, built, bins=4)
+    edges = [5.0, 4.0]
+    for edge in edges:
+        simulation.context.setPeriodicBoxVectors(*np.diag([edge] * 3))
+        simulation.context.setPositions(rng.random((300, 3)) * edge)
+        reporter.report(simulation, None)
+    found = reporter.profile
+    assert found.length == 4.5 and found.width == 4.5 / 4
+    assert found.density.mean() == pytest.approx(np.mean([300 / edge**3 for edge in edges]))
+
+
 def test_profile_reporter_counts_and_averages():
     """Beads in known slabs with known velocities, some of them outside the box; frozen ones do not count."""
     x = np.array([[0, 0, 0.2], [1.5, 0, 3.3], [0, 1.5, -2.9], [1.5, 1.5, 2.6], [2.9, 2.9, 1.2]])

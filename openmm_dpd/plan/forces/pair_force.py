@@ -158,7 +158,7 @@ class PairForceFunction:
             fields.read(block, (x - kept) / parameters[names.TAU])
             return self._zero
         dt, tau, kT = parameters[names.DT], parameters[names.TAU], self.thermal_energy(parameters)
-        key = (int(parameters[names.SEED]), int(parameters[names.COUNTER]))
+        key = self.noise(parameters)
         motion.seen_velocities(x, kept, tau, own.v)
         self._check(own.v, self.spec.inv_mass, kT, dt)
         own.engine.prepare(kept if phase in AT_KEPT else x, box)
@@ -181,6 +181,14 @@ class PairForceFunction:
         if not 0.0 <= kT < np.inf:
             raise RunError(f"the context parameter {names.KT} must be >= 0 and finite, but is {kT}")
         return kT
+
+    def noise(self, parameters) -> tuple[int, int]:
+        """Seed and counter of the noise in the Context; RunError if one is no whole number >= 0."""
+        for name in (names.SEED, names.COUNTER):
+            value = parameters[name]
+            if not 0.0 <= value < 2.0**53 or value != int(value):
+                raise RunError(f"the context parameter {name} must be a whole number >= 0, but is {value:g}")
+        return int(parameters[names.SEED]), int(parameters[names.COUNTER])
 
     def _watch(self, v: np.ndarray, inv_mass: np.ndarray, moment: Moment) -> None:
         self._check(v, inv_mass, moment.kT, moment.dt)

@@ -24,7 +24,9 @@ def _why_kernel_only(table: Resolved, scene: Scene, exceptions: dict[tuple[int, 
     return reason
 
 
-_NO_POTENTIAL = "the many-body force of the Lucy kernel derives from no potential"
+def _why_no_potential(table: Resolved) -> str | None:
+    return "the many-body force of the Lucy kernel derives from no potential" if check_many_body(table).kernel == "lucy" else None
+
 
 register(
     Kind(
@@ -33,7 +35,8 @@ register(
         potential=attraction_expression,
         density_force=density_force,
         why_kernel_only=_why_kernel_only,
-        why_no_laplacian=lambda table: _NO_POTENTIAL if check_many_body(table).kernel == "lucy" else None,
+        why_no_laplacian=_why_no_potential,
+        why_no_potential=_why_no_potential,
         has_stress=True,
         has_densities=True,
     )

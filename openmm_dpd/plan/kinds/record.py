@@ -63,6 +63,8 @@ class Kind:
     why_not_native: Callable[[Any], str | None] | None = None
     #: Why there is no Laplacian of the potential, hence no configurational temperature, or None
     why_no_laplacian: Callable[[Resolved], str | None] = lambda _: None
+    #: Why its conservative force derives from no potential, or None
+    why_no_potential: Callable[[Resolved], str | None] = lambda _: None
     has_stress: bool = False  #: Whether its layers sum stress tensors
     has_densities: bool = False  #: Whether its layers have local densities of the beads
     beside_atoms: bool = False  #: Whether beads beside atoms of a force field may have it, and it may act between the two
