@@ -7,8 +7,9 @@ import numpy as np
 
 from ..base.files import BlockFile
 
-#: Where the header holds the number of frames, and how long it is.
-_COUNT_AT, _HEADER = 8, 276
+#: Where the header holds the number of frames and the last step, and how long it is.
+_COUNT_AT, _LAST_AT, _HEADER = 8, 20, 276
+_MOST = 2**31 - 1
 
 
 class DCDWriter:
@@ -25,6 +26,8 @@ class DCDWriter:
         What it is, for errors.
     append : bool, default False
         Go on with the frames of a file that this class has written; otherwise the file is written anew.
+    first, every, dt
+        What the header says: the first step, steps between frames, and the time of a step.
 
     Raises
     ------
@@ -32,7 +35,9 @@ class DCDWriter:
         If it cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False):
+    def __init__(
+        self, path: str | os.PathLike, n_beads: int, what: str, append: bool = False, first: int = 0, every: int = 1, dt: float = 1.0
+    ):
         self._frames, self._n_beads = 0, n_beads
         self._file = BlockFile(path, what, append)
         if append:
@@ -40,12 +45,12 @@ class DCDWriter:
             self._count((os.path.getsize(path) - _HEADER) // (56 + 3 * (4 * n_beads + 8)))
             return
         # 20 numbers: frames, first step and interval among them; the last one is CHARMM's version, the eleventh says that there is a box
-        control = struct.pack("<9if10i", 0, 0, 1, 0, 0, 0, 0, 0, 0, 1.0, 1, *[0] * 8, 24)
+        control = struct.pack("<9if10i", 0, min(first, _MOST), min(every, _MOST), *[0] * 6, dt, 1, *[0] * 8, 24)
         title = struct.pack("<i80s80s", 2, b"openmm-dpd".ljust(80), b"".ljust(80))
         self._file.write(_record(b"CORD" + control) + _record(title) + _record(struct.pack("<i", n_beads)))
 
-    def write(self, positions: np.ndarray, box: np.ndarray) -> None:
-        """Add a frame: positions (N, 3) and box vectors (3, 3) in angstrom."""
+    def write(self, positions: np.ndarray, box: np.ndarray, step: int | None = None) -> None:
+        """Add a frame: positions (N, 3) and box vectors (3, 3) in angstrom; and the last ``step`` to the header."""
         assert len(positions) == self._n_beads
         a, b, c = np.linalg.norm(box, axis=1)
         alpha, beta, gamma = box[1] @ box[2] / (b * c), box[0] @ box[2] / (a * c), box[0] @ box[1] / (a * b)
@@ -53,6 +58,8 @@ class DCDWriter:
         frame += b"".join(_record(np.ascontiguousarray(column, dtype="<f4").tobytes()) for column in np.asarray(positions).T)
         self._file.write(frame)
         self._count(self._frames + 1)
+        if step is not None:
+            self._file.replace(_LAST_AT, struct.pack("<i", min(step, _MOST)))
 
     def _count(self, frames: int) -> None:
         self._frames = frames

@@ -325,6 +325,8 @@ def test_no_fix_at_all_is_said(tmp_path):
     ("thermo_modify format float %.15X\n", "'%.15X' prints no float; expected one such as %12.6f"),
     ("thermo_modify format int %8.3f\n", "'%8.3f' prints no int; expected one such as %8d"),
     ("thermo_modify format line '%d %g'\n", "has 2 conversions for 6 columns"),
+    ("thermo_modify format line 'step %d %g %g %g %g %g'\n", "must have one conversion in each word"),
+    ("dump 1 all custom 10 d%.txt id\n", "a file for each processor .%. is not supported"),
     ("thermo_modify temp x\n", "'x' is not the id of a compute of style temp"),
     ("dump 1 all image 10 a.png\n", "dump style 'image' is not supported: write dump xyz, dcd or xtc"),
     ("dump 1 all custom 10 a id fast\n", "a column of dump custom must be one of"),

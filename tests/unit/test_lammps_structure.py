@@ -129,6 +129,11 @@ def test_mean_positions_do_not_depend_on_who_reads_them(tmp_path):
     ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
     ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
     ("compute g all gyration x\n", "and no more"),
+    (
+        "compute k all property/atom x y\ncompute r all reduce sum c_k[2]\nthermo_style custom c_r\nuncompute k\n"
+        "compute k all property/atom x\nrun 1\n",
+        "compute k .style property/atom. has no column 2 any more",
+    ),
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(DECK + text)

@@ -50,12 +50,24 @@ def table(tmp_path):
 @pytest.mark.parametrize("keyword", ["EVEN", "COLUMN", "BARE", "SQUARE"])
 def test_every_form_gives_the_same_potential(table, keyword):
     pair, remark = tabulated_pair(read_table(table, keyword), None, LJ)
-    assert remark is None
+    assert remark is None if keyword != "EVEN" else "FPRIME has no effect" in remark
     assert pair.cutoff == pytest.approx(3.0)
     r = np.linspace(0.3, 2.9, 77)
     spline = CubicSpline(pair.distances, pair.energies)
     np.testing.assert_allclose(spline(r), energy(r), atol=2e-5)
     np.testing.assert_allclose(-spline(r, 1), force(r), atol=1e-3)
+
+
+@pytest.mark.parametrize("slopes", ["", " FPRIME {:.12g} {:.12g}"])
+def test_few_uneven_rows(tmp_path, slopes):
+    """A spline goes through forces too: between 40 points they are right to 1e-3, near the ends where their slopes are given."""
+    r, h = np.sqrt(np.linspace(0.5**2, 3.0**2, 40)), 1e-6
+    ends = [(force(end + h) - force(end - h)) / (2 * h) for end in (r[0], r[-1])]
+    path = put(tmp_path / "few", section("FEW", f"N 40{slopes.format(*ends)}", r))
+    pair, remark = tabulated_pair(read_table(path, "FEW"), None, LJ)
+    inner = pair.distances > (0.0 if slopes else 1.0)
+    assert remark is None and len(pair.distances) > 60
+    np.testing.assert_allclose(pair.forces[inner], force(pair.distances[inner]), atol=1e-3)
 
 
 def test_units_and_cutoff(table):

@@ -348,3 +348,49 @@ run 0
     both(tmp_path, text)
     for name in ("x", "yz"):
         assert (tmp_path / "ours" / f"f.{name}").read_text() == (tmp_path / "theirs" / f"f.{name}").read_text()
+
+
+# -- what is printed, and where ------------------------------------------------------------------------------------------------------
+@cases(
+    "lines, files",
+    ('thermo_style custom step temp pe\nthermo_modify format line "%d, %g; %g"\nrun 1\n', ()),
+    ('thermo_style custom step temp pe\nthermo_modify format line "%d %g %g" format float %8.3f format 3 %.1f\nrun 1\n', ()),
+    ("group e empty\ncompute a e reduce min x\ncompute b e reduce max x vx\ncompute c e com\n"
+     "thermo_style custom step c_a c_b[1] c_b[2] c_c[1]\nthermo_modify format float %g\nrun 0\n", ()),
+    ('variable i index 1\nvariable j equal 2*step\nfix p$i all print 1 "x $(step)" file f.p*.txt screen no\nvariable cmd string "fix q all print 1 hello file f.q.txt screen no"\n'
+     'print "hi" file f.print.*.txt screen no\n${cmd}\nfix a all ave/time 1 1 1 v_j file f.a*.txt\nrun 1\n',
+     ("f.p*.txt", "f.q.txt", "f.print.*.txt", "f.a*.txt")),
+)  # fmt: skip
+def test_formats_and_names(tmp_path, lines, files):
+    """Separators of a format line, and other formats beside it; what no beads give; names with a star, and fixes that a variable names."""
+    theirs, ours = both(tmp_path, f"{FOUR}fix 1 all nve\ntimestep 0.01\n{lines}")
+    assert [line.split() for line in ours] == [line.split() for line in theirs]
+    for name in files:
+        assert (tmp_path / "ours" / name).read_text() == (tmp_path / "theirs" / name).read_text()
+
+
+def test_rdf_up_to_the_cutoff_of_charges(tmp_path):
+    """... where that is the longest."""
+    lines = "set group all charge v_q\npair_style hybrid/overlay dpd 0 0.8 4 coul/slater/long 0.5 1.9\npair_coeff * * dpd 25 2\n"
+    text = f"""units lj
+atom_style charge
+comm_modify vel yes
+lattice sc 1.0
+region b block 0 4 0 4 0 4
+create_box 1 b
+create_atoms 1 region b
+mass 1 1
+displace_atoms all ramp x 0 0.3 y 0 4
+displace_atoms all ramp z 0 0.45 x 0 4
+variable q atom 1-2*(id%2)
+{lines}pair_coeff * * coul/slater/long
+kspace_style ewald 1e-4
+compute r all rdf 5
+fix r all ave/time 1 1 1 c_r[*] file f.rdf mode vector
+fix 1 all nve
+thermo_style custom step
+run 0
+"""
+    both(tmp_path, text)
+    ours, theirs = (np.loadtxt(tmp_path / which / "f.rdf", skiprows=4) for which in ("ours", "theirs"))
+    assert np.allclose(ours, theirs, rtol=1e-5) and ours[-1, 1] == pytest.approx(1.71)

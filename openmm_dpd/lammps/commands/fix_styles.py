@@ -11,7 +11,6 @@ from ...model.sources import Block, Sphere
 from ..files.table_file import read_eos
 from ..language import arguments as read
 from ..language.variables import FORMULAS
-from ..output.averages import PrintFix
 from ..state.deck_state import DeckState
 from ..state.records import MomentumRemoval, PressureControl
 
@@ -292,5 +291,4 @@ FIX_STYLES: dict[str, FixReader] = {
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "addforce": _addforce, "gravity": _gravity},
     **{"setforce": _setforce, "wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform},
-    "print": lambda state, group, words: {"reader": PrintFix(state, words)},
 }

@@ -6,7 +6,7 @@ from ...base.errors import ParameterError
 from ...base.files import write_whole
 from ..files.restart_file import load_restart, restart_bytes
 from ..language import arguments as read
-from ..output.averages import AveragingFix
+from ..output.averages import AveragingFix, PrintFix
 from ..output.chunk_average import ChunkAverage
 from ..output.time_average import Correlation, TimeAverage
 from ..state.deck_state import DeckState
@@ -28,14 +28,17 @@ def fix(state: DeckState, args: list[str]) -> None:
     name, group, style, *words = args
     read.identifier(name, "the id of a fix")
     state.group(group)
-    read.style({**FIX_STYLES, **AVERAGES}, "fix", style)
+    read.style({**FIX_STYLES, **AVERAGES, "print": None}, "fix", style)
     old = state.fixes.get(name)
     if old is not None and old.style != style:
         raise ParameterError(f"there is a fix {name} of style {old.style} already; unfix it first, or use another id")
     assert state.here is not None
+    parameters: dict
     if style in AVERAGES:
         average = AVERAGES[style](state, name, group, words)
-        parameters: dict = {"average": average, "reader": average}
+        parameters = {"average": average, "reader": average}
+    elif style == "print":
+        parameters = {"reader": PrintFix(state, name, words)}
     else:
         parameters = FIX_STYLES[style](state, group, words)
     state.fixes[name] = Fix(name, group, style, parameters, state.here)
@@ -91,6 +94,11 @@ def restart(state: DeckState, args: list[str]) -> None:
         state.restarts = RestartSettings()
         return
     read.count(args, "restart N file [file]", 2, 3)
+    before = state.restarts.files
+    if before and len(before) != len(args) - 1:
+        raise ParameterError(
+            f"restart with one file beside one with two is not supported, and there is '{' '.join(before)}'; first say restart 0"
+        )
     for name in args[1:]:
         state.output_path(name)  # what is wrong with it is the mistake of this line
     state.restarts = RestartSettings(every, (f"{args[1]}.*",) if len(args) == 2 and "*" not in args[1] else tuple(args[1:]))

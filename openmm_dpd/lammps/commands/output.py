@@ -159,6 +159,8 @@ def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, f
         read.count(words, f"dump ID group {style} N file", 0)
     if file.endswith((".gz", ".bz2", ".zst", ".bin")):
         raise ParameterError(f"dump file '{file}': compressed and binary files are not supported")
+    if "%" in file:
+        raise ParameterError(f"dump file '{file}': a file for each processor (%) is not supported")
     if style in BINARY and "*" in file:
         raise ParameterError(f"dump {style} '{file}': all frames go into one file, leave the * out")
     state.output_path(file)  # what is wrong with its name is the mistake of this line
@@ -262,7 +264,7 @@ def print_(state: DeckState, args: list[str]) -> None:
     text, show = expand(state, args[0]), True
     for keyword, values in read.options(args[1:], {"file": 1, "append": 1, "screen": 1, "universe": 1}, "print"):
         if keyword in ("file", "append"):
-            append_block(state.output_file(values[0]), text + "\n", "the file of print", anew=keyword == "file")
+            append_block(state.output_file(values[0], as_it_is=True), text + "\n", "the file of print", anew=keyword == "file")
         elif keyword == "screen":
             show = read.switch(values[0], "screen")
     if show:

@@ -87,10 +87,23 @@ def atom_style(state: DeckState, args: list[str]) -> None:
 
 @command("neigh_modify", 0, None)
 def neigh_modify(state: DeckState, args: list[str]) -> None:
-    """``neigh_modify``: lists are managed elsewhere, but ``exclude`` would change the forces."""
+    """``neigh_modify``: lists are managed elsewhere, but ``exclude`` and ``include`` would change the forces."""
     if "exclude" in args:
         raise ParameterError("neigh_modify exclude is not supported; use 'pair_coeff i j none' or special_bonds")
+    _only_all("neigh_modify", "include", args)
     _ignored("neigh_modify")(state, args)
+
+
+@command("comm_modify", 0, None)
+def comm_modify(state: DeckState, args: list[str]) -> None:
+    """``comm_modify``: nothing is communicated, but beads outside of its ``group`` would have no forces across faces."""
+    _only_all("comm_modify", "group", args)
+    _ignored("comm_modify")(state, args)
+
+
+def _only_all(command: str, word: str, args: list[str]) -> None:
+    if word in args and args[args.index(word) + 1 :][:1] != ["all"]:
+        raise ParameterError(f"{command} {word} is not supported but for all: other beads would miss forces; set their pair_coeff to none")
 
 
 @command("run_style", 0, None)
@@ -141,6 +154,6 @@ def _ignored(command: str) -> Handler:
 
 
 #: Commands about how LAMMPS organises its work: read, said once, ignored.
-IGNORED = tuple("comm_modify comm_style echo info log neighbor newton package processors suffix timer".split())
+IGNORED = tuple("comm_style echo info log neighbor newton package processors suffix timer".split())
 
 COMMANDS |= {name: _ignored(name) for name in IGNORED}

@@ -27,6 +27,7 @@ class TableData:
     distances: np.ndarray
     energies: np.ndarray
     forces: np.ndarray
+    end_slopes: tuple[float, ...] = ()  #: Of the forces, if they are given
 
 
 def read_table(path: Path, keyword: str) -> TableData:
@@ -84,23 +85,26 @@ def _assemble(file: TextFile, rows: list[Row], parameters: dict, line: int, keyw
     if np.any(np.diff(distances) <= 0) or distances[0] <= 0:
         worst = int(np.argmin(np.diff(distances))) if distances[0] > 0 else 0
         raise file.error(f"the distances of table {keyword} must be > 0 and increase", rows[worst][0])
-    return TableData(distances, values[:, 1], values[:, 2])
+    return TableData(distances, values[:, 1], values[:, 2], tuple(parameters.get("FPRIME", ())))
 
 
 def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> tuple[TabulatedPair, str | None]:
-    """Table as a pair term in MD units, and a remark if the forces of the file are not the slope of its energies, which are replaced then.
-    ``cutoff`` is in the deck's unit of length; without it the range is that of the table.  The term is evenly spaced: an uneven table
-    (``RSQ``) is resampled with a cubic spline."""
-    r, energies, forces = data.distances, data.energies, data.forces
+    """Table as a pair term in MD units, and a remark if the forces of the file are not the slope of its energies, which are replaced
+    then, or the slopes of the forces have no effect.  ``cutoff`` is in the deck's unit of length; without it the range is that of the
+    table.  The term is evenly spaced: an uneven table (``RSQ``) is resampled with cubic splines through energies and forces."""
+    r, energies, forces, remarks = data.distances, data.energies, data.forces, list[str]()
     steps = np.diff(r)
     if not np.allclose(steps, steps.mean(), rtol=1e-4):
         # as fine as the finest part of the file, within reason
         even = np.linspace(r[0], r[-1], int(np.clip(np.ceil((r[-1] - r[0]) / steps.min()) + 1, len(r), max(20000, len(r)))))
+        ends = data.end_slopes if len(data.end_slopes) == 2 else np.diff(forces)[[0, -1]] / steps[[0, -1]]
         spline = CubicSpline(r, energies, bc_type=((1, -forces[0]), (1, -forces[-1])))
-        r, energies, forces = even, spline(even), np.interp(even, r, forces)
+        r, energies, forces = even, spline(even), CubicSpline(r, forces, bc_type=((1, ends[0]), (1, ends[1])))(even)
+    elif data.end_slopes:
+        remarks.append("FPRIME has no effect: the slope of the energies is the force, and has no slope of its own at the ends")
     limit = None if cutoff is None else cutoff * units.length
     try:
-        return TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit), None
+        pair = TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit)
     except ParameterError as error:
         if "minus the slope" not in str(error):
             raise
@@ -108,7 +112,8 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
         work = CubicSpline(r, forces).antiderivative()
         energies = energies[-1] + work(r[-1]) - work(r)
         pair = TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit)
-        return pair, f"its energies are replaced by the integral of its forces, which move the beads ({error})"
+        remarks.append(f"its energies are replaced by the integral of its forces, which move the beads ({error})")
+    return pair, "; ".join(remarks) or None
 
 
 def read_eos(path: Path, keyword: str) -> tuple[np.ndarray, np.ndarray]:

@@ -111,24 +111,23 @@ class AverageFile:
             raise ParameterError("the options file and append exclude each other")
         self._name, self._header = options.get("file", options.get("append", [None]))[0], header
         self._append, self._overwrite = "append" in options, "overwrite" in options
-        # the step at which it was begun: a run that goes on may have its folder at another place
-        self._begun: int | None = None
+        self._begun = False
         if self._name is not None:
-            state.output_path(self._name)  # what is wrong with it is the mistake of this line
+            state.output_path(self._name, as_it_is=True)  # what is wrong with it is the mistake of this line
             if state.carried_out:
                 self._start(state, self._name)
 
     def _start(self, state: DeckState, name: str) -> None:
-        self._begun = state.step
-        append_block(state.output_file(name), _lines(self._header), _WHAT, anew=not self._append)
+        self._begun = True
+        append_block(state.output_file(name, as_it_is=True), _lines(self._header), _WHAT, anew=not self._append)
 
     def write(self, state: DeckState, lines: list[str]) -> None:
         """Add a block, or put it in the place of the last one; OutputError if it cannot be written, and what is there stays."""
         if self._name is None:
             return
-        if self._begun is None:
+        if not self._begun:
             self._start(state, self._name)
-        path = state.output_file(self._name, self._begun)
+        path = state.output_file(self._name, as_it_is=True)  # a run that goes on may have its folder at another place
         if self._overwrite:
             write_whole(path, _lines([*self._header, *lines]), _WHAT)
         else:
@@ -228,12 +227,11 @@ def check_words(state: DeckState, words: tuple[str, ...], style: str, first: str
 class PrintFix:
     """``fix ID group print N text [file|append name] [screen yes|no] [title text]``: prints its text also at the first step of a run."""
 
-    def __init__(self, state: DeckState, args: list[str]):
+    def __init__(self, state: DeckState, name: str, args: list[str]):
         read.count(args, "fix ID group print N text ...", 2, None)
         self.every, self.text, self.next_due = read.integer(args[0], "the interval of fix print", 1), args[1], 0
         options = dict(read.options(args[2:], {"file": 1, "append": 1, "screen": 1, "title": 1}, "fix print"))
-        assert state.here is not None
-        title = options.get("title", [f"# Fix print output for fix {state.here.text.split()[1]}"])
+        title = options.get("title", [f"# Fix print output for fix {name}"])
         self._show = read.switch(options.get("screen", ["yes"])[0], "screen")
         self._file = AverageFile(state, options, title)
 

@@ -152,7 +152,8 @@ class Dump:
         if self.opened is None:
             path = state.output_file(self.file, 0)
             if self.style == "dcd":
-                self.opened = DCDWriter(path, len(x), self._what, append=self.begun)
+                dt = state.timestep / state.units.time
+                self.opened = DCDWriter(path, len(x), self._what, append=self.begun, first=moment.step, every=self.every, dt=dt)
             else:
                 self.opened = XTCWriter(path, len(x), self._what, append=self.begun, precision=self.precision)
         if isinstance(self.opened, XTCWriter):
@@ -161,7 +162,7 @@ class Dump:
             self.opened.write(factors["sfactor"] * x, factors["sfactor"] * box, time, moment.step)
         else:
             assert isinstance(self.opened, DCDWriter)
-            self.opened.write(x, box)
+            self.opened.write(x, box, moment.step)
 
 
 def xtc_factors(units: UnitSystem) -> dict[str, float]:

@@ -191,7 +191,7 @@ class Thermo:
         return " ".join(cells).rstrip()
 
     def _texts(self, numbers: list[float]) -> list[str]:
-        return [form % (int(number) if form[-1] in "dioxX" else number) for form, number in zip(self._formats(), numbers, strict=True)]
+        return [form % (int(number) if _whole(form) else number) for form, number in zip(self._formats(), numbers, strict=True)]
 
     def _widths(self) -> list[int]:
         return [max(len(form % 0), len(self._title(k, self.words[k]))) for k, form in enumerate(self._formats())]
@@ -203,22 +203,22 @@ class Thermo:
     def _formats(self) -> list[str]:
         formats = self.state.thermo.formats
         whole, real = _FORMATS[self.state.thermo.layout]
-        if "line" in formats:
-            found = _FORMAT.findall(formats["line"])
-        else:
-            found = [
-                formats.get(k + 1)
-                or formats.get(word)
-                or (formats.get("int", whole) if word in WORDS and WORDS[word].integer else formats.get("float", real))
-                for k, word in enumerate(self.words)
-            ]
-        return [re.sub(r"l+(?=[a-zA-Z]$)", "", form) for form in found]
+        line, found = formats["line"].split() if "line" in formats else [], []
+        for k, word in enumerate(self.words):
+            kind, usual = ("int", whole) if word in WORDS and WORDS[word].integer else ("float", real)
+            found.append(formats.get(k + 1) or formats.get(word) or formats.get(kind) or (line[k] if line else usual))
+        return [re.sub(r"l+(?=[dioxXeEfFgG])", "", form) for form in found]
 
     def _block(self, numbers: list[float], sample: DeckSample) -> str:
         texts = self._texts(numbers)
         cells = [f"{self._title(k, word):<8} = {texts[k]}" for k, word in enumerate(self.words)]
         rows = [" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]
         return "\n".join([f"------------ Step {sample.step:14d} ----- CPU = {sample.cpu:12.7g} (sec) -------------", *rows])
+
+
+def _whole(form: str) -> bool:
+    """Whether a format is one of whole numbers."""
+    return _FORMAT.findall(form)[0][-1] in "dioxX"
 
 
 def check_format(text: str, columns: int | None = None, *, of: str | None = None) -> None:
@@ -230,3 +230,5 @@ def check_format(text: str, columns: int | None = None, *, of: str | None = None
         raise ParameterError(f"expected a format such as %12.6f, not '{text}'")
     if columns is not None and len(found) != columns:
         raise ParameterError(f"the format line '{text}' has {len(found)} conversions for {columns} columns")
+    if columns is not None and any(len(_FORMAT.findall(word)) != 1 for word in text.split()):
+        raise ParameterError(f"the format line '{text}' must have one conversion in each word")

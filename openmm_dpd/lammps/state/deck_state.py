@@ -174,9 +174,9 @@ class DeckState:
         return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
 
     def mass_average(self, vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """Average of (N, 3) vectors over the beads of a mask, each with its mass: centre of mass, or its velocity."""
+        """Average of (N, 3) vectors over the beads of a mask, each with its mass: centre of mass, or its velocity; 0 without any."""
         masses = self.bead_masses()[mask]
-        return weighted_sum(masses, vectors[mask]) / masses.sum()
+        return weighted_sum(masses, vectors[mask]) / masses.sum() if len(masses) else np.zeros(3)
 
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
         """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.  It
@@ -204,10 +204,10 @@ class DeckState:
                 return candidate
         raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
 
-    def output_path(self, name: str, step: int | None = None) -> Path:
-        """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one.  Relative names are put into the
-        output folder; absolute ones are taken as they are, and a note says so.  ParameterError if a relative name leads out of the output
-        folder."""
+    def output_path(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
+        """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one, unless the name stays ``as_it_is``.
+        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.  ParameterError if a
+        relative name leads out of the output folder."""
         if Path(name).is_absolute():
             self.note(f"{name} is an absolute name: it is written there, and not into the output folder {self.output}")
         elif os.path.normpath(name).split(os.sep)[0] == os.pardir:
@@ -215,11 +215,11 @@ class DeckState:
                 f"the file '{name}' would lie outside of the output folder {self.output}; "
                 "leave the '..' out and choose the folder (--out), or give an absolute name"
             )
-        return self.output / name.replace("*", str(self.step if step is None else step))
+        return self.output / (name if as_it_is else name.replace("*", str(self.step if step is None else step)))
 
-    def output_file(self, name: str, step: int | None = None) -> Path:
+    def output_file(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
         """:meth:`output_path`, in a folder that is made; OutputError if it cannot be made."""
-        path = self.output_path(name, step)
+        path = self.output_path(name, step, as_it_is=as_it_is)
         with writing(path.parent, "the folder"):
             path.parent.mkdir(parents=True, exist_ok=True)
         return path

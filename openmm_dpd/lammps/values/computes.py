@@ -116,6 +116,10 @@ _MODES: dict[str, Callable[[np.ndarray], float]] = {
 }
 
 
+#: Of no beads at all, where that is not 0.
+_OF_NONE = {"min": 1e20, "max": -1e20}
+
+
 def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
     read.count(words, "compute ID group reduce mode value value ...", 2, None)
     read.choice(words[0], "the mode of compute reduce", list(_MODES))
@@ -126,7 +130,9 @@ def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
 def _reduced(moment: DeckMoment, compute: Compute) -> np.ndarray:
     mask = moment.state.group(compute.group)
     mode, *words = compute.arguments
-    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words]) if mask.any() else np.zeros(len(words))
+    if not mask.any():
+        return np.full(len(words), _OF_NONE.get(mode, 0.0))
+    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words])
 
 
 def _reduced_one(moment: DeckMoment, compute: Compute) -> float:

@@ -73,6 +73,8 @@ class Resolver(DeckMoment):
         if spec.per_bead is None:
             raise ParameterError(f"compute {name} (style {compute.style}) has no values of single beads")
         values = spec.per_bead(self, compute)
+        if column is not None and (values.ndim == 1 or column > values.shape[1]):  # it was defined anew
+            raise ParameterError(f"compute {name} (style {compute.style}) has no column {column} any more")
         return values if column is None else values[:, column - 1]
 
     def _of_bead(self, name: str, bead: int | None) -> float:

@@ -47,11 +47,14 @@ def parse_distribution(state: DeckState, group: str, words: list[str]) -> Distri
 
 
 def _longest_cutoff(moment: DeckMoment) -> float:
-    """Longest cutoff of the pair forces, in deck units."""
-    cutoffs = [getattr(entry, "cutoff", 0.0) for table in pair_tables(moment.state) for entry in table.entries.values()]
+    """Longest cutoff of the pair forces, in deck units; that of charges is one."""
+    cutoffs = [
+        getattr(entry, "cutoff", 0.0) / moment.units.length for table in pair_tables(moment.state) for entry in table.entries.values()
+    ]
+    cutoffs += [style.settings.get("cutoff_charges", 0.0) for style in moment.state.pair.styles]
     if not max(cutoffs, default=0.0) > 0:
         raise ParameterError("compute rdf needs a pair force, or the keyword cutoff")
-    return max(cutoffs) / moment.units.length
+    return max(cutoffs)
 
 
 def _excluded(state: DeckState) -> np.ndarray:
