@@ -21,7 +21,7 @@ NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.open
 ADDRESSES = "openmm_dpd.kernels.addresses"
 
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
-MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc.get_referrers": OPENMM}
+MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc.get_objects": OPENMM}
 
 #: The same for attributes of objects of other libraries, and for options by name.
 ATTRIBUTES = dict.fromkeys(("_value", "_getNumParticles", "_getVectorAsNumpy"), OPENMM)
