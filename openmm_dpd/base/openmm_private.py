@@ -30,8 +30,8 @@ def vectors(state: openmm.State, kind: int) -> np.ndarray:
 
 
 def context_of(integrator: openmm.Integrator) -> openmm.Context | None:
-    """The Context that was made with an integrator, None without one.  OpenMM has no way from an integrator to its Context, so all Contexts
-    that there are get asked: to look for them takes some milliseconds, and to ask Python who refers to the integrator five times as long."""
+    """The Context that was made with an integrator, None without one.  OpenMM has no way from an integrator to its Context, so all of them
+    get asked: it takes milliseconds to look for them, and to ask Python who refers to the integrator takes five times as long."""
     contexts = (one for one in get_objects() if issubclass(type(one), openmm.Context))
     return next((one for one in contexts if getattr(one, "_integrator", None) is integrator), None)
 

@@ -7,22 +7,24 @@ with noise, by an exact Ornstein-Uhlenbeck step in the plane and along the norma
     v <- v - (1 - q) (v - u) + sqrt(kT (1 - q^2)/m) xi        q = exp(-Gamma(h) dt/m)
 
 A step of friction keeps the Maxwell distribution about u, whatever its length.  F and Gamma are tables with a straight line between rows
-(:mod:`openmm_dpd.plan.continuum`).  What a bead gains the wall loses: all sums go through the beads in turn, so that no number of threads
-changes a bit.
+(:mod:`openmm_dpd.plan.continuum`).  What a bead gains the wall loses: all sums go through the beads in turn, by one thread, so that no
+number of threads changes a bit.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from .compiled import compiled, inlined
+from .compiled import inlined
 from .elementary import sine
 from .motion import put_back
-from .noise import noise_key, normal, pair_key
+from .native import Kernel
+from .noise import normal, pair_key
 from .sweeps import EXACT, decay
+from .tape import told_key
 
 #: In the key of the noise of walls, where layers of pair terms have 0, 1, ...
 NOISE = 1 << 32
@@ -69,11 +71,16 @@ class Driven:
     period: np.ndarray  #: (3, 2) of their oscillation, ps; 0 where the velocity is constant
     continuum: Continuum | None
 
+    @property
+    def steady(self) -> bool:
+        """Whether all velocities are constant."""
+        return not (self.period > 0).any()
+
     def velocities(self, time: float) -> np.ndarray:
         """(3, 2, 3) at a time."""
-        moving = self.period > 0
-        if not moving.any():
+        if self.steady:
             return self.velocity
+        moving = self.period > 0
         turns = np.where(moving, time / np.where(moving, self.period, 1.0), 0.0)
         return self.velocity * np.where(moving, sine(turns + 0.25), 1.0)[:, :, None]
 
@@ -98,53 +105,81 @@ def _distance(x, plane, side, start, period):
     return plane - folded if side else folded - plane
 
 
-@compiled
-def continuum_forces(x, types, axis, planes, there, start, period, tables, reach, force):
-    """Add the forces, along the normal and away from the walls; returns the energy, which counts from the end of the tables."""
+def _continuum_forces(x, types, axis, planes, there, start, period, tables, reach, force, found, part, parts, team):
+    """Add the forces, along the normal and away from the walls; ``found`` gets the energy, which counts from the end of the tables."""
     energy, width = 0.0, reach / (tables.shape[2] - 1)
     for i in range(len(x)):
         for side in range(2):
             h = _distance(x[i, axis], planes[side], side, start, period)
             if there[side] == 0.0 or h >= reach or types[i] < 0:
                 continue
-            row, part = _row(h, tables.shape[2] - 1, reach)
-            push = _entry(tables, side, types[i], row, part, FORCE)
+            row, part_of_it = _row(h, tables.shape[2] - 1, reach)
+            push = _entry(tables, side, types[i], row, part_of_it, FORCE)
             end = tables[side, types[i], row + 1, FORCE]
-            energy += tables[side, types[i], row + 1, ENERGY] + 0.5 * (push + end) * width * (1.0 - part)
+            energy += tables[side, types[i], row + 1, ENERGY] + 0.5 * (push + end) * width * (1.0 - part_of_it)
             energy += push * max(0.0, -h)
             force[i, axis] += -push if side else push
-    return energy
+    found[0] = energy
+    return 0
 
 
-@compiled
-def continuum_push(x, inv_mass, types, axis, planes, there, start, period, tables, reach, taken):
-    """Add the force of the beads that move on each wall of the axis to ``taken`` (2,), along the axis."""
+continuum_forces = Kernel(_continuum_forces)
+
+
+def _continuum_push(x, inv_mass, types, axis, planes, there, start, period, tables, reach, kick, impulses, part, parts, team):
+    """Add what the force of the beads that move passes on to each wall of the axis in the time ``kick`` to the impulses (3, 2, 3)."""
+    low, high = 0.0, 0.0
     for i in range(len(x)):
         for side in range(2):
             h = _distance(x[i, axis], planes[side], side, start, period)
             if inv_mass[i] > 0.0 and there[side] != 0.0 and h < reach and types[i] >= 0:
-                row, part = _row(h, tables.shape[2] - 1, reach)
-                push = _entry(tables, side, types[i], row, part, FORCE)
-                taken[side] += push if side else -push
+                row, part_of_it = _row(h, tables.shape[2] - 1, reach)
+                push = _entry(tables, side, types[i], row, part_of_it, FORCE)
+                if side:
+                    high += push
+                else:
+                    low += -push
+    impulses[axis, 0, axis] += kick * low
+    impulses[axis, 1, axis] += kick * high
+    return 0
 
 
-@compiled
-def continuum_drag(x, v, inv_mass, types, axis, planes, there, start, period, tables, reach, velocity, dt, kT, key, taken):
-    """Friction and noise for the time dt; adds what the walls, with velocities (2, 3), get of momentum to ``taken`` (2, 3)."""
+continuum_push = Kernel(_continuum_push)
+
+
+class _Drag(NamedTuple):
+    """What friction and noise of walls depend on beside the beads."""
+
+    velocity: np.ndarray  #: (3, 2, 3) of the walls
+    dt: float
+    kT: float
+    key: np.uint64
+
+
+def _continuum_drag(x, v, inv_mass, types, axis, planes, there, start, period, tables, reach, drag, taken, impulses, part, parts, team):
+    """Friction and noise; adds what the walls get of momentum to the impulses (3, 2, 3), by way of ``taken`` (2, 3)."""
+    taken[:] = 0.0
     for i in range(len(x)):
         for side in range(2):
             h = _distance(x[i, axis], planes[side], side, start, period)
             if inv_mass[i] == 0.0 or there[side] == 0.0 or h >= reach or types[i] < 0:
                 continue
-            row, part = _row(h, tables.shape[2] - 1, reach)
-            number = pair_key(key, i, i)
+            row, part_of_it = _row(h, tables.shape[2] - 1, reach)
+            number = pair_key(drag.key, i, i)
             for k in range(3):
-                gamma = _entry(tables, side, types[i], row, part, NORMAL if k == axis else PLANE)
-                lost = decay(EXACT, gamma * inv_mass[i] * dt)
-                noise = np.sqrt(kT * inv_mass[i] * lost * (2.0 - lost)) * normal(number, 3 * side + k)
-                change = noise - lost * (v[i, k] - velocity[side, k])
+                gamma = _entry(tables, side, types[i], row, part_of_it, NORMAL if k == axis else PLANE)
+                lost = decay(EXACT, gamma * inv_mass[i] * drag.dt)
+                noise = np.sqrt(drag.kT * inv_mass[i] * lost * (2.0 - lost)) * normal(number, 3 * side + k)
+                change = noise - lost * (v[i, k] - drag.velocity[axis, side, k])
                 v[i, k] += change
                 taken[side, k] -= change / inv_mass[i]
+    for side in range(2):
+        for k in range(3):
+            impulses[axis, side, k] += taken[side, k]
+    return 0
+
+
+_drag_kernel = Kernel(_continuum_drag)
 
 
 @inlined
@@ -153,12 +188,16 @@ def _side(x, put, plane, start, period):
     return -1 if put == x else 0 if x - period * np.floor((x - start) / period) < plane else 1
 
 
-@compiled
-def reflect_driven(x, v, inv_mass, low, high, start, period, back, velocity, last, taken):
+def _reflect_driven(x, v, inv_mass, low, high, start, period, back, velocity, last, taken, impulses, part, parts, team):
     """As :func:`.motion.reflect_beads`, at walls with velocities (3, 2, 3); if this is the ``last`` of the velocities, what each wall gets
-    of momentum is added to ``taken`` (3, 2, 3).  In an edge each wall turns the component along its normal, the first axis the rest."""
+    of momentum is added to the impulses (3, 2, 3), by way of ``taken``.  In an edge each wall turns the component along its normal, the
+    first axis the rest."""
+    taken[:] = 0.0
     for i in range(len(x)):
-        if inv_mass[i] == 0.0:
+        inside = True
+        for k in range(3):
+            inside &= put_back(x[i, k], low[k], high[k], start[k], period[k]) == x[i, k]
+        if inside or inv_mass[i] == 0.0:
             continue
         first, its = -1, 0
         for k in range(3):
@@ -177,20 +216,33 @@ def reflect_driven(x, v, inv_mass, low, high, start, period, back, velocity, las
                 v[i, k] = turned
             if last:
                 x[i, k] = put
+    for k in range(3):
+        for side in range(2):
+            for component in range(3):
+                impulses[k, side, component] += taken[k, side, component]
+    return 0
+
+
+reflect_driven = Kernel(_reflect_driven)
 
 
 class ContinuumForce:
     """Computes the force of a :class:`Continuum`."""
 
+    repeats = True
+
     def __init__(self, terms: Continuum):
-        self._arguments = terms.arguments
+        self._arguments, self._found = terms.arguments, np.zeros(1)
 
     def add_to(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, scale: float) -> float:
         """See :class:`.extras.Evaluator`; the factor of body forces is not that of walls."""
-        return continuum_forces(x, *self._arguments, force)
+        continuum_forces(x, *self._arguments, force, self._found)
+        return float(self._found[0])
 
 
-def drag_by_walls(walls: Continuum, x, v, velocity: np.ndarray, time: float, kT: float, seed: int, counter: int, taken: np.ndarray) -> None:
-    """See :func:`continuum_drag`."""
-    key = noise_key(seed, counter, NOISE, kT)
-    continuum_drag(x, v, walls.inv_mass, *walls.arguments, velocity, time, kT, key, taken)
+def drag_by_walls(
+    walls: Continuum, x, v, velocity: np.ndarray, time: float, kT: float, seed: int, counter: int, impulses: np.ndarray
+) -> None:
+    """Friction and noise for a time; velocities and impulses are those of all walls, (3, 2, 3)."""
+    drag = _Drag(velocity, time, kT, told_key(seed, counter, NOISE, kT))
+    _drag_kernel(x, v, walls.inv_mass, *walls.arguments, drag, np.zeros((2, 3)), impulses)

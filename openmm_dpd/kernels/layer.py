@@ -10,9 +10,8 @@ import numpy as np
 
 from .extras import Extra
 from .fields import FieldSpec
-from .noise import noise_key
 from .pairs import Exceptions, PairList, no_exceptions
-from .tape import TAPES, KeyMade
+from .tape import told_key
 
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
@@ -44,10 +43,7 @@ class Call(NamedTuple):
         """Key of the noise of layer number ``number``; 0 where none is asked for."""
         if not self.which & RANDOM:
             return _NO_KEY
-        key = noise_key(self.seed, self.counter, number, self.kT)
-        if TAPES.running is not None:
-            TAPES.running.keys[int(key)] = KeyMade(self.seed, self.counter, number, self.kT)
-        return key
+        return told_key(self.seed, self.counter, number, self.kT)
 
     @property
     def rsqrt_dt(self) -> float:

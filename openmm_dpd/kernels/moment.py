@@ -85,14 +85,15 @@ class Moment:
         return {name: rows for name, rows in each.items() if rows is not None}
 
     @property
-    def sliding(self) -> dict[str, np.ndarray]:
-        """What else changes in steps: box and flow of a shear."""
-        return {} if self.flow is None else {"box": self.box, "flow": self.flow}  # type: ignore[dict-item]  # there is one
+    def beside(self) -> dict[str, np.ndarray]:
+        """What else changes in steps: box and flow of a shear, impulses on walls."""
+        each = {"box": None if self.flow is None else self.box, "flow": self.flow, "impulses": self.impulses}
+        return {name: values for name, values in each.items() if values is not None}
 
     @property
     def state(self) -> list[np.ndarray]:
         """All of these arrays."""
-        return [*self.arrays.values(), *self.sliding.values()]
+        return [*self.arrays.values(), *self.beside.values()]
 
 
 #: Raises RunError if beads of these velocities (N, 3) and 1/masses (N,) run away in a step of a moment.

@@ -85,7 +85,7 @@ class Seats:
 
 def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:
     """A moment whose arrays have their place in ``room``."""
-    its = m.arrays | m.sliding
+    its = m.arrays | m.beside
     for name, rows in its.items():
         if name not in room:
             room[name] = np.empty_like(rows)
@@ -94,6 +94,6 @@ def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:
 
 def _take(m: Moment, to: Moment, names: np.ndarray, forces: tuple[np.ndarray, np.ndarray] | None, back: bool = False) -> None:
     """Write the rows of these beads from one moment to another, and of the force of the one to that of the other."""
-    for name, values in m.sliding.items():
-        to.sliding[name][...] = values
+    for name, values in m.beside.items():
+        to.beside[name][...] = values
     take_rows([*zip(m.arrays.values(), to.arrays.values(), strict=True), *([forces] if forces else [])], names, back)

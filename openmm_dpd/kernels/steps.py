@@ -71,7 +71,7 @@ class StepLoop:
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
         done, given = 0, False
-        if threads_for(len(moment.x)) > 1 and self.engine.number and self._repeats(moment, slow, n):
+        if threads_for(len(moment.x)) > 1 and self.engine.number and self.spec.driven is None and self._repeats(moment, slow, n):
             if self._seats is None:
                 self._seats = Seats(StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True))  # type: ignore[call-arg]
             self.placed = self.engine.holds(moment.x, moment.box)
@@ -132,7 +132,7 @@ class StepLoop:
     def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:
         """Whether a step does what the one before it has done, with other noise, and so many are enough for that to pay."""
         spec = self.spec
-        plain = slow is None and spec.driven is None and m.box is not None
+        plain = slow is None and m.box is not None and (spec.driven is None or spec.driven.steady and not self._heats(m))
         return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
     def _known(self, m: Moment) -> tuple[bool, ...]:
@@ -234,10 +234,7 @@ class StepLoop:
         """Kick by the kernel's force at x, which walls are pushed by as well, and drift."""
         walls = self.spec.driven
         if kick and walls is not None and walls.continuum is not None:
-            its, taken = walls.continuum, np.zeros(2)
-            continuum_push(m.x, its.inv_mass, *its.arguments, taken)
-            assert m.impulses is not None
-            m.impulses[its.axis, :, its.axis] += kick * taken
+            continuum_push(m.x, walls.continuum.inv_mass, *walls.continuum.arguments, kick, m.impulses)
         return self._move(m, self.force, kick, time)
 
     def _move(self, m: Moment, force: np.ndarray, kick: float, time: float = 0.0) -> int:
@@ -283,8 +280,7 @@ class StepLoop:
         if driven is not None:
             speeds, taken = driven.velocities(m.time + 0.5 * m.dt), np.zeros((3, 2, 3))
             for k, v in enumerate(velocities):
-                reflect_driven(m.x, v, self.inv_mass, *walls, speeds, k == len(velocities) - 1, taken)  # type: ignore[misc]
-            m.impulses += taken  # type: ignore[operator]
+                reflect_driven(m.x, v, self.inv_mass, *walls, speeds, k == len(velocities) - 1, taken, m.impulses)  # type: ignore[misc]
         elif walls is not None:
             # the last one puts the positions back
             for k, v in enumerate(velocities):
@@ -330,10 +326,9 @@ class StepLoop:
             motion.hold(m.v, self.inv_mass)
         driven = self.spec.driven
         if driven is not None and driven.continuum is not None:
-            axis, taken = driven.continuum.axis, np.zeros((2, 3))
-            speeds = driven.velocities(m.time + 0.5 * m.dt)[axis]
-            drag_by_walls(driven.continuum, m.x, m.v, speeds, part * m.dt, m.kT, m.seed, m.counter, taken)
-            m.impulses[axis] += taken  # type: ignore[index]
+            assert m.impulses is not None
+            speeds = driven.velocities(m.time + 0.5 * m.dt)
+            drag_by_walls(driven.continuum, m.x, m.v, speeds, part * m.dt, m.kT, m.seed, m.counter, m.impulses)
         if m.values is not None:
             motion.add_to_moving(m.values, self.engine.increments, self.inv_mass)
 

@@ -10,6 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from .noise import noise_key
+
 
 class KernelCall(NamedTuple):
     """A call of a kernel, see :mod:`.native`."""
@@ -55,3 +59,11 @@ class Tapes(threading.local):
 
 
 TAPES = Tapes()
+
+
+def told_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
+    """A :func:`.noise.noise_key`, of which a tape that is running is told."""
+    key = noise_key(seed, counter, layer, kT)
+    if TAPES.running is not None:
+        TAPES.running.keys[int(key)] = KeyMade(seed, counter, layer, kT)
+    return key

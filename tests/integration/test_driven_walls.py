@@ -200,7 +200,7 @@ def test_edges_between_moving_walls():
     low, high, back, u = np.zeros(3), np.full(3, 4.0), np.array([1.0, 0.0, 1.0]), np.zeros((3, 2, 3))
     u[0, 0], u[2, 1] = (0, 5, 7), (0.5, 0.25, 0)
     x, v, taken = np.array([[-0.5, 2, 4.25], [1, -0.5, 4.5]]), np.array([[-1.0, 2, 3], [1, -2, 4]]), np.zeros((3, 2, 3))
-    driven.reflect_driven(x, v, np.full(2, 0.5), low, high, np.full(3, -1e9), np.full(3, 4e9), back, u, True, taken)
+    driven.reflect_driven(x, v, np.full(2, 0.5), low, high, np.full(3, -1e9), np.full(3, 4e9), back, u, True, np.zeros((3, 2, 3)), taken)
     assert np.allclose(x, [[0.5, 2, 3.75], [1, 0.5, 3.5]])
     assert np.allclose(v, [[1, 8, -3], [0, 2, -4]])
     expected = np.zeros((3, 2, 3))
@@ -210,15 +210,18 @@ def test_edges_between_moving_walls():
 
 def test_friction_keeps_the_maxwell_distribution():
     """20,000 beads at one distance: those at thermal equilibrium about the wall stay so, however long the step."""
-    n, u = 20000, np.array([[0.5, -1, 0], [0, 0, 0]])
+    n, speeds = 20000, np.zeros((3, 2, 3))
+    speeds[2] = [[0.5, -1, 0], [0, 0, 0]]
+    u = speeds[2]
     tables = np.zeros((2, 1, 2, 4))
     tables[0, 0, :, 2:] = [[3.0, 5.0], [3.0, 5.0]]
     its = driven.Continuum(np.zeros(n, np.int32), np.full(n, 0.5), 2, np.array([0.0, 9.0]), np.ones(2), -1e9, 4e9, tables, 1.0)
     v = np.random.default_rng(1).normal(size=(n, 3)) * np.sqrt(0.7 / 2) + u[0]
     for time in (0.1, 3.0):
-        before, taken = v.copy(), np.zeros((2, 3))
-        driven.drag_by_walls(its, np.full((n, 3), 0.5), v, u, time, 0.7, 7, int(10 * time), taken)
-        assert np.allclose(taken[0], -2 * (v - before).sum(axis=0)) and not taken[1].any()
+        before, impulses = v.copy(), np.zeros((3, 2, 3))
+        driven.drag_by_walls(its, np.full((n, 3), 0.5), v, speeds, time, 0.7, 7, int(10 * time), impulses)
+        taken = impulses[2]
+        assert np.allclose(taken[0], -2 * (v - before).sum(axis=0)) and not taken[1].any() and not impulses[:2].any()
         assert np.allclose(v.mean(axis=0), u[0], atol=4 * np.sqrt(0.35 / n))
         assert np.allclose(v.var(axis=0), 0.35, atol=4 * 0.35 * np.sqrt(2 / n))
         kept = np.exp(-np.array([5, 5, 3]) * 0.5 * time)

@@ -9,6 +9,7 @@ import pytest
 from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
 import openmm_dpd as dpd
+from openmm_dpd.base.names import IMPULSES
 from openmm_dpd.kernels import charges, pairs, seats, threads as thread_count
 from openmm_dpd.kernels.pairs import PairList
 from openmm_dpd.kernels.replay import Recording
@@ -168,6 +169,36 @@ def test_shear(kind, shear, scheme, monkeypatch, counted, together):
         counted[0] = 0
         expected, found = both_ways(monkeypatch, reached, threads)
         assert not same(found, expected) and counted[0] > 0
+
+
+@pytest.mark.parametrize(("scheme", "behind"), [("mvv", False), ("middle", False), ("middle", True), ("bababo", True)])
+def test_driven_walls(behind, scheme, monkeypatch, counted, together):
+    """Impulses are part of the state; beads keep their seats, since sums of walls go through them in turn.  Walls that swing are left to
+    Python."""
+    pair, fluid = dpd.DPD(A=25, gamma=4.5), {"behind": "A", "density": 3.0} if behind else {}
+    x = np.random.default_rng(1).random((300, 3)) * [5.0, 5.0, 4.0] + [0, 0, 0.7]
+
+    def reached(**swinging) -> dict[str, np.ndarray]:
+        planes = [
+            dpd.Wall("z", *place, velocity=(speed, 0.3, 0), **fluid, **swinging)
+            for place, speed in (((0.7, "above"), 1), ((4.7, "below"), -1))
+        ]
+        scene = dpd.Scene({"A": 1.0}, ["A"] * 300, x, {("A", "A"): pair}, kT=1.0, box=[5.0, 5.0, 6.0], walls=planes)
+        simulation = running(built := dpd.build(scene, dt=0.02, scheme=scheme, seed=SEED, platform="CPU"))
+        for count in (3, 2 * STEPS, STEPS):
+            simulation.integrator.step(count)
+        parameters = simulation.context.getParameters()
+        impulses = np.array([parameters[name] for name in IMPULSES.values() if name in parameters])
+        assert np.abs(impulses).max() > 1.0
+        return everything(simulation.context, built) | {"impulses": impulses}
+
+    for threads in 1, 2:
+        counted[0] = 0
+        expected, found = both_ways(monkeypatch, reached, threads)
+        assert not same(found, expected) and counted[0] > 0
+    counted[0] = 0
+    reached(period=1.0)
+    assert counted == [0]
 
 
 @pytest.mark.parametrize("threads", [1, 2])
