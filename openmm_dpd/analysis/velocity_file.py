@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from zipfile import is_zipfile
 
 import numpy as np
 
@@ -17,10 +18,12 @@ def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:
         If there is no such file, or it is not one of :class:`VelocityReporter`.
     """
     try:
+        if os.path.isfile(file) and not is_zipfile(file):
+            raise ValueError("it is no zip archive, or a part of one")
         opened = np.load(file)
     except (OSError, ValueError, TypeError) as error:
         raise ParameterError(f"{file} cannot be read as a file of velocities (written by VelocityReporter): {error}") from None
-    if not isinstance(opened, np.lib.npyio.NpzFile):
+    if not isinstance(opened, np.lib.npyio.NpzFile) or not any(name.startswith("velocities/") for name in opened.files):
         raise ParameterError(f"{file} is no file of velocities written by VelocityReporter")
     with opened as archive:
         for member in sorted(name for name in archive.files if name.startswith("velocities/")):

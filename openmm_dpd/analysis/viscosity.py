@@ -6,7 +6,8 @@ import numpy as np
 
 from ..base.errors import ParameterError
 from ..base.stats import block_average
-from ..base.units import thermal_energy, to_md
+from ..base.units import thermal_energy, to_md, whole_number
+from ..model.pairs import checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,15 +108,15 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
     ----------
     J. A. Backer et al., J. Chem. Phys. 122, 154503 (2005).
     """
-    f, skip = to_md(force, "force", "force"), to_md(skip, "length", "skip")
+    f, skip = to_md(force, "force", "force"), checked(skip, "length", "skip")
     if not isinstance(f, float) or f == 0:
         raise ParameterError(f"force must be one number other than 0, not {force!r}")
     if channel is None:
-        low, gap = to_md(origin, "length", "origin"), profile.length / 2
+        low, gap = checked(origin, "length", "origin", signed=True), profile.length / 2
         z = (profile.centres - low) % profile.length
         sign, z = np.where(z < gap, 1.0, -1.0), z % gap
     else:
-        low, high = (to_md(end, "length", "an end of the channel") for end in channel)
+        low, high = _ends(channel)
         gap, z, sign = high - low, profile.centres - low, np.ones(len(profile.centres))
     half = 0.5 * profile.width
     margin = max(skip, half * (1 - 1e-9))
@@ -196,8 +197,8 @@ def couette_viscosity(profile: VelocityProfile, stress, *, channel: tuple[float,
     ParameterError
         If too few slabs are left or samples are there, or the fluid is not sheared.
     """
-    low, high = (to_md(end, "length", "an end of the channel") for end in channel)
-    z, margin = profile.centres, max(to_md(skip, "length", "skip"), 0.5 * profile.width * (1 - 1e-9))
+    low, high = _ends(channel)
+    z, margin = profile.centres, max(checked(skip, "length", "skip"), 0.5 * profile.width * (1 - 1e-9))
     used = (z >= low + margin) & (z <= high - margin) & np.all(np.isfinite(profile.rows), axis=0)
     if used.sum() < 3:
         raise ParameterError(f"{int(used.sum())} slabs are left to fit a line; take more and thinner ones, or a smaller skip")
@@ -265,12 +266,17 @@ def green_kubo_viscosity(
     friction : (n, 6) array, optional
         D; zero without friction (ordinary molecular dynamics).
     instantaneous : float
-        The viscosity of the friction alone; 0 without friction.
+        The viscosity of the friction alone, needed with ``friction``; 0 without.
     t_max : time, optional
         Upper limit of the integral; twice the first time at which the correlation is below its error by default.  Compare the plateau
         of ``integral``.
     blocks : int, default 10
         Parts of the series that the error is taken from.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of bounds or missing, or the series is too short.
 
     References
     ----------
@@ -285,12 +291,17 @@ def green_kubo_viscosity(
         stress = stress.regular
     if dt is None or volume is None or kT is None:
         raise ParameterError("of stresses in an array, green_kubo_viscosity needs dt, volume and kT as well")
-    step, energy = to_md(dt, "time", "dt"), thermal_energy(kT)
+    step, energy = checked(dt, "time", "dt", positive=True), thermal_energy(kT)
+    volume, blocks = checked(volume, "volume", "volume", positive=True), whole_number(blocks, "the number of blocks")
+    if not 0.0 < energy < np.inf:
+        raise ParameterError(f"kT must be > 0 and finite, not {kT!r}")
+    if friction is not None and instantaneous is None:
+        raise ParameterError("with friction green_kubo_viscosity needs the instantaneous viscosity of the friction as well")
     regular = _independent(stress, "stress")
     drag = np.zeros_like(regular) if friction is None else _independent(friction, "friction")
     if drag.shape != regular.shape:
         raise ParameterError(f"friction and stress must have as many rows; they have {len(drag)} and {len(regular)}")
-    length = len(regular) // blocks
+    length = len(regular) // max(blocks, 1)
     if blocks < 5 or length < 20:
         raise ParameterError(f"{len(regular)} samples do not make {blocks} blocks of 20 or more, and an error needs at least 5")
     lags = length // 2 if t_max is None else int(round(to_md(t_max, "time", "t_max") / step)) + 1
@@ -304,10 +315,25 @@ def green_kubo_viscosity(
     last = lags - 1
     if t_max is None:
         last = min(2 * int(np.argmax(mean < sem)) or last, last)
-    base = 0.0 if instantaneous is None else float(instantaneous)
+    base = 0.0 if instantaneous is None else _viscosity(instantaneous)
     values = integrals[:, last]
     error, times = float(values.std(ddof=1) / np.sqrt(blocks)), np.arange(lags) * step
     return GreenKubo(base + float(values.mean()), error, base, last * step, times, mean, base + integrals.mean(axis=0))
+
+
+def _viscosity(value) -> float:
+    """A viscosity in kJ/mol ps/nm^3, finite and not negative."""
+    if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
+        raise ParameterError(f"the instantaneous viscosity must be a number >= 0, not {value!r}")
+    return float(value)
+
+
+def _ends(channel) -> tuple[float, float]:
+    """Both ends of a channel, nm."""
+    if not isinstance(channel, (tuple, list, np.ndarray)) or len(channel) != 2:
+        raise ParameterError(f"channel must be two lengths, not {channel!r}")
+    low, high = (checked(end, "length", "an end of the channel", signed=True) for end in channel)
+    return low, high
 
 
 def _independent(tensors, name: str) -> np.ndarray:

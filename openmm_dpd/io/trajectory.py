@@ -22,6 +22,7 @@ from openmm import app, unit
 
 from ..base.errors import ParameterError
 from ..base.garbage import nothing_collected
+from ..base.units import whole_number
 from ..model.scene import box_vectors
 from .bead_elements import bead_charges as bead_charges, bead_masses
 from .psf import SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf as write_psf
@@ -217,10 +218,16 @@ def load(
     if suffix not in loaders:
         raise ParameterError(f"{traj_path}: a trajectory to load must be a {' or '.join(loaders)} file")
     topology = top_path if isinstance(top_path, mdtraj.Topology) else load_topology(top_path)
+    stride = None if stride is None else whole_number(stride, "stride", least=1)
+    frame = None if frame is None else whole_number(frame, "the number of a frame", least=0)
     try:
-        return loaders[suffix](os.fspath(traj_path), top=topology, stride=stride, atom_indices=atom_indices, frame=frame)
-    except ValueError as error:
-        raise ParameterError(f"{traj_path} cannot be read with a topology of {topology.n_atoms} beads: {error}") from None
+        found = loaders[suffix](os.fspath(traj_path), top=topology, stride=stride, atom_indices=atom_indices, frame=frame)
+    except (ValueError, OSError, RuntimeError) as error:
+        where = "" if frame is None else f", frame {frame},"
+        raise ParameterError(f"{traj_path}{where} cannot be read with a topology of {topology.n_atoms} beads: {error}") from None
+    if frame is not None and not found.n_frames:
+        raise ParameterError(f"{traj_path} has no frame {frame}")
+    return found
 
 
 def compute_rg(trajectory: mdtraj.Trajectory) -> np.ndarray:

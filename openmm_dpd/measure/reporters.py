@@ -140,13 +140,13 @@ class DPDReporter(Cadence):
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
             raise ParameterError(f"file must be a path or a text file open for writing, not {file!r}")
         # opened last, so that an error above leaves an existing file as it is
-        self._cut = False
+        self._unended = False  # whether the header has no end
         begun = self._has_header(file, append)
         self._out: TextIO = open(file, "a" if append else "w") if isinstance(file, (str, os.PathLike)) else file
         self._owned = isinstance(file, (str, os.PathLike))
         if not begun:
             self._write(self._columns)
-        elif self._cut:  # within a row, by a crash or a full disk
+        elif self._unended:
             self._out.write("\n")
         for reason, names in _reasons(self._observer, self._columns).items():
             _LOGGER.warning("columns of DPDReporter that will be nan: %s (%s)", ", ".join(names), reason)
@@ -163,14 +163,21 @@ class DPDReporter(Cadence):
             append = append or "a" in getattr(file, "mode", "")
             begun = append and file.seekable() and file.tell() > 0
         if begun and isinstance(path, (str, os.PathLike)) and os.path.isfile(path):
-            with open(path) as there:
-                header, last = there.readline(), there.read()
-            self._cut = not (last or header).endswith("\n")
-            header = header.rstrip("\n")
+            with open(path, "rb") as there:
+                content = there.read()
+            header, rows = content.partition(b"\n")[0].decode(), content[: content.rfind(b"\n") + 1]
+            self._unended = not rows
             if header != ",".join(self._columns):
                 raise ParameterError(
                     f"cannot append to {os.fspath(path)}: its header is {header!r}, the columns are {','.join(self._columns)!r}"
                 )
+            if rows and len(rows) < len(
+                content
+            ):  # a crash or a full disk has cut a row, of whose last number nobody knows how much is there
+                _LOGGER.warning("%s: the last row was cut, and is dropped", os.fspath(path))
+                os.truncate(path, len(rows))
+                if hasattr(file, "seek"):
+                    file.seek(0, os.SEEK_END)
         return begun
 
     def report(self, simulation, state):

@@ -96,12 +96,12 @@ def _relation(density, A, beads: int, bond: Spring | None) -> _Relation:
     return _Relation(overlap_energy(repulsion, rho), rho, _BETWEEN if A is None else _ELSEWHERE, limits)
 
 
-def _published(relation: str, A, beads: int) -> bool:
+def _published(relation: str, A, beads: int, bond: Spring | None) -> bool:
     if not isinstance(relation, str) or relation not in _RELATIONS:
         raise ParameterError(f"the relation must be one of {', '.join(_RELATIONS)}, not {relation!r}")
     if relation == "groot-warren" and A is not None:
         raise ParameterError("the relation of Groot and Warren holds for A = 75/density; leave A out")
-    if relation == "groot-warren" and beads != 1:
+    if relation == "groot-warren" and (beads != 1 or bond is not None):
         raise ParameterError("the relation of Groot and Warren is here for single beads; leave beads and bond out")
     return relation == "groot-warren"
 
@@ -157,7 +157,7 @@ def repulsion_from_chi(
     R. D. Groot and P. B. Warren, J. Chem. Phys. 107, 4423 (1997); for the table docs/measure/demixing.py and docs/validation.md.
     """
     target = reduced_number(chi, "chi")
-    if _published(relation, A, beads):
+    if _published(relation, A, beads, bond):
         value = unlike_repulsion(target, density) - like_repulsion(density)
         return Estimate(value, 0.007 * value, _GROOT_WARREN, {"density": (density, density)})
     found = _relation(density, A, beads, bond)
@@ -194,7 +194,7 @@ def chi_from_repulsion(
     2.86
     """
     extra = reduced_number(dA, "dA")
-    if _published(relation, A, beads):
+    if _published(relation, A, beads, bond):
         per_chi = unlike_repulsion(1.0, density) - like_repulsion(density)
         return Estimate(extra / per_chi, 0.007 * extra / per_chi, _GROOT_WARREN, {"density": (density, density)})
     found = _relation(density, A, beads, bond)

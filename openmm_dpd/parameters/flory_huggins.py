@@ -84,7 +84,10 @@ def _per_bead(value):
 
 def _cohesion(value, name: str) -> float:
     """A solubility parameter in (kJ/mol/nm^3)^(1/2)."""
-    return md_pressure(value * value) ** 0.5 if unit.is_quantity(value) else reduced_number(value, name)
+    if unit.is_quantity(value):
+        reduced_number(value / value.unit, name)
+        return md_pressure(value * value) ** 0.5
+    return reduced_number(value, name)
 
 
 def chi_from_solubility(volume, delta1, delta2, temperature) -> float:

@@ -122,10 +122,13 @@ def test_rows_go_on_after_those_that_are_there(tmp_path):
     path.write_text("")
     with open(path, "a") as file:
         assert steps(file) == ["step", "22", "24"]
-    path.write_text(path.read_text() + "26,0.9")  # a row that was cut
-    assert steps(path, append=True) == ["step", "22", "24", "26", "26", "28"]
+    for opened in (False, True):  # a row that was cut
+        path.write_text("".join(path.read_text().splitlines(keepends=True)[:3]) + "26,0.9")
+        with open(path, "a") as file:
+            assert steps(file if opened else path, append=True)[:3] == ["step", "22", "24"]
+        assert "0.9" not in [line.split(",")[1] for line in path.read_text().splitlines()] and len(path.read_text().splitlines()) == 5
     path.write_text("step,kT")
-    assert steps(path, append=True) == ["step", "30", "32"]
+    assert steps(path, append=True) == ["step", "34", "36"]
 
 
 def test_frames_go_on_after_those_that_are_there(tmp_path):

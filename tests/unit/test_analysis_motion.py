@@ -390,7 +390,10 @@ def test_every_result_has_a_picture(tmp_path):
         raises(ParameterError, "not None", picture, tmp_path / "x.png", None)
 
 
-@pytest.mark.parametrize("name", ["text.npz", "missing.npz"])
+@pytest.mark.parametrize("name", ["text.npz", "missing.npz", "cut.npz", "other.npz"])
 def test_files_that_hold_no_velocities(tmp_path, name):
     (tmp_path / "text.npz").write_text("hello")
-    raises(ParameterError, f"{name} cannot be read as a file of velocities", lambda: next(read_velocities(tmp_path / name)))
+    np.savez(tmp_path / "other.npz", x=np.zeros(5))
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "other.npz").read_bytes()[:100])
+    message = "is no file of velocities" if name == "other.npz" else "cannot be read as a file of velocities"
+    raises(ParameterError, f"{name} {message}", lambda: next(read_velocities(tmp_path / name)))

@@ -261,6 +261,7 @@ def test_psf_of_another_program(tmp_path):
     ("short.dcd", {}, r"short.dcd cannot be read as positions of 27 beads|is of shape \(5, 3\)"),
     (np.zeros((4, 3)), {}, r"top.psf has 27 beads, but positions is of shape \(4, 3\)"),
     (np.zeros((27, 3)), {"box": None}, "top.psf has no periodic box"),
+    (np.zeros((27, 3)), {"frame": 3}, "frame=3 has no effect"),
 )
 def test_positions_that_do_not_fit(tmp_path, monkeypatch, positions, change, message):
     monkeypatch.chdir(tmp_path)

@@ -266,6 +266,20 @@ def test_files_of_other_beads_are_not_gone_on_with(tmp_path, hoomd, kind):
     assert (tmp_path / "run").read_bytes() == before
 
 
+def test_an_xyz_file_that_ends_within_a_frame(tmp_path):
+    built = build(fluid())
+    simulation, path = built.simulation(), tmp_path / "run.xyz"
+    simulation.reporters.append(XYZReporter(path, 1, built))
+    simulation.step(3)
+    whole = path.read_bytes()
+    XYZReporter(path, 1, built, append=True)
+    assert path.read_bytes() == whole
+    for cut in (1, 30, 300, len(whole) // 3 - 5, len(whole) // 2):
+        path.write_bytes(whole[:-cut])
+        raises(ParameterError, "its last frame was cut", lambda: XYZReporter(path, 1, built, append=True))
+        assert path.read_bytes() == whole[:-cut]
+
+
 @pytest.mark.parametrize("kind", [GSDReporter, XYZReporter])
 def test_frames_before_a_failure_stay(tmp_path, hoomd, kind):
     """... and the run goes on once there is space."""

@@ -11,6 +11,7 @@ from raising import raises
 from scipy.integrate import quad
 
 from openmm_dpd import ParameterError
+from openmm_dpd.molecules import Spring
 from openmm_dpd.parameters import (
     BeadMapping,
     chi_from_composition,
@@ -157,6 +158,8 @@ def test_chi_from_solubility_parameters():
     bead = chi_from_solubility(90e21 / 6.02214076e23, 20 * root, 17 * root, 300 * unit.kelvin)
     assert molar == pytest.approx(90e-6 * 9e6 / (8.31446 * 300), rel=1e-5) == pytest.approx(bead)
     raises(ParameterError, "the pressure has the unit", lambda: chi_from_solubility(0.1, 20 * unit.bar, 17.0, 300))
+    raises(ParameterError, "delta1 must be >= 0", lambda: chi_from_solubility(0.1, -20 * root, 17 * root, 300))
+    raises(ParameterError, "delta2 must be a single number", lambda: chi_from_solubility(0.1, 20 * root, [17, 18] * root, 300))
     for delta in (1e300, 1e300 * root):
         raises(ParameterError, "inf", chi_from_solubility, 0.1, delta, 16.0, 300)
 
@@ -165,6 +168,7 @@ def test_chi_of_groot_and_warren():
     assert repulsion_from_chi(2.86, 3, relation="groot-warren").value == pytest.approx(10.0)
     assert chi_from_repulsion(10.0, 5, relation="groot-warren").value == pytest.approx(6.89)
     raises(ParameterError, "densities 3 and 5", lambda: repulsion_from_chi(2.0, 4, relation="groot-warren"))
+    raises(ParameterError, "leave beads and bond out", lambda: repulsion_from_chi(2.0, 3, relation="groot-warren", bond=Spring(4.0, 0.0)))
     for density, chi in ((3.0, 3.0), (3.0, 4.5), (5.0, 3.0), (5.0, 4.5)):
         theirs = repulsion_from_chi(chi, density, relation="groot-warren").value
         assert repulsion_from_chi(chi, density).value == pytest.approx(theirs, rel=0.1)

@@ -153,6 +153,9 @@ def test_load(trajectory, psf, tmp_path, suffix):
     assert np.allclose(loaded.unitcell_lengths, 9.0)
     assert load(path, trajectory.topology, stride=2).n_frames == 3
     assert load(path, psf, frame=4).n_frames == 1
+    raises(ParameterError, r"has no frame 17|, frame 17, cannot be read", lambda: load(path, psf, frame=17))
+    raises(ParameterError, "the number of a frame must be at least 0", lambda: load(path, psf, frame=-1))
+    raises(ParameterError, "stride must be at least 1", lambda: load(path, psf, stride=0))
     assert np.array_equal(bead_masses(load(path, psf, atom_indices=[2, 5]).topology), scene(48)[1][[2, 5]])
 
 

@@ -123,11 +123,13 @@ def test_friction_enters_with_the_two_signs():
     """With D = c A the correlation is (1 - c)(1 + c) that of A; with a D that lags behind A, what comes later counts with +."""
     stress = correlated(60000, 20.0, 2.0, 2)
     whole = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5, t_max=1.0)
-    part = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5, t_max=1.0, friction=0.5 * stress)
+    part = green_kubo_viscosity(stress, 0.01, volume=8.0, kT=0.5, t_max=1.0, friction=0.5 * stress, instantaneous=0)
     assert part.viscosity == pytest.approx(0.75 * whole.viscosity, rel=1e-9)
     for lag, sign in ((30, 1), (-30, -1)):
         white = np.random.default_rng(3).normal(size=(40000, 6))
-        found = green_kubo_viscosity(white, 0.01, volume=1.0, kT=1.0, t_max=0.5, friction=0.3 * np.roll(white, lag, axis=0))
+        found = green_kubo_viscosity(
+            white, 0.01, volume=1.0, kT=1.0, t_max=0.5, friction=0.3 * np.roll(white, lag, axis=0), instantaneous=0
+        )
         # half the variance of the others is in the two components with xx, yy, zz
         assert found.correlation[30] == pytest.approx(0.3 * sign * 0.8, abs=4 / np.sqrt(5 * 40000))
 
@@ -137,8 +139,22 @@ BAD_SERIES = {
     "missing": (lambda: green_kubo_viscosity(np.zeros((500, 6))), "needs dt, volume and kT"),
     "short": (lambda: green_kubo_viscosity(np.zeros((50, 6)), 0.1, volume=1, kT=1), "do not make 10 blocks"),
     "t_max": (lambda: green_kubo_viscosity(np.zeros((500, 6)), 0.1, volume=1, kT=1, t_max=10.0), "length of a block, 5 ps"),
-    "friction": (lambda: green_kubo_viscosity(np.zeros((500, 6)), 0.1, volume=1, kT=1, friction=np.zeros((400, 6))), "as many rows"),
+    "friction": (lambda: known(friction=np.zeros((400, 6)), instantaneous=1.0), "as many rows"),
+    "no step": (lambda: known(dt=0.0), "dt must be > 0"),
+    "no volume": (lambda: known(volume=-1.0), "volume must be > 0"),
+    "no temperature": (lambda: known(kT=0.0), "kT must be > 0"),
+    "no blocks": (lambda: known(blocks=0), "do not make 0 blocks"),
+    "blocks": (lambda: known(blocks=10.0), "must be a whole number"),
+    "half of friction": (lambda: known(friction=np.zeros((500, 6))), "needs the instantaneous viscosity"),
+    "instantaneous": (lambda: known(instantaneous=np.nan), "must be a number >= 0, not nan"),
+    "channel": (lambda: poiseuille_viscosity(profile(np.sin), 0.1, channel=5.0), "channel must be two lengths"),
+    "origin": (lambda: poiseuille_viscosity(profile(np.sin), 0.1, origin=[1.0, 2.0]), "origin must be a single number"),
+    "skip": (lambda: couette_viscosity(profile(np.sin), np.zeros(400), channel=(0, 10), skip=-1), "skip must be >= 0"),
 }
+
+
+def known(**values):
+    return green_kubo_viscosity(np.zeros((500, 6)), **{"dt": 0.1, "volume": 1, "kT": 1} | values)
 
 
 @pytest.mark.parametrize("name", BAD_SERIES)

@@ -111,11 +111,17 @@ def _species(scene: Scene, given: Mapping[str, str] | None) -> list[str]:
 
 
 def _check_file(file: str | os.PathLike, species: list[str]) -> None:
-    """Raise ParameterError if a file to go on with does not begin with a frame of these beads."""
+    """Raise ParameterError if a file to go on with does not begin with a frame of these beads, or ends within one."""
     if not os.path.exists(file) or os.path.getsize(file) == 0:
         return
     with open(file, encoding="utf-8", errors="replace") as lines:
         count, words = lines.readline().strip(), lines.readline()
-        found = [lines.readline().partition(" ")[0] for _ in species]
+        rows = [lines.readline() for _ in species]
+        found = [row.partition(" ")[0] for row in rows]
     if count != str(len(species)) or "Properties=species:S:1:pos:R:3:velo:R:3" not in words or found != species:
         raise ParameterError(f"cannot append to {os.fspath(file)}: it does not begin with a frame of these {len(species)} beads")
+    with open(file, "rb") as content:  # frames are about as long as the first one
+        content.seek(-min(os.path.getsize(file), 2 * len(count + words + "".join(rows)) + 1000), os.SEEK_END)
+        last = content.read().decode("utf-8", "replace").splitlines(keepends=True)[-len(species) - 2 :]
+    if len(last) < len(species) + 2 or last[0].strip() != count or not last[-1].endswith("\n"):
+        raise ParameterError(f"cannot append to {os.fspath(file)}: its last frame was cut; take it out, or begin another file")

@@ -69,6 +69,8 @@ def _placed(positions, count: int, frame: int, path) -> tuple[np.ndarray, np.nda
     """Positions (nm), and the box of the file they are from."""
     at = whole_number(frame, "the number of a frame")
     if not isinstance(positions, (str, os.PathLike)):
+        if at != -1:
+            raise ParameterError(f"frame={frame} has no effect: positions are no file of frames")
         placed, box, what = np.asarray(to_md(positions, "length", "positions")), None, "positions"
     else:
         placed, box = _read_frame(Path(positions), at, count)
