@@ -61,8 +61,12 @@ def cluster_labels(
     molecules : (N,) array of int, optional
         Beads of one molecule are in one cluster at any distance; the size of a cluster is then its number of molecules.
     """
+    if box is not None and np.shape(box) != (3, 3):
+        raise ParameterError(f"box must be three box vectors, not {box!r}")
     i, j, _ = pairs_within(np.asarray(positions, dtype=np.float64), None, box, positive_number(cutoff, "cutoff"))
     units = np.arange(len(positions)) if molecules is None else np.unique(molecules, return_inverse=True)[1]
+    if units.shape != (len(positions),):
+        raise ParameterError(f"molecules must have a number for each of the {len(positions)} beads, not {units.shape}")
     count = int(units.max()) + 1 if len(units) else 0
     label = connected(np.column_stack([units[i], units[j]]), count)
     rank = np.empty(int(label.max()) + 1 if count else 0, dtype=np.int64)

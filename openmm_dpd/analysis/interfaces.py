@@ -44,7 +44,7 @@ def surface_tension(pressure, length, *, axis: str | int = "z", interfaces: int 
         raise ParameterError("pressure and length must be numbers") from None
     if tensor.ndim == 3 and tensor.shape[1:] == (3, 3):
         tensor = np.diagonal(tensor, axis1=1, axis2=2)
-    if not len(tensor):
+    if not tensor.size:
         raise ParameterError("there is no row of pressures")
     if tensor.ndim != 2 or tensor.shape[1] not in (3, 6):
         raise ParameterError(f"pressure must have shape (frames, 3), (frames, 6) or (frames, 3, 3), not {tensor.shape}")

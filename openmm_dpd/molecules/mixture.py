@@ -46,6 +46,8 @@ class Mixture:
     @classmethod
     def of(cls, groups: Sequence[tuple[Molecule, np.ndarray]], box: np.ndarray, seed: int) -> Mixture:
         """From the beads of each kind, (count, n, 3)."""
+        if not groups:
+            raise ParameterError("there is nothing to pack: no molecules, and no solvent")
         kinds = tuple((molecule, len(beads)) for molecule, beads in groups)
         positions = np.concatenate([beads.reshape(-1, 3) for _, beads in groups])
         return cls(kinds, positions, box, seed)

@@ -8,7 +8,7 @@ import numpy as np
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.units import thermal_energy, to_md, whole_number
+from ..base.units import thermal_energy, whole_number
 from ..model.pairs import checked
 from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
@@ -64,10 +64,10 @@ class Bilayer:
 
     def __post_init__(self):
         object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
-        if self.normal not in AXES:
+        if not isinstance(self.normal, str) or self.normal not in AXES:
             raise ParameterError(f"the normal of a bilayer must be 'x', 'y' or 'z', not {self.normal!r}")
         if self.centre is not None:
-            object.__setattr__(self, "centre", to_md(self.centre, "length", "the centre of a bilayer"))
+            object.__setattr__(self, "centre", checked(self.centre, "length", "the centre of a bilayer", signed=True))
         upper = (self.count + 1) // 2 if self.upper is None else whole_number(self.upper, "the number in the upper leaflet", least=0)
         if upper > self.count:
             raise ParameterError(f"{upper} molecules in the upper leaflet are more than the {self.count} in both")

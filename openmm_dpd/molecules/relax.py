@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, RunError
+from ..base.errors import ParameterError, RunError, what_is
 from ..base.units import to_md, whole_number
 from ..kernels.shear import add_flow, rate_at
 from ..model.scene import Scene
@@ -52,6 +52,8 @@ def relax(
     whole_number(steps, "steps", least=0)
     if steps and dt is None:
         raise ParameterError("relax needs a step size for its steps: relax(scene, steps=200, dt=0.01)")
+    if not isinstance(scene, Scene):
+        raise ParameterError(f"relax wants a Scene, such as mixture.scene(...), not {what_is(scene)}")
     size = 0.001 if dt is None else to_md(dt, "time", "dt")
     # at rest: in a shear the box would not be that of the scene any more
     still = scene if scene.shear is None else replace(scene, shear=None, velocities=None)

@@ -180,6 +180,7 @@ def excess_chemical_potential(
     length, before = reduced_number(time, "time", positive=True), reduced_number(settle, "settle", positive=True)
     if length < 10 * _EVERY:
         raise ParameterError(f"an average with an error needs a time of {10 * _EVERY:g} at least, not {length:g}")
+    whole_number(seed, "seed", least=0)
     nodes, _ = np.polynomial.legendre.leggauss(count)
     parts = 0.5 * (nodes + 1.0)
     # neighbours on the lattice at different couplings

@@ -344,6 +344,7 @@ def test_surface_tension():
     for arguments, message in (
         ((diagonal[:, :2], 20.0), "must have shape"),
         ((np.zeros((0, 3)), 20.0), "no row"),
+        ((5.0, 1.0), "must have shape"),
         ((diagonal, length[:7]), "one for each of the 500 rows"),
         ((diagonal, -1.0), "all above 0"),
         (("a", 1.0), "must be numbers"),

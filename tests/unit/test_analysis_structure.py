@@ -327,6 +327,8 @@ def test_clusters_equal_a_naive_search():
     np.testing.assert_array_equal(labels[:, None] == labels[None], own[:, None] == own[None])
     assert np.all(np.diff(np.bincount(labels)) <= 0)
     assert len(np.unique(cluster_labels(x, 0.75))) > len(np.unique(labels))
+    raises(ParameterError, "a number for each of the 150 beads", lambda: cluster_labels(x, 0.75, TILTED, np.zeros(3)))
+    raises(ParameterError, "must be three box vectors", lambda: cluster_labels(x, 0.75, [5, 5, 5]))
 
 
 # -- bad input -----------------------------------------------------------------------------------------------------------------

@@ -132,6 +132,7 @@ def test_what_cannot_be_switched_is_refused():
         excess_chemical_potential(one, replace(scene, box=np.diag([4.0, 5.0, 5.5])))
     unseen = pack({}, box=[5.0] * 3, solvent="W", seed=1).scene(pairs=PAIRS, kT=1.0, masses=MASSES)
     raises(dpd.ParameterError, "nothing acts between B1? and this solvent", lambda: excess_chemical_potential(Molecule(("B",)), unseen))
+    raises(dpd.ParameterError, "seed must be at least 0", lambda: excess_chemical_potential(one, scene, seed=-1))
     raises(dpd.ParameterError, "copies must be 3 to 32, not 40", lambda: excess_chemical_potential(one, scene, copies=40))
     raises(dpd.ParameterError, "a time of 2 at least, not 1", lambda: excess_chemical_potential(one, scene, time=1.0))
     with pytest.raises(dpd.ParameterError, match=r"no pair coefficients for types .*\(W, B\)"):

@@ -377,6 +377,9 @@ def test_solvent_of_several_beads():
     (lambda c: pack({c: 100}, box=[4.0] * 3), "400 beads, but a density of 3 in a volume of 64 nm.3 is 192"),
     (lambda c: pack({c: 10}), "must be given"),
     (lambda c: pack({}, solvent=None), "nothing to pack"),
+    (lambda c: pack({}, solvent=None, box=[4.0] * 3), "nothing to pack"),
+    (lambda c: Bilayer(2, normal=["z"]), "'x', 'y' or 'z'"),
+    (lambda c: Bilayer(2, centre=[1.0, 2.0]), "the centre of a bilayer must be a single number"),
     (lambda c: pack([c], box=[4.0] * 3), "must map"),
     (lambda c: pack({"W": 10}, box=[4.0] * 3), "single bead"),
     (lambda c: pack({c: -1}, box=[4.0] * 3), "at least 0"),
@@ -495,6 +498,7 @@ def test_relax_keeps_fixed_beads():
 
 def test_relax_says_what_is_wrong():
     mixture = pack({linear("A4", SPRING): 1}, box=[4.0] * 3, seed=1)
+    raises(dpd.ParameterError, "relax wants a Scene", lambda: relax(mixture))
     raises(dpd.ParameterError, "step size", lambda: relax(mixture.scene(pairs=PAIRS, kT=1.0), steps=10))
     hard = pack({linear("A4", Spring(1e6, 0.7)): 20}, box=[4.0] * 3, seed=1).scene(pairs=PAIRS, kT=1.0)
     raises(dpd.RunError, "smaller dt than 10", lambda: relax(hard, steps=400, dt=10.0, platform="Reference"))
