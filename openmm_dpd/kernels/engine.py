@@ -54,8 +54,9 @@ class PairEngine(Engine):
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
         """See :meth:`.interface.Engine.prepare`."""
-        # numba would compile another version for a scene's read-only positions
-        return super().prepare(x if x.flags.writeable else x.copy(), box)
+        # numba would compile another version for a scene's read-only positions, or box
+        given = (each if each is None or each.flags.writeable else each.copy() for each in (x, box))
+        return super().prepare(*given)  # type: ignore[arg-type]
 
     def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
         """List the pairs at positions x without a look at those before; x stays the caller's, who says when it changes by another call."""

@@ -26,7 +26,8 @@ class Engine(Protocol):
         ...
 
     def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """Take the positions x without a look at those before; x stays the caller's, who says when it changes by another call."""
+        """Take the positions x without a look at those before; x and the box stay the caller's, who says when they change by another
+        call."""
         ...
 
     def keep(self) -> None:

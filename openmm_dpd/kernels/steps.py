@@ -238,7 +238,7 @@ class StepLoop:
         return self._move(m, self.force, kick, time)
 
     def _move(self, m: Moment, force: np.ndarray, kick: float, time: float = 0.0) -> int:
-        """Kick and drift; returns how many beads are to be watched."""
+        """Kick and drift; returns how many beads are to be watched (in a shear :meth:`_look` finds most of them)."""
         if time:
             self.placed = self._given = False
         flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.inv_masses

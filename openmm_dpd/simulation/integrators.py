@@ -96,10 +96,10 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             self._touched = True
             self._forget_acceleration()
 
-    def looked(self, context: openmm.Context) -> None:
+    def looked(self, context: openmm.Context, forces: bool) -> None:
         """As for all; and the pair force gets the fields that this Context has, whoever stepped last."""
-        super().looked(context)
-        if self.shown_to is not None:
+        super().looked(context, forces)
+        if forces and self.shown_to is not None:
             own = self.shown_to.thread_state()
             own.fields.values = raw_fields(context, self.shown_to.spec.fields)
 
@@ -226,7 +226,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             self._forget_acceleration()  # it belongs to the old values, as rates do
             context = None if self.shown_to is None else self.context()
             if context is not None:
-                self.looked(context)
+                self.looked(context, True)
 
     def setPerDofVariable(self, index: int, values) -> None:
         """Set a per-DOF variable; as in OpenMM."""

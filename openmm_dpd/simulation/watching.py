@@ -69,6 +69,8 @@ def watched(kind: type, looking: bool) -> type:
 #: Methods of a Context that change its state, and that read it.
 _CHANGING = "setPositions setVelocities setVelocitiesToTemperature setPeriodicBoxVectors setParameter setState loadCheckpoint".split()
 _LOOKING = ("getState", "createCheckpoint")
+#: What may be asked of a State for which forces are computed.
+_FORCES = "forces energy parameterDerivatives getForces getEnergy getParameterDerivatives".split()
 
 
 def _heard(kind: type, name: str, hear: str) -> Callable:
@@ -77,7 +79,9 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
     @wraps(getattr(kind, name))
     def heard(self, *arguments, **more):
         listener = getattr(self.getIntegrator(), hear, None)
-        if listener is not None and not (name == "setParameter" and arguments and arguments[0] in VOLATILE):
+        if listener is not None and hear == "looked":
+            listener(self, name == "getState" and (len(arguments) > 2 or any(more.get(word) for word in _FORCES)))
+        elif listener is not None and not (name == "setParameter" and arguments and arguments[0] in VOLATILE):
             listener(self)
         return getattr(kind, name)(self, *arguments, **more)
 
@@ -214,8 +218,8 @@ class Watching:
         self.verify(context)
         self._remembered = None
 
-    def looked(self, context: openmm.Context) -> None:
-        """Hear that somebody looks at the state of the Context."""
+    def looked(self, context: openmm.Context, forces: bool) -> None:
+        """Hear that somebody looks at the state of the Context, and whether at forces or energies."""
         self.verify(context)
 
     def verify(self, context: openmm.Context) -> None:

@@ -354,6 +354,7 @@ run 0
 @cases(
     "lines, files",
     ('thermo_style custom step temp pe\nthermo_modify format line "%d, %g; %g"\nrun 1\n', ()),
+    ('thermo_style custom step temp pe\nthermo_modify format line "old%ld l%g, fell%g" format 3 field=%8.3f\nrun 1\n', ()),
     ('thermo_style custom step temp pe\nthermo_modify format line "%d %g %g" format float %8.3f format 3 %.1f\nrun 1\n', ()),
     ("group e empty\ncompute a e reduce min x\ncompute b e reduce max x vx\ncompute c e com\n"
      "thermo_style custom step c_a c_b[1] c_b[2] c_c[1]\nthermo_modify format float %g\nrun 0\n", ()),

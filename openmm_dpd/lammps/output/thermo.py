@@ -207,7 +207,7 @@ class Thermo:
         for k, word in enumerate(self.words):
             kind, usual = ("int", whole) if word in WORDS and WORDS[word].integer else ("float", real)
             found.append(formats.get(k + 1) or formats.get(word) or formats.get(kind) or (line[k] if line else usual))
-        return [re.sub(r"l+(?=[dioxXeEfFgG])", "", form) for form in found]
+        return [re.sub(r"(%[-+ #0-9.]*)l+(?=[dioxXeEfFgG])", r"\1", form) for form in found]
 
     def _block(self, numbers: list[float], sample: DeckSample) -> str:
         texts = self._texts(numbers)
