@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from ..base.errors import ParameterError
+from ..base.numbers import checked as checked
 from ..base.units import to_md
 from ..base.wording import in_length, in_number, in_units, thermal
 from .owned import keep
@@ -73,16 +74,6 @@ class SoftRepulsion(PairCoefficient):
     @property
     def has_conservative(self) -> bool:
         return self.A != 0.0
-
-
-def checked(value, dimension: str, name: str, *, positive: bool = False, signed: bool = False) -> float:
-    """One finite number >= 0 (or > 0, or of either sign) in MD units."""
-    number = to_md(value, dimension, name)
-    if not isinstance(number, float):
-        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
-    if not signed and (number < 0 or (positive and number == 0)):
-        raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {in_number(number, dimension)}")
-    return number
 
 
 @dataclass(frozen=True)
