@@ -12,7 +12,7 @@ import pytest
 import openmm_dpd as dpd
 from openmm_dpd import __main__ as cli
 from openmm_dpd.base.names import Phase
-from openmm_dpd.lammps.commands.fixes import AVERAGES, FIX_STYLES
+from openmm_dpd.lammps.commands.fixes import all_styles
 from openmm_dpd.lammps.run.deck import COMMANDS
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
 from openmm_dpd.lammps.values.computes import COMPUTES
@@ -73,7 +73,7 @@ def test_every_option_of_run_is_described():
 
 
 # -- tables ----------------------------------------------------------------------------------------------------------------------
-TABLES = {"commands": COMMANDS, "pair styles": PAIR_STYLES, "fixes": {**FIX_STYLES, **AVERAGES}, "computes": COMPUTES}
+TABLES = {"commands": COMMANDS, "pair styles": PAIR_STYLES, "fixes": all_styles(), "computes": COMPUTES}
 TABLES["thermo words"] = WORDS
 
 

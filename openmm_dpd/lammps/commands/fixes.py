@@ -22,13 +22,18 @@ AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = 
 }
 
 
+def all_styles() -> dict[str, Callable]:
+    """Styles of fixes, by name; those that average or print know their id."""
+    return {**FIX_STYLES, **AVERAGES, "print": PrintFix}
+
+
 @command("fix ID group style ...", 3, None, box=True)
 def fix(state: DeckState, args: list[str]) -> None:
     """``fix ID group style ...``; a fix of the same id and style is replaced."""
     name, group, style, *words = args
     read.identifier(name, "the id of a fix")
     state.group(group)
-    read.style({**FIX_STYLES, **AVERAGES, "print": None}, "fix", style)
+    read.style(all_styles(), "fix", style)
     old = state.fixes.get(name)
     if old is not None and old.style != style:
         raise ParameterError(f"there is a fix {name} of style {old.style} already; unfix it first, or use another id")
