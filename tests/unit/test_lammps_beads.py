@@ -284,7 +284,6 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
     ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
     (TWENTY + "group a id 1\nneigh_modify every 1 include a", "neigh_modify include is not supported but for all"),
     (TWENTY + "group a id 1\ncomm_modify group a vel yes", "comm_modify group is not supported but for all"),
-    ("restart 4 a\nrestart 3 a b", "restart with one file beside one with two is not supported, and there is 'a.*'"),
     ("run_style respa 2 2", "only run_style verlet"),
     ("atom_modify id no", "atom_modify id is not supported"),
     ("restart 100", r"expected 'restart N file \[file\]'"),

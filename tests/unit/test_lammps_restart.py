@@ -77,6 +77,14 @@ def test_two_files_in_turn_and_no_more(tmp_path):
     assert sorted(path.name for path in tmp_path.glob("[ab]*")) == ["a", "b"]
 
 
+def test_files_of_each_step_beside_two_in_turn(tmp_path):
+    start, fixes = SYSTEMS["chains"]
+    rows(tmp_path, "both", f"{start}{fixes}restart 2 r\nrestart 3 a b\nrun 9\nrestart 0\nrun 5\n")
+    assert sorted(path.name for path in [*tmp_path.glob("[ab]"), *tmp_path.glob("r.*")]) == ["a", "b", "r.2", "r.4", "r.6", "r.8"]
+    steps = {name: rows(tmp_path, f"from_{name}", f"read_restart {name}\n{fixes}run 0\n")[0].split()[0] for name in ("a", "b", "r.6")}
+    assert steps == {"a": "9", "b": "6", "r.6": "6"}
+
+
 WRONG = {
     "read_restart text\n": "is no restart file of this package",
     "read_restart theirs\n": "is a restart file of LAMMPS",

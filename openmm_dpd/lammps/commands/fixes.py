@@ -93,17 +93,13 @@ def read_restart(state: DeckState, args: list[str]) -> None:
 
 @command("restart N file [file]", 1, 3)
 def restart(state: DeckState, args: list[str]) -> None:
-    """``restart 0``, ``restart N root``, or ``restart N file file``, which are written in turn."""
+    """``restart 0``, ``restart N root``, or ``restart N file file``, which are written in turn; the last two go side by side."""
     every = read.integer(args[0], "the interval of restart", 0)
     if every == 0:
-        state.restarts = RestartSettings()
+        state.restarts = {}
         return
     read.count(args, "restart N file [file]", 2, 3)
-    before = state.restarts.files
-    if before and len(before) != len(args) - 1:
-        raise ParameterError(
-            f"restart with one file beside one with two is not supported, and there is '{' '.join(before)}'; first say restart 0"
-        )
     for name in args[1:]:
         state.output_path(name)  # what is wrong with it is the mistake of this line
-    state.restarts = RestartSettings(every, (f"{args[1]}.*",) if len(args) == 2 and "*" not in args[1] else tuple(args[1:]))
+    names = (f"{args[1]}.*",) if len(args) == 2 and "*" not in args[1] else tuple(args[1:])
+    state.restarts = {**state.restarts, len(names): RestartSettings(every, names)}

@@ -35,17 +35,16 @@ class RestartFiles:
 
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self._request, self._built, self._context = request, built, context
-        self._settings = request.state.restarts
+        self._settings = list(request.state.restarts.values())
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which a file is written; the last step of the run without any."""
-        every = self._settings.every
-        return (step // every + 1) * every if every else self._request.last_step
+        return min(((step // each.every + 1) * each.every for each in self._settings), default=self._request.last_step)
 
     def write(self, step: int) -> None:
-        """Write a file, if it is time; OutputError if it cannot be written."""
-        settings = self._settings
-        if not settings.every or step % settings.every or step == self._request.first_step:
+        """Write the files for which it is time; OutputError if one cannot be written."""
+        due = [each for each in self._settings if step % each.every == 0 and step != self._request.first_step]
+        if not due:
             return
         state = copy(self._request.state)
         state.atoms = copy(state.atoms)
@@ -54,9 +53,10 @@ class RestartFiles:
         state.step, state.runs = step, state.runs + 1
         if COUNTER in self._context.getParameters():
             state.noise_counter = self._context.getParameter(COUNTER)
-        name = settings.files[settings.written % len(settings.files)]
-        settings.written += 1
-        write_whole(state.output_file(name, step), restart_bytes(state), "the restart file")
+        for each in due:
+            name = each.files[each.written % len(each.files)]
+            each.written += 1
+            write_whole(state.output_file(name, step), restart_bytes(state), "the restart file")
 
 
 class MomentumFixes:

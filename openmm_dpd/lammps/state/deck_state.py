@@ -85,7 +85,7 @@ class DeckState:
     min_style: str = "cg"  #: What ``min_style`` said
     setup: list[tuple[str, list[str]]] = field(default_factory=list)  #: The commands about interactions until now, with their words
     noise_counter: float = 0.0  #: Random numbers of pairs that runs have used: every run draws new ones
-    restarts: RestartSettings = field(default_factory=RestartSettings)  #: What ``restart`` said
+    restarts: dict[int, RestartSettings] = field(default_factory=dict)  #: What ``restart`` said with one name, and with two
     notes: list[str] = field(default_factory=list)  #: What was accepted without having a meaning here, each said once
     runs: int = 0
     reordered: bool = False  #: Whether LAMMPS would have sorted the beads by place: it does where a run begins, and a minimisation

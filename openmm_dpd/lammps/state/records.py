@@ -96,10 +96,10 @@ class KspaceSetup:
 
 @dataclass
 class RestartSettings:
-    """What ``restart`` said: interval (0: none), names of files, of which ``*`` becomes the step, and how many are written already."""
+    """What ``restart`` said: interval, names of files, of which ``*`` becomes the step, and how many are written already."""
 
-    every: int = 0
-    files: tuple[str, ...] = ()
+    every: int
+    files: tuple[str, ...]
     written: int = 0
 
 
