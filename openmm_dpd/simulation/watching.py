@@ -20,7 +20,7 @@ from typing import Any
 import openmm
 
 from ..base.errors import PlanError
-from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
+from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, ROOM, SEED, VOLATILE
 from ..base.openmm_private import bare, context_of
 from ..base.signals import CTRL_C, unbroken
 from ..plan.made import Made, acting, lines_of, text_number, variables_number
@@ -258,6 +258,9 @@ class Watching:
         self._intervals = [barostat.getFrequency() for barostat in moving]
         self.settle(context)
         parameters = context.getParameters()
+        for name in (SEED, COUNTER):
+            if name in parameters and not (0.0 <= parameters[name] < 2.0**53 and parameters[name] % 1.0 == 0.0):
+                raise openmm.OpenMMException(f"the context parameter {name} must be a whole number >= 0, but is {parameters[name]:g}")
         if BESIDE in parameters and parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
         assert self.made is not None
