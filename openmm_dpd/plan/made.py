@@ -12,7 +12,7 @@ import numpy as np
 import openmm
 
 from ..base.errors import PlanError
-from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES
+from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, SEED
 from ..base.openmm_private import bare
 from .program_options import ProgramOptions
 
@@ -30,6 +30,14 @@ LISTED = (
     *(openmm.CustomBondForce, openmm.CustomAngleForce, openmm.CustomTorsionForce, openmm.CustomCompoundBondForce),
     *(openmm.CustomCentroidBondForce, openmm.CustomExternalForce),
 )
+
+
+def wrong_key(parameters: Mapping[str, float]) -> str | None:
+    """What is wrong with the key of the noise in a Context, its seed and counter; None if nothing is, or there is none."""
+    for name in (SEED, COUNTER):
+        if name in parameters and not (0.0 <= parameters[name] < 2.0**53 and parameters[name] % 1.0 == 0.0):
+            return f"the context parameter {name} must be a whole number >= 0, but is {parameters[name]:g}"
+    return None
 
 
 @lru_cache

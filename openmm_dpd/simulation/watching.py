@@ -20,10 +20,10 @@ from typing import Any
 import openmm
 
 from ..base.errors import PlanError
-from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, ROOM, SEED, VOLATILE
+from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
 from ..base.openmm_private import bare, context_of
 from ..base.signals import CTRL_C, unbroken
-from ..plan.made import Made, acting, lines_of, text_number, variables_number
+from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -258,9 +258,9 @@ class Watching:
         self._intervals = [barostat.getFrequency() for barostat in moving]
         self.settle(context)
         parameters = context.getParameters()
-        for name in (SEED, COUNTER):
-            if name in parameters and not (0.0 <= parameters[name] < 2.0**53 and parameters[name] % 1.0 == 0.0):
-                raise openmm.OpenMMException(f"the context parameter {name} must be a whole number >= 0, but is {parameters[name]:g}")
+        wrong = wrong_key(parameters)
+        if wrong is not None:
+            raise openmm.OpenMMException(wrong)
         if BESIDE in parameters and parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
         assert self.made is not None

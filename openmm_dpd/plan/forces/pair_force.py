@@ -18,7 +18,7 @@ from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
 from ...kernels.moment import Moment, StepSpec
 from ...kernels.notice import LOGGER
 from ...kernels.shear import flow_at
-from ..made import origin
+from ..made import origin, wrong_key
 from ..program_options import ProgramOptions
 from .runaway import NEAR, runaway
 from .thread_state import Fields, ThreadState
@@ -184,10 +184,9 @@ class PairForceFunction:
 
     def noise(self, parameters) -> tuple[int, int]:
         """Seed and counter of the noise in the Context; RunError if one is no whole number >= 0."""
-        for name in (names.SEED, names.COUNTER):
-            value = parameters[name]
-            if not 0.0 <= value < 2.0**53 or value != int(value):
-                raise RunError(f"the context parameter {name} must be a whole number >= 0, but is {value:g}")
+        wrong = wrong_key(parameters)
+        if wrong is not None:
+            raise RunError(wrong)
         return int(parameters[names.SEED]), int(parameters[names.COUNTER])
 
     def _watch(self, v: np.ndarray, inv_mass: np.ndarray, moment: Moment) -> None:
