@@ -1,9 +1,11 @@
 """Where compiled kernels are kept on disk: in a folder of the user's own, or nowhere.
 
-What is in the files is unpickled and run, so a folder that somebody else can write to is not used.  A cache that is full or damaged is
-never in the way: the kernels are compiled, and that is said once.
+A kernel is found by what is compiled (:func:`contents`), for which types, and by which compiler: wherever the package lies, a kernel is
+compiled once per machine.  What is in the files is unpickled and run, so a folder that somebody else can write to is not used.  A cache
+that is full or damaged is never in the way: the kernels are compiled, and that is said once.
 """
 
+import errno
 import functools
 import hashlib
 import logging
@@ -12,16 +14,26 @@ import pickle
 import stat
 import sys
 import tempfile
+import time
+from collections.abc import Iterator
 from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numba
+import numpy as np
 
 from .errors import OutputError
 from .files import write_whole
 from .numba_private import NullCache, dumps, packed, set_cache, unpacked
 from .signals import CTRL_C
+
+try:
+    import fcntl
+except ImportError:  # on Windows two processes may compile the same kernel at once
+    fcntl = None  # type: ignore[assignment]
 
 _LOGGER = logging.getLogger("openmm_dpd")
 _REMEDY = "set NUMBA_CACHE_DIR to a folder of your own"
@@ -98,14 +110,88 @@ def cache_folder() -> Path | None:
     return None
 
 
+@functools.cache
+def _file(path: str) -> bytes:
+    """Hash of a source file; of nothing, if it cannot be read, as for functions that were typed in."""
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).digest()
+    except OSError:
+        return b""
+
+
+#: Files whose options decide how everything is compiled; read with all kernels of the package, so that they are those that were imported.
+_ROOM = Path(__file__).parent.parent
+_OPTIONS = [str(path) for path in (_ROOM / "kernels" / "compiled.py", _ROOM / "base" / "numba_private.py")]
+for _path in (*_OPTIONS, *map(str, (_ROOM / "kernels").glob("*.py"))):
+    _file(_path)
+#: What is not looked into: it has versions.
+_LIBRARIES = ("builtins", "llvmlite", "math", "numba", "numpy")
+
+
+def _parts(value: Any, seen: set[int], names: tuple[str, ...] = ()) -> Iterator[bytes]:
+    """What a value brings into compiled code that knows it: the source, the code and the values that it knows, if it is a function."""
+    value = getattr(value, "py_func", getattr(value, "_defn", value))  # dispatchers of numba, and its intrinsics
+    library = str(getattr(value, "__module__", getattr(value, "__name__", ""))).partition(".")[0] in _LIBRARIES
+    if isinstance(value, FunctionType) and not library and id(value) not in seen:
+        seen.add(id(value))
+        closure = dict(zip(value.__code__.co_freevars, value.__closure__ or (), strict=True))
+        yield _file(value.__code__.co_filename)
+        yield from _code(value.__code__, value.__globals__ | {name: cell.cell_contents for name, cell in closure.items()}, seen)
+        yield from _parts(value.__defaults__, seen)
+    elif isinstance(value, ModuleType) and not library:
+        for name in names:
+            yield from _parts(getattr(value, name, None), seen)
+    elif isinstance(value, tuple):
+        yield type(value).__name__.encode()
+        for each in value:
+            yield from _parts(each, seen)
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype}{value.shape}".encode() + value.tobytes()
+    elif isinstance(value, type):
+        yield f"{value.__qualname__}{getattr(value, '_fields', '')}".encode()
+    elif value is None or isinstance(value, (bool, int, float, str, bytes, np.generic, numba.types.Type)):
+        yield repr(value).encode()
+
+
+def _code(code: CodeType, known: dict[str, Any], seen: set[int]) -> Iterator[bytes]:
+    yield code.co_code
+    for constant in code.co_consts:
+        yield from _code(constant, known, seen) if isinstance(constant, CodeType) else _parts(constant, seen)
+    for name in (*code.co_names, *code.co_freevars):
+        yield name.encode()
+        if name in known:
+            yield from _parts(known[name], seen, code.co_names)
+
+
+def contents(function: FunctionType) -> str:
+    """Hash of what is compiled with a function: its code, that of the functions it calls, their source files, and the values they know.
+
+    No path and no time is part of it.  The files bring what cannot be seen from a function, such as overloads.
+    """
+    found = hashlib.sha256()
+    for part in (*map(_file, _OPTIONS), *_parts(function, set())):
+        found.update(len(part).to_bytes(8, "little") + part)
+    return found.hexdigest()
+
+
+@functools.cache
+def _lock_file(folder: Path) -> int:
+    """The file whose bytes are locks; it stays open, since to close it would give up all of them."""
+    return os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+
+
 class KernelFiles:
     """The files of one kernel, one for each signature and machine: a hash, then the pickled key and code.
 
-    Their names begin with ``name``; ``stamp`` is what must be unchanged for a file to be found, such as the kernel's source.
+    Their names begin with ``name``; ``stamp`` is what must be unchanged for a file to be found, such as the kernel's :func:`contents`.
     """
 
+    #: Seconds after which a kernel that another process has in work is compiled here, too.
+    PATIENCE = 120.0
+
     def __init__(self, folder: str | os.PathLike, name: str, stamp: Any):
-        self.folder, self.name, self.stamp = Path(folder), name, (stamp, numba.__version__, sys.implementation.cache_tag)
+        self.folder, self.name = Path(folder), name
+        self.stamp = stamp, numba.__version__, version("llvmlite"), sys.implementation.cache_tag
 
     def _path(self, key: Any) -> Path:
         return self.folder / f"{self.name}.{hashlib.sha256(repr((key, self.stamp)).encode()).hexdigest()[:16]}.kernel"
@@ -127,26 +213,53 @@ class KernelFiles:
         payload = dumps(((key, self.stamp), data))
         write_whole(self._path(key), hashlib.sha256(payload).digest() + payload, "the compiled kernel")
 
+    def begin(self, key: Any) -> None:
+        """Wait until no other process is compiling this, and have others wait until :meth:`end`.  The lock goes with the process."""
+        if fcntl is None:
+            return
+        place, until = int(self._path(key).suffixes[-2][1:9], 16), time.monotonic() + self.PATIENCE
+        while time.monotonic() < until:
+            try:
+                fcntl.lockf(_lock_file(self.folder), fcntl.LOCK_EX | fcntl.LOCK_NB, 1, place)
+                return
+            except OSError as error:
+                if error.errno not in (errno.EACCES, errno.EAGAIN):  # a file system without locks
+                    return
+            CTRL_C.check()
+            time.sleep(0.02)
+
+    def end(self) -> None:
+        """Let others go on."""
+        if fcntl is not None:
+            with suppress(OSError):
+                fcntl.lockf(_lock_file(self.folder), fcntl.LOCK_UN)
+
 
 class KernelCache(NullCache):
     """A cache for numba in :class:`KernelFiles`: what it cannot load is compiled anew, what it cannot save is not kept."""
 
-    def __init__(self, folder: Path, function) -> None:
-        code = function.__code__
-        source: Any = ()  # the package's own kernels have the digest of their sources in their names
-        if Path(code.co_filename).parent != Path(__file__).parent.parent / "kernels":
-            found = os.stat(code.co_filename)
-            source = code.co_filename, code.co_firstlineno, found.st_mtime, found.st_size
-        stamp = source, hashlib.sha256(code.co_code).hexdigest()
-        self._files = KernelFiles(folder, function.__name__, stamp)
+    def __init__(self, folder: Path, function: FunctionType) -> None:
+        self._folder, self._function = folder, function
+
+    @functools.cached_property
+    def files(self) -> KernelFiles:
+        """Its files: when it is called, all that it calls is known."""
+        return KernelFiles(self._folder, self._function.__name__, contents(self._function))
 
     def load_overload(self, sig, target_context):
-        """The compiled function, or None."""
+        """The compiled function, or None; then nobody else compiles it until :meth:`save_overload`."""
         CTRL_C.check()  # to compile all that a step calls may take a minute
         try:
             target_context.refresh()
-            data = self._files.load((sig, target_context.codegen().magic_tuple()))
-            return None if data is None else unpacked(target_context, data)
+            key = sig, target_context.codegen().magic_tuple()
+            data = self.files.load(key)
+            if data is None:
+                self.files.begin(key)
+                data = self.files.load(key)
+            if data is None:
+                return None
+            self.files.end()
+            return unpacked(target_context, data)
         except Exception as error:  # what is pickled badly can fail in any way
             _say("read", f"compiled kernels in {cache_folder()} cannot be read ({error}); they are compiled anew, and replaced")
             return None
@@ -155,14 +268,15 @@ class KernelCache(NullCache):
         """Keep a compiled function, if that is possible."""
         try:
             if not data.library.has_dynamic_globals:
-                self._files.save((sig, data.codegen.magic_tuple()), packed(data))
+                self.files.save((sig, data.codegen.magic_tuple()), packed(data))
         except (OutputError, OSError) as error:
             _say("save", f"kernels are compiled at every start, since they cannot be kept: {error} ({_REMEDY})")
+        finally:
+            self.files.end()
 
 
 def keep_on_disk(dispatcher: Any) -> None:
     """Give a function that numba compiles a place on disk, if there is one."""
     folder = cache_folder()
     if folder is not None:
-        with suppress(OSError):  # a function that was typed in has no file
-            set_cache(dispatcher, KernelCache(folder, dispatcher.__wrapped__))
+        set_cache(dispatcher, KernelCache(folder, dispatcher.__wrapped__))

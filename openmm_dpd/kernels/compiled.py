@@ -1,8 +1,6 @@
 """How kernels are compiled and kept on disk."""
 
-import hashlib
 from collections.abc import Callable
-from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -14,8 +12,6 @@ from ..base.garbage import nothing_collected
 from ..base.kernel_cache import keep_on_disk
 from ..base.numba_private import NO_REFERENCE_COUNTS, ONLY_LINKED, CFunc
 
-#: Hash of all kernel sources.
-DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 #: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
 SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
@@ -45,19 +41,16 @@ def compiled(function: Callable, *, bare: bool = False, kept: bool = True) -> An
     """Compile a function that Python calls; without the interpreter's lock, and cached on disk if ``kept``.  One that allocates nothing may
     be ``bare``.
 
-    Numba keys its cache on a function's name and file alone: it would load old code where only a function in another file, inlined here,
-    has changed.  So the function is compiled under a name that says so.  No fastmath, so that all versions round alike, and give the same
-    bits.
+    No fastmath, so that all versions round alike, and give the same bits.
     """
-    dispatcher = numba.njit(**(BARE if bare else SEMANTICS))(renamed(function, f"{function.__name__}_{DIGEST}"))
+    dispatcher = numba.njit(**(BARE if bare else SEMANTICS))(function)
     if kept:
         keep_on_disk(dispatcher)
     return dispatcher
 
 
 def at_address(function: Callable, arguments: tuple, *, bare: bool = True, kept: bool = True) -> CFunc:
-    """Compile a function of numbers (and addresses) that returns a whole one, to be called by its ``address``; see :func:`compiled`, but
-    its name has to say already what it is."""
+    """Compile a function of numbers (and addresses) that returns a whole one, to be called by its ``address``; see :func:`compiled`."""
     made = CFunc(function, (arguments, types.int64), locals={}, options=dict(BARE if bare else SEMANTICS))
     if kept:
         keep_on_disk(made)

@@ -224,12 +224,13 @@ _MODELS = {
 
 
 def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
-    """Compile the kernels that steps of ``spec`` need (or load them from the cache), with a notice for each kind of model."""
+    """Compile the kernels that steps of ``spec`` need (or load them from the cache), with a notice for each variant."""
     if not spec.terms:
         return
     models = " and ".join(dict.fromkeys(_MODELS.get(type(table).__name__, "pair terms") for table in spec.terms))
-    with announced(models, 10, log):
-        for many in {False, bool(np.count_nonzero(spec.types >= 0) >= MANY)}:
+    how = f"{'pair updates' if spec.sweeps else 'friction as a force'}{' in a shear' if spec.sheared else ''}"
+    for many in sorted({False, bool(np.count_nonzero(spec.types >= 0) >= MANY)}):
+        with announced(f"{models} ({how}{', many beads' if many else ''})", 10, log):
             _use_all(spec, many)
 
 

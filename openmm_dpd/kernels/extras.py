@@ -165,14 +165,13 @@ _width = 0
 
 @cache
 def _kernel(kind: Any) -> Kernel:
-    """Kernel of a class of terms.  With a formula from elsewhere it is not kept on disk: nothing would tell that it has changed."""
-    kept = kind.__module__.startswith(f"{__package__}.")
+    """Kernel of a class of terms."""
     names = {"_formula": inlined(kind.formula)}
     part = {
         "_part": numba.njit(**SEMANTICS, **ONLY_LINKED)(renamed(kind.part, f"{kind.__name__}_part", names)),
         "_width": len(kind.sample),
     }
-    return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False, kept=kept)
+    return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False)
 
 
 @dataclass(frozen=True, eq=False)

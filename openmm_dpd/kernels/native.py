@@ -23,7 +23,7 @@ import numpy as np
 from numba import types
 
 from .addresses import ENTRY, reader_of
-from .compiled import BARE, DIGEST, SEMANTICS, at_address
+from .compiled import BARE, SEMANTICS, at_address
 from .tape import TAPES, KernelCall
 from .team import CALL, the_team
 from .threads import dispatch
@@ -177,7 +177,7 @@ class Kernel:
 
     def _compiled(self, kind: types.BaseTuple, elsewhere: tuple[bool, ...]) -> Any:
         """The function for arguments of this type; of those that lie elsewhere words have the address."""
-        name = f"{self.name}_{DIGEST}_{hashlib.sha256(f'{kind}{elsewhere}'.encode()).hexdigest()[:12]}"
+        name = f"{self.name}_{hashlib.sha256(f'{kind}{elsewhere}'.encode()).hexdigest()[:12]}"
         return at_address(_entry(name, self._inner, kind, elsewhere), ENTRY, bare=self._bare, kept=self._kept)
 
 

@@ -12,13 +12,21 @@ from ..base.numba_private import compiling
 LOGGER = logging.getLogger("openmm_dpd")
 #: Seconds of compiling after which it is said.
 PATIENCE = 1.0
+#: What was said already.
+_SAID: set[str] = set()
 
 
 @contextmanager
 def announced(what: str, seconds: int, log: Callable[[str], None]) -> Iterator[None]:
-    """A block that may have to compile the kernels of something, for about so long: if it does, ``log`` gets a line."""
-    again = "" if cache_folder() is None else ", once: the next run finds them in the cache"
-    notice = threading.Timer(PATIENCE, log, [f"compiling the kernels of {what}, some {seconds} s{again}"])
+    """A block that may have to compile the kernels of something, for about so long: if it does, ``log`` gets a line, the first time."""
+    again = "" if cache_folder() is None else ", once: later runs on this machine find them in the cache"
+
+    def say() -> None:
+        if what not in _SAID:
+            _SAID.add(what)
+            log(f"compiling the kernels of {what}, some {seconds} s{again}")
+
+    notice = threading.Timer(PATIENCE, say)
     notice.daemon = True
 
     def begin() -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numba import types
 
 from .addresses import ENTRY, add_to_word, call_kernel, call_plain, pause, put_word, share_word, shared_word, word
-from .compiled import DIGEST, at_address, helper, renamed
+from .compiled import at_address, helper
 
 # how many have come to the meeting, and how many meetings there were; the job, what it is, what is a long wait in it, and how many have
 # done it; whether one is coming, how others are let go first, and how often somebody has waited for long in this job
@@ -114,7 +114,7 @@ def _functions() -> tuple[Callable, Callable]:
     """Both, compiled; ctypes lets go of the interpreter's lock in a call."""
     found = []
     for function, arguments in ((_lead, 4), (_follow, 3)):
-        made = at_address(renamed(function, f"{function.__name__}_{DIGEST}"), (types.int64,) * arguments)
+        made = at_address(function, (types.int64,) * arguments)
         called = ctypes.CFUNCTYPE(ctypes.c_int64, *(ctypes.c_int64,) * arguments)(made.address or 0)
         called.made = made  # type: ignore[attr-defined]  # the code belongs to it
         found.append(called)

@@ -4,7 +4,9 @@ import os
 import pickle
 import subprocess
 import sys
+import time
 from pathlib import Path
+from threading import Thread
 
 import numba
 import pytest
@@ -12,7 +14,7 @@ from full_disk import file_limit
 
 from openmm_dpd.base import kernel_cache
 from openmm_dpd.base.kernel_cache import KernelFiles, cache_folder, why_unusable
-from openmm_dpd.kernels.compiled import compiled
+from openmm_dpd.kernels.compiled import compiled, helper, inlined
 
 POSIX = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners of files here")
 
@@ -117,7 +119,7 @@ def test_a_full_disk_is_said_once(places, caplog):
         assert compiled(double)(2.0) == 4.0
         assert compiled(double)(3) == 6
     assert caplog.text.count("kernels are compiled at every start") == 1 and "NUMBA_CACHE_DIR" in caplog.text
-    assert not [path for path in cache_folder().rglob("*") if path.is_file()]
+    assert [path.name for path in cache_folder().rglob("*")] == ["lock"]
 
 
 def test_a_file_answers_to_its_own_key_only(tmp_path):
@@ -125,6 +127,113 @@ def test_a_file_answers_to_its_own_key_only(tmp_path):
     files.save(("a", 1), [1, 2])
     assert files.load(("a", 1)) == [1, 2]
     assert files.load(("a", 2)) is None and KernelFiles(tmp_path, "kernel", "changed").load(("a", 1)) is None
+
+
+def loaded(path: Path, decorator, number: str):
+    """A function of a file that calls another one, which knows a number."""
+    names = {"helper": decorator, "__name__": path.stem}
+    path.write_text(f"NUMBER = {number}\n\n@helper\ndef add(x):\n    return x + NUMBER\n\ndef kernel(x):\n    return add(x)\n")
+    exec(compile(path.read_text(), str(path), "exec"), names)
+    return names["kernel"]
+
+
+@pytest.mark.parametrize("decorator", [helper, inlined])
+def test_what_is_compiled_decides_not_where_it_lies(places, tmp_path, decorator):
+    """Also for kinds that are registered from outside: a number that a called function knows is another kernel."""
+    first = compiled(loaded(tmp_path / "one.py", decorator, "1.0"))
+    assert first(2.0) == 3.0
+    (tmp_path / "other").mkdir()
+    moved = compiled(loaded(tmp_path / "other" / "two.py", decorator, "1.0"))
+    os.utime(tmp_path / "other" / "two.py", (1.0, 1.0))
+    assert moved(2.0) == 3.0 and sum(moved.stats.cache_hits.values()) == 1
+    changed = compiled(loaded(tmp_path / "one.py", decorator, "10.0"))
+    assert changed(2.0) == 12.0 and not changed.stats.cache_hits
+
+
+REACHED = """
+import itertools
+from numba.core.bytecode import FunctionIdentity
+from openmm_dpd.base import kernel_cache
+from openmm_dpd.base.kernel_cache import KernelCache, contents
+from openmm_dpd.measure import warming
+
+compiled, known, kernels = [], set(), 0
+identity, code, file, save = FunctionIdentity.from_function.__func__, kernel_cache._code, kernel_cache._file, KernelCache.save_overload
+FunctionIdentity.from_function = classmethod(lambda cls, of: (compiled.append(getattr(of, "py_func", of)), identity(cls, of))[1])
+kernel_cache._code = lambda of, *rest: (known.add(of), code(of, *rest))[1]
+kernel_cache._file = lambda path: (known.add(path), file(path))[1]
+
+def saved(self, *rest):
+    global kernels
+    known.clear()
+    contents(self._function)
+    for of in compiled:
+        if of.__module__.startswith("openmm_dpd"):
+            kernels += 1
+            assert of.__code__ in known or (of.__name__ == "<lambda>" and of.__code__.co_filename in known), (self._function, of)
+    compiled.clear()
+    save(self, *rest)
+
+KernelCache.save_overload = saved
+scenes = warming._scenes
+warming._scenes = lambda: itertools.islice(scenes(), 1, 3)
+warming.warm(print)
+assert kernels > 100
+"""
+
+
+@pytest.mark.slow
+def test_all_that_is_compiled_decides(places):
+    """Each function that numba compiles for a kernel is one that decides; of overloads, which are lambdas, it is their file."""
+    done = subprocess.run(
+        [sys.executable, "-c", REACHED], env=os.environ | {"XDG_CACHE_HOME": str(places["home"])}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+AT_ONCE = """
+import sys, time
+from pathlib import Path
+from openmm_dpd.kernels.compiled import compiled
+def slow(x):
+    for k in range(3):
+        x = x + k
+    return x
+kernel = compiled(slow)
+Path(sys.argv[1]).touch()
+while not Path(sys.argv[2]).exists():
+    time.sleep(0.001)
+kernel(1.0)
+print(sum(kernel.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(kernel_cache.fcntl is None, reason="no locks of files here")
+def test_two_processes_compile_once(places, tmp_path):
+    """Both begin at once; and what a process that is killed has in work is compiled by the next one."""
+    environment = os.environ | {"XDG_CACHE_HOME": str(places["home"])}
+    go = tmp_path / "go"
+    ready = [tmp_path / "first", tmp_path / "second"]
+    both = [
+        subprocess.Popen([sys.executable, "-c", AT_ONCE, each, go], env=environment, stdout=subprocess.PIPE, text=True) for each in ready
+    ]
+    while not all(path.exists() for path in ready):
+        time.sleep(0.001)
+    files = KernelFiles(cache_folder(), "held", "source")
+    go.touch()
+    assert sorted(each.communicate()[0] for each in both) == ["0\n", "1\n"]
+    holder = "from openmm_dpd.base.kernel_cache import *; import time; KernelFiles(cache_folder(), 'held', 'source').begin(1); print(flush=True); time.sleep(60)"
+    held = subprocess.Popen([sys.executable, "-c", holder], env=environment, stdout=subprocess.PIPE)
+    assert held.stdout.read(1)
+    waiting = Thread(target=files.begin, args=(1,))
+    waiting.start()
+    waiting.join(0.2)
+    assert waiting.is_alive()
+    held.kill()
+    waiting.join(10.0)
+    held.communicate()
+    assert not waiting.is_alive()
+    files.end()
 
 
 def test_without_any_place_the_package_is_imported_and_computes():
