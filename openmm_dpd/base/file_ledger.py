@@ -1,7 +1,9 @@
 """Which files a run has written, and how long they were at a checkpoint: so that a run that is resumed finds them as they were then."""
 
+import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -9,18 +11,42 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .errors import OutputError
+from .errors import OutputError, ParameterError
+
+#: Name and number of the layout of what a restart reads, the first words of each such file.
+LAYOUT = b"openmm-dpd checkpoint 3"
+
+
+def sealed(content: bytes) -> bytes:
+    """Content behind a line with the layout and its checksum, for :func:`unsealed`."""
+    return LAYOUT + b" " + hashlib.sha256(content).hexdigest().encode() + b"\n" + content
+
+
+def unsealed(path: Path) -> bytes:
+    """The content of a file; ParameterError if a bit of it is not what was written, or another version has written it."""
+    try:
+        whole = path.read_bytes()
+    except OSError as error:
+        raise ParameterError(f"--restart: {path} cannot be read ({error.strerror})") from None
+    content = whole.partition(b"\n")[2]
+    if whole != sealed(content):
+        layout = re.findall(rb"openmm-dpd checkpoint \d+", whole[:99])
+        other = layout and layout[0] != LAYOUT and f"was written by another version ({layout[0].decode()}, not {LAYOUT[-1:].decode()})"
+        wrong = other or "is damaged, or no checkpoint"
+        raise ParameterError(f"--restart: {path} {wrong}; put back what was written, or begin anew without --restart")
+    return content
 
 
 @dataclass
 class _Entry:
-    """One file: whether it grows (or is written whole), how often it was begun, its length before the first time, and where the part at
-    its end begins that the next block overwrites."""
+    """One file: whether it grows (or is written whole), how often it was begun, its length before the first time, where the part at its end
+    begins that the next block overwrites, and the length of what is known to be on the disk."""
 
     grows: bool
     begun: int
     before: int | None
     tail: int | None = None
+    safe: int | None = None
 
 
 class FileLedger:
@@ -35,6 +61,7 @@ class FileLedger:
     def __init__(self, root: Path, journal: Path):
         self.root, self.journal, self.replaying = Path(os.path.abspath(root)), Path(os.path.abspath(journal)), False
         self._entries: dict[str, _Entry] = {}
+        self._noted = b""
 
     @contextmanager
     def in_use(self) -> Iterator[None]:
@@ -61,7 +88,7 @@ class FileLedger:
             entry = self._entries[name] = _Entry(grows, 1, before)
         else:
             entry.grows, entry.begun, entry.tail = grows, entry.begun + 1, None
-        self._note(name, entry)
+        self._note({name: entry})
 
     def tail(self, path: str | os.PathLike, start: int) -> None:
         """Take note of where the part at the end of a growing file begins that the next block overwrites."""
@@ -77,27 +104,35 @@ class FileLedger:
         whole = os.path.abspath(path)
         return os.path.relpath(whole, self.root) if Path(whole).is_relative_to(self.root) else whole
 
-    def _note(self, name: str, entry: _Entry) -> None:
+    def _note(self, entries: dict[str, _Entry]) -> None:
+        for name, entry in entries.items():
+            self._noted += json.dumps([name, entry.grows, entry.begun, entry.before]).encode() + b"\n"
         self.journal.parent.mkdir(parents=True, exist_ok=True)
-        with open(self.journal, "a", encoding="utf-8") as stream:
-            stream.write(_line(name, entry))
+        beside = self.journal.with_name(f"{self.journal.name}.new")
+        beside.write_bytes(sealed(self._noted))
+        os.replace(beside, self.journal)
 
     # -- checkpoints --------------------------------------------------------------------------------------------------------------
     def lengths(self) -> dict[str, dict[str, Any]]:
-        """What :meth:`put_back` needs to know of the present files."""
+        """What :meth:`put_back` needs to know of the present files, which are safe from a power cut then."""
         found: dict[str, dict[str, Any]] = {}
         for name, entry in self._entries.items():
             path = self.root / name
             found[name] = {"grows": entry.grows, "begun": entry.begun, "before": entry.before}
             if entry.grows and path.is_file():
-                found[name] |= {"length": path.stat().st_size, "tail": _end(path, entry.tail)}
+                with open(path, "rb") as stream:
+                    length = stream.seek(0, os.SEEK_END)
+                    if length != entry.safe and os.name != "nt":  # Windows wants files open for writing
+                        os.fsync(stream.fileno())
+                    entry.safe = length
+                    stream.seek(length if entry.tail is None else entry.tail)
+                    found[name] |= {"length": length, "tail": stream.read()}
         return found
 
     def put_back(self, lengths: dict[str, dict[str, Any]]) -> None:
         """Make the files what they were when :meth:`lengths` was asked, and go on from there.  OutputError if a file has gone, or is
-        shorter than it was."""
+        shorter than it was; ParameterError if the journal is damaged."""
         now = self._read_journal()
-        self.journal.parent.mkdir(parents=True, exist_ok=True)
         for name, was in lengths.items():
             path = self.root / name
             if not was["grows"] or "length" not in was or now.get(name, (True, was["begun"]))[:2] != (True, was["begun"]):
@@ -123,32 +158,15 @@ class FileLedger:
             name: _Entry(was["grows"], was["begun"], was["before"], was["length"] - len(was["tail"]) if was.get("tail") else None)
             for name, was in lengths.items()
         }
-        beside = self.journal.with_name(f"{self.journal.name}.new")
-        beside.write_text("".join(_line(name, entry) for name, entry in self._entries.items()), encoding="utf-8")
-        os.replace(beside, self.journal)
+        self._noted = b""
+        self._note(self._entries)
 
     def _read_journal(self) -> dict[str, tuple[bool, int, int | None]]:
         """For each file whether it grows, how often it was begun, and its length before the first time."""
         found: dict[str, tuple[bool, int, int | None]] = {}
-        for line in self.journal.read_text(encoding="utf-8").splitlines() if self.journal.exists() else ():
-            try:
-                name, grows, begun, before = json.loads(line)
-            except ValueError:
-                continue  # cut short together with the run
+        for name, grows, begun, before in map(json.loads, unsealed(self.journal).splitlines()):
             found[name] = (grows, begun, found[name][2] if name in found else before)
         return found
-
-
-def _line(name: str, entry: _Entry) -> str:
-    return json.dumps([name, entry.grows, entry.begun, entry.before]) + "\n"
-
-
-def _end(path: Path, start: int | None) -> bytes:
-    if start is None:
-        return b""
-    with open(path, "rb") as stream:
-        stream.seek(start)
-        return stream.read()
 
 
 _LEDGER: ContextVar[FileLedger | None] = ContextVar("ledger", default=None)

@@ -53,6 +53,10 @@ class Signals(threading.local):
         finally:
             self._patient = before
 
+    def end(self) -> None:
+        """From now on the first signal changes nothing: all is done."""
+        self._patient = True
+
     def check(self) -> None:
         """Raise KeyboardInterrupt if a signal has come."""
         if self.seen:

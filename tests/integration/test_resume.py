@@ -13,6 +13,7 @@ from interrupted_runs import contents, interrupted, signal_at
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
+from openmm_dpd.base.file_ledger import sealed
 from openmm_dpd.base.files import BlockFile
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
 from openmm_dpd.lammps.values import computes
@@ -219,16 +220,63 @@ def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     (out / "log.txt").write_bytes(log[:-1])
     assert "at the checkpoint: the run cannot go on with it; put the file back" in error_of(capsys, *again)
     (out / "log.txt").write_bytes(log)
-    latest = (out / "checkpoint" / "latest").read_bytes()
-    for content in (latest[:-10], b"", pickle.dumps({"format": "else"})):
-        (out / "checkpoint" / "latest").write_bytes(content)
-        assert "latest is no checkpoint" in error_of(capsys, *again)
-    (out / "checkpoint" / "latest").write_bytes(latest)
+    (deck.parent / "older" / "checkpoint").mkdir(parents=True)
+    (deck.parent / "older" / "checkpoint" / "latest").write_bytes(pickle.dumps({"format": "openmm-dpd checkpoint 2"}))
+    said = "latest was written by another version (openmm-dpd checkpoint 2, not 3)"
+    assert said in error_of(capsys, *again[:2], str(deck.parent / "older"))
     # by a file of it, with what may change
     assert main(["run", str(deck), "--restart", str(out / "checkpoint" / "latest"), "--threads", "2", "--checkpoint", "10", "--quiet"]) == 0
     (out / "report.json").write_bytes((deck.parent / "whole" / "report.json").read_bytes())
     assert contents(out) == contents(deck.parent / "whole")
     assert "there is no checkpoint in" in error_of(capsys, *again)
+
+
+def test_what_is_damaged_is_refused_or_the_checkpoint_before_is_used(deck, caplog):
+    """A byte changed, fifty bytes zeroed, or the end cut off, anywhere in any file that a restart reads."""
+    out, copy, draw = stopped(deck, "--checkpoint", "10"), deck.parent / "copy", np.random.default_rng(1)
+    refused, instead = set[str](), set[str]()
+    for path in sorted((out / "checkpoint").iterdir()):
+        for kind in range(15):
+            shutil.rmtree(copy, ignore_errors=True)
+            shutil.copytree(out, copy)
+            whole, at = path.read_bytes(), draw.integers(path.stat().st_size)
+            behind = (bytes([whole[at] ^ 1 << draw.integers(8)]) + whole[at + 1 :], bytes(len(whole[at:][:50])) + whole[at + 50 :], b"")
+            (copy / "checkpoint" / path.name).write_bytes(damaged := whole[:at] + behind[kind % 3])
+            if damaged == whole:  # zeros in the place of zeros
+                continue
+            checkpoints = Checkpoints(copy)
+            try:
+                checkpoints.resume(checkpoints.latest())
+            except dpd.ParameterError as error:
+                assert f"{path.name} is damaged" in str(error) or f"{path.name} was written by another version" in str(error)
+                refused.add(path.name)
+            else:
+                used = (copy / "checkpoint" / "latest").read_bytes()
+                assert used == (out / "checkpoint" / ("latest" if path.name == "before" else "before")).read_bytes()
+                instead.add(path.name)
+    assert instead == {"latest", "before"} and {"files", "run-1"} <= refused
+    assert refused | instead == {path.name for path in (out / "checkpoint").iterdir()}
+    (out / "checkpoint" / "latest").write_bytes(b"")
+    caplog.clear()
+    assert main(["run", str(deck), "--restart", str(out), "--quiet"]) == 0
+    assert "latest is damaged, or no checkpoint; the run goes on from the one before\n" in caplog.text
+    (out / "report.json").write_bytes((deck.parent / "whole" / "report.json").read_bytes())
+    assert contents(out) == contents(deck.parent / "whole")
+
+
+def test_an_interruption_near_the_end_can_be_resumed_or_changes_nothing(tmp_path, monkeypatch):
+    """Ctrl-C at any of the last calls: 130 with a checkpoint that leads to the end, or 0 with all that belongs there, and nothing else."""
+    monkeypatch.setattr("openmm_dpd.lammps.run.main.thermo_picture", lambda *_, **__: None)  # most of the time
+    deck, whole, found = put(tmp_path / "in.tiny", f"{TINY.partition('compute m')[0]}run 4\n"), tmp_path / "whole", set[int]()
+    with signal_at(0, 0) as calls:
+        assert main(arguments(deck, whole, "Reference")) == 0
+    for call in range(calls[0] - 60, calls[0] + 1, 4):
+        out = tmp_path / f"out-{call}"
+        found.add(status := interrupted(call, signal.SIGINT, arguments(deck, out, "Reference")))
+        assert status in (0, 130) and (out / "checkpoint").exists() == (status == 130)
+        assert status == 0 or main(["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]) == 0
+        assert contents(out) == contents(whole)
+    assert found == {0, 130}
 
 
 class Forgetful:
@@ -289,7 +337,7 @@ def test_code_in_a_checkpoint_is_not_run(deck, capsys):
 
     target = deck.parent / "planted"
     for planted in (Planted(os.system, f"touch {target}"), Planted(BlockFile, str(target), "x"), Planted(Path.touch, target)):
-        (out / "checkpoint" / "latest").write_bytes(pickle.dumps({"format": "openmm-dpd checkpoint 2", "deck": planted}))
+        (out / "checkpoint" / "latest").write_bytes(sealed(pickle.dumps({"deck": planted})))
         assert "does not belong into a checkpoint" in error_of(capsys, str(deck), "--restart", str(out))
     assert not target.exists()
 

@@ -1,13 +1,16 @@
 """Checkpoints of a deck: what its runs have reached and changed in it, in a folder beside the results.
 
-``run-K`` has what the K-th run made of the deck, written once when it ended.  ``latest`` is replaced whole: how many runs are done, where
-the present one is, and how long all files were.  Both are read back before they are written.  To resume, the deck is read again from its
-first line; runs that are done are not carried out but recalled, and nothing is written until the place of ``latest`` is reached.  So loops,
-formulas and conditions of the deck need nothing of their own.
+``run-K`` has what the K-th run made of the deck, written once when it ended.  ``latest`` has how many runs are done, where the present one
+is, and how long all files were; the next one makes it ``before``.  They are read back before they are written, and have checksums: where
+``latest`` or a run is damaged, ``before`` is used.  To resume, the deck is read again from its first line; runs that are done are not
+carried out but recalled, and nothing is written until the place of the checkpoint is reached.  So loops, formulas and conditions of the
+deck need nothing of their own.
 """
 
 import hashlib
 import io
+import logging
+import os
 import pickle
 import shlex
 from collections.abc import Mapping
@@ -17,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.errors import ParameterError
-from ...base.file_ledger import FileLedger
+from ...base.file_ledger import FileLedger, sealed, unsealed
 from ...base.files import write_whole, writing
 from ...base.serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
@@ -83,9 +86,11 @@ def recall(state: DeckState, parts: dict[str, Any]) -> None:
         setattr(state, name, parts[name])
 
 
+_LOGGER = logging.getLogger("openmm_dpd")
 #: Name of the folder.
 FOLDER = "checkpoint"
-_FORMAT = "openmm-dpd checkpoint 2"
+#: The newest checkpoint, and the one before.
+_KEPT = ("latest", "before")
 #: Options that a resumed run may have anew: they do not change what is computed.
 _FREE = ("threads", "checkpoint")
 
@@ -142,13 +147,14 @@ class Checkpoints:
         self.folder, self._asked = out / FOLDER, dict(asked or {})
         self.ledger = FileLedger(out, self.folder / "files")
         self._inputs: dict[str, str] = {}
+        self._latest_is_bad = ""
 
     @staticmethod
     def at(place: Path) -> Path:
         """Folder of the results from what ``--restart`` says: that folder, its checkpoint, or a file of that."""
         folder = place.parent if place.is_file() else place
         folder = folder.parent if folder.name == FOLDER else folder
-        if not (folder / FOLDER / "latest").is_file():
+        if not any((folder / FOLDER / name).is_file() for name in _KEPT):
             done = " (a run that has come to its end has none any more)" if folder.is_dir() else ""
             raise ParameterError(f"--restart: there is no checkpoint in {folder}{done}; give the --out folder of the interrupted run")
         return folder
@@ -161,17 +167,23 @@ class Checkpoints:
         for path in state.inputs:
             if str(path.resolve()) not in self._inputs:
                 self._inputs[str(path.resolve())] = _digest(path)
-        place = str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths()
+        with writing(self.folder, "the checkpoint"):
+            place = str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths()
         self._write("latest", vars(Latest(*place, state.runs + done, None if done else kept, self._asked)))
 
     def _write(self, name: str, content: dict[str, Any]) -> None:
-        with writing(self.folder, "the folder"):
+        path, whole = self.folder / name, sealed(to_bytes(content))
+        with writing(self.folder, "the checkpoint"):
             self.folder.mkdir(parents=True, exist_ok=True)
-        write_whole(self.folder / name, to_bytes({"format": _FORMAT, **content}), "the checkpoint")
+            if name == "latest" and path.exists():
+                os.replace(path, self.folder / "before")
+        write_whole(path, whole, "the checkpoint")
+        with writing(path, "the checkpoint"), open(path, "r+b") as stream:
+            os.fsync(stream.fileno())  # the next one may replace the one before
 
     def remedy(self, deck: Path, reason: str | None) -> str:
         """How an interrupted run can go on, as a command that can be copied, if it can."""
-        if (self.folder / "latest").exists():
+        if any((self.folder / name).exists() for name in _KEPT):
             before = "" if reason is None else f"from before the run that cannot be resumed ({reason}), "
             return f"{before}go on with: openmm-dpd run {shlex.quote(str(deck))} --restart {shlex.quote(str(self.folder.parent))}"
         return f"it cannot be resumed: {reason or 'nothing had been computed'}"
@@ -179,38 +191,44 @@ class Checkpoints:
     def clear(self) -> None:
         """Take all of it away: there is nothing to resume."""
         if self.folder.is_dir():
-            for path in [self.folder / "latest", *self.folder.glob("run-*"), *self.folder.glob("files*")]:
-                path.unlink(missing_ok=True)
+            for name in (*_KEPT, "run-*", "files*", ".latest.*.tmp", ".run-*.tmp"):
+                for path in self.folder.glob(name):
+                    path.unlink(missing_ok=True)
             with suppress(OSError):
                 self.folder.rmdir()
 
     def resume(self, latest: Latest) -> None:
         """Make all files what they were, and keep them so until the ledger's ``replaying`` ends."""
         self.ledger.put_back(latest.files)
+        if self._latest_is_bad:
+            _LOGGER.warning("%s; the run goes on from the one before", self._latest_is_bad)
+            os.replace(self.folder / "before", self.folder / "latest")
         self._inputs = dict(latest.inputs)
         self.ledger.replaying = True
 
     # -- reading ------------------------------------------------------------------------------------------------------------------
     def latest(self) -> Latest:
-        """Where the deck was interrupted."""
-        content = self._read("latest")
-        try:
-            return Latest(**content)
-        except TypeError as error:
-            raise ParameterError(f"--restart: {self.folder / 'latest'} is no checkpoint of this version ({error})") from None
+        """Where the deck was interrupted, by the newest checkpoint of which nothing is damaged."""
+        wrong = list[str]()
+        for name in _KEPT:
+            try:
+                found = Latest(**self._read(name))
+                for number in range(found.runs):
+                    unsealed(self.folder / f"run-{number + 1}")
+            except ParameterError as error:
+                wrong.append(str(error))
+            else:
+                self._latest_is_bad = "".join(wrong).partition("; ")[0]
+                return found
+        raise ParameterError(wrong[0])
 
     def run(self, number: int) -> dict[str, Any]:
         """What a run has made of the deck."""
         return self._read(f"run-{number + 1}")
 
     def _read(self, name: str) -> dict[str, Any]:
-        path = self.folder / name
+        content = unsealed(self.folder / name)
         try:
-            content = from_bytes(path.read_bytes())
-        except OSError as error:
-            raise ParameterError(f"--restart: {path} cannot be read ({error.strerror})") from None
+            return from_bytes(content)
         except ParameterError as error:
-            raise ParameterError(f"--restart: {path} is no checkpoint, or damaged ({error})") from None
-        if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
-            raise ParameterError(f"--restart: {path} is no checkpoint of this version")
-        return content
+            raise ParameterError(f"--restart: {self.folder / name} is no checkpoint of this version ({error})") from None

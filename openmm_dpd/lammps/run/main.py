@@ -156,6 +156,7 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
     try:
         runner.say_notes(read_deck(path, run_callback=runner, variables=runner.variables, output=folder or Path("."), log=runner.log))
         runner.log(averages_text(runner.results))
+        signals.end()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt) and runner.checkpoints is not None:
             stopped = error.args[0] if error.args else f"interrupted by {signals.name}"
@@ -170,8 +171,7 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
     finally:
         with signals.later():
             runner.close()
-    with signals.later():
-        return _hand_over(runner, folder, keep)
+    return _hand_over(runner, folder, keep)
 
 
 def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
