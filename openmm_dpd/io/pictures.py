@@ -21,10 +21,12 @@ PANELS = (
 
 #: Colours (dark for means, light for rows), which colour-blind readers can distinguish too.
 COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
-#: What the lines are.
-CAPTION = "light: rows of the thermo output; dark: mean over a tenth of the run around each row; dotted: a new run begins"
-#: What the shading is.
-LEFT_OUT = "\ngrey: left out of averages, and of the range of the axes"
+#: Fewest rows of a run with a mean: three windows.
+LEAST_ROWS = 15
+#: What the lines are, with means and without any, and what the shading is.
+MEANS = f"light: rows of the thermo output; dark: mean over a tenth of the run, in runs of {LEAST_ROWS} to 50 rows over 5 rows"
+ROWS, NEW_RUN = "rows of the thermo output (too few for means)", "dotted: a new run begins"
+LEFT_OUT = "grey: left out of averages, and of the range of the axes"
 #: Most rows that are drawn one by one; longer series show every so many.
 MOST_ROWS = 20_000
 
@@ -44,12 +46,12 @@ def thermo_picture(
 
     Drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``; panels without a column are left out, a NaN
     is a gap. Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows)
-    dark ones; a line at the foot says so.
+    dark ones, in runs of 15 rows or more; without such a run rows are dark. A line at the foot says so.
 
     At the ``runs``, values of x where a new run begins, is a thin line, and means do not reach over it; x must not go back then.
-    ``target`` is the temperature of the thermostat, one number or one per row. ``counted`` are the rows that averages are taken over:
-    all behind some row of each run. The rows before it are shaded, have no mean, and may leave the picture, since axes have the range
-    of the others. ``labels`` are units by the names of panels and of the column x.
+    ``target`` is the temperature of the thermostat, one number or one per row, NaN where nothing sets it. ``counted`` are the rows that
+    averages are taken over: all behind some row of each run. The rows before it are shaded, have no mean, and may leave the picture,
+    since axes have the range of the others. ``labels`` are units by the names of panels and of the column x.
 
     ParameterError if there is nothing to draw, or columns are no numbers, differ in length, or go back; OutputError if the file
     cannot be written.
@@ -72,7 +74,7 @@ def thermo_picture(
         for number, (word, label) in enumerate(words.items()):
             # the first column in front
             _draw(axis, data[x], data[word], spans, left_out, label, COLOURS[number], 3 - number)
-        set_level = name == "temperature" and level is not None
+        set_level = name == "temperature" and level is not None and bool(np.isfinite(level).any())
         if set_level:
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
         for start in runs:
@@ -84,7 +86,8 @@ def thermo_picture(
             _scale(axis, [data[word][mask] for word in words] + ([level[mask]] if level is not None and set_level else []))
     figure.align_ylabels(axes)
     axes[-1].set_xlabel(with_unit(x, labels.get(x)), fontsize=11)
-    figure.supxlabel(CAPTION + LEFT_OUT * (not mask.all()), fontsize=9, color="0.35")
+    said = "; ".join([NEW_RUN] * (len(spans) > 1) + [LEFT_OUT] * (not mask.all()))
+    figure.supxlabel(f"{MEANS if _any_mean(spans, left_out) else ROWS}\n{said}".rstrip(), fontsize=9, color="0.35")
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
@@ -180,20 +183,24 @@ def _scale(axis: Any, counted: list[np.ndarray]) -> None:
         axis.set_ylim(values.min() - margin, values.max() + margin)
 
 
+def _any_mean(spans: list[slice], left_out: list[slice]) -> bool:
+    return any(span.stop - rows.stop >= LEAST_ROWS for span, rows in zip(spans, left_out, strict=True))
+
+
 def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], left_out: list[slice], label: str, colours, depth: int) -> None:
-    """One column: rows light, sliding means of those that are not left out dark; few rows are dots."""
+    """One column: rows light, sliding means of those that are not left out dark; few rows are dots, and dark where no run has a mean."""
     dark, light = colours
-    few = all(span.stop - span.start <= 60 for span in spans)
-    for number, (span, start) in enumerate(zip(spans, (rows.stop for rows in left_out), strict=True)):
+    few, means = all(span.stop - span.start <= 60 for span in spans), _any_mean(spans, left_out)
+    for span, start in zip(spans, (rows.stop for rows in left_out), strict=True):
         rows = span.stop - span.start
-        step = max(1, rows // MOST_ROWS)
-        axis.plot(
-            x[span][::step], values[span][::step], color=light, linewidth=0.9, marker="o" if few else None, markersize=3.5, zorder=depth
-        )
-        mean = _sliding_mean(values[start : span.stop], max(5, rows // 10))
-        axis.plot(
-            x[start : span.stop : step], mean[::step], color=dark, linewidth=1.7, label=label if number == 0 else None, zorder=depth + 3
-        )
+        step, style = max(1, rows // MOST_ROWS), {"marker": "o" if few else None, "markersize": 3.5, "zorder": depth}
+        drawn = axis.plot(x[span][::step], values[span][::step], color=light if means else dark, linewidth=0.9, **style)
+        if span.stop - start >= LEAST_ROWS:
+            mean = _sliding_mean(values[start : span.stop], max(5, rows // 10))
+            drawn = axis.plot(x[start : span.stop : step], mean[::step], color=dark, linewidth=1.7, zorder=depth + 3)
+        if drawn[0].get_color() == dark:
+            named = drawn[0]
+    named.set_label(label)
 
 
 def finish_axis(axis: Any, name: str, legend: bool) -> None:

@@ -20,18 +20,22 @@ FIRST_LOOK = 20
 LEAST_ROWS = 6
 
 
+def sets_temperature(plan: Plan) -> bool:
+    """Whether anything sets a temperature: not without friction, nor for beads with temperatures of their own."""
+    return plan.options.thermostat and (plan.spec.fields is None or plan.spec.fields.kind not in (ENERGY, TEMPERATURE))
+
+
 def has_set_temperature(plan: Plan) -> bool:
     """Whether the kinetic temperature of a run ought to be the set one all the time.
 
-    Not without friction, with a ramp, for beads with temperatures of their own, where forces are taken from beads, or where a body force or
-    a moving wall drives a flow, whose energy the kinetic temperature counts, or a shear, whose work heats.
+    Not with a ramp, where forces are taken from beads, or where a body force or a moving wall drives a flow, whose energy the kinetic
+    temperature counts, or a shear, whose work heats.
     """
-    scene, options, fields = plan.scene, plan.options, plan.spec.fields
+    scene = plan.scene
     moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
     moving_wall = moving_wall or any(np.any(wall.velocity) for wall in scene.walls if wall.velocity is not None)
-    own = fields is not None and fields.kind in (ENERGY, TEMPERATURE)
     driven = scene.body_forces or moving_wall or scene.shear is not None
-    return options.thermostat and options.ramp is None and not (own or driven or scene.interacting is not None)
+    return sets_temperature(plan) and plan.options.ramp is None and not (driven or scene.interacting is not None)
 
 
 def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str = "") -> str | None:

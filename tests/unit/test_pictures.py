@@ -8,7 +8,7 @@ from cases import cases
 from matplotlib.figure import Figure
 
 from openmm_dpd.base.errors import ParameterError
-from openmm_dpd.io.pictures import _sliding_mean, _spans, thermo_picture
+from openmm_dpd.io.pictures import COLOURS, _sliding_mean, _spans, thermo_picture
 
 
 def rows(count: int) -> dict[str, np.ndarray]:
@@ -84,12 +84,23 @@ def test_sliding_mean():
     assert _sliding_mean(values, 11)[[0, 1, -1]] == pytest.approx([values[:6].mean(), values[:7].mean(), values[-6:].mean()], rel=1e-12)
 
 
-def test_lines_are_explained_and_runs_are_drawn_alike(tmp_path, drawn):
-    """Of few and of many rows."""
-    thermo_picture(tmp_path / "run.png", rows(200), runs=[10.0])
+@cases(
+    "count, options, means, said, level",
+    (3, {}, 0, "rows of the thermo output (too few for means)", False),
+    (14, {"runs": [3.0], "target": np.nan}, 0, "rows of the thermo output (too few for means)\ndotted: a new run begins", False),
+    (20, {"target": 1.0}, 1, "light: rows of the thermo output; dark: mean over a tenth of the run, in runs of 15 to 50 rows over 5", True),
+    (200, {"runs": [4.0], "target": 1.0}, 1, "in runs of 15 to 50 rows over 5 rows\ndotted: a new run begins", True),
+)
+def test_lines_are_explained_and_means_are_of_a_part(tmp_path, drawn, count, options, means, said, level):
+    """Rows are dark where no run has a mean; nothing is said to be set where nothing is."""
+    thermo_picture(tmp_path / "run.png", rows(count), **options)
     (figure,) = drawn
-    assert "light: rows" in figure.get_supxlabel() and "dark: mean" in figure.get_supxlabel() and "grey" not in figure.get_supxlabel()
-    assert {line.get_marker() for line in figure.axes[0].lines} == {"None"}
+    first, spans = figure.axes[0], 1 + len(options.get("runs", ()))
+    assert said in figure.get_supxlabel() and "grey" not in figure.get_supxlabel() and ("dotted" in figure.get_supxlabel()) == (spans > 1)
+    lines = {colour: sum(line.get_color() == colour for line in first.lines) for pair in COLOURS for colour in pair}
+    assert list(lines.values()) == 2 * [means, spans] if means else 2 * [spans, 0]
+    assert [text.get_text() for text in first.get_legend().get_texts()] == ["kinetic", "configurational", "set"][: 2 + level]
+    assert {line.get_marker() for line in figure.axes[2].lines[:1]} == {"None" if count > 60 else "o"}
 
 
 def test_the_start_neither_scales_the_axes_nor_has_a_mean(tmp_path, drawn):

@@ -32,7 +32,7 @@ class RunResult:
     #: Numerator and denominator of the configurational temperature at each row.
     conf: list[tuple[float, float]] = field(default_factory=list)
     no_laplacian: str | None = None  #: Why there is no configurational temperature
-    target_kT: list[float] = field(default_factory=list)  #: Thermal energy (kJ/mol) that the thermostat is set to at each row
+    target_kT: list[float] = field(default_factory=list)  #: Thermal energy (kJ/mol) that is set at each row, NaN where nothing sets it
     kinetic_kT: list[float] = field(default_factory=list)  #: That of the motion of all mobile beads, for any compute ``temp``. stands for
     momentum: float = 0.0  #: Largest component of the total momentum at the end, in the deck's units
     #: The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
@@ -42,12 +42,12 @@ class RunResult:
     #: What is wrong with the mean temperature, see :func:`openmm_dpd.measure.watch.temperature_warning`.
     temperature_warning: str | None = None
 
-    def add(self, step: int, values: dict[str, float], measured: Sample) -> None:
+    def add(self, step: int, values: dict[str, float], measured: Sample, target_kT: float) -> None:
         """Append a row."""
         self.steps_done.append(step)
         for word, value in values.items():
             self.rows.setdefault(word, []).append(value)
-        self.target_kT.append(measured.target_kT)
+        self.target_kT.append(target_kT)
         self.kinetic_kT.append(measured.kT)
         units = self.request.state.units
         self.momentum = float(np.abs(measured.momentum).max()) / units.mass / units.velocity

@@ -16,7 +16,7 @@ from ...base.files import write_whole
 from ...base.names import COUNTER
 from ...base.signals import Signals
 from ...measure import Sample
-from ...measure.watch import has_set_temperature
+from ...measure.watch import has_set_temperature, sets_temperature
 from ...model.scene import Scene
 from ...simulation.build import BuiltSystem
 from ...simulation.fields import read_fields
@@ -227,7 +227,7 @@ class DeckSteps:
         if thermo.due(step):
             assert self._sample is not None and self._measured is not None
             values = thermo.values(self._sample, tuple(w for w in result.words if w != "temp_conf"))
-            result.add(step, values, self._measured)
+            result.add(step, values, self._measured, self._measured.target_kT if sets_temperature(self.built.plan) else np.nan)
             self.log(thermo.row(values | {"temp_conf": self._sample.kT_conf or float("nan")}, self._sample))
         result.seconds += time.perf_counter() - begun
         self._write_frames(step)
