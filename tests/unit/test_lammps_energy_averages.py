@@ -94,7 +94,6 @@ def test_what_beads_carry_comes_from_the_running_scene(tmp_path):
     expected = [np.linspace(-1, 1, n)[30:].sum(), np.linspace(1, 2, n)[30:].sum(), 0.0, 20 / np.sum(1 / theta), 20.0]
     np.testing.assert_allclose([context.compute("u", k) for k in range(1, 6)], expected)
     assert context.compute("s", None) == pytest.approx(expected[1])
-    assert request.thermo.needs == {"fields"}
 
 
 def test_a_sample_without_what_beads_carry_is_refused(tmp_path):
@@ -186,15 +185,6 @@ def test_other_averages_in_formulas_and_thermo_output(tmp_path):
             if average.next_due == step:
                 average.take(context_of(request, step))
     assert request.thermo.values(context_of(request, 2).sample) == {"step": 2, "f_t": 3, "f_s[2]": 2, "v_twice": 4}
-
-
-def test_a_sample_needs_no_more_than_is_averaged(tmp_path):
-    text = HEAT + "compute h all edpd/temp/atom\ncompute t two temp\nfix a all ave/chunk 1 1 1 ch c_h\nfix b all ave/chunk 1 1 1 ch temp\n"
-    text += "fix c all ave/time 1 1 1 c_t\nvariable e equal pe\nfix d all ave/time 1 1 1 v_e\n"
-    request = request_of(tmp_path, text)
-    needs = [set(average.needs(request.state)) for average in request.averages]
-    potential = {"pair_energy", "bond_energy", "angle_energy", "dihedral_energy"}
-    assert needs == [{"positions", "fields"}, {"positions", "velocities"}, {"velocities"}, potential]
 
 
 # -- in a run -----------------------------------------------------------------------------------------------------------------------

@@ -208,7 +208,6 @@ def test_thermo_words_and_dumps(tmp_path, units, norm, scale):
         forces = {"force_norm": expected["fnorm"] * u.force, "force_max": expected["fmax"] * u.force}
         moving = {"positions": scene.positions, "velocities": scene.velocities}
         sample = DeckSample(step=request.first_step, kinetic=kinetic, virial=virial, **energies, **forces, **moving)
-        assert all(getattr(sample, name) is not None for name in request.thermo.needs)
         found.update(request.thermo.values(sample))
         for dump in request.dumps:
             assert dump.due(request.first_step)

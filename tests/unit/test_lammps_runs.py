@@ -376,17 +376,6 @@ def test_what_was_not_measured_is_an_error(tmp_path):
         values_of(tmp_path, "fix 1 all nve\nthermo_style custom fmax\nrun 1\n", force_max=None)
 
 
-def test_needs(tmp_path):
-    text = "fix 1 all nve\ncompute t two temp\nvariable a equal fmax+1\nvariable b equal 2*v_a+vcm(two,x)\ncompute c two com\n"
-    text += "thermo_style custom step v_b c_c[1]\nrun 1\nthermo_style custom step temp\nrun 1\nthermo_modify temp t\nrun 1\n"
-    found: list[set[str]] = []
-    requests_of(tmp_path, text, lambda request: found.append(set(request.thermo.needs)))
-    first, second, third = found
-    assert first == {"force_max", "velocities", "positions"}
-    assert second == {"kinetic"}
-    assert third == {"kinetic", "velocities"}
-
-
 def test_a_temperature_on_a_group(tmp_path):
     text = "velocity two scale 3.0\ncompute t two temp\nfix 1 all nve\nthermo_style custom temp ke press c_t c_thermo_temp\n"
     text += "thermo_modify temp t\nrun 1\n"
@@ -520,7 +509,6 @@ def test_dcd_dumps_go_on_over_runs(tmp_path):
 def test_forces_must_be_handed_over(tmp_path):
     (request,) = requests_of(tmp_path, "fix 1 all nve\ndump 1 all custom 10 a fx\nrun 1\n")
     (dump,) = request.dumps
-    assert dump.needs(request.state) == {"positions", "forces"}
     scene = request.scene()
     with pytest.raises(ParameterError, match="did not measure forces"):
         dump.write(Resolver(request.state, DeckSample(0, positions=scene.positions, velocities=scene.velocities), request.window))

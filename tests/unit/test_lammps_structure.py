@@ -31,7 +31,6 @@ def test_rdf_is_that_of_the_analysis(tmp_path):
     assert table[-1, 4] == pytest.approx(len(i) / 60)
     values = request.thermo.values(context.sample)
     assert list(values.values()) == pytest.approx([table[3, 0], table[3, 1], table[2, 1] + table[7, 6]])
-    assert set(request.thermo.needs) == {"positions"}
 
 
 def test_rdf_in_averages(tmp_path):

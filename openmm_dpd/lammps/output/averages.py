@@ -9,10 +9,11 @@ import numpy as np
 from ...base.errors import ParameterError
 from ...base.files import append_block, write_whole
 from ..language import arguments as read
+from ..language.lexer import substitute
 from ..state.deck_state import DeckState
 from ..state.records import Valued
 from ..values.resolver import Resolver
-from .thermo import check_format, check_word, fields_of_text, fields_read
+from .thermo import check_format, check_word, reads_forces
 
 
 class Schedule:
@@ -152,9 +153,9 @@ class AveragingFix(Valued, ABC):
         self.name, self._schedule, self._form = name, schedule, form if form.startswith(" ") else f" {form}"
         self._file, self._window = AverageFile(state, options, titles), Windows(options.get("ave", ["one"]))
 
-    def needs(self, state: DeckState) -> frozenset[str]:
-        """Fields of DeckSample that it reads."""
-        return fields_read(state, self.words)
+    def reads_forces(self, state: DeckState) -> bool:
+        """Whether it reads forces or energies."""
+        return reads_forces(state, *self.words)
 
     @property
     def next_due(self) -> int:
@@ -235,9 +236,11 @@ class PrintFix:
         self._show = read.switch(options.get("screen", ["yes"])[0], "screen")
         self._file = AverageFile(state, options, title)
 
-    def needs(self, state: DeckState) -> frozenset[str]:
-        """Fields of DeckSample that the text reads."""
-        return fields_of_text(state, self.text)
+    def reads_forces(self, state: DeckState) -> bool:
+        """Whether what is substituted in the text reads forces or energies."""
+        formulas: list[str] = []
+        substitute(self.text, lambda name: formulas.append(f"v_{name}") or "", lambda formula: formulas.append(formula) or 0.0)  # type: ignore[func-returns-value]
+        return reads_forces(state, *formulas)
 
     def begin(self, state: DeckState, step: int) -> None:
         """Prepare for a run from ``step`` on."""

@@ -80,7 +80,7 @@ class ChunkAverage(AveragingFix):
         if word == "density/number":
             values = np.ones(len(number))
         elif word == "density/mass":
-            values = BEAD_WORDS["mass"].value(moment)[kept]
+            values = BEAD_WORDS["mass"](moment)[kept]
         elif word == "temp":
             velocities = moment.velocities[kept] * moment.units.velocity
             values = moment.state.bead_masses()[kept] * np.sum(velocities**2, axis=1) / moment.units.thermal_energy

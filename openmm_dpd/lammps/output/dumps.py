@@ -12,7 +12,7 @@ from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of
 from ..values.resolver import Resolver
-from .thermo import fields_read
+from .thermo import reads_forces
 
 STYLES = ("atom", "custom", "dcd", "xtc", "xyz")
 #: Those with all frames in one file that is no text.
@@ -24,13 +24,13 @@ def _unwrapped(moment: DeckMoment) -> np.ndarray:
 
 
 def _field(name: str, unit: str) -> BeadWord:
-    return BeadWord(lambda moment: moment.field(name) / getattr(moment.units, unit), ("fields",))
+    return lambda moment: moment.field(name) / getattr(moment.units, unit)
 
 
 #: Columns of ``dump custom``.  ``c_id``, ``c_id[2]`` and ``v_name`` come on top.
 COLUMNS = BEAD_WORDS | {
-    **{f"{axis}u": BeadWord(axis_of(_unwrapped, k), ("positions",)) for k, axis in enumerate("xyz")},
-    **{f"{axis}su": BeadWord(axis_of(lambda m: m.box.fractions(_unwrapped(m)), k), ("positions",)) for k, axis in enumerate("xyz")},
+    **{f"{axis}u": axis_of(_unwrapped, k) for k, axis in enumerate("xyz")},
+    **{f"{axis}su": axis_of(lambda m: m.box.fractions(_unwrapped(m)), k) for k, axis in enumerate("xyz")},
     "uCond": _field("u_cond", "energy"),
     "uMech": _field("u_mech", "energy"),
     "dpdTheta": _field("theta", "thermal_energy"),
@@ -68,10 +68,9 @@ class Dump:
     def __getstate__(self) -> dict:
         return vars(self) | {"opened": None, "begun": self.begun or self.opened is not None}
 
-    def needs(self, state: DeckState) -> frozenset[str]:
-        """Fields of DeckSample that a configuration is written from."""
-        named = fields_read(state, [column for column in self.columns if column not in COLUMNS])
-        return named.union(("positions",), *(COLUMNS[column].needs for column in self.columns if column in COLUMNS))
+    def reads_forces(self, state: DeckState) -> bool:
+        """Whether a configuration is written from forces or energies."""
+        return reads_forces(state, *self.columns)
 
     def due(self, step: int) -> bool:
         """Whether a configuration is written at this step (never twice at one step)."""
@@ -87,8 +86,8 @@ class Dump:
             BlockFile(state.output_file(self.file), self._what, append=self.append).close()
 
     def write(self, moment: Resolver) -> None:
-        """Write the configuration of a moment, whose sample has the fields of :meth:`needs`.  OutputError if it cannot be written; the
-        configurations before it stay readable."""
+        """Write the configuration of a moment, whose sample has what is asked for.  OutputError if it cannot be written; the configurations
+        before it stay readable."""
         if self.style in BINARY:
             self._write_frame(moment)
         else:
@@ -131,7 +130,7 @@ class Dump:
         for name in self.columns:
             whole = name in _WHOLE
             forms.append(self.formats.get(name) or self.formats.get("int" if whole else "float") or ("%d" if whole else "%g"))
-            found = (COLUMNS[name].value(moment) if name in COLUMNS else moment.bead_values(name))[mask]
+            found = (COLUMNS[name](moment) if name in COLUMNS else moment.bead_values(name))[mask]
             values.append(found.astype(np.int64) if whole else found)
         line = " ".join(forms) + " \n"
         lines += (line % row for row in zip(*values, strict=True))

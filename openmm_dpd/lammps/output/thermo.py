@@ -2,21 +2,19 @@
 
 import math
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ...base.errors import ParameterError
 from ..language import arguments as read
-from ..language.lexer import errors_at, located, substitute
+from ..language.lexer import errors_at, located
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import VECTOR_FIXES, DeckSample
+from ..state.records import DeckSample
 from ..values.compute_spec import reference
-from ..values.computes import BUILT_IN, COMPUTES, average_of, check_value, is_extensive
-from ..values.per_bead import PROPERTIES
+from ..values.computes import BUILT_IN, average_of, check_value, is_extensive
 from ..values.resolver import Resolver
-from ..values.words import WORDS
+from ..values.words import OF_FORCES, WORDS
 
 #: Columns of the styles that are not ``custom``.
 STYLES = {
@@ -29,7 +27,7 @@ STYLES = {
 _FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
-_REFERENCE = re.compile(r"[cfv]_\w+(?:\[\d+\])?|[A-Za-z_]\w*", re.ASCII)
+_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
 
@@ -54,67 +52,27 @@ def check_word(state: DeckState, word: str) -> None:
         )
 
 
-def _needs(state: DeckState, word: str, seen: set[str]) -> set[str]:
-    """Fields of DeckSample that a word reads, through variables and computes."""
-    if word in seen:
-        return set()
-    seen.add(word)
-    if word.startswith("v_"):
-        if word[2:] not in state.variables:
-            return set()
-        variable = state.variables.get(word[2:])
-        return _formula_needs(state, variable.text, seen) if variable.style in FORMULAS else set()
-    if word.startswith("c_"):
-        name = reference(word).name
-        indexed = bool(reference(word).indices)
-        if name in BUILT_IN:
-            # the six values of both come with the pressure tensor
-            return _needs(state, "pxx" if indexed else BUILT_IN[name], seen)
-        if name not in state.computes:
-            return set()
-        compute = state.computes[name]
-        spec = COMPUTES[compute.style]
-        own = spec.vector_needs if indexed and spec.vector_needs is not None else spec.needs
-        return set(own).union(*(_needs(state, other, seen) for other in spec.inputs(compute)))
-    if word.startswith("f_"):
-        fix = state.fixes.get(reference(word).name)
-        return {"before"} if fix is not None and fix.style in VECTOR_FIXES else set()
-    if word in PROPERTIES and word not in WORDS:
-        return set(PROPERTIES[word].needs)
-    found = set(WORDS[word].needs) if word in WORDS else set()
-    # a temperature taken from a compute on a group needs the velocities of its beads
-    if found & {"kinetic", "virial_tensor"} and (state.thermo.temp != "thermo_temp" or state.pressure_temps):
-        found.add("velocities")
-    if state.thermo.press != "thermo_press":
-        if "virial" in found:
-            found |= _needs(state, "c_" + state.thermo.press, seen)
-        if "virial_tensor" in found:
-            found |= _needs(state, f"c_{state.thermo.press}[1]", seen)
-    return found
+def _meaning(state: DeckState, name: str) -> str:
+    """What a ``c_``, ``f_`` or ``v_`` stands for, as words that may be further names."""
+    kind, _, rest = name.partition("_")
+    if kind == "v" and rest in state.variables:
+        variable = state.variables.get(rest)
+        return variable.text if variable.style in FORMULAS else ""
+    if kind == "c" and rest in state.computes:
+        return " ".join((state.computes[rest].style, *state.computes[rest].arguments))
+    return BUILT_IN.get(rest, "") if kind == "c" else state.fixes[rest].style if kind == "f" and rest in state.fixes else ""
 
 
-def _formula_needs(state: DeckState, text: str, seen: set[str]) -> set[str]:
-    """The same of a formula."""
-    found: set[str] = set()
-    if re.search(r"\b(xcm|bound|count\([^)]*,)", text):
-        found.add("positions")
-    if re.search(r"\b(vcm|ke\()", text):
-        found.add("velocities")
-    return found.union(*(_needs(state, name, seen) for name in _REFERENCE.findall(text)))
-
-
-def fields_of_text(state: DeckState, text: str) -> frozenset[str]:
-    """Fields of :class:`DeckSample` that the substitutions in a text read."""
-    formulas: list[str] = []
-    substitute(text, lambda name: formulas.append(f"v_{name}") or "", lambda formula: formulas.append(formula) or 0.0)  # type: ignore[func-returns-value]
+def reads_forces(state: DeckState, *texts: str) -> bool:
+    """Whether words or formulas read one of :data:`OF_FORCES`, through variables and computes: then all forces and energies are summed."""
     seen: set[str] = set()
-    return frozenset().union(*(_formula_needs(state, formula, seen) for formula in formulas))
-
-
-def fields_read(state: DeckState, words: Iterable[str]) -> frozenset[str]:
-    """Fields of :class:`DeckSample` that words read: thermo words, ``c_``, ``v_``, and values of single beads."""
-    seen: set[str] = set()
-    return frozenset().union(*(_needs(state, word, seen) for word in words))
+    waiting = _NAME.findall(" ".join(texts))
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.add(name)
+            waiting += _NAME.findall(_meaning(state, name))
+    return not seen.isdisjoint(OF_FORCES)
 
 
 @dataclass(frozen=True)
@@ -126,11 +84,6 @@ class Thermo:
     last: int  #: Last step of the run
     words: tuple[str, ...]
     every: int  #: Interval of output; 0 means the first and last step only
-
-    @property
-    def needs(self) -> frozenset[str]:
-        """Fields of :class:`DeckSample` that the columns read."""
-        return fields_read(self.state, self.words)
 
     def due(self, step: int) -> bool:
         """Whether a row is printed at this step: first, last, and every multiple of the interval."""

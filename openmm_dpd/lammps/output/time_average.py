@@ -12,7 +12,7 @@ from ..values.compute_spec import check_place, reference
 from ..values.computes import average_of, compute_of, count_of, expanded, is_extensive
 from ..values.resolver import Resolver
 from .averages import AveragingFix, Every, Schedule, check_words, intervals, split_values
-from .thermo import check_word, fields_read
+from .thermo import check_word
 
 
 class TimeAverage(AveragingFix):
@@ -45,10 +45,6 @@ class TimeAverage(AveragingFix):
         self.what = f"the fix averages {n} {'vector' if vector else 'value'}{'s' * (n > 1)}" + f" of {size} values" * vector
         self.values = np.zeros([length or 0 for length in self.shape])
         self.forget()
-
-    def needs(self, state: DeckState) -> frozenset[str]:
-        vectors = [f"{word}[1]" if self._vector and word[0] == "c" and "[" not in word else word for word in self.words]
-        return fields_read(state, vectors)
 
     def forget(self) -> None:
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)

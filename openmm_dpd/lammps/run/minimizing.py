@@ -76,9 +76,9 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
     last = _row(done, sampler, log)
     log(f"minimize: {watch.reason} after {watch.iterations} iterations; potential energy {first:.10g} before and {last:.10g} after")
     x, v, box = arrays(context)
-    sample = sampler.full(done.last_step, done.thermo.needs, 0.0)[0]
+    sample = sampler.full(done.last_step, 0.0)[0]
     time = state.time_at(request.first_step)
-    done.finish(x, v, box=box, sample=replace(sample, forces=None))
+    done.finish(x, v, box=box, sample=sample.kept())
     # steps of a minimisation take no time: as in LAMMPS the clock of what follows goes on from before
     state.time_origin = (time, done.last_step)
 
@@ -91,7 +91,7 @@ def _row(request: RunRequest, sampler: Sampler, log: Callable[[str], None], titl
     step = request.last_step
     # as in LAMMPS the end is in every dump, at any interval
     dumps = [dump for dump in request.dumps if (dump.due(step) if title else dump.last_step != step)]
-    sample = sampler.full(step, thermo.needs.union(("positions",), *(dump.needs(request.state) for dump in dumps)), 0.0)[0]
+    sample = sampler.full(step, 0.0)[0]
     for dump in dumps:
         dump.write(Resolver(request.state, sample, request.window))
     values = thermo.values(sample, tuple(dict.fromkeys((*thermo.words, "pe"))))

@@ -91,12 +91,6 @@ class RunRequest:
         """Dumps that are active during this run."""
         return tuple(self.state.dumps.values())
 
-    @property
-    def needs(self) -> frozenset[str]:
-        """Fields of DeckSample that anything reads during this run."""
-        readers, dumps = (frozenset[str]().union(*(each.needs(self.state) for each in kind)) for kind in (self.readers, self.dumps))
-        return self.thermo.needs | readers | dumps
-
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
         return build_scene(self.state, self.window, self.compat, self.mobile)

@@ -1,5 +1,6 @@
 """Measuring a running simulation, for thermo output and for averages: no more than is asked for."""
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from ...measure.scene_samples import SceneSampler
 from ...model.schemes import scheme_of
 from ...simulation.build import BuiltSystem
 from ...simulation.fields import read_fields
-from ..state.records import FORCE_FIXES, NO_SLIDE, DeckSample, Slide
+from ..state.records import FORCE_FIXES, NO_SLIDE, VECTOR_FIXES, DeckSample, Slide
 from ..values.resolver import Resolver, evaluate_beads
 from .request import RunRequest
 
@@ -53,6 +54,40 @@ def slide_of(built: BuiltSystem, context: openmm.Context) -> Slide:
     return Slide(strain_at(scene.shear, time) * height, rate_at(scene.shear, time) * height)
 
 
+#: Of a sample that has none.
+_NO_ENERGIES = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy"))
+
+
+class LiveSample(DeckSample):
+    """A measurement of which the stress tensor and fields are computed when they are asked for, before the next step."""
+
+    sampler: "Sampler"
+
+    def __init__(self, **known: Any):
+        vars(self).update(known)
+
+    def kept(self) -> DeckSample:
+        """What is known of it when it is to outlast the step: not the forces on single beads."""
+        return DeckSample(**{name: value for name, value in vars(self).items() if name not in ("sampler", "forces")})
+
+    @cached_property
+    def virial(self) -> float:
+        """Of a sample without energies."""
+        sampler = self.sampler
+        if why_no_stress(sampler.built.plan) is None:
+            return float(self.virial_tensor[:3].sum())
+        return sampler.virials(sampler.observer.sample(sampler.context))[0]
+
+    @cached_property
+    def virial_tensor(self) -> np.ndarray:
+        require_stress(self.sampler.built.plan)
+        return self.sampler.observer.present.stress()
+
+    @cached_property
+    def fields(self) -> dict[str, np.ndarray]:
+        return read_fields(self.sampler.context, self.sampler.built.plan)
+
+
 class Sampler:
     """Takes samples during one run."""
 
@@ -60,71 +95,61 @@ class Sampler:
         self.request, self.built, self.context = request, built, context
         self.observer = SceneSampler(built)
         self._masses = request.state.bead_masses()
-        # what fixes make of the forces, where these are not just the ones that the simulation has
-        self._replaced = bool(request.state.fixes_of("setforce"))
-        if "virial_tensor" in request.needs:
-            require_stress(built.plan)
-        #: Fields of DeckSample that :meth:`light` measures.
-        self.light_needs = frozenset(("positions", "velocities", "fields", "kinetic"))
-        if why_no_stress(built.plan) is None:
-            self.light_needs |= {"virial_tensor", "virial"}
 
-    def full(self, step: int, needs: frozenset[str], cpu: float) -> tuple[DeckSample, Sample]:
-        """A sample with energies and virial, and the fields of ``needs``.  ``virial`` counts what LAMMPS counts: the dissipative and random
-        parts only if they are forces."""
-        measured = self.observer.sample(self.context)
+    def virials(self, measured: Sample) -> tuple[float, float]:
+        """The virial that LAMMPS counts, the dissipative and random parts only if they are forces, and that with both."""
+        friction = measured.virial_dissipative + measured.virial_random
+        virial = measured.virial_conservative + (friction if (predicts := scheme_of(self.request.scheme).predicts) else 0.0)
+        return virial, virial if predicts else virial + friction
+
+    def full(self, step: int, cpu: float) -> tuple[LiveSample, Sample]:
+        """A sample with energies, virial and forces."""
+        measured, state = self.observer.sample(self.context), self.request.state
         # of all beads, as LAMMPS has them: those that do not move feel forces too
         forces, before = measured.forces, None
-        if self._replaced or "before" in needs:
-            forces, before = self._acted_on(step, measured.untaken)
-        friction, predicts = measured.virial_dissipative + measured.virial_random, scheme_of(self.request.scheme).predicts
-        virial = measured.virial_conservative + (friction if predicts else 0.0)
-        sample = DeckSample(
+        if state.fixes_of(*VECTOR_FIXES):
+            found, before = self._acted_on(step, measured.untaken)
+            # where these are not just the ones that the simulation has
+            forces = found if state.fixes_of("setforce") else forces
+        virial, virial_full = self.virials(measured)
+        sample = self._of_present(
+            step,
+            cpu,
             pair_energy=measured.pair,
             short_energy=measured.coulomb_real,
             lattice_energy=measured.coulomb_reciprocal,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
             dihedral_energy=measured.dihedral,
-            virial_full=virial if predicts else virial + friction,
+            virial=virial,
+            virial_full=virial_full,
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),
             kT_conf=measured.kT_conf,
-            forces=forces if "forces" in needs else None,
+            forces=forces,
             before=before,
-            **self._light(step, (needs | {"kinetic"}) - {"virial"}, cpu) | {"virial": virial},
         )
         return sample, measured
+
+    def light(self, step: int, cpu: float) -> LiveSample:
+        """A sample without energies and forces."""
+        self.observer.present.look(self.context)
+        return self._of_present(step, cpu, **_NO_ENERGIES)
+
+    def _of_present(self, step: int, cpu: float, **known: Any) -> LiveSample:
+        present, slide = self.observer.present, slide_of(self.built, self.context)
+        # of all beads, with the velocity that those have which do not move: LAMMPS counts them
+        products = second_moments(self._masses, self._velocities(slide))
+        known |= {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "positions": present.x, "box": present.box}
+        return LiveSample(sampler=self, step=step, cpu=cpu, slide=slide, velocities=present.with_flow, **known)
 
     def _acted_on(self, step: int, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Forces of the simulation, as if all of them acted on all beads, as the deck's fixes make them; and what each fix has found."""
         state = self.request.state
-        moment, unit = Resolver(state, self.light(step, frozenset(("positions",)), 0.0), self.request.window), state.units.force
+        moment, unit = Resolver(state, self._of_present(step, 0.0, **_NO_ENERGIES), self.request.window), state.units.force
         added, _ = acted_on(moment, np.zeros_like(forces))
         found, before = acted_on(moment, forces / unit - added)
         return found * unit, {name: vector * unit for name, vector in before.items()}
-
-    def light(self, step: int, needs: frozenset[str], cpu: float) -> DeckSample:
-        """A sample without energies: the fields of ``needs``, which are among :attr:`light_needs`."""
-        energies: dict[str, Any] = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy"))
-        return DeckSample(**energies, **self._light(step, needs, cpu))
-
-    def _light(self, step: int, needs: frozenset[str], cpu: float) -> dict[str, Any]:
-        present = self.observer.present
-        present.look(self.context)
-        found: dict[str, Any] = {"step": step, "cpu": cpu, "box": present.box, "slide": slide_of(self.built, self.context)}
-        if needs & {"positions", "velocities"}:
-            found["positions"], found["velocities"] = present.x, present.with_flow
-        if needs & {"kinetic", "virial_tensor"}:
-            # of all beads, with the velocity that those have which do not move: LAMMPS counts them
-            products = second_moments(self._masses, self._velocities(found["slide"]))
-            found |= {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products}
-        if needs & {"virial", "virial_tensor"}:
-            found["virial_tensor"] = present.stress()
-            found["virial"] = float(found["virial_tensor"][:3].sum())
-        if "fields" in needs:
-            found["fields"] = read_fields(self.context, self.built.plan)
-        return found
 
     def _velocities(self, slide: Slide) -> np.ndarray:
         """Velocities (N, 3), in a shear those of beads in the box with the flow, which LAMMPS counts."""

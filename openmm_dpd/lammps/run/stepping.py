@@ -4,7 +4,6 @@ import io
 import time
 from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from ..state.records import DeckSample, Fix, MomentumRemoval
 from ..values.resolver import Resolver
 from .request import RunRequest
 from .result import RunResult
-from .sampling import Sampler, arrays, slide_of
+from .sampling import LiveSample, Sampler, arrays, slide_of
 from .trajectory import RunTrajectory
 
 
@@ -137,11 +136,11 @@ class DeckSteps:
         self.request, self.simulation, self.built, self.result = request, simulation, built, result
         self.log, self.trajectory, self.signals, self.keep, self.interval = log, trajectory, signals, keep, interval
         self.thermo, self.dumps, self.readers = request.thermo, request.dumps, request.readers
-        self._needs = {reader: reader.needs(request.state) for reader in self.readers}
+        self._of_forces = [reader for reader in (*self.readers, *self.dumps) if reader.reads_forces(request.state)]
         self.momentum, self.restarts = MomentumFixes(request, simulation.context), RestartFiles(request, built, simulation.context)
         self.sampler = Sampler(request, built, simulation.context)
         result.no_laplacian = self.sampler.observer.no_laplacian
-        self._sample: DeckSample | None = None
+        self._sample: LiveSample | None = None
         self._measured: Sample | None = None
 
     def begin(self, scene: Scene) -> None:
@@ -194,7 +193,7 @@ class DeckSteps:
             self.result.check_temperature(self._measured.target_kT, self._measured.dof)
         context = self.simulation.context
         x, v, box = arrays(context)
-        last = None if self._sample is None else replace(self._sample, forces=None)
+        last = None if self._sample is None else self._sample.kept()
         slide = slide_of(self.built, context)
         self.request.finish(x, v, box=box, sample=last, fields=read_fields(context, self.built.plan), slide=slide)
 
@@ -214,12 +213,11 @@ class DeckSteps:
         begun = time.perf_counter()
         state, sampler, thermo, result = self.request.state, self.sampler, self.thermo, self.result
         due = [reader for reader in self.readers if reader.next_due == step]
-        needs = frozenset().union(*map(self._needs.__getitem__, due))
         self._sample, elapsed = None, begun - self._started
-        if thermo.due(step) or not needs <= sampler.light_needs:
-            self._sample, self._measured = sampler.full(step, needs | thermo.needs, elapsed)
+        if thermo.due(step) or any(reader in self._of_forces for reader in due):
+            self._sample, self._measured = sampler.full(step, elapsed)
         elif due:
-            self._sample = sampler.light(step, needs, elapsed)
+            self._sample = sampler.light(step, elapsed)
         for reader in due:
             reader.take(Resolver(state, self._sample, thermo.window))
         if step == self.request.first_step and thermo.header():
@@ -239,8 +237,7 @@ class DeckSteps:
         framed = self.trajectory is not None and self.trajectory.due(step)
         if not due and not framed:
             return
-        needs = frozenset(("positions",)).union(*(dump.needs(request.state) for dump in due))
-        sample = sampler.light(step, needs, 0.0) if needs <= sampler.light_needs else sampler.full(step, needs, 0.0)[0]
+        sample = sampler.full(step, 0.0)[0] if any(dump in self._of_forces for dump in due) else sampler.light(step, 0.0)
         moment = Resolver(request.state, sample, self.thermo.window)
         for dump in due:
             dump.write(moment)

@@ -131,8 +131,7 @@ NO_SLIDE = Slide(0.0, 0.0)
 
 @dataclass(frozen=True)
 class DeckSample:
-    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises.  Which optional
-    fields a run needs is listed by ``RunRequest.thermo.needs``."""
+    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises."""
 
     step: int  #: Number of the step, as the deck counts
     kinetic: float | None = None  #: Kinetic energy of all beads

@@ -175,4 +175,4 @@ def _numbers(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return chunk_numbers(moment, compute, compute.settings.bins(moment.box)) + 1.0
 
 
-CHUNKS = ComputeSpec(per_bead=_numbers, needs=("positions",), prepare=parse_binning)
+CHUNKS = ComputeSpec(parse_binning, per_bead=_numbers)

@@ -33,10 +33,6 @@ class ComputeSpec:
     extensive: bool | Callable[[Compute], bool] = False
     extensive_vector: bool = False  #: Whether it divides the values of the vector although it does not divide the single value
     size: Callable[[Compute], int] = lambda compute: 0  #: Number of values of the vector
-    needs: tuple[str, ...] = ()  #: Fields of DeckSample that it reads
-    vector_needs: tuple[str, ...] | None = None  #: Those that the values of its vector read, if these are others
-    #: Words (``c_id``, ``vx``, ...) of the beads' values that it is made of.
-    inputs: Callable[[Compute], tuple[str, ...]] = lambda compute: ()
 
     def tabled(self, compute: Compute) -> bool:
         """Whether this compute has a table."""

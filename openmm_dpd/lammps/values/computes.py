@@ -147,36 +147,22 @@ REDUCE = ComputeSpec(
     _reduced,
     extensive=lambda compute: compute.arguments[0].startswith("sum"),
     size=lambda compute: len(compute.arguments) - 1,
-    inputs=lambda compute: compute.arguments[1:],
 )
 
 
 #: Compute styles by name.
 COMPUTES: dict[str, ComputeSpec] = {
     **TEMPERATURES,
-    "ke": ComputeSpec(no_arguments("ke"), _kinetic_energy, extensive=True, needs=("velocities",)),
-    "pe": ComputeSpec(
-        _all_only("pe", _PARTS),
-        lambda m, c: potential_energy(m, c.arguments or _PARTS),
-        extensive=True,
-        needs=tuple(f"{part}_energy" for part in _PARTS),
-    ),
-    "pressure": ComputeSpec(
-        _check_pressure,
-        _pressure,
-        _pressure_tensor,
-        size=lambda compute: 6,
-        needs=("virial", "velocities"),
-        vector_needs=("virial_tensor", "velocities"),
-    ),
+    "ke": ComputeSpec(no_arguments("ke"), _kinetic_energy, extensive=True),
+    "pe": ComputeSpec(_all_only("pe", _PARTS), lambda m, c: potential_energy(m, c.arguments or _PARTS), extensive=True),
+    "pressure": ComputeSpec(_check_pressure, _pressure, _pressure_tensor, size=lambda compute: 6),
     "com": ComputeSpec(
         no_arguments("com"),
         vector=lambda m, c: m.state.mass_average(m.unwrapped, m.state.group(c.group)),
         size=lambda compute: 3,
-        needs=("positions",),
     ),
-    "momentum": ComputeSpec(no_arguments("momentum"), vector=_momentum, extensive=True, size=lambda compute: 3, needs=("velocities",)),
-    "dpd": ComputeSpec(no_arguments("dpd", "dpd"), vector=_dpd, size=lambda compute: 5, needs=("fields",)),
+    "momentum": ComputeSpec(no_arguments("momentum"), vector=_momentum, extensive=True, size=lambda compute: 3),
+    "dpd": ComputeSpec(no_arguments("dpd", "dpd"), vector=_dpd, size=lambda compute: 5),
     "reduce": REDUCE,
     "chunk/atom": CHUNKS,
     **STRUCTURE,

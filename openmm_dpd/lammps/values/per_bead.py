@@ -1,7 +1,6 @@
 """Values of single beads: the words of ``compute property/atom`` and ``fix ave/chunk``, and the computes that have one value per bead."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,13 +13,8 @@ from ..state.moment import DeckMoment
 from ..state.records import Compute
 from .compute_spec import ComputeSpec, no_arguments
 
-
-@dataclass(frozen=True)
-class BeadWord:
-    """A value that every bead has: from a moment to (N,) in the deck's units, and the fields of DeckSample that it reads."""
-
-    value: Callable[[DeckMoment], np.ndarray]
-    needs: tuple[str, ...] = ()
+#: A value that every bead has: from a moment to (N,) in the deck's units.
+BeadWord = Callable[[DeckMoment], np.ndarray]
 
 
 def _masses(moment: DeckMoment) -> np.ndarray:
@@ -43,33 +37,33 @@ def _carried(word: str, array: Callable[[Atoms], np.ndarray]) -> BeadWord:
         check_carried(moment.state, word)
         return array(moment.state.atoms).astype(float)
 
-    return BeadWord(value)
+    return value
 
 
-def axis_of(array: Callable[[DeckMoment], np.ndarray], axis: int) -> Callable[[DeckMoment], np.ndarray]:
+def axis_of(array: BeadWord, axis: int) -> BeadWord:
     """One column of an array of three."""
     return lambda moment: array(moment)[:, axis]
 
 
 def _words() -> dict[str, BeadWord]:
-    words = {
-        "id": BeadWord(lambda c: c.state.atoms.ids.astype(float)),
+    words: dict[str, BeadWord] = {
+        "id": lambda c: c.state.atoms.ids.astype(float),
         "mol": _carried("mol", lambda atoms: atoms.molecules),
-        "type": BeadWord(lambda c: c.state.atoms.types.astype(float)),
-        "mass": BeadWord(_masses),
+        "type": lambda c: c.state.atoms.types.astype(float),
+        "mass": _masses,
         "q": _carried("q", lambda atoms: atoms.charges),
     }
-    arrays: dict[str, tuple[Callable[[DeckMoment], np.ndarray], str]] = {
-        "{}": (lambda c: c.folded[0], "positions"),
-        "{}u": (lambda c: c.unwrapped, "positions"),
-        "{}s": (lambda c: c.box.fractions(c.folded[0]), "positions"),
-        "i{}": (lambda c: (c.images + c.folded[1]).astype(float), "positions"),
-        "v{}": (lambda c: c.velocities, "velocities"),
-        "f{}": (lambda c: np.asarray(c.need("forces")) / c.units.force, "forces"),
+    arrays: dict[str, BeadWord] = {
+        "{}": lambda c: c.folded[0],
+        "{}u": lambda c: c.unwrapped,
+        "{}s": lambda c: c.box.fractions(c.folded[0]),
+        "i{}": lambda c: (c.images + c.folded[1]).astype(float),
+        "v{}": lambda c: c.velocities,
+        "f{}": lambda c: np.asarray(c.need("forces")) / c.units.force,
     }
-    for name, (array, needed) in arrays.items():
+    for name, array in arrays.items():
         for k, axis in enumerate("xyz"):
-            words[name.format(axis)] = BeadWord(axis_of(array, k), (needed,))
+            words[name.format(axis)] = axis_of(array, k)
     return words
 
 
@@ -82,7 +76,7 @@ def _density(moment: DeckMoment) -> np.ndarray:
 
 
 #: What compute property/atom knows: on top of these the local density of mdpd.
-PROPERTIES = BEAD_WORDS | {"rho": BeadWord(_density, ("fields",))}
+PROPERTIES = BEAD_WORDS | {"rho": _density}
 
 
 # -- computes -----------------------------------------------------------------------------------------------------------------
@@ -92,7 +86,7 @@ def _in_group(moment: DeckMoment, compute: Compute, values: np.ndarray) -> np.nd
 
 
 def _property(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    columns = [PROPERTIES[word].value(moment) for word in compute.arguments]
+    columns = [PROPERTIES[word](moment) for word in compute.arguments]
     return _in_group(moment, compute, columns[0] if len(columns) == 1 else np.column_stack(columns))
 
 
@@ -129,16 +123,11 @@ PER_BEAD: dict[str, ComputeSpec] = {
         _check_property,
         per_bead=_property,
         columns=lambda compute: len(compute.arguments) if len(compute.arguments) > 1 else 0,
-        inputs=lambda compute: compute.arguments,
     ),
-    "ke/atom": ComputeSpec(no_arguments("ke/atom"), per_bead=_kinetic, needs=("velocities",)),
-    "dpd/atom": ComputeSpec(no_arguments("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4, needs=("fields",)),
+    "ke/atom": ComputeSpec(no_arguments("ke/atom"), per_bead=_kinetic),
+    "dpd/atom": ComputeSpec(no_arguments("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4),
     "edpd/temp/atom": ComputeSpec(
-        no_arguments("edpd/temp/atom", "edpd"),
-        per_bead=lambda m, c: _in_group(m, c, m.field("theta") / m.units.thermal_energy),
-        needs=("fields",),
+        no_arguments("edpd/temp/atom", "edpd"), per_bead=lambda m, c: _in_group(m, c, m.field("theta") / m.units.thermal_energy)
     ),
-    "tdpd/cc/atom": ComputeSpec(
-        per_bead=lambda m, c: _in_group(m, c, m.field("concentrations")[:, c.settings]), needs=("fields",), prepare=_species
-    ),
+    "tdpd/cc/atom": ComputeSpec(_species, per_bead=lambda m, c: _in_group(m, c, m.field("concentrations")[:, c.settings])),
 }

@@ -128,7 +128,7 @@ class Resolver(DeckMoment):
         if word.startswith("c_"):
             _, name, indices = reference(word)
             return self.bead_compute(name, *indices or (None,))
-        return BEAD_WORDS[word].value(self)
+        return BEAD_WORDS[word](self)
 
     def bead_variable(self, name: str) -> np.ndarray | float:
         """Value of ``v_name``: one number, or (N,) values of an atom-style variable."""
@@ -182,7 +182,7 @@ class Resolver(DeckMoment):
         """Value of one bead, by its id."""
         atoms, index = self.state.atoms, self._bead(bead, quantity)
         integers = {"id": atoms.ids, "type": atoms.types}
-        return float(integers[quantity][index] if quantity in integers else BEAD_WORDS[quantity].value(self)[index])
+        return float(integers[quantity][index] if quantity in integers else BEAD_WORDS[quantity](self)[index])
 
     def call(self, function: str, arguments: list[float]) -> float:
         """Functions that depend on the step or on random numbers."""
@@ -228,7 +228,7 @@ class _BeadFormula(Formula):
         following = self.peek()[1]
         if following == "(" or (following == "[" and token in ATOM_VALUES):
             return super().name(token)
-        return BEAD_WORDS[token].value(self.resolver) if token in BEAD_WORDS else super().name(token)
+        return BEAD_WORDS[token](self.resolver) if token in BEAD_WORDS else super().name(token)
 
     def _of_compute(self, name: str):
         index = self.index()

@@ -157,15 +157,13 @@ STRUCTURE: dict[str, ComputeSpec] = {
         array=_distribution,
         rows=lambda compute: compute.settings.bins,
         columns=lambda compute: 1 + 2 * len(compute.settings.types),
-        needs=("positions",),
         prepare=parse_distribution,
     ),
-    "msd": ComputeSpec(vector=_displacements, size=lambda compute: 4, needs=("positions",), prepare=parse_displacements),
+    "msd": ComputeSpec(vector=_displacements, size=lambda compute: 4, prepare=parse_displacements),
     "gyration": ComputeSpec(
         no_arguments("gyration"),
         lambda moment, compute: float(np.sqrt(_gyration_tensor(moment, compute)[:3].sum())),
         _gyration_tensor,
         size=lambda compute: 6,
-        needs=("positions",),
     ),
 }

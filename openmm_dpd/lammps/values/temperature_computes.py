@@ -65,7 +65,7 @@ def _of_bins(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return np.column_stack([counts, kT / moment.units.thermal_energy])
 
 
-def _spec(prepare: Callable[[DeckState, str, list[str]], Temperature], *needs: str) -> ComputeSpec:
+def _spec(prepare: Callable[[DeckState, str, list[str]], Temperature]) -> ComputeSpec:
     return ComputeSpec(
         prepare,
         lambda moment, compute: moment.temperature(compute),
@@ -75,13 +75,12 @@ def _spec(prepare: Callable[[DeckState, str, list[str]], Temperature], *needs: s
         columns=lambda compute: 2,
         extensive_vector=True,
         size=lambda compute: 0 if compute.settings.table else 6,
-        needs=("velocities", *needs),
     )
 
 
 TEMPERATURES: dict[str, ComputeSpec] = {
     "temp": _spec(_whole),
     "temp/partial": _spec(_partial),
-    "temp/deform": _spec(_deform, "positions"),
-    "temp/profile": _spec(_profile, "positions"),
+    "temp/deform": _spec(_deform),
+    "temp/profile": _spec(_profile),
 }

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.geometry import AXES_OF_TENSOR
 from ..state.moment import DeckMoment
+from ..state.records import VECTOR_FIXES
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,6 @@ class Word:
     header: str  #: Title of its column
     value: Callable[[DeckMoment], float]  #: From a moment to the value, normalised where LAMMPS normalises it
     integer: bool = False  #: Whether it is a whole number
-    needs: tuple[str, ...] = ()  #: Fields of DeckSample that it reads
 
 
 def _per_bead(*names: str) -> Callable[[DeckMoment], float]:
@@ -68,9 +68,6 @@ def _rate(moment: DeckMoment, per_step: bool) -> float:
 
 _BONDED = ("bond_energy", "angle_energy", "dihedral_energy")
 _ENERGIES = ("pair_energy", *_BONDED)
-_PRESSURE = ("kinetic", "virial")
-
-
 _CHARGES = ("short_energy", "lattice_energy")
 
 
@@ -99,10 +96,7 @@ def _box_words() -> dict[str, Word]:
 
 def _tensor_words() -> dict[str, Word]:
     names = [f"{'xyz'[a]}{'xyz'[b]}" for a, b in AXES_OF_TENSOR]
-    return {
-        f"p{name}": Word(f"P{name}", partial(DeckMoment.pressure_component, index=k), needs=("virial_tensor",))
-        for k, name in enumerate(names)
-    }
+    return {f"p{name}": Word(f"P{name}", partial(DeckMoment.pressure_component, index=k)) for k, name in enumerate(names)}
 
 
 #: Thermo words.  The last two are not LAMMPS's.
@@ -119,28 +113,34 @@ WORDS: dict[str, Word] = {
     "bonds": Word("Bonds", lambda c: len(c.state.bonds), integer=True),
     "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
     "dihedrals": Word("Diheds", lambda c: len(c.state.dihedrals), integer=True),
-    "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute()), needs=("kinetic",)),
-    "press": Word("Press", lambda c: c.pressure(), needs=_PRESSURE),
+    "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute())),
+    "press": Word("Press", lambda c: c.pressure()),
     **_tensor_words(),
-    "pe": Word("PotEng", _per_bead(*_ENERGIES), needs=_ENERGIES),
-    "ke": Word("KinEng", _kinetic, needs=("kinetic",)),
-    "etotal": Word("TotEng", _total, needs=("kinetic", *_ENERGIES)),
-    "enthalpy": Word("Enthalpy", _enthalpy, needs=(*_PRESSURE, *_ENERGIES)),
-    "evdwl": Word("E_vdwl", _without_charges, needs=("pair_energy", *_CHARGES)),
-    "ecoul": Word("E_coul", _per_bead("short_energy"), needs=("short_energy",)),
-    "epair": Word("E_pair", _per_bead("pair_energy"), needs=("pair_energy",)),
-    "ebond": Word("E_bond", _per_bead("bond_energy"), needs=("bond_energy",)),
-    "eangle": Word("E_angle", _per_bead("angle_energy"), needs=("angle_energy",)),
-    "edihed": Word("E_dihed", _per_bead("dihedral_energy"), needs=("dihedral_energy",)),
+    "pe": Word("PotEng", _per_bead(*_ENERGIES)),
+    "ke": Word("KinEng", _kinetic),
+    "etotal": Word("TotEng", _total),
+    "enthalpy": Word("Enthalpy", _enthalpy),
+    "evdwl": Word("E_vdwl", _without_charges),
+    "ecoul": Word("E_coul", _per_bead("short_energy")),
+    "epair": Word("E_pair", _per_bead("pair_energy")),
+    "ebond": Word("E_bond", _per_bead("bond_energy")),
+    "eangle": Word("E_angle", _per_bead("angle_energy")),
+    "edihed": Word("E_dihed", _per_bead("dihedral_energy")),
     "eimp": Word("E_impro", lambda c: 0.0),
-    "emol": Word("E_mol", _per_bead(*_BONDED), needs=_BONDED),
-    "elong": Word("E_long", _per_bead("lattice_energy"), needs=("lattice_energy",)),
+    "emol": Word("E_mol", _per_bead(*_BONDED)),
+    "elong": Word("E_long", _per_bead("lattice_energy")),
     "etail": Word("E_tail", lambda c: 0.0),
     "vol": Word("Volume", lambda c: c.box.volume),
     "density": Word("Density", _density),
     **_box_words(),
-    "fmax": Word("Fmax", lambda c: c.need("force_max") / c.units.force, needs=("force_max",)),
-    "fnorm": Word("Fnorm", lambda c: c.need("force_norm") / c.units.force, needs=("force_norm",)),
-    "press_full": Word("PressFull", lambda c: c.pressure("virial_full"), needs=("kinetic", "virial_full")),
-    "temp_conf": Word("TempConf", lambda c: c.need("kT_conf") / c.units.thermal_energy, needs=("kT_conf",)),
+    "fmax": Word("Fmax", lambda c: c.need("force_max") / c.units.force),
+    "fnorm": Word("Fnorm", lambda c: c.need("force_norm") / c.units.force),
+    "press_full": Word("PressFull", lambda c: c.pressure("virial_full")),
+    "temp_conf": Word("TempConf", lambda c: c.need("kT_conf") / c.units.thermal_energy),
 }
+
+#: Words, values of beads, and styles of computes and fixes that are made of forces or of energies.
+OF_FORCES = frozenset(
+    ("pe", "etotal", "enthalpy", "evdwl", "ecoul", "epair", "ebond", "eangle", "edihed", "emol", "elong", "press_full", "temp_conf")
+    + ("fmax", "fnorm", "fx", "fy", "fz", *VECTOR_FIXES)
+)
