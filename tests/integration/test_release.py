@@ -104,6 +104,13 @@ def test_commands_of_a_workflow_are_those_of_the_project(path):
     assert commands and not [line for line in commands if line not in documented()]
 
 
+def test_what_runs_tests_keeps_compiled_kernels():
+    """From one run to the next, by what is compiled."""
+    jobs = [job["steps"] for path in WORKFLOWS for job in yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"].values()]
+    kept = [[step["with"]["path"] for step in steps if "actions/cache" in step.get("uses", "")] for steps in jobs]
+    assert all(places == ["~/.cache/openmm_dpd"] * ("pytest" in str(steps)) for steps, places in zip(jobs, kept, strict=True))
+
+
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
 def test_workflows_need_no_secrets_and_may_only_read(path):
     source = path.read_text(encoding="utf-8")
