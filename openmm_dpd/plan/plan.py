@@ -9,6 +9,7 @@ import numpy as np
 from ..base.errors import ParameterError, PlanError, what_is
 from ..base.html import fact_table
 from ..base.names import PAIR_GROUP
+from ..base.platforms import fastest_platform
 from ..kernels.driven import Driven
 from ..kernels.engines import EngineKind, engine_kind
 from ..kernels.fields import ENERGY
@@ -22,12 +23,13 @@ from ..model.scene import Scene
 from ..model.schemes import scheme_of
 from ..model.temperature import TemperatureRamp
 from .charge_forces import charge_factors, ewald_of, few_charges
-from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, predicting
+from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, platform_name, predicting
 from .continuum import check_driven, driven_walls
 from .device import DEVICE, chosen_engine
 from .execution import DOUBLE_PLATFORMS, Execution, check_sheared, conservative_place, why_no_loop, why_parts
 from .host import Host
 from .kinds import Kind, bonded_kind, resolved_kind
+from .native import why_not_native
 from .neighbour_list import listed
 from .pair_spec import Factors, longest, neighbour_factors, pair_spec
 from .program_options import ProgramOptions, field_options, tau_ratio
@@ -209,7 +211,7 @@ def make_plan(
         platform, where it is faster, and OpenMM elsewhere (but on the Reference platform in small tilted boxes, where OpenMM would go
         through all pairs, the kernel).
     platform : str, optional
-        Name of the platform that will be used, if it is known.
+        Name of the platform that will be used, the fastest one here by default; with a ``host`` none, since others may choose it later.
     seed : int, optional
         Seed of the noise, 0 <= seed < 2^31; drawn from the operating system and recorded in the plan by default.
     loop : bool, default True
@@ -235,6 +237,7 @@ def make_plan(
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
     step = checked_step(dt)
+    platform = platform_name(platform) or (fastest_platform() if host is None else None)
     chosen = scheme_of(scheme)
     lam = checked_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
@@ -321,6 +324,9 @@ def make_plan(
     plan = Plan(*parts, ewald, charge_factors(scene), host, driven_walls(scene, layers))
     if engine != "auto":
         _check_engine(plan)
+    reason = why_not_native(scene, kinds, layers, bool(exceptions), platform) if chosen.native else None
+    if reason is not None:
+        raise PlanError(f"OpenMM's DPDIntegrator cannot run this scene: {reason}")
     return plan
 
 

@@ -139,7 +139,7 @@ def test_only_the_forces_of_the_scene_have_parameters_of_types():
 
 
 def test_auto_takes_the_kernel_where_everything_is_double_precision():
-    for platform, expected in (("CPU", "kernel"), ("Reference", "kernel"), ("OpenCL", "openmm"), ("CUDA", "openmm"), (None, "openmm")):
+    for platform, expected in (("CPU", "kernel"), ("Reference", "kernel"), ("OpenCL", "openmm"), ("CUDA", "openmm")):
         assert make_plan(beads(), dt=0.02, platform=platform, seed=1).execution.conservative == expected
     assert make_plan(beads(table=SOFT), dt=0.02, platform="CPU", seed=1).execution.conservative == "openmm"
     assert make_plan(beads(), dt=0.02, platform="CPU", scheme="native", seed=1).execution.conservative == "openmm"

@@ -235,7 +235,7 @@ def test_one_list_or_all_pairs():
 
 def test_plan_says_what_it_does():
     x, q = electrolyte(50, 5.0, 10)
-    text = dpd.explain_plan(dpd.make_plan(scene(x, q, charges_of("slater", 0.25, cutoff=2.0), [5.0] * 3), dt=0.01))
+    text = dpd.explain_plan(dpd.make_plan(scene(x, q, charges_of("slater", 0.25, cutoff=2.0), [5.0] * 3), dt=0.01, platform="OpenCL"))
     assert "20 charged beads, total charge 0 e: Slater charges, lambda = 0.25 nm" in text and "real space to 2 nm, PME" in text
     text = dpd.explain_plan(dpd.make_plan(scene(x, q, charges_of("slater", 0.6, cutoff=2.0), [5.0] * 3), dt=0.01))
     assert "beyond that charges are point charges" in text

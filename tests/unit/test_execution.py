@@ -6,31 +6,36 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import openmm
 import pytest
 from import_graph import PATHS, ROOT
-from kinds import KINDS, chains
+from kinds import KINDS, WORDS, chains, plain, walled
+from random_scenes import random_scene
 
 import openmm_dpd as dpd
+from openmm_dpd.model.schemes import SCHEMES
 from openmm_dpd.plan.forces.bonded import MOLECULES
+from openmm_dpd.plan.kinds import BONDED_KINDS
 from openmm_dpd.simulation.build import build_plan
+from openmm_dpd.simulation.whole_steps import WholeSteps
 
 SOURCES = {path: (ROOT / path).read_text(encoding="utf-8") for path in PATHS.values()}
 
-#: Kinds of bonds, angles and dihedrals that are here.
-BONDED = {
-    **{"harmonic bonds": dpd.HarmonicBonds, "FENE bonds": dpd.FENEBonds, "Morse bonds": dpd.MorseBonds},
-    **{"harmonic angles": dpd.HarmonicAngles, "cosine angles": dpd.CosineAngles, "OPLS dihedrals": dpd.OPLSDihedrals},
-}
-
 #: Parts of a scene, and where it has them.
 PARTS = {
-    **{name: lambda plan, kind=kind: any(type(group) is kind for group in plan.scene.bonded) for name, kind in BONDED.items()},
+    **{
+        kind.name: lambda plan, terms=terms: any(type(group) is terms for group in plan.scene.bonded)
+        for terms, kind in BONDED_KINDS.items()
+    },
     "overlays": lambda plan: plan.overlays,
     "segments": lambda plan: plan.scene.segments,
     "body forces": lambda plan: any(isinstance(term, dpd.BodyForce) for term in plan.scene.body_forces),
     "walls": lambda plan: plan.scene.walls,
     "charges": lambda plan: plan.scene.electrostatics,
 }
+
+#: A force that is in the System where the kernel does not hold it: some of its name, if that is not the part's.
+FORCES = {"overlays": "tabulated pair", "segments": "segmental", "body forces": "body force", "charges": "smeared charges"}
 
 
 def found(pattern: str) -> list[str]:
@@ -59,33 +64,72 @@ def dihedrals() -> dpd.Scene:
     return chains(electric=True, dihedrals=[dpd.OPLSDihedrals(np.arange(48).reshape(12, 4), 1, -2, 3, 0.5)])
 
 
-def plans():
-    for kind, scene in {**KINDS, "dihedrals": dihedrals}.items():
-        for choices in ({}, {"loop": False}, {"scheme": "native"}, {"conservative": "openmm"}, {"platform": "OpenCL"}):
-            try:
-                yield kind, dpd.make_plan(scene(), **{"dt": 0.01, "scheme": "mvv", "platform": "Reference", "seed": 1} | choices)
-            except dpd.PlanError:
-                pass
+def driven() -> dpd.Scene:
+    """Walls that move."""
+    still = walled(None, "bounce-back")
+    walls = [replace(wall, velocity=speed) for wall, speed in zip(still.walls, ((0.5, 0, 0), (0, 0.2, 0)), strict=True)]
+    return plain({("*", "*"): dpd.DPD(A=25, gamma=4.5)}, positions=still.positions, walls=walls)
 
 
-def test_everything_has_a_reason_that_is_told():
-    steps = set()
-    for kind, plan in plans():
+SCENES = {**KINDS, "dihedrals": dihedrals, "driven": driven, "sheared": lambda: plain(shear=dpd.LeesEdwards(0.3))}
+SCENES |= {f"random {seed}": lambda seed=seed: random_scene(seed) for seed in (101, 102, 103)}
+#: One draw in three takes one of these, the others what is chosen by default.
+CHOICES = {
+    **{"scheme": ["mvv", "native", *SCHEMES, *WORDS], "platform": ["Reference", "CPU", "OpenCL", "CUDA"], "loop": [False]},
+    **{"conservative": ["openmm", "kernel"], "engine": ["host", "device"], "lam": [0.65], "slow_every": [2]},
+}
+
+
+def told(make, *given, **choices):
+    """What a function makes, or its error."""
+    try:
+        return make(*given, dt=0.01, seed=1, **choices)
+    except dpd.DPDError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("seed", [4, 23, 31, 52])
+def test_everything_has_a_reason_and_is_told_as_it_is_built_and_done(seed, monkeypatch):
+    """A plan has the words of what ``build`` makes, and System and steps are as they say."""
+    rng, steps, looped = np.random.default_rng(seed), set(), []
+    monkeypatch.setattr(WholeSteps, "run", lambda *given, **more: looped.append(True))
+    for integrator in (openmm.CustomIntegrator, openmm.DPDIntegrator):
+        monkeypatch.setattr(integrator, "step", lambda *given: None)
+    for kind, scene in SCENES.items():
+        choices = {name: rng.choice(values).item() for name, values in CHOICES.items() if rng.random() < 1 / 3}
+        plan, built = (told(make, scene(), **choices) for make in (dpd.make_plan, dpd.build))
+        if isinstance(built, str):
+            assert plan == built or "there is no platform" in built, (kind, choices)
+            continue
         execution, text = plan.execution, dpd.explain_plan(plan)
+        assert text == built.explain().rpartition("\n")[0], (kind, choices)
         parts = {name for name, there in PARTS.items() if there(plan)}
         assert set(execution.why) == {"engine", "steps", "conservative", "precision"} | parts, kind
         assert execution.held <= parts and (not execution.held or execution.looped)
         for name, why in execution.why.items():
             assert f"({why})" in text or (name == "engine" and "pair kernel: host" not in text), (kind, why)
+        names = " ".join(force.getName() for force in built.system.getForces())
+        assert ("CustomNonbondedForce" in text) == bool(re.search("DPD conservative|MDPD attraction", names)), (kind, choices)
+        assert ("no pair kernel" in text or "OpenMM's DPDIntegrator" in text) == ("DPD pair terms" not in names), (kind, choices)
         for part in parts:
-            assert re.search(rf"^[\w, ]*\b{part}\b[\w, ]*: {'in' if part in execution.held else 'outside of'} the pair kernel", text, re.M)
+            held = part in execution.held
+            assert re.search(rf"^[-\w, ]*\b{part}\b[-\w, ]*: {'in' if held else 'outside of'} the pair kernel", text, re.M), (kind, part)
+            assert held == (FORCES.get(part, part) not in names) or part == "walls", (kind, choices, part)
+        if plan.platform != "OpenCL":
+            looped.clear()
+            simulation = built.simulation()
+            simulation.integrator.step(1)
+            assert ("steps: many at once" in text) == bool(looped), (kind, choices)
         steps.add(execution.steps)
-    assert steps == {"program", "loop", "openmm"}
+    assert {"program", "loop"} <= steps
+
+
+def test_energies_are_balanced_by_the_program():
     plan = dpd.make_plan(KINDS["energies"](), dt=0.01, scheme="mvv", platform="OpenCL", conservative="kernel", seed=1)
     assert plan.execution.why["steps"].startswith("velocities on the platform OpenCL are less than double precision")
 
 
-@pytest.mark.parametrize("part", [*BONDED, "overlays", "segments", "body forces", "charges"])
+@pytest.mark.parametrize("part", [name for name in PARTS if name != "walls" and PARTS[name](dpd.make_plan(dihedrals(), dt=0.01))])
 def test_the_system_follows_it(part):
     """A part that is not held has a force in the System instead, and all forces together are the same."""
     plan = dpd.make_plan(dihedrals(), dt=0.01, scheme="mvv", platform="Reference", seed=1)
