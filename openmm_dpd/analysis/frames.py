@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..base.errors import ParameterError
-from ..io.bead_elements import bead_masses
+from ..io.trajectory import bead_masses
 
 if TYPE_CHECKING:
     import mdtraj

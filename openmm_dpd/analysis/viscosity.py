@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import ParameterError
-from ..base.numbers import checked
 from ..base.stats import block_average
-from ..base.units import thermal_energy, to_md, whole_number
+from ..base.units import checked, thermal_energy, to_md, whole_number
 
 
 @dataclass(frozen=True, eq=False)

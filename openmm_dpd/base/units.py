@@ -17,6 +17,7 @@ import numpy as np
 from openmm import unit
 
 from .errors import ParameterError
+from .wording import in_number
 
 #: Molar gas constant in kJ/mol/K, the value OpenMM uses.
 BOLTZMANN = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)
@@ -244,3 +245,13 @@ def unit_system(name: str) -> UnitSystem:
     if name not in UNIT_SYSTEMS:
         raise ParameterError(f"unknown units {name!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
     return UNIT_SYSTEMS[name]
+
+
+def checked(value, dimension: str, name: str, *, positive: bool = False, signed: bool = False) -> float:
+    """One finite number >= 0 (or > 0, or of either sign) in MD units."""
+    number = to_md(value, dimension, name)
+    if not isinstance(number, float):
+        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
+    if not signed and (number < 0 or (positive and number == 0)):
+        raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {in_number(number, dimension)}")
+    return number

@@ -24,7 +24,6 @@ from ..base.errors import ParameterError
 from ..base.garbage import nothing_collected
 from ..base.units import whole_number
 from ..model.scene import box_vectors
-from .bead_elements import bead_charges as bead_charges, bead_masses
 from .psf import SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf as write_psf
 
 if TYPE_CHECKING:
@@ -241,3 +240,13 @@ def compute_rg(trajectory: mdtraj.Trajectory) -> np.ndarray:
     positions = trajectory.xyz.astype(np.float64)
     centred = positions - np.einsum("i,fik->fk", weights, positions)[:, None, :]
     return np.sqrt(np.einsum("i,fik,fik->f", weights, centred, centred))
+
+
+def bead_masses(topology: mdtraj.Topology) -> np.ndarray:
+    """Masses (Da) of all atoms of an mdtraj topology, (N,)."""
+    return np.array([atom.element.mass for atom in topology.atoms])
+
+
+def bead_charges(topology: mdtraj.Topology) -> np.ndarray:
+    """Charges (e) of all beads of a topology from :func:`load_topology`, (N,)."""
+    return np.array([atom.element.charge for atom in topology.atoms])

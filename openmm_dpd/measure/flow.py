@@ -12,9 +12,9 @@ from ..base.units import whole_number
 from ..model.flow import AXES, require_plain_axis
 from ..model.shear import LeesEdwards
 from ..simulation.built import BuiltSystem
-from .kinetic_stress import needs_forces
 from .observer import require_built
 from .present import Present, require_stress
+from .stress_parts import needs_forces
 
 #: Components of a stress tensor, in this order.
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")

@@ -26,8 +26,7 @@ from ..plan.made import acting, groups_of, masses_of
 from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
 from ..simulation.fields import per_dof, raw_fields
-from .kinetic_stress import kinetic_deficit, kinetic_stress
-from .stress_parts import Part, charge_evaluator, stress_parts
+from .stress_parts import Part, charge_evaluator, kinetic_deficit, kinetic_stress, stress_parts
 from .temperature import noise_state
 
 
@@ -267,7 +266,7 @@ class Present:
         return self._deficit != 0.0
 
     def kinetic_stress(self, v: np.ndarray, force: np.ndarray | None, product: Callable | None = None):
-        """:func:`.kinetic_stress.kinetic_stress` of the beads that move, with such velocities."""
+        """:func:`.stress_parts.kinetic_stress` of the beads that move, with such velocities."""
         rest = {} if product is None else {"product": product}
         return kinetic_stress(self._deficit, self.mass, v, force, self.dt, self.plan.spec.inv_mass, **rest)
 

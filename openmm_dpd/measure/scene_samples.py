@@ -17,9 +17,9 @@ from ..plan.kinds import resolved_kind
 from ..plan.made import groups_of
 from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
-from .bonded_sums import angle_sums, bond_sums, dihedral_sums
 from .present import Present
 from .sample import Sample
+from .stress_parts import angle_sums, bond_sums, dihedral_sums
 
 _NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
 

@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 
 from ..base.errors import ParameterError
-from ..base.numbers import checked as checked
-from ..base.units import to_md
+from ..base.units import checked as checked, to_md
 from ..base.wording import in_length, in_number, in_units, thermal
 from .owned import keep
 

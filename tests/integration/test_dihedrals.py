@@ -15,8 +15,7 @@ from scenes import beads
 import openmm_dpd as dpd
 from openmm_dpd.inputs import scene_from_lammps_data
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
-from openmm_dpd.measure.bonded_sums import dihedral_sums
-from openmm_dpd.measure.stress_parts import stress_parts
+from openmm_dpd.measure.stress_parts import dihedral_sums, stress_parts
 from openmm_dpd.model.bonds import bonded_neighbours
 from openmm_dpd.molecules import Bend, Spring, Twist, linear, pack
 from openmm_dpd.simulation.advice.recommend import advice

@@ -13,8 +13,7 @@ from raising import raises
 from scenes import PLAIN, chains, external_force
 
 import openmm_dpd as dpd
-from openmm_dpd.measure.bonded_sums import bond_sums
-from openmm_dpd.measure.stress_parts import stress_parts
+from openmm_dpd.measure.stress_parts import bond_sums, stress_parts
 
 
 def fluid(n: int = 120, edge: float = 3.4, **extra) -> dpd.Scene:

@@ -25,8 +25,7 @@ from openmm_dpd.kernels.angles import AngleTerms
 from openmm_dpd.kernels.bonded import BondTerms
 from openmm_dpd.kernels.dihedrals import DihedralTerms
 from openmm_dpd.lammps import deck_scene, export_lammps
-from openmm_dpd.measure.bonded_sums import angle_sums, bond_sums, dihedral_sums
-from openmm_dpd.measure.stress_parts import stress_parts
+from openmm_dpd.measure.stress_parts import angle_sums, bond_sums, dihedral_sums, stress_parts
 from openmm_dpd.model.angles import Angles
 from openmm_dpd.model.bonds import Bonds
 from openmm_dpd.model.dihedrals import Dihedrals

@@ -6,8 +6,7 @@ from openmm import unit
 from scenes import beads
 
 import openmm_dpd as dpd
-from openmm_dpd.measure.bonded_sums import angle_sums, bond_sums
-from openmm_dpd.measure.stress_parts import stress_parts
+from openmm_dpd.measure.stress_parts import angle_sums, bond_sums, stress_parts
 
 PAIR = np.array([[0, 1]])
 CURVES = {

@@ -1,9 +1,7 @@
-"""One record for each kind of pair coefficients, bonds, angles and dihedrals, in a file of its own, which the rest of the package asks."""
+"""One record for each kind of pair coefficients, bonds, angles and dihedrals, which the rest of the package asks."""
 
 from . import (
-    angles as angles,
     bonds as bonds,
-    dihedrals as dihedrals,
     dpd as dpd,
     edpd as edpd,
     energy as energy,

@@ -1,21 +1,36 @@
-"""Bonds: harmonic, finitely extensible, Morse."""
+"""Bonds (harmonic, finitely extensible, Morse), angles (harmonic, and the stiffness of chains) and dihedrals (one wave, and several)."""
 
+from ...kernels.angles import CosineAngleTerms, HarmonicAngleTerms
 from ...kernels.bonded import WCA_END, FENEBondTerms, HarmonicBondTerms, MorseBondTerms
+from ...kernels.dihedrals import HarmonicDihedralTerms, MultiHarmonicDihedralTerms, OPLSDihedralTerms
+from ...model.angles import CosineAngles, HarmonicAngles
 from ...model.bonds import FENEBonds, HarmonicBonds, MorseBonds
+from ...model.dihedrals import HarmonicDihedrals, MultiHarmonicDihedrals, OPLSDihedrals
 from ..forces.bonded import Energy
 from .bonded import BondedKind, register_bonded
 
-register_bonded(
+_KINDS = (
+    BondedKind(
+        terms=HarmonicAngles,
+        kernel=HarmonicAngleTerms,
+        energies=(Energy("harmonic angles", None),),
+        style="harmonic",
+        words={"k": ("energy", "K"), "theta0": ("degrees", "theta0")},
+    ),
+    BondedKind(
+        terms=CosineAngles,
+        kernel=CosineAngleTerms,
+        energies=(Energy("cosine angles", "k*(1+cos(theta))"),),
+        style="cosine",
+        words={"k": ("energy", "K")},
+    ),
     BondedKind(
         terms=HarmonicBonds,
         kernel=HarmonicBondTerms,
         energies=(Energy("harmonic bonds", None),),
         style="harmonic",
         words={"k": ("energy/length^2", "K"), "r0": ("length", "r0")},
-    )
-)
-
-register_bonded(
+    ),
     BondedKind(
         terms=FENEBonds,
         kernel=FENEBondTerms,
@@ -26,15 +41,35 @@ register_bonded(
         ),
         style="fene",
         words={"k": ("energy/length^2", "K"), "R0": ("length", "R0"), "epsilon": ("energy", "epsilon"), "sigma": ("length", "sigma")},
-    )
-)
-
-register_bonded(
+    ),
     BondedKind(
         terms=MorseBonds,
         kernel=MorseBondTerms,
         energies=(Energy("Morse bonds", "D*(1-exp(-alpha*(r-r0)))^2"),),
         style="morse",
         words={"D": ("energy", "D"), "alpha": ("1/length", "alpha"), "r0": ("length", "r0")},
-    )
+    ),
+    BondedKind(
+        terms=HarmonicDihedrals,
+        kernel=HarmonicDihedralTerms,
+        energies=(Energy("harmonic dihedrals", "k*(1+d*cos(n*theta))"),),
+        style="harmonic",
+        words={"k": ("energy", "K"), "d": ("1", "d"), "n": ("1", "n")},
+    ),
+    BondedKind(
+        terms=OPLSDihedrals,
+        kernel=OPLSDihedralTerms,
+        energies=(Energy("OPLS dihedrals", "0.5*(K1*(1+cos(theta))+K2*(1-cos(2*theta))+K3*(1+cos(3*theta))+K4*(1-cos(4*theta)))"),),
+        style="opls",
+        words={name: ("energy", name) for name in ("K1", "K2", "K3", "K4")},
+    ),
+    BondedKind(
+        terms=MultiHarmonicDihedrals,
+        kernel=MultiHarmonicDihedralTerms,
+        energies=(Energy("multi-harmonic dihedrals", "A1+c*(A2+c*(A3+c*(A4+c*A5))); c=cos(theta)"),),
+        style="multi/harmonic",
+        words={name: ("energy", name) for name in ("A1", "A2", "A3", "A4", "A5")},
+    ),
 )
+for _kind in _KINDS:
+    register_bonded(_kind)
