@@ -26,7 +26,7 @@ def _option(*names: str, **settings) -> tuple[tuple[str, ...], dict]:
 
 
 _SCHEMES = f"integration scheme: {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2' (default: what the deck's fixes say)"
-_COMPAT = "heat of pair style edpd: so that energy is conserved (default), or as LAMMPS computes it"
+_COMPAT = "heat of pair style edpd: what motion loses (default), or as LAMMPS computes it"
 _CONSERVATIVE = "what computes the conservative force: CustomNonbondedForce of OpenMM, or the pair kernel (default: auto)"
 _VARIABLES = {"action": "append", "default": [], "help": "set an index variable of the deck; may be repeated"}
 

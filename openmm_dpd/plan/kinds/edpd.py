@@ -35,6 +35,7 @@ register(
         field_text="temperature of the bead",
         no_sweep=_no_sweep,
         why_no_laplacian=lambda _: "the repulsion depends on the temperatures of the beads (EDPD)",
-        unlike_lammps="pair edpd: heat is computed so that energy is conserved, which LAMMPS does not do; --compat lammps computes its",
+        unlike_lammps="pair edpd: friction, noise and conduction keep the energy here, which LAMMPS's heat does not (--compat lammps "
+        "computes it): with --scheme middle to rounding, with mvv to first order in the step, so that beads heat slowly",
     )
 )
