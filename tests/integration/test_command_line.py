@@ -161,6 +161,14 @@ def test_explain_shows_plan_program_and_notes(deck):
         assert part in text
 
 
+@cases("units, T, spacing, said", ("real", 1, 6, True), ("metal", 300, 0.5, True), ("real", 300, 6, False), ("lj", 1, 0.5, False))
+def test_reduced_numbers_in_other_units_are_noted(deck, units, T, spacing, said):
+    """Too cold, or too dense for beads as large as atoms."""
+    box = f"lattice sc {spacing if units != 'lj' else spacing**-3}\nregion b block 0 9 0 9 0 9\ncreate_box 1 b\ncreate_atoms 1 box\n"
+    deck.write_text(f"units {units}\n{box}mass 1 9\npair_style dpd {T} {2 * spacing} 7\npair_coeff 1 1 1 1\nfix 1 all nve\nrun 1\n")
+    assert ("in.fluid:7: a temperature of " in (text := explain_deck(deck)) and "look like reduced numbers" in text) == said
+
+
 @cases(
     "edit, message",
     (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for the type pair 1 2"),

@@ -10,6 +10,7 @@ from ...plan.kinds import kind_for
 from ...simulation.barostat import EnthalpyBarostat, add_barostat
 from ...simulation.build import BuiltSystem, build
 from ..language.lexer import errors_at
+from ..state.deck_state import DeckState
 from .options import RunOptions
 from .request import RunRequest
 
@@ -19,6 +20,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
     for kind in (kind_for(table.kind) for table in scene.tables if table.kind is not None):
         if scene.compat == "consistent" and kind.unlike_lammps is not None:
             request.state.note(kind.unlike_lammps)
+    _note_reduced(request.state)
     if scene.interacting is not None and not scheme_of(request.scheme).predicts:
         raise request.state.fixes_of("setforce")[0].error(
             f"it takes forces from beads that move, friction included, but scheme {request.scheme} changes velocities without forces; "
@@ -34,6 +36,18 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             engine=options.engine,
             platform=options.platform,
             seed=options.seed if options.seed is not None else request.seed,
+        )
+
+
+def _note_reduced(state: DeckState) -> None:
+    """Say so where numbers look like reduced ones, though the units have dimensions: colder than any such liquid, or denser than atoms."""
+    set_at = [max(style.settings["start"], style.settings["stop"]) for style in state.pair.styles if "start" in style.settings]
+    density = len(state.atoms) / state.require_box("run").volume
+    if state.units.name != "lj" and (0 < max(set_at, default=0) < 10 or density > 1) and state.pair.where is not None:
+        cold = f"a temperature of {max(set_at):g} K and " if set_at else ""
+        state.note(
+            f"{state.pair.where.file}:{state.pair.where.number}: {cold}{density:.3g} beads in a cubic Angstrom look like reduced numbers, "
+            f"which need units lj; here units {state.units.name} make kelvin and Angstrom of them"
         )
 
 
