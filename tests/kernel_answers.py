@@ -74,3 +74,11 @@ def scaled_by(factor: float, one, other) -> None:
     close(other[1], factor * one[1])
     assert other[2] == pytest.approx(factor * one[2], rel=1e-12)
     assert other[0] == pytest.approx(factor * one[0], rel=1e-12)
+
+
+def matrix(scene, key):
+    """One coefficient of the first table of a scene, for all pairs of types."""
+    names = scene.type_names
+    entries = scene.tables[0].resolve(names)
+    term = lambda a, b: entries[(names[min(a, b)], names[max(a, b)])]  # noqa: E731
+    return np.array([[getattr(term(a, b), key) for b in range(len(names))] for a in range(len(names))])

@@ -10,6 +10,7 @@ import numpy as np
 import openmm
 import pytest
 from files_of_tests import put
+from raising import raises
 from scenes import beads
 
 import openmm_dpd as dpd
@@ -261,8 +262,7 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name):
     make, message = BAD[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 def test_beads_in_line():

@@ -154,23 +154,28 @@ def expected_steps(scene, v, speeds, steps: int, dt: float, seed: int):
     return x, v, taken
 
 
+def steps_beside_numpy(z, v, speeds, steps: int, seed: int, *platforms: str) -> list[np.ndarray]:
+    """Steps of beads that are far apart, between walls with these velocities and periods: what is expected."""
+    x = np.column_stack([2.0 * (np.arange(8) % 4), 2.0 * (np.arange(8) // 4), z])
+    planes = [
+        dpd.Wall("z", at, side, velocity=speed, period=period, behind="W", density=3.0)
+        for (speed, period), at, side in zip(speeds, (LOW, HIGH), ("above", "below"), strict=True)
+    ]
+    common = {"masses": {"W": 1.0, "B": 2.0}, "types": ["B"] * 8, "positions": x, "velocities": v, "kT": 1.0, "box": EDGES + [4, 0, 0]}
+    scene = dpd.Scene(**common, pairs={("*", "*"): STANDARD}, walls=planes)
+    expected = expected_steps(scene, v, speeds, steps, 0.01, seed)
+    for platform in platforms:
+        found = state_of(run(scene, steps, platform, dt=0.01, seed=seed)[1])
+        for one, other in zip((*found[:2], found[2][2]), expected, strict=True):
+            assert np.allclose(one, other, rtol=0, atol=1e-9)
+    return expected
+
+
 def test_steps_beside_numpy():
     """Beads near both walls, over several boxes, that meet walls and no other bead; the lower wall swings."""
     z = np.array([0.71, 0.9, 1.5, 4.6, 4.69, 2.5, 0.75 - 5, 4.66 + 10])
-    x = np.column_stack([2.0 * (np.arange(8) % 4), 2.0 * (np.arange(8) // 4), z])
     v = np.array([[1, 0, -3], [0, 1, -9], [0, 0, -9], [1, 1, 4], [-1, 0, 2], [0, 0, 8], [0.5, 0, -4], [0, 0, 6.0]])
-    common = {"masses": {"W": 1.0, "B": 2.0}, "types": ["B"] * 8, "positions": x, "velocities": v, "kT": 1.0, "box": EDGES + [4, 0, 0]}
-    planes = [
-        dpd.Wall("z", LOW, "above", velocity=(0.5, -0.2, 0), period=0.3, behind="W", density=3.0),
-        dpd.Wall("z", HIGH, "below", velocity=(-0.3, 0, 0), behind="W", density=3.0),
-    ]
-    scene = dpd.Scene(**common, pairs={("*", "*"): STANDARD}, walls=planes)
-    expected = expected_steps(scene, v, [((0.5, -0.2, 0), 0.3), ((-0.3, 0, 0), None)], 8, 0.01, 5)
-    for platform in ("CPU", "Reference"):
-        _, simulation = run(scene, 8, platform, dt=0.01)
-        found = state_of(simulation)
-        for one, other in zip((*found[:2], found[2][2]), expected, strict=True):
-            assert np.allclose(one, other, rtol=0, atol=1e-9)
+    expected = steps_beside_numpy(z, v, [((0.5, -0.2, 0), 0.3), ((-0.3, 0, 0), None)], 8, 5, "CPU", "Reference")
     assert np.abs(expected[2]).min() > 0.1
 
 
@@ -179,20 +184,9 @@ def test_random_steps_beside_numpy(seed):
     """The same of random beads and walls; more by hand with other seeds."""
     rng = np.random.default_rng(seed)
     z = LOW + (HIGH - LOW) * rng.random(8) ** rng.choice([0.2, 1, 5]) + EDGES[2] * rng.integers(-2, 3, 8)
-    x = np.column_stack([2.0 * (np.arange(8) % 4), 2.0 * (np.arange(8) // 4), z])
     v = rng.normal(size=(8, 3)) * [1, 1, rng.choice([1, 4, 12])]
     speeds = [((*rng.normal(size=2), 0.0), period) for period in rng.choice([None, 0.05, 0.3, 7.0], 2)]
-    planes = [
-        dpd.Wall("z", at, side, velocity=speed, period=period, behind="W", density=3.0)
-        for (speed, period), at, side in zip(speeds, (LOW, HIGH), ("above", "below"), strict=True)
-    ]
-    common = {"masses": {"W": 1.0, "B": 2.0}, "types": ["B"] * 8, "positions": x, "velocities": v, "kT": 1.0, "box": EDGES + [4, 0, 0]}
-    scene = dpd.Scene(**common, pairs={("*", "*"): STANDARD}, walls=planes)
-    expected = expected_steps(scene, v, speeds, 10, 0.01, seed + 1)
-    _, simulation = run(scene, 10, dt=0.01, seed=seed + 1)
-    found = state_of(simulation)
-    for one, other in zip((*found[:2], found[2][2]), expected, strict=True):
-        assert np.allclose(one, other, rtol=0, atol=1e-9)
+    steps_beside_numpy(z, v, speeds, 10, seed + 1, "CPU")
 
 
 def test_edges_between_moving_walls():

@@ -308,20 +308,26 @@ def test_three_temperatures_agree_at_equilibrium(seed):
     assert abs(np.mean(gradient2) / np.mean(laplacian) / np.mean(theta) - 1) < 0.03
 
 
+def moved(simulation, observer, barostat, moves: int, steps: int = 0, pressure: float = 25.0) -> int:
+    """How many moves are accepted, ``steps`` before each; all of them conserve enthalpy and conductive energies."""
+    accepted = 0
+    for _ in range(moves):
+        simulation.step(steps)
+        before = observer.sample(simulation.context)
+        accepted += barostat.move(simulation.context)
+        after = observer.sample(simulation.context)
+        enthalpy = before.total + pressure * before.volume
+        assert abs(after.total + pressure * after.volume - enthalpy) < 1e-13 * enthalpy
+        assert after.conductive == before.conductive
+    return accepted
+
+
 @pytest.mark.parametrize("scheme", ["middle", "shardlow", "mvv"])
 def test_a_volume_move_conserves_enthalpy_with_any_scheme(scheme):
     """Positions and velocities of one moment, for any scheme."""
     simulation = stepped(running(soft_fluid(), DEVICES[1], scheme=scheme, dt=0.01), 50)
     observer, barostat = dpd.Observer(simulation.built), EnthalpyBarostat(simulation.built, 25.0)
-    accepted = 0
-    for _ in range(12):
-        simulation.step(1)
-        before = observer.sample(simulation.context)
-        accepted += barostat.move(simulation.context)
-        after = observer.sample(simulation.context)
-        enthalpy = before.total + 25.0 * before.volume
-        assert abs(after.total + 25.0 * after.volume - enthalpy) < 1e-13 * enthalpy
-    assert accepted
+    assert moved(simulation, observer, barostat, 12, steps=1)
 
 
 @pytest.mark.slow
@@ -330,15 +336,7 @@ def test_volume_moves_conserve_enthalpy_and_hold_the_pressure(seed):
     simulation = stepped(running(soft_fluid(), DEVICES[1], scheme="aboba", dt=0.02, seed=seed), 300)
     pressure, observer = 25.0, dpd.Observer(simulation.built)
     barostat = EnthalpyBarostat(simulation.built, pressure, interval=5)
-    accepted = 0
-    for _ in range(120):  # of 40 all are accepted with one seed in twelve
-        before = observer.sample(simulation.context)
-        accepted += barostat.move(simulation.context)
-        after = observer.sample(simulation.context)
-        enthalpy = before.total + pressure * before.volume
-        assert abs(after.total + pressure * after.volume - enthalpy) < 1e-13 * enthalpy
-        assert after.conductive == before.conductive
-    assert 15 < accepted < 120
+    assert 15 < moved(simulation, observer, barostat, 120) < 120  # of 40 all are accepted with one seed in twelve
     simulation.reporters.append(barostat)
     simulation.step(1500)
     rows = []

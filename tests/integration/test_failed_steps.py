@@ -128,8 +128,9 @@ def test_on_every_device(device, scheme):
 
 
 @SCHEME
-def test_a_failure_in_the_middle_of_many_steps(host, scheme):
-    """Simulation.step(25) goes in pieces: at most the piece in which it failed is lost."""
+def test_failures_in_the_middle_of_many_steps(host, scheme, tmp_path):
+    """Simulation.step(25) goes in pieces: at most the piece in which it failed is lost.  What is on disk afterwards is a state like any
+    other."""
     calm, _ = tired_run("plain", host, scheme, "kernel")
     calm.record(30)
     for k in (5, 14, 23):
@@ -140,13 +141,7 @@ def test_a_failure_in_the_middle_of_many_steps(host, scheme):
         agrees(found, calm.known[found["steps"]], 1e-9)
         run.simulation.step(30 - found["steps"])
         agrees(run.now(), calm.known[30], 1e-9)
-
-
-@SCHEME
-def test_it_may_fail_again_and_again(host, scheme):
-    """Every other step fails, once with the first call, once with the second."""
-    calm, _ = tired_run("plain", host, scheme, "kernel")
-    calm.record(12)
+    # every other step fails, once with the first call, once with the second
     run, tired = tired_run("plain", host, scheme, "kernel")
     for n in range(12):
         tired.left = 1 + n % 2
@@ -159,13 +154,6 @@ def test_it_may_fail_again_and_again(host, scheme):
         agrees(found, calm.known[found["steps"]], 1e-9)
         run.simulation.step(n + 1 - found["steps"])
         agrees(run.now(), calm.known[n + 1], 1e-9)
-
-
-@SCHEME
-def test_a_state_saved_after_a_failure_restarts(host, scheme, tmp_path):
-    """What is on disk afterwards is a state like any other."""
-    calm, _ = tired_run("plain", host, scheme, "kernel")
-    calm.record(10)
     run, tired = tired_run("plain", host, scheme, "kernel")
     run.simulation.step(3)
     tired.left = 2

@@ -271,6 +271,21 @@ def holds(samples: list[float], kT: float) -> None:
     assert abs(average.mean - kT) < 0.01 * kT + 4 * average.sem, (average, kT)
 
 
+def watched_replicas(states, simulation, length: int, count: int) -> tuple[list[list[float]], list[list[int]]]:
+    """Kinetic temperatures in each state, and the states of the replicas, both after each exchange."""
+    found, order = [[] for _ in states], []
+
+    def watch(sampler):
+        order.append(list(sampler.replicaStateIndex))
+        for replica, state in enumerate(order[-1]):
+            found[state].append(kinetic(sampler.replicaConformation[replica].getVelocities(asNumpy=True)._value))
+
+    sampler = app.ReplicaExchangeSampler(states, simulation, length)
+    sampler.reporters.append(watch)
+    sampler.simulate(count)
+    return found, order
+
+
 @pytest.mark.slow
 @any_seed(4)
 @cases(
@@ -292,14 +307,7 @@ def test_states_have_their_temperatures(method, way, keys, seed):
     found: list[list[float]] = [[] for _ in factors]
     random.seed(seed + 1)
     if method == "ReplicaExchangeSampler":
-        sampler = app.ReplicaExchangeSampler(states, simulation, length)
-
-        def watch(sampler):
-            for replica, state in enumerate(sampler.replicaStateIndex):
-                found[state].append(kinetic(sampler.replicaConformation[replica].getVelocities(asNumpy=True)._value))
-
-        sampler.reporters.append(watch)
-        sampler.simulate(60)
+        found, _ = watched_replicas(states, simulation, length, 60)
     else:
         if method == "SimulatedTempering":
             choices = {"weights": [0.0] * 3, "tempChangeInterval": length, "reportFile": None}
@@ -325,20 +333,8 @@ def test_replicas_of_a_dpd_fluid_have_their_temperatures(scheme, seed):
     states = [{"temperature": factor * UNIT * KELVIN} for factor in factors]
     simulation = stepped(fluid(scheme=scheme, n=192, edge=4.0, dt=0.04, table={("W", "W"): dpd.DPD(A=25, gamma=4.5)}, seed=seed), 300)
     random.seed(seed + 1)
-    sampler = app.ReplicaExchangeSampler(states, simulation, 25)
-    found: list[list[float]] = [[] for _ in factors]
-    exchanges = [0]
-
-    def watch(sampler):
-        for replica, state in enumerate(sampler.replicaStateIndex):
-            found[state].append(kinetic(sampler.replicaConformation[replica].getVelocities(asNumpy=True)._value))
-        exchanges[0] += watch.last != list(sampler.replicaStateIndex)
-        watch.last = list(sampler.replicaStateIndex)
-
-    watch.last = [0, 1, 2]
-    sampler.reporters.append(watch)
-    sampler.simulate(200)
-    assert exchanges[0] > 20
+    found, order = watched_replicas(states, simulation, 25, 200)
+    assert sum(one != other for one, other in itertools.pairwise([[0, 1, 2], *order])) > 20
     for samples, factor in zip(found, factors, strict=True):
         holds(samples[10:], factor)
 

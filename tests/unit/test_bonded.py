@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from openmm import unit
+from raising import raises
 from scenes import beads
 
 import openmm_dpd as dpd
@@ -101,8 +102,7 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name):
     make, message = BAD[name]
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 def test_bonds_through_the_box():

@@ -10,6 +10,7 @@ from kernel_answers import (
     SEED,
     between,
     close,
+    matrix,
     noise_matrices,
     prepared,
     same_terms,
@@ -51,13 +52,6 @@ def evaluate(scene, which, v=None, counter=COUNTER, engine=None):
     temperature = scene.internal.values(scene.n_beads)
     energy, force, virial = engine.forces(which, scene.velocities if v is None else v, 1.0, DT, SEED, counter, temperature)
     return energy, force, virial, engine.rates[:, 0] * scene.internal.heat_capacities(scene.n_beads)
-
-
-def matrix(scene, key):
-    names = scene.type_names
-    entries = scene.tables[0].resolve(names)
-    term = lambda a, b: entries[(names[min(a, b)], names[max(a, b)])]  # noqa: E731
-    return np.array([[getattr(term(a, b), key) for b in range(len(names))] for a in range(len(names))])
 
 
 def oracle_rates(scene, compat="consistent", masses=None) -> oracle.EdpdRates:

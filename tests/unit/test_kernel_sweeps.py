@@ -123,6 +123,14 @@ def test_beads_that_are_all_alike(scheme, dt):
     check(scene, scheme, dt)
 
 
+def pairs_apart(count, distance, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Places of isolated pairs of beads, the first ones of all before the second ones, and their directions."""
+    places = np.stack(np.meshgrid(*[np.arange(16) * 4.0] * 3), axis=-1).reshape(-1, 3)[:count]
+    e = rng.normal(size=(count, 3))
+    e /= np.linalg.norm(e, axis=1)[:, None]
+    return np.concatenate([places, places + distance * e]), e
+
+
 @UPDATE
 @pytest.mark.parametrize("dt", [0.02, 0.5])
 def test_maxwell_distribution_is_left_unchanged(scheme, dt):
@@ -131,10 +139,7 @@ def test_maxwell_distribution_is_left_unchanged(scheme, dt):
     Radial and transverse parts of the relative velocity apart, in units of kT (1/m_i + 1/m_j): errors sqrt(2/M) = 2.2 % and 1.6 %.
     """
     pairs, rng = 4000, np.random.default_rng(5)
-    places = np.stack(np.meshgrid(*[np.arange(16) * 4.0] * 3), axis=-1).reshape(-1, 3)[:pairs]
-    e = rng.normal(size=(pairs, 3))
-    e /= np.linalg.norm(e, axis=1)[:, None]
-    x = np.concatenate([places, places + 0.3 * e])
+    x, e = pairs_apart(pairs, 0.3, rng)
     masses = {"A": 1.0, "B": 2.7}
     table = {("*", "*"): D(gamma=40.5, gamma_perp=3.0, exponent_perp=0.5, cutoff=1.0)}
     v = rng.normal(size=(2 * pairs, 3)) * np.sqrt(KT / np.repeat([1.0, 2.7], pairs))[:, None]
@@ -157,10 +162,7 @@ def test_maxwell_distribution_is_left_unchanged(scheme, dt):
 def test_pairs_that_start_cold_warm_up_to_the_temperature(scheme):
     """From rest: 1 - <q^2> of the equilibrium after one sweep, radial and transverse, within 4 standard errors."""
     pairs, rng, dt = 4000, np.random.default_rng(6), 0.05
-    places = np.stack(np.meshgrid(*[np.arange(16) * 4.0] * 3), axis=-1).reshape(-1, 3)[:pairs]
-    e = rng.normal(size=(pairs, 3))
-    e /= np.linalg.norm(e, axis=1)[:, None]
-    x = np.concatenate([places, places + 0.4 * e])
+    x, e = pairs_apart(pairs, 0.4, rng)
     gamma, gamma_perp, mass = 9.0, 4.0, 2.0
     table = {("W", "W"): D(gamma=gamma, gamma_perp=gamma_perp, cutoff=1.0)}
     scene = dpd.Scene({"W": mass}, ["W"] * 2 * pairs, x, table, KT, velocities=np.zeros((2 * pairs, 3)))

@@ -4,7 +4,7 @@ import numpy as np
 import oracle as plain_oracle
 import oracle_meso as oracle
 import pytest
-from kernel_answers import COUNTER, DT, PARTS, SEED, between, close, prepared, same_terms, scaled_by
+from kernel_answers import COUNTER, DT, PARTS, SEED, between, close, matrix, prepared, same_terms, scaled_by
 from marks import BOX
 from scenes import BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
@@ -59,15 +59,8 @@ def noise_matrices(n: int, n_species: int, counter: int = COUNTER, kT: float = K
     return upper[0] + upper[0].T, upper[1:] - np.swapaxes(upper[1:], 1, 2)
 
 
-def coefficient(scene, key):
-    names = scene.type_names
-    entries = scene.tables[0].resolve(names)
-    term = lambda a, b: entries[(names[min(a, b)], names[max(a, b)])]  # noqa: E731
-    return np.array([[getattr(term(a, b), key) for b in range(len(names))] for a in range(len(names))])
-
-
 def oracle_rates(scene, kT=KT) -> oracle.TdpdRates:
-    get = lambda key: coefficient(scene, key)  # noqa: E731
+    get = lambda key: matrix(scene, key)  # noqa: E731
     per_species = lambda key: list(np.moveaxis(get(key), -1, 0))  # noqa: E731
     xi, xi_C = noise_matrices(scene.n_beads, scene.internal.n_species, kT=kT)
     return oracle.tdpd_pair(
@@ -140,7 +133,7 @@ def test_laplacian_counts_the_range_of_the_forces_only():
     """The list reaches further: pairs beyond the forces' range must not count."""
     scene = solution()
     zero = np.zeros((2, 2))
-    params = plain_oracle.PairParams(coefficient(scene, "A"), zero, zero, zero + 1, zero + 1, coefficient(scene, "cutoff"))
+    params = plain_oracle.PairParams(matrix(scene, "A"), zero, zero, zero + 1, zero + 1, matrix(scene, "cutoff"))
     expected = plain_oracle.conservative(scene.positions, scene.type_ids, params, scene.box).laplacian
     assert prepared(scene).laplacian() == pytest.approx(expected, rel=1e-11)
     whole, half = pair_of_beads(), pair_of_beads(0.5)  # immobile beads do not count, a factor does
@@ -201,7 +194,7 @@ def test_a_sweep_equals_the_oracle(n_species, dt, scheme):
     engine, n, c = prepared(scene, scheme, dt), scene.n_beads, scene.internal.values
     seen = engine.seen(scene.velocities)
     change = engine.sweep(scene.velocities, KT, dt, SEED, COUNTER, c)
-    get = lambda key: coefficient(scene, key)  # noqa: E731
+    get = lambda key: matrix(scene, key)  # noqa: E731
     per_species = lambda key: list(np.moveaxis(get(key), -1, 0))  # noqa: E731
     v, expected = oracle.tdpd_sweep(
         seen, c, scene.type_ids, np.where(mobile, scene.bead_masses, np.inf), get("gamma"), get("exponent"), get("cutoff"), get("cutoff_c"),

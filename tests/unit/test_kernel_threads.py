@@ -140,14 +140,14 @@ def test_words_are_copied():
     assert np.array_equal(copies.view(np.float64), expected)
 
 
+def _called(numbers, part, parts, team):
+    numbers[part] += 1
+    return 0
+
+
 def test_threads_wake_up_again(together):
     """After they went to sleep."""
-
-    def shared(numbers, part, parts, team):
-        numbers[part] += 1
-        return 0
-
-    kernel, numbers = Kernel(shared, kept=False), np.zeros(2, np.int64)
+    kernel, numbers = Kernel(_called, kept=False), np.zeros(2, np.int64)
     for _ in range(3):
         kernel(numbers, parts=2)
         time.sleep(0.1)
@@ -158,12 +158,7 @@ def test_a_child_process_has_a_team_of_its_own(together):
     """The threads of its parent are not there."""
     if not hasattr(os, "fork"):
         pytest.skip("there is no fork")
-
-    def shared(numbers, part, parts, team):
-        numbers[part] += 1
-        return 0
-
-    kernel, numbers = Kernel(shared, kept=False), np.zeros(2, np.int64)
+    kernel, numbers = Kernel(_called, kept=False), np.zeros(2, np.int64)
     kernel(numbers, parts=2)
     child = os.fork()
     if child == 0:

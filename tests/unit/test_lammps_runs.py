@@ -135,22 +135,16 @@ def test_stopping_before_the_first_run(tmp_path):
     assert state.first_run.steps == 0
 
 
-def test_a_deck_without_run_is_an_error(tmp_path):
-    raises(DeckError, "the deck has no run command", lambda: requests_of(tmp_path, "fix 1 all nve\n"))
-
-
-def test_errors_of_the_simulation_are_located_at_the_run(tmp_path):
+@cases(
+    "error, seen, message",
+    (ParameterError("something about the scene"), DeckError, r"in.deck:14: something about the scene"),
+    (ValueError("a bug"), ValueError, "^a bug$"),
+)
+def test_errors_of_the_simulation_are_located_at_the_run_and_bugs_are_not(tmp_path, error, seen, message):
     def callback(request):
-        raise ParameterError("something about the scene")
+        raise error
 
-    raises(DeckError, r"in.deck:14: something about the scene", lambda: requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback))
-
-
-def test_bugs_are_not_dressed_up_as_deck_errors(tmp_path):
-    def callback(request):
-        raise ValueError("a bug")
-
-    raises(ValueError, "^a bug$", lambda: requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback))
+    raises(seen, message, lambda: requests_of(tmp_path, "fix 1 all nve\nrun 10\n", callback))
 
 
 def test_include_quit_and_notes(tmp_path):
@@ -206,14 +200,10 @@ def test_velocities_by_id_do_not_draw_for_every_number_up_to_a_huge_id(tmp_path)
 def test_a_ramp_over_two_runs(tmp_path):
     text = "pair_style dpd/tstat 1.0 3.0 1.0 7\npair_coeff * * 4.5\nfix 1 all nve\nrun 100 start 0 stop 400\nrun 300 start 0 stop 400\n"
     text += "reset_timestep 0\nrun 50\nrun 0\n"
+    text += "pair_style dpd/tstat 2.0 2.0 1.0 7\npair_coeff * * 4.5\nrun 10\n"
     found = []
     requests_of(tmp_path, text, lambda request: found.append(request.scene().kT))
-    assert found == [TemperatureRamp(1, 3, 0, 400), TemperatureRamp(1, 3, -100, 300), TemperatureRamp(1, 3, 0, 50), 1.0]
-
-
-def test_a_constant_temperature_is_no_ramp(tmp_path):
-    (request,) = requests_of(tmp_path, "pair_style dpd/tstat 2.0 2.0 1.0 7\npair_coeff * * 4.5\nfix 1 all nve\nrun 10\n")
-    assert request.scene().kT == 2.0
+    assert found == [TemperatureRamp(1, 3, 0, 400), TemperatureRamp(1, 3, -100, 300), TemperatureRamp(1, 3, 0, 50), 1.0, 2.0]
 
 
 # -- fixes -------------------------------------------------------------------------------------------------------------------
@@ -224,26 +214,21 @@ def test_beads_in_no_fix_are_frozen_and_keep_their_velocity(tmp_path):
     assert np.array_equal(scene.velocities[30:], np.tile([1.0, 0, 0], (20, 1)))
 
 
-def test_two_fixes_on_disjoint_groups(tmp_path):
-    (request,) = requests_of(tmp_path, "fix 1 one nve\nfix 2 two mvv/dpd 0.5\nrun 10\n")
-    assert request.scene().mobile is None and request.lambda_ == 0.5
-
-
 FDT = "pair_style dpd/fdt 1.0 1.0 7\npair_coeff * * 25 3\n"
 
 
-def test_shardlow(tmp_path):
+def test_two_fixes_on_disjoint_groups_then_shardlow_and_none(tmp_path):
+    (request,) = requests_of(tmp_path, "fix 1 one nve\nfix 2 two mvv/dpd 0.5\nrun 10\n")
+    assert request.scene().mobile is None and request.lambda_ == 0.5
     (request,) = requests_of(tmp_path, FDT + "fix s all shardlow\nfix n all nve\nrun 10\n")
     assert request.scheme == "shardlow"
-
-
-def test_no_fix_at_all_is_said(tmp_path):
     (request,) = requests_of(tmp_path, "run 10\n")
     assert not request.mobile.any() and "no fix integrates any bead: nothing will move" in request.state.notes
 
 
 @cases(
     "text, message",
+    ("fix 1 all nve\n", "the deck has no run command"),
     ("fix 1 all nve\nfix 2 two nve\nrun 1\n", "in.deck:14: fix 2: bead 31 is moved by fix 1 already"),
     ("fix 1 one nve\nfix 2 two mvv/dpd 0.65\nrun 1\n", r"different lambda \(0.5, 0.65\)"),
     ("fix 1 all mvv/dpd 1.5\n", "lambda must be between 0 and 1, but is 1.5"),
@@ -317,7 +302,6 @@ def test_no_fix_at_all_is_said(tmp_path):
     ("variable a equal random(0,1,0.5)\nprint $a\n", "the seed of random must be a whole number of at least 1, not 0.5"),
     ("thermo_style custom f_1\n", "f_1: there is no fix '1' with a value; fix ave/time has values"),
     ("compute m all momentum\nthermo_style custom c_m\n", "compute m .style momentum. has no single value; use c_m.1."),
-    ("compute x all vacf\n", "compute style 'vacf' is not supported"),
     ("compute x all dpd\n", "compute dpd needs atom_style dpd"),
     ("thermo_modify norm maybe\n", "expected yes or no for norm"),
     ("thermo_modify colour blue\n", "thermo_modify has no option 'colour'"),
@@ -360,15 +344,11 @@ def test_normalisation(tmp_path):
     assert normed["ke"] == pytest.approx(1.5 * 49 / 50) and total["ke"] == pytest.approx(1.5 * 49)
 
 
-def test_pressures(tmp_path):
-    found = values_of(tmp_path, "fix 1 all nve\nthermo_style custom press press_full temp_conf\nrun 1\n", kT_conf=1.25)
-    assert found == pytest.approx({"press": (147 + 300) / 648, "press_full": (147 + 360) / 648, "temp_conf": 1.25})
-
-
-def test_every_word_has_a_value(tmp_path):
-    words = " ".join(WORDS)
-    found = values_of(tmp_path, f"fix 1 all nve\nthermo_style custom {words}\nrun 1\n", kT_conf=1.0)
+def test_every_word_has_a_value_and_pressures_theirs(tmp_path):
+    found = values_of(tmp_path, f"fix 1 all nve\nthermo_style custom {' '.join(WORDS)}\nrun 1\n", kT_conf=1.25)
     assert set(found) == set(WORDS) and all(np.isfinite(list(found.values())))
+    expected = {"press": (147 + 300) / 648, "press_full": (147 + 360) / 648, "temp_conf": 1.25}
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
 
 
 def test_what_was_not_measured_is_an_error(tmp_path):
