@@ -10,6 +10,7 @@ from .diffusion import (
     velocity_autocorrelation as velocity_autocorrelation,
 )
 from .distances import radial_distribution as radial_distribution
+from .frames import read_velocities as read_velocities
 from .interfaces import surface_tension as surface_tension
 from .membranes import (
     BendingModulus as BendingModulus,
@@ -27,7 +28,6 @@ from .rheology import (
     shear_viscosity as shear_viscosity,
 )
 from .scattering import structure_factor as structure_factor
-from .velocity_file import read_velocities as read_velocities
 from .viscosity import (
     CouetteFit as CouetteFit,
     GreenKubo as GreenKubo,

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ..base.wording import bead_names
 from .compiled import inlined
 from .extras import CHUNK, BondedKernel, minimum_image
 
@@ -80,13 +79,8 @@ class AngleTerms(BondedKernel):
     """All angles of a kind, the vertex in the middle."""
 
     part = staticmethod(_part)
+    called = "an angle"
     sample = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0))
-
-    def what_is_wrong(self, x: np.ndarray, box: np.ndarray | None) -> str:
-        """Which angle has no finite energy at the positions x."""
-        broken = self.beads[~np.isfinite(x[self.beads]).all(axis=(1, 2))]
-        which = f"of the {bead_names(*broken[0])} " if len(broken) else ""
-        return f"an angle {which}has no finite energy"
 
 
 class HarmonicAngleTerms(AngleTerms):

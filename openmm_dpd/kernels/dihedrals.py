@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ..base.wording import bead_names
 from .extras import BondedKernel, minimum_image
 
 #: Least square of the sine between two bonds that a force is divided by.
@@ -58,13 +57,8 @@ class DihedralTerms(BondedKernel):
     """All dihedrals of a kind."""
 
     part = staticmethod(_part)
+    called = "a dihedral"
     sample = ((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.5, 0.5))
-
-    def what_is_wrong(self, x: np.ndarray, box: np.ndarray | None) -> str:
-        """Which dihedral has no finite energy at the positions x."""
-        broken = self.beads[~np.isfinite(x[self.beads]).all(axis=(1, 2))]
-        which = f"of the {bead_names(*broken[0])} " if len(broken) else ""
-        return f"a dihedral {which}has no finite energy"
 
 
 class HarmonicDihedralTerms(DihedralTerms):

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..base.errors import RunError
 from ..base.numba_private import ONLY_LINKED
+from ..base.wording import bead_names
 from .compiled import SEMANTICS, inlined, renamed
 from .native import Kernel
 from .notice import LOGGER, announced
@@ -184,6 +185,7 @@ class BondedKernel:
     #: returns their energy.
     part: ClassVar[Callable]
     formula: ClassVar[Callable]  #: Energy and its slope, of one term
+    called: ClassVar[str] = "a term"  #: In messages
     sample: ClassVar[tuple[tuple[float, float, float], ...]]  #: Positions of the beads of one term
     beads: np.ndarray  #: (K, width) uint32, beads of each term
     parameters: np.ndarray  #: (n, K) float64, coefficients of each term
@@ -200,7 +202,9 @@ class BondedKernel:
 
     def what_is_wrong(self, x: np.ndarray, box: np.ndarray | None) -> str:
         """Which term has no finite energy at the positions x."""
-        raise NotImplementedError
+        broken = self.beads[~np.isfinite(x[self.beads]).all(axis=(1, 2))]
+        which = f"of the {bead_names(*broken[0])} " if len(broken) else ""
+        return f"{self.called} {which}has no finite energy"
 
 
 class TermEvaluator:

@@ -1,6 +1,6 @@
 """Whether a run has the temperature that was set: what a step that is too long spoils first.
 
-Beads that run away stop a run (``forces/runaway.py``); between these steps and those that are right a fluid is steadily too hot.
+Beads that run away stop a run (``forces/pair_force.py``); between these steps and those that are right a fluid is steadily too hot.
 """
 
 from collections.abc import Sequence

@@ -10,7 +10,7 @@ from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
-from openmm_dpd.plan.forces.runaway import runaway
+from openmm_dpd.plan.forces.pair_force import runaway
 
 N, EDGE = 375, 5.0
 TOO_FAST = "more than the cutoff"

@@ -9,7 +9,7 @@ from ...base.errors import ParameterError, what_is
 from ...base.units import to_md
 from ...model.scene import Scene
 from .arrays import BeadArrays
-from .bonded import scene_angles, scene_bonds, scene_dihedrals
+from .bonded import scene_terms
 
 
 def scene_from_beads(
@@ -76,9 +76,9 @@ def scene_from_beads(
             raise ParameterError(f"{name} are given, and leave_out names them; one of these is too much")
     types = list(dict.fromkeys(beads.types))
     by_type, single = _masses(beads, types, masses)
-    springs: Sequence = () if "bonds" in left_out else scene_bonds(beads, bonds)
-    bends: Sequence = () if "angles" in left_out else scene_angles(beads, angles, springs)
-    twists: Sequence = () if "dihedrals" in left_out else scene_dihedrals(beads, dihedrals, springs)
+    springs: Sequence = () if "bonds" in left_out else scene_terms(beads, bonds, "bond")
+    bends: Sequence = () if "angles" in left_out else scene_terms(beads, angles, "angle", springs)
+    twists: Sequence = () if "dihedrals" in left_out else scene_terms(beads, dihedrals, "dihedral", springs)
     return Scene(
         masses=by_type,
         types=beads.types,

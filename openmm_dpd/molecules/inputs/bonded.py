@@ -13,27 +13,15 @@ from ..terms import AnyBend, AnySpring, AnyTwist, many_terms
 from .arrays import BeadArrays
 
 
-def scene_bonds(beads: BeadArrays, given) -> Sequence:
-    """Bonds of a Scene: those of the source, with the given springs, or the given ones."""
-    return given if _ready(given) else _terms(beads, beads.bonds, beads.bond_names, given, "bond")
-
-
-def scene_angles(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
-    """Angles of a Scene: those of the source, with the given bends, the given ones, or those between bonds (of the Scene)."""
-    if _ready(given):
+def scene_terms(beads: BeadArrays, given, what: str, bonds: Sequence = ()) -> Sequence:
+    """Bonds, angles or dihedrals (``what``: one of them) of a Scene: those of the source, with the given springs, bends or twists; the
+    given ones; or angles and dihedrals along bonds (of the Scene), where the source has none."""
+    if isinstance(given, Sequence) and not isinstance(given, str):
         return given
-    if len(beads.angles) or given is None:
-        return _terms(beads, beads.angles, beads.angle_names, given, "angle")
-    return _along_bonds(beads, bonds, given, "angle")
-
-
-def scene_dihedrals(beads: BeadArrays, given, bonds: Sequence) -> Sequence:
-    """Dihedrals of a Scene: those of the source, with the given twists, the given ones, or those along bonds (of the Scene)."""
-    if _ready(given):
-        return given
-    if len(beads.dihedrals) or given is None:
-        return _terms(beads, beads.dihedrals, beads.dihedral_names, given, "dihedral")
-    return _along_bonds(beads, bonds, given, "dihedral")
+    rows = getattr(beads, f"{what}s")
+    if len(rows) or given is None or what == "bond":
+        return _terms(beads, rows, getattr(beads, f"{what}_names"), given, what)
+    return _along_bonds(beads, bonds, given, what)
 
 
 #: What a term is called, the class of all of its kinds, and how many beads it has.
@@ -97,11 +85,6 @@ def _check_keys(given: Mapping, known: set[str], source: str, what: str) -> None
 def _called(beads: BeadArrays, row, names: list[str] | None, k: int) -> str:
     types = ", ".join(repr(beads.types[bead]) for bead in row)
     return f"types {types}" + (f" ({names[k]!r})" if names is not None else "")
-
-
-def _ready(given) -> bool:
-    """Whether bonds, angles or dihedrals are those of a Scene already."""
-    return isinstance(given, Sequence) and not isinstance(given, str)
 
 
 def _along_bonds(beads: BeadArrays, springs: Sequence, given, what: str) -> list:
