@@ -96,10 +96,6 @@ class FileLedger:
         if entry is not None:
             entry.tail = start
 
-    def holds(self, path: str | os.PathLike) -> bool:
-        """Whether the run itself has written a file."""
-        return self._name(path) in self._entries
-
     def _name(self, path: str | os.PathLike) -> str:
         whole = os.path.abspath(path)
         return os.path.relpath(whole, self.root) if Path(whole).is_relative_to(self.root) else whole
@@ -154,10 +150,10 @@ class FileLedger:
                 path.unlink()
             else:
                 os.truncate(path, min(before, path.stat().st_size))
-        self._entries = {
-            name: _Entry(was["grows"], was["begun"], was["before"], was["length"] - len(was["tail"]) if was.get("tail") else None)
-            for name, was in lengths.items()
-        }
+        for name, was in lengths.items():
+            tail = was["length"] - len(was["tail"]) if was.get("tail") else None
+            # what was begun anew since will be so once more, also if the run is killed before that
+            self._entries[name] = _Entry(was["grows"], now.get(name, (True, was["begun"]))[1], was["before"], tail)
         self._noted = b""
         self._note(self._entries)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import threading
 from collections.abc import Iterator
@@ -28,6 +29,13 @@ def writing(path: str | os.PathLike, what: str) -> Iterator[None]:
     except OSError as error:
         remedy = _REMEDIES.get(error.errno or 0, "write elsewhere")
         raise OutputError(f"{what} {os.fspath(path)} cannot be written ({error.strerror or error}); {remedy}") from None
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, empty if it cannot be read."""
+    with suppress(OSError):
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    return ""
 
 
 def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> None:

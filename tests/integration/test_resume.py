@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 from files_of_tests import put
 from interrupted_runs import contents, interrupted, signal_at
+from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
 from openmm_dpd.base.file_ledger import sealed
 from openmm_dpd.base.files import BlockFile
+from openmm_dpd.base.signals import Signals
+from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
 from openmm_dpd.lammps.values import computes
 
@@ -277,6 +280,18 @@ def test_an_interruption_near_the_end_can_be_resumed_or_changes_nothing(tmp_path
         assert status == 0 or main(["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]) == 0
         assert contents(out) == contents(whole)
     assert found == {0, 130}
+
+
+def test_a_deck_that_is_edited_while_it_runs_is_another_one(deck):
+    signals, out = Signals(), deck.parent / "out"
+
+    def log(text: str) -> None:
+        put(deck, f"{TINY}# else\n")
+        signals.seen += [signal.SIGTERM] * text.startswith("Loop")
+
+    with pytest.raises(KeyboardInterrupt):
+        run_deck(deck, RunOptions(platform="Reference"), out=out, log=log, signals=signals)
+    raises(dpd.ParameterError, "is not the deck of the interrupted run, or has changed since", run_deck, deck, restart=out)
 
 
 class Forgetful:

@@ -7,7 +7,6 @@ carried out but recalled, and nothing is written until the place of the checkpoi
 deck need nothing of their own.
 """
 
-import hashlib
 import io
 import logging
 import os
@@ -21,7 +20,7 @@ from typing import Any
 
 from ...base.errors import ParameterError
 from ...base.file_ledger import FileLedger, sealed, unsealed
-from ...base.files import write_whole, writing
+from ...base.files import digest, write_whole, writing
 from ...base.serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
 from .options import RunOptions
@@ -123,21 +122,15 @@ class Latest:
                 had = "none" if self.options[name] is None else self.options[name]
                 raise ParameterError(f"--{name} {value} cannot be combined with --restart: the interrupted run had {had}; leave it out")
 
-    def check(self, deck: Path, variables: Mapping[str, str], ledger: FileLedger) -> None:
+    def check(self, deck: Path, variables: Mapping[str, str]) -> None:
         """ParameterError if it is another deck now, or reads other files, or has other variables."""
         if variables and dict(variables) != self.variables:
             raise ParameterError(f"--var cannot be changed by --restart: the interrupted run had {self.variables or 'none'}; leave it out")
-        for name, digest in self.inputs.items():
+        for name, before in self.inputs.items():
             path = deck if name == self.deck else Path(name)
-            if not ledger.holds(path) and _digest(path) != digest:
+            if digest(path) != before:
                 what = "is not the deck of the interrupted run" if name == self.deck else "is not what the interrupted run has read"
                 raise ParameterError(f"--restart: {path} {what}, or has changed since; put it back, or begin anew without --restart")
-
-
-def _digest(path: Path) -> str:
-    with suppress(OSError):
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    return ""
 
 
 class Checkpoints:
@@ -146,7 +139,6 @@ class Checkpoints:
     def __init__(self, out: Path, asked: Mapping[str, Any] | None = None):
         self.folder, self._asked = out / FOLDER, dict(asked or {})
         self.ledger = FileLedger(out, self.folder / "files")
-        self._inputs: dict[str, str] = {}
         self._latest_is_bad = ""
 
     @staticmethod
@@ -164,11 +156,8 @@ class Checkpoints:
         """Store what a run has made of the deck: the next one, which is done or which is interrupted here."""
         if done:
             self._write(f"run-{state.runs + 1}", kept)
-        for path in state.inputs:
-            if str(path.resolve()) not in self._inputs:
-                self._inputs[str(path.resolve())] = _digest(path)
         with writing(self.folder, "the checkpoint"):
-            place = str(state.path.resolve()), asdict(options), variables, dict(self._inputs), self.ledger.lengths()
+            place = str(state.path.resolve()), asdict(options), variables, state.inputs, self.ledger.lengths()
         self._write("latest", vars(Latest(*place, state.runs + done, None if done else kept, self._asked)))
 
     def _write(self, name: str, content: dict[str, Any]) -> None:
@@ -203,7 +192,6 @@ class Checkpoints:
         if self._latest_is_bad:
             _LOGGER.warning("%s; the run goes on from the one before", self._latest_is_bad)
             os.replace(self.folder / "before", self.folder / "latest")
-        self._inputs = dict(latest.inputs)
         self.ledger.replaying = True
 
     # -- reading ------------------------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import DeckError, OutputError, ParameterError
+from ...base.files import digest
 from ...base.wording import read_by
 from ..commands import beads, bonded, box, fixes, moving, output, pairs  # noqa: F401  each enters its commands
 from ..commands.setup import COMMANDS, command
@@ -262,7 +263,8 @@ def read_deck(
         With file and line, for anything unknown, unsupported, missing or out of bounds.
     """
     path = Path(path)
-    deck = DeckState(path, variables=Variables(dict(variables or {})), output=Path(output), log=log, inputs=[path])
+    deck = DeckState(path, variables=Variables(dict(variables or {})), output=Path(output), log=log)
+    deck.inputs[str(path.resolve())] = digest(path)
     deck.run_callback, deck.stop_before_first_run = run_callback, stop_before_first_run
     try:
         with read_by(deck):

@@ -130,7 +130,7 @@ def run_deck(
     if checkpoints is not None and restart is not None:
         latest = checkpoints.latest()
         options = latest.merged(options)
-        latest.check(Path(path), variables, checkpoints.ledger)
+        latest.check(Path(path), variables)
         variables = latest.variables
         checkpoints.resume(latest)
     elif checkpoints is not None:

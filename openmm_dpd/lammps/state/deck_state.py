@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ParameterError
-from ...base.files import writing
+from ...base.files import digest, writing
 from ...base.geometry import weighted_sum
 from ...base.units import LJ, UnitSystem
 from ..language import arguments as read
@@ -99,7 +99,7 @@ class DeckState:
     scripts: list[Script] = field(default_factory=list)  #: The deck and the files whose include is being carried out, and the place in each
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
-    inputs: list[Path] = field(default_factory=list)  #: The deck, and the files that it has read
+    inputs: dict[str, str] = field(default_factory=dict)  #: Checksums of the files that it has read, as they were then
 
     # -- questions -----------------------------------------------------------------------------------------------------------
     @property
@@ -200,7 +200,7 @@ class DeckState:
         """A file named in the deck: relative to the deck's folder, or else to the working directory."""
         for candidate in (self.path.parent / name, Path(name)):
             if candidate.is_file():
-                self.inputs.append(candidate)
+                self.inputs.setdefault(str(candidate.resolve()), digest(candidate))
                 return candidate
         raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
 
