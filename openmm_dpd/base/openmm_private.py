@@ -4,12 +4,13 @@
 
 - ``bare``: ``quantity.value_in_unit_system(openmm.unit.md_unit_system)`` is the same, as a copy.
 - ``vectors``: ``np.array(state.getPositions(asNumpy=True).value_in_unit(openmm.unit.nanometer))`` is the same, velocities alike.
-- ``context_of``: use OpenMM's own way from an integrator to its Context if there is one now; else let ``simulation()`` of ``built.py`` call
-  ``integrator.bind(simulation.context)``, and say in the documentation that other Contexts have to do so too.
+- ``hear_of_contexts``: use OpenMM's own way from an integrator to its Context if there is one now; else let ``simulation()`` of
+  ``built.py`` call ``integrator.bind(simulation.context)``, and say in the documentation that other Contexts have to do so too.
 - ``xtc_write_frame``: ``mdtraj.formats.XTCTrajectoryFile`` writes frames too.
 """
 
-from gc import get_objects
+from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -29,11 +30,17 @@ def vectors(state: openmm.State, kind: int) -> np.ndarray:
     return found
 
 
-def context_of(integrator: openmm.Integrator) -> openmm.Context | None:
-    """The Context that was made with an integrator, None without one.  OpenMM has no way from an integrator to its Context, so all of them
-    get asked: it takes milliseconds to look for them, and to ask Python who refers to the integrator takes five times as long."""
-    contexts = (one for one in get_objects() if issubclass(type(one), openmm.Context))
-    return next((one for one in contexts if getattr(one, "_integrator", None) is integrator), None)
+def hear_of_contexts(listener: Callable[[openmm.Context], None]) -> None:
+    """Have a function called with every Context that is made from now on, at the end of ``openmm.Context.__init__``, which subclasses
+    carry out too.  OpenMM has no way from an integrator to its Context, and to search what Python knows breaks what other threads build."""
+    make = openmm.Context.__init__
+
+    @wraps(make)
+    def __init__(self, *arguments, **more):
+        make(self, *arguments, **more)
+        listener(self)
+
+    openmm.Context.__init__ = __init__
 
 
-__all__ = ["bare", "context_of", "vectors", "xtc_write_frame"]
+__all__ = ["bare", "hear_of_contexts", "vectors", "xtc_write_frame"]

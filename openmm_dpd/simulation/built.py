@@ -92,9 +92,7 @@ class BuiltSystem:
         name = platform if platform is not None else self.plan.platform or fastest_platform()
         try:
             chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
-            simulation = DPDSimulation(self.plan, self.topology, self.system, self.integrator, chosen, properties)
-            self.integrator.bind(simulation.context)
-            return simulation
+            return DPDSimulation(self.plan, self.topology, self.system, self.integrator, chosen, properties)
         except openmm.OpenMMException as error:
             if "same name as a Context parameter" in str(error):
                 name = str(error).rpartition(":")[2].strip()

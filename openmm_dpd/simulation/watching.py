@@ -21,7 +21,7 @@ import openmm
 
 from ..base.errors import PlanError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
-from ..base.openmm_private import bare, context_of
+from ..base.openmm_private import bare, hear_of_contexts
 from ..base.signals import CTRL_C, unbroken
 from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
 from .barostat_temperature import barostats, check_barostats, tell_pressures
@@ -115,14 +115,10 @@ class Watching:
     def context(self) -> openmm.Context | None:
         """The Context that this integrator belongs to, None before there is one."""
         found = None if self._known is None else self._known()
-        if found is None or found.getIntegrator() is not self:
-            found, self._known = context_of(self), None  # type: ignore[arg-type]
-            if found is not None:
-                self.bind(found)
-        return found
+        return None if found is None or found.getIntegrator() is not self else found  # a copy knows the Context of the original
 
     def bind(self, context: openmm.Context) -> None:
-        """Say which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
+        """Hear which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
         if not hasattr(context, "watched"):
             context.__class__ = watched(type(context), self.device_group is not None or self.shown_to is not None)  # type: ignore[arg-type]
         self._known, self._looked_at, self._remembered, self._unverified = weakref.ref(context), (), None, False
@@ -338,3 +334,14 @@ class Watching:
 
     def _take_kT(self, context: openmm.Context, kT: float) -> None:
         """Go on at another thermal energy."""
+
+
+def _introduce(context: openmm.Context) -> None:
+    """Tell an integrator of this package that it has a Context.  None can have been made before this is imported: there is no such
+    integrator yet.  It keeps no Context alive."""
+    integrator = openmm.Context.getIntegrator(context)
+    if isinstance(integrator, Watching):
+        integrator.bind(context)
+
+
+hear_of_contexts(_introduce)

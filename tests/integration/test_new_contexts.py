@@ -3,6 +3,7 @@
 import copy
 import signal
 import threading
+import weakref
 
 import numpy as np
 import openmm
@@ -62,6 +63,40 @@ def test_noise_is_new_unless_a_seed_was_given(seed):
         seeds.append(simulation.context.getParameter("dpd_seed"))
     assert len(set(seeds)) == (1 if seed is not None else 3)
     assert np.array_equal(ends[0], ends[1]) == (seed is not None)
+
+
+class OwnContext(openmm.Context):
+    """Somebody's own."""
+
+
+def test_an_integrator_knows_its_context_while_there_is_one():
+    """From before the first step, with what other Python threads are just building left alone; and it keeps none alive."""
+    made, errors, done = built("mvv", loop=False), [], threading.Event()
+
+    def build_tuples():
+        while not done.is_set() and not errors:
+            try:
+                tuple(k for k in range(3000))
+            except SystemError as error:
+                errors.append(error)
+
+    thread = threading.Thread(target=build_tuples)
+    thread.start()
+    for kind in (openmm.Context, OwnContext) * 6:
+        integrator = copy.copy(made.integrator)
+        context = kind(made.system, integrator, openmm.Platform.getPlatformByName("Reference"))
+        assert integrator.context() is context and isinstance(context, kind) and copy.copy(integrator).context() is None
+        place(context, made.positions, made.velocities)
+        integrator.step(1)
+        context = weakref.ref(context)
+        assert context() is None and integrator.context() is None
+    done.set()
+    thread.join()
+    assert not errors
+    context = openmm.Context(made.system, made.integrator, openmm.Platform.getPlatformByName("Reference"))
+    made.integrator.setIntegrationForceGroups(set(range(32)) - {5})
+    with pytest.raises(dpd.PlanError, match="after the Context was made"):
+        made.integrator.step(1)
 
 
 @SCHEME

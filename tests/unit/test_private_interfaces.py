@@ -21,7 +21,7 @@ NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.open
 ADDRESSES = "openmm_dpd.kernels.addresses"
 
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
-MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "gc.get_objects": OPENMM}
+MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM}
 
 #: The same for attributes of objects of other libraries, and for options by name.
 ATTRIBUTES = dict.fromkeys(("_value", "_getNumParticles", "_getVectorAsNumpy"), OPENMM)
@@ -236,15 +236,19 @@ def test_vectors_of_a_state_are_the_callers_own():
         assert vectors(state, openmm.State.Positions)[2, 2] == 8 / 7
 
 
-def test_the_context_of_an_integrator_is_found():
-    with advised(OPENMM, "the way from an integrator to its Context"):
-        from openmm_dpd.base.openmm_private import context_of
+def test_contexts_are_heard_of(monkeypatch):
+    class Own(openmm.Context):
+        """Somebody's own."""
 
+    heard = []
+    monkeypatch.setattr(openmm.Context, "__init__", openmm.Context.__init__)
+    with advised(OPENMM, "the way from an integrator to its Context"):
+        from openmm_dpd.base.openmm_private import hear_of_contexts
+
+        hear_of_contexts(heard.append)
         context, integrator = three_particles()
-        assert context_of(integrator) is context
-        assert context_of(openmm.VerletIntegrator(0.1)) is None
-        holder = {"integrator": integrator, "list": [integrator]}
-        assert context_of(integrator) is context and holder
+        own = Own(context.getSystem(), openmm.VerletIntegrator(0.25))
+        assert list(map(id, heard)) == [id(context), id(own)] and context.getIntegrator() is integrator
 
 
 def test_a_frame_is_written_as_xtc(tmp_path):
