@@ -36,8 +36,6 @@ class DPDSimulation(app.Simulation):
     def __init__(self, plan: Plan, *arguments):
         super().__init__(*arguments)
         self._plan = plan
-        if getattr(self.integrator, "shown_to", None) is not None:
-            self.integrator.context()  # which finds it, and hears of it from now on
 
     def step(self, steps: int) -> None:
         """Take steps, as always; those before a report at once where a loop does them, where OpenMM would ask for ten at a time.  Reporters

@@ -10,6 +10,7 @@ script, or takes a failed step back.
 """
 
 import logging
+import os
 import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ from typing import Any
 
 import openmm
 
-from ..base.errors import PlanError
+from ..base.errors import PlanError, RunError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
 from ..base.openmm_private import bare, hear_of_contexts
 from ..base.signals import CTRL_C, unbroken
@@ -49,9 +50,9 @@ def _box(context: openmm.Context) -> list:
 
 
 @lru_cache
-def watched(kind: type, looking: bool) -> type:
-    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew or changed, and on request
-    when one is looked at.  OpenMM leaves no sign of that: its checkpoint brings everything back."""
+def watched(kind: type) -> type:
+    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew, changed, or looked at.
+    OpenMM leaves no sign of that: its checkpoint brings everything back."""
 
     def reinitialize(self, preserveState=False):
         if preserveState:
@@ -61,7 +62,7 @@ def watched(kind: type, looking: bool) -> type:
 
     reinitialize.__doc__ = "As before; the next step looks at the System again."
     methods: dict[str, Any] = {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__}
-    for names, hear in ((_CHANGING, "changed"), (_LOOKING if looking else (), "looked")):
+    for names, hear in ((_CHANGING, "changed"), (_LOOKING, "looked")):
         methods |= {name: _heard(kind, name, hear) for name in names}
     return type(kind.__name__, (kind,), methods)
 
@@ -101,6 +102,7 @@ class Watching:
     _remembered: tuple[float, bytes] | None = None
     _unverified = False
     _known: weakref.ref | None = None
+    _process = 0
     _looked_at: tuple = ()
     _groups = 0
     _beside = 0.0
@@ -120,8 +122,8 @@ class Watching:
     def bind(self, context: openmm.Context) -> None:
         """Hear which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
         if not hasattr(context, "watched"):
-            context.__class__ = watched(type(context), self.device_group is not None or self.shown_to is not None)  # type: ignore[arg-type]
-        self._known, self._looked_at, self._remembered, self._unverified = weakref.ref(context), (), None, False
+            context.__class__ = watched(type(context))  # type: ignore[arg-type]
+        self._process, self._known, self._looked_at, self._remembered, self._unverified = os.getpid(), weakref.ref(context), (), None, False
         self._taken = 0
         self._groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
 
@@ -216,7 +218,17 @@ class Watching:
 
     def looked(self, context: openmm.Context, forces: bool) -> None:
         """Hear that somebody looks at the state of the Context, and whether at forces or energies."""
+        self._at_home(context, forces)
         self.verify(context)
+
+    def _at_home(self, context: openmm.Context, forces: bool) -> None:
+        """RunError in a process forked from that of the Context, where a call of OpenMM, for forces or not, would wait for its threads."""
+        platform = context.getPlatform().getName() if self._process != os.getpid() else "Reference"
+        if platform not in ("Reference", "" if forces else "CPU"):
+            raise RunError(
+                f"this Context on the platform {platform} was made in another process, which this one was forked from without OpenMM's "
+                "threads: make a Simulation in the process that uses it"
+            )
 
     def verify(self, context: openmm.Context) -> None:
         """Ask a device whether the steps since the last time went well; if not, all is as it was when it was remembered.
@@ -252,6 +264,7 @@ class Watching:
         moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0] if self._has_barostats else []
         self._barostats = self._mixed or bool(moving)
         self._intervals = [barostat.getFrequency() for barostat in moving]
+        self._at_home(context, self.whole is None or self._slow or self._barostats)
         self.settle(context)
         parameters = context.getParameters()
         wrong = wrong_key(parameters)
