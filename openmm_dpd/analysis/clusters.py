@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.neighbours import connected, pairs_within
 from ..base.stats import Average, ratio_average
 from ..base.units import whole_number
@@ -62,7 +62,7 @@ def cluster_labels(
         Beads of one molecule are in one cluster at any distance; the size of a cluster is then its number of molecules.
     """
     if box is not None and np.shape(box) != (3, 3):
-        raise ParameterError(f"box must be three box vectors, not {box!r}")
+        raise ParameterError(f"box must be three box vectors, not {what_is(box)}")
     i, j, _ = pairs_within(np.asarray(positions, dtype=np.float64), None, box, positive_number(cutoff, "cutoff"))
     units = np.arange(len(positions)) if molecules is None else np.unique(molecules, return_inverse=True)[1]
     if units.shape != (len(positions),):
@@ -98,7 +98,7 @@ def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: floa
         If the cutoff is more than half the width of the box, or there is no cluster of that size in any frame.
     """
     if by not in ("molecule", "bead"):
-        raise ParameterError(f"by must be 'molecule' or 'bead', not {by!r}")
+        raise ParameterError(f"by must be 'molecule' or 'bead', not {what_is(by)}")
     least = whole_number(least, "least", least=1)
     topology, frames = frames_of(trajectory)
     group = selected(topology, beads)

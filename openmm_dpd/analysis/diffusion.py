@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.stats import Average, block_average
 from ..base.units import thermal_energy, to_md
 from .curves import Curve, curve_of_averages
@@ -83,7 +83,7 @@ def mean_squared_displacement(
     interval = positive_number(interval, "interval")
     along = [axis_number(axis) for axis in axes]
     if not along or len(set(along)) < len(along):
-        raise ParameterError(f"axes must be some of x, y and z, each once, not {axes!r}")
+        raise ParameterError(f"axes must be some of x, y and z, each once, not {what_is(axes)}")
     topology, frames = frames_of(trajectory)
     group, masses = selected(topology, beads), weights_of(topology)
     units = np.unique(molecule_labels(topology)[group], return_inverse=True)[1] if molecules else None
@@ -175,7 +175,7 @@ def diffusion_coefficient(
     try:
         low, high = (float(time) for time in fit)
     except (TypeError, ValueError):
-        raise ParameterError(f"fit must be two times, not {fit!r}") from None
+        raise ParameterError(f"fit must be two times, not {what_is(fit)}") from None
     slack = 1e-9 * max(1.0, abs(high))
     chosen = np.flatnonzero((displacement.x >= low - slack) & (displacement.x <= high + slack) & (displacement.x > 0))
     if not len(chosen):

@@ -11,7 +11,7 @@ from zipfile import is_zipfile
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..io.trajectory import bead_masses
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def axis_number(axis: str | int) -> int:
         return "xyz".index(str(axis))
     if isinstance(axis, (int, np.integer)) and not isinstance(axis, bool) and 0 <= axis <= 2:
         return int(axis)
-    raise ParameterError(f"axis must be 'x', 'y', 'z' or 0, 1, 2, not {axis!r}")
+    raise ParameterError(f"axis must be 'x', 'y', 'z' or 0, 1, 2, not {what_is(axis)}")
 
 
 def positive_number(value, name: str) -> float:
@@ -164,9 +164,9 @@ def positive_number(value, name: str) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise ParameterError(f"{name} must be a number, not {value!r}") from None
+        raise ParameterError(f"{name} must be a number, not {what_is(value)}") from None
     if not (np.isfinite(number) and number > 0):
-        raise ParameterError(f"{name} must be above 0, not {value!r}")
+        raise ParameterError(f"{name} must be above 0, not {what_is(value)}")
     return number
 
 

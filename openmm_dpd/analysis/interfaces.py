@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.stats import Average, block_average
 from .frames import axis_number
 
@@ -51,7 +51,7 @@ def surface_tension(pressure, length, *, axis: str | int = "z", interfaces: int 
     if edge.shape not in ((), (len(tensor),)) or not np.all(edge > 0):
         raise ParameterError(f"length must be one length or one for each of the {len(tensor)} rows, all above 0")
     if isinstance(interfaces, bool) or interfaces not in (1, 2):
-        raise ParameterError(f"interfaces must be 1 or 2, not {interfaces!r}")
+        raise ParameterError(f"interfaces must be 1 or 2, not {what_is(interfaces)}")
     k = axis_number(axis)
     across = [other for other in range(3) if other != k]
     return block_average(edge * (tensor[:, k] - tensor[:, across].mean(axis=1)) / interfaces, name="the surface tension")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.geometry import widths
 from ..base.stats import Average, block_average, long_enough
 from ..base.units import md_tension, thermal_energy, to_md
@@ -90,7 +90,7 @@ def area_per_lipid(trajectory: Trajectories, lipids: Beads | int, *, axis: str |
     """
     topology, frames = frames_of(trajectory)
     if isinstance(lipids, (bool, np.bool_)):
-        raise ParameterError(f"lipids must be their number or beads, not {lipids!r}")
+        raise ParameterError(f"lipids must be their number or beads, not {what_is(lipids)}")
     if isinstance(lipids, (int, np.integer)):
         count = int(lipids)
     else:

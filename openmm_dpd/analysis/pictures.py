@@ -1,13 +1,12 @@
 """Pictures of what the analysis returns: one function for each, drawn with matplotlib but without its global state."""
 
 import os
-import reprlib
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..io.pictures import finish_axis, new_figure, with_unit, write_picture
 from .clusters import Clusters
 from .curves import Curve
@@ -77,7 +76,7 @@ def displacement_picture(
 ) -> None:
     """Draw a mean squared displacement on logarithmic axes; with ``fit`` the line of :func:`diffusion_coefficient` and its D."""
     if not isinstance(displacement, MeanSquaredDisplacement):
-        raise ParameterError(f"expected what mean_squared_displacement returns, not {reprlib.repr(displacement)}")
+        raise ParameterError(f"expected what mean_squared_displacement returns, not {what_is(displacement)}")
     figure, axis = _axes()
     later = displacement.x > 0
     shown = Curve(displacement.x[later], displacement.y[later], displacement.sem[later], displacement.n_frames)
@@ -101,7 +100,7 @@ def displacement_picture(
 def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str = "") -> None:
     """Draw the distribution of cluster sizes: how many clusters of each size a frame has, and how many of all units are in them."""
     if not isinstance(clusters, Clusters):
-        raise ParameterError(f"expected what cluster_sizes returns, not {reprlib.repr(clusters)}")
+        raise ParameterError(f"expected what cluster_sizes returns, not {what_is(clusters)}")
     figure, axis = _axes()
     size, count = clusters.distribution
     shares = size * count / np.sum(size * count)
@@ -123,7 +122,7 @@ def _axes() -> tuple[Any, Any]:
 def _lines(axis: Any, curves: Curve | Mapping[str, Curve], marker: str | None = None) -> None:
     named = {"": curves} if isinstance(curves, Curve) else curves
     if not isinstance(named, Mapping) or not named or not all(isinstance(curve, Curve) for curve in named.values()):
-        raise ParameterError(f"there is nothing to draw: a Curve is wanted, or a mapping of names to Curves, not {reprlib.repr(curves)}")
+        raise ParameterError(f"there is nothing to draw: a Curve is wanted, or a mapping of names to Curves, not {what_is(curves)}")
     for number, (name, curve) in enumerate(named.items()):
         colour = LINES[number % len(LINES)]
         dots = {"marker": marker, "markersize": 3} if marker and len(curve.x) <= 200 else {}

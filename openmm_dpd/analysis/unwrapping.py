@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from .frames import Frame
 from .molecules import means_over, molecule_labels
 
@@ -40,7 +40,7 @@ def unwrapped(topology: mdtraj.Topology, frames: Iterator[Frame], unwrap: bool |
         If beads move too far between frames to know their way, time goes back, or (``auto``) positions are neither folded nor continuous.
     """
     if unwrap not in (True, False, "auto"):
-        raise ParameterError(f"unwrap must be True, False or 'auto', not {unwrap!r}")
+        raise ParameterError(f"unwrap must be True, False or 'auto', not {what_is(unwrap)}")
     labels = molecule_labels(topology)
     before: np.ndarray | None = None
     path, time = np.zeros(0), 0.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.stats import block_average
 from ..base.units import checked, thermal_energy, to_md, whole_number
 
@@ -109,7 +109,7 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
     """
     f, skip = to_md(force, "force", "force"), checked(skip, "length", "skip")
     if not isinstance(f, float) or f == 0:
-        raise ParameterError(f"force must be one number other than 0, not {force!r}")
+        raise ParameterError(f"force must be one number other than 0, not {what_is(force)}")
     if channel is None:
         low, gap = checked(origin, "length", "origin", signed=True), profile.length / 2
         z = (profile.centres - low) % profile.length
@@ -293,7 +293,7 @@ def green_kubo_viscosity(
     step, energy = checked(dt, "time", "dt", positive=True), thermal_energy(kT)
     volume, blocks = checked(volume, "volume", "volume", positive=True), whole_number(blocks, "the number of blocks")
     if not 0.0 < energy < np.inf:
-        raise ParameterError(f"kT must be > 0 and finite, not {kT!r}")
+        raise ParameterError(f"kT must be > 0 and finite, not {what_is(kT)}")
     if friction is not None and instantaneous is None:
         raise ParameterError("with friction green_kubo_viscosity needs the instantaneous viscosity of the friction as well")
     regular = _independent(stress, "stress")
@@ -323,14 +323,14 @@ def green_kubo_viscosity(
 def _viscosity(value) -> float:
     """A viscosity in kJ/mol ps/nm^3, finite and not negative."""
     if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
-        raise ParameterError(f"the instantaneous viscosity must be a number >= 0, not {value!r}")
+        raise ParameterError(f"the instantaneous viscosity must be a number >= 0, not {what_is(value)}")
     return float(value)
 
 
 def _ends(channel) -> tuple[float, float]:
     """Both ends of a channel, nm."""
     if not isinstance(channel, (tuple, list, np.ndarray)) or len(channel) != 2:
-        raise ParameterError(f"channel must be two lengths, not {channel!r}")
+        raise ParameterError(f"channel must be two lengths, not {what_is(channel)}")
     low, high = (checked(end, "length", "an end of the channel", signed=True) for end in channel)
     return low, high
 

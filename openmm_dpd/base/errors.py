@@ -2,8 +2,23 @@
 
 import reprlib
 
-_SHORT = reprlib.Repr()
-_SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist = 60, 40, 4
+import numpy as np
+
+
+class _Short(reprlib.Repr):
+    """Values as they are typed, shortened: numbers of numpy as plain ones, arrays as lists, quantities with their unit."""
+
+    def repr_instance(self, x, level):
+        if isinstance(x, (np.generic, np.ndarray)):
+            return self.repr1((x[: self.maxlist + 1] if isinstance(x, np.ndarray) and x.ndim else x).tolist(), level)
+        return super().repr_instance(x, level)
+
+    def repr_Quantity(self, x, level):
+        return f"{self.repr1(x._value, level)} {x.unit.get_symbol()}"
+
+
+_SHORT = _Short()
+_SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist, _SHORT.maxtuple = 60, 40, 4, 6
 
 
 class DPDError(ValueError):
@@ -53,16 +68,15 @@ class DeckError(DPDError):
 
 
 def what_is(value) -> str:
-    """What a wrong argument is, in a few words: numbers, text and short collections themselves, of everything else the type.
+    """What a wrong argument is, in a few words: numbers, text, arrays and collections themselves, if short, of everything else the type.
 
     A whole scene or system in a message would be thousands of lines.
     """
-    if value is None or isinstance(value, (bool, int, float, str, bytes, list, tuple, dict, set)):
+    kind, name = type(value).__name__, getattr(value, "__name__", None)
+    if value is None or kind == "Quantity" or isinstance(value, (int, float, str, bytes, list, tuple, dict, set, np.generic, np.ndarray)):
         return _SHORT.repr(value)
-    name = getattr(value, "__name__", None)
     if isinstance(value, type):
         return f"the class {name}"
     if callable(value) and name is not None:
         return f"the function {name}; call it: {name}()"
-    kind = type(value).__name__
     return f"{'an' if kind[:1] in 'AEIOUaeiou' else 'a'} {kind}"

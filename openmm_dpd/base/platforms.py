@@ -5,7 +5,7 @@ from pathlib import Path
 
 import openmm
 
-from .errors import ParameterError
+from .errors import ParameterError, what_is
 
 
 def platform_here(platform: openmm.Platform | str | None) -> str:
@@ -13,7 +13,7 @@ def platform_here(platform: openmm.Platform | str | None) -> str:
     name = platform.getName() if isinstance(platform, openmm.Platform) else platform or fastest_platform()
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if name not in known:
-        raise ParameterError(f"there is no platform {name!r} here; it must be one of {', '.join(known)}")
+        raise ParameterError(f"there is no platform {what_is(name)} here; it must be one of {', '.join(known)}")
     return name
 
 

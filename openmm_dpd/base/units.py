@@ -10,13 +10,12 @@ Three things live here, and nothing else converts:
 """
 
 import math
-import reprlib
 from dataclasses import dataclass
 
 import numpy as np
 from openmm import unit
 
-from .errors import ParameterError
+from .errors import ParameterError, what_is
 from .wording import in_number
 
 #: Molar gas constant in kJ/mol/K, the value OpenMM uses.
@@ -108,7 +107,7 @@ def _real_numbers(value) -> np.ndarray | None:
 def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
     """Lists of Quantities (such as a list of Vec3 with units); anything else that is no array of numbers is an error that names it."""
     if not isinstance(value, (list, tuple)) and not (isinstance(value, np.ndarray) and value.ndim):
-        raise ParameterError(f"{name} must be a number or an array of numbers, not {reprlib.repr(value)}")
+        raise ParameterError(f"{name} must be a number or an array of numbers, not {what_is(value)}")
     bare = [k for k, entry in enumerate(value) if not unit.is_quantity(entry)]
     if 0 < len(bare) < len(value):
         raise ParameterError(f"{name} mixes Quantities with bare numbers: entry {bare[0]} has no unit")
@@ -130,7 +129,7 @@ def position_array(positions, count: int, what: str) -> np.ndarray:
 def whole_number(value, name: str, least: int | None = None) -> int:
     """An integer, of at least so much; ParameterError for anything else: a float (1e5 is one), a truth value, a Quantity."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise ParameterError(f"{name} must be a whole number, not {value!r}")
+        raise ParameterError(f"{name} must be a whole number, not {what_is(value)}")
     if least is not None and value < least:
         raise ParameterError(f"{name} must be at least {least}, not {value}")
     return int(value)
@@ -140,7 +139,7 @@ def thermal_energy(value, name: str = "kT") -> float:
     """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
     kT = thermal_energies(value, name)
     if not isinstance(kT, float) or kT < 0:
-        raise ParameterError(f"{name} must be a single number >= 0, but is {value!r}")
+        raise ParameterError(f"{name} must be a single number >= 0, but is {what_is(value)}")
     return kT
 
 
@@ -243,7 +242,7 @@ UNIT_SYSTEMS = {system.name: system for system in (LJ, REAL, METAL)}
 def unit_system(name: str) -> UnitSystem:
     """The unit style of this name; ParameterError if there is none."""
     if name not in UNIT_SYSTEMS:
-        raise ParameterError(f"unknown units {name!r}; they must be one of {', '.join(UNIT_SYSTEMS)}")
+        raise ParameterError(f"unknown units {what_is(name)}; they must be one of {', '.join(UNIT_SYSTEMS)}")
     return UNIT_SYSTEMS[name]
 
 

@@ -2,13 +2,12 @@
 
 import io
 import os
-import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.files import write_whole
 
 #: Panels from top to bottom: the label of the axis, and the columns drawn there with their labels, the first one in front.
@@ -57,8 +56,8 @@ def thermo_picture(
     cannot be written.
     """
     if not isinstance(columns, Mapping):
-        raise ParameterError(f"expected a mapping of words to rows, not {reprlib.repr(columns)}")
-    data = {word: _numbers(values, f"the column {word!r}") for word, values in columns.items()}
+        raise ParameterError(f"expected a mapping of words to rows, not {what_is(columns)}")
+    data = {word: _numbers(values, f"the column {what_is(word)}") for word, values in columns.items()}
     _check(data, x)
     panels = _panels(data)
     level = _level(target, len(data[x]))
@@ -114,18 +113,18 @@ def _numbers(values: Any, name: str) -> np.ndarray:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ParameterError(f"{name} must be numbers, not {reprlib.repr(values)}") from None
+        raise ParameterError(f"{name} must be numbers, not {what_is(values)}") from None
 
 
 def _check(data: Mapping[str, np.ndarray], x: str) -> None:
     if x not in data:
-        raise ParameterError(f"there is no column {x!r} to draw against; there are {', '.join(data) or 'none'}")
+        raise ParameterError(f"there is no column {what_is(x)} to draw against; there are {', '.join(data) or 'none'}")
     rows = data[x].shape
     if len(rows) != 1 or rows[0] == 0:
-        raise ParameterError(f"there are no rows to draw: the column {x!r} has the shape {rows}")
+        raise ParameterError(f"there are no rows to draw: the column {what_is(x)} has the shape {rows}")
     for word, values in data.items():
         if values.shape != rows:
-            raise ParameterError(f"the column {word!r} has the shape {values.shape}, but {x!r} has {rows}")
+            raise ParameterError(f"the column {what_is(word)} has the shape {values.shape}, but {what_is(x)} has {rows}")
 
 
 def _panels(data: Mapping[str, np.ndarray]) -> list[tuple[str, dict[str, str]]]:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.files import write_whole
 from ..base.neighbours import connected
 from ..base.units import to_md
+from ..base.wording import bead_number
 
 #: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
 RESIDUE, SEGMENT = "MOL", "DPD"
@@ -91,7 +92,7 @@ def write_psf(
     for what, given in (("bead type", numbers), ("name of a molecule,", dict.fromkeys(called))):
         for name in given:
             if not name or not name.isascii() or not name.isprintable() or " " in name:
-                raise ParameterError(f"the {what} {name!r} cannot be in a PSF file; use printable ASCII characters without blanks")
+                raise ParameterError(f"the {what} {what_is(name)} cannot be in a PSF file; use printable ASCII characters without blanks")
     mass = _per_bead(masses, "mass", "masses", count)
     if np.any(mass < 0):
         raise ParameterError(f"bead {int(np.argmin(mass))} has the mass {mass.min():g}; masses must be >= 0")
@@ -226,7 +227,7 @@ def molecule_numbers(molecules, bonds: np.ndarray, count: int) -> np.ndarray:
     if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer):
         raise ParameterError(f"molecules must be one integer for each of the {count} names, not {array.dtype} of shape {array.shape}")
     if count and array.min() < 0:
-        raise ParameterError(f"bead {int(np.argmin(array))} has the molecule number {array.min()}; they must be >= 0")
+        raise ParameterError(f"bead {bead_number(np.argmin(array))} has the molecule number {array.min()}; they must be >= 0")
     return array.astype(np.int64)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.optional import optional_package
 from ..model.pairs import checked
 from ..model.scene import Scene
@@ -74,4 +74,4 @@ def _radii(scene: Scene, given) -> dict[str, float]:
         raise ParameterError(
             f"radii must have one entry for each of the types {', '.join(scene.type_names)}; {wrong[0]} is missing or unknown"
         )
-    return {name: checked(size, "length", f"the radius of type {name!r}") for name, size in named.items()}
+    return {name: checked(size, "length", f"the radius of type {what_is(name)}") for name, size in named.items()}

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from .engine import host_engine, warm_up
 from .extras import warm_up_extras
 from .interface import Engine
@@ -46,7 +46,7 @@ def register_engine(kind: EngineKind) -> EngineKind:
 def engine_kind(name: str) -> EngineKind:
     """The kind of engines of a name; ParameterError if none was registered."""
     if not isinstance(name, str) or name not in ENGINES:
-        raise ParameterError(f"engine must be 'auto' or one of {', '.join(map(repr, ENGINES))}, not {name!r}")
+        raise ParameterError(f"engine must be 'auto' or one of {', '.join(map(repr, ENGINES))}, not {what_is(name)}")
     return ENGINES[name]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numba
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 
 #: There is one team.
 _PARALLEL_LOCK = threading.Lock()
@@ -19,7 +19,7 @@ def set_threads(threads: int | None) -> None:
     """Number of threads the pair kernel uses (None: all cores this process may run on; never more than numba was started with)."""
     global _thread_count
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
-        raise ParameterError(f"the number of threads must be an integer >= 1, or None for all cores, not {threads!r}")
+        raise ParameterError(f"the number of threads must be an integer >= 1, or None for all cores, not {what_is(threads)}")
     _thread_count = None if threads is None else max(1, min(int(threads), _MOST_THREADS))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from ..analysis.profiles import sums_in_slices
 from ..analysis.viscosity import VelocityProfile
 from ..base.cadence import Cadence
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.openmm_private import bare
 from ..base.stats import block_average
 from ..base.units import whole_number
@@ -178,7 +178,7 @@ class ProfileReporter(BuiltReporter):
         super().__init__(interval, built)
         for name in (axis, component):
             if name not in AXES:
-                raise ParameterError(f"axis and component must be 'x', 'y' or 'z', not {name!r}")
+                raise ParameterError(f"axis and component must be 'x', 'y' or 'z', not {what_is(name)}")
         if built.plan.scene.box is None:
             raise ParameterError("a velocity profile needs a periodic box")
         require_plain_axis(built.plan.scene.box, axis, "a velocity profile")

@@ -12,7 +12,7 @@ import numpy as np
 from openmm import unit
 
 from ..base.cadence import Cadence
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import BAR_PER_MD_PRESSURE
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..simulation.built import BuiltSystem
@@ -127,7 +127,7 @@ class DPDReporter(Cadence):
         if columns is None:
             columns = DEFAULT_COLUMNS if built.plan.host is None else [name for name in able if name != "temperature"]
         if isinstance(columns, str) or not isinstance(columns, Sequence) or not columns:
-            raise ParameterError(f"columns must be a sequence of names such as ('step', 'kT'), not {columns!r}")
+            raise ParameterError(f"columns must be a sequence of names such as ('step', 'kT'), not {what_is(columns)}")
         unknown = [str(name) for name in columns if name not in COLUMNS]
         if unknown:
             raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
@@ -138,7 +138,7 @@ class DPDReporter(Cadence):
         super().__init__(interval)
         self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
-            raise ParameterError(f"file must be a path or a text file open for writing, not {file!r}")
+            raise ParameterError(f"file must be a path or a text file open for writing, not {what_is(file)}")
         # opened last, so that an error above leaves an existing file as it is
         self._unended = False  # whether the header has no end
         begun = self._has_header(file, append)

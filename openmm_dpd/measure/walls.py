@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 from openmm import unit
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.names import IMPULSES
 from ..model.flow import AXES
 from ..simulation.built import BuiltSystem
@@ -38,7 +38,7 @@ class WallReporter(BuiltReporter):
         driven = built.plan.driven
         if axis not in AXES or driven is None or not driven.there[AXES.index(axis)].all():
             raise ParameterError(
-                f"there are no two walls along {axis!r} whose forces are recorded: give one of the walls a velocity, (0, 0, 0) say"
+                f"there are no two walls along {what_is(axis)} whose forces are recorded: give one of the walls a velocity, (0, 0, 0) say"
             )
         box = built.plan.scene.box
         if box is None:
@@ -67,7 +67,7 @@ class WallReporter(BuiltReporter):
     def shear(self, component: str = "x") -> np.ndarray:
         """(n,) stress that drags the lower wall forwards and the upper one back, mean of both, kJ/mol/nm^3: viscosity times shear rate."""
         if component not in AXES or AXES.index(component) == self._axis:
-            raise ParameterError(f"a shear stress has a direction in the plane of the walls, not {component!r}")
+            raise ParameterError(f"a shear stress has a direction in the plane of the walls, not {what_is(component)}")
         along = self.forces[:, :, AXES.index(component)]
         return 0.5 * (along[:, 0] - along[:, 1]) / self.area
 

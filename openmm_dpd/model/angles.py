@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError
 from ..base.geometry import minimum_images
 from .bonds import BondedTerms, check_members
 
@@ -52,16 +51,7 @@ class HarmonicAngles(Angles):
     triples: np.ndarray
     k: np.ndarray
     theta0: np.ndarray
-    _DIMENSIONS = {"k": ("angle_constant", ">= 0"), "theta0": ("angle", ">= 0")}
-
-    def __post_init__(self):
-        super().__post_init__()
-        too_wide = np.flatnonzero(self.theta0 > np.pi * (1 + 1e-9))
-        if len(too_wide):
-            value = self.theta0[too_wide[0]]
-            raise ParameterError(
-                f"angle theta0 must not be over pi; angle {too_wide[0]} has {value:g} radians (degrees: {value:g} * openmm.unit.degree)"
-            )
+    _DIMENSIONS = {"k": ("angle_constant", ">= 0"), "theta0": ("angle", "from 0 to pi")}
 
     def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.k * (theta - self.theta0) ** 2, 2 * self.k * (theta - self.theta0), 2 * self.k

@@ -1,5 +1,6 @@
 """Bonds between beads."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
@@ -8,11 +9,20 @@ import numpy as np
 from ..base.errors import ParameterError
 from ..base.geometry import minimum_images, widths
 from ..base.units import to_md
-from ..base.wording import bead_names, in_length, overstretched
+from ..base.wording import bead_names, either, in_length, overstretched
 from .owned import keep
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
 WCA_END = 2.0 ** (1.0 / 6.0)
+#: What coefficients may be, in words.
+BOUNDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "": lambda x: np.ones(len(x), bool),
+    ">= 0": lambda x: x >= 0,
+    "> 0": lambda x: x > 0,
+    "from 0 to pi": lambda x: (x >= 0) & (x <= np.pi * (1 + 1e-9)),
+    "1 or -1": lambda x: np.abs(x) == 1,
+    "a whole number >= 0": lambda x: (x >= 0) & (x == np.round(x)),
+}
 
 
 def bead_indices(value, width: int, what: str) -> np.ndarray:
@@ -37,18 +47,21 @@ def bead_indices(value, width: int, what: str) -> np.ndarray:
 def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
     """Coefficients of ``count`` bonded terms, attributes of ``term``, as (count,) arrays in MD units.
 
-    ``dimensions`` has for the name of each its dimension, and its bound, ``">= 0"``, ``"> 0"`` or ``""``; ``what`` is "bond", "angle" or
-    "dihedral", for messages.  ParameterError if a shape is wrong or a value out of bounds.
+    ``dimensions`` has for the name of each its dimension, and its bound, one of :data:`BOUNDS`; ``what`` is "bond", "angle" or "dihedral",
+    for messages.  ParameterError if a shape is wrong or a value out of bounds.
     """
     values = {}
     for name, (dimension, bound) in dimensions.items():
         array = np.asarray(to_md(getattr(term, name), dimension, f"{what} {name}"))
         if array.shape not in ((), (count,)):
             raise ParameterError(f"{what} {name} must be one number, or one for each of the {count} {what}s, not shape {array.shape}")
-        array = np.broadcast_to(array, (count,)).copy()
-        if count and ((bound == ">= 0" and array.min() < 0) or (bound == "> 0" and array.min() <= 0)):
-            raise ParameterError(f"{what} {name} must be {bound}; {what} {int(np.argmin(array))} has {array.min():g}")
-        values[name] = array
+        values[name] = np.broadcast_to(array, (count,)).copy()
+        wrong = np.flatnonzero(~BOUNDS[bound](values[name]))
+        if len(wrong):
+            which, value = f"; {what} {wrong[0]} has" if array.ndim else ", but is", f"{values[name][wrong[0]]:g}"
+            if dimension == "angle":
+                value = either(f"{value} (degrees: {value} * openmm.unit.degree)", f"{np.degrees(float(value)):g} degrees")
+            raise ParameterError(f"{what} {name} must be {bound}{which} {value}")
     return values
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import to_md
 from .internal import BeadTemperatures
 from .owned import keep
@@ -13,7 +13,7 @@ def four_coefficients(value, name: str) -> tuple[float, float, float, float]:
     """Four coefficients of T - 1, its square, cube and fourth power."""
     coefficients = tuple(to_md(c, "dimensionless", name) for c in value)
     if len(coefficients) != 4 or not all(isinstance(c, float) for c in coefficients):
-        raise ParameterError(f"{name} must be four coefficients, of T-1, (T-1)^2, (T-1)^3 and (T-1)^4, not {value!r}")
+        raise ParameterError(f"{name} must be four coefficients, of T-1, (T-1)^2, (T-1)^3 and (T-1)^4, not {what_is(value)}")
     return coefficients
 
 

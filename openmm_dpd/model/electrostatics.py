@@ -25,7 +25,7 @@ def special_factors(value, name: str) -> tuple[float, float, float]:
     except (TypeError, ValueError):
         factors = ()
     if len(factors) != 3 or not all(0 <= factor <= 1 for factor in factors):
-        raise ParameterError(f"{name} must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {value!r}")
+        raise ParameterError(f"{name} must be three factors between 0 and 1 (for 1-2, 1-3 and 1-4 pairs), not {what_is(value)}")
     return factors  # type: ignore[return-value]
 
 
@@ -56,13 +56,13 @@ class SmearedCharges:
                 keep(self, **{name: checked(getattr(self, name), dimension, f"{name} {what}", positive=True)})
         tolerance = checked(self.tolerance, "dimensionless", f"tolerance {what}")
         if not 1e-10 <= tolerance <= 0.1:
-            raise ParameterError(f"tolerance {what} must be between 1e-10 and 0.1, not {self.tolerance!r}")
+            raise ParameterError(f"tolerance {what} must be between 1e-10 and 0.1, not {what_is(self.tolerance)}")
         keep(self, tolerance=tolerance)
         if self.bonded_factors is not None:
             keep(self, bonded_factors=special_factors(self.bonded_factors, f"bonded_factors {what}"))
         if self.grid is not None:
             if not isinstance(self.grid, (tuple, list, np.ndarray)) or len(self.grid) != 3:
-                raise ParameterError(f"grid {what} must be three numbers of points, not {self.grid!r}")
+                raise ParameterError(f"grid {what} must be three numbers of points, not {what_is(self.grid)}")
             keep(self, grid=tuple(whole_number(n, f"a number of grid points {what}", 6) for n in self.grid))
 
     # -- of each kind ----------------------------------------------------------------------------------------------------------

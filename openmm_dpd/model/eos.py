@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from openmm import unit
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import BOLTZMANN, thermal_energies, to_md
 from .owned import keep
 
@@ -48,7 +48,7 @@ class ConstantHeatCapacity:
     def __post_init__(self):
         capacity = heat_capacity(self.capacity, "capacity")
         if not isinstance(capacity, float) or capacity <= 0:
-            raise ParameterError(f"the heat capacity of a bead must be a single number > 0, but is {self.capacity!r}")
+            raise ParameterError(f"the heat capacity of a bead must be a single number > 0, but is {what_is(self.capacity)}")
         keep(self, capacity=capacity)
 
     def energy(self, theta):

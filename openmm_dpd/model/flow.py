@@ -52,7 +52,7 @@ class _OnBeads:
         if self.types is not None:
             unknown = [name for name in self.types if name not in type_names]
             if unknown:
-                raise ParameterError(f"{what} names the bead type {unknown[0]!r}; the scene has {', '.join(type_names)}")
+                raise ParameterError(f"{what} names the bead type {what_is(unknown[0])}; the scene has {', '.join(type_names)}")
             chosen &= np.isin(scene_types, [type_names.index(name) for name in self.types])
         if self.beads is not None:
             if self.beads.shape != chosen.shape:
@@ -65,7 +65,7 @@ class _OnBeads:
 
 def _axis(value, what: str) -> int:
     if value not in AXES:
-        raise ParameterError(f"the axis of {what} must be 'x', 'y' or 'z', not {value!r}")
+        raise ParameterError(f"the axis of {what} must be 'x', 'y' or 'z', not {what_is(value)}")
     return AXES.index(value)
 
 
@@ -122,11 +122,11 @@ class BodyForce(_OnBeads):
         keep(self, force=force)
         self._keep_beads()
         if self.pattern not in PATTERNS:
-            raise ParameterError(f"the pattern of a body force must be one of {', '.join(PATTERNS)}, not {self.pattern!r}")
+            raise ParameterError(f"the pattern of a body force must be one of {', '.join(PATTERNS)}, not {what_is(self.pattern)}")
         if self.pattern == "uniform" and self.axis is not None:
             raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow say pattern='halves'")
         if self.pattern != "uniform":
-            _axis(self.axis, f"a body force with the pattern {self.pattern!r}")
+            _axis(self.axis, f"a body force with the pattern {what_is(self.pattern)}")
         keep(self, origin=checked(self.origin, "length", "the origin of a body force", signed=True))
 
     def vectors(self, type_ids: np.ndarray, type_names: list[str], box: np.ndarray | None) -> np.ndarray:
@@ -136,7 +136,7 @@ class BodyForce(_OnBeads):
             raise ParameterError(f"a body force has {len(self.force)} vectors, but the scene has {len(type_ids)} beads")
         if self.pattern != "uniform":
             if box is None:
-                raise ParameterError(f"a body force with the pattern {self.pattern!r} needs a periodic box")
+                raise ParameterError(f"a body force with the pattern {what_is(self.pattern)} needs a periodic box")
             require_plain_axis(box, self.axis, "a body force")  # type: ignore[arg-type]
         return np.where(chosen[:, None], np.broadcast_to(self.force, (len(type_ids), 3)), 0.0)
 
@@ -254,9 +254,9 @@ class Wall:
         _axis(self.axis, "a wall")
         keep(self, position=checked(self.position, "length", "the position of a wall", signed=True))
         if self.side not in ("above", "below"):
-            raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {self.side!r}")
+            raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {what_is(self.side)}")
         if self.kind not in KINDS:
-            raise ParameterError(f"the kind of a wall must be one of {', '.join(KINDS)}, not {self.kind!r}")
+            raise ParameterError(f"the kind of a wall must be one of {', '.join(KINDS)}, not {what_is(self.kind)}")
         if self.driven and self.kind != BOUNCE_BACK:
             raise ParameterError("a specular wall transmits no shear, so it has no velocity and nothing behind it; take kind='bounce-back'")
         self._keep_velocity()
@@ -274,7 +274,7 @@ class Wall:
             return
         velocity = np.asarray(to_md(self.velocity, "velocity", "the velocity of a wall"))
         if velocity.shape != (3,):
-            raise ParameterError(f"the velocity of a wall must be three components, not {self.velocity!r}")
+            raise ParameterError(f"the velocity of a wall must be three components, not {what_is(self.velocity)}")
         if velocity[AXES.index(self.axis)] != 0:
             raise ParameterError(f"a wall across {self.axis} moves in its plane, but its velocity along {self.axis} is not 0")
         keep(self, velocity=tuple(velocity.tolist()))
@@ -327,7 +327,7 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
                 missing = "below" if "above" in sides else "above"
                 raise ParameterError(
                     f"the box is periodic along {name}: beads would come round to the back of the only wall there; "
-                    f"add one with the beads {missing!r}"
+                    f"add one with the beads {what_is(missing)}"
                 )
             high -= period * np.ceil((high - low) / period - 1.0)
             if not high - low < period * (1 - 1e-9):

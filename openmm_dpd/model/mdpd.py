@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
+from ..base.wording import bead_names
 from .owned import keep
 from .pairs import NONE, PairCoefficient
 
@@ -63,7 +64,7 @@ class MDPD(PairCoefficient):
         if self.cutoff_density is None:
             keep(self, cutoff_density=self.cutoff_B)
         if self.kernel not in DENSITY_KERNELS:
-            raise ParameterError(f"kernel must be one of {', '.join(DENSITY_KERNELS)}, not {self.kernel!r}")
+            raise ParameterError(f"kernel must be one of {', '.join(DENSITY_KERNELS)}, not {what_is(self.kernel)}")
         if self.cutoff_B > self.cutoff:
             raise ParameterError(f"cutoff_B = {self.cutoff_B:g} must not be longer than cutoff = {self.cutoff:g}")
         if self.cutoff_density > self.cutoff:
@@ -110,9 +111,7 @@ def why_no_openmm_force(table: Mapping, exceptions: dict[tuple[int, int], float]
         return "the force of MDPD with the Lucy kernel derives from no potential"
     scaled = next((pair for pair, factor in exceptions.items() if factor not in (0.0, 1.0)), None)
     if scaled is not None:
-        i, j = scaled
-        return f"a CustomGBForce cannot scale single pairs, and that of beads {i} and {j} has the factor {exceptions[scaled]:g}"
+        return f"a CustomGBForce cannot scale single pairs, and that of {bead_names(*scaled)} has the factor {exceptions[scaled]:g}"
     if coincident:
-        i, j = coincident[0]
-        return f"a CustomGBForce has no finite force at r = 0, and beads {i} and {j} are at the same point"
+        return f"a CustomGBForce has no finite force at r = 0, and {bead_names(*coincident[0])} are at the same point"
     return None

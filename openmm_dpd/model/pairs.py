@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import checked as checked, to_md
 from ..base.wording import in_length, in_number, in_units, thermal
 from .owned import keep
@@ -180,7 +180,7 @@ class LennardJones(PairCoefficient):
 
     def __post_init__(self):
         if not isinstance(self.shift, (bool, np.bool_)):
-            raise ParameterError(f"shift must be True or False, not {self.shift!r}")
+            raise ParameterError(f"shift must be True or False, not {what_is(self.shift)}")
         super().__post_init__()
 
 

@@ -186,7 +186,7 @@ class Scene:
         check_electrostatics(self.electrostatics, self.charges, self.box, self.initial_kT)
         check_shear(self.shear, self)
         if self.compat not in ("consistent", "lammps"):
-            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
+            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
 
     @property
     def immobile(self) -> np.ndarray:
@@ -268,10 +268,10 @@ class Scene:
         checked = {}
         for name, mass in self.masses.items():
             if not isinstance(name, str) or name in ("", "*"):
-                raise ParameterError(f"bead types are named by text other than '*'; `masses` has the name {name!r}")
-            value = to_md(mass, "mass", f"the mass of type {name!r}")
+                raise ParameterError(f"bead types are named by text other than '*'; `masses` has the name {what_is(name)}")
+            value = to_md(mass, "mass", f"the mass of type {what_is(name)}")
             if not isinstance(value, float) or value <= 0:
-                raise ParameterError(f"the mass of type {name!r} must be a number > 0, not {mass!r}; freeze beads with `mobile`")
+                raise ParameterError(f"the mass of type {what_is(name)} must be a number > 0, not {what_is(mass)}; `mobile` freezes beads")
             checked[str(name)] = value
         return checked
 
@@ -304,7 +304,7 @@ class Scene:
         if array.shape != (self.n_beads,):
             raise ParameterError(f"{name} must have one entry per bead, {self.n_beads}, not shape {array.shape}")
         if not np.issubdtype(array.dtype, kind):
-            raise ParameterError(f"{name} must hold {what} for each bead, not {array.dtype} such as {array[0]!r}")
+            raise ParameterError(f"{name} must hold {what} for each bead, not {array.dtype} such as {what_is(array[0])}")
         return array.astype(np.int64 if kind is np.integer else kind)
 
     def _checked_interacting(self) -> np.ndarray | None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 
 _TOKEN = re.compile(r"(\d*)([A-Z])(?:/(\d+))?")
 #: Letters of a word, and what they do.
@@ -117,14 +117,14 @@ def read_word(text: str) -> tuple[Letter, ...]:
         found = _TOKEN.fullmatch(token)
         if found is None or found[2] not in LETTERS:
             allowed = ", ".join(f"{letter} ({what})" for letter, what in LETTERS.items())
-            raise ParameterError(f"{token!r} is no part of a step in the scheme {text!r}; the letters are {allowed}, as in '3B/5'")
+            raise ParameterError(f"{token!r} is no part of a step in the scheme {what_is(text)}; the letters are {allowed}, as in '3B/5'")
         if found[1] and not int(found[1]) or found[3] and not int(found[3]):
-            raise ParameterError(f"{token!r} in the scheme {text!r} is no part of a step: a number in it is 0")
+            raise ParameterError(f"{token!r} in the scheme {what_is(text)} is no part of a step: a number in it is 0")
         letters.append((found[2], Fraction(int(found[1] or 1), int(found[3] or 1))))
     for group, what in ((("A",), "drifts A"), (("B",), "kicks B"), (SWEEPS, "sweeps O and S")):
         total = sum((part for letter, part in letters if letter in group), Fraction(0))
         if total != 1:
-            raise ParameterError(f"the {what} of the scheme {text!r} add up to {total} of a step, not to 1")
+            raise ParameterError(f"the {what} of the scheme {what_is(text)} add up to {total} of a step, not to 1")
     return tuple(letters)
 
 
@@ -202,11 +202,11 @@ def scheme_of(text: str | Scheme) -> Scheme:
     if isinstance(text, Scheme):
         return text
     if not isinstance(text, str) or not text.strip():
-        raise ParameterError(f"unknown scheme {text!r}; it must be {_CHOICES}")
+        raise ParameterError(f"unknown scheme {what_is(text)}; it must be {_CHOICES}")
     if text in SCHEMES:
         return SCHEMES[text]
     if not any(letter in text.split()[0] for letter in LETTERS):
-        raise ParameterError(f"unknown scheme {text!r}; it must be {_CHOICES}")
+        raise ParameterError(f"unknown scheme {what_is(text)}; it must be {_CHOICES}")
     letters = read_word(text)
     for scheme in SCHEMES.values():
         if scheme.letters == letters:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.geometry import minimum_images
 from ..base.wording import bead_names, in_length
 from .bonds import bead_indices
@@ -52,9 +52,9 @@ class SegmentalRepulsion:
         keep(self, A=checked(self.A, "force", "A of the segmental repulsion"))
         keep(self, cutoff=checked(self.cutoff, "length", "cutoff of the segmental repulsion", positive=True))
         if self.distance not in DISTANCES:
-            raise ParameterError(f"distance of the segmental repulsion must be 'mid' or 'min', not {self.distance!r}")
+            raise ParameterError(f"distance of the segmental repulsion must be 'mid' or 'min', not {what_is(self.distance)}")
         if not isinstance(self.exclude_adjoining, (bool, np.bool_)):
-            raise ParameterError(f"exclude_adjoining must be True or False, not {self.exclude_adjoining!r}")
+            raise ParameterError(f"exclude_adjoining must be True or False, not {what_is(self.exclude_adjoining)}")
         if self.distance == "min" and not self.exclude_adjoining:
             raise ParameterError("bonds that share a bead have the distance 0 with distance='min'; they must be left out")
         if self.bonds is not None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from .owned import keep
 from .pairs import checked
 
@@ -74,7 +74,7 @@ def check_shear(shear: Any, scene: Any) -> None:
     if shear is None:
         return
     if not isinstance(shear, LeesEdwards):
-        raise ParameterError(f"shear must be a LeesEdwards, such as LeesEdwards(rate=0.1), not {shear!r}")
+        raise ParameterError(f"shear must be a LeesEdwards, such as LeesEdwards(rate=0.1), not {what_is(shear)}")
     reasons = {
         "it needs a periodic box": scene.box is None,
         "the box it starts from may be tilted along the flow only": scene.box is not None and bool(np.any(scene.box[2, :2])),

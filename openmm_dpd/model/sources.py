@@ -117,7 +117,7 @@ class Source:
             raise ParameterError(f"the region of a source must be a Block or a Sphere, not {what_is(self.region)}")
         keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=point(self.corner, "corner"))
         if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
-            raise ParameterError(f"the species of a source must be a number counted from 0, not {self.species!r}")
+            raise ParameterError(f"the species of a source must be a number counted from 0, not {what_is(self.species)}")
         if self.beads is not None:
             keep(self, beads=np.asarray(self.beads, dtype=bool))
 

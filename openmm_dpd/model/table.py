@@ -33,12 +33,13 @@ class PairTable:
     def __init__(self, entries: Mapping):
         if not isinstance(entries, Mapping):
             raise ParameterError(f"a PairTable is made from a mapping such as {{('A', 'B'): DPD(...)}}, not from {what_is(entries)}")
-        self.entries = dict(entries)
-        if not self.entries:
+        if not entries:
             raise ParameterError("a PairTable needs at least one entry")
-        for key, value in self.entries.items():
+        for key in entries:
             if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(name, str) for name in key)):
-                raise ParameterError(f"the keys of a PairTable are pairs of type names such as ('A', 'B'), not {key!r}")
+                raise ParameterError(f"the keys of a PairTable are pairs of type names such as ('A', 'B'), not {what_is(key)}")
+        self.entries = {(str(first), str(second)): value for (first, second), value in entries.items()}
+        for key, value in self.entries.items():
             if value is not NONE and not isinstance(value, PairCoefficient):
                 raise ParameterError(
                     f"for types {key}: expected a pair coefficient such as DPD(A=25, gamma=4.5), or NONE, not {what_is(value)}"
@@ -69,7 +70,7 @@ class PairTable:
         for key in self.entries:
             for name in key:
                 if name != "*" and name not in place:
-                    raise ParameterError(f"for types {key}: there is no bead type {name!r}; the types are {', '.join(names)}")
+                    raise ParameterError(f"for types {key}: there is no bead type {what_is(name)}; the types are {', '.join(names)}")
         found = {}
         for key, value in self.entries.items():
             first, second = ([name] if name != "*" else names for name in key)

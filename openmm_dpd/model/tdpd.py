@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import to_md
 from .internal import Concentrations
 from .owned import keep
@@ -14,7 +14,7 @@ from .pairs import SoftRepulsion
 def _per_species(value, name: str) -> tuple[float, ...]:
     array = np.atleast_1d(to_md(value, "dimensionless", name))
     if array.ndim != 1 or np.any(array < 0):
-        raise ParameterError(f"{name} must be one number >= 0 per species, not {value!r}")
+        raise ParameterError(f"{name} must be one number >= 0 per species, not {what_is(value)}")
     return tuple(array.tolist())
 
 

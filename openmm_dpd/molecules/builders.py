@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import whole_number
 from .molecule import Bends, Molecule, Springs, Twists, bead_types, join
 
@@ -40,7 +40,7 @@ def block_copolymer(
     """A chain of blocks, ``"A6B4"`` or ``"A3B6A3"``; at least two types must appear.  Parameters as for :func:`linear`."""
     names = bead_types(blocks)
     if len(set(names)) < 2:
-        raise ParameterError(f"a block copolymer has blocks of at least two types; {blocks!r} has one (use `linear`)")
+        raise ParameterError(f"a block copolymer has blocks of at least two types; {what_is(blocks)} has one (use `linear`)")
     return linear(names, spring, bend, twist=twist, name=name, charges=charges)
 
 
@@ -104,7 +104,7 @@ def branched(
     pairs = [(k, k + 1) for k in range(len(names) - 1)]
     stem = len(names)
     if not isinstance(branches, Mapping):
-        raise ParameterError(f"branches must map a bead of the backbone to its side chains, as {{1: 'T4'}}, not {branches!r}")
+        raise ParameterError(f"branches must map a bead of the backbone to its side chains, as {{1: 'T4'}}, not {what_is(branches)}")
     for place, given in branches.items():
         at = whole_number(place, "the place of a branch")
         if not 0 <= at < stem:
@@ -138,7 +138,7 @@ def star(
         As for :func:`branched`.
     """
     if isinstance(arms, str) or not isinstance(arms, Sequence) or len(arms) < 3:
-        raise ParameterError(f"a star needs a list of at least 3 arms, such as ['A8'] * 3, not {arms!r}")
+        raise ParameterError(f"a star needs a list of at least 3 arms, such as ['A8'] * 3, not {what_is(arms)}")
     return branched([core], {0: list(arms)}, spring, bend, twist=twist, name=name, charges=charges)
 
 
@@ -170,11 +170,11 @@ def lipid(
     """
     heads = bead_types(head)
     if isinstance(tails, str) or not isinstance(tails, Sequence) or not tails:
-        raise ParameterError(f"tails of a lipid are a list with one entry for each tail, such as ['T4', 'T4'], not {tails!r}")
+        raise ParameterError(f"tails of a lipid are a list with one entry for each tail, such as ['T4', 'T4'], not {what_is(tails)}")
     if tails_at is None:
         tails_at = [max(0, len(heads) - len(tails) + k) for k in range(len(tails))]
     if not isinstance(tails_at, (Sequence, np.ndarray)) or len(tails_at) != len(tails):
-        raise ParameterError(f"{len(tails)} tails need as many entries of tails_at, such as {[0] * len(tails)}, not {tails_at!r}")
+        raise ParameterError(f"{len(tails)} tails need as many entries of tails_at, such as {[0] * len(tails)}, not {what_is(tails_at)}")
     branches: dict[int, list] = {}
     for at, tail in zip(tails_at, tails, strict=True):
         branches.setdefault(at, []).append(tail)

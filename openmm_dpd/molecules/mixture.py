@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..io.trajectory import write_psf
 from ..model.angles import Angles
 from ..model.bonds import Bonds
@@ -99,11 +99,11 @@ class Mixture:
                 meant.add(kind)
             start += count * kind.n_beads
         if len(meant) > 1:
-            raise ParameterError(f"{len(meant)} kinds of molecules are called {molecule!r}; give the molecule itself, or other names")
+            raise ParameterError(f"{len(meant)} molecules are called {what_is(molecule)}; give the molecule itself, or other names")
         if found:
             return np.concatenate(found)
         known = ", ".join(kind.name for kind, _ in self.kinds)
-        raise ParameterError(f"there is no molecule {getattr(molecule, 'name', molecule)!r} in this mixture; it has {known}")
+        raise ParameterError(f"there is no molecule {what_is(getattr(molecule, 'name', molecule))} in this mixture; it has {known}")
 
     # -- bonds, angles and dihedrals -------------------------------------------------------------------------------------------
     @property
@@ -192,7 +192,7 @@ class Mixture:
         if isinstance(masses, Mapping):
             missing = [name for name in dict.fromkeys(types) if name not in masses]
             if missing:
-                raise ParameterError(f"masses has no mass of the bead type {missing[0]!r}; it has {', '.join(map(str, masses))}")
+                raise ParameterError(f"masses has no mass of the bead type {what_is(missing[0])}; it has {', '.join(map(str, masses))}")
             masses = [masses[name] for name in types]
         write_psf(
             path,

@@ -68,7 +68,7 @@ class Molecule:
         put("dihedrals", self._checked_terms("dihedrals", 4, AnyTwist))
         name = self.name or formula(self.types)
         if not isinstance(name, str) or not name.isascii() or not name.isprintable() or " " in name:
-            raise ParameterError(f"the name of a molecule must be printable ASCII text without blanks, not {name!r}")
+            raise ParameterError(f"the name of a molecule must be printable ASCII text without blanks, not {what_is(name)}")
         put("name", name)
         if self.charges is not None:
             given = list(self.charges) if isinstance(self.charges, (list, tuple)) else self.charges
@@ -186,8 +186,8 @@ def sequence(text: str) -> tuple[str, ...]:
     ParameterError
         If it cannot be read; the message says where.
     """
+    text, at = str(text), 0
     open_groups: list[list[str]] = [[]]
-    at = 0
     while at < len(text):
         start, letter = at, text[at]
         at += 1
@@ -246,7 +246,7 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, twist: Twists = N
     for i, j in pairs:
         found = by_types(spring, (names[i], names[j]), AnySpring, "spring")
         if found is None:
-            raise ParameterError(f"no spring is given for a bond between types {names[i]!r} and {names[j]!r}")
+            raise ParameterError(f"no spring is given for a bond between types {what_is(names[i])} and {what_is(names[j])}")
         bonds.append((i, j, found))
     rows = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     angles = () if bend is None else bends_between(names, rows, bend)
@@ -289,7 +289,7 @@ def _checked_pairs(pairs) -> list[tuple[int, int]]:
         raise ParameterError(f"the bonds of a molecule are pairs of bead numbers, such as [(0, 1), (1, 2)], not {what_is(pairs)}") from None
     wrong = [row for row in rows if len(row) != 2]
     if wrong:
-        raise ParameterError(f"a bond joins two beads, as (0, 1); one of the bonds is {wrong[0]!r}")
+        raise ParameterError(f"a bond joins two beads, as (0, 1); one of the bonds is {what_is(wrong[0])}")
     return [(whole_number(i, "a bead number of a bond"), whole_number(j, "a bead number of a bond")) for i, j in rows]
 
 
@@ -304,7 +304,7 @@ def by_types(given, types: tuple[str, ...], kind: type, what: str):
     found = None
     for key, value in given.items():
         if not isinstance(key, tuple) or len(key) != len(types) or not isinstance(value, kind):
-            found_instead = f"{key!r}: {what_is(value)}"
+            found_instead = f"{what_is(key)}: {what_is(value)}"
             raise ParameterError(f"a mapping of {what}s needs keys of {len(types)} types and {what}s as values; it has {found_instead}")
         if any(all(k in ("*", t) for k, t in zip(key, order, strict=True)) for order in (types, types[::-1])):
             found = value

@@ -65,7 +65,7 @@ class Bilayer:
     def __post_init__(self):
         object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
         if not isinstance(self.normal, str) or self.normal not in AXES:
-            raise ParameterError(f"the normal of a bilayer must be 'x', 'y' or 'z', not {self.normal!r}")
+            raise ParameterError(f"the normal of a bilayer must be 'x', 'y' or 'z', not {what_is(self.normal)}")
         if self.centre is not None:
             object.__setattr__(self, "centre", checked(self.centre, "length", "the centre of a bilayer", signed=True))
         upper = (self.count + 1) // 2 if self.upper is None else whole_number(self.upper, "the number in the upper leaflet", least=0)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import whole_number
 from ..model.pairs import DPD, checked
 from .builders import lipid
@@ -69,5 +69,5 @@ def unlike_repulsion(chi: float, density: float = 3.0) -> float:
     """
     slopes = {3.0: 0.286, 5.0: 0.689}
     if density not in (3, 5):
-        raise ParameterError(f"the relation of a to chi is known for the densities 3 and 5, not {density!r}")
+        raise ParameterError(f"the relation of a to chi is known for the densities 3 and 5, not {what_is(density)}")
     return like_repulsion(density) + checked(chi, "dimensionless", "chi", signed=True) / slopes[float(density)]

@@ -176,7 +176,7 @@ class _Work:
             raise ParameterError(f"expected an openmm.System, not {what_is(system)}")
         self.start, n = checked_positions(topology, system, positions), system.getNumParticles()
         if not isinstance(temperature, float) or temperature <= 0:
-            raise ParameterError(f"temperature must be one temperature > 0, not {temperature!r} K")
+            raise ParameterError(f"temperature must be one temperature > 0, not {what_is(temperature)} K")
         self.system, self.topology, self.temperature, self.seed = system, topology, temperature, whole_number(seed, "seed", least=1)
         self.replaced = replaced_forces(system)
         periodic = nonbonded_of(system).usesPeriodicBoundaryConditions()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import to_md
 from ..model.pairs import checked
 from .molecule import Molecule
@@ -53,12 +53,12 @@ class Vesicle:
             raise ParameterError(f"a vesicle of radius {self.radius:g} with a membrane of {self.thickness:g} has no inside")
         areas = np.atleast_1d(to_md(self.area_per_lipid, "area", "the area per lipid"))
         if areas.shape not in ((1,), (2,)) or np.any(areas <= 0):
-            raise ParameterError(f"the area per lipid must be one area > 0, or an inner and an outer one, not {self.area_per_lipid!r}")
+            raise ParameterError(f"area_per_lipid must be one area > 0, or an inner and an outer one, not {what_is(self.area_per_lipid)}")
         object.__setattr__(self, "area_per_lipid", tuple(np.broadcast_to(areas, 2).tolist()))
         if self.centre is not None:
             centre = np.asarray(to_md(self.centre, "length", "the centre of a vesicle"))
             if centre.shape != (3,):
-                raise ParameterError(f"the centre of a vesicle must be three lengths, not {self.centre!r}")
+                raise ParameterError(f"the centre of a vesicle must be three lengths, not {what_is(self.centre)}")
             object.__setattr__(self, "centre", tuple(centre.tolist()))
 
     @property

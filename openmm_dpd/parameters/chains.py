@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import whole_number
 from ..molecules.terms import Spring
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
@@ -113,13 +113,13 @@ def chain_chi_slope(beads: int, bond: Spring | None = None, density=3.0) -> Esti
     table, count = _table(), whole_number(beads, "beads", least=1)
     rho = reduced_number(density, "density", positive=True)
     if (count > 1) != (bond is not None):
-        raise ParameterError(f"chains have a bond and single beads have none, but beads is {count} and bond is {bond!r}")
+        raise ParameterError(f"chains have a bond and single beads have none, but beads is {count} and bond is {what_is(bond)}")
     outside({"density": rho, "beads": count}, table.bounds, _SOURCE, None)
     first = overlap_energy(75.0 / rho, rho)
     if bond is None:
         return Estimate(first, _AT * first, _SOURCE, table.bounds)
     if not isinstance(bond, Spring):
-        raise ParameterError(f"bond must be a Spring, which is what {_SOURCE} covers, not {bond!r}; measured_chi_slope takes any")
+        raise ParameterError(f"bond must be a Spring, which is what {_SOURCE} covers, not {what_is(bond)}; measured_chi_slope takes any")
     column = next(iter(table.ratios.values()))
     alone = (bond.k, bond.r0) in column.alone
     if not alone:

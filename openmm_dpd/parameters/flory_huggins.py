@@ -5,7 +5,7 @@ import math
 from openmm import unit
 from scipy.optimize import brentq
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from ..model.pairs import checked
 from .estimate import reduced_number
@@ -41,7 +41,7 @@ def chi_from_composition(phi: float, *, beads: int = 1) -> float:
     """
     phi = to_md(phi, "dimensionless", "phi")
     if not isinstance(phi, float) or not 0 < phi < 0.5:
-        raise ParameterError(f"phi, the part of the minority, must be between 0 and 1/2, but is {phi!r}")
+        raise ParameterError(f"phi, the part of the minority, must be between 0 and 1/2, but is {what_is(phi)}")
     return math.log((1 - phi) / phi) / (1 - 2 * phi) / whole_number(beads, "beads", least=1)
 
 

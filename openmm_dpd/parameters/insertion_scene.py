@@ -84,7 +84,7 @@ def check(molecule: Molecule, solvent: Scene) -> None:
     unknown = [name for name in molecule.types if name not in solvent.masses]
     if unknown:
         raise ParameterError(
-            f"the solvent knows no beads {unknown[0]!r} of the molecule {molecule.name}: name their mass in `masses` of its scene, "
+            f"the solvent knows no beads {what_is(unknown[0])} of the molecule {molecule.name}: name their mass in `masses` of its scene, "
             f"which has {', '.join(solvent.masses)}, and their pair coefficients"
         )
     for table in solvent.tables:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from openmm import unit
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
 from ..model.owned import keep
 from ..model.pairs import DPD, checked
@@ -167,7 +167,7 @@ class BeadMapping:
 
     def _scale(self, dimension: str) -> float:
         if dimension not in _POWERS:
-            raise ParameterError(f"the dimension must be one of {', '.join(_POWERS)}, not {dimension!r}")
+            raise ParameterError(f"the dimension must be one of {', '.join(_POWERS)}, not {what_is(dimension)}")
         mass, length, time = _POWERS[dimension]
         return float(self.mass**mass * self.cutoff**length * self.time**time)
 

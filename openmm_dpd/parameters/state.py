@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: Coefficients of B2/A and of the dense limit: eqs 10 and 14 of Liyana-Arachchi et al.
@@ -109,7 +109,7 @@ def _equation(name: str) -> _Equation:
         ),
     }
     if not isinstance(name, str) or name not in known:
-        raise ParameterError(f"the equation of state must be one of {', '.join(known)}, not {name!r}")
+        raise ParameterError(f"the equation of state must be one of {', '.join(known)}, not {what_is(name)}")
     return known[name]()
 
 

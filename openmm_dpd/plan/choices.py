@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import openmm
 
-from ..base.errors import ParameterError, PlanError
+from ..base.errors import ParameterError, PlanError, what_is
 from ..base.units import to_md, whole_number
 from ..base.wording import in_length
 from ..model.pairs import checked
@@ -25,7 +25,7 @@ def checked_lam(lam, scheme: Scheme) -> float:
     """The weight of the prediction; one that is given to a scheme that has none is an error."""
     weight = to_md(lam, "dimensionless", "lam")
     if not isinstance(weight, float) or not 0.0 <= weight <= 1.0:
-        raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
+        raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {what_is(lam)}")
     if weight != 0.5 and not scheme.predicts:
         raise ParameterError(f"lam is the weight of the prediction of the scheme {predicting()}; the scheme {scheme.name!r} has none")
     return weight
@@ -41,7 +41,7 @@ def checked_seed(seed: int | None) -> int:
     if seed is None:
         return secrets.randbelow(2**31 - 1) + 1
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**31:
-        raise ParameterError(f"seed must be an integer with 0 <= seed < 2^31, not {seed!r}")
+        raise ParameterError(f"seed must be an integer with 0 <= seed < 2^31, not {what_is(seed)}")
     return int(seed)
 
 
@@ -57,7 +57,7 @@ def platform_name(platform: openmm.Platform | str | None, known: Sequence[str] =
     """Name of a platform, which must be among those known; None for none."""
     name = platform.getName() if isinstance(platform, openmm.Platform) else platform
     if name not in (None, *known):
-        raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(known)}), not {name!r}")
+        raise ParameterError(f"platform must be the name of one of OpenMM's platforms ({', '.join(known)}), not {what_is(name)}")
     return name
 
 

@@ -15,7 +15,7 @@ correlation of forces, f^2 tau/kT in place of gamma.  docs/theory_flow.md derive
 import numpy as np
 import scipy
 
-from ..base.errors import PlanError
+from ..base.errors import PlanError, what_is
 from ..base.wording import in_length
 from ..kernels.driven import Continuum, Driven
 from ..kernels.elementary import without_last_bits
@@ -69,7 +69,7 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
     }
     if not others and len(tables) == 1:
         alone = next((each.behind for each in behind if tables[0].get((each.behind, each.behind), NONE) is NONE), None)
-        reasons[f"beads of type {alone!r} do not interact"] = alone is not None
+        reasons[f"beads of type {what_is(alone)} do not interact"] = alone is not None
     reason = next((reason for reason, holds in reasons.items() if holds), None)
     if reason is not None:
         raise PlanError(f"no fluid can be behind a wall: {reason}")

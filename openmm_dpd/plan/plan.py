@@ -241,7 +241,7 @@ def make_plan(
     chosen = scheme_of(scheme)
     lam = checked_lam(lam, chosen)
     if conservative not in ("auto", "openmm", "kernel"):
-        raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {conservative!r}")
+        raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {what_is(conservative)}")
     resolved = [table.resolve(scene.type_names) for table in scene.tables]
     tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
     layers = [table for table in tables if resolved_kind(table).overlay is None]

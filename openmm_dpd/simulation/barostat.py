@@ -49,7 +49,7 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
         raise PlanError(built.plan.no_volume_moves)
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if len(axes) != 3 or not any(axes):
-        raise ParameterError(f"axes must be three of True or False, at least one True, not {axes!r}")
+        raise ParameterError(f"axes must be three of True or False, at least one True, not {what_is(axes)}")
 
 
 def add_barostat(
@@ -166,7 +166,7 @@ _Z_MODES = {
 def _membrane_barostat(box: np.ndarray, pressure, tension, xymode: str, zmode: str, kelvin: float, interval: int) -> openmm.Force:
     for name, mode, known in (("xymode", xymode, _XY_MODES), ("zmode", zmode, _Z_MODES)):
         if mode not in known:
-            raise ParameterError(f"{name} must be one of {', '.join(map(repr, known))}, not {mode!r}")
+            raise ParameterError(f"{name} must be one of {', '.join(map(repr, known))}, not {what_is(mode)}")
     if np.any(box != np.diag(np.diag(box))):
         raise PlanError("a surface tension across z needs an orthorhombic box")
     if zmode == _CONSTANT_VOLUME:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import openmm
 from openmm import app, unit
 
-from ..base.errors import ParameterError, PlanError
+from ..base.errors import ParameterError, PlanError, what_is
 from ..base.html import fact_table
 from ..base.platforms import fastest_platform
 from ..base.wording import either
@@ -100,4 +100,4 @@ class BuiltSystem:
             if "already bound" in str(error):
                 again = "this scene" if self.plan.host is None else "this System"
                 raise PlanError(f"{again} has a Simulation already; build it again for another one") from None
-            raise ParameterError(f"no Simulation on platform {name!r} with properties {properties!r}: {error}") from None
+            raise ParameterError(f"no Simulation on platform {what_is(name)} with properties {what_is(properties)}: {error}") from None

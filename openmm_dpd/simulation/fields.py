@@ -11,7 +11,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.names import FIELD, RATE
 from ..base.units import thermal_energies, to_md
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
@@ -118,7 +118,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     known = () if spec is None else {ENERGY: ("theta", "u_cond", "u_mech"), TEMPERATURE: ("theta",)}.get(spec.kind, ("concentrations",))
     for name in values:
         if name not in known:
-            raise ParameterError(f"the beads of this scene have no {name!r}; their fields are: {', '.join(known) or 'none'}")
+            raise ParameterError(f"the beads of this scene have no {what_is(name)}; their fields are: {', '.join(known) or 'none'}")
     if spec is None or not values:
         return
     old = raw_fields(context, spec)

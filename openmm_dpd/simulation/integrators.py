@@ -10,7 +10,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.names import AHEAD, BY_SEED, FIELD, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
@@ -198,7 +198,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             raise ParameterError(RAMPED if RAMP_STEP in names else _NOT_SETTABLE)
         kelvin = to_md(temperature, "temperature", "the temperature")
         if not isinstance(kelvin, float) or not 0.0 <= kelvin < np.inf:
-            raise ParameterError(f"the temperature must be a single number of kelvin >= 0, not {temperature!r}")
+            raise ParameterError(f"the temperature must be a single number of kelvin >= 0, not {what_is(temperature)}")
         context, put = self.context(), openmm.CustomIntegrator.setGlobalVariableByName
         if context is None:  # for the next step to take, regardless of what it took before
             put(self, TEMPERATURE, kelvin)

@@ -175,9 +175,9 @@ def _checked_classes(atoms, n: int, types: list[str]) -> list[str | None]:
         raise ParameterError(f"atoms names the classes of {len(atoms)} particles, but the System has {n}")
     for name in atoms:
         if name is not None and (not isinstance(name, str) or name in ("", "*", UNSEEN)):
-            raise ParameterError(f"a class of atoms is named by text other than '*', or None; `atoms` has {name!r}")
+            raise ParameterError(f"a class of atoms is named by text other than '*', or None; `atoms` has {what_is(name)}")
         if name in types:
-            raise ParameterError(f"{name!r} is a bead type of the scene; give the class of atoms another name")
+            raise ParameterError(f"{what_is(name)} is a bead type of the scene; give the class of atoms another name")
     if all(name is None for name in atoms):
         raise ParameterError("beads see none of the atoms: name the class of at least one in `atoms`")
     return list(atoms)
@@ -226,7 +226,7 @@ def _cross_entries(table: PairTable, names: list[str], types: list[str]) -> dict
         for name in key:
             if name not in ("*", *names, *types):
                 known = f"classes {', '.join(names)}; bead types {', '.join(types)}"
-                raise ParameterError(f"for {key} in `cross`: there is no class of atoms or bead type {name!r} ({known})")
+                raise ParameterError(f"for {key} in `cross`: there is no class of atoms or bead type {what_is(name)} ({known})")
         sides = [name for name in key if name in names], [name for name in key if name in types]
         if len(sides[1]) == 2:
             raise ParameterError(f"for {key} in `cross`: both are bead types; what acts between beads is in the scene")

@@ -103,7 +103,7 @@ def add_thermostat(
     """
     if scheme_of(scheme).native:
         name = scheme_of(scheme).name
-        raise ParameterError(f"the scheme {name!r} is OpenMM's own thermostat; make a DPDIntegrator for a System made elsewhere")
+        raise ParameterError(f"the scheme {what_is(name)} is OpenMM's own thermostat; make a DPDIntegrator for a System made elsewhere")
     chosen = platform_name(platform)
     check_system(system)
     masses = masses_of(system)
@@ -165,7 +165,7 @@ def _types(friction, types, masses: np.ndarray) -> tuple[PairTable, list[str | N
         raise ParameterError(f"types names {len(types)} particles, but the System has {len(masses)}")
     odd = next((name for name in types if not isinstance(name, (str, type(None)))), None)
     if odd is not None:
-        raise ParameterError(f"types must hold the name of each particle's type, or None; one is {odd!r}")
+        raise ParameterError(f"types must hold the name of each particle's type, or None; one is {what_is(odd)}")
     names = sorted({name for name in types if name is not None})
     if not names:
         raise ParameterError("every particle is left out of the thermostat")

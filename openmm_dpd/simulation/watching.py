@@ -20,7 +20,7 @@ from typing import Any
 
 import openmm
 
-from ..base.errors import PlanError, RunError
+from ..base.errors import PlanError, RunError, what_is
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
 from ..base.openmm_private import bare, hear_of_contexts
 from ..base.signals import CTRL_C, unbroken
@@ -40,7 +40,7 @@ REMEMBERED = 10.0
 def whole_steps(steps) -> int:
     """A number of steps of any type, as OpenMM takes them; TypeError if it is not whole."""
     if int(steps) != steps:
-        raise TypeError(f"the number of steps must be a whole one, not {steps!r}")
+        raise TypeError(f"the number of steps must be a whole one, not {what_is(steps)}")
     return int(steps)
 
 

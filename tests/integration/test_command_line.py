@@ -157,7 +157,7 @@ def test_forces_add_up_and_do_not_depend_on_the_scheme(deck, tmp_path, scheme):
 
 def test_explain_shows_plan_program_and_notes(deck):
     text = explain_deck(deck, RunOptions(platform="CPU"))
-    for part in ("192 beads of 2 type(s)", "scheme: mvv", "program mvv", "comm_modify has no meaning here"):
+    for part in ("192 beads of 2 type(s)", "scheme: mvv", "program mvv", "comm_modify has no effect here; keep it"):
         assert part in text
 
 

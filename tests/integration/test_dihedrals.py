@@ -250,8 +250,8 @@ def test_explained():
 
 QUAD = [(0, 1, 2, 3)]
 BAD = {
-    "sign": (lambda: dpd.HarmonicDihedrals(QUAD, 1, 2, 1), "dihedral d must be 1 or -1; dihedral 0 has 2"),
-    "half a wave": (lambda: dpd.HarmonicDihedrals(QUAD, 1, 1, 1.5), "dihedral n must be a whole number; dihedral 0 has 1.5"),
+    "sign": (lambda: dpd.HarmonicDihedrals(QUAD, 1, 2, 1), "dihedral d must be 1 or -1, but is 2"),
+    "half a wave": (lambda: dpd.HarmonicDihedrals(QUAD, 1, 1, [1.5]), "dihedral n must be a whole number >= 0; dihedral 0 has 1.5"),
     "three beads": (lambda: dpd.OPLSDihedrals([(0, 1, 2)], 1, 1, 1, 1), r"dihedral quads must be an integer array of shape \(K, 4\)"),
     "a bead twice": (lambda: dpd.OPLSDihedrals([(0, 1, 2, 0)], 1, 1, 1, 1), "names bead 0 twice"),
     "no such bead": (lambda: beads(3, dihedrals=[dpd.HarmonicDihedrals(QUAD, 1, 1, 1)]), "a dihedral names bead 3.*only 3 beads"),

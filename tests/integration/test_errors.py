@@ -1,6 +1,10 @@
 """Wrong input gives one clear error that names what, where and what would be right; what goes wrong while stepping, likewise."""
 
+import contextlib
+import inspect
 import io
+import itertools
+import re
 
 import numpy as np
 import openmm
@@ -12,7 +16,11 @@ from raising import raises
 from scenes import D, beads, run_of, state_of, stepped
 
 import openmm_dpd as dpd
+from openmm_dpd.analysis import radial_distribution
 from openmm_dpd.base.names import KT
+from openmm_dpd.lammps import RunOptions
+from openmm_dpd.molecules import Spring, linear, ring
+from openmm_dpd.parameters import repulsion_from_chi
 
 N = 20
 X = np.random.default_rng(0).random((N, 3)) * 3
@@ -161,6 +169,37 @@ def test_wrong_input(name):
         make()
     assert isinstance(caught.value, dpd.ParameterError)
     assert "\n" not in str(caught.value)
+
+
+#: Public functions and classes with arguments that they take, and what these are replaced by one after the other.
+SOUND = {
+    dpd.Scene: dict(masses={"W": 1.0}, types=["W"] * N, positions=X, pairs=TABLE, kT=1.0, box=[3.0] * 3),
+    dpd.build: dict(scene=scene(), dt=0.02, platform="Reference"),
+    **{call: {} for call in (D, RunOptions)},
+    **{call: dict(A=25.0, gamma=4.5, kappa=kappa) for call, kappa in ((dpd.EDPD, 1.0), (dpd.TDPD, (1.0,)))},
+    dpd.FENEBonds: dict(pairs=BOND, k=1.0, R0=1.0),
+    dpd.BodyForce: dict(force=(1.0, 0.0, 0.0)),
+    dpd.SlaterCharges: dict(lamda=1.0, permittivity=1.0),
+    repulsion_from_chi: dict(chi=2.0),
+    dpd.HarmonicDihedrals: dict(quads=[(0, 1, 2, 3)], k=1.0, d=1, n=1),
+    dpd.Wall: dict(axis="z", position=0.0, side="above"),
+    **{kind: dict(blocks="A6", spring=Spring(2.0, 0.5)) for kind in (linear, ring)},
+    radial_distribution: dict(trajectory=[], r_max=1.0),
+}
+OF_NUMPY = (np.float64(-1), np.int64(-7), np.bool_(True), np.str_("no"), np.array(1.5), np.arange(3), (np.float64(2), 1, 1))
+OF_NUMPY += ([np.str_("Q")], {np.str_("X"): np.float64(-1)}, {(np.str_("X"), np.str_("W")): D()}, np.float64(-2) * unit.picosecond)
+
+
+def test_numbers_of_numpy_are_printed_like_others():
+    said = set()
+    for call, sound in SOUND.items():
+        for name, value in itertools.product(inspect.signature(call).parameters, OF_NUMPY):
+            with contextlib.suppress(TypeError, ValueError):
+                try:
+                    call(**{**sound, name: value})
+                except dpd.DPDError as error:
+                    said.add(str(error))
+    assert len(said) > 300 and not [text for text in said if re.search(r"np\.|array\(|Quantity\(|dtype", text)]
 
 
 def test_lists_of_quantities_keep_their_units():

@@ -130,7 +130,7 @@ def test_bounds_of_chains():
     raises(dpd.ParameterError, "k = 3 is outside of 25 to 100", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(3.0, 0.0)))
     raises(dpd.ParameterError, "beads = 30 is outside of 1 to 20", lambda: chain_chi_slope(30, SOFT))
     raises(dpd.ParameterError, "beads is 4 and bond is None", lambda: repulsion_from_chi(0.5, beads=4))
-    raises(dpd.ParameterError, "beads is 1 and bond is Spring", lambda: chi_from_repulsion(1.0, bond=SOFT))
+    raises(dpd.ParameterError, "beads is 1 and bond is a Spring", lambda: chi_from_repulsion(1.0, bond=SOFT))
     raises(dpd.ParameterError, "bond must be a Spring", lambda: chain_chi_slope(4, FENESpring(10.0, 2.0)))
     raises(dpd.ParameterError, "chains were measured at A = 75/density", lambda: repulsion_from_chi(0.5, beads=4, bond=SOFT, A=78.0))
     with pytest.raises(dpd.ParameterError, match="for single beads; leave beads and bond out"):

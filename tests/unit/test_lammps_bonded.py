@@ -100,7 +100,7 @@ ERRORS = {
     "R0": ("bond_style fene\nbond_coeff 1 30 0 1 1\n", "in.deck:5: R0 must be > 0, but is 0"),
     "sigma": ("bond_style fene\nbond_coeff 1 30 1 1 0\n", "sigma must be > 0 where epsilon is"),
     "negative": ("bond_style morse\nbond_coeff 1 -3 1 1\n", "D must be >= 0, but is -3"),
-    "angle": ("angle_style harmonic\nangle_coeff 1 3 200\n", "angle theta0 must not be over pi"),
+    "angle": ("angle_style harmonic\nangle_coeff 1 3 200\n", "in.deck:5: angle theta0 must be from 0 to pi, but is 200 degrees"),
     "no number": ("angle_style cosine\nangle_coeff 1 x\n", "expected a number for K, not 'x'"),
     "type": ("angle_style cosine\nangle_coeff 3 1\n", "angle type 3 is out of range: there are 2"),
     "missing": (
@@ -120,6 +120,8 @@ def test_errors(tmp_path, name):
 
 DATA_ERRORS = {
     "bead": ("\n1 1 1 2 3\n", "\n1 1 1 2 99\n", "an angle names atom 99, which does not exist"),
+    "bead twice": ("\n1 1 1 2 3\n", "\n1 1 1 2 1\n", "data.chains:62: an angle names atom 1 twice"),
+    "bead bonded to itself": ("\n1 1 1 2\n", "\n1 1 2 2\n", "data.chains:43: a bond names atom 2 twice"),
     "type": ("\n1 1 1 2 3\n", "\n1 4 1 2 3\n", "angle type 4 is out of range; there are 2"),
     "words": ("\n1 1 1 2 3\n", "\n1 1 1 2\n", "expected 'id type atom1 atom2 atom3', not '1 1 1 2'"),
     "count": ("12 angles", "11 angles", "section Angles has 12 lines, but the header announces 11"),

@@ -1,12 +1,16 @@
 """Data files: reading, wrapping, coefficients, writing and reading back."""
 
+import gzip
+
 import numpy as np
 import pytest
 from cases import cases
 from files_of_tests import put
 from raising import raises
 
+from openmm_dpd import NONE
 from openmm_dpd.base.errors import DeckError, ParameterError
+from openmm_dpd.inputs import scene_from_lammps_data
 from openmm_dpd.lammps import read_deck
 from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES
 from openmm_dpd.lammps.files.data_file import read_data_file
@@ -175,6 +179,7 @@ fix 1 all nve
         assert (term.A, term.gamma, term.cutoff) == pytest.approx((theirs[key].A, theirs[key].gamma, theirs[key].cutoff))
 
 
+GIVEN = {"pairs": {("*", "*"): NONE}, "kT": 1.0, "atom_style": "atomic"}
 GOOD = HEADER + "\nMasses\n\n1 1.0\n2 2.0\n\nAtoms\n\n" + "\n".join(ATOMS["atomic"]) + "\n"
 
 
@@ -209,8 +214,14 @@ def test_errors_name_file_and_line(tmp_path, old, new, message):
     raises(DeckError, message, lambda: read_data_file(path, "atomic"))
 
 
-def test_the_good_file_is_good(tmp_path):
-    assert read_data_file(write(tmp_path, GOOD), "atomic").masses == {1: 1.0, 2: 2.0}
+def test_the_good_file_is_good_packed_or_not(tmp_path):
+    content = gzip.compress(GOOD.encode())
+    (tmp_path / "data.gz").write_bytes(content)
+    for path in (write(tmp_path, GOOD), tmp_path / "data.gz"):
+        assert read_data_file(path, "atomic").masses == {1: 1.0, 2: 2.0} and len(scene_from_lammps_data(path, **GIVEN).types) == 3
+    (tmp_path / "data.gz").write_bytes(content[:-20])
+    raises(DeckError, "data.gz: cannot read the file: .*ended", lambda: deck(tmp_path, "read_data data.gz"))
+    raises(DeckError, "data.zst: of compressed files, only .gz is read", lambda: scene_from_lammps_data(tmp_path / "data.zst", **GIVEN))
 
 
 def test_bonds_need_a_style_that_has_them(tmp_path):
@@ -218,9 +229,10 @@ def test_bonds_need_a_style_that_has_them(tmp_path):
     raises(DeckError, r"data:23: atom_style atomic has no bonds", lambda: read_data_file(path, "atomic"))
 
 
-def test_theta_must_be_positive(tmp_path):
-    text = HEADER + "\nAtoms\n\n" + "\n".join(ATOMS["dpd"]).replace("300", "0") + "\n"
-    raises(DeckError, r"data:13: the internal temperature \(theta\) must be > 0", lambda: read_data_file(write(tmp_path, text), "dpd"))
+@cases("style, old, new, message", ("dpd", "300", "0", r"internal temperature \(theta\)"), ("bond", "2 8", "2 -1", "molecule numbers"))
+def test_what_beads_have_is_in_bounds(tmp_path, style, old, new, message):
+    text = HEADER + "\nAtoms\n\n" + "\n".join(ATOMS[style]).replace(old, new) + "\n"
+    raises(DeckError, f"data:13: .*{message} must be >", lambda: read_data_file(write(tmp_path, text), style))
 
 
 def test_a_different_style_hint_is_noted(tmp_path):

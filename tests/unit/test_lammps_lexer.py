@@ -1,5 +1,7 @@
 """Text of a deck to words: continuation, comments, quotes, substitution, variables."""
 
+import gzip
+
 import pytest
 from cases import cases
 from raising import raises
@@ -37,8 +39,9 @@ def test_blanks_and_line_ends(text):
     assert split_words(lines(text)[0][1]) == ["run", "10"]
 
 
-def test_a_byte_order_mark_is_left_aside(tmp_path):
-    (tmp_path / "deck").write_bytes(b"\xef\xbb\xbfunits lj\r\n")
+@pytest.mark.parametrize("content", [b"\xef\xbb\xbfunits lj\r\n", gzip.compress(b"units lj")], ids=["byte-order mark", "gzip"])
+def test_what_is_about_the_text_is_left_aside(tmp_path, content):
+    (tmp_path / "deck").write_bytes(content)
     assert lines(read_text(tmp_path / "deck")) == [(1, "units lj")]
 
 

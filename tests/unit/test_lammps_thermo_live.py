@@ -1,5 +1,6 @@
 """What thermo output, averages and formulas say at a step, beside a live LAMMPS: where a rule decides, not a trajectory."""
 
+import re
 from pathlib import Path
 
 import lammps_peer
@@ -36,8 +37,8 @@ def table(lines: list[str]) -> list[str]:
     """The last table in a log, up to what LAMMPS says about its loop."""
     loops = [k for k, line in enumerate(lines) if line.startswith("Loop time")]
     lines = lines[: loops[-1]] if loops else lines
-    start = max(k for k, line in enumerate(lines) if line.split()[:1] == ["Step"] or line.startswith("------------ Step"))
-    return [line.rstrip() for line in lines[start:]]
+    start = max(k for k, line in enumerate(lines) if "Step" in line.split() or line.startswith(("------------ Step", "keywords: ")))
+    return lines[start:]
 
 
 def numbers(rows: list[str]) -> dict[str, float]:
@@ -101,12 +102,15 @@ def test_built_in_computes_beside_thermo_modify(tmp_path, text):
     "thermo_style custom step temp pe press atoms\nthermo_modify format float %10.3f\nthermo_modify line multi",
     'thermo_style custom step temp pe press\nthermo_modify line multi format line "%d %g %8.3f %12.5e"',
     "thermo_style custom step temp cella press\nthermo_modify line one",
+    "thermo_style custom press step atoms temp v_cp c_pp vol\nthermo_modify colname temp a_long_title_of_22_chars",
+    "thermo_style one\nthermo_modify format int %4d",
+    "thermo_style custom step atoms ke press\nthermo_modify format 3 %-20.5f format 1 '%5d:'",
+    "thermo_style custom temp step\nthermo_modify format float %10.3f",
+    "thermo_style yaml\nthermo_modify format float %.9g",
 )
-def test_layouts(tmp_path, text):
-    theirs, ours = both(tmp_path, CHOICES + text + "\nrun 0\n")
-    titled = ours[0].startswith("---")
-    assert [line.split() for line in ours[titled:]] == [line.split() for line in theirs[titled:]]
-    assert not titled or ours[1:] == theirs[1:]
+def test_layouts_to_the_character(tmp_path, text):
+    theirs, ours = ("\n".join(lines) for lines in both(tmp_path, CHOICES + text + "\nrun 0\n"))
+    assert re.sub("CPU = .* .sec", "", ours) == re.sub("CPU = .* .sec", "", theirs)
 
 
 # -- forces and energies of few beads ------------------------------------------------------------------------------------------------

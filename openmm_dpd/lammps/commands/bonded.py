@@ -2,8 +2,6 @@
 
 from functools import partial
 
-import numpy as np
-
 from ...base.errors import ParameterError
 from ..files.atom_styles import JOINED
 from ..language import arguments as read
@@ -56,9 +54,6 @@ def _coeff(state: DeckState, args: list[str], what: str) -> None:
     else:
         usage = f"{command} type {style}" if setup.style == "hybrid" else f"{command} type"
         values = known[style].coefficient(words, usage, state.units)
-        if known[style].kind is not None:
-            # built once now, so that a value out of bounds is reported with its line
-            known[style].build(np.arange(JOINED[what][0])[None, :], values)
     setup.coefficients.update(dict.fromkeys(kinds, (style, values)))
 
 

@@ -148,7 +148,7 @@ def min_modify(state: DeckState, args: list[str]) -> None:
 
 def _ignored(command: str) -> Handler:
     def handler(state: DeckState, args: list[str]) -> None:
-        state.note(f"{command} has no meaning here and is ignored")
+        state.note(f"{command} has no effect here; keep it for LAMMPS")
 
     return handler
 

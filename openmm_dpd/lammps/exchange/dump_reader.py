@@ -15,6 +15,7 @@ from ...base.errors import DeckError, ParameterError
 from ...base.units import UnitSystem, unit_system
 from ...model.scene import Scene
 from ..files.text_file import TextFile
+from ..language.lexer import file_content
 from ..state.box import Box
 from .frames import LammpsFrames
 
@@ -93,11 +94,9 @@ class _Part:
 
 def _text(path: Path) -> TextFile:
     try:
-        return TextFile(path, path.read_text(encoding="utf-8").splitlines())
+        return TextFile(path, file_content(path).decode().splitlines())
     except UnicodeDecodeError:
-        raise DeckError("this is no text dump; binary and compressed dumps are not read", str(path)) from None
-    except OSError as error:
-        raise DeckError(f"cannot read the file: {error.strerror}", str(path)) from None
+        raise DeckError("this is no text dump; binary dumps are not read", str(path)) from None
 
 
 def _frames(file: TextFile) -> Iterator[_Frame]:

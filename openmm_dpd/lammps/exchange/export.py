@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import ParameterError
+from ...base.errors import ParameterError, what_is
 from ...base.files import write_whole, writing
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
@@ -88,7 +88,7 @@ def export_lammps(
         lam, seed = (options.lam if lam is None and scheme_of(scheme).predicts else lam), (options.seed if seed is None else seed)
         source = source.scene
     if not isinstance(source, Scene):
-        raise ParameterError(f"expected a Scene, a Plan or what build() made, not {source!r}")
+        raise ParameterError(f"expected a Scene, a Plan or what build() made, not {what_is(source)}")
     job = make_job(source, name, dt, steps, scheme or "mvv", 0.5 if lam is None else lam, seed, every, units, corner)
     return _write(job, Path(directory))
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.errors import ParameterError
+from ...base.errors import ParameterError, what_is
 from ...base.units import LJ, UnitSystem, to_md, unit_system, whole_number
 from ...kernels.shear import rate_at
 from ...model.flow import AXES, PositionForce, gaps
@@ -82,16 +82,16 @@ def _refuse_unknown(scene: Scene) -> None:
 def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, corner, images=None) -> Job:
     _refuse_unknown(scene)
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise ParameterError(f"the name of an export has letters, digits and _ . + - only, not {name!r}")
+        raise ParameterError(f"the name of an export has letters, digits and _ . + - only, not {what_is(name)}")
     if dt is None:
         raise ParameterError("dt, the step size, is missing; it is needed to export a scene")
     step = to_md(dt, "time", "dt")
     if not isinstance(step, float) or step <= 0:
-        raise ParameterError(f"dt must be one time > 0, not {dt!r}")
+        raise ParameterError(f"dt must be one time > 0, not {what_is(dt)}")
     scheme = scheme_of(scheme).name
     weight = to_md(lam, "dimensionless", "lam")
     if not isinstance(weight, float) or not 0 <= weight <= 1:
-        raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {lam!r}")
+        raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {what_is(lam)}")
     number_of_steps = whole_number(steps, "steps", 0)
     interval = max(1, number_of_steps // 100) if every is None else whole_number(every, "every", 1)
     system, differences = unit_system(units), Differences()
@@ -133,7 +133,7 @@ def _corner(scene: Scene, corner) -> np.ndarray:
         corner = given[0] if given else np.zeros(3)
     found = np.array(to_md(corner, "length", "corner"), dtype=np.float64)
     if found.shape != (3,):
-        raise ParameterError(f"corner must be three lengths, not {corner!r}")
+        raise ParameterError(f"corner must be three lengths, not {what_is(corner)}")
     for axis, gap in gaps(scene.walls, scene.box).items():
         if gap.period is not None:
             # the box ends in the middle of the solid

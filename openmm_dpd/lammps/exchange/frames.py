@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.errors import ParameterError
+from ...base.errors import ParameterError, what_is
 from ...base.units import UnitSystem, to_md, unit_system
 from ...io.trajectory import load_topology
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
@@ -125,7 +125,7 @@ class LammpsFrames:
     def check(self, scene: Scene) -> None:
         """Raise ParameterError if the frames do not fit a scene: numbers of beads, types, or the size of the box."""
         if not isinstance(scene, Scene):
-            raise ParameterError(f"expected a Scene, not {scene!r}")
+            raise ParameterError(f"expected a Scene, not {what_is(scene)}")
         if len(self.ids) != scene.n_beads:
             raise ParameterError(f"{self.path} has {len(self.ids)} beads, but the scene has {scene.n_beads}")
         if self.types is not None:
@@ -134,7 +134,7 @@ class LammpsFrames:
                 bead = int(np.argmax(self.types != expected[0]))
                 raise ParameterError(
                     f"{self.path}: the atom with id {self.ids[bead]} has the type {self.types[bead]}, but bead {bead} of the scene is "
-                    f"{scene.types[bead]!r}, type {expected[0][bead]}; is it the file of another scene?"
+                    f"{what_is(scene.types[bead])}, type {expected[0][bead]}; is it the file of another scene?"
                 )
         if self.boxes is not None and scene.box is not None and len(self):
             ratio = np.diag(self.boxes[0]) / np.diag(scene.box)

@@ -177,6 +177,7 @@ class DataReader:
         for mask, message in (
             (ids < 1, "atom ids start at 1"),
             ((types < 1) | (types > n_types), f"the atom type is out of range; there are {n_types}"),
+            (columns.get("molecule", ones) < 0, "molecule numbers must be >= 0"),
             (columns.get("theta", ones) <= 0, "the internal temperature (theta) must be > 0"),
             (columns.get("temperature", ones) <= 0, "the temperature of a bead must be > 0"),
             (columns.get("capacity", ones) <= 0, "the heat capacity of a bead must be > 0"),
@@ -234,9 +235,10 @@ class DataReader:
             _, kind, *atoms = self.file.integers(row, row[1], f"whole numbers '{usage}'")
             if not 1 <= kind <= n_types:
                 raise self.fail(f"{what} type {kind} is out of range; there are {n_types}", row[0])
-            for atom in atoms:
-                if atom not in known:
-                    raise self.fail(f"a{'n' * (what == 'angle')} {what} names atom {atom}, which does not exist", row[0])
+            for at, atom in enumerate(atoms):
+                wrong = " twice" if atom in atoms[:at] else ", which does not exist" if atom not in known else ""
+                if wrong:
+                    raise self.fail(f"a{'n' * (what == 'angle')} {what} names atom {atom}{wrong}", row[0])
             found[k] = kind, *atoms
         return found
 

@@ -4,7 +4,9 @@ The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an 
 cut off, then ``$`` is substituted outside quotes, and the result is split into words.
 """
 
+import gzip
 import re
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -42,13 +44,21 @@ def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
         raise located(where, f"{prefix}{error}") from None
 
 
+def file_content(path: Path) -> bytes:
+    """Content of a file, unpacked if it was packed by gzip.  DeckError if it cannot be read, or was packed in another way."""
+    if path.suffix in (".bz2", ".lz4", ".lzma", ".xz", ".zst"):
+        raise DeckError("of compressed files, only .gz is read; unpack it", str(path))
+    try:
+        content = path.read_bytes()
+        return gzip.decompress(content) if content.startswith(b"\x1f\x8b") else content
+    except (OSError, EOFError, zlib.error) as error:
+        raise DeckError(f"cannot read the file: {getattr(error, 'strerror', None) or error}", str(path)) from None
+
+
 def read_text(path: Path, *, title: bool = False) -> str:
     """Text of a deck or data file, with or without a byte-order mark; ``title`` says that the first line is a comment.  In comments
     characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.  DeckError if the file cannot be read or is no text."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise DeckError(f"cannot read the file: {error.strerror}", str(path)) from None
+    content = file_content(path)
     try:
         return _newlines(content.decode("utf-8-sig"))
     except UnicodeDecodeError:

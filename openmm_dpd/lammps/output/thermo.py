@@ -24,7 +24,7 @@ STYLES = {
 }
 
 #: Formats of whole numbers and of others, by layout.
-_FORMATS = {"one": ("%10d", "%-14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
+_FORMATS = {"one": ("%10d ", "% -14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 _NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
@@ -124,8 +124,8 @@ class Thermo:
         if self.state.thermo.layout == "multi":
             return ""
         if self.state.thermo.layout == "yaml":
-            return f"---\nkeywords: [{', '.join(repr(title) for title in titles)}]\ndata:"
-        return " ".join(title.center(width) for title, width in zip(titles, self._widths(), strict=True)).rstrip()
+            return f"---\nkeywords: [{''.join(f'{title!r}, ' for title in titles)}]\ndata:"
+        return " ".join(f"{title:^{11 if self._is_whole(word) else 14}}" for title, word in zip(titles, self.words, strict=True))
 
     def footer(self) -> str:
         """The line behind the last row: yaml needs one to separate the documents of several runs."""
@@ -137,17 +137,15 @@ class Thermo:
         if self.state.thermo.layout == "multi":
             return self._block(numbers, sample)
         if self.state.thermo.layout == "yaml":
-            return f"  - [{', '.join(self._texts(numbers))}]"
-        cells = []
-        for form, text, width in zip(self._formats(), self._texts(numbers), self._widths(), strict=True):
-            cells.append(text.ljust(width) if "-" in form else text.rjust(width))
-        return " ".join(cells).rstrip()
+            return f"  - [{''.join(f'{text}, ' for text in self._texts(numbers))}]"
+        return " ".join(self._texts(numbers))
 
     def _texts(self, numbers: list[float]) -> list[str]:
         return [form % (int(number) if _whole(form) else number) for form, number in zip(self._formats(), numbers, strict=True)]
 
-    def _widths(self) -> list[int]:
-        return [max(len(form % 0), len(self._title(k, self.words[k]))) for k, form in enumerate(self._formats())]
+    @staticmethod
+    def _is_whole(word: str) -> bool:
+        return word in WORDS and WORDS[word].integer
 
     def _title(self, k: int, word: str) -> str:
         headers = self.state.thermo.headers
@@ -158,15 +156,15 @@ class Thermo:
         whole, real = _FORMATS[self.state.thermo.layout]
         line, found = formats["line"].split() if "line" in formats else [], []
         for k, word in enumerate(self.words):
-            kind, usual = ("int", whole) if word in WORDS and WORDS[word].integer else ("float", real)
+            kind, usual = ("int", whole) if self._is_whole(word) else ("float", real)
             found.append(formats.get(k + 1) or formats.get(word) or formats.get(kind) or (line[k] if line else usual))
         return [re.sub(r"(%[-+ #0-9.]*)l+(?=[dioxXeEfFgG])", r"\1", form) for form in found]
 
     def _block(self, numbers: list[float], sample: DeckSample) -> str:
         texts = self._texts(numbers)
         cells = [f"{self._title(k, word):<8} = {texts[k]}" for k, word in enumerate(self.words)]
-        rows = [" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]
-        return "\n".join([f"------------ Step {sample.step:14d} ----- CPU = {sample.cpu:12.7g} (sec) -------------", *rows])
+        rows = " \n".join(" ".join(cells[k : k + 3]) for k in range(0, len(cells), 3))
+        return f"------------ Step {sample.step:14d} ----- CPU = {sample.cpu:12.7g} (sec) -------------\n{rows}"
 
 
 def _whole(form: str) -> bool:

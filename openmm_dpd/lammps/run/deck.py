@@ -274,7 +274,7 @@ def read_deck(
             dump.close()
     if deck.first_run is None:
         if not stop_before_first_run:
-            raise DeckError("the deck has no run command: there is nothing to do; 'run 0' is one", str(path))
+            raise DeckError("the deck has no run command; put one at its end, such as 'run 0' after minimize", str(path))
         if deck.box is None:
             raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
         deck.first_run = RunRequest.of(deck, 0, integration(deck))

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 
-from ...base.errors import ParameterError
+from ...base.errors import ParameterError, what_is
+from ...base.units import whole_number
 from ...kernels.engines import engine_kind
 from ...kernels.threads import get_threads
 from .deck import read_deck
@@ -66,19 +68,19 @@ class RunOptions:
 
     def __post_init__(self):
         if self.compat not in ("consistent", "lammps"):
-            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {self.compat!r}")
+            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
         if self.engine != "auto":
             engine_kind(self.engine)  # or it is refused
         if self.format not in FORMATS:
-            raise ParameterError(f"format must be {' or '.join(FORMATS)}, not {self.format!r}")
+            raise ParameterError(f"format must be {' or '.join(FORMATS)}, not {what_is(self.format)}")
         for name, low in (("steps", 0), ("threads", 1), ("discard", 0), ("seed", 0), ("checkpoint", 1), ("every", 1)):
             value = getattr(self, name)
-            if value is not None and value < low:
+            if value is not None and whole_number(value, name) < low:
                 raise ParameterError(f"{name} must be at least {low}, but is {value}")
         if self.seed is not None and self.seed >= 2**31:
             raise ParameterError(f"seed must be less than 2^31, but is {self.seed}")
-        if self.dt is not None and not self.dt > 0:
-            raise ParameterError(f"dt must be > 0, but is {self.dt}")
+        if self.dt is not None and not (isinstance(self.dt, Real) and self.dt > 0):
+            raise ParameterError(f"dt must be > 0, but is {what_is(self.dt)}")
 
     def properties(self, platform: str) -> dict[str, str]:
         """Platform properties."""

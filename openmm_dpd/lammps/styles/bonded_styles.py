@@ -13,7 +13,7 @@ from ..language import arguments as read
 from .columns import Columns
 
 #: How numbers are read that have this bound.
-_READERS = {"> 0": read.positive, ">= 0": read.non_negative, "": read.number}
+_READERS = {"> 0": read.positive, ">= 0": read.non_negative}
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,10 @@ class BondedStyle:
         read.count(words, f"{usage} {' '.join(labels)}", len(labels))
         values = {}
         for name, label, word in zip(self.kind.words, labels, words, strict=True):
-            values[name] = _READERS[self.kind.terms._DIMENSIONS[name][1]](word, label)
-        return self.columns.to_md(values, units)
+            values[name] = _READERS.get(self.kind.terms._DIMENSIONS[name][1], read.number)(word, label)
+        values = self.columns.to_md(values, units)
+        self.build(np.arange(self.kind.width)[None, :], values)  # once now, so that a value out of bounds is reported with its line
+        return values
 
     def words(self, values: dict[str, float], units: UnitSystem) -> list[str]:
         """The words of a coefficient command, in the deck's units."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.errors import ParameterError
 from ...base.units import UnitSystem
 from ...model.pairs import NONE
 from ..language import arguments as read
@@ -64,9 +65,11 @@ class Columns:
         return [getattr(term, name) / FACTORS[dimension](units) for name, dimension in self.dimensions.items()]
 
 
-def cutoff_of(words: list[str], at: int, what: str = "the cutoff") -> float | None:
+def cutoff_of(words: list[str], at: int) -> float | None:
     """The cutoff, if there is a word at this place."""
-    return read.positive(words[at], what) if len(words) > at else None
+    if len(words) > at and read.number(words[at], "the cutoff") == 0:
+        raise ParameterError("the cutoff must be > 0, but is 0; types that do not interact have 'pair_coeff i j none'")
+    return read.positive(words[at], "the cutoff") if len(words) > at else None
 
 
 def no_force(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:

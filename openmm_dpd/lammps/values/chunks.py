@@ -93,9 +93,7 @@ class Binning:
 def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
     """Settings from the words after ``chunk/atom``.  ParameterError for styles and options not supported, values out of bounds."""
     read.count(words, _USAGE, 1, None)
-    if words[0] not in _STYLES:
-        raise ParameterError(f"compute chunk/atom: only styles {', '.join(_STYLES)} are supported, not '{words[0]}'")
-    n = 3 * _STYLES[words[0]]
+    n = 3 * read.style(_STYLES, "compute chunk/atom", words[0])
     read.count(words, _USAGE, 1 + n, None)
     given = read.options(words[1 + n :], _SIZES, "compute chunk/atom")
     options = {"units": ["lattice"], "discard": ["mixed"]} | dict(given)

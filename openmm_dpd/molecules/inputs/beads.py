@@ -136,7 +136,7 @@ def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any]
     if isinstance(masses, Mapping):
         missing = [name for name in types if name not in masses]
         if missing:
-            raise ParameterError(f"masses has no mass of the bead type {missing[0]!r}; it has {', '.join(map(str, masses))}")
+            raise ParameterError(f"masses has no mass of the bead type {what_is(missing[0])}; it has {', '.join(map(str, masses))}")
         return {name: masses[name] for name in [*(n for n in order if n in masses), *(n for n in masses if n not in order)]}, None
     if masses is not None:
         return dict.fromkeys(order, masses), None

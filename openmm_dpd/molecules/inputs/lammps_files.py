@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import DeckError, ParameterError
+from ...base.errors import DeckError, ParameterError, what_is
 from ...base.units import UnitSystem, unit_system
 from ...lammps.files.atom_styles import ATOM_STYLES, JOINED
 from ...lammps.files.data_file import DataFile, read_data_file
@@ -87,10 +87,7 @@ def scene_from_lammps_data(
 
 # -- helpers -------------------------------------------------------------------------------------------------------------------
 def _style(path: Path, given: str | None) -> str:
-    try:
-        lines = read_text(path, title=True).splitlines()
-    except OSError as error:
-        raise DeckError(f"the data file cannot be read: {error.strerror}", str(path)) from None
+    lines = read_text(path, title=True).splitlines()
     hints = [line.partition("#")[2].strip() for line in lines[1:] if line.partition("#")[0].strip() == "Atoms"]
     style = next((hint for hint in hints if hint), given or "")
     if given not in (None, style):
@@ -109,9 +106,9 @@ def _names(types, count: int, path: Path) -> dict[int, str]:
     try:
         names = {number: types[number] for number in range(1, count + 1)}
     except (KeyError, TypeError, IndexError):
-        raise ParameterError(f"types must name each of the {count} atom types of {path}, as {{1: 'W', ...}}, not {types!r}") from None
+        raise ParameterError(f"types must name each of the {count} atom types of {path}, as {{1: 'W'}}, not {what_is(types)}") from None
     if len(types) > count or len(set(names.values())) < count:
-        raise ParameterError(f"types must give each of the {count} atom types of {path} a name of its own, not {types!r}")
+        raise ParameterError(f"types must give each of the {count} atom types of {path} a name of its own, not {what_is(types)}")
     return names
 
 

@@ -148,5 +148,5 @@ def _molecules(atoms: list, molecules) -> np.ndarray | None:
     if molecules == "bonds":
         return None
     if molecules not in ("residues", "chains"):
-        raise ParameterError(f"molecules must be 'residues', 'chains', 'bonds' or an array of whole numbers, not {molecules!r}")
+        raise ParameterError(f"molecules must be 'residues', 'chains', 'bonds' or an array of whole numbers, not {what_is(molecules)}")
     return np.array([(atom.residue if molecules == "residues" else atom.residue.chain).index + 1 for atom in atoms], dtype=np.int64)

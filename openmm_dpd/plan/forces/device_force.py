@@ -27,7 +27,8 @@ def plugin() -> ModuleType | str:
     try:
         return importlib.import_module("openmm_dpd_device")
     except ImportError as error:
-        return "the package openmm-dpd-device is not installed" if error.name == "openmm_dpd_device" else str(error)
+        missing = "the package openmm-dpd-device is not installed ('pip install ./plugin' in a copy of the project)"
+        return missing if error.name == "openmm_dpd_device" else str(error)
 
 
 def why_no_plugin(platform: str | None) -> str | None:

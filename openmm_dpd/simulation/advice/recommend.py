@@ -138,10 +138,10 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
     error = to_md(error, "dimensionless", "error")
     if not isinstance(error, float) or not SMALLEST <= error <= LEVELS[-1]:
         raise ParameterError(
-            f"error must be a fraction of the temperature from {SMALLEST:g} to {LEVELS[-1]:g} (0.01 is 1 %), not {error!r}"
+            f"error must be a fraction of the temperature from {SMALLEST:g} to {LEVELS[-1]:g} (0.01 is 1 %), not {what_is(error)}"
         )
     if quantity not in QUANTITIES:
-        raise ParameterError(f"unknown quantity {quantity!r}; it must be one of {', '.join(QUANTITIES)}")
+        raise ParameterError(f"unknown quantity {what_is(quantity)}; it must be one of {', '.join(QUANTITIES)}")
     table = table or steps_table(scene)
     pairs, notes = groups(scene)
     outside = [f"outside of the table: {text}" for text in dict.fromkeys(text for at in pairs for text in table.outside(at))]
