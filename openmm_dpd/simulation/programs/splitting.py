@@ -73,12 +73,12 @@ class Writer:
             self.put_back()
             p.store()
         self.settle()
-        start = "xs" if self.away else "x"
         if shows and options.field_blocks and not self.told:
-            p.keep_positions()
+            if not self.away:
+                p.keep_positions()
             p.read(p.fields())
-            start = "xs"
-        p.each("x", f"{start}+{times(part)}*v", spelling("drift", part))
+            self.away = True
+        p.each("x", f"{'xs' if self.away else 'x'}+{times(part)}*v", spelling("drift", part))
         add_reflection(p)
         self.known = self.seen = self.away = False
         self.shown = part if shows else None
