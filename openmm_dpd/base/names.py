@@ -58,6 +58,9 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 #: Names of the per-DOF variables that hold internal energies, temperatures or concentrations, three values per bead in each; and of those
 #: with their changes per time, where a scheme keeps these.
 FIELD, RATE = "field", "rate"
+#: Beginning of the names of per-DOF variables with what the last call of step left of velocities and fields; and global variables that say
+#: whether a step is the first or last one of a call (both are, unless somebody knows).
+LEFT, FIRST, LAST = "left_", "first", "last"
 #: Further ones where walls move or have something behind them: the impulse that each has taken up since the Context was made, by number
 #: of its axis, side (0: the beads are above) and component.
 IMPULSES = {
@@ -67,7 +70,7 @@ IMPULSES = {
     for k in range(3)
 }
 #: Parameters that change within a step and say nothing about the state.
-VOLATILE = frozenset((PHASE, TAU, COUNTER, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
+VOLATILE = frozenset((PHASE, TAU, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 VOLATILE |= frozenset(IMPULSES.values())
 
 #: Further one where there is a Lees-Edwards shear: for how long, which the box vectors belong to.

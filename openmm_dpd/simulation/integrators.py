@@ -11,7 +11,7 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.names import AHEAD, BY_SEED, FIELD, KT, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
+from ..base.names import AHEAD, BY_SEED, FIELD, FIRST, KT, LAST, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
 from .barostat_temperature import set_barostats
@@ -60,7 +60,13 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     whole: StepsAtOnce | None
 
     def _take(self, context: openmm.Context, steps: int) -> None:
-        if self.whole is None:
+        if self.whole is None and FIRST in self.variables() and steps > 1:
+            with self._or_back(context):
+                for n, first, last in ((1, 1.0, 0.0), (steps - 2, 0.0, 0.0), (1, 0.0, 1.0), (0, 1.0, 1.0)):
+                    self.setGlobalVariableByName(FIRST, first)
+                    self.setGlobalVariableByName(LAST, last)
+                    openmm.CustomIntegrator.step(self, n)
+        elif self.whole is None:
             super()._take(context, steps)
         elif self._slow or self._barostats:
             with self._or_back(context):

@@ -13,6 +13,7 @@ from ..base import names as shared
 from ..base.errors import PlanError, RunError
 from ..base.openmm_private import bare, vectors
 from ..base.wording import in_units
+from ..kernels import motion
 from ..kernels.moment import Moment, StepSpec
 from ..kernels.shear import TIME, flow_at, sheared_box, strain_at
 from ..plan.execution import DOUBLE_PLATFORMS
@@ -29,6 +30,10 @@ class WholeSteps:
     def __init__(self, function: PairForceFunction, pair_group: int):
         self.function, self.pair_group = function, pair_group
         self._still = np.flatnonzero(function.spec.inv_mass == 0.0)
+        self._moving = np.flatnonzero(function.spec.inv_mass) if len(self._still) else slice(None)
+        fields = () if function.spec.fields is None else range(function.spec.fields.n_blocks)
+        #: what a stored acceleration depends on beside positions, box and parameters
+        self._left = [f"{shared.FIELD}{k}" for k in fields] + ["v"] * (function.steps is not None and function.steps.thermostat)
         self._held: tuple[float, dict[str, np.ndarray]] = (0.0, {})
 
     @property
@@ -129,7 +134,9 @@ class WholeSteps:
                 moment.rates = raw_rates(context, fields)
             here = own.fingerprints.of(x, box, parameters)
             own.fingerprints.forget()  # x changes now
-            if here == integrator.getGlobalVariableByName("valid_for"):
+            now = {name: v if name == "v" else per_dof(integrator, name) for name in self._left}
+            left = (motion.same(values[self._moving], per_dof(integrator, shared.LEFT + k)[self._moving]) for k, values in now.items())
+            if here == integrator.getGlobalVariableByName("valid_for") and all(left):
                 moment.acc = per_dof(integrator, "acc")
                 self._held = 0.0, {}  # and so does it; after an error the Context has the one before
         return moment, resting
@@ -140,28 +147,24 @@ class WholeSteps:
         """Write the result of the last step into the Context."""
         function, spec = self.function, self.spec
         put = openmm.CustomIntegrator.setGlobalVariableByName
+        now = {shared.COUNTER: float(moment.counter), shared.DT: moment.dt}
         if len(self._still):
             moment.v[self._still] = resting
         if moment.flow is not None:
-            assert moment.box is not None
-            context.setPeriodicBoxVectors(*moment.box)
-            parameters[shared.SHEARED] = float(moment.flow[TIME])
-            context.setParameter(shared.SHEARED, parameters[shared.SHEARED])
+            context.setPeriodicBoxVectors(*moment.box)  # type: ignore[misc]  # a shear has one
+            now[shared.SHEARED] = float(moment.flow[TIME])
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
-        context.setParameter(shared.COUNTER, float(moment.counter))
-        context.setParameter(shared.DT, moment.dt)
         if spec.slow_every > 1:
             put(integrator, shared.SLOW_STEP, float(moment.slow_step))
         if spec.ramp is not None:
-            assert moment.ramped is not None
-            context.setParameter(shared.KT, moment.kT)
-            parameters[shared.KT] = moment.kT
+            now[shared.KT] = moment.kT
             put(integrator, shared.RAMP_STEP, moment.ramped)
-        for place, name in shared.IMPULSES.items() if spec.driven is not None else ():
-            if name in parameters:
-                assert moment.impulses is not None
-                context.setParameter(name, float(moment.impulses[place]))
+        if moment.impulses is not None:
+            now |= {name: float(moment.impulses[place]) for place, name in shared.IMPULSES.items() if name in parameters}
+        for name, value in now.items():
+            context.setParameter(name, value)
+        parameters |= now
         held = {}
         if moment.values is not None and own.fields is not None:
             own.fields.values = moment.values
@@ -171,10 +174,11 @@ class WholeSteps:
             held |= {"acc": moment.acc} | ({} if moment.rates is None else field_variables(moment.rates, shared.RATE))
             if moment.predicted is not None:
                 held["vp"] = moment.predicted
-            x, box = moment.x, moment.box
+            x, v, box = moment.x, moment.v, moment.box
             if context.getPlatform().getName() not in DOUBLE_PLATFORMS:  # positions are rounded there, and beads wrapped
-                after = context.getState(positions=True)
-                x, box = function.positions(after), function.box(after)
+                after = context.getState(positions=True, velocities=True)
+                x, box, v = function.positions(after), function.box(after), vectors(after, openmm.State.Velocities)
+            held |= {shared.LEFT + name: v if name == "v" else held[name] for name in self._left}
             last = own.fingerprints.of(x, box, parameters)
             if x is moment.x:
                 own.fingerprints.forget()  # nobody folds these beads
@@ -183,7 +187,8 @@ class WholeSteps:
         for name, values in held.items():
             openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, values)
         if held:
-            stamp = fingerprint(next(iter(held.values())) if len(held) == 1 else np.concatenate(list(held.values())), np.zeros(0))
+            first, *more = held.values()
+            stamp = fingerprint(first, np.concatenate(more).ravel() if more else np.zeros(0))
             put(integrator, shared.STAMP, stamp)
             self._held = stamp, held
         context.setStepCount(reached[0])

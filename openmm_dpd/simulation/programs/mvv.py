@@ -10,9 +10,8 @@ With a(t) the acceleration by all forces, friction and noise included, drawn onc
 
 lambda = 1/2 is plain velocity Verlet: v_pred = v_half, and the drift itself passes it to the pair force.  LAMMPS's fix nve and fix
 mvv/dpd do the same.  a(t) is history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed
-anew (with the present velocities) whenever positions, box, dt or a parameter are not those after the last step.  A change of velocities
-alone is not detected: the friction force of the old velocities acts for half a step more.  GPU platforms sometimes wrap positions into
-the box (when they reorder atoms), which counts as a change.  The noise is that of the last half kick in any case.
+anew (with the present velocities) whenever positions, velocities, fields, box, dt or a parameter are not those after the last step.  The
+noise is that of the last half kick in any case.
 """
 
 from ...base.names import RATE, Phase
@@ -31,7 +30,8 @@ def mvv_program(options: ProgramOptions) -> Program:
     rates = [f"{RATE}{k}" for k in range(len(fields))]
     for name in rates:
         p.declare_per_dof(name, "change of the field per time, at x")
-    p.store_fingerprint()
+    left = ["v", *fields] if options.thermostat else fields
+    p.store_fingerprint(left)
     with p.if_changed():
         _recompute(p, fields, rates)
     predicted = options.thermostat and options.lam != 0.5
@@ -69,8 +69,8 @@ def mvv_program(options: ProgramOptions) -> Program:
     p.each("v", "v+0.5*dt*acc", "half kick")
     for name, rate in zip(fields, rates, strict=True):
         p.each(name, f"{name}+0.5*dt*{rate}", "second half")
-    p.acceleration_is_kept()
     slow_forces.kick_after(p)
+    p.acceleration_is_kept(left)
     return p
 
 

@@ -19,7 +19,10 @@ from ...base.names import (
     DT,
     EXTERNAL_GROUP,
     FIELD,
+    FIRST,
     KT,
+    LAST,
+    LEFT,
     PARAMETERS,
     PHASE,
     PORTABLE,
@@ -160,11 +163,16 @@ class Program:
         self.set(RAMP_STEP, f"{RAMP_STEP}+1")
         self.set(KT, ramp_expression(ramp, RAMP_STEP), "kT of this step")
 
-    def store_fingerprint(self) -> None:
-        """Have the pair force store the present positions, and give their fingerprint."""
+    def store_fingerprint(self, left: list[str] | tuple = ()) -> None:
+        """Have the pair force store the present positions, and give a fingerprint of them, and of velocities or fields that were left."""
         self.declare("fingerprint", 0.0, "fingerprint of the present positions and parameters")
+        if left:
+            self.declare(FIRST, 1.0, "whether this step is the first one of a call")
+            self.declare("changed", 0.0, "how many velocities and fields are not what the call before left")
+            with self.when(f"{FIRST} > 0", "may somebody have changed them?"):
+                self.total("changed", f"{len(left)}-{'-'.join(f'delta({name}-{LEFT}{name})' for name in left)}")
         self.phase(Phase.FINGERPRINT)
-        self.set("fingerprint", self.pair_energy, "the pair force stores x")
+        self.set("fingerprint", f"{self.pair_energy}{f'+{FIRST}*changed' if left else ''}", "the pair force stores x")
 
     def evaluate_pair_force(self, phase: Phase, why: str, block: int = 0) -> None:
         """Evaluate the pair force for its side effect: it stores or reads something, and the energy that it returns is not used."""
@@ -226,10 +234,16 @@ class Program:
             self.declare_per_dof(ALONE, "1 where only body forces act, 0 elsewhere")
             self.each("acc", f"(1-{ALONE})*acc+{ALONE}*f{EXTERNAL_GROUP}/m", "only body forces act on some beads")
 
-    def acceleration_is_kept(self) -> None:
-        """Say that the last acceleration of a step serves the next one."""
+    def acceleration_is_kept(self, left: list[str] | tuple = ()) -> None:
+        """Say that the last acceleration of a step serves the next one, if that finds velocities or fields of these names as they are."""
         self.store_fingerprint()
         self.set("valid_for", "fingerprint", "acc is valid for this")
+        if left:
+            self.declare(LAST, 1.0, "whether this step is the last one of a call")
+            with self.when(f"{LAST} > 0", "may somebody change them before the next step?"):
+                for name in left:
+                    self.declare_per_dof(LEFT + name, "what the last step of a call left")
+                    self.each(LEFT + name, name)
 
     def after_sweep(self, fields: list[str]) -> None:
         """Take over what a sweep did to the fields; to internal energies, where velocities are not double precision, by what these really
@@ -266,7 +280,7 @@ class Program:
             self.each("vi", "v")
 
     def if_changed(self) -> AbstractContextManager[None]:
-        """A block that runs on the first step, and whenever x, the box or a parameter is not what the last step left behind."""
+        """A block that runs on the first step, and whenever what the fingerprint is of is not what the last step left behind."""
         self.declare("valid_for", -1.0, "fingerprint at which the stored acceleration is valid")
         return self.when("fingerprint != valid_for", "is the stored acceleration still valid?")
 
