@@ -6,7 +6,7 @@ from typing import Any
 
 import lammps_peer
 import numpy as np
-from files_of_tests import put
+from cases import put
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import read_deck

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from judged import any_seed, bounded
 from kinds import KINDS
 from openmm import unit
-from raising import raises
 from scenes import stepped
 
 import openmm_dpd as dpd

@@ -5,9 +5,8 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
-from files_of_tests import put
+from cases import put, raises
 from openmm import unit
-from raising import raises
 from scenes import beads
 
 import openmm_dpd as dpd

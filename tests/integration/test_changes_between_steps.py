@@ -5,10 +5,10 @@ import io
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from devices import CPU, DEVICES, REFERENCE
 from marks import SCHEME, SCHEMES
 from openmm import app, unit
-from raising import raises
 from scenes import BOXES, EXTENDED, D, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd

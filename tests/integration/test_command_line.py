@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
-from cases import cases
-from files_of_tests import put
+from cases import cases, put
 from fluid_deck import FLUID
 
 import openmm_dpd as dpd

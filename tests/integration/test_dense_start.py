@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from openmm import app, unit
-from raising import raises
 
 from openmm_dpd.base.errors import ParameterError, PlanError, RunError
 from openmm_dpd.molecules import PiercingWarning, find_piercings, relax_dense

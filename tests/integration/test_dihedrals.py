@@ -9,8 +9,7 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
-from files_of_tests import put
-from raising import raises
+from cases import put, raises
 from scenes import beads
 
 import openmm_dpd as dpd

@@ -6,9 +6,8 @@ from itertools import product
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from judged import any_seed
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import couette_viscosity

@@ -3,11 +3,11 @@
 import numpy as np
 import oracle
 import pytest
+from cases import raises
 from devices import DEVICES
 from judged import any_seed, judge, ratios
 from kinds import ENERGY, TABULATED
 from openmm import unit
-from raising import raises
 from scenes import BOXES, fluid, state_of, step_all, stepped
 
 import openmm_dpd as dpd

@@ -9,10 +9,9 @@ import re
 import numpy as np
 import openmm
 import pytest
+from cases import put, raises
 from devices import DEVICES
-from files_of_tests import put
 from openmm import unit
-from raising import raises
 from scenes import D, beads, run_of, state_of, stepped
 
 import openmm_dpd as dpd

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from devices import Device
 from openmm import unit
-from raising import raises
 from scenes import beads, fluid, state_of
 from tired import Tired
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
-from cases import cases
-from files_of_tests import put
+from cases import cases, put
 from fluid_deck import FLUID
 from full_disk import file_limit, small_disk
 

@@ -5,11 +5,10 @@ import io
 import numpy as np
 import oracle
 import pytest
-from cases import cases
+from cases import cases, raises
 from judged import any_seed, judge
 from kinds import everything, made, running, same
 from openmm import unit
-from raising import raises
 from scenes import PLAIN, chains, external_force
 
 import openmm_dpd as dpd

@@ -3,10 +3,9 @@
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from judged import any_seed, judge, quantile
 from openmm import unit
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import surface_tension

@@ -8,11 +8,10 @@ import openmm
 import oracle
 import oracle_meso
 import pytest
-from cases import cases
+from cases import cases, raises
 from devices import DEVICES
 from judged import any_seed
 from kinds import HEAT, SPECIES
-from raising import raises
 from scenes import BOXES, MASSES, fluid, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd

@@ -8,10 +8,9 @@ from io import StringIO
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from judged import any_seed
 from openmm import app, unit
-from raising import raises
 
 import openmm_dpd as dpd
 

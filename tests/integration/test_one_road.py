@@ -5,8 +5,8 @@ from io import StringIO
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from openmm import app, unit
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN

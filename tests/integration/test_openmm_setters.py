@@ -6,9 +6,9 @@ Beads farther apart than the cutoff of the pair terms feel the user's force alon
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from import_graph import ROOT
 from openmm_setters import BAROSTATS, FORCES, GENERIC, LIKE_ALL, METHODS, REFUSED, N, force_classes, setters
-from raising import raises
 from scenes import place, state_of
 
 import openmm_dpd as dpd

@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 import pytest
-from raising import raises
+from cases import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files_of_tests import put
+from cases import put, raises
 from interrupted_runs import contents, interrupted, signal_at
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main

@@ -4,10 +4,9 @@ import chains_of_beads as chains
 import lammps_peer
 import numpy as np
 import pytest
+from cases import put, raises
 from chains_of_beads import OVERLAY
-from files_of_tests import put
 from openmm import unit
-from raising import raises
 from scenes import beads
 
 import openmm_dpd as dpd

@@ -3,10 +3,9 @@
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from devices import DEVICES
 from judged import any_seed, bounded, judge, ratios
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck

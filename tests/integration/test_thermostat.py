@@ -3,10 +3,9 @@
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from judged import any_seed, judge
 from openmm import app, unit
-from raising import raises
 
 import openmm_dpd as dpd
 

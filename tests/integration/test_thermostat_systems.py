@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
-from files_of_tests import put
+from cases import put
 from judged import any_seed, judge
 from openmm import app, unit
 

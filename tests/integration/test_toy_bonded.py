@@ -16,7 +16,7 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
-from raising import raises
+from cases import raises
 from scenes import beads, stepped
 
 import openmm_dpd as dpd

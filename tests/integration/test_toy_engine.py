@@ -12,10 +12,9 @@ import numpy as np
 import openmm
 import oracle
 import pytest
-from cases import cases
+from cases import cases, raises
 from fluid_deck import ONE_TYPE
 from openmm import app
-from raising import raises
 from scenes import MASSES, PLAIN, chains, fluid, noise_of, state_of, stepped
 
 import openmm_dpd as dpd

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from openmm import app
-from raising import raises
 from scenes import BOXES, MASSES
 
 import openmm_dpd as dpd

@@ -3,8 +3,8 @@
 import mdtraj
 import numpy as np
 import pytest
+from cases import raises
 from openmm import app, unit
-from raising import raises
 from test_analysis_structure import BOXES, TILTED, chunks, random_trajectory, trajectory_of
 
 import openmm_dpd as dpd

@@ -3,7 +3,7 @@
 import mdtraj
 import numpy as np
 import pytest
-from raising import raises
+from cases import raises
 
 from openmm_dpd import ParameterError
 from openmm_dpd.analysis import (

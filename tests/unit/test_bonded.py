@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from cases import raises
 from openmm import unit
-from raising import raises
 from scenes import beads
 
 import openmm_dpd as dpd

@@ -5,8 +5,8 @@ import math
 import mdtraj
 import numpy as np
 import pytest
+from cases import raises
 from openmm import unit
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.molecules import FENESpring, Spring, bead, branched, pack

@@ -6,10 +6,10 @@ import warnings
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from devices import DEVICES
 from openmm import unit
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.units import COULOMB

@@ -5,7 +5,7 @@ from pathlib import Path
 import mdtraj
 import numpy as np
 import pytest
-from raising import raises
+from cases import raises
 
 from openmm_dpd.base.errors import OutputError
 from openmm_dpd.base.file_ledger import FileLedger

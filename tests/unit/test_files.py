@@ -5,9 +5,8 @@ import struct
 import mdtraj
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from full_disk import file_limit
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.base.files import BlockFile, append_block, write_whole

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from openmm import unit
-from raising import raises
 from scenes import beads, fluid, stepped
 
 import openmm_dpd as dpd

@@ -4,9 +4,8 @@ import mdtraj
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from openmm import app, unit
-from raising import raises
 from random_scenes import MASSES, PAIRS, SEEDS, TILTED, check, psf_of, random_scene, tables, terms
 
 import openmm_dpd as dpd

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import raises
 from openmm import unit
-from raising import raises
 from scipy.optimize import brentq
 
 import openmm_dpd as dpd

@@ -4,8 +4,8 @@ import inspect
 
 import numpy as np
 import pytest
+from cases import raises
 from judged import LEVEL, SHIFT, any_seed, bounded, judge, ratios
-from raising import raises
 
 
 def series(tau: float, rows: int, count: int = 3000) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 import oracle_meso as oracle
 import pytest
+from cases import raises
 from kernel_answers import (
     COUNTER,
     DT,
@@ -18,7 +19,6 @@ from kernel_answers import (
     uniform_matrix,
 )
 from marks import BOX
-from raising import raises
 from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
 from scipy import stats
 

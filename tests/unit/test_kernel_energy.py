@@ -3,11 +3,10 @@
 import numpy as np
 import oracle_energy as oracle
 import pytest
-from cases import cases
+from cases import cases, raises
 from kernel_answers import COUNTER, DT, SEED, close, noise_matrices, prepared, same_terms
 from kinds import ENERGY
 from marks import BOX
-from raising import raises
 from scenes import BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 

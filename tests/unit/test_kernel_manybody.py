@@ -10,10 +10,10 @@ import numpy as np
 import openmm
 import oracle_density as od
 import pytest
+from cases import raises
 from devices import Device
 from marks import BOX
 from openmm import unit
-from raising import raises
 from scenes import BOXES, MASSES, noise_of, ready
 
 import openmm_dpd as dpd

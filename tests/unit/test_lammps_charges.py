@@ -1,7 +1,7 @@
 """Charges in decks: what the commands read, and what they refuse."""
 
 import pytest
-from files_of_tests import put
+from cases import put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import deck_scene

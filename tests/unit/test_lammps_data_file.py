@@ -4,9 +4,7 @@ import gzip
 
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
-from raising import raises
+from cases import cases, put, raises
 
 from openmm_dpd import NONE
 from openmm_dpd.base.errors import DeckError, ParameterError

@@ -4,9 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
-from raising import raises
+from cases import cases, put, raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, read_deck

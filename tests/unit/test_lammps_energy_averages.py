@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
+from cases import cases, put
 from test_lammps_chunks import QUICK, context_of, request_of
 
 from openmm_dpd.base.errors import DeckError

@@ -3,9 +3,8 @@
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from lammps_beads import ours, same_beads, theirs
-from raising import raises
 
 from openmm_dpd.base.errors import DeckError
 

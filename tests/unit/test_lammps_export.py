@@ -8,9 +8,7 @@ import warnings
 import exported
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
-from raising import raises
+from cases import cases, put, raises
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main

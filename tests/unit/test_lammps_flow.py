@@ -5,7 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from files_of_tests import put
+from cases import put
 
 from openmm_dpd import BodyForce, DeckError, PositionForce
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck

@@ -3,8 +3,7 @@
 import gzip
 
 import pytest
-from cases import cases
-from raising import raises
+from cases import cases, raises
 
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.lammps.language.lexer import Line, logical_lines, read_text, split_words, strip_comment, substitute

@@ -5,8 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from files_of_tests import put
-from raising import raises
+from cases import put, raises
 from test_lammps_thermo_live import numbers, table
 
 from openmm_dpd.base.errors import DeckError

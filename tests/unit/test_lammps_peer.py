@@ -6,8 +6,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
+from cases import cases, put
 from lammps_beads import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import lammps_peer
 import pytest
-from files_of_tests import put
+from cases import put
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError

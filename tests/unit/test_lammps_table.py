@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
-from raising import raises
+from cases import cases, put, raises
 from scipy.interpolate import CubicSpline
 
 from openmm_dpd.base.errors import DeckError

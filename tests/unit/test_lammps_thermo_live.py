@@ -6,9 +6,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
-from raising import raises
+from cases import cases, put, raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, read_deck

@@ -3,8 +3,7 @@
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases
-from files_of_tests import put
+from cases import cases, put
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck

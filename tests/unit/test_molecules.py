@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from openmm import unit
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.molecules import (

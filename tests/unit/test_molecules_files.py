@@ -3,9 +3,8 @@
 import mdtraj
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from openmm import app, unit
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.molecules import CosineBend, Spring, Twist, bead, linear, pack

@@ -5,10 +5,9 @@ import re
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from full_disk import file_limit
 from openmm import unit
-from raising import raises
 from random_scenes import BENDS, PAIRS, SEEDS, SPRINGS, TILTED, TWISTS, check, random_scene, tables, terms
 
 import openmm_dpd as dpd

@@ -6,8 +6,8 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from cases import raises
 from openmm import unit
-from raising import raises
 from scipy.integrate import quad
 
 from openmm_dpd import ParameterError

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import raises
 from openmm import app, unit
-from raising import raises
 from scipy.spatial.transform import Rotation
 
 from openmm_dpd.base.errors import ParameterError

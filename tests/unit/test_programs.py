@@ -7,8 +7,7 @@ from pathlib import Path
 
 import openmm
 import pytest
-from cases import cases
-from raising import raises
+from cases import cases, raises
 
 from openmm_dpd import PlanError, ProgramError, TemperatureRamp
 from openmm_dpd.base.names import AHEAD, COUNTER, DT, FIRST, KT, LAST, PARAMETERS, PHASE, PORTABLE, Phase

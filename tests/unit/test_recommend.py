@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cases
-from raising import raises
+from cases import cases, raises
 
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES

@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, put, raises
 from devices import Device
-from files_of_tests import put
 from fluid_deck import ONE_TYPE
-from raising import raises
 from scenes import beads, run_of, state_of, step_all, stepped
 
 import openmm_dpd as dpd

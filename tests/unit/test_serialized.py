@@ -6,8 +6,7 @@ import pickle
 import numpy as np
 import openmm
 import pytest
-from cases import cases
-from files_of_tests import put
+from cases import cases, put
 
 import openmm_dpd as dpd
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cases
-from raising import raises
+from cases import cases, raises
 
 from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average

@@ -9,11 +9,9 @@ import mdtraj as md
 import numpy as np
 import openmm
 import pytest
-from cases import cases
-from files_of_tests import put
+from cases import cases, put, raises
 from mdtraj.core.element import Element
 from openmm import app, unit
-from raising import raises
 
 from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.trajectory import (

@@ -5,9 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from openmm import unit
-from raising import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.view import view

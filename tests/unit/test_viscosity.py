@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from openmm import unit
-from raising import raises
 from scenes import beads, chains, fluid, ready
 
 import openmm_dpd as dpd
