@@ -8,16 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from deck_snippets import TABLES as OF_DECKS
 
 import openmm_dpd as dpd
 from openmm_dpd import __main__ as cli
 from openmm_dpd.base.names import Phase
-from openmm_dpd.lammps.commands.fixes import all_styles
-from openmm_dpd.lammps.run.deck import COMMANDS
+from openmm_dpd.lammps.commands.beads import GROUP_STYLES, SETTERS
+from openmm_dpd.lammps.commands.output import THERMO_OPTIONS
+from openmm_dpd.lammps.commands.pairs import HYBRID
+from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES, JOINED
+from openmm_dpd.lammps.state.lattice import CELLS
+from openmm_dpd.lammps.state.regions import REGION_STYLES
+from openmm_dpd.lammps.styles.bonded_styles import bonded_styles
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
-from openmm_dpd.lammps.values.computes import COMPUTES
 from openmm_dpd.lammps.values.words import WORDS
 from openmm_dpd.model.schemes import SCHEMES
+from openmm_dpd.units import UNIT_SYSTEMS
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXTS = [*(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -73,22 +79,33 @@ def test_every_option_of_run_is_described():
 
 
 # -- tables ----------------------------------------------------------------------------------------------------------------------
-TABLES = {"commands": COMMANDS, "pair styles": PAIR_STYLES, "fixes": all_styles(), "computes": COMPUTES}
-TABLES["thermo words"] = WORDS
+def column(page: str, title: str, row: str = "", at: int = 1, last: str = "") -> str:
+    """Cells of the tables of a section, or up to the section ``last``, in the rows that begin with a word."""
+    section = DECKS[page].partition(f"## {title}\n")[2].partition(f"\n## {last}")[0]
+    return "\n".join(line.split("|")[at] for line in section.splitlines() if line.startswith(f"| `{row}"))
+
+
+IGNORED = re.sub(r"\(.*?\)", "", DECKS["commands"].partition("without effect: ")[2].partition("\n\n")[0], flags=re.S)
+TABLES = {  # What pages list, and what there is.
+    "commands": (column("commands", "The script", last="Files") + IGNORED, OF_DECKS["command"]),
+    "pair styles": (column("styles", "Pair styles"), {*PAIR_STYLES, *HYBRID, "none"}),
+    **{kind: (column("styles", f"{kind.capitalize()}s"), OF_DECKS[kind]) for kind in ("compute", "dump")},
+    "fix": (column("styles", "Fixes"), OF_DECKS["fix"]),
+    "thermo words": (DECKS["styles"].partition("## Thermo words")[2].partition("`v_name`")[0] + "`press_full` `temp_conf`", WORDS),
+    "variables": (re.sub(r"\(.*?\)", "", DECKS["commands"].partition("Styles are ")[2].partition(" removes")[0]), OF_DECKS["variable"]),
+    "set": (DECKS["commands"].partition("and sets\n")[2].partition(".\n")[0], set(SETTERS) - {"mass"}),
+    **{f"{what}s": (column("styles", "Bonds, angles and dihedrals", what, 2), {*bonded_styles(what), "none"}) for what in JOINED},
+}
+_OPTIONS = {"atom_style": ATOM_STYLES, "lattice": {*CELLS, "custom", "none"}, "region": {*REGION_STYLES, "union", "intersect", "delete"}}
+_OPTIONS |= {"group": {*GROUP_STYLES, "subtract", "clear", "delete"}, "thermo`": {*OF_DECKS["layout"], "custom"}}
+_OPTIONS |= {"thermo_modify": THERMO_OPTIONS, "units": UNIT_SYSTEMS}
+TABLES |= {command: (column("commands", "Box and beads", command, 2, "Runs"), there) for command, there in _OPTIONS.items()}
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_everything_a_deck_may_use_is_listed(table):
-    page = DECKS["commands" if table == "commands" else "styles"]
-    assert not [name for name in TABLES[table] if f"`{name}`" not in page]
-
-
-def test_listed_commands_exist():
-    """The first columns of the tables of commands, and the list of ignored ones."""
-    tables, _, rest = DECKS["commands"].partition("without effect: ")
-    rows, ignored = re.findall(r"^\| (`[^|]*`) \|", tables, flags=re.MULTILINE), rest.partition("\n\n")[0]
-    named = [name for row in rows for name in re.findall(r"`([^`]+)`", row)] + re.findall(r"`([a-z_]+)`", ignored.replace("`exclude`", ""))
-    assert len(named) > 40 and not [name for name in named if name not in COMMANDS]
+def test_pages_list_what_a_deck_may_use_and_nothing_else(table):
+    listed, there = TABLES[table]
+    assert {name.split()[0] for name in re.findall(r"`([^`]+)`", listed)} == set(there)
 
 
 def test_cells_of_the_pages_about_decks_are_short():

@@ -43,7 +43,7 @@ def thermo_style(state: DeckState, args: list[str]) -> None:
 def thermo_modify(state: DeckState, args: list[str]) -> None:
     """``thermo_modify norm|temp|press|format|line|colname|flush|lost ... value``."""
     settings = state.thermo
-    for keyword, values in read.options(args, _THERMO_OPTIONS, "thermo_modify", alone={"format": "none", "colname": "default"}):
+    for keyword, values in read.options(args, THERMO_OPTIONS, "thermo_modify", alone={"format": "none", "colname": "default"}):
         word = values[0]
         if keyword == "norm":
             settings.norm = read.switch(word, "norm")
@@ -78,7 +78,7 @@ def _column(state: DeckState, word: str, others: tuple[str, ...] = ()) -> str | 
 
 
 #: The last ones do nothing: output is always flushed, and no bead is ever lost in a periodic box.
-_THERMO_OPTIONS = {
+THERMO_OPTIONS = {
     **dict.fromkeys(("norm", "temp", "press", "line"), 1),
     **dict.fromkeys(("format", "colname"), 2),
     **dict.fromkeys(("flush", "lost", "lost/bond", "warn"), 1),
