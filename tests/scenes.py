@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import openmm
 import oracle
+import pytest
 from openmm import unit
 
 import openmm_dpd as dpd
@@ -38,6 +39,12 @@ BOXES = {
     "tilted": np.array([[5.2, 0, 0], [1.9, 4.9, 0], [-2.0, 1.8, 4.4]]),
     "tilted_narrow": np.array([[3.2, 0, 0], [1.6, 3.1, 0], [-1.6, 1.55, 3.4]]),
 }
+
+#: Parameters that tests of many files have.
+BOX = pytest.mark.parametrize("box", BOXES.values(), ids=BOXES.keys())
+_NAMED = {name: {"scheme": name} for name in ("shardlow", "middle", "aboba", "bababo")}
+SCHEMES = {"mvv": {"scheme": "mvv"}, "mvv-0.65": {"scheme": "mvv", "lam": 0.65}, **_NAMED}
+SCHEME = pytest.mark.parametrize("choices", SCHEMES.values(), ids=SCHEMES.keys())
 
 MASSES = {"A": 1.0, "B": 2.7}
 

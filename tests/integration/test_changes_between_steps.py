@@ -7,9 +7,8 @@ import openmm
 import pytest
 from cases import raises
 from devices import CPU, DEVICES, REFERENCE
-from marks import SCHEME, SCHEMES
 from openmm import app, unit
-from scenes import BOXES, EXTENDED, D, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
+from scenes import BOXES, EXTENDED, SCHEME, SCHEMES, D, beads, fluid, place, run_of, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import COUNTER, KT, PHASE, SEED, Phase

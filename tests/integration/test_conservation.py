@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from devices import CPU, DEVICES, REFERENCE
-from marks import SCHEME, SCHEMES
 from openmm import unit
-from scenes import BOXES, EXTENDED, D, chains, fluid, run_of, state_of, stepped
+from scenes import BOXES, EXTENDED, SCHEME, SCHEMES, D, chains, fluid, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 

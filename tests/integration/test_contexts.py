@@ -7,8 +7,7 @@ import numpy as np
 import openmm
 import pytest
 from devices import CPU, DEVICES, REFERENCE
-from marks import SCHEME
-from scenes import BOXES, EXTENDED, beads, chains, fluid, place, run_of, same_bits, state_of, stepped
+from scenes import BOXES, EXTENDED, SCHEME, beads, chains, fluid, place, run_of, same_bits, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.threads import set_threads

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from devices import CPU, REFERENCE
 from judged import any_seed, judge
-from marks import SCHEME, SCHEMES
-from scenes import BOXES, EXTENDED, D, beads, fluid, run_of, state_of, stepped
+from scenes import BOXES, EXTENDED, SCHEME, SCHEMES, D, beads, fluid, run_of, state_of, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import KT

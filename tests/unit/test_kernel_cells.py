@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import oracle
 import pytest
-from marks import BOX
-from scenes import BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params, ready
+from scenes import BOX, BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params, ready
 
 from openmm_dpd import RunError
 from openmm_dpd.base.neighbours import coincident_pairs

@@ -18,8 +18,7 @@ from kernel_answers import (
     scaled_by,
     uniform_matrix,
 )
-from marks import BOX
-from scenes import BOXES, MASSES, chains, fluid, listed_pairs, noise_of
+from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs, noise_of
 from scipy import stats
 
 import openmm_dpd as dpd

@@ -6,8 +6,7 @@ import pytest
 from cases import cases, raises
 from kernel_answers import COUNTER, DT, SEED, close, noise_matrices, prepared, same_terms
 from kinds import ENERGY
-from marks import BOX
-from scenes import BOXES, MASSES, chains, fluid, listed_pairs
+from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 
 import openmm_dpd as dpd

@@ -12,9 +12,8 @@ import oracle_density as od
 import pytest
 from cases import raises
 from devices import Device
-from marks import BOX
 from openmm import unit
-from scenes import BOXES, MASSES, noise_of, ready
+from scenes import BOX, BOXES, MASSES, noise_of, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.dpd import TermTable

@@ -3,8 +3,7 @@
 import numpy as np
 import oracle
 import pytest
-from marks import BOX
-from scenes import BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params, ready
+from scenes import BOX, BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fluid, listed_pairs, noise_of, oracle_params, ready
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine

@@ -5,8 +5,7 @@ import oracle as plain_oracle
 import oracle_meso as oracle
 import pytest
 from kernel_answers import COUNTER, DT, PARTS, SEED, between, close, matrix, prepared, same_terms, scaled_by
-from marks import BOX
-from scenes import BOXES, MASSES, chains, fluid, listed_pairs
+from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 
 import openmm_dpd as dpd
