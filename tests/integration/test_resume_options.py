@@ -11,6 +11,7 @@ import pytest
 from interrupted_runs import contents, interrupted, signal_at
 
 from openmm_dpd.__main__ import main
+from openmm_dpd.lammps import RunOptions, explain_deck, export_deck, recommend_deck, run_deck
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
@@ -79,6 +80,26 @@ def test_every_option_of_the_help_is_here(capsys):
         main(["run", "--help"])
     listed = set(re.findall(r"^ +(--[a-z-]+)|, (--[a-z-]+)", capsys.readouterr().out, re.MULTILINE))
     assert {one or other for one, other in listed} == {*OPTIONS, "--help", "--no-quiet", "--restart"}
+
+
+@pytest.mark.filterwarnings("ignore:LAMMPS has no scheme")
+def test_the_command_line_and_python_do_the_same(folder, capsys):
+    """All options of a run together, and those that other commands share with it."""
+    given = {name[2:]: own[0] for name, (own, _) in OPTIONS.items() if name[2:] in RunOptions.__dataclass_fields__}
+    values = {name: value if value.isalpha() else float(value) if "." in value else int(value) for name, value in given.items()}
+    assert main(["run", *words(folder, "out")]) == 0
+    report = run_deck("in.deck", RunOptions(**values), out="python", variables={"density": "2"})
+    written = json.loads((folder / "out.json").read_text(encoding="utf-8"))
+    assert contents(folder / "out") == contents(folder / "python") and written["runs"][0]["thermo"] == report["runs"][0]["thermo"]
+    for command, own, python in (
+        ("explain", "scheme dt seed platform conservative engine compat", lambda **use: explain_deck("in.deck", RunOptions(**use))),
+        ("recommend", "scheme dt", lambda **use: recommend_deck("in.deck", RunOptions(**use))),
+        ("export", "scheme dt steps seed every", lambda **use: export_deck("in.deck", "python", name="x", **use).deck.read_text()),
+    ):
+        more = ["out", "--name", "x"] if command == "export" else []
+        assert main([command, "in.deck", *more, *(word for name in own.split() for word in (f"--{name}", given[name]))]) == 0
+        said = (folder / "out" / "in.x").read_text() if more else capsys.readouterr().out[:-1]
+        assert said == python(**{name: values[name] for name in own.split()})
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name)
