@@ -159,9 +159,10 @@ def test_forces_and_energies_of_few_beads(tmp_path, name, platform):
 
 # -- formulas --------------------------------------------------------------------------------------------------------------------------
 FORMULAS = (
-    "sign(0) sign(-0.0) sign(-2) round(-2.5) round(2.5) round(-0.5) round(0.49999999999999994) round(-3.2) round(1e17) 0^0 -2^2 5.5%2 -5%3 "
-    "ceil(-0.5) floor(-0.5) !0 !(2)+1 (1<2)<3 1&&0||1 2^-1 ternary(0,1,2) ternary(-1,1,2) atan2(1,2) log(1000) x[2] bound(all,zmax) xcm(all,x) "
-    "count(all,low) vcm(m,x) mass(f)"
+    "sign(0) sign(-0.0) sign(-2) round(-2.5) round(2.5) round(-0.5) round(0.49999999999999994) round(-3.2) round(1e17) 0^0 -2^2 "
+    "5.5%2 -5%3 ceil(-0.5) atan2(0,ceil(-0.5)) atan2(0,round(-0.3)) atan2(0,floor(-0.0)) atan2(0,floor(0.3)) floor(-0.5) !0 !(2)+1 "
+    "(1<2)<3 1&&0||1 2^-1 ternary(0,1,2) ternary(-1,1,2) atan2(1,2) log(1000) x[2] bound(all,zmax) xcm(all,x) count(all,low) "
+    "vcm(m,x) mass(f)"
 )
 
 

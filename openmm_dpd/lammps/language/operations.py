@@ -18,7 +18,7 @@ class Operation(NamedTuple):
 
 def _rounded(value: float) -> float:
     """The nearest whole number, of two that are equally near the higher one."""
-    return float(math.ceil(value) if value - math.floor(value) >= 0.5 else math.floor(value))
+    return math.copysign(math.ceil(value) if value - math.floor(value) >= 0.5 else math.floor(value), value)
 
 
 def _truth(function: Callable[..., Any]) -> Callable[..., np.ndarray]:
@@ -92,8 +92,8 @@ FUNCTIONS: dict[str, tuple[int, Operation]] = {
     **{name: _plain(name, getattr(math, name), getattr(np, name)) for name in ("sin", "cos", "tan")},
     **{name: _plain(name, getattr(math, name), getattr(np, f"arc{name[1:]}")) for name in ("asin", "acos", "atan")},
     "atan2": (2, Operation(math.atan2, np.arctan2, lambda a, b: f"atan2({a},{b})")),
-    "ceil": _plain("ceil", lambda x: float(math.ceil(x)), np.ceil),
-    "floor": _plain("floor", lambda x: float(math.floor(x)), np.floor),
+    "ceil": _plain("ceil", lambda x: math.copysign(math.ceil(x), x), np.ceil),
+    "floor": _plain("floor", lambda x: math.copysign(math.floor(x), x), np.floor),
     "round": (
         1,
         Operation(
