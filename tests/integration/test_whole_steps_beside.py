@@ -21,8 +21,6 @@ from openmm_dpd.units import BOLTZMANN
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo", "B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
-#: Those whose step ends with a kick: what they know of the force is used again in the next step.
-ENDING_WITH_KICKS = ("shardlow", "bababo", "B/2 A/2 O A/2 B/2", "O/2 B/2 A B/2 O/2")
 DT, FORCE = 0.01, 3.0
 
 
@@ -127,24 +125,22 @@ def test_positions_follow_a_force_as_the_schemes_say(scheme, how):
     assert np.abs(moved - expected).max() < 1e-6
 
 
+def ends_of(hows, scheme: str, steps: int, kind: str = "dpd", **choices) -> list[dict]:
+    """Where a well leads that comes in in these ways."""
+    return [everything(*run_with(_well, 3, how, scheme, steps, kind, **choices)[1:]) for how in hows]
+
+
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize("kind, scheme", [(kind, s) for kind in ("dpd", "energies", "ramp", "edpd") for s in schemes_of(kind)])
 def test_a_force_of_the_users_from_xml_kicks_as_in_the_loop(kind, scheme, every):
     """... before and after each step, or by impulses over three."""
-    ends = []
-    for how in ("loop", "XML"):
-        _, context, built = run_with(_well, 3, how, scheme, 20, kind, slow_every=every)
-        ends.append(everything(context, built))
-    assert max(differences(*ends, 0.1).values()) < 1e-12
+    assert max(differences(*ends_of(("loop", "XML"), scheme, 20, kind, slow_every=every), 0.1).values()) < 1e-12
 
 
 @pytest.mark.parametrize("scheme", ["middle", "B/2 A/2 O A/2 B/2", "mvv", "mvv-0.65"])
 def test_where_kicks_stand_at_the_ends_a_force_of_the_users_is_one_of_the_scene(scheme):
     """These begin and end with kicks (or end before one), so that the loop is the program, to rounding."""
-    ends = []
-    for how in ("loop", "loop=False"):
-        _, context, built = run_with(_well, 3, how, scheme, 5)
-        ends.append(everything(context, built))
+    ends = ends_of(("loop", "loop=False"), scheme, 5)
     assert max(differences(*ends, DT).values()) < 1e-7  # OpenMM's forces on CPU are single precision
 
 
@@ -408,7 +404,7 @@ def test_two_contexts_of_one_system_interleaved(kind, scheme):
             contexts[k].getIntegrator().step(4)
         ends.append([state_of(context) for context in contexts])
     for k in (0, 1):
-        assert np.array_equal(ends[0][k][0], ends[k + 1][k][0]) and np.array_equal(ends[0][k][1], ends[k + 1][k][1])
+        np.testing.assert_array_equal(ends[0][k], ends[k + 1][k])
 
 
 def _two(built, scheme, kind):
@@ -434,8 +430,7 @@ def test_two_contexts_that_are_looked_at(scheme):
                     context.getState(energy=True)
                 context.getIntegrator().step(2)
         ends.append([state_of(context) for context in contexts])
-    for k in (0, 1):
-        assert np.array_equal(ends[0][k][0], ends[1][k][0]) and np.array_equal(ends[0][k][1], ends[1][k][1])
+    np.testing.assert_array_equal(*ends)
 
 
 @pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo"])
@@ -449,8 +444,7 @@ def test_two_contexts_of_one_system_in_two_threads(scheme):
         for job in jobs if threads else ():
             job.join()
         ends.append([state_of(context) for context in contexts])
-    for first, second in zip(*ends, strict=True):
-        assert np.array_equal(first[0], second[0]) and np.array_equal(first[1], second[1])
+    np.testing.assert_array_equal(*ends)
 
 
 def test_a_context_that_changes_threads():
