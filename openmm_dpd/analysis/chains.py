@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.errors import ParameterError
-from ..base.geometry import AXES_OF_TENSOR
+from ..base.geometry import AXES_OF_TENSOR, minimum_images
 from ..base.stats import Average, block_average
 from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
 from .molecules import bonds_of, bonds_outwards, means_over, molecule_labels
@@ -54,7 +55,7 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
     ----------
     trajectory : mdtraj.Trajectory or iterable of them
         Any box, or none.  Molecules are made whole along their bonds (``mdtraj.Trajectory.make_molecules_whole``); none of their bonds may
-        be longer than half the box.
+        be longer than half the box, and those that close through it (nets, rings around the box) have no size.
     beads : str, sequence of str, array of int, or None
         Beads that count; all by default.
 
@@ -66,9 +67,9 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
     Raises
     ------
     ParameterError
-        If there is no such molecule, or the topology has no bonds.
+        If there is no such molecule, the topology has no bonds, or a molecule closes through the periodic box.
     """
-    topology, frames = whole_frames(trajectory)
+    topology, chunks = _bonded(trajectory)
     group, masses = selected(topology, beads), weights_of(topology)
     labels = molecule_labels(topology)[group]
     numbers = np.flatnonzero(np.bincount(labels) > 1)
@@ -77,7 +78,7 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
     # molecules are numbered in the order of their first beads
     kept = group[np.isin(labels, numbers)]
     units = np.searchsorted(numbers, molecule_labels(topology)[kept])
-    m = masses[kept]
+    m, frames = masses[kept], whole_frames(topology, chunks, numbers)
     return MoleculeSizes(np.array([np.sqrt(gyration_tensors(frame.positions[kept], m, units)[:, :3].sum(axis=1)) for frame in frames]))
 
 
@@ -103,18 +104,22 @@ def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None
     Raises
     ------
     ParameterError
-        If there is no linear chain, or given ends are in different molecules.
+        If there is no linear chain, given ends are in different molecules, or a molecule closes through the periodic box.
     """
-    topology, frames = whole_frames(trajectory)
+    topology, chunks = _bonded(trajectory)
     pairs = _chain_ends(topology) if ends is None else np.asarray(ends)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu" or not len(pairs):
-        raise ParameterError(f"ends must be pairs of bead indices, not an array of {pairs.dtype} of shape {pairs.shape}")
+        raise ParameterError(
+            f"ends must be the pairs of beads to measure between, as [[0, 9], [10, 19]], not {reprlib.repr(ends)}; "
+            "without them the two ends of each linear chain are taken"
+        )
     if pairs.min() < 0 or pairs.max() >= topology.n_atoms:
         raise ParameterError(f"ends must be indices from 0 to {topology.n_atoms - 1}")
     labels = molecule_labels(topology)[pairs]
     apart = np.flatnonzero(labels[:, 0] != labels[:, 1])
     if len(apart):
         raise ParameterError(f"the ends {pairs[apart[0]].tolist()} are not in one molecule")
+    frames = whole_frames(topology, chunks, labels[:, 0])
     return MoleculeSizes(np.array([np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1) for x in (frame.positions for frame in frames)]))
 
 
@@ -131,15 +136,29 @@ def _chain_ends(topology: mdtraj.Topology) -> np.ndarray:
     return order.reshape(-1, 2)
 
 
-def whole_frames(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Frame]]:
-    """Topology and frames with molecules that are not broken at the faces of the box; ParameterError if there are no bonds."""
+def _bonded(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtraj.Trajectory]]:
+    """Topology and chunks; ParameterError if there are no bonds."""
     topology, chunks = chunks_of(trajectory)
     if not len(bonds_of(topology)):
         raise ParameterError("the topology has no bonds, so there are no molecules; write_psf(..., bonds=...) writes them")
-    tree = bonds_outwards(topology).astype(np.int32)
+    return topology, chunks
 
-    def whole():
-        for chunk in chunks:
-            yield chunk if chunk.unitcell_vectors is None else chunk.make_molecules_whole(inplace=False, sorted_bonds=tree)
 
-    return frames_of(whole())
+def whole_frames(topology: mdtraj.Topology, chunks: Iterator[mdtraj.Trajectory], molecules: np.ndarray) -> Iterator[Frame]:
+    """Frames with molecules that are not broken at the faces of the box; ParameterError if the bonds of one of the ``molecules`` (numbers)
+    close through the box: no image of it is whole."""
+    bonds, labels = bonds_of(topology), molecule_labels(topology)
+    tree, bonds = bonds_outwards(topology).astype(np.int32), bonds[np.isin(labels[bonds[:, 0]], molecules)]
+    whole = (chunk if chunk.unitcell_vectors is None else chunk.make_molecules_whole(sorted_bonds=tree) for chunk in chunks)
+    for number, frame in enumerate(frames_of(whole)[1]):
+        d = frame.positions[bonds[:, 1]] - frame.positions[bonds[:, 0]]
+        shorter = np.linalg.norm(minimum_images(d, frame.box), axis=1) < (1 - 1e-4) * np.linalg.norm(d, axis=1)
+        if shorter.any():
+            i, j = bonds[np.argmax(shorter)].tolist()
+            beads = np.flatnonzero(labels == labels[i])
+            raise ParameterError(
+                f"frame {number}: the molecule of bead {beads[0]} (counted from 0; {len(beads)} beads, {topology.atom(i).residue.name}) "
+                "has no size: its bonds close through the periodic box (or one is longer than half of it), since the way along them from "
+                f"bead {i} to {j} ends at another image than their own bond; leave its beads out"
+            )
+        yield frame

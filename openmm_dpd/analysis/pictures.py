@@ -43,9 +43,13 @@ def radial_distribution_picture(
 
 
 def structure_factor_picture(path: str | os.PathLike, curves: Curve | Mapping[str, Curve], *, unit: str = "nm", title: str = "") -> None:
-    """Draw S(q), one curve or several by their names; arguments as for :func:`radial_distribution_picture`."""
+    """Draw S(q), one curve or several by their names, on a logarithmic axis if nothing is negative (as partial ones may be); arguments as
+    for :func:`radial_distribution_picture`."""
     figure, axis = _axes()
     _lines(axis, curves, marker="o")
+    lowest = min(float(line.get_ydata().min()) for line in axis.lines)
+    if lowest > 0:
+        axis.set(yscale="log", ylim=(0.5 * lowest, None))
     _write(figure, axis, path, with_unit("wave number $q$", f"1/{unit}" if unit else ""), "$S(q)$", title)
 
 

@@ -3,11 +3,14 @@
 import numpy as np
 
 from ..base.errors import ParameterError
-from .curves import Curve, curve_of
+from ..base.stats import block_average
+from .curves import Curve, curve_of_averages
 from .frames import Beads, Frame, Trajectories, frames_of, positive_number, two_selected
 
 #: More wave vectors than that are a mistake.
 MOST_VECTORS = 5_000_000
+#: So many bins are as wide as the shortest wave vector.
+SHORTEST_IN_BINS = 10
 
 
 def structure_factor(
@@ -32,13 +35,14 @@ def structure_factor(
     q_max : float
         Largest wave number, 1/nm.
     width : float, optional
-        Width of the bins of q.  By default the shortest wave vector of the first frame.  With a very small one each shell of equal wave
-        numbers is a bin.
+        Width of the bins of q, 1/nm.  By default a tenth of the shortest wave vector of the first frame, which in a cube keeps all shells
+        of equal wave numbers apart up to five times that.  Wide bins smooth large wave numbers, and move and flatten peaks at small ones.
 
     Returns
     -------
     Curve
-        x: mean wave number of the vectors in each bin, 1/nm; y: S.  Empty bins are left out.
+        x: mean wave number of the vectors in each bin, 1/nm; y: S; both over the frames with vectors there, as the box may change.
+        Empty bins are left out.
 
     Raises
     ------
@@ -58,25 +62,20 @@ def structure_factor(
     q_max = positive_number(q_max, "q_max")
     topology, frames = frames_of(trajectory)
     a, b = two_selected(topology, beads, other)
-    sums: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    means: dict[int, list[tuple[float, float]]] = {}
+    count = 0
     for frame in frames:
         q, strength = _strengths(frame, a, b, q_max)
         if width is None:
-            width = float(q.min())
+            width = float(q.min()) / SHORTEST_IN_BINS
         # bins reach from (k - 1/2) width to (k + 1/2) width, so that the shortest vectors stay in the first one in a changing box
         which, place = np.unique(np.rint(q / positive_number(width, "width")).astype(np.int64), return_inverse=True)
         counts = np.bincount(place)
-        sums.append((which, np.bincount(place, q) / counts, np.bincount(place, strength) / counts))
-    return _collected(sums)
-
-
-def _collected(sums: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Curve:
-    """Curve from the bins of each frame; bins that some frames do not have (the box changes) are left out."""
-    common = sums[0][0]
-    for which, _, _ in sums[1:]:
-        common = common[np.isin(common, which)]
-    rows = [[values[np.isin(which, common)] for values in (q, strength)] for which, q, strength in sums]
-    return curve_of(np.mean([q for q, _ in rows], axis=0), [strength for _, strength in rows], "the structure factor")
+        for k, *mean in zip(which.tolist(), np.bincount(place, q) / counts, np.bincount(place, strength) / counts, strict=True):
+            means.setdefault(k, []).append(tuple(mean))
+        count += 1
+    x, y = zip(*(np.transpose(means[k]) for k in sorted(means)), strict=True)
+    return curve_of_averages([q.mean() for q in x], [block_average(series, name="the structure factor") for series in y], count)
 
 
 def _strengths(frame: Frame, a: np.ndarray, b: np.ndarray, q_max: float) -> tuple[np.ndarray, np.ndarray]:

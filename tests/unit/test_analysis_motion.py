@@ -296,6 +296,36 @@ def test_straight_chains(box):
     np.testing.assert_allclose(end_to_end_distance(trajectory, [[place[0], place[5]]]).values, 5 * b, rtol=1e-5)
 
 
+@pytest.mark.parametrize("wound", [False, True])
+def test_rings_and_nets_whose_bonds_close_through_the_box(wound):
+    """Rings of any shape, with bonds across, have the size that they were drawn with in boxes that change and are tilted; with one turn
+    round the box no image is whole, and no number of the beads makes a difference."""
+    rng = np.random.default_rng(11)
+    for vectors in [*BOXES.values()] * 3:
+        boxes = vectors * rng.uniform(0.95, 1.05, (3, 1, 1))
+        turn = 2 * np.pi * np.arange(24) / 24
+        ring = rng.uniform(0.5, 1.2, 3) * np.column_stack([np.cos(turn), np.sin(turn), np.sin(2 * turn)])
+        winding = np.outer(np.arange(24) / 24, rng.permutation([1, 0, rng.integers(-1, 2)])) if wound else np.zeros((24, 3))
+        x = np.array([ring + rng.normal(0, 0.03, (24, 3)) + winding @ box for box in boxes])
+        place = rng.permutation(30)
+        mixed = np.concatenate([x, x[:, :6] + 1], axis=1)[:, np.argsort(place)]  # a chain of six beside it
+        bonds = [(k, (k + 1) % 24) for k in range(24)] + [(k, k + 2) for k in range(0, 20, 5)] + [(k, k + 1) for k in range(24, 29)]
+        bonds = rng.permutation(place[np.array(bonds)])
+        names = np.where(place.argsort() < 24, "R", "C").tolist()
+        trajectory = trajectory_of(np.array([folded(*one) for one in zip(mixed, boxes, strict=True)]), names, boxes, bonds)
+        size = np.sqrt(np.mean(np.sum((x - x.mean(axis=1, keepdims=True)) ** 2, axis=2), axis=1))
+        end = place[[0, 12]][None]
+        assert radius_of_gyration(trajectory, "C").values.shape == end_to_end_distance(trajectory).values.shape == (3, 1)
+        if wound:
+            message = rf"the molecule of bead {place[:24].min()} .*; 24 beads.* close through the periodic box"
+            raises(ParameterError, message, radius_of_gyration, trajectory)
+            raises(ParameterError, message, end_to_end_distance, trajectory, end)
+        else:
+            np.testing.assert_allclose(radius_of_gyration(trajectory, "R").values[:, 0], size, rtol=1e-5)
+            across = np.linalg.norm(x[:, 12] - x[:, 0], axis=1)
+            np.testing.assert_allclose(end_to_end_distance(trajectory, end).values[:, 0], across, rtol=1e-5)
+
+
 def test_sizes_of_unlike_molecules():
     """A branched molecule, a dimer and free beads; masses count, and only chosen beads."""
     x = np.random.default_rng(8).random((3, 9, 3)) * 2
@@ -319,7 +349,8 @@ def test_sizes_of_unlike_molecules():
         (lambda: radius_of_gyration(trajectory, "W"), "no molecule has two"),
         (lambda: radius_of_gyration(random_trajectory(1, 4, 2, TILTED)), "has no bonds"),
         (lambda: end_to_end_distance(trajectory, [[0, 4]]), "are not in one molecule"),
-        (lambda: end_to_end_distance(trajectory, [0, 1]), "pairs of bead indices"),
+        (lambda: end_to_end_distance(trajectory, [0, 1]), "pairs of beads"),
+        (lambda: end_to_end_distance(trajectory, "A"), "ends must be the pairs of beads .* not 'A'; without them"),
         (lambda: end_to_end_distance(trajectory, [[0, 9]]), "from 0 to 8"),
         (lambda: end_to_end_distance(trajectory.atom_slice([0, 1, 2, 3])), "no linear chain"),
     ):

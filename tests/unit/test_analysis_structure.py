@@ -181,6 +181,21 @@ def test_structure_factor_of_lattices():
     assert np.isnan(found.sem).all()
 
 
+def test_default_bins_part_the_low_shells():
+    """A lamella of the period of a box that breathes by 20 %: its peak is at the shortest wave number, S = N (2/pi)^2/3 there (one of three
+    waves of a square profile), and all shells up to five times that are alone where the box is one cube."""
+    edges = np.linspace(9.0, 11.0, 40)[:, None, None]
+    x = np.random.default_rng(0).random((40, 900, 3))
+    x[..., 2] /= 2
+    found = structure_factor(trajectory_of(x * edges, ["A"] * 900, np.eye(3) * edges), q_max=5.0)
+    assert found.n_frames == 40
+    peak = np.abs(found.x - 0.63) < 0.08  # one bin of each length of the shortest wave
+    assert found.y[peak] == pytest.approx(900 * 4 / np.pi**2 / 3, rel=0.06) and found.y[~peak].max() < 20
+    cube = structure_factor(trajectory_of(x[:5] * 10.0, ["A"] * 900, np.eye(3) * 10.0), q_max=3.2)
+    shells = np.unique(np.sum(np.square(np.indices((6, 6, 6)).reshape(3, -1)), axis=0))
+    np.testing.assert_allclose(cube.x, 0.2 * np.pi * np.sqrt(shells[(shells > 0) & (shells <= 25)]), rtol=1e-5)
+
+
 def test_structure_factor_of_an_ideal_gas():
     trajectory = random_trajectory(5, 200, 400, BOXES["edges"], ["A"] * 80 + ["B"] * 120)
     for first, second, expected in ((None, None, 1.0), ("A", "A", 1.0), ("A", "B", 0.0)):
