@@ -7,9 +7,11 @@
 - ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
 - ``ONLY_LINKED``: make it ``{}``.  Nothing changes but the time to compile, by a third.
 - ``CFunc``: what ``numba.cfunc`` makes, which compiles at once and takes no cache of our own; adapt ``at_address`` of ``compiled.py``.
+- ``global_compiler_lock``: forget it.  A child process forked while another thread compiles may then wait for ever.
 - ``compiling``: let it yield and call nothing.  Then nobody hears that kernels are being compiled.
 """
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -18,8 +20,13 @@ from numba.core.caching import NullCache
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
+from numba.core.compiler_lock import global_compiler_lock as _COMPILER
 from numba.core.event import Listener, install_listener
 from numba.core.serialize import dumps
+
+# a fork waits for the kernel that another thread compiles: the child would wait for that thread, which it has not
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_COMPILER.acquire, after_in_parent=_COMPILER.release, after_in_child=_COMPILER.release)
 
 
 class _Linked(JITCodeLibrary):

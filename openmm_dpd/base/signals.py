@@ -19,9 +19,9 @@ class Signals(threading.local):
     """Makes a KeyboardInterrupt of a signal: at once, or within :meth:`later` where the run says; ``seen`` are the signals that have come.
     Signals go to the main thread; in others none is ever seen."""
 
-    def __init__(self, patient: bool = False) -> None:
+    def __init__(self) -> None:
         self.seen: list[int] = []
-        self._patient = patient
+        self._patient = False
 
     @contextmanager
     def caught(self) -> Iterator[None]:
@@ -74,7 +74,7 @@ class Signals(threading.local):
 
 
 #: Ctrl-C in steps that a script takes.
-CTRL_C = Signals(patient=True)
+CTRL_C = Signals()
 
 
 @contextmanager
@@ -87,7 +87,8 @@ def unbroken() -> Iterator[None]:
         return
     try:
         handlers.signal(signal.SIGINT, CTRL_C.take)
-        yield
+        with CTRL_C.later():  # of this thread: another one may fork a process
+            yield
     finally:
         handlers.signal(signal.SIGINT, signal.default_int_handler)
         seen, CTRL_C.seen = CTRL_C.seen, []

@@ -152,7 +152,6 @@ class Team:
         self._address, self._jobs = self._words.ctypes.data, 0
         self._lead, self._follow = _functions()
         self._members: list[_Member] = []
-        atexit.register(self.stop)
 
     def work(self, member: _Member, part: int, last: int) -> None:
         """What a thread does until it is to stop."""
@@ -191,9 +190,15 @@ class Team:
 
 
 _TEAMS: list[Team] = []
-# in a child process there are no other threads
+# in a child process there are no other threads, and what they wait for may be locked
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_TEAMS.clear)
+
+
+@atexit.register
+def _end() -> None:
+    for team in _TEAMS:
+        team.stop()
 
 
 def the_team() -> Team:

@@ -101,3 +101,13 @@ def dispatch(function: Callable[[int], int], threads: int) -> int:
         return function(1)
     with _PARALLEL_LOCK:
         return _WATCH.call(threads, function)
+
+
+def _begin_anew() -> None:
+    """A child process has none of its parent's threads, one of which may have the lock."""
+    global _PARALLEL_LOCK, _WATCH
+    _PARALLEL_LOCK, _WATCH = threading.Lock(), _Watch()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_anew)

@@ -1,16 +1,20 @@
 """Threads: what waits how, and when one of them does the work alone."""
 
+import gc
 import os
+import signal
+import threading
 import time
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from openmm_dpd.base.signals import unbroken
 from openmm_dpd.kernels import threads
 from openmm_dpd.kernels.addresses import copy_words
 from openmm_dpd.kernels.native import Kernel
-from openmm_dpd.kernels.team import meet
+from openmm_dpd.kernels.team import _TEAMS, meet
 
 
 @pytest.fixture
@@ -154,14 +158,49 @@ def test_threads_wake_up_again(together):
     assert numbers.tolist() == [3, 3]
 
 
-def test_a_child_process_has_a_team_of_its_own(together):
-    """The threads of its parent are not there."""
-    if not hasattr(os, "fork"):
-        pytest.skip("there is no fork")
-    kernel, numbers = Kernel(_called, kept=False), np.zeros(2, np.int64)
-    kernel(numbers, parts=2)
-    child = os.fork()
-    if child == 0:
-        kernel(numbers, parts=2)
-        os._exit(0 if numbers.tolist() == [2, 2] else 1)
-    assert os.waitpid(child, 0)[1] == 0
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+def test_a_child_process_works_whatever_its_parents_threads_do(together):
+    """They are not there: not those of the team, not the one that has it work, and not those that compile or keep signals waiting."""
+
+    def shared(numbers, part, parts, team):
+        for _ in range(1000):
+            numbers[part] += 1
+            meet(team, parts)
+        return 0
+
+    def small(numbers, part, parts, team):
+        return 0
+
+    def begun(work) -> threading.Thread:
+        thread = threading.Thread(target=lambda: [work() for _ in iter(done.is_set, True)])
+        thread.start()
+        return thread
+
+    def fork() -> None:
+        child = os.fork()
+        if child == 0:
+            signal.alarm(20)  # which ends it, if it waits
+            try:
+                numbers = np.zeros(2, np.int64)
+                kernel(numbers, parts=2)
+                Kernel(small, kept=False)(numbers)
+                _TEAMS[0].stop()
+                worked = numbers.tolist() == [1000, 1000] and gc.isenabled()
+                os.kill(os.getpid(), signal.SIGINT)
+            except KeyboardInterrupt:
+                os._exit(0 if worked else 1)
+            finally:
+                os._exit(2)
+        codes.append(os.waitpid(child, 0)[1])
+
+    kernel, done, codes = Kernel(shared, kept=False), threading.Event(), []
+    threads_ = [begun(work) for work in (lambda: kernel(np.zeros(2, np.int64), parts=2), lambda: Kernel(small, kept=False)(np.zeros(1)))]
+    with unbroken():
+        for _ in range(6):
+            forker = threading.Thread(target=fork)
+            forker.start()
+            forker.join()
+    done.set()
+    for thread in threads_:
+        thread.join()
+    assert codes == [0] * 6
