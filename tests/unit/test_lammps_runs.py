@@ -157,24 +157,17 @@ def test_include_quit_and_notes(tmp_path):
     assert request.state.notes == ["neighbor has no effect here; keep it for LAMMPS", "comm_modify has no effect here; keep it for LAMMPS"]
 
 
-def test_an_error_in_an_included_file_is_located_there(tmp_path):
-    (tmp_path / "part").write_text("thermo 5\nnonsense\n")
-    raises(DeckError, r"part:2: unknown or unsupported command 'nonsense'", lambda: requests_of(tmp_path, "include part\n"))
-
-
-def test_includes_that_never_seem_to_end_are_an_error(tmp_path):
-    for k in range(2000):
-        (tmp_path / f"part{k}").write_text(f"thermo 5\ninclude part{k + 1}\n")
-    with pytest.raises(DeckError, match="part99:2: include 'part100': files include each other 100 deep already"):
-        requests_of(tmp_path, "include part0\n")
-
-
-def test_a_file_that_includes_itself_is_an_error(tmp_path):
-    (tmp_path / "one").write_text("thermo 5\ninclude two\n")
-    (tmp_path / "two").write_text("include one\n")
-    raises(DeckError, r"two:1: include 'one': this file is being read already", lambda: requests_of(tmp_path, "include one\n"))
-    (tmp_path / "two").write_text("thermo 7\n")  # the same file twice in a row is fine
-    requests_of(tmp_path, "include one\ninclude one\nfix 1 all nve\nrun 1\n")
+def test_errors_in_and_of_included_files(tmp_path):
+    files = {f"part{k}": f"thermo 5\ninclude part{k + 1}\n" for k in range(2000)} | {"three": "thermo 7\n"}
+    for name, text in {**files, "odd": "thermo 5\nnonsense\n", "one": "thermo 5\ninclude two\n", "two": "include one\n"}.items():
+        put(tmp_path / name, text)
+    for name, message in (
+        ("odd", r"odd:2: unknown or unsupported command 'nonsense'"),
+        ("part0", "part99:2: include 'part100': files include each other 100 deep already"),
+        ("one", r"two:1: include 'one': this file is being read already"),
+    ):
+        raises(DeckError, message, lambda name=name: requests_of(tmp_path, f"include {name}\n"))
+    requests_of(tmp_path, "include three\ninclude three\nfix 1 all nve\nrun 1\n")  # the same file twice in a row is fine
 
 
 def test_a_deck_without_a_box_has_nothing_to_look_at(tmp_path):
@@ -404,50 +397,6 @@ def test_rows_are_due_first_last_and_at_multiples(tmp_path):
     assert seen == [50, 100, 130]
     (request,) = requests_of(tmp_path, "fix 1 all nve\nrun 100\n")
     assert request.thermo.next_due(0) == 100
-
-
-def rows_of(tmp_path, text: str) -> list[str]:
-    lines: list[str] = []
-
-    def callback(request):
-        sample = sample_of(request)
-        lines.extend([request.thermo.header(), request.thermo.row(request.thermo.values(sample), sample)])
-
-    requests_of(tmp_path, "fix 1 all nve\nthermo_style custom step pe atoms\n" + text + "run 1\n", callback)
-    return lines
-
-
-@cases(
-    "modify, header, row",
-    ("", ["Step", "PotEng", "Atoms"], "         0   2.2                   50 "),
-    ("thermo_modify format float %8.3f\n", ["Step", "PotEng", "Atoms"], "         0     2.200         50 "),
-    ("thermo_modify format int %4ld format 2 %.1f\n", ["Step", "PotEng", "Atoms"], "   0 2.2   50"),
-    ("thermo_modify format line '%d %6.2f %5d'\n", ["Step", "PotEng", "Atoms"], "0   2.20    50"),
-    ("thermo_modify format pe %.0f colname pe U colname 3 N\n", ["Step", "U", "N"], "         0  2         50 "),
-    (
-        "thermo_modify format float %8.3f format none flush yes lost warn\n",
-        ["Step", "PotEng", "Atoms"],
-        "         0   2.2                   50 ",
-    ),
-    (
-        "thermo_modify format float %8.3f\nthermo_style custom step pe atoms\n",
-        ["Step", "PotEng", "Atoms"],
-        "         0   2.2                   50 ",
-    ),
-)
-def test_formats(tmp_path, modify, header, row):
-    lines = rows_of(tmp_path, modify)
-    assert lines[0].split() == header
-    assert lines[1] == row
-
-
-def test_the_other_styles(tmp_path):
-    lines = rows_of(tmp_path, "thermo_style multi\n")
-    assert lines[0] == "" and "TotEng   =" in lines[1] and "Step              0" in lines[1]
-    lines = rows_of(tmp_path, "thermo_style yaml\n")
-    assert lines[0].startswith("---\nkeywords: ['Step', 'Temp'") and lines[1].startswith("  - [0, 1")
-    lines = rows_of(tmp_path, "thermo_style one\n")
-    assert lines[0].split() == ["Step", "Temp", "E_pair", "E_mol", "TotEng", "Press"]
 
 
 # -- dumps -------------------------------------------------------------------------------------------------------------------

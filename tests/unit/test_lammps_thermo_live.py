@@ -104,6 +104,10 @@ def test_built_in_computes_beside_thermo_modify(tmp_path, text):
     "thermo_style one\nthermo_modify format int %4d",
     "thermo_style custom step atoms ke press\nthermo_modify format 3 %-20.5f format 1 '%5d:'",
     "thermo_style custom temp step\nthermo_modify format float %10.3f",
+    "thermo_style custom pe step pe atoms\nthermo_modify format int %4ld format 3 %.1f format pe %.0f colname pe U colname 3 N",
+    "thermo_style custom step pe atoms\nthermo_modify format float %8.3f format none flush yes lost warn",
+    "thermo_modify format float %8.3f\nthermo_style custom step pe atoms",
+    "thermo_style custom step pe atoms\nthermo_modify format line '%d %6.2f %5d'",
     "thermo_style yaml\nthermo_modify format float %.9g",
 )
 def test_layouts_to_the_character(tmp_path, text):

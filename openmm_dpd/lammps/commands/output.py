@@ -68,10 +68,12 @@ def thermo_modify(state: DeckState, args: list[str]) -> None:
 
 
 def _column(state: DeckState, word: str, others: tuple[str, ...] = ()) -> str | int:
-    if word in others or word in state.thermo.words:
-        return word
-    number = read.integer(word, "the column (a number or a thermo word)")
     columns = len(state.thermo.words)
+    if word in others:
+        return word
+    if word in state.thermo.words:
+        return columns - state.thermo.words[::-1].index(word)  # of two alike the last one, as in LAMMPS
+    number = read.integer(word, "the column (a number or a thermo word)")
     if not (1 <= number <= columns or -columns <= number <= -1):
         raise ParameterError(f"column {word} is out of range: there are {columns}")
     return number if number > 0 else columns + 1 + number

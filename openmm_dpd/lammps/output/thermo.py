@@ -149,7 +149,7 @@ class Thermo:
 
     def _title(self, k: int, word: str) -> str:
         headers = self.state.thermo.headers
-        return headers.get(k + 1, headers.get(word, WORDS[word].header if word in WORDS else word))
+        return headers.get(k + 1, WORDS[word].header if word in WORDS else word)
 
     def _formats(self) -> list[str]:
         formats = self.state.thermo.formats
@@ -157,7 +157,7 @@ class Thermo:
         line, found = formats["line"].split() if "line" in formats else [], []
         for k, word in enumerate(self.words):
             kind, usual = ("int", whole) if self._is_whole(word) else ("float", real)
-            found.append(formats.get(k + 1) or formats.get(word) or formats.get(kind) or (line[k] if line else usual))
+            found.append(formats.get(k + 1) or formats.get(kind) or (line[k] if line else usual))
         return [re.sub(r"(%[-+ #0-9.]*)l+(?=[dioxXeEfFgG])", r"\1", form) for form in found]
 
     def _block(self, numbers: list[float], sample: DeckSample) -> str:
