@@ -142,56 +142,55 @@ def test_a_bare_temperature_is_kelvin_and_kT_an_energy():
 
 
 # -- decks and scripts -----------------------------------------------------------------------------------------------------------------
-#: Atom style, pair style, words of a pair, fixes, what else is in the line of an atom; the same as terms of a script, lambda, fields.
-ROADS = {
-    "dpd": ("atomic", "dpd 1.2 1 7", "{A} {g}", "nve", "", lambda A, g: dpd.DPD(A=A, gamma=g), 0.5, None),
-    "tstat": ("atomic", "dpd/tstat 1.2 1.2 1.1 7", "{g}", "mvv/dpd 0.65", "", lambda A, g: dpd.DPD(gamma=g, cutoff=1.1), 0.65, None),
-    "ext": ("atomic", "dpd/ext 1.2 1 7", "{A} {g} 2 0.5 1.5", "nve", "", lambda A, g: dpd.DPD(A, g, None, 2.0, 0.5, 1.5), 0.5, None),
-    "fdt": ("atomic", "dpd/fdt 1.2 1 7", "{A} {g}", "shardlow\nnve", "", lambda A, g: dpd.DPD(A=A, sigma=g), None, None),
-    "energy": (
-        *("dpd", "dpd/fdt/energy 1 7", "{A} {g} 0.5", "eos/cv 50\nshardlow\nnve", "{t}", lambda A, g: dpd.EnergyDPD(A, g, 0.5), None),
-        lambda t: dpd.InternalEnergy(dpd.ConstantHeatCapacity(50.0), t),
-    ),
-    "edpd": (
-        *("edpd", "edpd 1 7", "{A} {g} 0.41 1 0.1 2 0.9", "mvv/edpd 0.55", "{t} 100"),
-        *(lambda A, g: dpd.EDPD(A, g, 0.1, 1.0, 0.41, 2.0, 0.9), 0.55, lambda t: dpd.BeadTemperatures(t, 100.0)),
-    ),
-    "tdpd": (
-        *("tdpd 1", "tdpd 1.2 1 7", "{A} {g} 0.41 1 0.9 0.3 0.001 1.5", "mvv/tdpd", "xyz {t}"),
-        *(lambda A, g: dpd.TDPD(A, g, (0.3,), (0.001,), 0.41, 1.0, 0.9, (1.5,)), 0.5, lambda t: dpd.Concentrations(t[:, None])),
-    ),
-    "mdpd": (
-        *("mdpd", "hybrid/overlay mdpd/rhosum mdpd 1.2 1 7\npair_coeff * * mdpd/rhosum 0.75", "mdpd -{A} 25 {g} 1 0.75", "nve", "0"),
-        *(lambda A, g: dpd.MDPD(-A, 25.0, g, kernel="lucy"), 0.5, None),
-    ),
+ROADS = {  # Atom style, pair style, words of a pair, fixes, what else is in the line of an atom.
+    "dpd": ("atomic", "dpd 1.2 1 7", "{A} {g}", "nve", "xyz"),
+    "tstat": ("atomic", "dpd/tstat 1.2 1.2 1.1 7", "{g}", "mvv/dpd 0.65", "xyz"),
+    "ext": ("atomic", "dpd/ext 1.2 1 7", "{A} {g} 2 0.5 1.5", "nve", "xyz"),
+    "fdt": ("atomic", "dpd/fdt 1.2 1 7", "{A} {g}", "shardlow\nnve", "xyz"),
+    "energy": ("dpd", "dpd/fdt/energy 1 7", "{A} {g} 0.5", "eos/cv 50\nshardlow\nnve", "{t} xyz"),
+    "edpd": ("edpd", "edpd 1 7", "{A} {g} 0.4 1 0.1 2 0.9", "mvv/edpd 0.55", "{t} 100 xyz"),
+    "tdpd": ("tdpd 1", "tdpd 1.2 1 7", "{A} {g} 0.4 1 0.9 0.3 1e-3 1.5", "mvv/tdpd", "xyz {t}"),
+    "mdpd": ("mdpd", "hybrid/overlay mdpd/rhosum mdpd 1.2 1 7", "mdpd -{A} 25 {g} 1 0.75", "nve", "0 xyz"),
 }
+TERMS = {  # The same in a script.
+    "dpd": lambda A, g: dpd.DPD(A=A, gamma=g),
+    "tstat": lambda A, g: dpd.DPD(gamma=g, cutoff=1.1),
+    "ext": lambda A, g: dpd.DPD(A, g, None, 2.0, 0.5, 1.5),
+    "fdt": lambda A, g: dpd.DPD(A=A, sigma=g),
+    "energy": lambda A, g: dpd.EnergyDPD(A, g, 0.5),
+    "edpd": lambda A, g: dpd.EDPD(A, g, 0.1, 1, 0.4, 2, 0.9),
+    "tdpd": lambda A, g: dpd.TDPD(A, g, (0.3,), (1e-3,), 0.4, 1, 0.9, (1.5,)),
+    "mdpd": lambda A, g: dpd.MDPD(-A, 25, g, kernel="lucy"),
+}
+FIELDS = {"energy": lambda t: dpd.InternalEnergy(dpd.ConstantHeatCapacity(50.0), t), "edpd": lambda t: dpd.BeadTemperatures(t, 100.0)}
+FIELDS["tdpd"] = lambda t: dpd.Concentrations(t[:, None])
+LAMBDA = {"tstat": 0.65, "edpd": 0.55}
 
 
 @pytest.mark.parametrize("road", ROADS)
 def test_a_deck_and_a_script_are_one_simulation(road, tmp_path):
     """The same plan in words and the same forces, with noise; velocities after some steps bit for bit, positions but for folding."""
-    style, pair, words, fixes, more, term, lam, fields = ROADS[road]
-    rng, n, edge, scheme, kinds = np.random.default_rng(5), 80, 3.0, "mvv" if lam else "shardlow", ("1", "2")
+    style, pair, words, fixes, more = ROADS[road]
+    rng, n, edge, scheme, kinds = np.random.default_rng(5), 80, 3.0, "shardlow" if "shardlow" in fixes else "mvv", ("1", "2")
     x, v, t, types = rng.random((n, 3)) * edge, rng.normal(size=(n, 3)), rng.random(n) + 1, rng.choice(kinds, n).tolist()
     values = {pair: dict(zip("Ag", rng.uniform(2, 20, 2).round(3).tolist(), strict=True)) for pair in (("1", "1"), ("1", "2"), ("2", "2"))}
-    more = f"{more} xyz" if "xyz" not in more else more
     box = "".join(f"0 {edge} {axis}lo {axis}hi\n" for axis in "xyz")
     atoms = [f"{k + 1} {types[k]} " + more.format(t=t[k]).replace("xyz", " ".join(map(repr, x[k].tolist()))) for k in range(n)]
     speeds = [f"{k + 1} " + " ".join(map(repr, v[k].tolist())) for k in range(n)]
     header = f"title\n\n{n} atoms\n2 atom types\n{box}\nMasses\n\n1 1\n2 2.5\n\nAtoms\n\n"
     put(tmp_path / "data", header + "\n".join([*atoms, "", "Velocities", "", *speeds, ""]))
     lines = [f"units lj\natom_style {style}\ncomm_modify vel yes\nread_data data\npair_style {pair}"]
+    lines += ["pair_coeff * * mdpd/rhosum 0.75"] * (road == "mdpd")
     lines += [f"pair_coeff {a} {b} {words.format(**of)}" for (a, b), of in values.items()]
     lines += [f"fix {k} all {fix}" for k, fix in enumerate(fixes.splitlines())]
     path = put(tmp_path / "in.deck", "\n".join([*lines, "timestep 0.01\nrun 5\nwrite_data end\n"]))
     options = RunOptions(platform="Reference", threads=1, seed=9)
     run_deck(path, options, out=tmp_path / "out")
     end = read_data_file(tmp_path / "out" / "end", style.split()[0], int(road == "tdpd"))
-    carried = {} if fields is None else {"internal": fields(t)}
-    kT = float(t.mean()) if road in ("energy", "edpd") else 1.2
-    pairs = {of: term(**numbers) for of, numbers in values.items()}
+    carried, kT = {"internal": FIELDS.get(road, lambda t: None)(t)}, float(t.mean()) if road in ("energy", "edpd") else 1.2
+    pairs = {of: TERMS[road](**numbers) for of, numbers in values.items()}
     scene = dpd.Scene({"1": 1.0, "2": 2.5}, types, x, pairs, kT, [edge] * 3, v, **carried)
-    built = dpd.build(scene, dt=0.01, scheme=scheme, lam=lam or 0.5, platform="Reference", seed=9)
+    built = dpd.build(scene, dt=0.01, scheme=scheme, lam=LAMBDA.get(road, 0.5), platform="Reference", seed=9)
     forces = [dpd.force_terms(built), deck_forces(path, options)]
     assert all(np.array_equal(*(terms[name] for terms in forces)) for name in forces[0])
     with read_by(read_deck(path, stop_before_first_run=True)):
