@@ -59,6 +59,7 @@ thermo_modify temp t
     "gravity vector": f"fix p g gravity 9.5 vector 1 -2 3\nfix q all setforce NULL 0.5 NULL\nfix r all gravity 2 vector 0 1 0\n{FRAMES}{RUN}",
     "gravity chute": f"variable m equal 2*lx\nvariable a equal 30\nfix p all gravity v_m chute v_a\n{FRAMES}{RUN}",
     "gravity spherical": f"fix p g gravity 0.3 spherical 30 -75\nfix q all addforce 0.1 0 0\n{FRAMES}{RUN}",
+    "momentum": f"fix m all momentum 1 linear 1 1 1 angular\nfix n g momentum 3 linear 1 0 0 rescale\n{FRAMES}{RUN}{RUN}",
     "ave/correlate": """compute k g ke
 compute m all momentum
 variable s equal sin(step)

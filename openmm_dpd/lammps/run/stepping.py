@@ -12,7 +12,7 @@ from openmm import app
 
 from ...base.errors import RunError
 from ...base.files import write_whole
-from ...base.names import COUNTER
+from ...base.names import COUNTER, LEFT
 from ...base.signals import Signals
 from ...measure import Sample
 from ...measure.watch import has_set_temperature, sets_temperature
@@ -96,6 +96,10 @@ class MomentumFixes:
         for removal, mask in due:
             v[mask] = removal.applied(unwrapped[mask] * state.units.length, v[mask], state.bead_masses()[mask])
         self._context.setVelocities(v)
+        integrator: Any = self._context.getIntegrator()
+        if LEFT + "v" in map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables())):
+            # as in LAMMPS, the next half kick is by the forces of before
+            integrator.setPerDofVariableByName(LEFT + "v", arrays(self._context)[1])
         return v - before
 
 
