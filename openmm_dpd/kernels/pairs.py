@@ -215,7 +215,8 @@ class PairList:
         found = np.zeros(1, np.int64)
         if cells.bin_beads(x, self.beads, self._names, self._of_beads, grid, self._sorting, *out, found, parts=chunks, memory=self.memory):
             bad = cells.first_unusable(x, self.beads, grid)
-            raise RunError(f"the position of bead {bead_number(bad)} is not finite: {x[bad].tolist()}")
+            what = "so far away that it is in no cell" if np.isfinite(x[bad]).all() else "not finite"
+            raise RunError(f"the position of bead {bead_number(bad)} is {what}: {x[bad].tolist()}")
         self._near = int(found[0])
 
     def _listing(self, grid: cells.Grid, parts: int) -> listing.SortedCells:

@@ -36,6 +36,13 @@ class Dihedrals(BondedTerms):
         found = np.stack([at_i, -at_i + turn, -at_m - turn, at_m], axis=1)
         return phi, found, np.stack([f, np.zeros_like(f), -g, h - g], axis=1)
 
+    def in_line(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+        """Numbers of the dihedrals with three beads in a row in line, which have no plane."""
+        arms = self.gradients(x, box)[2]
+        f, g, h = arms[:, 0], arms[:, 2], arms[:, 3] - arms[:, 2]
+        square = [np.sum(np.cross(arm, g) ** 2, axis=1) - LEAST_SINE2 * np.sum(arm * arm, axis=1) * np.sum(g * g, axis=1) for arm in (f, h)]
+        return np.flatnonzero(np.minimum(*square) <= 0.0)
+
     def reach(self, kT: float) -> np.ndarray:
         return np.full(len(self.quads), 2 * np.pi)
 

@@ -6,6 +6,7 @@ import openmm
 from ..base.errors import PlanError
 from ..base.names import BONDED_GROUP, COULOMB_GROUP, LAST_POTENTIAL_GROUP, LATTICE_GROUP, PAIR_GROUP, POTENTIAL_GROUP
 from ..base.neighbours import coincident_pairs
+from ..base.wording import bead_names
 from ..model.flow import PositionForce, gaps
 from ..plan.forces.bonded import molecules
 from ..plan.forces.device_force import device_force
@@ -50,6 +51,11 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     told = [bonds.pairs for bonds in scene.bonds if plan.holds(bonds) and len(bonds.pairs)]
     if told:
         system.addForce(molecules(np.concatenate(told)))
+    for group in scene.dihedrals:
+        flat = [] if plan.holds(group) else group.in_line(scene.positions, scene.box).tolist()
+        if flat:
+            which = f"three of {bead_names(*group.quads[flat[0]])} are in line"
+            raise PlanError(f"{which}, where OpenMM, which computes their dihedral here, has no force; move one of them a little")
     for force in bonded_forces([group for group in scene.bonded if not plan.holds(group)], periodic):
         force.setForceGroup(BONDED_GROUP)
         system.addForce(force)

@@ -18,12 +18,14 @@ from contextlib import contextmanager
 from functools import cached_property, lru_cache, wraps
 from typing import Any
 
+import numpy as np
 import openmm
 
 from ..base.errors import PlanError, RunError, what_is
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
-from ..base.openmm_private import bare, hear_of_contexts
+from ..base.openmm_private import bare, hear_of_contexts, vectors
 from ..base.signals import CTRL_C, unbroken
+from ..base.wording import bead_number
 from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 
@@ -156,6 +158,10 @@ class Watching:
             return
         with self._or_back(context):
             super().step(steps)  # type: ignore[misc]
+            if context.getPlatform().getName() == "Reference":  # all others look by themselves
+                x = vectors(context.getState(positions=True), openmm.State.Positions)
+                for bead in np.flatnonzero(~np.isfinite(x).all(axis=1))[:1]:
+                    raise openmm.OpenMMException(f"by step {context.getStepCount()} the position of bead {bead_number(bead)} is not finite")
 
     def _on_device(self, context: openmm.Context, last: int) -> None:
         """Step up to the step number ``last``; where a device had too little room, once more from the state that is remembered."""

@@ -289,10 +289,42 @@ def test_bead_that_became_nan_is_named(device):
     raises(openmm.OpenMMException, "bead 7 is not finite|coordinate is NaN", lambda: simulation.step(2))
 
 
-def test_negative_temperature_while_stepping():
-    simulation = run_of(beads(), DEVICES[0], dt=0.02, scheme="middle")
-    simulation.context.setParameter(KT, -1.0)
-    raises(openmm.OpenMMException, "dpd_kT.*-1", lambda: simulation.step(1))
+@pytest.mark.parametrize(("scheme", "table"), [("middle", {("W", "W"): D(A=25)}), ("mvv", {("W", "W"): D(A=25)}), ("native", TABLE)])
+def test_bead_that_becomes_nan_without_a_pair_kernel(scheme, table):
+    """The Reference platform of OpenMM would go on; the steps are taken back."""
+    simulation = build(scene(pairs=table), scheme=scheme, conservative="openmm").simulation()
+    _, v = state_of(simulation.context)
+    v[7] = np.nan
+    simulation.context.setVelocities(v)
+    raises(openmm.OpenMMException, "by step 10 the position of bead .* is not finite", lambda: simulation.step(12))
+    assert simulation.context.getStepCount() == 0 and np.isfinite(state_of(simulation.context)[0]).all()
+
+
+@pytest.mark.parametrize("loop", [True, False])
+def test_bead_that_is_far_away_has_a_position(loop):
+    simulation = build(conservative="kernel", loop=loop).simulation()
+    simulation.context.setPositions(with_value(1e18))
+    raises(openmm.OpenMMException, r"bead 7 is so far away that it is in no cell: \[.*1e\+18", lambda: simulation.step(1))
+
+
+@pytest.mark.parametrize("loop", [True, False])
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle"])
+@pytest.mark.parametrize(
+    ("table", "kT", "message"), [(TABLE, -1.0, ">= 0.*-1"), ({("W", "W"): D(sigma=3)}, 0.0, "is 0.*infinite friction")]
+)
+def test_temperature_that_is_none_while_stepping(table, kT, message, scheme, loop):
+    simulation = build(scene(pairs=table), scheme=scheme, loop=loop).simulation()
+    simulation.context.setParameter(KT, kT)
+    raises(openmm.OpenMMException, f"dpd_kT.*{message}", lambda: simulation.step(1))
+
+
+def test_dihedral_in_line():
+    """The pair kernel has no force where three beads have no plane; of OpenMM there would be no number."""
+    x = X.copy()
+    x[1:4] = [(1.0, 1.1, 1.0), (1.3, 1.1, 1.3), (1.6, 1.1, 1.6)]
+    of = scene(positions=x, dihedrals=[dpd.HarmonicDihedrals([(0, 1, 2, 3)], k=3.0, d=1, n=1)])
+    assert np.isfinite(state_of(stepped(build(of).simulation(), 5).context)[1]).all()
+    raises(dpd.PlanError, r"three of beads 0, 1, 2 and 3 \(counted from 0\) are in line", lambda: build(of, loop=False))
 
 
 @pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo", "native"])

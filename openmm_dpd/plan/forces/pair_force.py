@@ -12,6 +12,7 @@ from ...base.openmm_private import bare, vectors
 from ...base.signals import CTRL_C
 from ...base.wording import bead_number, in_length, in_units
 from ...kernels import motion
+from ...kernels.dpd import TermTable
 from ...kernels.engines import engine_kind
 from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
@@ -73,6 +74,7 @@ class PairForceFunction:
         self.scale, self.balanced, self.length_checked, self.steps = scale, balanced, length_checked, steps
         self.engine = engine
         self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
+        self._by_sigma = any(isinstance(term, TermTable) and np.any(np.isnan(term.gamma) & (term.sigma > 0)) for term in spec.terms)
         self._zero = np.zeros((len(spec.types), 3))
         self._local = threading.local()
 
@@ -179,6 +181,8 @@ class PairForceFunction:
         kT = parameters[names.KT]
         if not 0.0 <= kT < np.inf:
             raise RunError(f"the context parameter {names.KT} must be >= 0 and finite, but is {kT}")
+        if kT == 0.0 and self._by_sigma:
+            raise RunError(f"the context parameter {names.KT} is 0, where a given sigma asks for infinite friction; give gamma instead")
         return kT
 
     def noise(self, parameters) -> tuple[int, int]:
