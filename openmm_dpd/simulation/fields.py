@@ -154,9 +154,6 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
         raise ParameterError(f"bead {other[0]} is immobile and keeps its value, since {why}; leave such beads what read_fields returns")
     for name, block in field_variables(new).items():
         integrator.setPerDofVariableByName(name, block)
-    if any(integrator.getGlobalVariableName(k) == "valid_for" for k in range(integrator.getNumGlobalVariables())):
-        # of a plain CustomIntegrator too: stored accelerations and rates belong to the old values
-        integrator.setGlobalVariableByName("valid_for", -1.0)
 
 
 def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:

@@ -228,11 +228,9 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         """Set a per-DOF variable; as in OpenMM."""
         super().setPerDofVariableByName(name, values)
         self._forget()
-        if name.startswith(FIELD):
-            self._forget_acceleration()  # it belongs to the old values, as rates do
-            context = None if self.shown_to is None else self.context()
-            if context is not None:
-                self.looked(context, True)
+        context = self.context() if name.startswith(FIELD) and self.shown_to is not None else None
+        if context is not None:
+            self.looked(context, True)
 
     def setPerDofVariable(self, index: int, values) -> None:
         """Set a per-DOF variable; as in OpenMM."""

@@ -52,9 +52,8 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     if told:
         system.addForce(molecules(np.concatenate(told)))
     for group in scene.dihedrals:
-        flat = [] if plan.holds(group) else group.in_line(scene.positions, scene.box).tolist()
-        if flat:
-            which = f"three of {bead_names(*group.quads[flat[0]])} are in line"
+        for flat in () if plan.holds(group) else group.in_line(scene.positions, scene.box)[:1]:
+            which = f"three of {bead_names(*group.quads[flat])} are in line"
             raise PlanError(f"{which}, where OpenMM, which computes their dihedral here, has no force; move one of them a little")
     for force in bonded_forces([group for group in scene.bonded if not plan.holds(group)], periodic):
         force.setForceGroup(BONDED_GROUP)

@@ -102,10 +102,9 @@ def _advance_fields(p: Program, fields: list[str], rates: list[str]) -> list[str
 
 
 def _take_rates(p: Program, rates: list[str]) -> None:
-    scale = p.options.field_scale
     for block, rate in enumerate(rates):
         p.phase(Phase.CHANGE, block)
-        p.each(rate, f"{scale!r}*{p.pair_force}" if scale != 1.0 else p.pair_force)
+        p.each(rate, p.field_change)
 
 
 def _add_friction_and_noise(p: Program, velocity: str, rates: list[str] | tuple = ()) -> None:

@@ -81,6 +81,12 @@ class Program:
         return self.pair_force if self.options.execution.looped else "f"
 
     @property
+    def field_change(self) -> str:
+        """What the last evaluation of the pair force did to the fields, in phase CHANGE."""
+        scale = self.options.field_scale
+        return f"{scale!r}*{self.pair_force}" if scale != 1.0 else self.pair_force
+
+    @property
     def pair_energy(self) -> str:
         """Energy of the pair force alone."""
         return f"energy{self.options.pair_group}"
@@ -254,21 +260,16 @@ class Program:
         """
         if not fields:
             return
-        scale = self.options.field_scale
         if not self.options.compensated:
             for block, name in enumerate(fields):
                 self.phase(Phase.CHANGE, block)
-                self.each(
-                    name, f"{name}+{scale!r}*{self.pair_force}" if scale != 1.0 else f"{name}+{self.pair_force}", "what the beads got"
-                )
+                self.each(name, f"{name}+{self.field_change}", "what the beads got")
             return
         (u,) = fields
         self.phase(Phase.CHANGE)
         for name, why in (("du", "change of the energies"), ("un", "energies before rounding is made good")):
             self.declare_per_dof(name, why)
-        self.each(
-            "du", f"{scale!r}*{self.pair_force}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion"
-        )
+        self.each("du", f"{self.field_change}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion")
         self.each("un", f"{u}+du")
         self.each("du", f"du-(un-{u})", "what rounding lost")
         self.each(u, "un+vector(0, 0, _x(du)+_y(du))", "is kept in the third component")
