@@ -12,7 +12,6 @@ from ...base.openmm_private import bare, vectors
 from ...base.signals import CTRL_C
 from ...base.wording import bead_number, in_length, in_units
 from ...kernels import motion
-from ...kernels.dpd import TermTable
 from ...kernels.engines import engine_kind
 from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
@@ -74,7 +73,8 @@ class PairForceFunction:
         self.scale, self.balanced, self.length_checked, self.steps = scale, balanced, length_checked, steps
         self.engine = engine
         self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
-        self._by_sigma = any(isinstance(term, TermTable) and np.any(np.isnan(term.gamma) & (term.sigma > 0)) for term in spec.terms)
+        fixed = [(getattr(term, "gamma", 0.0), getattr(term, "sigma", 0.0)) for term in spec.terms]
+        self._by_sigma = any(np.any(np.isnan(gamma) & (sigma > 0)) for gamma, sigma in fixed)
         self._zero = np.zeros((len(spec.types), 3))
         self._local = threading.local()
 
