@@ -12,7 +12,6 @@ from interrupted_runs import contents, interrupted, signal_at
 
 from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import RunOptions, explain_deck, export_deck, recommend_deck, run_deck
-from openmm_dpd.lammps.run.checkpoint import Checkpoints
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
 
@@ -142,17 +141,3 @@ def test_the_hint_is_a_command_that_goes_on(folder, capsys):
     (folder / "my out").rename(folder / "moved")
     assert main([word.replace("my out", "moved") for word in command[1:]]) == 0
     assert contents(folder / "moved") == contents(folder / "whole")
-
-
-def test_an_interrupted_run_that_goes_on_and_is_interrupted_keeps_its_options(folder):
-    with signal_at(0, 0) as calls:
-        assert main(["run", *words(folder, "whole")]) == 0
-    again = ["run", str(folder / "in.deck"), "--restart", str(folder / "out")]
-    assert interrupted(calls[0] // 2, signal.SIGTERM, ["run", *words(folder, "out")]) == 143
-    first = Checkpoints(folder / "out").latest()
-    assert interrupted(calls[0] // 3, signal.SIGINT, again) == 130
-    second = Checkpoints(folder / "out").latest()
-    assert first.present["step"] < second.present["step"] and first.asked == second.asked and first.options == second.options
-    (folder / "out.json").unlink()
-    assert main(again) == 0
-    assert (folder / "out.json").exists()

@@ -47,23 +47,14 @@ def test_panels_labels_and_legend(tmp_path, drawn):
     assert [(float(x[0]), float(x[-1])) for x in data] == [(0.0, 49.5), (0.0, 49.5), (50.0, 99.5), (50.0, 99.5), (50.0, 50.0)]
 
 
-def test_every_row_is_drawn(tmp_path, drawn):
-    columns = rows(150)
-    thermo_picture(tmp_path / "run.png", {"time": columns["time"], "pe": columns["pe"]})
-    line = drawn[0].axes[0].lines[0]
-    assert np.array_equal(line.get_xdata(), columns["time"])
-    assert np.array_equal(line.get_ydata(), columns["pe"])
-
-
-def test_long_series_are_thinned(tmp_path, drawn):
-    thermo_picture(tmp_path / "run.png", {"step": np.arange(100_000), "temp": np.ones(100_000)}, x="step")
-    assert len(drawn[0].axes[0].lines[0].get_xdata()) == 20_000
-
-
-def test_target_may_be_a_ramp(tmp_path, drawn):
-    ramp = np.linspace(1.0, 2.0, 30)
-    thermo_picture(tmp_path / "run.png", {"time": np.arange(30.0), "temp": np.ones(30)}, target=ramp)
-    assert any(np.array_equal(line.get_ydata(), ramp) for line in drawn[0].axes[0].lines)
+@pytest.mark.parametrize(("count", "shown"), [(30, 30), (150, 150), (100_000, 20_000)])
+def test_every_row_is_drawn_of_long_series_some_and_the_target_may_be_a_ramp(tmp_path, drawn, count, shown):
+    step, ramp = np.arange(count), np.linspace(1.0, 2.0, count)
+    thermo_picture(tmp_path / "run.png", {"step": step, "temp": np.sin(step)}, x="step", target=ramp)
+    first, *_, level = drawn[0].axes[0].lines
+    rows = slice(None, None, count // shown)
+    assert np.array_equal(first.get_xdata(), step[rows]) and np.array_equal(first.get_ydata(), np.sin(step)[rows])
+    assert np.array_equal(level.get_ydata(), ramp)
 
 
 def test_runs_are_kept_apart():
