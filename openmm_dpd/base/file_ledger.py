@@ -5,7 +5,7 @@ import json
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,15 +24,14 @@ def sealed(content: bytes) -> bytes:
 
 def unsealed(path: Path) -> bytes:
     """The content of a file; ParameterError if a bit of it is not what was written, or another version has written it."""
-    try:
+    whole = b""
+    with suppress(OSError):
         whole = path.read_bytes()
-    except OSError as error:
-        raise ParameterError(f"--restart: {path} cannot be read ({error.strerror})") from None
     content = whole.partition(b"\n")[2]
     if whole != sealed(content):
         layout = re.findall(rb"openmm-dpd checkpoint \d+", whole[:99])
         other = layout and layout[0] != LAYOUT and f"was written by another version ({layout[0].decode()}, not {LAYOUT[-1:].decode()})"
-        wrong = other or "is damaged, or no checkpoint"
+        wrong = other or "is missing, damaged or no checkpoint"
         raise ParameterError(f"--restart: {path} {wrong}; put back what was written, or begin anew without --restart")
     return content
 
@@ -130,9 +129,11 @@ class FileLedger:
         shorter than it was; ParameterError if the journal is damaged."""
         now = self._read_journal()
         for name, was in lengths.items():
-            path = self.root / name
-            if not was["grows"] or "length" not in was or now.get(name, (True, was["begun"]))[:2] != (True, was["begun"]):
-                continue  # it will be written anew
+            path, present = self.root / name, now.get(name, (True, was["begun"]))[:2]
+            tail = was["length"] - len(was["tail"]) if was.get("tail") else None
+            self._entries[name] = _Entry(was["grows"], present[1], was["before"], tail)
+            if not was["grows"] or "length" not in was or present != (True, was["begun"]):
+                continue  # it will be written anew, also if the run is killed before that
             size = path.stat().st_size if path.is_file() else 0
             if size < was["length"]:
                 raise OutputError(
@@ -150,10 +151,6 @@ class FileLedger:
                 path.unlink()
             else:
                 os.truncate(path, min(before, path.stat().st_size))
-        for name, was in lengths.items():
-            tail = was["length"] - len(was["tail"]) if was.get("tail") else None
-            # what was begun anew since will be so once more, also if the run is killed before that
-            self._entries[name] = _Entry(was["grows"], now.get(name, (True, was["begun"]))[1], was["before"], tail)
         self._noted = b""
         self._note(self._entries)
 

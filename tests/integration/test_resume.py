@@ -227,7 +227,7 @@ def test_what_is_damaged_is_refused_or_the_checkpoint_before_is_used(deck, caplo
             try:
                 checkpoints.resume(checkpoints.latest())
             except dpd.ParameterError as error:
-                assert f"{path.name} is damaged" in str(error) or f"{path.name} was written by another version" in str(error)
+                assert f"{path.name} is missing, damaged or" in str(error) or f"{path.name} was written by another version" in str(error)
                 refused.add(path.name)
             else:
                 used = (copy / "checkpoint" / "latest").read_bytes()
@@ -238,7 +238,7 @@ def test_what_is_damaged_is_refused_or_the_checkpoint_before_is_used(deck, caplo
     (out / "checkpoint" / "latest").write_bytes(b"")
     caplog.clear()
     assert main(["run", str(deck), "--restart", str(out), "--quiet"]) == 0
-    assert "latest is damaged, or no checkpoint; the run goes on from the one before\n" in caplog.text
+    assert "latest is missing, damaged or no checkpoint; the run goes on from the one before\n" in caplog.text
     (out / "report.json").write_bytes((deck.parent / "whole" / "report.json").read_bytes())
     assert contents(out) == contents(deck.parent / "whole")
 

@@ -40,15 +40,12 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
 
 
 def _note_reduced(state: DeckState) -> None:
-    """Say so where numbers look like reduced ones, though the units have dimensions: colder than any such liquid, or denser than atoms."""
-    set_at = [max(style.settings["start"], style.settings["stop"]) for style in state.pair.styles if "start" in style.settings]
-    density = len(state.atoms) / state.require_box("run").volume
-    if state.units.name != "lj" and (0 < max(set_at, default=0) < 10 or density > 1) and state.pair.where is not None:
-        cold = f"a temperature of {max(set_at):g} K and " if set_at else ""
-        state.note(
-            f"{state.pair.where.file}:{state.pair.where.number}: {cold}{density:.3g} beads in a cubic Angstrom look like reduced numbers, "
-            f"which need units lj; here units {state.units.name} make kelvin and Angstrom of them"
-        )
+    """Say so where numbers look like reduced ones, though the units have dimensions: colder than such liquids, or denser than atoms."""
+    at, given = state.pair.where, [style.settings for style in state.pair.styles if "start" in style.settings]
+    cold = 0 < sum(settings["start"] + settings["stop"] for settings in given) < 20 * len(given)
+    if state.units.name != "lj" and at is not None and (cold or len(state.atoms) > state.require_box("run").volume):
+        found = "below 10 K, or more than one bead in a cubic Angstrom: such numbers are reduced and need units lj"
+        state.note(f"{at.file}:{at.number}: {found}; the deck has units {state.units.name}")
 
 
 #: Steps between two attempts to change the volume.
