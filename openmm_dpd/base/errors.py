@@ -14,7 +14,7 @@ class _Short(reprlib.Repr):
         return super().repr_instance(x, level)
 
     def repr_Quantity(self, x, level):
-        return f"{self.repr1(x._value, level)} {x.unit.get_symbol()}"
+        return f"{self.repr1(x.value_in_unit(x.unit), level)} {x.unit.get_symbol()}"
 
 
 _SHORT = _Short()
