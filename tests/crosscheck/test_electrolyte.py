@@ -34,21 +34,22 @@ STYLES = {
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.5, 0.0])
-@pytest.mark.parametrize("styles", STYLES)
-def test_one_configuration(styles, factor):
+def test_one_configuration(factor):
     """Energies, forces and pressure beside LAMMPS's Ewald sum with tight settings; the error function of LAMMPS has 1.5e-7.
 
     The bonded beads are near each other: LAMMPS applies no factor to pairs beyond the cutoff.
     """
     need()
-    bonds = [(1, 16), (2, 17), (3, 4)]
-    with instance() as lmp:
-        lmp.commands_list([line for line in DECK.format(styles=STYLES[styles], factor=factor).splitlines() if line.strip()])
-        lmp.commands_list([f"create_bonds single/bond 1 {i} {j}" for i, j in bonds])
-        lmp.commands_list(["thermo_style custom step pe evdwl ecoul elong press", "thermo_modify norm no", "run 0 post no"])
-        theirs = {word: lmp.get_thermo(word) for word in ("pe", "ecoul", "elong", "evdwl", "press")}
-        kinds = (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
-        x, forces, q, types = (np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in kinds)
+    bonds, found = [(1, 16), (2, 17), (3, 4)], []
+    for styles in STYLES.values():
+        with instance() as lmp:
+            lmp.commands_list([line for line in DECK.format(styles=styles, factor=factor).splitlines() if line.strip()])
+            lmp.commands_list([f"create_bonds single/bond 1 {i} {j}" for i, j in bonds])
+            lmp.commands_list(["thermo_style custom step pe evdwl ecoul elong press", "thermo_modify norm no", "run 0 post no"])
+            theirs = {word: lmp.get_thermo(word) for word in ("pe", "ecoul", "elong", "evdwl", "press")}
+            kinds = (("x", 1, 3), ("f", 1, 3), ("q", 1, 1), ("type", 0, 1))
+            found.append((theirs, *(np.array(lmp.gather_atoms(name, kind, count)) for name, kind, count in kinds)))
+    _, x, _, q, types = found[0]
     n = len(q)
     exact = {"cutoff": 4.0, "tolerance": 1e-8, "bonded_factors": (factor, 1.0, 1.0)}
     clouds = dpd.SlaterCharges(lamda=0.25, permittivity=0.5 * dpd.units.COULOMB, **exact)
@@ -59,10 +60,12 @@ def test_one_configuration(styles, factor):
     sample = dpd.Observer(built).sample(built.simulation().context)
     terms = dpd.force_terms(built)
     total = terms["conservative"] + terms["electrostatic"] + terms["bond"]
-    assert sample.coulomb_real + sample.coulomb_reciprocal == pytest.approx(theirs["ecoul"] + theirs["elong"], rel=2e-6)
-    assert sample.pair == pytest.approx(theirs["pe"], rel=1e-6)
-    np.testing.assert_allclose(total, forces.reshape(n, 3), atol=1e-6 * np.sqrt(np.mean(forces**2)) * 10)
-    assert sample.pressure() == pytest.approx(theirs["press"], rel=2e-6)
+    for theirs, places, forces, _, _ in found:
+        assert np.array_equal(places, x)
+        assert sample.coulomb_real + sample.coulomb_reciprocal == pytest.approx(theirs["ecoul"] + theirs["elong"], rel=2e-6)
+        assert sample.pair == pytest.approx(theirs["pe"], rel=1e-6)
+        np.testing.assert_allclose(total, forces.reshape(n, 3), atol=1e-6 * np.sqrt(np.mean(forces**2)) * 10)
+        assert sample.pressure() == pytest.approx(theirs["press"], rel=2e-6)
 
 
 def test_first_row_of_the_deck(tmp_path):
