@@ -5,6 +5,8 @@ Exponential repulsion with ordinary friction: with E(r) = exp(-r/width) - exp(-c
     F = A E(r) - gamma w^2 (e.v) + sigma w xi/sqrt(dt)
 """
 
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -242,3 +244,32 @@ def test_a_kind_that_makes_no_sense_is_refused(register):
     raises(dpd.ParameterError, "there is a kind for Exponential already", register)
     raises(dpd.ParameterError, "either terms of the pair kernel or an overlay", lambda: kinds.Kind(coefficient=Exponential))
     raises(dpd.ParameterError, "its per-bead fields", lambda: kinds.Kind(coefficient=dpd.EDPD, terms=_terms))
+
+
+COMPILED = """
+from typing import Any, NamedTuple
+import numpy as np
+from openmm_dpd.kernels.columns import over_pairs
+from openmm_dpd.kernels.compiled import inlined
+from openmm_dpd.kernels.pairs import PairList
+FACTOR = {factor}
+Data = NamedTuple("Data", [("A", float)])
+@inlined
+def energy(r, A):
+    return FACTOR * A * r{square}
+@inlined
+def pair(pairs, data, scratch, n, k, column):
+    return energy(pairs.geometry[3, n], data.A), 0.0, 0.0
+pairs = PairList(np.zeros(2, np.int32), np.ones(2), np.ones((1, 1)), (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)))
+pairs.build(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]), None)
+print(over_pairs("outside", pair)(pairs, Data(2.0)).energy)
+"""
+
+
+@pytest.mark.slow
+def test_a_compiled_kind_that_is_edited_is_compiled_anew(tmp_path):
+    """Each time in a process of its own, with the kernels that the one before has left on disk."""
+    for factor, square, expected in ((3.0, "", 3.0), (5.0, "", 5.0), (5.0, "**2", 2.5)):
+        (tmp_path / "outside.py").write_text(COMPILED.format(factor=factor, square=square), encoding="utf-8")
+        done = subprocess.run([sys.executable, tmp_path / "outside.py"], capture_output=True, text=True)
+        assert (done.stdout, done.returncode) == (f"{expected}\n", 0), done.stderr

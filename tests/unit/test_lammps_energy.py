@@ -7,7 +7,7 @@ import pytest
 from cases import cases, put, raises
 
 from openmm_dpd.base.errors import DeckError
-from openmm_dpd.lammps import RunOptions, deck_forces, read_deck
+from openmm_dpd.lammps import RunOptions, deck_forces, explain_deck, read_deck
 from openmm_dpd.lammps.files.table_file import read_eos
 from openmm_dpd.lammps.output.data_writer import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
@@ -287,6 +287,12 @@ def run(tmp_path, text: str, **options):
     path = put(tmp_path / "in.run", text)
     runner = DeckRunner(RunOptions(platform="Reference", threads=1, **options))
     return read_deck(path, run_callback=runner, output=tmp_path), runner
+
+
+def test_pressures_that_change_are_refused_by_run_and_explain(tmp_path):
+    text = METAL + ENERGY + SHARDLOW.replace("nve", "nph iso 0 10 1") + "run 1\n"
+    for command in (lambda: run(tmp_path, text), lambda: explain_deck(put(tmp_path / "in.run", text))):
+        raises(DeckError, r"in.run:\d+: fix nph: volume moves have one pressure", command)
 
 
 @pytest.mark.parametrize("fixes", [SHARDLOW, "fix 1 all nve\nfix 2 all dpd/energy\nfix 3 all eos/cv 0.005\n"])

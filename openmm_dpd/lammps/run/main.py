@@ -20,7 +20,7 @@ from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
 from ...simulation.advice.recommend import advice, recommend
-from .building import build_request
+from .building import build_request, connect_barostat
 from .checkpoint import Checkpoints
 from .deck import read_deck
 from .options import RunOptions, first_request
@@ -239,6 +239,7 @@ def explain_deck(
     options = options or RunOptions()
     request = first_request(path, options, variables)
     built = build_request(request, request.scene(), options)
+    connect_barostat(request, built)
     with read_by(request.state):
         text = [built.explain(program=program), "step: " + advice(built.plan.scene, request.scheme, request.dt)]
     return "\n".join([*text, *(f"note: {note}" for note in request.state.notes)])
