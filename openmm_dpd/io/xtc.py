@@ -27,6 +27,8 @@ class XTCWriter:
         """Add a frame: positions and box vectors in nm, time in ps.  The format has 32 bits for steps: larger ones begin again at 0.
         RunError if a position is too large for the format."""
         assert len(positions) == self._n_beads
+        if not self._n_beads:
+            return  # the library writes no frames without beads; nor does LAMMPS
         largest = (2**31 - 1) / self._precision  # whole numbers in 32 bits
         if not np.abs(positions).max(initial=0.0) < largest:
             raise RunError(

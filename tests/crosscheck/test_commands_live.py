@@ -101,6 +101,8 @@ dump a all xyz 100 a.xyz
 dump b all atom 100 b.txt
 dump c all xtc 100 c.xtc
 dump e all xyz 100 e.*.xyz
+group nobody empty
+dump k nobody xtc 1 k.xtc
 """
     + RUN.replace("run 10", "run 3")
     + 'fix r all print 50 "x" file r.txt\ndump f all xyz 100 f.xyz\ndump h all xtc 100 h.xtc\n',
