@@ -71,8 +71,8 @@ def checked_xml(text: str) -> ElementTree.Element:
             DataUnpickler(io.BytesIO(bytes.fromhex(node.get("function", "")))).load()
         except Exception as error:  # what is pickled badly can fail in any way
             raise ParameterError(
-                f"the file holds a Python object that is not a force of this package ({error}), and to read it would be to run it; "
-                "if you trust the file, use openmm.XmlSerializer.deserialize"
+                f"the file holds a Python object that is not a force of this package ({error}): another version wrote it, or to "
+                "read it would be to run it; build the System anew, or, if you trust the file, use openmm.XmlSerializer.deserialize"
             ) from None
     return root
 

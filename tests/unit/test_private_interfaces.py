@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ast
 import importlib
+import os
 import pickle
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -156,6 +159,12 @@ def test_compiled_functions_are_kept_and_come_back():
             set_cache(dispatcher, Kept())
             results.append((dispatcher((np.ones(2), np.ones(2))), sum(dispatcher.stats.cache_hits.values()), len(kept)))
         assert results == [(2.0, 0, 1), (2.0, 1, 1)]
+
+
+def test_a_compiler_that_is_switched_off_is_named():
+    run = [sys.executable, "-c", "import openmm_dpd"]
+    said = subprocess.run(run, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, cwd=ROOT)
+    assert said.stderr.splitlines()[-1].startswith("ImportError: openmm_dpd computes with code that numba compiles, and NUMBA_DISABLE_JIT")
 
 
 def test_who_waits_for_the_compiler_hears_of_it():
