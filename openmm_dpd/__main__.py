@@ -177,7 +177,7 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
     else:
         out = options.out or Path("out") / options.deck.name.removeprefix("in.")
     json_file, quiet = asked["json"], asked["quiet"]
-    _make_folder(out, "--out")
+    _make_folder(out, "--restart" if options.restart else "--out")
     if json_file:
         _check_target(json_file)
 

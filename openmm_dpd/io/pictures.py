@@ -67,12 +67,14 @@ def thermo_picture(
     if mask.shape != data[x].shape:
         raise ParameterError(f"counted has the shape {mask.shape}; it must say of each of the {len(data[x])} rows whether it counts")
     left_out = [slice(span.start, span.start + int(np.sum(~mask[span]))) for span in spans]
+    means = any(span.stop - rows.stop >= LEAST_ROWS for span, rows in zip(spans, left_out, strict=True))
     figure = new_figure(8.0, 0.9 + 1.9 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axis, (name, words) in zip(axes, panels, strict=True):
         for number, (word, label) in enumerate(words.items()):
             # the first column in front
-            _draw(axis, data[x], data[word], spans, left_out, label, COLOURS[number], 3 - number)
+            dark, light = COLOURS[number]
+            _draw(axis, data[x], data[word], spans, left_out, label, (dark, light if means else dark), 3 - number)
         set_level = name == "temperature" and level is not None and bool(np.isfinite(level).any())
         if set_level:
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
@@ -86,7 +88,7 @@ def thermo_picture(
     figure.align_ylabels(axes)
     axes[-1].set_xlabel(with_unit(x, labels.get(x)), fontsize=11)
     said = "; ".join([NEW_RUN] * (len(spans) > 1) + [LEFT_OUT] * (not mask.all()))
-    figure.supxlabel(f"{MEANS if _any_mean(spans, left_out) else ROWS}\n{said}".rstrip(), fontsize=9, color="0.35")
+    figure.supxlabel(f"{MEANS if means else ROWS}\n{said}".rstrip(), fontsize=9, color="0.35")
     if title:
         figure.suptitle(title, fontsize=12)
     write_picture(path, figure)
@@ -182,18 +184,14 @@ def _scale(axis: Any, counted: list[np.ndarray]) -> None:
         axis.set_ylim(values.min() - margin, values.max() + margin)
 
 
-def _any_mean(spans: list[slice], left_out: list[slice]) -> bool:
-    return any(span.stop - rows.stop >= LEAST_ROWS for span, rows in zip(spans, left_out, strict=True))
-
-
 def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], left_out: list[slice], label: str, colours, depth: int) -> None:
-    """One column: rows light, sliding means of those that are not left out dark; few rows are dots, and dark where no run has a mean."""
+    """One column: rows light, sliding means of those that are not left out dark; few rows are dots."""
     dark, light = colours
-    few, means = all(span.stop - span.start <= 60 for span in spans), _any_mean(spans, left_out)
+    few = all(span.stop - span.start <= 60 for span in spans)
     for span, start in zip(spans, (rows.stop for rows in left_out), strict=True):
         rows = span.stop - span.start
         step, style = max(1, rows // MOST_ROWS), {"marker": "o" if few else None, "markersize": 3.5, "zorder": depth}
-        drawn = axis.plot(x[span][::step], values[span][::step], color=light if means else dark, linewidth=0.9, **style)
+        drawn = axis.plot(x[span][::step], values[span][::step], color=light, linewidth=0.9, **style)
         if span.stop - start >= LEAST_ROWS:
             mean = _sliding_mean(values[start : span.stop], max(5, rows // 10))
             drawn = axis.plot(x[start : span.stop : step], mean[::step], color=dark, linewidth=1.7, zorder=depth + 3)

@@ -197,24 +197,20 @@ class Checkpoints:
     # -- reading ------------------------------------------------------------------------------------------------------------------
     def latest(self) -> Latest:
         """Where the deck was interrupted, by the newest checkpoint of which nothing is damaged."""
-        wrong = list[str]()
+        wrong = ""
         for name in _KEPT:
             try:
-                found = Latest(**self._read(name))
+                found = Latest(**self.read(name))
                 for number in range(found.runs):
                     unsealed(self.folder / f"run-{number + 1}")
-            except ParameterError as error:
-                wrong.append(str(error))
-            else:
-                self._latest_is_bad = "".join(wrong).partition("; ")[0]
+                self._latest_is_bad = wrong.partition("; ")[0]
                 return found
-        raise ParameterError(wrong[0])
+            except ParameterError as error:
+                wrong = wrong or str(error)
+        raise ParameterError(wrong)
 
-    def run(self, number: int) -> dict[str, Any]:
-        """What a run has made of the deck."""
-        return self._read(f"run-{number + 1}")
-
-    def _read(self, name: str) -> dict[str, Any]:
+    def read(self, name: str) -> dict[str, Any]:
+        """What one of the files holds."""
         content = unsealed(self.folder / name)
         try:
             return from_bytes(content)

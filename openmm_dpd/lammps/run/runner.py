@@ -200,7 +200,7 @@ class DeckRunner:
     def _recall(self, request: RunRequest, latest: Latest) -> None:
         """Bring the deck to the end of a run that was carried out before."""
         assert self.checkpoints is not None
-        kept = self.checkpoints.run(request.number)
+        kept = self.checkpoints.read(f"run-{request.number + 1}")
         self._check_same(request, kept)
         recall(request.state, kept["memory"])
         self.results.append(RunResult(request, **kept["result"]))
