@@ -203,7 +203,7 @@ class PairEngine(Engine):
     @property
     def repels_by_pairs(self) -> bool:
         """See :class:`.interface.Engine`."""
-        return all(layer.repels_by_pairs for layer in self.layers)  # type: ignore[attr-defined]
+        return all(getattr(layer, "repels_by_pairs", False) for layer in self.layers)
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
         """See :meth:`.interface.Engine.tensors`."""

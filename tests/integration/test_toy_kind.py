@@ -166,6 +166,7 @@ def test_it_has_its_forces_and_energy(register, choice):
     # each pair is met twice
     assert sample.pair == pytest.approx(0.5 * energy.sum(), rel=1e-10)
     assert sample.virial_conservative == pytest.approx(0.5 * virial.sum(), rel=1e-10)
+    assert not built.plan.new_engine().repels_by_pairs  # its layer does not say so
 
 
 def test_its_laplacian_is_a_second_derivative(register):

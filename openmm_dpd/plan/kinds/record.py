@@ -65,7 +65,7 @@ class Kind:
     why_no_laplacian: Callable[[Resolved], str | None] = lambda _: None
     #: Why its conservative force derives from no potential, or None
     why_no_potential: Callable[[Resolved], str | None] = lambda _: None
-    has_stress: bool = False  #: Whether its layers sum stress tensors
+    has_stress: bool = False  #: Whether its layers sum stress tensors; :class:`openmm_dpd.kernels.dpd.SweptLayer` has what that needs
     has_densities: bool = False  #: Whether its layers have local densities of the beads
     beside_atoms: bool = False  #: Whether beads beside atoms of a force field may have it, and it may act between the two
     thermostat: bool = False  #: Whether it can be the friction between atoms
