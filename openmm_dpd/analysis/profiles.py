@@ -183,15 +183,15 @@ def temperature_profile(
 
     .. math:: kT(z) = \frac{\langle \sum m\,(\mathbf v - \mathbf u)^2 \rangle}{3 \langle n \rangle},
 
-    with u(z) the mean flow over all frames if ``flow``, else 0.  Taking the centre-of-mass motion of the whole system as 0 costs three
-    degrees of freedom of 3N, which is neglected here.
+    with u(z) the mean velocity of the slice in each frame if ``flow``, so that flows may change in time, and n - 1 in place of n; else 0.
+    Taking the centre-of-mass motion of the whole system as 0 costs three degrees of freedom of 3N, which is neglected without ``flow``.
 
     Parameters
     ----------
     trajectory, velocities, beads, axis, n_bins, centre
         As for :func:`velocity_profile`.
     flow : bool
-        Take off the mean flow.
+        Take off the flow.
 
     Returns
     -------
@@ -199,12 +199,11 @@ def temperature_profile(
         x: z; y: kT, NaN in slices that are mostly empty.
     """
     x, sums = _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre)
-    square, mass = sums["square"], sums["mass"]
+    square, mass, count = sums["square"], sums["mass"], sums["count"]
     if flow:
-        total = mass.sum(axis=0)[:, None]
-        u = np.divide(sums["momentum"].sum(axis=0), total, out=np.zeros((n_bins, 3)), where=total > 0)
-        square = square - 2 * np.einsum("fbk,bk->fb", sums["momentum"], u) + mass * np.sum(u**2, axis=1)
-    return ratio_curve(x, square, 3 * sums["count"], "the temperature profile")
+        own = np.sum(sums["momentum"] ** 2, axis=2)
+        square, count = square - np.divide(own, mass, out=np.zeros_like(own), where=mass > 0), np.maximum(count - 1, 0)
+    return ratio_curve(x, square, 3 * count, "the temperature profile")
 
 
 def _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre) -> tuple[np.ndarray, dict[str, np.ndarray]]:

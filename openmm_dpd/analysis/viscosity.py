@@ -22,7 +22,7 @@ class VelocityProfile:
     density : (B,) array
         Beads per nm^3.
     kT : (B,) array
-        Kinetic temperature about the mean velocity of the slab, kJ/mol.
+        Kinetic temperature about the mean velocity of the slab at each moment, with 3 (n - 1) degrees of freedom for n beads, kJ/mol.
     rows : (n, B) array
         Velocity of each slab in each sample (its momentum over its mean mass).
     length : float
@@ -79,7 +79,8 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
 
     and the negative of it (but for the drift v_0 of the whole box) in the other half.  In a channel, curvature and both ends are free.
     Parabolas are averaged over the slabs.  Each sample is fitted on its own, which is the same on average as
-    it is linear; the error comes from the series of amplitudes, so that correlations between slabs and in time are counted.
+    it is linear; the error comes from the series of amplitudes, so that correlations between slabs and in time are counted.  It can be
+    relied on where the result has ``converged``; the error of a shorter run tends to be too small.
 
     Parameters
     ----------

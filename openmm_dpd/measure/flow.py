@@ -189,7 +189,7 @@ class ProfileReporter(BuiltReporter):
         self._axis, self._component = AXES.index(axis), AXES.index(component)
         self.bins = whole_number(bins, "the number of slabs", least=2)
         self._momentum: list[np.ndarray] = []
-        self._mass, self._count, self._square, self._density = np.zeros((4, self.bins))
+        self._mass, self._freedom, self._square, self._density = np.zeros((4, self.bins))
         self._edges: list[float] = []
         self._mobile, self._present = built.plan.spec.inv_mass > 0, Present(built)
 
@@ -204,15 +204,19 @@ class ProfileReporter(BuiltReporter):
         v = present.on_step(force)
         mass = self.built.plan.scene.bead_masses[self._mobile]
         slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
-        self._momentum.append(sums_in_slices(slab, mass * v[self._mobile, self._component], self.bins))
+        total = sums_in_slices(slab, mass, self.bins)
+        momentum = np.array([sums_in_slices(slab, row, self.bins) for row in mass * v[self._mobile].T])
+        self._momentum.append(momentum[self._component])
         self._rates.append(present.rate if self._flows else 0.0)
-        self._mass += sums_in_slices(slab, mass, self.bins)
+        self._mass += total
         counts = sums_in_slices(slab, None, self.bins)
-        self._count += counts
+        self._freedom += 3 * np.maximum(counts - 1, 0)
         self._density += counts * self.bins / np.prod(present.box.diagonal())
         self._edges.append(edge)
         squares = present.kinetic_stress(v, force, lambda weight, a: weight * np.sum(a * a, axis=1))
-        self._square += sums_in_slices(slab, squares[self._mobile], self.bins)
+        # a slab's own motion is no heat, whether it is steady or not; its thermal part has three degrees of freedom
+        own = np.divide(np.sum(momentum**2, axis=0), total, out=np.zeros(self.bins), where=total > 0)
+        self._square += sums_in_slices(slab, squares[self._mobile], self.bins) - own
 
     @property
     def length(self) -> float:
@@ -227,8 +231,7 @@ class ProfileReporter(BuiltReporter):
             raise ParameterError("there is no sample yet")
         with np.errstate(divide="ignore", invalid="ignore"):
             rows = np.array(self._momentum) / (self._mass / n)
-            velocity = rows.mean(axis=0)
-            kT = (self._square - self._mass * velocity**2) / (3 * self._count)
+            kT = self._square / self._freedom
         width = self.length / self.bins
         centres = (np.arange(self.bins) + 0.5) * width
         rows += np.outer(self._rates, centres)

@@ -16,6 +16,8 @@ from .pairs import checked
 
 #: A larger PME grid is a mistake: 512^3 points, 2 GB on the Reference platform.
 MOST_GRID_POINTS = 512**3
+#: What is said of charged beads between which no forces act.
+NO_ELECTROSTATICS = "{} charged beads, but the scene has no `electrostatics`: their charges exert no forces (SlaterCharges(...) makes them)"
 
 
 def special_factors(value, name: str) -> tuple[float, float, float]:

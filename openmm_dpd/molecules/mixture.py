@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from ..io.trajectory import write_psf
 from ..model.angles import Angles
 from ..model.bonds import Bonds
 from ..model.dihedrals import Dihedrals
+from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.scene import Scene
 from .molecule import Molecule
 from .terms import many_terms
@@ -99,7 +101,9 @@ class Mixture:
                 meant.add(kind)
             start += count * kind.n_beads
         if len(meant) > 1:
-            raise ParameterError(f"{len(meant)} molecules are called {what_is(molecule)}; give the molecule itself, or other names")
+            raise ParameterError(
+                f"{len(meant)} kinds of molecules are called {what_is(molecule)}; give the molecule itself, or other names"
+            )
         if found:
             return np.concatenate(found)
         known = ", ".join(kind.name for kind, _ in self.kinds)
@@ -157,9 +161,12 @@ class Mixture:
         masses : mass, or mapping of types to masses
             One mass for all types, or the mass of each type.
         **options
-            Other arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ...
+            Other arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ...  There is a warning if
+            beads are charged and there is no ``electrostatics``.
         """
-        types = self.types
+        types, charges = self.types, self.charges
+        if charges is not None and charges.any() and options.get("electrostatics") is None:
+            warnings.warn(NO_ELECTROSTATICS.format(np.count_nonzero(charges)), UserWarning, stacklevel=2)
         if not isinstance(masses, Mapping):
             masses = dict.fromkeys(dict.fromkeys(types), masses)
         return Scene(
@@ -169,7 +176,7 @@ class Mixture:
             pairs=pairs,
             kT=kT,
             box=self.box,
-            charges=self.charges,
+            charges=charges,
             bonds=self.bonds,
             angles=self.angles,
             dihedrals=self.dihedrals,

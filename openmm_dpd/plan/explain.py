@@ -4,6 +4,7 @@ import numpy as np
 
 from ..base.wording import either, in_length, in_number, in_units, thermal, unit_name
 from ..kernels.fields import ENERGY, TEMPERATURE
+from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.flow import Wall, gaps
 from ..model.pairs import describe
 from .kinds import bonded_kind
@@ -31,7 +32,10 @@ def explain_plan(plan: Plan) -> str:
     described: dict[str, list[str]] = {}
     for table in (*plan.layers, *plan.overlays):
         for (a, b), value in table.items():
-            described.setdefault(describe(value), []).append(f"{a} - {b}")
+            text = describe(value)
+            if plan.host is not None and value.cutoff and "cutoff" not in text:
+                text += f" within {in_length(value.cutoff)}"  # no unit of length there
+            described.setdefault(text, []).append(f"{a} - {b}")
     lines += [f"  {', '.join(pairs)}: {text}" for text, pairs in described.items()]
     lines += _execution_lines(plan)
     if plan.spec.fields is not None:
@@ -43,6 +47,8 @@ def explain_plan(plan: Plan) -> str:
         lines.append(_segment_text(plan))
     if scene.electrostatics is not None:
         lines += _charge_lines(plan)
+    elif scene.charges is not None and scene.charges.any():
+        lines.append(NO_ELECTROSTATICS.format(np.count_nonzero(scene.charges)))
     lines += [f"body force on single beads: {term}" for term in scene.body_forces]
     if scene.interacting is not None:
         counts = "/".join(str(int(count)) for count in (~scene.interacting).sum(axis=0))

@@ -59,7 +59,7 @@ def add_thermostat(
     system : openmm.System
         Constraints and virtual sites are respected with the scheme ``middle``.
     friction : DPD, PairTable or mapping
-        Friction between all particles (a DPD with A = 0), or a table by type names.
+        Friction between all particles (a DPD with A = 0), or a table by type names.  It reaches 1 nm unless a ``cutoff`` is given.
     temperature : temperature, energy or TemperatureRamp
         Bare numbers are in kelvin here, as for OpenMM's integrators; those of a TemperatureRamp are kJ/mol as everywhere else, so give
         it Quantities.

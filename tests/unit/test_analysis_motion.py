@@ -222,9 +222,11 @@ def test_profiles_of_velocity_and_temperature():
     assert np.all(np.abs(across.y) < 4 * across.sem) and across.sem.max() < 0.02
     assert np.all(across.sem == pytest.approx(np.sqrt(1.5 / (2.5 * n / 12 * frames)), rel=0.6))
     # in a slice the flow varies by 0.2 * 0.5, which adds 2.5 * 0.1^2/12/3 to kT
-    own = temperature_profile(trajectory, v, n_bins=12, flow=True)
-    assert np.all(np.abs(own.y - 1.5 - 2.5 * 0.01 / 36) < 4 * own.sem)
-    assert np.all(own.sem == pytest.approx(1.5 * np.sqrt(2 / (3 * n / 12 * frames)), rel=0.6))
+    swinging = v + 3 * np.cos(np.arange(frames))[:, None, None]
+    for bins in (12, 40):  # 33 beads in each slice, or ten
+        own = temperature_profile(trajectory, swinging, n_bins=bins, flow=True)
+        assert np.all(np.abs(own.y - 1.5 - 2.5 * (1.2 / bins) ** 2 / 36) < 4 * own.sem)
+        assert np.all(own.sem == pytest.approx(1.5 * np.sqrt(2 / (3 * (n / bins - 1) * frames)), rel=0.6))
     moving = temperature_profile(trajectory, v, "B", n_bins=12)
     assert np.all(np.abs(moving.y - 1.5 - 4 * (0.2 * moving.x) ** 2 / 3 - 4 * 0.01 / 36) < 4 * moving.sem)
     half = trajectory.atom_slice(np.arange(n))

@@ -409,15 +409,21 @@ def test_bad_packing(make, message):
 def test_scene_has_it_all():
     kinds = all_kinds()
     mixture = pack(kinds, box=[6.0] * 3, seed=1)
-    scene = mixture.scene(pairs=PAIRS, kT=1.0, bonded_factors=(0.5, 1.0, 1.0))
+    said = f"{np.count_nonzero(mixture.charges)} charged beads, but the scene has no `electrostatics`"
+    with pytest.warns(UserWarning, match=said):
+        scene = mixture.scene(pairs=PAIRS, kT=1.0, bonded_factors=(0.5, 1.0, 1.0))
+    assert said in dpd.build(scene, dt=0.01, seed=1).explain()
     assert list(scene.types) == mixture.types and scene.bonded_factors == (0.5, 1.0, 1.0)
     assert set(scene.masses) == {"A", "B", "C", "D", "E", "Na", "W"} and np.array_equal(scene.charges, mixture.charges)
     assert len(scene.bonds) == 3 and len(scene.angles) == 2 and len(scene.dihedrals) == 1
     topology = dpd.build(scene, dt=0.01, platform="Reference", seed=1).topology
     names = [residue.name for residue in topology.residues()]
     assert names[0] == "A6B4" and names[-1] == "W" and topology.getNumBonds() == len(mixture.bond_pairs)
-    raises(TypeError, "presure", lambda: mixture.scene(pairs=PAIRS, kT=1.0, presure=1.0))
-    heavy = mixture.scene(pairs=PAIRS, kT=1.0, masses={name: 2.0 for name in scene.masses})
+    charged = {"electrostatics": dpd.SlaterCharges(lamda=0.25, bjerrum_length=1.0)}
+    raises(TypeError, "presure", lambda: mixture.scene(pairs=PAIRS, kT=1.0, **charged, presure=1.0))
+    with pytest.warns(UserWarning, match="the charges add up to 6 e"):  # and nothing else is said
+        heavy = mixture.scene(pairs=PAIRS, kT=1.0, masses={name: 2.0 for name in scene.masses}, **charged)
+    assert said not in dpd.build(heavy, dt=0.01, seed=1).explain()
     assert heavy.bead_masses.min() == 2.0
 
 

@@ -50,7 +50,8 @@ def test_openmm_reads_bonds_angles_and_dihedrals(mixture, tmp_path):
 
 def test_pdb_of_a_scene(mixture, tmp_path):
     """OpenMM's topology carries the names of molecules, and a PDB file of it opens in mdtraj with bonds."""
-    scene = mixture.scene(pairs={("*", "*"): dpd.DPD(A=25.0, gamma=4.5)}, kT=1.0)
+    with pytest.warns(UserWarning, match="8 charged beads, but the scene has no `electrostatics`"):
+        scene = mixture.scene(pairs={("*", "*"): dpd.DPD(A=25.0, gamma=4.5)}, kT=1.0)
     built = dpd.build(scene, dt=0.02, platform="Reference", seed=1)
     assert [atom.residue.name for atom in built.topology.atoms()] == mixture.residues
     with open(tmp_path / "all.pdb", "w") as file:

@@ -54,13 +54,13 @@ def many_body_groups(scene: Scene, moves: np.ndarray) -> tuple[list[Groups], lis
     elif scene.bonds or scene.angles or scene.dihedrals or scene.electrostatics is not None:
         why = "many-body beads with bonds or charges"
     if why:
-        return [], [f"the table of steps does not have {why}; {_SCRIPT}"]
+        return [], [f"no steps were measured with {why}: halve the step until your results stay the same ({_SCRIPT})"]
     assert scene.box is not None
     coefficient: Any = found.pop()
     kT, mass = scene.initial_kT, float(scene.bead_masses[moves].min())
     rc, reach = coefficient.cutoff, coefficient.cutoff_B / coefficient.cutoff
     if coefficient.kernel != "quadratic" or abs(reach - RANGE) > 1e-6:
-        return [], [f"the table of many-body steps is of the quadratic kernel with cutoff_B = {RANGE:g} cutoff; {_SCRIPT}"]
+        return [], [f"many-body steps were measured only with the quadratic kernel and cutoff_B = {RANGE:g} cutoff ({_SCRIPT})"]
     if coefficient.gamma <= 0:
         return [], ["there is no friction"]
     a, b = coefficient.A * rc / kT, coefficient.B / (kT * rc**2)

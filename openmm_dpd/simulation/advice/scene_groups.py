@@ -44,16 +44,16 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     unmeasured: dict[str, object] = {walls: scene.walls, "segmental repulsion": scene.segments, "a shear": scene.shear}
     for what, there in unmeasured.items():
         if there:
-            return [], [f"the table of steps does not have {what}; {_SCRIPT}"]
+            return [], [f"no steps were measured with {what}: halve the step until your results stay the same ({_SCRIPT})"]
     if is_many_body(scene):
         return many_body_groups(scene, moves)
     for table in scene.tables:
         if table.kind is not None and kind_for(table.kind).frictions is None:
-            return [], [f"the table of steps is about soft repulsion; {table.kind.__name__} is not in it; {_SCRIPT}"]
+            return [], [f"no steps were measured with {table.kind.__name__}: halve the step until your results stay the same ({_SCRIPT})"]
     terms = _terms(scene, moves)
     curvatures = {pair: _curvatures(layers) for pair, layers in terms.items()}
     if any(value < 0 for found in curvatures.values() for value in found.values()):
-        return [], ["an attraction (A < 0) is not in the table of steps"]
+        return [], ["no steps were measured with an attraction (A < 0)"]
     density, masses = scene.n_beads / float(np.prod(np.diag(scene.box))), scene.bead_masses[moves]
     drags = {pair: sum(drag(g, density * t.cutoff**3, s) for t in layers for g, s in _frictions(t, kT)) for pair, layers in terms.items()}
     if not any(drags.values()):
