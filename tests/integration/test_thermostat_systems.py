@@ -100,6 +100,8 @@ def test_frozen_particles_take_up_momentum():
     assert dpd.degrees_of_freedom(system) == 5
     system.setParticleMass(0, 1.0)
     assert dpd.degrees_of_freedom(system) == 5  # nine, less one, less three
+    # a cutoff that was not given is told in nanometres
+    assert "DPD(gamma = 2) within 1 nm" in dpd.add_thermostat(system, dpd.DPD(gamma=2), 300, 0.002, seed=1).explain()
 
 
 @pytest.mark.parametrize("model", ["tip3p", "tip4pew"])
