@@ -4,7 +4,7 @@
 
 - ``bare``: ``quantity.value_in_unit_system(openmm.unit.md_unit_system)`` is the same, as a copy.
 - ``vectors``: ``np.array(state.getPositions(asNumpy=True).value_in_unit(openmm.unit.nanometer))`` is the same, velocities alike.
-- ``hear_of_contexts``: use OpenMM's own way from an integrator to its Context if there is one now; else let ``simulation()`` of
+- ``hear_calls``: use OpenMM's own way from an integrator to its Context if there is one now; else let ``simulation()`` of
   ``built.py`` call ``integrator.bind(simulation.context)``, and say in the documentation that other Contexts have to do so too.
 - ``xtc_write_frame``: ``mdtraj.formats.XTCTrajectoryFile`` writes frames too.
 """
@@ -30,17 +30,18 @@ def vectors(state: openmm.State, kind: int) -> np.ndarray:
     return found
 
 
-def hear_of_contexts(listener: Callable[[openmm.Context], None]) -> None:
-    """Have a function called with every Context that is made from now on, at the end of ``openmm.Context.__init__``, which subclasses
-    carry out too.  OpenMM has no way from an integrator to its Context, and to search what Python knows breaks what other threads build."""
-    make = openmm.Context.__init__
+def hear_calls(kind: type, name: str, listener: Callable[[openmm.Context], None]) -> None:
+    """Have a function called with the Context that a method of a class of OpenMM's is given, at its end: ``__init__`` of Contexts, which
+    subclasses carry out too, tells of each that is made from now on.  OpenMM has no way from an integrator to its Context, and to search
+    what Python knows breaks what other threads build."""
+    method = getattr(kind, name)
 
-    @wraps(make)
-    def __init__(self, *arguments, **more):
-        make(self, *arguments, **more)
-        listener(self)
+    @wraps(method)
+    def heard(*arguments, **more):
+        method(*arguments, **more)
+        listener(next(one for one in (*arguments, *more.values()) if isinstance(one, openmm.Context)))
 
-    openmm.Context.__init__ = __init__
+    setattr(kind, name, heard)
 
 
-__all__ = ["bare", "hear_of_contexts", "vectors", "xtc_write_frame"]
+__all__ = ["bare", "hear_calls", "vectors", "xtc_write_frame"]

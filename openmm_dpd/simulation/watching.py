@@ -23,7 +23,7 @@ import openmm
 
 from ..base.errors import PlanError, RunError, what_is
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
-from ..base.openmm_private import bare, hear_of_contexts, vectors
+from ..base.openmm_private import bare, hear_calls, vectors
 from ..base.signals import CTRL_C, unbroken
 from ..base.wording import bead_number
 from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
@@ -222,6 +222,11 @@ class Watching:
         self.verify(context)
         self._remembered = None
 
+    def parameters_changed(self, context: openmm.Context) -> None:
+        """Hear that a force took over parameters of its terms: it is part of the acceleration that a program of the host keeps."""
+        if self.whole is None and self.device_group is None:
+            self._forget_acceleration()
+
     def looked(self, context: openmm.Context, forces: bool) -> None:
         """Hear that somebody looks at the state of the Context, and whether at forces or energies."""
         self._at_home(context, forces)
@@ -355,12 +360,19 @@ class Watching:
         """Go on at another thermal energy."""
 
 
-def _introduce(context: openmm.Context) -> None:
-    """Tell an integrator of this package that it has a Context.  None can have been made before this is imported: there is no such
-    integrator yet.  It keeps no Context alive."""
-    integrator = openmm.Context.getIntegrator(context)
-    if isinstance(integrator, Watching):
-        integrator.bind(context)
+def _tell(method: str) -> Callable[[openmm.Context], None]:
+    """Have a method of integrators of this package called with their Context.  No Context can have been made before this is imported: there
+    is no such integrator yet.  It keeps none alive."""
+
+    def tell(context: openmm.Context) -> None:
+        integrator = openmm.Context.getIntegrator(context)
+        if isinstance(integrator, Watching):
+            getattr(integrator, method)(context)
+
+    return tell
 
 
-hear_of_contexts(_introduce)
+hear_calls(openmm.Context, "__init__", _tell("bind"))
+for kind in vars(openmm).values():
+    if isinstance(kind, type) and "updateParametersInContext" in vars(kind):
+        hear_calls(kind, "updateParametersInContext", _tell("parameters_changed"))

@@ -161,15 +161,22 @@ def carry_out(code: str, run: Run) -> None:
 
 @pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "bababo"])
 @pytest.mark.parametrize("way", ["whole", "program"])
-def test_a_force_that_changed_acts_from_the_first_half_kick(way, scheme):
-    """... of the step after reinitialize(), in schemes whose programs keep accelerations as well."""
-    force = openmm.CustomExternalForce("-x")
+@pytest.mark.parametrize("how", ["reinitialize", "update"])
+def test_a_force_that_changed_acts_from_the_first_half_kick(how, way, scheme):
+    """... of the next step, in schemes whose programs keep accelerations as well."""
+    force = openmm.CustomExternalForce("-k*x")
+    force.addPerParticleParameter("k")
     for bead in range(N):
-        force.addParticle(bead)
+        force.addParticle(bead, [1.0])
     run = Run(way, [force], scheme=scheme)
     before = state_of(run.context)[1]
-    force.setEnergyFunction("-5*x")
-    run.context.reinitialize(preserveState=True)
+    if how == "reinitialize":
+        force.setEnergyFunction("-5*x")
+        run.context.reinitialize(preserveState=True)
+    else:
+        for bead in range(N):
+            force.setParticleParameters(bead, bead, [5.0])
+        force.updateParametersInContext(context=run.context)
     run.step(3)
     assert (state_of(run.context)[1] - before)[:, 0] == pytest.approx(np.full(N, 3 * DT * 5 / 2.0))
 

@@ -252,9 +252,9 @@ def test_contexts_are_heard_of(monkeypatch):
     heard = []
     monkeypatch.setattr(openmm.Context, "__init__", openmm.Context.__init__)
     with advised(OPENMM, "the way from an integrator to its Context"):
-        from openmm_dpd.base.openmm_private import hear_of_contexts
+        from openmm_dpd.base.openmm_private import hear_calls
 
-        hear_of_contexts(heard.append)
+        hear_calls(openmm.Context, "__init__", heard.append)
         context, integrator = three_particles()
         own = Own(context.getSystem(), openmm.VerletIntegrator(0.25))
         assert list(map(id, heard)) == [id(context), id(own)] and context.getIntegrator() is integrator
