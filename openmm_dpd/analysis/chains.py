@@ -109,10 +109,7 @@ def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None
     topology, chunks = _bonded(trajectory)
     pairs = _chain_ends(topology) if ends is None else np.asarray(ends)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu" or not len(pairs):
-        raise ParameterError(
-            f"ends must be the pairs of beads to measure between, as [[0, 9], [10, 19]], not {reprlib.repr(ends)}; "
-            "without them the two ends of each linear chain are taken"
-        )
+        raise ParameterError(f"ends must be pairs of beads, as [[0, 9], [10, 19]] (or None: all linear chains), not {reprlib.repr(ends)}")
     if pairs.min() < 0 or pairs.max() >= topology.n_atoms:
         raise ParameterError(f"ends must be indices from 0 to {topology.n_atoms - 1}")
     labels = molecule_labels(topology)[pairs]
@@ -157,8 +154,7 @@ def whole_frames(topology: mdtraj.Topology, chunks: Iterator[mdtraj.Trajectory],
             i, j = bonds[np.argmax(shorter)].tolist()
             beads = np.flatnonzero(labels == labels[i])
             raise ParameterError(
-                f"frame {number}: the molecule of bead {beads[0]} (counted from 0; {len(beads)} beads, {topology.atom(i).residue.name}) "
-                "has no size: its bonds close through the periodic box (or one is longer than half of it), since the way along them from "
-                f"bead {i} to {j} ends at another image than their own bond; leave its beads out"
+                f"frame {number}: the molecule of bead {beads[0]} (counted from 0; {len(beads)} beads) has no size, since its bonds close "
+                f"through the periodic box, at that of {i} and {j} (or one is longer than half of it); leave its beads out"
             )
         yield frame

@@ -32,9 +32,8 @@ def explain_plan(plan: Plan) -> str:
     described: dict[str, list[str]] = {}
     for table in (*plan.layers, *plan.overlays):
         for (a, b), value in table.items():
-            text = describe(value)
-            if plan.host is not None and value.cutoff and "cutoff" not in text:
-                text += f" within {in_length(value.cutoff)}"  # no unit of length there
+            text = describe(value)  # in a System made elsewhere the default cutoff is no unit of length
+            text += f" within {in_length(value.cutoff)}" if plan.host is not None and value.cutoff and "cutoff" not in text else ""
             described.setdefault(text, []).append(f"{a} - {b}")
     lines += [f"  {', '.join(pairs)}: {text}" for text, pairs in described.items()]
     lines += _execution_lines(plan)

@@ -16,7 +16,7 @@ from openmm_dpd.trajectory import load_topology
 def test_one_naming(tmp_path):
     """Topology, PSF, PDB and mdtraj: names of beads and of molecules, molecules as residues, one chain, all bonds."""
     chain = linear("A3B", Spring(50.0, 0.7), CosineBend(2.0), name="OIL")
-    mixture = pack({chain: 3, bead("Na", charge=1): 2}, box=[3.0] * 3, seed=1)
+    mixture = pack({chain: 3, bead("Na"): 2}, box=[3.0] * 3, seed=1)
     built = dpd.build(mixture.scene(pairs=PAIRS, kT=1.0), dt=0.01, platform="Reference", seed=3)
     mixture.write_psf(tmp_path / "x.psf")
     write_pdb(tmp_path / "x.pdb", built)
