@@ -50,6 +50,9 @@ def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> 
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if len(axes) != 3 or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {what_is(axes)}")
+    walled = next((wall.axis for wall in scene.walls if axes["xyz".index(wall.axis)]), None)
+    if walled is not None:
+        raise PlanError(f"a barostat that changes {walled} would move beads behind walls; leave it out of axes, coupled=False")
 
 
 def add_barostat(
@@ -114,7 +117,7 @@ def add_barostat(
     ----------
     Y. Zhang, S. E. Feller, B. R. Brooks and R. W. Pastor, J. Chem. Phys. 103, 10252 (1995).
     """
-    _check(built, interval, axes)
+    _check(built, interval, axes if surface_tension is None else (True, True, zmode != "fixed"))
     plan = built.plan
     present = next((force for force in built.system.getForces() if isinstance(force, BAROSTATS)), None)
     if present is not None:

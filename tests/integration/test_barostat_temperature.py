@@ -129,6 +129,13 @@ def test_scenes_without_a_barostat(kind, reason):
             step(1)
 
 
+@pytest.mark.parametrize(("kind", "make"), [("specular", dpd.add_barostat), ("energies between walls", dpd.EnthalpyBarostat)])
+def test_walls_stay_where_they_are(kind, make):
+    built = dpd.build(KINDS[kind](), dt=0.005, platform="CPU", seed=1)
+    raises(dpd.PlanError, "a barostat that changes z would move beads behind walls", make, built, 20.0)
+    make(built, 20.0, axes=(True, True, False), coupled=False)
+
+
 @pytest.mark.slow
 @any_seed(1)
 def test_the_density_of_a_hotter_run(seed):
