@@ -2,6 +2,7 @@
 
 import io
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -94,6 +95,12 @@ def thermo_picture(
     write_picture(path, figure)
 
 
+#: Figures are drawn one at a time, and a fork waits for it: matplotlib has one lock for all, for which the child would wait for ever.
+_DRAWING = threading.RLock()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_DRAWING.acquire, after_in_parent=_DRAWING.release, after_in_child=_DRAWING.release)
+
+
 def new_figure(width: float, height: float) -> Any:
     """A matplotlib figure of so many inches, outside of its global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -107,7 +114,8 @@ def new_figure(width: float, height: float) -> Any:
 def write_picture(path: str | os.PathLike, figure: Any) -> None:
     """Write a matplotlib figure as a PNG file; OutputError if that fails."""
     picture = io.BytesIO()
-    figure.savefig(picture, format="png")
+    with _DRAWING:
+        figure.savefig(picture, format="png")
     write_whole(path, picture.getvalue(), "the picture")
 
 

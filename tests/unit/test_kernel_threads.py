@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from openmm_dpd.base.signals import unbroken
+from openmm_dpd.io.pictures import new_figure, write_picture
 from openmm_dpd.kernels import threads
 from openmm_dpd.kernels.addresses import copy_words
 from openmm_dpd.kernels.native import Kernel
@@ -159,8 +160,8 @@ def test_threads_wake_up_again(together):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
-def test_a_child_process_works_whatever_its_parents_threads_do(together):
-    """They are not there: not those of the team, not the one that has it work, and not those that compile or keep signals waiting."""
+def test_a_child_process_works_whatever_its_parents_threads_do(together, tmp_path):
+    """They are not there: not those of the team, not the one that has it work, and not those that compile, draw or keep signals waiting."""
 
     def shared(numbers, part, parts, team):
         for _ in range(1000):
@@ -170,6 +171,9 @@ def test_a_child_process_works_whatever_its_parents_threads_do(together):
 
     def small(numbers, part, parts, team):
         return 0
+
+    def draw():
+        write_picture(tmp_path / "picture.png", new_figure(3, 2))
 
     def begun(work) -> threading.Thread:
         thread = threading.Thread(target=lambda: [work() for _ in iter(done.is_set, True)])
@@ -184,6 +188,7 @@ def test_a_child_process_works_whatever_its_parents_threads_do(together):
                 numbers = np.zeros(2, np.int64)
                 kernel(numbers, parts=2)
                 Kernel(small, kept=False)(numbers)
+                write_picture(tmp_path / "child.png", new_figure(3, 2))
                 _TEAMS[0].stop()
                 worked = numbers.tolist() == [1000, 1000] and gc.isenabled()
                 os.kill(os.getpid(), signal.SIGINT)
@@ -194,7 +199,9 @@ def test_a_child_process_works_whatever_its_parents_threads_do(together):
         codes.append(os.waitpid(child, 0)[1])
 
     kernel, done, codes = Kernel(shared, kept=False), threading.Event(), []
-    threads_ = [begun(work) for work in (lambda: kernel(np.zeros(2, np.int64), parts=2), lambda: Kernel(small, kept=False)(np.zeros(1)))]
+    threads_ = [
+        begun(work) for work in (lambda: kernel(np.zeros(2, np.int64), parts=2), lambda: Kernel(small, kept=False)(np.zeros(1)), draw)
+    ]
     with unbroken():
         for _ in range(6):
             forker = threading.Thread(target=fork)
