@@ -9,7 +9,6 @@ from .diffusion import (
     mean_squared_displacement as mean_squared_displacement,
     velocity_autocorrelation as velocity_autocorrelation,
 )
-from .distances import radial_distribution as radial_distribution
 from .frames import read_velocities as read_velocities
 from .interfaces import surface_tension as surface_tension
 from .membranes import (
@@ -27,7 +26,7 @@ from .rheology import (
     shear_moduli as shear_moduli,
     shear_viscosity as shear_viscosity,
 )
-from .scattering import structure_factor as structure_factor
+from .structure import radial_distribution as radial_distribution, structure_factor as structure_factor
 from .viscosity import (
     CouetteFit as CouetteFit,
     GreenKubo as GreenKubo,

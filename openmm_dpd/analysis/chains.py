@@ -13,7 +13,7 @@ from ..base.errors import ParameterError
 from ..base.geometry import AXES_OF_TENSOR, minimum_images
 from ..base.stats import Average, block_average
 from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
-from .molecules import bonds_of, bonds_outwards, means_over, molecule_labels
+from .unwrapping import bonds_of, bonds_outwards, means_over, molecule_labels
 
 if TYPE_CHECKING:
     import mdtraj

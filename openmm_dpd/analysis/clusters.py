@@ -10,7 +10,7 @@ from ..base.neighbours import connected, pairs_within
 from ..base.stats import Average, ratio_average
 from ..base.units import whole_number
 from .frames import Beads, Trajectories, frames_of, positive_number, selected
-from .molecules import molecule_labels
+from .unwrapping import molecule_labels
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,8 @@ from ..base.stats import Average, block_average
 from ..base.units import thermal_energy, to_md
 from .curves import Curve, curve_of_averages
 from .frames import Beads, Trajectories, axis_number, frames_of, indices, positive_number, selected, weights_of
-from .molecules import means_over, molecule_labels
 from .profiles import velocity_frames
-from .unwrapping import unwrapped
+from .unwrapping import means_over, molecule_labels, unwrapped
 
 #: Lags that are taken if none are given.
 LAGS = 50

@@ -1,6 +1,8 @@
 """The errors this package raises: all are ``ValueError``, all say what is wrong, where, and what would be right."""
 
 import reprlib
+from importlib import import_module
+from types import ModuleType
 
 import numpy as np
 
@@ -80,3 +82,15 @@ def what_is(value) -> str:
     if callable(value) and name is not None:
         return f"the function {name}; call it: {name}()"
     return f"{'an' if kind[:1] in 'AEIOUaeiou' else 'a'} {kind}"
+
+
+def optional_package(name: str, extra: str, what: str) -> ModuleType:
+    """The module of a name, such as ``gsd.hoomd``; ParameterError, which says what needs it and which extra installs it, if it is not
+    there."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.partition(".")[0]
+        raise ParameterError(
+            f"{what} the package {package}, which cannot be imported ({error}); install it: pip install 'openmm-dpd[{extra}]'"
+        ) from None

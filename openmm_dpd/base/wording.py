@@ -1,8 +1,9 @@
 """How messages name quantities and beads: in OpenMM's units and counted from 0 for a script, as the deck does where one is carried out."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,9 @@ def overstretched(pairs: np.ndarray, r: np.ndarray, longest: np.ndarray, epsilon
         return f"the FENE bond between {bead_names(*pairs[bad[0]])} is {in_length(r[bad[0]])} long, which is not less than {limit}"
     bad = np.flatnonzero((r == 0) & (epsilon > 0))
     return f"{bead_names(*pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite" if len(bad) else None
+
+
+def fact_table(title: str, facts: Mapping[str, object]) -> str:
+    """An HTML table of names and values; None leaves a row out."""
+    rows = (f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in facts.items() if value is not None)
+    return f"<table><caption>{escape(title)}</caption>{''.join(rows)}</table>"

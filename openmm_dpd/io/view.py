@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
-from ..base.optional import optional_package
+from ..base.errors import ParameterError, optional_package, what_is
 from ..model.pairs import checked
 from ..model.scene import Scene
 from .outputs.pdb_file import pdb_text

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
-from ..base.html import fact_table
 from ..base.units import thermal_energy, to_md
-from ..base.wording import bead_number, either
+from ..base.wording import bead_number, either, fact_table
 from .angles import Angles, check_angles
 from .bonds import BondedTerms, Bonds, check_members
 from .dihedrals import Dihedrals, check_dihedrals

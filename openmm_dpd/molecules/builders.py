@@ -6,7 +6,7 @@ import numpy as np
 
 from ..base.errors import ParameterError, what_is
 from ..base.units import whole_number
-from .molecule import Bends, Molecule, Springs, Twists, bead_types, join
+from .molecule import Bends, Molecule, Springs, Twists, Types, bead_types, join
 
 
 def bead(type: str, *, charge=None, name: str = "") -> Molecule:
@@ -14,9 +14,7 @@ def bead(type: str, *, charge=None, name: str = "") -> Molecule:
     return Molecule((type,), name=name, charges=None if charge is None else (charge,))
 
 
-def linear(
-    types: Sequence[str] | str, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
-) -> Molecule:
+def linear(types: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
     """A chain.
 
     Parameters
@@ -34,9 +32,7 @@ def linear(
     return join(names, [(k, k + 1) for k in range(len(names) - 1)], spring, bend, twist=twist, name=name, charges=charges)
 
 
-def block_copolymer(
-    blocks: Sequence[str] | str, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
-) -> Molecule:
+def block_copolymer(blocks: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
     """A chain of blocks, ``"A6B4"`` or ``"A3B6A3"``; at least two types must appear.  Parameters as for :func:`linear`."""
     names = bead_types(blocks)
     if len(set(names)) < 2:
@@ -45,14 +41,7 @@ def block_copolymer(
 
 
 def surfactant(
-    head: Sequence[str] | str,
-    tail: Sequence[str] | str,
-    spring: Springs,
-    bend: Bends = None,
-    *,
-    twist: Twists = None,
-    name: str = "",
-    charges=None,
+    head: Types, tail: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
 ) -> Molecule:
     """A chain with the head first, so that :class:`openmm_dpd.molecules.Bilayer` knows which end points outwards.
 
@@ -66,9 +55,7 @@ def surfactant(
     return linear(bead_types(head) + bead_types(tail), spring, bend, twist=twist, name=name, charges=charges)
 
 
-def ring(
-    types: Sequence[str] | str, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
-) -> Molecule:
+def ring(types: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
     """A closed chain of at least three beads; parameters as for :func:`linear`."""
     names = bead_types(types)
     if len(names) < 3:
@@ -77,8 +64,8 @@ def ring(
 
 
 def branched(
-    backbone: Sequence[str] | str,
-    branches: Mapping[int, Sequence[str] | str | list],
+    backbone: Types,
+    branches: Mapping[int, Types | list],
     spring: Springs,
     bend: Bends = None,
     *,
@@ -117,14 +104,7 @@ def branched(
 
 
 def star(
-    core: str,
-    arms: Sequence[Sequence[str] | str],
-    spring: Springs,
-    bend: Bends = None,
-    *,
-    twist: Twists = None,
-    name: str = "",
-    charges=None,
+    core: str, arms: Sequence[Types], spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
 ) -> Molecule:
     """Chains that start from one bead.
 
@@ -143,8 +123,8 @@ def star(
 
 
 def lipid(
-    head: Sequence[str] | str,
-    tails: Sequence[Sequence[str] | str],
+    head: Types,
+    tails: Sequence[Types],
     spring: Springs,
     bend: Bends = None,
     *,

@@ -9,17 +9,18 @@ from itertools import combinations, groupby, product
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
-from ..base.html import fact_table
 from ..base.units import to_md, whole_number
+from ..base.wording import fact_table
 from ..model.owned import known_under
 from .rings import neighbours_of
 from .terms import AnyBend, AnySpring, AnyTwist
 
+#: Types of beads, one by one or as text.
+Types = Sequence[str] | str
 #: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
 Springs = object | Mapping[tuple[str, str], object]
 #: A bend, or bends by the types of the three beads.
 Bends = object | Mapping[tuple[str, str, str], object] | None
-
 #: A twist, or twists by the types of the four beads.
 Twists = object | Mapping[tuple[str, str, str, str], object] | None
 
@@ -155,7 +156,7 @@ def formula(types: Sequence[str]) -> str:
     return "".join(name if count == 1 else f"{name}{count}" for name, count in runs)
 
 
-def bead_types(types: Sequence[str] | str) -> tuple[str, ...]:
+def bead_types(types: Types) -> tuple[str, ...]:
     """Types of beads: a sequence of names as it is, text such as ``"A6B4"`` or ``"(A2B)3"`` read by :func:`sequence`."""
     if isinstance(types, str):
         return sequence(types)

@@ -4,7 +4,7 @@ import numpy as np
 from openmm import app, unit
 
 from ..analysis.frames import Beads, Trajectories, frames_of, of_types, two_selected
-from ..analysis.molecules import molecule_labels
+from ..analysis.unwrapping import molecule_labels
 from ..base.errors import ParameterError
 from ..base.neighbours import connected, pairs_within
 from ..base.stats import Average, block_average

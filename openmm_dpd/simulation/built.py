@@ -6,9 +6,8 @@ import openmm
 from openmm import app, unit
 
 from ..base.errors import ParameterError, PlanError, what_is
-from ..base.html import fact_table
 from ..base.platforms import fastest_platform
-from ..base.wording import either
+from ..base.wording import either, fact_table
 from ..io.view import view
 from ..plan.explain import explain_plan
 from ..plan.plan import Plan

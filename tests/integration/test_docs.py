@@ -14,8 +14,8 @@ import openmm_dpd as dpd
 from openmm_dpd import __main__ as cli
 from openmm_dpd.base.names import Phase
 from openmm_dpd.lammps.commands.beads import GROUP_STYLES, SETTERS
+from openmm_dpd.lammps.commands.interactions import HYBRID
 from openmm_dpd.lammps.commands.output import THERMO_OPTIONS
-from openmm_dpd.lammps.commands.pairs import HYBRID
 from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES, JOINED
 from openmm_dpd.lammps.state.lattice import CELLS
 from openmm_dpd.lammps.state.regions import REGION_STYLES

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import ParameterError
+from ...base.errors import ParameterError, optional_package
 from ...base.files import writing
-from ...base.optional import optional_package
 from ...base.units import unit_system
 from ...model.scene import Scene
 from .snapshot import FrameReporter, Snapshot, scene_of

@@ -1,6 +1,6 @@
-"""The data file of an exported scene: bead types, box, beads, bonds, angles and dihedrals."""
+"""An exported scene in LAMMPS's words: the data file with bead types, box, beads, bonds, angles and dihedrals, and the styles of these."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,12 @@ from ...model.flow import gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
-from ...plan.kinds import kind_for
+from ...plan.kinds import bonded_kind, kind_for
 from ..files.atom_styles import JOINED
 from ..files.data_file import DataFile
 from ..state.box import Box
-from ..styles.writing import Differences
+from ..styles.bonded_styles import bonded_styles
+from ..styles.writing import Differences, exact
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15
@@ -188,3 +189,45 @@ def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
     if isinstance(internal, BeadTemperatures):
         return {"temperature": internal.values(n)[:, 0] / units.thermal_energy, "capacity": internal.heat_capacities(n)}
     return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)} if isinstance(internal, Concentrations) else {}
+
+
+#: Most types of bonds, angles or dihedrals.
+_MOST_BONDED = 100000
+
+
+def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
+    """The bonds, angles or dihedrals (``what``) of a scene, with one type for each set of coefficients."""
+    types: dict[tuple[str, str], int] = {}
+    rows = [np.zeros((0, JOINED[what][0] + 1), dtype=np.int64)]
+    for term in getattr(scene, f"{what}s"):
+        style = bonded_kind(type(term)).style
+        if style is None:
+            raise ParameterError(f"{what}s of kind {type(term).__name__} cannot be exported to LAMMPS")
+        beads, values = term.beads, np.column_stack(bonded_styles(what)[style].columns.of(term, units))
+        different, which = np.unique(values, axis=0, return_inverse=True)
+        numbered = [types.setdefault((style, exact(row)), len(types) + 1) for row in different]
+        if len(beads):
+            rows.append(np.column_stack([np.array(numbered)[which.ravel()], beads]))
+    if len(types) > _MOST_BONDED:
+        raise ParameterError(f"the {what}s have {len(types)} different sets of coefficients; at most {_MOST_BONDED} types are exported")
+    return Bonded(np.concatenate(rows), tuple(types))
+
+
+def style_lines(what: str, terms: Bonded) -> Iterator[str]:
+    """``bond_style``, ``angle_style`` or ``dihedral_style``, and the coefficients."""
+    if not len(terms.rows):
+        return
+    styles = list(dict.fromkeys(style for style, _ in terms.types))
+    yield f"{what}_style {'hybrid ' if len(styles) > 1 else ''}{' '.join(styles)}"
+    for k, (style, words) in enumerate(terms.types, start=1):
+        yield f"{what}_coeff {k} {style + ' ' if len(styles) > 1 else ''}{words}"
+
+
+def longest_bond(scene: Scene) -> float:
+    """Length of the longest bond at the start or at rest, nm; of all that an angle or a dihedral reaches across, together."""
+    lengths = [0.0]
+    for bonds in scene.bonds:
+        if len(bonds.pairs):
+            lengths.append(float(bonds.lengths(scene.positions, scene.box).max()))
+            lengths.append(float(np.max(bonds.longest())))
+    return (3.0 if scene.dihedrals else 2.0 if scene.angles else 1.0) * max(lengths)

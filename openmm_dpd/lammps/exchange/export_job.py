@@ -18,12 +18,24 @@ from ...model.temperature import TemperatureRamp
 from ...plan.choices import checked_seed
 from ...simulation.build import initial_velocities
 from ..files.atom_styles import JOINED
-from ..files.data_lines import data_lines
+from ..files.data_file import data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
 from ..styles.writing import Differences, PairExport, StyleUse, exact, group_lines
-from .export_beads import BeadTypes, Bonded, atom_style_line, atom_styles, data_file, lammps_box, lammps_types, longest_cutoff, species_of
-from .export_bonded import bonded_types, longest_bond, style_lines
+from .export_beads import (
+    BeadTypes,
+    Bonded,
+    atom_style_line,
+    atom_styles,
+    bonded_types,
+    data_file,
+    lammps_box,
+    lammps_types,
+    longest_bond,
+    longest_cutoff,
+    species_of,
+    style_lines,
+)
 from .export_fixes import Integrator, choose_integrator, eos_lines, flow_lines, integrator_lines, source_lines
 from .export_pairs import charge_lines, pair_lines, pair_uses, special_line
 

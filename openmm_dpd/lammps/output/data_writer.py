@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 
 from ..files.atom_styles import ARRAYS, JOINED
-from ..files.data_file import DataFile
-from ..files.data_lines import data_lines
+from ..files.data_file import DataFile, data_lines
 from ..state.deck_state import DeckState
 from ..styles.bonded_styles import bonded_styles
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...base.errors import DeckError, OutputError, ParameterError
 from ...base.files import digest
 from ...base.wording import read_by
-from ..commands import beads, bonded, box, fixes, moving, output, pairs  # noqa: F401  each enters its commands
+from ..commands import beads, box, fixes, interactions, moving, output  # noqa: F401  each enters its commands
 from ..commands.setup import COMMANDS, command
 from ..language import arguments as read
 from ..language.arguments import INSTEAD

@@ -1,6 +1,6 @@
 """Pair styles: each file says how its styles read and write their words, and which pair term of the model they are.
 
-A style is one entry of the ``STYLES`` of its file; the commands in ``commands/pairs.py`` know none of them by name.
+A style is one entry of the ``STYLES`` of its file; the commands in ``commands/interactions.py`` know none of them by name.
 :func:`pair_tables` makes the tables of a scene.
 """
 

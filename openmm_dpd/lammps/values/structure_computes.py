@@ -6,7 +6,7 @@ import numpy as np
 
 from ...analysis.chains import gyration_tensors
 from ...analysis.diffusion import mean_squares
-from ...analysis.distances import distribution_of_counts
+from ...analysis.structure import distribution_of_counts
 from ...base.errors import ParameterError
 from ...base.neighbours import pairs_within
 from ...model.bonds import bonded_neighbours

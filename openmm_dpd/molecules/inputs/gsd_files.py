@@ -5,9 +5,8 @@ from copy import deepcopy
 
 import numpy as np
 
-from ...base.errors import ParameterError, what_is
+from ...base.errors import ParameterError, optional_package, what_is
 from ...base.geometry import reduced
-from ...base.optional import optional_package
 from ...base.units import unit_system, whole_number
 from ...io.outputs.gsd_file import MOLECULES
 from ...model.scene import Scene
