@@ -29,13 +29,12 @@ def has_set_temperature(plan: Plan) -> bool:
     """Whether the kinetic temperature of a run ought to be the set one all the time.
 
     Not with a ramp, where forces are taken from beads, or where a body force or a moving wall drives a flow, whose energy the kinetic
-    temperature counts, or a shear, whose work heats.
+    temperature counts.  In a shear it is relative to the flow, and too high where friction does not remove the work of the shear.
     """
     scene = plan.scene
     moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
     moving_wall = moving_wall or any(np.any(wall.velocity) for wall in scene.walls if wall.velocity is not None)
-    driven = scene.body_forces or moving_wall or scene.shear is not None
-    return sets_temperature(plan) and plan.options.ramp is None and not (driven or scene.interacting is not None)
+    return sets_temperature(plan) and plan.options.ramp is None and not (scene.body_forces or moving_wall or scene.interacting is not None)
 
 
 def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str = "") -> str | None:
@@ -72,7 +71,7 @@ def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str 
     return (
         f"the kinetic temperature of the last {len(rows)} rows is {average.mean:.4g}{unit}, {100 * abs(off) / target:.3g} % "
         f"{'above' if off > 0 else 'below'} the set {target:.4g}{unit}; "
-        "the step size may be too long, or the beads flow or have not settled"
+        "the step size may be too long, a shear may heat the beads, or they flow or have not settled"
     )
 
 

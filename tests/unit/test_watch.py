@@ -65,7 +65,7 @@ def test_scenes_with_a_set_temperature():
     still, moving = np.zeros((81, 3)), np.zeros((81, 3))
     moving[0, 0] = 1.0
     mobile = np.arange(81) > 0
-    assert has_set_temperature(plan())
+    assert has_set_temperature(plan()) and has_set_temperature(plan(shear=dpd.LeesEdwards(0.2)))
     assert has_set_temperature(plan(mobile=mobile, velocities=still))
     assert not has_set_temperature(plan(mobile=mobile, velocities=moving))
     assert not has_set_temperature(plan(body_forces=[dpd.BodyForce([0.1, 0, 0])]))
