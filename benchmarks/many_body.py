@@ -25,7 +25,7 @@ from atlas_parts.store import Store, carry_out
 from atlas_parts.summary import short, write
 
 import openmm_dpd as dpd
-from openmm_dpd.simulation.advice.many_body import liquid_density, stiffness
+from openmm_dpd.simulation.advice.scene_groups import liquid_density, stiffness
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "openmm_dpd" / "simulation" / "advice" / "many_body.json"

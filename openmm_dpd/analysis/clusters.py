@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
-from ..base.neighbours import connected, pairs_within
+from ..base.geometry import connected, pairs_within
 from ..base.stats import Average, ratio_average
 from ..base.units import whole_number
 from .frames import Beads, Trajectories, frames_of, positive_number, selected

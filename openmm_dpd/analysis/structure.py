@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..base.errors import ParameterError
-from ..base.neighbours import pairs_within
+from ..base.geometry import pairs_within
 from ..base.stats import block_average
 from ..base.units import whole_number
 from .curves import Curve, curve_of, curve_of_averages

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from ..base.errors import ParameterError, what_is
-from ..base.neighbours import connected, graph
+from ..base.geometry import connected, graph
 from .frames import Frame
 
 if TYPE_CHECKING:

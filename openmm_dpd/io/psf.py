@@ -8,7 +8,7 @@ import numpy as np
 
 from ..base.errors import ParameterError, what_is
 from ..base.files import write_whole
-from ..base.neighbours import connected
+from ..base.geometry import connected
 from ..base.units import to_md
 from ..base.wording import bead_number
 

@@ -6,6 +6,8 @@ Phys. Rev. Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pre
 r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
 """
 
+from functools import cached_property
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,180 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError, RunError, what_is
-from ..base.names import KT
+from ..base.names import COULOMB_GROUP, EXTERNAL_GROUP, KT, LATTICE_GROUP
+from ..base.openmm_private import bare
+from ..kernels.fields import ENERGY, TEMPERATURE
+from ..kernels.layer import LAPLACIAN
+from ..kernels.motion import second_moments
 from ..plan.host import Freedom
+from ..plan.kinds import resolved_kind
+from ..plan.made import groups_of
+from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
-from .sample import SystemSample
-from .scene_samples import SceneSampler
+from .present import Present
+from .sample import Sample, SystemSample
+from .stress_parts import angle_sums, bond_sums, dihedral_sums
 from .temperature import check_context
+
+_NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
+
+
+class SceneSampler:
+    """Temperatures, energies, virials and momentum of a scene."""
+
+    def __init__(self, built: BuiltSystem):
+        self.built, self.plan = built, built.plan
+        self.present = Present(built)
+        self._mass = self.present.mass
+        self._mobile = self._mass > 0
+        self._counted, self._n_mobile = self._mobile.astype(float), int(self._mobile.sum())
+
+    @property
+    def no_laplacian(self) -> str | None:
+        """Why there is no configurational temperature, or None."""
+        others = self.present.foreign(self.built.system.getForces())
+        if others and self.plan.scene.interacting is None:
+            return f"the System has forces that are not the scene's ({_names(others)}), whose Laplacian is not known"
+        return self._no_laplacian
+
+    @cached_property
+    def _no_laplacian(self) -> str | None:
+        """Why the scene itself has none, or None."""
+        if self.plan.scene.interacting is not None:
+            return "on some beads only body forces act"
+        overlays, terms = (
+            next(filter(None, (resolved_kind(table).why_no_laplacian(table) for table in tables)), None)
+            for tables in (self.plan.overlays, self.plan.layers)
+        )
+        if overlays:
+            return overlays
+        if self.plan.scene.segments is not None:
+            return "the segmental repulsion has no Laplacian here"
+        if self.plan.scene.electrostatics is not None:
+            return "the interaction of charges has no Laplacian here"
+        if self.plan.driven is not None and self.plan.driven.continuum is not None:
+            return "what is behind walls has no Laplacian here"
+        if terms:
+            return terms
+        if self.plan.engine.lacks(["Laplacian"]):
+            return f"the engine {self.plan.engine.name!r} has no Laplacian"
+        if not self.plan.layers or (self.plan.execution.conservative == "none" and not self.plan.scene.bonded):
+            return "there is no conservative force"
+        return None
+
+    @property
+    def uncounted(self) -> str | None:
+        """Names of forces that do not count in virials and pressures, because somebody else added them to the System; None without any."""
+        return _names(self.present.foreign(self.built.system.getForces())) or None
+
+    @staticmethod
+    def _half(weights: np.ndarray, vectors: np.ndarray) -> float:
+        """Half the sum of weight times square."""
+        return 0.5 * float(second_moments(weights, vectors)[:3].sum())
+
+    def sample(self, context: openmm.Context) -> Sample:
+        """Measure the present state of a Context."""
+        plan, present = self.plan, self.present
+        looked = present.look(context)
+        x, v, box, mobile = present.x, present.v, present.box, self._mobile
+        others = present.others
+        found = present.conservative(LAPLACIAN * (not others and self._no_laplacian is None and present.engine is not None))
+        potential, every = found.potential, found.force
+        # velocities behind the positions would show as a spurious drag of pairs that repel
+        on_step = present.on_step(every)
+        kinetic = self._half(self._mass, v)
+        if not isfinite(potential + kinetic):
+            long = ", or a bond too long" if any(bonds.limited for bonds in plan.scene.bonds) else ""
+            raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
+        bond, bond_laplacian = bond_sums(plan, x, box, mobile)
+        angle, angle_laplacian = angle_sums(plan, x, box, mobile)
+        dihedral, dihedral_laplacian = dihedral_sums(plan, x, box, mobile)
+        friction = present.friction(on_step, found)
+        short, lattice = present.charges[:2] if "charges" in self.plan.execution.held else charge_energies(context, self.plan)
+        pushed = every = friction.force
+        if plan.scene.interacting is not None:
+            pushes = context.getState(forces=True, groups={EXTERNAL_GROUP}).getForces(asNumpy=True).value_in_unit(_KJ / _NM)
+            pushed = np.where(plan.scene.interacting, every, pushes)
+        other, theirs = 0.0, set().union(*map(groups_of, others))
+        if others:
+            other = context.getState(energy=True, groups=theirs).getPotentialEnergy().value_in_unit(_KJ)
+        if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
+            # what is left of -f.x where nothing is to be said of it, see forces/external.py
+            potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
+        laplacian = found.pairs.laplacian
+        if laplacian is not None:
+            laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian
+        pair, kinetic_on_step = potential - bond - angle - dihedral - other, kinetic if on_step is v else self._half(self._mass, on_step)
+        return Sample(
+            step=looked.getStepCount(),
+            time=bare(looked.getTime()),
+            n_mobile=self._n_mobile,
+            dof=self._degrees_of_freedom(others),
+            kinetic=kinetic,
+            pair=pair,
+            potential=pair + bond + angle + dihedral + other,
+            other=other,
+            bond=bond,
+            angle=angle,
+            dihedral=dihedral,
+            coulomb_real=short,
+            coulomb_reciprocal=lattice,
+            virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()),
+            virial_dissipative=friction.dissipative,
+            virial_random=friction.random,
+            volume=None if box is None else float(box[0, 0] * box[1, 1] * box[2, 2]),
+            box=box,
+            gradient2=2.0 * self._half(self._counted, found.force),
+            laplacian=laplacian,
+            momentum=self._mass @ v,
+            target_kT=present.kT,
+            kinetic_on_step=kinetic_on_step,
+            kinetic_pressure=0.5 * float(present.kinetic_stress(on_step, found.force)[:3].sum()) if present.corrected else kinetic_on_step,
+            mobile=mobile,
+            forces=pushed,
+            untaken=every,
+            **self._internal(present.values, mobile),
+        )
+
+    def _degrees_of_freedom(self, others: list[openmm.Force]) -> int:
+        """Those of the beads that move, less one for each component of the momentum that is kept, if there is more than one."""
+        found, kept = self._free
+        theirs = any(isinstance(force, openmm.CustomExternalForce) for force in others)
+        return found if theirs or found <= 3 else found - kept
+
+    @cached_property
+    def _free(self) -> tuple[int, int]:
+        """Components of the velocities of beads that move, and those of the momentum that are kept."""
+        scene = self.plan.scene
+        return 3 * self._n_mobile if scene.interacting is None else int(scene.interacting[self._mobile].sum()), scene.kept_momenta
+
+    def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, float]:
+        """Sums over the internal energies of the mobile beads."""
+        fields = self.plan.spec.fields
+        if fields is None or values is None or fields.kind not in (ENERGY, TEMPERATURE):
+            return {}
+        if fields.kind == TEMPERATURE:
+            assert fields.capacity is not None
+            theta, sums = values[mobile, 0], {"internal": float(fields.capacity[mobile] @ values[mobile, 0])}
+        else:
+            assert fields.eos is not None
+            theta = fields.eos.thetas(values.sum(axis=1))[mobile]
+            sums = {"internal": float(values[mobile].sum()), "conductive": float(values[mobile, 0].sum())}
+        return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
+
+
+def charge_energies(context: openmm.Context, plan: Plan) -> tuple[float, float]:
+    """Energy of the charges of a scene, kJ/mol: the short-ranged part with what is taken out for bonded neighbours, and the lattice sum."""
+    if plan.scene.electrostatics is None:
+        return 0.0, 0.0
+    short, lattice = (
+        context.getState(energy=True, groups={group}).getPotentialEnergy().value_in_unit(_KJ) for group in (COULOMB_GROUP, LATTICE_GROUP)
+    )
+    return short, lattice
+
+
+def _names(forces: list[openmm.Force]) -> str:
+    return ", ".join(dict.fromkeys(force.getName() for force in forces))
 
 
 class SystemSampler:

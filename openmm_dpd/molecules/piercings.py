@@ -6,8 +6,7 @@ import numpy as np
 from openmm import app
 
 from ..base.errors import ParameterError, what_is
-from ..base.geometry import minimum_images, widths
-from ..base.neighbours import pairs_within
+from ..base.geometry import minimum_images, pairs_within, widths
 from ..base.units import position_array, whole_number
 from ..model.scene import box_vectors
 from .rings import neighbours_of, small_rings, within_bonds

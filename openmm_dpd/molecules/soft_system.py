@@ -7,7 +7,7 @@ import openmm
 from openmm import app, unit
 
 from ..base.errors import ParameterError, PlanError
-from ..base.neighbours import pairs_within
+from ..base.geometry import pairs_within
 from ..base.units import to_md
 from ..plan.made import BAROSTATS, LISTED
 

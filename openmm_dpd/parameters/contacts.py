@@ -6,7 +6,7 @@ from openmm import app, unit
 from ..analysis.frames import Beads, Trajectories, frames_of, of_types, two_selected
 from ..analysis.unwrapping import molecule_labels
 from ..base.errors import ParameterError
-from ..base.neighbours import connected, pairs_within
+from ..base.geometry import connected, pairs_within
 from ..base.stats import Average, block_average
 from ..base.units import whole_number
 from ..measure.observer import require_built

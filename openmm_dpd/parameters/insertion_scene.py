@@ -8,8 +8,7 @@ import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
 from ..base.errors import ParameterError, what_is
-from ..base.geometry import minimum_images, widths
-from ..base.neighbours import graph
+from ..base.geometry import graph, minimum_images, widths
 from ..model.pairs import NONE, SoftRepulsion
 from ..model.scene import Scene
 from ..model.table import PairTable

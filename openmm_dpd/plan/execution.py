@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..base.errors import PlanError
-from ..base.neighbours import coincident_pairs
+from ..base.geometry import coincident_pairs
 from ..base.wording import bead_names, bead_number
 from ..model.flow import BodyForce
 from ..model.pairs import NONE

@@ -4,8 +4,8 @@ import numpy as np
 import openmm
 
 from ..base.errors import PlanError
+from ..base.geometry import coincident_pairs
 from ..base.names import BONDED_GROUP, COULOMB_GROUP, LAST_POTENTIAL_GROUP, LATTICE_GROUP, PAIR_GROUP, POTENTIAL_GROUP
-from ..base.neighbours import coincident_pairs
 from ..base.wording import bead_names
 from ..model.flow import PositionForce, gaps
 from ..plan.forces.bonded import molecules

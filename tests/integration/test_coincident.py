@@ -9,7 +9,7 @@ from openmm import unit
 from scenes import EXTENDED, D, beads, oracle_params, run_of, state_of, stepped
 
 import openmm_dpd as dpd
-from openmm_dpd.base.neighbours import coincident_pairs
+from openmm_dpd.base.geometry import coincident_pairs
 
 CONSERVATIVE = pytest.mark.parametrize("conservative", ["kernel", "openmm"])
 DISTANCES = pytest.mark.parametrize("distance", [0.0, 1e-12])

@@ -15,7 +15,7 @@ from openmm_dpd.analysis import (
     radial_distribution,
     structure_factor,
 )
-from openmm_dpd.base.neighbours import pairs_within
+from openmm_dpd.base.geometry import pairs_within
 from openmm_dpd.trajectory import bead_element
 
 TILTED = np.array([[6.0, 0.0, 0.0], [1.7, 5.0, 0.0], [-1.1, 2.0, 7.0]])

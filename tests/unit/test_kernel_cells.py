@@ -8,7 +8,7 @@ import pytest
 from scenes import BOX, BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params, ready
 
 from openmm_dpd import RunError
-from openmm_dpd.base.neighbours import coincident_pairs
+from openmm_dpd.base.geometry import coincident_pairs
 from openmm_dpd.kernels import threads as thread_count
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine, PairSpec

@@ -11,8 +11,7 @@ from scenes import BOXES as MORE_BOXES, MASSES, beads
 
 import openmm_dpd as dpd
 from openmm_dpd.plan.extra_forces import extras, radial_terms
-from openmm_dpd.plan.forces.expressions import exception_force, nonbonded_force
-from openmm_dpd.plan.forces.overlays import energy_spline
+from openmm_dpd.plan.forces.expressions import energy_spline, exception_force, nonbonded_force
 from openmm_dpd.plan.forces.segments import segment_force, segment_spec
 from openmm_dpd.plan.kinds import resolved_kind
 

@@ -8,7 +8,7 @@ from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, be
 
 from openmm_dpd.analysis import radial_distribution
 from openmm_dpd.base.errors import DeckError
-from openmm_dpd.base.neighbours import pairs_within
+from openmm_dpd.base.geometry import pairs_within
 from openmm_dpd.lammps import RunOptions, run_deck
 
 

@@ -6,9 +6,8 @@ from cases import cases, raises
 
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES
-from openmm_dpd.simulation.advice.many_body import liquid_density
 from openmm_dpd.simulation.advice.recommend import advice, predicted_error, recommend
-from openmm_dpd.simulation.advice.scene_groups import charge_frequency, groups
+from openmm_dpd.simulation.advice.scene_groups import charge_frequency, groups, liquid_density
 from openmm_dpd.simulation.advice.stability_table import LEVELS, Groups, StabilityTable, shipped_table
 from openmm_dpd.simulation.advice.transport_steps import TransportTable
 

@@ -11,7 +11,7 @@ from ...base.files import write_whole, writing
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
 from ...plan.plan import Plan
-from ...simulation.build import BuiltSystem
+from ...simulation.built import BuiltSystem
 from ..run.options import RunOptions, first_request
 from .export_job import DUMP, FINAL, Job, export_texts, make_job
 

@@ -11,10 +11,10 @@ from ...base.names import SHEARED
 from ...kernels.motion import second_moments
 from ...kernels.shear import rate_at, strain_at
 from ...measure import Sample
+from ...measure.observer import SceneSampler
 from ...measure.present import require_stress, why_no_stress
-from ...measure.scene_samples import SceneSampler
 from ...model.schemes import scheme_of
-from ...simulation.build import BuiltSystem
+from ...simulation.built import BuiltSystem
 from ...simulation.fields import read_fields
 from ..state.records import FORCE_FIXES, NO_SLIDE, VECTOR_FIXES, DeckSample, Slide
 from ..values.resolver import Resolver, evaluate_beads

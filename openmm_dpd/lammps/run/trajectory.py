@@ -12,7 +12,7 @@ from ...io.dcd import DCDWriter
 from ...io.trajectory import write_psf
 from ...io.xtc import XTCWriter
 from ...model.scene import Scene
-from ...simulation.build import BuiltSystem
+from ...simulation.built import BuiltSystem
 from ...simulation.field_file import FieldWriter, has_fields
 from ...simulation.fields import read_fields
 from .request import RunRequest

@@ -8,7 +8,7 @@ from ...analysis.chains import gyration_tensors
 from ...analysis.diffusion import mean_squares
 from ...analysis.structure import distribution_of_counts
 from ...base.errors import ParameterError
-from ...base.neighbours import pairs_within
+from ...base.geometry import pairs_within
 from ...model.bonds import bonded_neighbours
 from ..language import arguments as read
 from ..state.deck_state import DeckState

@@ -1,14 +1,20 @@
 """Pair potentials as OpenMM expressions, and the forces made from them.
 
 Every radial potential becomes one :class:`PairExpression`; the same text serves the CustomNonbondedForce and the bond force that puts back
-scaled or coincident pairs.
+scaled or coincident pairs.  To add one beside the DPD terms (an overlay): a coefficient class in ``model/pairs.py``, an expression here, a
+record in ``kinds/overlays.py``.  Of many-body DPD, the attraction is such an expression, and the repulsion a CustomGBForce: a value rho_i
+of each bead, summed over pairs, and its energy.  With the Lucy kernel there is no potential, and the pair kernel computes the force.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import openmm
+import scipy
+
+from ...model.mdpd import check_many_body
+from ...model.pairs import LennardJones, TabulatedPair
 
 #: Distance (nm) below which two beads are at the same point.
 COINCIDENT = 1e-10
@@ -129,3 +135,91 @@ def _name(force: openmm.Force, expression: PairExpression, what: str) -> None:
     force.setName(expression.name + what)
     for name, make in expression.functions.items():
         force.addTabulatedFunction(name, make())
+
+
+#: Points of a resampled table: the spline through them differs from the original one by less than float32 rounding.
+_POINTS = 4000
+
+
+def lennard_jones_shift(c: LennardJones) -> float:
+    """What is taken off the energy: that at the cutoff, if it is to be 0 there."""
+    s6 = (c.sigma / c.cutoff) ** 6
+    return 4 * c.epsilon * (s6 * s6 - s6) if c.shift else 0.0
+
+
+def lennard_jones_expression(table: Mapping, names: list[str]) -> PairExpression:
+    """U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) - shift for r < rc."""
+    energy = "(4*epsilon*(s6*s6-s6)-shift); s6=(sigma/r)^6"
+    # sigma is 0 where there is no interaction: (1/r)^12 would overflow where soft beads overlap
+    columns = {"epsilon": (lambda c: c.epsilon, 0.0), "sigma": (lambda c: c.sigma, 0.0), "shift": (lennard_jones_shift, 0.0)}
+    return radial_expression("Lennard-Jones", table, names, energy, columns)
+
+
+def energy_spline(pair: TabulatedPair) -> "scipy.interpolate.PPoly":
+    """Energy as a smooth function of the distance: through energies and forces if both are given."""
+    if pair.forces is None:
+        return scipy.interpolate.CubicSpline(pair.distances, pair.energies)
+    return scipy.interpolate.CubicHermiteSpline(pair.distances, pair.energies, -pair.forces)
+
+
+def tabulated_expression(table: Mapping, names: list[str]) -> PairExpression:
+    """Sum over the distinct tables of (its number = number of the type pair) * table(r); constant force below a table's first distance."""
+    pairs = list({id(c): c for c in table.values() if c.cutoff > 0}.values())
+    numbers = {id(c): k for k, c in enumerate(pairs)}
+    which = type_pairs(table, names, lambda c: numbers[id(c)], -1)
+    single = bool(np.all(which == 0))
+    functions = {} if single else {"which": type_table(which)}
+    energies, definitions = [], "" if single else "; number=which(type1, type2)"
+    cutoff = max(pair.cutoff for pair in pairs)
+    for k, pair in enumerate(pairs):
+        high = float(pair.distances[-1])
+        functions[f"energy{k}"] = _curve(_resampled(pair), high)
+        # OpenMM's tables are 0 beyond their end, and the force ends at its cutoff: a gate is needed only in between
+        gate = f"step({pair.cutoff!r}-r)*" if pair.cutoff < min(high, cutoff) or high > cutoff else ""
+        gate += "" if single else f"delta(number-{k})*"
+        energies.append(f"{gate}energy{k}(r)")
+    return PairExpression(name="tabulated pair potential", energy="+".join(energies) + definitions, cutoff=cutoff, functions=functions)
+
+
+def _resampled(pair: TabulatedPair) -> np.ndarray:
+    """Energy on an even grid from 0 to the table's end; constant force below the table's first distance."""
+    low, high = pair.distances[0], pair.distances[-1]
+    spline = energy_spline(pair)
+    grid = np.linspace(0.0, high, max(_POINTS, 2 * len(pair.distances)))
+    inside = np.maximum(grid, low)
+    return spline(inside) - spline(inside, 1) * (inside - grid)
+
+
+def _curve(values: np.ndarray, high: float):
+    return lambda: openmm.Continuous1DFunction(values, 0.0, high)
+
+
+def attraction_expression(table: Mapping, names: list[str]) -> PairExpression:
+    """The attraction A cutoff w^2/2 of one table of MDPD coefficients {(type, type): MDPD or NONE}."""
+    return replace(dpd_expression(table, names), name="MDPD attraction")
+
+
+def density_force(
+    table: Mapping, names: list[str], types: np.ndarray, exclusions: list[tuple[int, int]], periodic: bool
+) -> openmm.CustomGBForce:
+    """The energy sum over i of pi B h^4 rho_i^2/30, rho_i = sum over j of 15/(2 pi h^3) (1 - r/h)^2, as a CustomGBForce.  Bonded neighbours
+    in ``exclusions`` do not count in each other's density.  ParameterError if the coefficients do not go together."""
+    coefficient = check_many_body(table)
+    h = coefficient.cutoff_B
+    interacts = type_pairs(table, names, lambda c: 1.0, 0.0)
+    typed = not np.all(interacts == 1.0)
+    force = openmm.CustomGBForce()
+    force.setName("MDPD density")
+    if typed:
+        force.addPerParticleParameter("type")
+        force.addTabulatedFunction("interacts", type_table(interacts)())
+    factor = "interacts(type1, type2)*" if typed else ""
+    force.addComputedValue("rho", f"{factor}step(h-r)*{7.5 / (np.pi * h**3)!r}*(1-r/h)^2; h={h!r}", force.ParticlePair)
+    force.addEnergyTerm(f"{np.pi * coefficient.B * h**4 / 30!r}*rho^2", force.SingleParticle)
+    for kind in types.tolist():
+        force.addParticle([kind] if typed else [])
+    for i, j in exclusions:
+        force.addExclusion(i, j)
+    force.setNonbondedMethod(force.CutoffPeriodic if periodic else force.CutoffNonPeriodic)
+    force.setCutoffDistance(h)
+    return force

@@ -4,8 +4,7 @@ import numpy as np
 
 from ...kernels.radial import Tables
 from ...model.pairs import LennardJones, TabulatedPair
-from ..forces.expressions import type_pairs
-from ..forces.overlays import energy_spline, lennard_jones_expression, lennard_jones_shift, tabulated_expression
+from ..forces.expressions import energy_spline, lennard_jones_expression, lennard_jones_shift, tabulated_expression, type_pairs
 from .record import Curves, Kind, Resolved, register
 
 

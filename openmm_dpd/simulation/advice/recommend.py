@@ -13,8 +13,7 @@ from ...model.schemes import SCHEMES, scheme_of
 from ...plan.plan import make_plan
 from ..mixed_system import MixedSystem
 from .bonded_modes import Modes, bonded_modes, why_no_step
-from .many_body import is_many_body
-from .scene_groups import charge_frequency, groups, steps_table, surroundings
+from .scene_groups import charge_frequency, groups, is_many_body, steps_table, surroundings
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable
 from .transport_steps import MEASURED, MeasuredStep, shipped_transport
 
@@ -121,8 +120,8 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
     -----
     The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.simulation.advice.scene_groups.groups` combines layers and
     pairs of types.  A many-body liquid with the quadratic kernel has a table of its own
-    (:func:`openmm_dpd.simulation.advice.many_body.many_body_groups`). Bonds, angles and dihedrals limit the step by what each scheme does
-    to their vibrations (:mod:`openmm_dpd.simulation.advice.bonded_modes`), charges by that of two opposite ones on top of each other.
+    (:func:`openmm_dpd.simulation.advice.scene_groups.many_body_groups`).  Bonds, angles and dihedrals limit the step by what each scheme
+    does to their vibrations (:mod:`openmm_dpd.simulation.advice.bonded_modes`), charges by that of two opposite ones on top of each other.
     There is no recommendation for walls, segmental repulsion, mixtures of many-body beads, other potentials between beads or an
     attraction, without friction, and where the beads of a dihedral may come into line; ``notes`` say so.  The steps of ``native`` were
     measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.

@@ -1,0 +1,125 @@
+"""Kinds whose beads have fields: DPD with conserved energy, and the equations of state of its beads; eDPD, whose coefficients depend on the
+temperatures of the beads; tDPD, with species that diffuse between beads."""
+
+import numpy as np
+
+from ...kernels.edpd import ThermalTable
+from ...kernels.energy import EnergyTable
+from ...kernels.eos import CONSTANT, RESERVOIR, EOSTable
+from ...kernels.fields import ENERGY, SPECIES, TEMPERATURE, FieldSpec
+from ...kernels.tdpd import SpeciesTable
+from ...model.edpd import EDPD
+from ...model.energy_dpd import EnergyDPD
+from ...model.eos import ConstantHeatCapacity
+from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
+from ...model.scene import Scene
+from ...model.tdpd import TDPD
+from ..forces.expressions import dpd_expression
+from .record import BeadData, Kind, Resolved, register, symmetric_arrays
+
+
+def _terms(table: Resolved, beads: BeadData) -> EnergyTable:
+    return EnergyTable(**symmetric_arrays(table, beads.names, "A sigma kappa cutoff"))
+
+
+def _fields(scene: Scene) -> FieldSpec:
+    internal = scene.internal
+    assert isinstance(internal, InternalEnergy)
+    immobile = scene.immobile
+    initial = internal.energies(scene.type_ids, scene.type_names)
+    eos = eos_table(internal.by_type(scene.type_names), scene.type_ids, immobile, initial.sum(axis=1))
+    return FieldSpec(ENERGY, initial, immobile, eos=eos)
+
+
+def eos_table(by_type: list, type_ids: np.ndarray, immobile: np.ndarray, energies: np.ndarray) -> EOSTable:
+    """Equation of state of each bead, from that of its type and its energy at the start (for immobile beads)."""
+    capacity, curve = np.zeros(len(type_ids)), np.full(len(type_ids), CONSTANT, np.int32)
+    start, nodes, pieces = [0], [np.zeros(0)], [np.zeros((0, 5))]
+    numbers: dict[int, int] = {}
+    for k, eos in enumerate(by_type):
+        members = type_ids == k
+        if isinstance(eos, ConstantHeatCapacity):
+            capacity[members] = eos.capacity
+            continue
+        if id(eos) not in numbers:
+            numbers[id(eos)] = len(start) - 1
+            spline = eos.inverse_temperature
+            rows = np.column_stack([spline.c.T, spline.antiderivative()(eos.energies[:-1])])
+            nodes.append(eos.energies)
+            pieces.append(np.vstack([rows, np.zeros((1, 5))]))
+            start.append(start[-1] + len(eos.energies))
+        curve[members] = numbers[id(eos)]
+    table = EOSTable(capacity, curve, np.array(start, np.int64), np.concatenate(nodes), np.concatenate(pieces))
+    capacity[immobile], curve[immobile] = table.thetas(energies)[immobile], RESERVOIR
+    return table
+
+
+def _frictions(c: EnergyDPD, kT: float) -> list[tuple[float, float]]:
+    return [(c.sigma**2 / (2 * kT), 1.0)]
+
+
+register(
+    Kind(
+        coefficient=EnergyDPD,
+        terms=_terms,
+        potential=dpd_expression,
+        fields=_fields,
+        field_text="internal energy: conductive, mechanical, what rounding lost of them",
+        frictions=_frictions,
+    )
+)
+
+
+def _thermal_terms(table: Resolved, beads: BeadData) -> ThermalTable:
+    same = "A gamma kappa exponent exponent_T cutoff_T exponent_polynomial kappa_polynomial"
+    ranges = {"cutoff_F": lambda c: c.cutoff, "cutoff": lambda c: max(c.cutoff, c.cutoff_T)}
+    return ThermalTable(**symmetric_arrays(table, beads.names, same, **ranges), lammps=beads.compat == "lammps")
+
+
+def _temperatures(scene: Scene) -> FieldSpec:
+    internal = scene.internal
+    assert isinstance(internal, BeadTemperatures)
+    capacity = internal.heat_capacities(scene.n_beads)
+    return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), scene.immobile, capacity=capacity, sources=tuple(scene.sources))
+
+
+def _no_sweep(scene: Scene) -> str | None:
+    lammps = "EDPD with compat='lammps' has no pair updates: an update keeps the energy of a pair, which LAMMPS's heat does not"
+    return lammps if scene.compat == "lammps" else None
+
+
+register(
+    Kind(
+        coefficient=EDPD,
+        terms=_thermal_terms,
+        why_kernel_only=lambda *_: "the repulsion of EDPD depends on the temperatures of the beads, which no OpenMM force sees",
+        fields=_temperatures,
+        field_text="temperature of the bead",
+        no_sweep=_no_sweep,
+        why_no_laplacian=lambda _: "the repulsion depends on the temperatures of the beads (EDPD)",
+        unlike_lammps="pair edpd: friction, noise and conduction keep the energy here, which LAMMPS's heat does not (--compat lammps "
+        "computes it): with --scheme middle to rounding, with mvv to first order in the step, so that beads heat slowly",
+    )
+)
+
+
+def _species_terms(table: Resolved, beads: BeadData) -> SpeciesTable:
+    ranges = {"cutoff_F": lambda c: c.cutoff, "cutoff": lambda c: max(c.cutoff, c.cutoff_c)}
+    return SpeciesTable(**symmetric_arrays(table, beads.names, "A gamma exponent cutoff_c kappa epsilon exponent_c", **ranges))
+
+
+def _concentrations(scene: Scene) -> FieldSpec:
+    internal = scene.internal
+    assert isinstance(internal, Concentrations)
+    return FieldSpec(SPECIES, internal.values.copy(), scene.immobile, sources=tuple(scene.sources))
+
+
+register(
+    Kind(
+        coefficient=TDPD,
+        terms=_species_terms,
+        potential=dpd_expression,
+        fields=_concentrations,
+        field_text="concentrations, three species in each variable",
+    )
+)
