@@ -327,7 +327,7 @@ def test_what_openmm_forces_cannot_do():
     table = TABLES["quadratic"]
     assert why_no_openmm_force(table, {(0, 1): 0.0, (1, 2): 1.0}, []) is None
     assert "r = 0" in why_no_openmm_force(table, {}, [(3, 7)])
-    assert "beads 1 and 2 has the factor 0.5" in why_no_openmm_force(table, {(1, 2): 0.5}, [])
+    assert "beads 1 and 2 (counted from 0) has the factor 0.5" in why_no_openmm_force(table, {(1, 2): 0.5}, [])
     fluid = Fluid(TABLES["lucy"])
     raises(dpd.PlanError, "conservative='openmm' is not possible: .* Lucy", lambda: context_of(fluid, Device("Reference")))
 
