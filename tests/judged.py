@@ -3,7 +3,7 @@
 Errors come from blocks that are long against the correlation time (``crosscheck/blocks.py``: twenty or more of them, or the run is
 refused as too short), and bounds from Student's distribution for so few: :data:`LEVEL` of right runs are outside.  A test fails if
 those of three seeds fail, so it may also judge several averages at once, or by an error that is known less well: what fails once
-in a hundred runs fails three times in one of a million.  ``tests/unit/test_judged.py`` measures both on series of known correlation.
+in a hundred runs fails three times in one of a million.  ``tests/unit/test_stats.py`` measures both on series of known correlation.
 """
 
 import functools

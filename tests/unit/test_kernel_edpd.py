@@ -4,7 +4,7 @@ import numpy as np
 import oracle_meso as oracle
 import pytest
 from cases import raises
-from kernel_answers import (
+from reference_forces import (
     COUNTER,
     DT,
     PARTS,

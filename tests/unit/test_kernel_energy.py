@@ -4,8 +4,8 @@ import numpy as np
 import oracle_energy as oracle
 import pytest
 from cases import cases, raises
-from kernel_answers import COUNTER, DT, SEED, close, noise_matrices, prepared, same_terms
 from kinds import ENERGY
+from reference_forces import COUNTER, DT, SEED, close, noise_matrices, prepared, same_terms
 from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 

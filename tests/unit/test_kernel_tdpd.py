@@ -4,7 +4,7 @@ import numpy as np
 import oracle as plain_oracle
 import oracle_meso as oracle
 import pytest
-from kernel_answers import COUNTER, DT, PARTS, SEED, between, close, matrix, prepared, same_terms, scaled_by
+from reference_forces import COUNTER, DT, PARTS, SEED, between, close, matrix, prepared, same_terms, scaled_by
 from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 

@@ -4,7 +4,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases, raises
-from lammps_beads import ours, same_beads, theirs
+from lammps_peer import ours, same_beads, theirs
 
 from openmm_dpd.base.errors import DeckError
 

@@ -8,7 +8,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases, put
-from lammps_beads import ours, same_beads, theirs
+from lammps_peer import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
 from openmm_dpd.lammps.output.data_writer import data_file_lines
