@@ -7,8 +7,20 @@ import pytest
 
 
 def cases(names: str, *rows, **options) -> pytest.MarkDecorator:
-    """A test for each row; ``names``, separated by commas, are those of its columns."""
+    """A test for each row; ``names``, separated by commas, are those of its columns.  A mapping in their place has rows by their ids."""
+    if len(rows) == 1 and isinstance(rows[0], dict):
+        return pytest.mark.parametrize(names, rows[0].values(), ids=map(str, rows[0]), **options)
     return pytest.mark.parametrize(names, rows, **options)
+
+
+def refused(error: type[BaseException], table: dict[str, tuple[Callable, str]]) -> Callable:
+    """A test of calls that have to fail, with this error and the message beside each of them."""
+
+    @cases("call, match", table)
+    def test(call, match):
+        raises(error, match, call)
+
+    return test
 
 
 def raises(error: type[BaseException] | tuple[type[BaseException], ...], match: str, call: Callable, /, *values, **named) -> None:

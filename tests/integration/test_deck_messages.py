@@ -5,6 +5,7 @@ import threading
 import numba
 import numpy as np
 import pytest
+from cases import cases
 from judged import any_seed
 
 import openmm_dpd as dpd
@@ -44,9 +45,8 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_decks_read_their_own_units_ids_and_words(tmp_path, name):
-    settings, message = WRONG[name]
+@cases("settings, message", WRONG)
+def test_decks_read_their_own_units_ids_and_words(tmp_path, settings, message):
     with pytest.raises(dpd.DPDError) as caught:
         run_deck(deck(tmp_path, **settings), RunOptions(platform="CPU", threads=1))
     assert message in str(caught.value) and " nm" not in str(caught.value)

@@ -9,7 +9,7 @@ import lammps_peer
 import numpy as np
 import openmm
 import pytest
-from cases import put, raises
+from cases import put, refused
 from scenes import beads
 
 import openmm_dpd as dpd
@@ -258,10 +258,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input(name):
-    make, message = BAD[name]
-    raises(dpd.ParameterError, message, make)
+test_bad_input = refused(dpd.ParameterError, BAD)
 
 
 def test_beads_in_line():

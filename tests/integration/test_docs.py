@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
 from deck_snippets import TABLES as OF_DECKS
 
 import openmm_dpd as dpd
@@ -102,9 +103,8 @@ _OPTIONS |= {"thermo_modify": THERMO_OPTIONS, "units": UNIT_SYSTEMS}
 TABLES |= {command: (column("commands", "Box and beads", command, 2, "Runs"), there) for command, there in _OPTIONS.items()}
 
 
-@pytest.mark.parametrize("table", TABLES)
-def test_pages_list_what_a_deck_may_use_and_nothing_else(table):
-    listed, there = TABLES[table]
+@cases("listed, there", TABLES)
+def test_pages_list_what_a_deck_may_use_and_nothing_else(listed, there):
     assert {name.split()[0] for name in re.findall(r"`([^`]+)`", listed)} == set(there)
 
 

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import openmm
 import pytest
-from cases import put, raises
+from cases import cases, put, raises
 from devices import DEVICES
 from openmm import unit
 from scenes import D, beads, run_of, state_of, stepped
@@ -160,9 +160,8 @@ WRONG = {  # What is wrong -> what makes it, and what the message has to say.
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_wrong_input(name):
-    make, message = WRONG[name]
+@cases("make, message", WRONG)
+def test_wrong_input(make, message):
     with pytest.raises(dpd.DPDError, match=message) as caught:
         make()
     assert isinstance(caught.value, dpd.ParameterError)
@@ -227,9 +226,8 @@ NATIVE = {
 }
 
 
-@pytest.mark.parametrize("name", NATIVE)
-def test_what_the_native_scheme_cannot_express(name):
-    coefficient, message = NATIVE[name]
+@cases("coefficient, message", NATIVE)
+def test_what_the_native_scheme_cannot_express(coefficient, message):
     raises(dpd.PlanError, message, lambda: build(scene(pairs={("W", "W"): coefficient}), scheme="native"))
 
 
@@ -244,9 +242,8 @@ NATIVE_SCENES = {
 }
 
 
-@pytest.mark.parametrize("name", NATIVE_SCENES)
-def test_scenes_that_the_native_scheme_cannot_run(name):
-    changes, message = NATIVE_SCENES[name]
+@cases("changes, message", NATIVE_SCENES)
+def test_scenes_that_the_native_scheme_cannot_run(changes, message):
     if message is None:
         build(scene(**changes), scheme="native").simulation().step(2)
     else:

@@ -30,12 +30,11 @@ def one_thread():
 
 @pytest.mark.slow
 @any_seed(4)
-@pytest.mark.parametrize("name", FLUIDS)
-def test_recommended_step_has_the_error_it_promises(name, seed):
+@cases("density, gamma, repulsion, exponent", FLUIDS)
+def test_recommended_step_has_the_error_it_promises(density, gamma, repulsion, exponent, seed):
     """Asked for 2 %: both temperatures within 4 % and four standard errors (steps of the table are known to a tenth or two, and errors go with
     their square); and it is no over-careful step either, since with three times as long a one they are off by more than 2 %.
     """
-    density, gamma, repulsion, exponent = FLUIDS[name]
     scene = fluid(500, {("A", "A"): dpd.DPD(A=repulsion, gamma=gamma, exponent=exponent)}, rho=density)
     found = dpd.recommend(scene, error=0.02)
     for value, sem in averages(scene, found.scheme, found.dt, longest=60.0, seed=seed).temperatures:

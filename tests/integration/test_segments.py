@@ -4,7 +4,7 @@ import chains_of_beads as chains
 import lammps_peer
 import numpy as np
 import pytest
-from cases import put, raises
+from cases import cases, put, raises, refused
 from chains_of_beads import OVERLAY
 from openmm import unit
 from scenes import beads
@@ -210,9 +210,8 @@ DECK_ERRORS = {
 }
 
 
-@pytest.mark.parametrize("name", DECK_ERRORS)
-def test_errors_of_decks(tmp_path, name):
-    pair, coefficients, message = DECK_ERRORS[name]
+@cases("pair, coefficients, message", DECK_ERRORS)
+def test_errors_of_decks(tmp_path, pair, coefficients, message):
     raises(
         dpd.DeckError,
         message.replace("|", r"\|").replace("*", r"\*"),
@@ -241,10 +240,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input(name):
-    make, message = BAD[name]
-    raises(dpd.ParameterError, message, make)
+test_bad_input = refused(dpd.ParameterError, BAD)
 
 
 def test_a_box_too_small_for_the_nearest_points():

@@ -7,6 +7,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
+from cases import refused
 from judged import any_seed
 from kinds import KINDS, N, hand_over, plain_context
 from openmm import app
@@ -265,12 +266,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("what", REFUSED)
-def test_scenes_that_cannot_be_sheared(what):
-    """Each with its reason."""
-    make, reason = REFUSED[what]
-    with pytest.raises(dpd.ParameterError, match=reason):
-        make()
+test_scenes_that_cannot_be_sheared = refused(dpd.ParameterError, REFUSED)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import cases, refused
 from openmm import unit
 from scenes import beads
 
@@ -25,9 +25,8 @@ CURVES = {
 }
 
 
-@pytest.mark.parametrize("name", CURVES)
-def test_energies_and_derivatives(name):
-    term, formula, points = CURVES[name]
+@cases("term, formula, points", CURVES)
+def test_energies_and_derivatives(term, formula, points):
     for point in points:
         energy, slope, curvature = (float(value[0]) for value in term.curve(np.array([point])))
         assert energy == pytest.approx(formula(point), rel=1e-13, abs=1e-13)
@@ -100,10 +99,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input(name):
-    make, message = BAD[name]
-    raises(dpd.ParameterError, message, make)
+test_bad_input = refused(dpd.ParameterError, BAD)
 
 
 def test_bonds_through_the_box():
@@ -127,11 +123,10 @@ POTENTIALS = {
 }
 
 
-@pytest.mark.parametrize("kind", POTENTIALS)
+@cases("coefficient, energy, force", POTENTIALS)
 @pytest.mark.parametrize("types", [["A", "A"], ["A", "B"]], ids=["one type", "two types"])
-def test_factor_of_bonded_neighbours(kind, types):
+def test_factor_of_bonded_neighbours(coefficient, energy, force, types):
     """Half the energy and half the force of one pair, written out; with tables of type pairs as well as with constants."""
-    coefficient, energy, force = POTENTIALS[kind]
     table = {("A", "A"): coefficient} if types[1] == "A" else {("*", "*"): dpd.NONE, ("A", "B"): coefficient}
     bonded = {"bonds": [dpd.HarmonicBonds([[0, 1]], k=0, r0=1)], "bonded_factors": (0.5, 1.0, 1.0)}
     scene = dpd.Scene(dict.fromkeys(sorted(set(types)), 1.0), types, [[0, 0, 0], [R, 0, 0]], table, kT=1, **bonded)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import raises, refused
 from openmm import unit
 from scenes import beads, fluid, stepped
 
@@ -121,10 +121,7 @@ BAD_FORCES = {
 }
 
 
-@pytest.mark.parametrize("name", BAD_FORCES)
-def test_refused_forces(name):
-    make, message = BAD_FORCES[name]
-    raises(dpd.ParameterError, message, make)
+test_refused_forces = refused(dpd.ParameterError, BAD_FORCES)
 
 
 def test_tilted_box_along_z_is_fine():
@@ -156,10 +153,7 @@ BAD_WALLS = {
 }
 
 
-@pytest.mark.parametrize("name", BAD_WALLS)
-def test_refused_walls(name):
-    make, message = BAD_WALLS[name]
-    raises(dpd.ParameterError, message, make)
+test_refused_walls = refused(dpd.ParameterError, BAD_WALLS)
 
 
 def test_native_scheme_has_no_walls():

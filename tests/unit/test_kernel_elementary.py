@@ -4,6 +4,7 @@ import mpmath
 import numba
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.kernels import noise
 from openmm_dpd.kernels.elementary import erfc, exp, log, power, sine
@@ -31,9 +32,8 @@ def compiled(function, x):
     return y
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_errors(name):
-    function, exact, x, ulps, absolute = CASES[name]
+@cases("function, exact, x, ulps, absolute", CASES)
+def test_errors(function, exact, x, ulps, absolute):
     found = compiled(function, x)
     with mpmath.workprec(160):
         true = [exact(mpmath.mpf(float(a))) for a in x]

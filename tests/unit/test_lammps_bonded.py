@@ -3,6 +3,7 @@
 import chains_of_beads as chains
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd import CosineAngles, DeckError, FENEBonds, HarmonicAngles, HarmonicBonds, MorseBonds
 from openmm_dpd.lammps import read_deck
@@ -110,9 +111,8 @@ ERRORS = {
 }
 
 
-@pytest.mark.parametrize("name", ERRORS)
-def test_errors(tmp_path, name):
-    text, message = ERRORS[name]
+@cases("text, message", ERRORS)
+def test_errors(tmp_path, text, message):
     with pytest.raises(DeckError) as caught:
         state_of(tmp_path, text).first_run.scene()
     assert message in str(caught.value)

@@ -59,9 +59,8 @@ def said(folder: Path) -> str:
     return " ".join((folder / "said.txt").read_text(encoding="utf-8").splitlines())
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_what_is_printed(tmp_path, monkeypatch, name):
-    text, expected = SCRIPTS[name]
+@cases("text, expected", SCRIPTS)
+def test_what_is_printed(tmp_path, monkeypatch, text, expected):
     monkeypatch.setenv("DECK_WORD", "word")
     for side in ("theirs", "ours"):
         (tmp_path / side).mkdir()

@@ -5,7 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from cases import put
+from cases import cases, put
 
 from openmm_dpd import BodyForce, DeckError, PositionForce
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
@@ -127,9 +127,8 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused(tmp_path, name):
-    text, boundary, message = REFUSED[name]
+@cases("text, boundary, message", REFUSED)
+def test_refused(tmp_path, text, boundary, message):
     assert message in error(tmp_path, deck(text, boundary))
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import lammps_peer
 import pytest
-from cases import put
+from cases import cases, put
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError
@@ -47,10 +47,9 @@ def rows(folder: Path, name: str, text: str, platform: str = "Reference") -> lis
 
 
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])
-@pytest.mark.parametrize("system", SYSTEMS)
-def test_runs_go_on_bit_for_bit(tmp_path, system, platform):
+@cases("start, fixes", SYSTEMS)
+def test_runs_go_on_bit_for_bit(tmp_path, start, fixes, platform):
     """From write_restart between two runs, and from restart N in the middle of one: as the second of two runs."""
-    start, fixes = SYSTEMS[system]
     whole = rows(tmp_path, "whole", f"{start}{fixes}{ROWS}run 6\nwrite_restart between.*\nrun 6\n", platform)
     after = rows(tmp_path, "after", f"read_restart between.6\n{fixes}{ROWS}run 6\n", platform)
     assert after == whole[4:] and len(after) == 5

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps.files.atom_styles import JOINED
@@ -69,9 +70,8 @@ BONDED = {f"{what} {name}": (style, beads) for what, (beads, _) in JOINED.items(
 
 
 @pytest.mark.parametrize("units", UNIT_SYSTEMS.values(), ids=UNIT_SYSTEMS)
-@pytest.mark.parametrize("name", BONDED)
-def test_bonded_coefficients_come_back(name, units):
-    style, beads = BONDED[name]
+@cases("style, beads", BONDED)
+def test_bonded_coefficients_come_back(style, beads, units):
     words = " ".join("1" if dimension == "1" else "#" for dimension in style.columns.dimensions.values())
     values = style.coefficient(drawn(words, 3), "type", units)
     assert style.coefficient(style.words(values, units), "type", units) == pytest.approx(values, rel=1e-14)

@@ -96,11 +96,6 @@ def test_missing_points_take_their_neighbours_in_friction():
     assert table.step("mvv", Groups(4.5, 4.0), 0.01, "conf") == pytest.approx(0.02, rel=1e-9)  # half way in the logarithm
 
 
-def test_a_table_without_a_plane_is_refused():
-    data = made_up(power, repulsions=(25.0,))
-    raises(dpd.ParameterError, "two repulsions", lambda: StabilityTable(data))
-
-
 @pytest.mark.parametrize("change", [{"gamma": 500.0}, {"a": 26.0}, {"a": 0.5}, {"rho": 9.0}, {"mass": 200.0}, {"s": 2.0}, {"cv": 0.5}])
 def test_beyond_the_table_is_said(table, change):
     (text,) = table.outside(Groups(**({"gamma": 4.5, "a": 25.0} | change)))
@@ -240,12 +235,6 @@ def test_stiff_bonds_are_in_the_sentence(table):
     assert predicted_error(scene(), "mvv", 0.002, table=table)[1] == "configurational"
 
 
-def test_atoms_beside_beads_are_refused():
-    """Also with a table: the step is that of the atoms."""
-    whole = dpd.MixedSystem(*[None] * 7)
-    raises(dpd.ParameterError, "step and scheme of the atoms", lambda: recommend(whole))
-
-
 @cases(
     "other, words",
     (scene(gamma=4000), "friction"),
@@ -336,37 +325,33 @@ def test_pairs_keep_their_own_friction_beside_the_mean():
     assert not notes
 
 
-def test_only_beads_that_are_there_and_move_count():
-    common, other = dpd.DPD(A=5, gamma=2), dpd.DPD(A=20, gamma=8)
-    (at,), _ = groups(mixture(common, other, other, types=("A",)))
-    assert (at.gamma, at.a) == (pytest.approx(2), 5)
-    (at,), _ = groups(mixture(common, common, other, mobile=np.arange(80) % 2 == 0))
-    assert (at.gamma, at.a) == (pytest.approx(2), 5)
+_COMMON, _OTHER, _WARM = dpd.DPD(A=5, gamma=2), dpd.DPD(A=20, gamma=8), dpd.InternalEnergy(dpd.ConstantHeatCapacity(60.0), 1.0)
 
 
-def test_friction_alone_has_no_repulsion():
-    (at,), _ = groups(scene(pairs=[one(gamma=3), one(gamma=1.5)]))
-    assert (at.gamma, at.a) == (pytest.approx(4.5), 0)
+@cases(
+    "of, gamma, a, cv",
+    (mixture(_COMMON, _OTHER, _OTHER, types=("A",)), 2, 5, None),
+    (mixture(_COMMON, _COMMON, _OTHER, mobile=np.arange(80) % 2 == 0), 2, 5, None),
+    (scene(pairs=[one(gamma=3), one(gamma=1.5)]), 4.5, 0, None),
+    (scene(pairs=one(A=25, gamma=4.5, gamma_perp=3)), 10.5, 25, None),
+    (scene(pairs={("W", "W"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)}, internal=_WARM), 4.5, 25, 60.0),
+    ids=["beads that are there", "beads that move", "friction alone", "transverse friction counts twice", "heat capacity"],
+)
+def test_fluids_that_are_one(of, gamma, a, cv):
+    (at,), _ = groups(of)
+    assert (at.gamma, at.a, at.cv) == (pytest.approx(gamma), a, cv if cv is None else pytest.approx(cv))
 
 
-def test_transverse_friction_counts_twice():
-    (at,), _ = groups(scene(pairs={("W", "W"): dpd.DPD(A=25, gamma=4.5, gamma_perp=3)}))
-    assert at.gamma == pytest.approx(10.5)
-
-
-def test_energy_conserving_beads_have_a_heat_capacity():
-    inside = dpd.InternalEnergy(dpd.ConstantHeatCapacity(60.0), 1.0)
-    (at,), _ = groups(scene(pairs={("W", "W"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)}, internal=inside))
-    assert (at.gamma, at.cv) == (pytest.approx(4.5), pytest.approx(60.0))
-
-
-@pytest.mark.parametrize("error", [0.0, -0.01, 0.2, "much", None])
-def test_errors_out_of_bounds_are_refused(table, error):
-    raises(dpd.ParameterError, "error", lambda: recommend(scene(), error, table=table))
-
-
-def test_something_else_is_refused():
-    raises(dpd.ParameterError, "Scene", lambda: recommend("fluid"))
+@cases(
+    "message, call",
+    *(("error", lambda error=error: recommend(scene(), error)) for error in (0.0, -0.01, 0.2, "much", None)),
+    ("Scene", lambda: recommend("fluid")),
+    ("unknown quantity 'colour'", lambda: recommend(scene(), quantity="colour")),
+    ("step and scheme of the atoms", lambda: recommend(dpd.MixedSystem(*[None] * 7))),
+    ("two repulsions", lambda: StabilityTable(made_up(power, repulsions=(25.0,)))),
+)
+def test_what_is_refused(message, call):
+    raises(dpd.ParameterError, message, call)
 
 
 # -- what has to be right ----------------------------------------------------------------------------------------------------------
@@ -426,10 +411,6 @@ def test_what_else_is_wrong_is_told():
 def test_a_measured_step_has_an_error():
     best = recommend(scene()).choices[0]
     assert 0 < best.dt_error < 0.3 * best.dt and "±" in str(best)
-
-
-def test_an_unknown_quantity_is_refused():
-    raises(dpd.ParameterError, "unknown quantity 'colour'", lambda: recommend(scene(), quantity="colour"))
 
 
 # -- the sentence ----------------------------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cases, raises
+from cases import cases, raises, refused
 from openmm import unit
 from scenes import beads, chains, fluid, ready
 
@@ -85,9 +85,8 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused_scenes(name):
-    scene, message = REFUSED[name]
+@cases("scene, message", REFUSED)
+def test_refused_scenes(scene, message):
     raises(dpd.ParameterError, message, lambda: StressReporter(1, dpd.build(scene, dt=0.01, scheme="mvv", platform="Reference")))
 
 
@@ -156,10 +155,7 @@ def known(**values):
     return green_kubo_viscosity(np.zeros((500, 6)), **{"dt": 0.1, "volume": 1, "kT": 1} | values)
 
 
-@pytest.mark.parametrize("name", BAD_SERIES)
-def test_refused_series(name):
-    make, message = BAD_SERIES[name]
-    raises(dpd.ParameterError, message, make)
+test_refused_series = refused(dpd.ParameterError, BAD_SERIES)
 
 
 # -- Poiseuille ----------------------------------------------------------------------------------------------------------------
