@@ -6,7 +6,7 @@ PYTHONPATH=plugin/tests pytest -q -p on_the_device -m "not slow" $(python plugin
 import pytest
 
 #: Forces, constraints and barostats of others, every setter, reporters, restarts, errors.  Not here: what runs decks in processes of their own
-#: (test_decks.py does), what breaks kernels of the host at a line, and momentum to 1e-13, where forces are sums of 64-bit fixed point.
+#: (test_energy_decks.py does), what breaks kernels of the host at a line, and momentum to 1e-13, where forces are sums of 64-bit fixed point.
 FILES = (
     "foreign_forces openmm_setters changes_between_steps mixed_system thermostat thermostat_systems membrane_barostat contexts new_contexts "
     "reporters restart sampling errors"
