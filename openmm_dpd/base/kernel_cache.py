@@ -187,7 +187,7 @@ class KernelFiles:
     """
 
     #: Seconds after which a kernel that another process has in work is compiled here, too.
-    PATIENCE = 120.0
+    PATIENCE = 60.0
 
     def __init__(self, folder: str | os.PathLike, name: str, stamp: Any):
         self.folder, self.name = Path(folder), name

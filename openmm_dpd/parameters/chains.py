@@ -119,7 +119,7 @@ def chain_chi_slope(beads: int, bond: Spring | None = None, density=3.0) -> Esti
     if bond is None:
         return Estimate(first, _AT * first, _SOURCE, table.bounds)
     if not isinstance(bond, Spring):
-        raise ParameterError(f"bond must be a Spring: {_SOURCE} measured no {what_is(bond)}; measured_chi_slope measures any chain")
+        raise ParameterError(f"bond must be a Spring, as in {_SOURCE}, not {what_is(bond)}; measured_chi_slope measures any chain")
     column = next(iter(table.ratios.values()))
     alone = (bond.k, bond.r0) in column.alone
     if not alone:
