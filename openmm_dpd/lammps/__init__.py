@@ -13,4 +13,4 @@ from .run.main import (
 )
 from .run.options import RunOptions as RunOptions
 from .run.request import RunRequest as RunRequest
-from .styles.writing import ExportWarning as ExportWarning
+from .styles.words import ExportWarning as ExportWarning

@@ -11,9 +11,8 @@ from scenes import beads, run_of, same_bits, state_of, stepped
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.lammps.state.pair_setup import Spec
-from openmm_dpd.lammps.styles.columns import Columns, settings
 from openmm_dpd.lammps.styles.pair_styles import EXPORTS, PAIR_STYLES
-from openmm_dpd.lammps.styles.writing import StyleUse, exact
+from openmm_dpd.lammps.styles.words import Columns, StyleUse, exact, settings
 from openmm_dpd.model.schemes import SCHEMES, Scheme, read_word
 from openmm_dpd.simulation.advice.recommend import advice
 

@@ -24,7 +24,7 @@ from openmm_dpd.lammps import (
     scene_from_data,
 )
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
-from openmm_dpd.lammps.styles.writing import id_words, lammps_seed
+from openmm_dpd.lammps.styles.words import id_words, lammps_seed
 
 
 def fluid(**changes) -> dpd.Scene:

@@ -21,8 +21,8 @@ from ...model.sources import Block
 from ...model.tdpd import TDPD
 from ...model.temperature import TemperatureRamp
 from ..language.lexer import closing_parenthesis
-from ..styles.writing import Differences, exact, group_lines
-from .export_beads import BeadTypes, longest_cutoff
+from ..styles.words import Differences, exact, group_lines
+from .export_scene import BeadTypes, longest_cutoff
 
 #: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
 _RESERVOIR = 1e12

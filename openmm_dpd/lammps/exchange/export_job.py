@@ -21,23 +21,26 @@ from ..files.atom_styles import JOINED
 from ..files.data_file import data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
-from ..styles.writing import Differences, PairExport, StyleUse, exact, group_lines
-from .export_beads import (
+from ..styles.words import Differences, PairExport, StyleUse, exact, group_lines
+from .export_fixes import Integrator, choose_integrator, eos_lines, flow_lines, integrator_lines, source_lines
+from .export_scene import (
     BeadTypes,
     Bonded,
     atom_style_line,
     atom_styles,
     bonded_types,
+    charge_lines,
     data_file,
     lammps_box,
     lammps_types,
     longest_bond,
     longest_cutoff,
+    pair_lines,
+    pair_uses,
+    special_line,
     species_of,
     style_lines,
 )
-from .export_fixes import Integrator, choose_integrator, eos_lines, flow_lines, integrator_lines, source_lines
-from .export_pairs import charge_lines, pair_lines, pair_uses, special_line
 
 #: What of a Scene is exported; anything else that a scene holds is an error, never left out.
 _KNOWN = frozenset(

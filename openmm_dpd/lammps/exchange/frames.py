@@ -19,7 +19,7 @@ from ...model.scene import Scene
 from ..files.atom_styles import ATOM_STYLES
 from ..files.data_file import DataReader
 from ..run.trajectory import write_topology
-from .export_beads import atom_styles, lammps_types, species_of
+from .export_scene import atom_styles, lammps_types, species_of
 
 if TYPE_CHECKING:
     import mdtraj

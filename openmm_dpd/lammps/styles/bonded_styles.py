@@ -10,7 +10,7 @@ from ...base.units import UnitSystem
 from ...plan.kinds import BONDED_KINDS, BondedKind
 from ..files.atom_styles import JOINED
 from ..language import arguments as read
-from .columns import Columns
+from .words import Columns
 
 #: How numbers are read that have this bound.
 _READERS = {"> 0": read.positive, ">= 0": read.non_negative}

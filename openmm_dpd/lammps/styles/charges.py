@@ -14,9 +14,8 @@ from ..language import arguments as read
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Find, PairStyle, Spec, Values
-from .columns import cutoff_of, no_force, settings
 from .dpd import STYLES as DPD_STYLES
-from .writing import Differences, StyleUse, exact
+from .words import Differences, StyleUse, cutoff_of, exact, no_force, settings
 
 #: Coulomb constant of LAMMPS's unit styles, energy times length per squared charge.
 QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645}

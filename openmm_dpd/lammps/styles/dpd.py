@@ -9,8 +9,7 @@ from ...base.units import UnitSystem
 from ...model.energy_dpd import EnergyDPD
 from ...model.pairs import DPD
 from ..state.pair_setup import Coefficient, PairStyle, Spec, Term
-from .columns import Columns, settings
-from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
+from .words import Columns, Exports, Pair, PairExport, StyleUse, exact, plain_use, settings
 
 
 def _dpd(name: str, words: str, columns: Columns) -> Spec:

@@ -9,8 +9,7 @@ from ...model.mdpd import MDPD
 from ...model.tdpd import TDPD
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
-from .columns import Columns, no_force, settings
-from .writing import Exports, Pair, PairExport, StyleUse, exact
+from .words import Columns, Exports, Pair, PairExport, StyleUse, exact, no_force, settings
 
 _HEAT = {"kappa": "1/time", "exponent_T": "1", "cutoff_T": "length"}
 _EDPD = Columns({"A": "force/kT", "gamma": "friction", "exponent": "1", "cutoff": "length", **_HEAT})

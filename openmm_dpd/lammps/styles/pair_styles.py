@@ -15,8 +15,7 @@ from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Coefficient, PairStyle, Spec
 from . import charges, dpd, meso, radial, srp
-from .columns import cutoff_of, no_force
-from .writing import Exports
+from .words import Exports, cutoff_of, no_force
 
 
 def _zero_settings(words: list[str]) -> dict:

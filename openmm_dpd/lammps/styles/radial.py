@@ -12,8 +12,7 @@ from ...model.pairs import LennardJones, TabulatedPair
 from ..files.table_file import MODES, read_table, tabulated_pair
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Term, Values
-from .columns import Columns, cutoff_of, settings
-from .writing import Exports, Pair, PairExport, StyleUse, exact, plain_use
+from .words import Columns, Exports, Pair, PairExport, StyleUse, cutoff_of, exact, plain_use, settings
 
 MIXING = ("geometric", "arithmetic", "sixthpower")
 _LJ = Columns({"epsilon": "energy", "sigma": "length"})

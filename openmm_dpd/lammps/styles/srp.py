@@ -9,8 +9,7 @@ from ...model.segments import DISTANCES, SegmentalRepulsion
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Find, PairStyle, Spec, Values
-from .columns import cutoff_of, no_force
-from .writing import Differences, StyleUse, exact
+from .words import Differences, StyleUse, cutoff_of, exact, no_force
 
 #: Words of the style that are no numbers.
 _WORDS = frozenset(("*", *DISTANCES, "exclude", "bptype", "yes", "no"))

@@ -25,7 +25,7 @@ class BondedKind:
     #: The same terms as forces of OpenMM's.  The first one has the name of the kind, such as "harmonic bonds".
     energies: tuple[Energy, ...]
     style: str | None = None  #: Name in LAMMPS; without one the kind is neither read nor exported
-    #: Coefficients in the order of LAMMPS's: their dimension (:data:`openmm_dpd.lammps.styles.columns.FACTORS`) and their name there.
+    #: Coefficients in the order of LAMMPS's: their dimension (:data:`openmm_dpd.lammps.styles.words.FACTORS`) and their name there.
     words: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def __post_init__(self):
