@@ -14,8 +14,7 @@ import numpy as np
 from ...base.errors import DeckError, ParameterError
 from ...base.units import UnitSystem, unit_system
 from ...model.scene import Scene
-from ..files.text_file import TextFile
-from ..language.lexer import file_content
+from ..language.lexer import TextFile, file_content
 from ..state.box import Box
 from .frames import LammpsFrames
 

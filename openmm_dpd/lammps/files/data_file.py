@@ -8,9 +8,9 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ..language.arguments import near
+from ..language.lexer import Row, TextFile
 from ..state.box import Box
 from .atom_styles import JOINED, atom_columns
-from .text_file import Row, TextFile
 
 SECTIONS = ("Atoms", "Velocities", "Masses", *(f"{what.capitalize()}s" for what in JOINED), "Pair Coeffs", "PairIJ Coeffs")
 SECTIONS += tuple(f"{what.capitalize()} Coeffs" for what in JOINED)

@@ -15,7 +15,7 @@ from ...base.errors import ParameterError
 from ...base.units import UnitSystem
 from ...model.pairs import TabulatedPair
 from ..language import arguments as read
-from .text_file import Row, TextFile
+from ..language.lexer import Row, TextFile
 
 MODES = ("lookup", "linear", "spline", "bitmap")
 

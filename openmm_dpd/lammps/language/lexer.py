@@ -1,18 +1,22 @@
 """From the text of an input script to lines and words: continuation lines, comments, quotes and ``$`` substitution.
 
 The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an open triple quote), then the comment is
-cut off, then ``$`` is substituted outside quotes, and the result is split into words.
+cut off, then ``$`` is substituted outside quotes, and the result is split into words.  Other files of words and numbers have lines alone.
 """
 
+from __future__ import annotations
+
 import gzip
+import math
 import re
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...base.errors import DeckError, DPDError, ParameterError
+from . import arguments as read
 
 TRIPLE = '"""'
 #: In place of characters of other encodings; no text of any language has it.
@@ -240,3 +244,51 @@ class Script:
             if line.text.split()[:1] == ["label"] and split_words(line.text)[1:] == [label]:
                 return
             self.at += 1
+
+
+#: Number of a line, counted from 1, and its words.
+Row = tuple[int, list[str]]
+
+
+@dataclass(frozen=True)
+class TextFile:
+    """The lines of a file."""
+
+    path: Path
+    lines: list[str]
+
+    @classmethod
+    def read(cls, path: Path, *, title: bool = False) -> TextFile:
+        """The file at ``path``; see :func:`~openmm_dpd.lammps.language.lexer.read_text`."""
+        return cls(path, read_text(path, title=title).splitlines())
+
+    def error(self, message: str, line: int | None = None) -> DeckError:
+        """An error about this file, or one of its lines."""
+        return DeckError(message, str(self.path), line)
+
+    def rows(self) -> Iterator[Row]:
+        """The lines that are more than a comment."""
+        for number, line in enumerate(self.lines, start=1):
+            words = line.partition("#")[0].split()
+            if words:
+                yield number, words
+
+    def numbers(self, row: Row, words: Sequence[str], count: int, usage: str, what: str) -> list[float]:
+        """Finite numbers from some words of a row; DeckError unless there are ``count`` of them, which says what was expected."""
+        number, line = row
+        try:
+            values = [read.as_float(word) for word in words]
+            if len(values) != count:
+                raise ValueError
+        except ValueError:
+            raise self.error(f"expected {usage}, not '{' '.join(line)}'", number) from None
+        if not all(map(math.isfinite, values)):
+            raise self.error(f"{what} is not finite: '{' '.join(line)}'", number)
+        return values
+
+    def integers(self, row: Row, words: Sequence[str], usage: str) -> list[int]:
+        """Whole numbers from some words of a row."""
+        try:
+            return [read.as_integer(word) for word in words]
+        except ValueError:
+            raise self.error(f"expected {usage}, not '{' '.join(words)}'", row[0]) from None
