@@ -1,9 +1,8 @@
 """Numbers from a live Context: temperatures, energies, pressures, momentum, forces term by term, stress, velocities; and reporters."""
 
-from .flow import ProfileReporter as ProfileReporter, StressReporter as StressReporter
+from .flow import ProfileReporter as ProfileReporter, StressReporter as StressReporter, WallReporter as WallReporter
 from .observer import Observer as Observer
 from .reporters import DPDReporter as DPDReporter, VelocityReporter as VelocityReporter
 from .sample import Sample as Sample, SystemSample as SystemSample
 from .temperature import kelvin as kelvin, set_kT as set_kT, set_temperature as set_temperature
 from .terms import force_terms as force_terms
-from .walls import WallReporter as WallReporter

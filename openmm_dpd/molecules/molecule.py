@@ -12,7 +12,7 @@ from ..base.errors import ParameterError, what_is
 from ..base.units import to_md, whole_number
 from ..base.wording import fact_table
 from ..model.owned import known_under
-from .rings import neighbours_of
+from .piercings import neighbours_of
 from .terms import AnyBend, AnySpring, AnyTwist
 
 #: Types of beads, one by one or as text.

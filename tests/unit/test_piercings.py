@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.molecules import find_piercings
-from openmm_dpd.molecules.piercings import bonds_of_topology, crossings, pushed_out
-from openmm_dpd.molecules.rings import small_rings
+from openmm_dpd.molecules.piercings import bonds_of_topology, crossings, pushed_out, small_rings
 
 SHIPPED = Path(app.__file__).parent / "data"
 BOND = 0.15

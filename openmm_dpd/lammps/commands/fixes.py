@@ -7,8 +7,7 @@ from ...base.files import write_whole
 from ..files.restart_file import load_restart, restart_bytes
 from ..language import arguments as read
 from ..output.averages import AveragingFix, PrintFix
-from ..output.chunk_average import ChunkAverage
-from ..output.time_average import Correlation, TimeAverage
+from ..output.averaging_fixes import ChunkAverage, Correlation, TimeAverage
 from ..state.deck_state import DeckState
 from ..state.records import Fix, RestartSettings
 from .fix_styles import FIX_STYLES

@@ -10,7 +10,7 @@ from ...base.stats import MIN_BLOCKS, block_average, equilibrated, ratio_average
 from ...kernels.threads import get_threads
 from ...measure import Sample
 from ...measure.watch import temperature_warning
-from ..output.chunk_average import ChunkAverage
+from ..output.averaging_fixes import ChunkAverage
 from ..output.thermo import ALWAYS
 from .request import RunRequest
 
