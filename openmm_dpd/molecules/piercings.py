@@ -1,5 +1,5 @@
-"""Small rings in a graph of bonds, and rings with a bond through them: a state that no minimisation leaves, because a bond would have to pass
-through another one."""
+"""Small rings in a graph of bonds, and rings with a bond through them: a state that no minimisation leaves, because a bond would have to
+pass through another one."""
 
 from collections import deque
 from dataclasses import dataclass
