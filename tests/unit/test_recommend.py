@@ -99,7 +99,7 @@ def test_missing_points_take_their_neighbours_in_friction():
 @pytest.mark.parametrize("change", [{"gamma": 500.0}, {"a": 26.0}, {"a": 0.5}, {"rho": 9.0}, {"mass": 200.0}, {"s": 2.0}, {"cv": 0.5}])
 def test_beyond_the_table_is_said(table, change):
     (text,) = table.outside(Groups(**({"gamma": 4.5, "a": 25.0} | change)))
-    assert "the table has it" in text
+    assert text.startswith("no steps were measured at a ")
 
 
 def test_large_heat_capacities_are_thermostats(table):
@@ -398,7 +398,7 @@ def test_shipped_motion_is_slower_under_strong_friction():
         assert quantity in str(recommend(scene(gamma=40.5), quantity=quantity))
     found = {c.scheme: c for c in recommend(scene(gamma=40.5), quantity="diffusion").choices}
     assert found["basa"].dt > 1.2 * found["middle"].dt and found["bababs"].dt > 1.2 * found["bababo"].dt
-    assert "measured at frictions" in recommend(scene(gamma=1), quantity="diffusion").notes[-1]
+    assert "measured only at frictions" in recommend(scene(gamma=1), quantity="diffusion").notes[-1]
 
 
 def test_what_else_is_wrong_is_told():

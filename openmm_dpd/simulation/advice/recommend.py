@@ -143,13 +143,11 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
         raise ParameterError(f"unknown quantity {what_is(quantity)}; it must be one of {', '.join(QUANTITIES)}")
     table = table or steps_table(scene)
     pairs, notes = groups(scene)
-    outside = [f"outside of the table: {text}" for text in dict.fromkeys(text for at in pairs for text in table.outside(at))]
+    outside = list(dict.fromkeys(text for at in pairs for text in table.outside(at)))
     unbound = why_no_step(scene)
     motion = shipped_transport() if quantity in MEASURED else None
     if motion and not all(motion.covers(at) for at in pairs):
-        outside.append(
-            f"outside of the table: {quantity} has been measured at frictions from {motion.frictions[0]:g} to {motion.frictions[-1]:g}"
-        )
+        outside.append(f"{quantity} was measured only at frictions from {motion.frictions[0]:g} to {motion.frictions[-1]:g}")
     if motion and is_many_body(scene):
         outside.append(f"{quantity} has not been measured in many-body liquids")
     if not pairs or outside or unbound:

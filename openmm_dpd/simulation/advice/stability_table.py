@@ -81,8 +81,8 @@ class StabilityTable:
             if value is None or (name == "heat capacity" and len(known) and value > known.max()):
                 continue  # beyond the largest heat capacity beads are thermostats
             if not len(known) or not known.min() * (1 - 1e-9) <= value <= known.max() * (1 + 1e-9):
-                span = f"from {known.min():g} to {known.max():g}" if len(known) else "not at all"
-                found.append(f"the {name} {value:.3g} (reduced units); the table has it {span}")
+                span = f"only from {known.min():g} to {known.max():g}" if len(known) else "nor at any other"
+                found.append(f"no steps were measured at a {name} of {value:.3g} (reduced units), {span}")
         return found
 
     def _values(self, name: str) -> np.ndarray:
