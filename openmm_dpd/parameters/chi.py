@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from ..base.errors import ParameterError, what_is
-from ..molecules.published import like_repulsion, unlike_repulsion
+from ..molecules.builders import like_repulsion, unlike_repulsion
 from ..molecules.terms import Spring
 from .chains import chain_chi_slope, volume_per_bead
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows

@@ -7,7 +7,7 @@ from cases import cases
 
 from openmm_dpd import CosineAngles, DeckError, FENEBonds, HarmonicAngles, HarmonicBonds, MorseBonds
 from openmm_dpd.lammps import read_deck
-from openmm_dpd.lammps.output.data_writer import data_file_lines
+from openmm_dpd.lammps.commands.output import data_file_lines
 from openmm_dpd.units import UNIT_SYSTEMS
 
 BOX = np.diag([6.0, 6.0, 6.0])

@@ -163,7 +163,7 @@ fix 1 all nve
     if style != "dpd":
         state.bonds = np.array([[1, 1, 2], [1, 4, 3]])
         state.atoms.charges[:] = rng.choice([-1.0, 1.0], 30) if style == "full" else 0.0
-    from openmm_dpd.lammps.output.data_writer import data_file_lines
+    from openmm_dpd.lammps.commands.output import data_file_lines
 
     (tmp_path / "data.out").write_text("\n".join(data_file_lines(state, pair="ij")) + "\n")
     again = deck(tmp_path, f"units {units}\natom_style {style}\npair_style dpd 1.0 3.0 4\nread_data data.out\nfix 1 all nve")

@@ -8,8 +8,8 @@ from cases import cases, put, raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, deck_forces, explain_deck, read_deck
+from openmm_dpd.lammps.commands.output import data_file_lines
 from openmm_dpd.lammps.files.table_file import read_eos
-from openmm_dpd.lammps.output.data_writer import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.lammps.state.records import PressureControl
 from openmm_dpd.model.edpd import EDPD

@@ -9,7 +9,7 @@ from cases import cases, put
 
 from openmm_dpd import BodyForce, DeckError, PositionForce
 from openmm_dpd.lammps import RunOptions, read_deck, run_deck
-from openmm_dpd.lammps.output.data_writer import data_file_lines
+from openmm_dpd.lammps.commands.output import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.model.flow import SPECULAR, Wall
 

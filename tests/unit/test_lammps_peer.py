@@ -11,7 +11,7 @@ from cases import cases, put
 from lammps_peer import ours, same_beads, theirs
 
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
-from openmm_dpd.lammps.output.data_writer import data_file_lines
+from openmm_dpd.lammps.commands.output import data_file_lines
 from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.lammps.state.records import DeckSample
 from openmm_dpd.lammps.values.resolver import Resolver
