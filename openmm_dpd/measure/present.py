@@ -56,7 +56,11 @@ def why_no_stress(plan: Plan) -> str | None:
     if plan.engine.lacks(["stress"]):
         return f"the engine {plan.engine.name!r} has none"
     unknown = next((kind.name for kind in plan.kinds if not kind.has_stress), None)
-    return None if unknown is None else f"that of {unknown} is not known"
+    if unknown is not None:
+        return f"that of {unknown} is not known"
+    layers = getattr(plan.new_engine(), "layers", ()) if plan.layers else ()
+    lacking = next((type(layer).__name__ for layer in layers if not hasattr(layer, "tensors")), None)
+    return None if lacking is None else f"{lacking} has no method tensors, though its kind says has_stress=True"
 
 
 def require_stress(plan: Plan) -> None:

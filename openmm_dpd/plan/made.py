@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from zlib import crc32
@@ -109,7 +109,7 @@ class Made:
     kT: float  #: Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp)
     asked: float  #: The same as it stands in states
     seed: int | None  #: The seed the script chose; None if it left the choice to the package
-    no_barostat: str | None  #: Why none of OpenMM's barostats can act, or None
+    no_barostat: Callable[[str], str | None]  #: Why none of OpenMM's barostats can change the box along some axes, or None
 
     @classmethod
     def of(
@@ -119,7 +119,7 @@ class Made:
         own: Sequence[openmm.Force],
         options: ProgramOptions,
         integrator: openmm.Integrator,
-        no_barostat: str | None = None,
+        no_barostat: Callable[[str], str | None],
     ) -> Made:
         """What a System has now, and what was asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)

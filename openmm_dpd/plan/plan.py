@@ -106,10 +106,10 @@ class Plan:
         """Why the conservative force derives from no potential, or None."""
         return next(filter(None, (resolved_kind(table).why_no_potential(table) for table in self.layers)), None)
 
-    @property
-    def no_volume_moves(self) -> str | None:
-        """Why no Monte Carlo move can change the volume, or None."""
+    def no_volume_moves(self, axes: str) -> str | None:
+        """Why no Monte Carlo move can change the box along these axes, or None."""
         scene = self.scene
+        walled = next((wall.axis for wall in scene.walls if wall.axis in axes), None)
         reasons = {
             "a barostat would scale the positions of immobile beads; it needs a scene where all beads move": (
                 self.host is None and bool(scene.immobile.any())
@@ -118,15 +118,15 @@ class Plan:
             "a barostat needs a scene where all forces act on all beads; `interacting` takes some away": scene.interacting is not None,
             "a barostat moves beads and not walls that move or have something behind them": self.driven is not None,
             f"a barostat judges volumes by an energy, but {self.no_potential}": self.no_potential is not None,
+            f"a barostat that changes {walled} would move beads behind walls; leave it out of axes, coupled=False": walled is not None,
         }
         return next((reason for reason, holds in reasons.items() if holds), None)
 
-    @property
-    def no_barostat(self) -> str | None:
-        """Why none of OpenMM's barostats can act, or None."""
+    def no_barostat(self, axes: str) -> str | None:
+        """Why none of OpenMM's barostats can change the box along these axes, or None."""
         fields = self.spec.fields
         if fields is None:
-            return self.no_volume_moves
+            return self.no_volume_moves(axes)
         if fields.kind == ENERGY:
             return "the beads have internal energies: use EnthalpyBarostat"
         return "there is no barostat for beads with temperatures or concentrations (EDPD, TDPD)"

@@ -15,6 +15,8 @@ and a move to an energy out of range is rejected.  For large heat capacities the
 Metropolis test of the isothermal ensemble at the beads' own (harmonic mean) temperature.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import openmm
 from openmm import unit
@@ -28,6 +30,7 @@ from ..kernels.eos import entropy_change, in_range
 from ..kernels.fields import ENERGY
 from ..kernels.noise import call_key, uniform
 from ..plan.made import BAROSTATS
+from ..plan.plan import Plan
 from .built import BuiltSystem
 from .fields import per_dof, raw_fields
 
@@ -35,24 +38,24 @@ from .fields import per_dof, raw_fields
 _NOISE_LAYER = 1 << 20
 #: Moves between two adjustments of the length of the moves.
 _ADJUST = 20
+#: Whether x, y and z may change.
+Axes = tuple[bool, bool, bool]
 
 
-def _check(built: BuiltSystem, interval: int, axes: tuple[bool, bool, bool]) -> None:
+def _check(built: BuiltSystem, interval: int, axes: Axes, why_not: Callable[[Plan, str], str | None]) -> None:
     if not isinstance(built, BuiltSystem):
         raise ParameterError(
             f"a barostat wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
         )
-    scene = built.plan.scene
-    if scene.box is None:
+    if built.plan.scene.box is None:
         raise PlanError("a scene without a box has no pressure to hold constant")
-    if built.plan.no_volume_moves is not None:
-        raise PlanError(built.plan.no_volume_moves)
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if len(axes) != 3 or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {what_is(axes)}")
-    walled = next((wall.axis for wall in scene.walls if axes["xyz".index(wall.axis)]), None)
-    if walled is not None:
-        raise PlanError(f"a barostat that changes {walled} would move beads behind walls; leave it out of axes, coupled=False")
+    changed = "".join(axis for axis, changes in zip("xyz", axes, strict=True) if changes)
+    reason = why_not(built.plan, changed)
+    if reason is not None:
+        raise PlanError(reason)
 
 
 def add_barostat(
@@ -60,7 +63,7 @@ def add_barostat(
     pressure=None,
     *,
     interval: int = 25,
-    axes: tuple[bool, bool, bool] = (True, True, True),
+    axes: Axes = (True, True, True),
     coupled: bool = True,
     surface_tension=None,
     xymode: str = "isotropic",
@@ -117,15 +120,13 @@ def add_barostat(
     ----------
     Y. Zhang, S. E. Feller, B. R. Brooks and R. W. Pastor, J. Chem. Phys. 103, 10252 (1995).
     """
-    _check(built, interval, axes if surface_tension is None else (True, True, zmode != "fixed"))
+    _check(built, interval, axes if surface_tension is None else (True, True, zmode != "fixed"), Plan.no_barostat)
     plan = built.plan
     present = next((force for force in built.system.getForces() if isinstance(force, BAROSTATS)), None)
     if present is not None:
         raise PlanError(f"the System has a {type(present).__name__} already; two barostats would make the volume follow neither")
     if built.integrator.context() is not None:
         raise PlanError("there is a Context of this scene already, which would not know the barostat; add it before the Simulation is made")
-    if plan.no_barostat is not None:
-        raise PlanError(plan.no_barostat)
     if plan.options.ramp is not None:
         raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
     if plan.options.kT == 0:
@@ -146,7 +147,7 @@ def add_barostat(
     return barostat
 
 
-def _pressure_barostat(pressure, axes: tuple[bool, bool, bool], coupled: bool, kelvin: float, interval: int) -> openmm.Force:
+def _pressure_barostat(pressure, axes: Axes, coupled: bool, kelvin: float, interval: int) -> openmm.Force:
     if pressure is None:
         raise ParameterError("a barostat needs a pressure")
     bar = md_pressure(pressure) * BAR_PER_MD_PRESSURE
@@ -211,17 +212,8 @@ class EnthalpyBarostat(Cadence):
         If the scene has no internal energies, no box or immobile beads, or a value is wrong.
     """
 
-    def __init__(
-        self,
-        built: BuiltSystem,
-        pressure,
-        *,
-        interval: int = 25,
-        axes: tuple[bool, bool, bool] = (True, True, True),
-        coupled: bool = True,
-        adjust: bool = True,
-    ):
-        _check(built, interval, axes)
+    def __init__(self, built: BuiltSystem, pressure, *, interval: int = 25, axes: Axes = (True, True, True), coupled=True, adjust=True):
+        _check(built, interval, axes, Plan.no_volume_moves)
         fields = built.plan.spec.fields
         if fields is None or fields.kind != ENERGY:
             raise PlanError(
@@ -291,8 +283,7 @@ class EnthalpyBarostat(Cadence):
         return True
 
     def _adjust(self, context: openmm.Context) -> None:
-        rate = context.getParameter(VOLUME_ACCEPTED) / _ADJUST
-        step = context.getParameter(VOLUME_STEP)
+        rate, step = context.getParameter(VOLUME_ACCEPTED) / _ADJUST, context.getParameter(VOLUME_STEP)
         if rate < 0.25:
             step /= 1.2
         elif rate > 0.75:

@@ -44,14 +44,22 @@ def set_barostats(context: openmm.Context, kelvin: float) -> None:
         context.setParameter(barostat.Temperature(), kelvin)
 
 
-def check_barostats(context: openmm.Context, moving: list[openmm.Force], kelvin: float, ramped: bool) -> None:
-    """Raise PlanError if a barostat samples volumes at another temperature than the thermostat sets, or that follows a ramp."""
+def _axes(barostat: openmm.Force) -> str:
+    """Those that its moves change."""
+    flat = isinstance(barostat, openmm.MonteCarloMembraneBarostat) and barostat.getZMode() == barostat.ZFixed
+    return "xy" if flat else "".join(axis for axis in "xyz" if getattr(barostat, f"getScale{axis.upper()}", lambda: True)())
+
+
+def check_barostats(context: openmm.Context, moving: list[openmm.Force], kelvin: float | None, made: Made) -> None:
+    """Raise PlanError if a barostat cannot act, or samples volumes at another temperature than the thermostat sets, or follows a ramp."""
     for barostat in moving:
-        name, parameter = type(barostat).__name__, barostat.Temperature()
-        if ramped:
+        name, parameter, reason = type(barostat).__name__, barostat.Temperature(), made.no_barostat(_axes(barostat))
+        if reason is not None:
+            raise PlanError(f"the System has a {name}: {reason}")
+        if made.asked < 0:
             raise PlanError(f"a {name} has one temperature; a temperature ramp cannot be combined with it")
         held = context.getParameter(parameter)
-        if abs(held - kelvin) > _SAME * kelvin:
+        if kelvin is not None and abs(held - kelvin) > _SAME * kelvin:
             raise PlanError(
                 f"the {name} samples volumes at {held:g} K (context parameter {parameter}), but the thermostat is at {kelvin:g} K; "
                 "setTemperature of the integrator, set_temperature and set_kT of openmm_dpd set both"

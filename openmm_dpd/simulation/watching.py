@@ -284,11 +284,8 @@ class Watching:
         if BESIDE in parameters and parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
         assert self.made is not None
-        if moving and self.made.no_barostat is not None:
-            raise PlanError(f"the System has a {type(moving[0]).__name__}: {self.made.no_barostat}")
-        kelvin = self._kelvin(context) if moving else None
-        if kelvin is not None:
-            check_barostats(context, moving, kelvin, self.made.asked < 0)
+        if moving:
+            check_barostats(context, moving, self._kelvin(context), self.made)
 
     def _look_at_everything(self, context: openmm.Context, groups: int) -> None:
         """Check the System of a Context, and what acts in it."""

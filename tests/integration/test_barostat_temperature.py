@@ -1,6 +1,7 @@
 """One temperature for the thermostat and the barostats of OpenMM beside it, however either is set."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import openmm
@@ -86,19 +87,16 @@ def test_one_without_the_other_is_refused(scheme, way):
     simulation.step(5)
 
 
-def test_a_barostat_of_the_users_has_the_temperature_of_the_thermostat():
-    built = fluid()
+@pytest.mark.parametrize(
+    ("kT", "reason"),
+    [(1.0, "at 300 K .* thermostat is at 120.27"), (dpd.TemperatureRamp(1.0, 2.0, 0, 100), "has one temperature; a temperature ramp")],
+)
+def test_a_barostat_of_the_users_has_the_temperature_of_the_thermostat(kT, reason):
+    built, off = fluid(kT=kT), fluid(kT=kT)
     built.system.addForce(openmm.MonteCarloBarostat(23.6 * BARS, 300, 25))
-    raises(dpd.PlanError, "at 300 K .* thermostat is at 120.27", lambda: built.simulation().step(1))
-    off = fluid()
+    raises(dpd.PlanError, f"MonteCarloBarostat .*{reason}", built.simulation().step, 1)
     off.system.addForce(openmm.MonteCarloBarostat(23.6 * BARS, 300, 0))
     off.simulation().step(1)
-
-
-def test_no_ramp_beside_a_barostat():
-    built = fluid(kT=dpd.TemperatureRamp(1.0, 2.0, 0, 100))
-    built.system.addForce(barostats()[0])
-    raises(dpd.PlanError, "MonteCarloBarostat has one temperature; a temperature ramp", lambda: built.simulation().step(1))
 
 
 @pytest.mark.parametrize(
@@ -106,6 +104,7 @@ def test_no_ramp_beside_a_barostat():
     [
         ("immobile", "scale the positions of immobile beads"),
         ("mdpd lucy", "judges volumes by an energy, but the many-body force of the Lucy kernel derives from no potential"),
+        ("specular", "a barostat that changes z would move beads behind walls"),
         ("energies", "use EnthalpyBarostat"),
         ("edpd", "temperatures or concentrations"),
         ("tdpd", "temperatures or concentrations"),
@@ -129,11 +128,26 @@ def test_scenes_without_a_barostat(kind, reason):
             step(1)
 
 
-@pytest.mark.parametrize(("kind", "make"), [("specular", dpd.add_barostat), ("energies between walls", dpd.EnthalpyBarostat)])
-def test_walls_stay_where_they_are(kind, make):
-    built = dpd.build(KINDS[kind](), dt=0.005, platform="CPU", seed=1)
-    raises(dpd.PlanError, "a barostat that changes z would move beads behind walls", make, built, 20.0)
-    make(built, 20.0, axes=(True, True, False), coupled=False)
+def anisotropic(built: dpd.BuiltSystem, pressure, axes, coupled):
+    built.system.addForce(openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(pressure, pressure, pressure), 1 / BOLTZMANN, *axes, 5))
+    built.simulation().step(1)
+
+
+def membrane(built: dpd.BuiltSystem, pressure, axes, coupled):
+    built.system.addForce(openmm.MonteCarloMembraneBarostat(pressure, 0.0, 1 / BOLTZMANN, 0, 0 if axes[2] else 1, 5))
+    built.simulation().step(1)
+
+
+@pytest.mark.parametrize("make", [dpd.add_barostat, dpd.EnthalpyBarostat, anisotropic, membrane])
+def test_walls_stay_where_they_are(make):
+    """Refused where it is added, or by the first step where somebody else added it."""
+    for z in (True, False):
+        scene = KINDS["energies between walls" if make is dpd.EnthalpyBarostat else "specular"]()
+        call = partial(make, dpd.build(scene, dt=0.005, platform="CPU", seed=1), 20.0, axes=(True, True, z), coupled=False)
+        if z:
+            raises(dpd.PlanError, "a barostat that changes z would move beads behind walls", call)
+        else:
+            call()
 
 
 @pytest.mark.slow

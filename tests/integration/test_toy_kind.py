@@ -241,7 +241,9 @@ def test_systems_with_it_are_read_where_it_is_known(register, tmp_path):
 def test_a_kind_that_makes_no_sense_is_refused(register):
     with pytest.raises(dpd.ParameterError, match="nothing is known of pair terms Exponential"):
         dpd.make_plan(scene(), dt=0.01, platform="CPU", seed=1)
-    register()
+    register(has_stress=True)
+    built = dpd.build(scene(), dt=0.01, platform="CPU", seed=1)
+    raises(dpd.ParameterError, "ExponentialLayer has no method tensors, though its kind says has_stress", lambda: StressReporter(1, built))
     raises(dpd.ParameterError, "there is a kind for Exponential already", register)
     raises(dpd.ParameterError, "either terms of the pair kernel or an overlay", lambda: kinds.Kind(coefficient=Exponential))
     raises(dpd.ParameterError, "its per-bead fields", lambda: kinds.Kind(coefficient=dpd.EDPD, terms=_terms))
