@@ -69,8 +69,8 @@ def to_md(value, dimension: str, name: str):
     Raises
     ------
     ParameterError
-        If the unit does not fit, the value is no real number or array of them, Quantities and bare numbers are mixed, or a value is NaN
-        or infinite.
+        If the unit does not fit, the value is no real number or array of them, Quantities and bare numbers are mixed, or a value is NaN,
+        infinite, masked or in units of another library.
     """
     if type(value) is float and math.isfinite(value):
         return value  # as most are, of half a million coefficients
@@ -80,6 +80,8 @@ def to_md(value, dimension: str, name: str):
                 f"{name} has the unit {value.unit}, which is no {dimension}; expected something like {DIMENSIONS[dimension]}"
             )
         value = value.value_in_unit(DIMENSIONS[dimension])
+    if np.ma.is_masked(value) or hasattr(value, "units") or hasattr(value, "unit"):  # NumPy reads below the mask, and drops units
+        raise ParameterError(f"{name} has masked entries or units that are not openmm.unit's; expected numbers or its Quantities")
     result = None if _lists_quantities(value) else _real_numbers(value)
     if result is None:
         result = _entry_by_entry(value, dimension, name)
@@ -175,10 +177,7 @@ def _molar(value, plain: unit.Unit, molar: unit.Unit, name: str) -> float:
         if not value.unit.is_compatible(molar):
             raise ParameterError(f"{name} has the unit {value.unit}; expected something like {plain} or {molar}")
         value = value.value_in_unit(molar)
-    number = to_md(value, "dimensionless", name)
-    if not isinstance(number, float):
-        raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
-    return number
+    return checked(value, "dimensionless", name, signed=True)
 
 
 @dataclass(frozen=True)
