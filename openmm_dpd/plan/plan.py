@@ -270,9 +270,8 @@ def make_plan(
     faster = double or on_device or not listed(platform, scene.box, longest(layers))
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
     carriers = [kind for kind in kinds if kind.fields is not None]
-    fields = carriers[0].fields(scene) if carriers else None  # type: ignore[misc]
-    choices = field_options(scene, fields, longest(layers), double, lam)
-    choices |= {"field_names": carriers[0].field_text} if carriers else {}
+    fields = carriers[0].fields_of(scene) if carriers else None
+    choices = field_options(scene, fields, longest(layers), double, lam) | ({"field_names": carriers[0].field_text} if carriers else {})
     no_loop = "the device does them" if on_device else None
     no_loop = no_loop or why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
     if driven and no_loop is not None:

@@ -158,13 +158,9 @@ def _pressure_barostat(pressure, axes: Axes, coupled: bool, kelvin: float, inter
     return openmm.MonteCarloAnisotropicBarostat(openmm.Vec3(bar, bar, bar), kelvin, *map(bool, axes), interval)
 
 
-_XY_MODES = {"isotropic": openmm.MonteCarloMembraneBarostat.XYIsotropic, "anisotropic": openmm.MonteCarloMembraneBarostat.XYAnisotropic}
-_CONSTANT_VOLUME = "constant volume"
-_Z_MODES = {
-    "free": openmm.MonteCarloMembraneBarostat.ZFree,
-    "fixed": openmm.MonteCarloMembraneBarostat.ZFixed,
-    _CONSTANT_VOLUME: openmm.MonteCarloMembraneBarostat.ConstantVolume,
-}
+_Membrane, _CONSTANT_VOLUME = openmm.MonteCarloMembraneBarostat, "constant volume"
+_XY_MODES = {"isotropic": _Membrane.XYIsotropic, "anisotropic": _Membrane.XYAnisotropic}
+_Z_MODES = {"free": _Membrane.ZFree, "fixed": _Membrane.ZFixed, _CONSTANT_VOLUME: _Membrane.ConstantVolume}
 
 
 def _membrane_barostat(box: np.ndarray, pressure, tension, xymode: str, zmode: str, kelvin: float, interval: int) -> openmm.Force:
@@ -180,7 +176,7 @@ def _membrane_barostat(box: np.ndarray, pressure, tension, xymode: str, zmode: s
     elif pressure is None:
         raise ParameterError(f"zmode={zmode!r} changes the volume and needs a pressure")
     bar, bar_nm = md_pressure(pressure) * BAR_PER_MD_PRESSURE, md_tension(tension) * BAR_PER_MD_PRESSURE
-    return openmm.MonteCarloMembraneBarostat(bar, bar_nm, kelvin, _XY_MODES[xymode], _Z_MODES[zmode], interval)
+    return _Membrane(bar, bar_nm, kelvin, _XY_MODES[xymode], _Z_MODES[zmode], interval)
 
 
 class EnthalpyBarostat(Cadence):
@@ -284,10 +280,7 @@ class EnthalpyBarostat(Cadence):
 
     def _adjust(self, context: openmm.Context) -> None:
         rate, step = context.getParameter(VOLUME_ACCEPTED) / _ADJUST, context.getParameter(VOLUME_STEP)
-        if rate < 0.25:
-            step /= 1.2
-        elif rate > 0.75:
-            step = min(step * 1.2, 0.3)
+        step = step / 1.2 if rate < 0.25 else min(step * 1.2, 0.3) if rate > 0.75 else step
         context.setParameter(VOLUME_STEP, step)
         context.setParameter(VOLUME_ACCEPTED, 0.0)
 

@@ -112,10 +112,7 @@ WRONG = {  # What is wrong -> what makes it, and what the message has to say.
     "one factor": (lambda: scene(bonded_factors=0.5), "bonded_factors.*three"),
     "Quantities and bare numbers": (lambda: scene(positions=[X[0] * NM, *X[1:]]), "positions mixes Quantities.*entry 1 "),
     "masked positions": (lambda: scene(positions=np.ma.masked_less(X, 0.5)), "positions has masked entries"),
-    "units of another library": (
-        lambda: scene(positions=X.view(type("Angstroms", (np.ndarray,), {"units": "A"}))),
-        "positions has.*units that",
-    ),
+    "units of another library": (lambda: scene(positions=X.view(type("A", (np.ndarray,), {"units": 1}))), "positions has.*units that"),
     "Quantities in kelvin": (lambda: scene(positions=[x * KELVIN for x in X]), "positions.*kelvin.*length"),
     "ragged positions": (lambda: scene(positions=[[1, 2, 3]] * (N - 1) + [[1, 2]]), r"positions.*\(3,\) and \(2,\)"),
     "complex positions": (lambda: scene(positions=X + 1j), "positions.*array of numbers"),

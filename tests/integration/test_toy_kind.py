@@ -249,6 +249,19 @@ def test_a_kind_that_makes_no_sense_is_refused(register):
     raises(dpd.ParameterError, "its per-bead fields", lambda: kinds.Kind(coefficient=dpd.EDPD, terms=_terms))
 
 
+Warm = type("Warm", (dpd.EnergyDPD,), {})  # energies under another name
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"kind": "colour"}, {"eos": None}, {"initial": np.ones((N, 3))}, {"initial": np.ones((N, 2), np.float32)}, {"immobile": None}]
+)
+def test_fields_that_make_no_sense_are_refused(wrong, monkeypatch):
+    known = kinds.KINDS[dpd.EnergyDPD]
+    monkeypatch.setitem(kinds.KINDS, Warm, replace(known, coefficient=Warm, fields=lambda scene: replace(known.fields(scene), **wrong)))
+    beads = scene({("*", "*"): Warm(A=25.0, sigma=3.0)}, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(60.0), 1.0))
+    raises(dpd.ParameterError, "fields of Warm must be a whole FieldSpec", lambda: dpd.build(beads, dt=0.01, platform="CPU", seed=1))
+
+
 COMPILED = """
 from typing import Any, NamedTuple
 import numpy as np

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import openmm
 
 from ...base.errors import ParameterError
 from ...base.serialized import trust
-from ...kernels.fields import FieldSpec
+from ...kernels.fields import ENERGY, SPECIES, TEMPERATURE, FieldSpec
 from ...kernels.layer import Table
 from ...kernels.radial import Tables
 from ...model.pairs import NONE, PairCoefficient
@@ -39,10 +39,7 @@ class Curves(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Kind:
-    """One kind of pair coefficients.
-
-    What is not given is not possible, and refused where it is asked for.
-    """
+    """One kind of pair coefficients.  What is not given is not possible, and refused where it is asked for."""
 
     coefficient: type[PairCoefficient]  #: A frozen dataclass of :mod:`openmm_dpd.model`
     #: The coefficients as the pair kernel's table, which makes the layer that evaluates them; or else
@@ -86,6 +83,16 @@ class Kind:
     def name(self) -> str:
         """Name of the class of coefficients."""
         return self.coefficient.__name__
+
+    def fields_of(self, scene: Scene) -> FieldSpec:
+        """Per-bead fields of a scene, checked."""
+        found, n = cast(Any, self.fields)(scene), scene.n_beads
+        needs, width = {ENERGY: ("eos", 2), TEMPERATURE: ("capacity", 1), SPECIES: ("initial", 0)}.get(getattr(found, "kind", ""), ("", 0))
+        values, immobile = (np.array(getattr(found, name, None)) for name in ("initial", "immobile"))
+        shapes = (n, width or values.size // n), (n,)
+        if getattr(found, needs, None) is None or values.dtype != np.float64 or (values.shape, immobile.shape) != shapes:
+            raise ParameterError(f"the fields of {self.name} must be a whole FieldSpec: values (N, K), float64, flags (N,), N = {n}")
+        return found
 
     def kernel_only(self, table: Resolved, scene: Scene, exceptions: dict[tuple[int, int], float], platform: str | None) -> str | None:
         """Why only the pair kernel can compute the conservative force in a scene, or None."""
