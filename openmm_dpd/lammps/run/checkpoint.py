@@ -201,8 +201,10 @@ class Checkpoints:
         for name in _KEPT:
             try:
                 found = Latest(**self.read(name))
-                for number in range(found.runs):
-                    unsealed(self.folder / f"run-{number + 1}")
+                # a state that was read by read_restart counts the runs before it, which have no files here
+                first = min((int(path.name[4:]) for path in self.folder.glob("run-*")), default=found.runs + 1)
+                for number in range(first, found.runs + 1):
+                    unsealed(self.folder / f"run-{number}")
                 self._latest_is_bad = wrong.partition("; ")[0]
                 return found
             except ParameterError as error:
