@@ -17,6 +17,8 @@ DIFFERENT = {
     "test_minimizing": "OpenMM's minimiser crashes with PoCL",
     "test_positions_that_are_set_to_what_they_were_change_nothing": "the acceleration of mvv is computed anew wherever somebody sets positions",
     "test_bead_that_became_nan_is_named": "a device is asked when somebody reads a state",
+    "test_bead_that_is_far_away_has_a_position": "as for one that became nan",
+    "test_dihedral_in_line": "dihedrals are OpenMM's there, so that one in line is refused",
     "test_ctrl_c_is_a_keyboard_interrupt": "it interrupts a force of the host",
     "test_methods_of_system_context_and_integrator[setIntegrationForceGroups-whole]": "whole steps on the device refuse it, as programs do",
     "test_a_system_in_xml_stays_small": "it looks into a force of the host",
