@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from numba import config
+import numpy.ma  # noqa: F401  numba imports it with the first array: a child forked meanwhile would wait for an import that never ends
 from numba.core.caching import NullCache
 from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
@@ -25,8 +25,6 @@ from numba.core.compiler_lock import global_compiler_lock as _COMPILER
 from numba.core.event import Listener, install_listener
 from numba.core.serialize import dumps
 
-if config.DISABLE_JIT:  # type: ignore[attr-defined]
-    raise ImportError("openmm_dpd computes with code that numba compiles, and NUMBA_DISABLE_JIT forbids that: unset it")
 # a fork waits for the kernel that another thread compiles: the child would wait for that thread, which it has not
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_COMPILER.acquire, after_in_parent=_COMPILER.release, after_in_child=_COMPILER.release)

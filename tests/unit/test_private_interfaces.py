@@ -164,7 +164,7 @@ def test_compiled_functions_are_kept_and_come_back():
 def test_a_compiler_that_is_switched_off_is_named():
     run = [sys.executable, "-c", "import openmm_dpd"]
     said = subprocess.run(run, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, cwd=ROOT)
-    assert said.stderr.splitlines()[-1].startswith(
+    assert said.returncode == 1 and said.stderr.splitlines()[-1].startswith(
         "ImportError: NUMBA_DISABLE_JIT is set, but openmm_dpd computes in kernels that numba compiles"
     )
 
