@@ -1,9 +1,9 @@
 """Averages of runs against what they should be: a right program fails in less than one of 100,000 runs of the suite, on any machine.
 
-Errors come from blocks that are long against the correlation time (``crosscheck/blocks.py``: twenty or more of them, or the run is
+Errors come from blocks that are long against the correlation time (``decks/blocks.py``: twenty or more of them, or the run is
 refused as too short), and bounds from Student's distribution for so few: :data:`LEVEL` of right runs are outside.  A test fails if
 those of three seeds fail, so it may also judge several averages at once, or by an error that is known less well: what fails once
-in a hundred runs fails three times in one of a million.  ``tests/unit/test_stats.py`` measures both on series of known correlation.
+in a hundred runs fails three times in one of a million.  ``tests/core/test_stats.py`` measures both on series of known correlation.
 """
 
 import functools
@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from crosscheck.blocks import block_length, block_statistics, correlation_time
+from decks.blocks import block_length, block_statistics, correlation_time
 from scipy.special import stdtrit
 
 LEVEL = 1e-3  # Part of right runs that are outside of the bounds.

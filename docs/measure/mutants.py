@@ -97,7 +97,7 @@ def drawn(root: Path) -> list[tuple[Path, int, int, str]]:
 def tests_of(root: Path, path: Path) -> list[Path]:
     """Test files that name the module, those that are called after it first, small ones before large ones; then those of its room."""
     named = re.compile(rf"\b{path.parent.name}(\.| import [^\n]*\b){path.stem}\b")
-    files = {f.stem.removeprefix("test_"): f for f in root.glob("tests/*/test_*.py") if f.parent.name != "crosscheck"}
+    files = {f.stem.removeprefix("test_"): f for f in root.glob("tests/*/test_*.py") if f.parent.name != "decks"}
     first = [name for name, f in files.items() if path.stem in name or named.search(f.read_text(encoding="utf-8"))]
     first.sort(key=lambda name: (path.stem not in name, files[name].stat().st_size))
     more = next(words for room, words in ROOMS.items() if f"openmm_dpd/{room}/" in path.as_posix())

@@ -1,6 +1,6 @@
 """What this package takes from inside numba, which may change with any release: nothing else imports ``numba.core``.
 
-``tests/unit/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
+``tests/core/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
 
 - ``NullCache``, ``packed``, ``unpacked``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let
   ``keep_on_disk`` of ``kernel_cache.py`` return at once: kernels are then compiled at every start, and nothing else is lost.

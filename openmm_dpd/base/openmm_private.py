@@ -1,6 +1,6 @@
 """What this package takes from inside OpenMM's Python layer, which may change with any release: nothing else does.
 
-``tests/unit/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
+``tests/core/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
 
 - ``bare``: ``quantity.value_in_unit_system(openmm.unit.md_unit_system)`` is the same, as a copy.
 - ``vectors``: ``np.array(state.getPositions(asNumpy=True).value_in_unit(openmm.unit.nanometer))`` is the same, velocities alike.

@@ -1,7 +1,7 @@
 """Memory by its address, for compiled code: words, functions, and what several threads tell each other.
 
 A *word* is 64 bits: a whole number, or the bits of a float64.  Like :mod:`.vectors`, this file has instructions of llvmlite, and
-``tests/unit/test_kernel_threads.py`` tries them.
+``tests/core/test_kernel_threads.py`` tries them.
 """
 
 import platform

@@ -12,7 +12,7 @@ numbers as one value (``Lanes``), which stays in vector registers through a loop
 
 Each lane is plain arithmetic on float64, in the order in which it is written, on every processor.
 
-Where a release of numba or llvmlite changes these instructions, ``tests/unit/test_private_interfaces.py`` fails: each of them is a loop
+Where a release of numba or llvmlite changes these instructions, ``tests/core/test_private_interfaces.py`` fails: each of them is a loop
 over eight numbers that numba compiles too, with the same results.
 """
 

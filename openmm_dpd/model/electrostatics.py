@@ -276,7 +276,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
             f"the cutoff {in_length(cutoff)} of {type(charges).__name__} is over half the box, whose smallest width is "
             f"{in_length(2 * half)}"
         )
-    # the factors were found by comparison with exact sums, see tests/unit/test_electrostatics.py
+    # the factors were found by comparison with exact sums, see tests/core/test_electrostatics.py
     alpha = charges.alpha or without_last_digits(math.sqrt(-math.log(0.3 * charges.tolerance)) / cutoff)
     grid = charges.grid
     if grid is None:

@@ -45,4 +45,4 @@ def on_device(monkeypatch, engine_of_the_host) -> None:
 
 
 if __name__ == "__main__":
-    print(*(f"tests/integration/test_{name}.py" for name in FILES))
+    print(*(f"tests/core/test_{name}.py" for name in FILES))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent.parent.parent / "tests" / "integration"))
+sys.path.insert(0, str(Path(__file__).parent.parent.parent / "tests" / "decks"))
 
 from test_resume import TINY, interrupt_again_and_again
 

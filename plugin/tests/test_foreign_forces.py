@@ -1,4 +1,4 @@
-"""The matrix of tests/integration/test_foreign_forces.py on the device: what the user adds acts in full, or is refused by one clear line."""
+"""The matrix of tests/core/test_foreign_forces.py on the device: what the user adds acts in full, or is refused by one clear line."""
 
 import functools
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent.parent.parent / "tests" / "integration"))
+sys.path.insert(0, str(Path(__file__).parent.parent.parent / "tests" / "core"))
 
 from conftest import available
 from devices import Device

@@ -38,7 +38,7 @@ momentum = {kind: np.abs(rows[:, 2]).max() for kind, (rows, _) in found.items()}
 assert momentum["pairwise friction"] < 5 < 20 < momentum["Langevin, 5/ps"]
 assert abs(found["pairwise friction"][0][75:, 1].mean() - 300) < 4 * 12
 """,
-    # means and deviations of twenty seeds of such runs are those of tests/integration/test_examples.py
+    # means and deviations of twenty seeds of such runs are those of tests/project/test_examples.py
     "membrane": """
 assert order[0] < 0.3 and order[len(order) // 2 :].mean() > 0.76
 assert abs(thickness["assembled"].mean - 3.519) < 4 * 0.032

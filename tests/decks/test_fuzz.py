@@ -1,4 +1,4 @@
-"""Random decks of every area of commands, run by LAMMPS, live, and by this package: fixed seeds.  More by hand: ``python tests/crosscheck/fuzz --help``."""
+"""Random decks of every area of commands, run by LAMMPS, live, and by this package: fixed seeds.  More by hand: ``python tests/decks/fuzz --help``."""
 
 import os
 from collections.abc import Iterator

@@ -66,7 +66,7 @@ COMMAND_LINES = sorted(line for line in LINES if line.startswith("openmm-dpd"))
 
 @pytest.mark.parametrize("line", COMMAND_LINES)
 def test_command_lines_are_accepted(line):
-    """The parser takes them, and their decks exist; tests/integration/test_readme.py runs those of the README."""
+    """The parser takes them, and their decks exist; tests/project/test_readme.py runs those of the README."""
     assert (ROOT / cli._parser().parse_args(shlex.split(line)[1:]).deck).is_file()
 
 

@@ -4,10 +4,10 @@ import os
 import zlib
 
 import pytest
-from crosscheck.fuzz.deck import Deck
-from crosscheck.fuzz.draw import Draw
-from crosscheck.fuzz.interruptions import Interruptions
 from deck_snippets import FILES, SNIPPETS, TABLES, WORDS
+from decks.fuzz.deck import Deck
+from decks.fuzz.draw import Draw
+from decks.fuzz.interruptions import Interruptions
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
 

@@ -1,4 +1,4 @@
-"""``python tests/crosscheck/fuzz --seeds 1000:3000 [--area setup] [--keep DIR]``: random decks by hand."""
+"""``python tests/decks/fuzz --seeds 1000:3000 [--area setup] [--keep DIR]``: random decks by hand."""
 
 import sys
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Random decks, run by LAMMPS and by openmm_dpd, and compared.
 
-``python tests/crosscheck/fuzz --seeds 1000:3000 [--area setup] [--keep DIR] [--shrink]`` runs any seeds: a seed is a deck, an area of
+``python tests/decks/fuzz --seeds 1000:3000 [--area setup] [--keep DIR] [--shrink]`` runs any seeds: a seed is a deck, an area of
 commands is a grammar in ``areas/``.  ``--shrink`` drops the lines that do not matter, ``--keep`` writes what both programs wrote.  What comes
 of a deck is one of ``trial.OUTCOMES``; where the programs part on purpose is in ``reasons.py`` and in ``docs/decks/differences.md``, and grammars keep
 away from it where they can.  A deck takes a tenth of a second or less.  With ``--resume`` no LAMMPS is asked: each deck is interrupted at
