@@ -1,7 +1,7 @@
 """Steps for many-body liquids with a surface: temperatures off by 1, 5 and 10 %, and the step that blows up, by friction and stiffness.
 
 Slabs of liquid with vacuum beside them, by the search of benchmarks/stability.py, in reduced units (cutoff of the attraction, mass and kT are
-1, the repulsion reaches 0.75).  Runs what is missing in ``out/many_body``, then writes openmm_dpd/simulation/advice/many_body.json and the
+1, the repulsion reaches 0.75).  Runs what is missing in ``out/many_body``, then writes openmm_dpd/advice/many_body.json and the
 table of docs/schemes.md; it can be interrupted at any time.
 
     python benchmarks/many_body.py               # twenty minutes of one core
@@ -25,10 +25,10 @@ from atlas_parts.store import Store, carry_out
 from atlas_parts.summary import short, write
 
 import openmm_dpd as dpd
-from openmm_dpd.simulation.advice.scene_groups import liquid_density, stiffness
+from openmm_dpd.advice.scene_groups import liquid_density, stiffness
 
 ROOT = Path(__file__).resolve().parents[1]
-FILE = ROOT / "openmm_dpd" / "simulation" / "advice" / "many_body.json"
+FILE = ROOT / "openmm_dpd" / "advice" / "many_body.json"
 
 SCHEMES = ("mvv", "shardlow", "middle", "basa", "aboba", "bababo", "bababs", "bab3")
 #: Attraction and repulsion of Warren's liquid, and of that at half and at twice its temperature.

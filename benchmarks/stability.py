@@ -1,7 +1,7 @@
 """The stability map: for every scheme the step at which temperatures are 1, 5 and 10 % off, and the one at which it blows up.
 
 Small systems, found by bisection.  Reduced units: cutoff 1, mass of the lightest bead 1, kT 1.  Runs what is missing in ``out/stability``,
-then writes openmm_dpd/simulation/advice/stability.json, the maps in docs/figures and the tables of docs/atlas.md; it can be interrupted at any time.
+then writes openmm_dpd/advice/stability.json, the maps in docs/figures and the tables of docs/atlas.md; it can be interrupted at any time.
 
     python benchmarks/stability.py --beads 300           # as the shipped table (velocity Verlet and shardlow: --loose 4): an hour of one
                                                          # core for native, up to twenty minutes for each other scheme
@@ -40,8 +40,8 @@ from atlas_parts.store import Store, carry_out  # noqa: E402
 from atlas_parts.summary import machine, short, write  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.advice.stability_table import StabilityTable, shipped_table  # noqa: E402
 from openmm_dpd.base.errors import DPDError  # noqa: E402
-from openmm_dpd.simulation.advice.stability_table import StabilityTable, shipped_table  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 SCHEMES = ("mvv", "shardlow", "middle", "basa", "aboba", "bababo", "bababs", "bab3", "native")
@@ -410,7 +410,7 @@ def main() -> None:
         carry_out(left, work, store, options.processes, functools.partial(print, flush=True))
     if options.only != "runs":
         table = tabulate(store, costs(ROOT / "docs" / "atlas.json"), shipped_table().data)
-        write(table, ROOT / "openmm_dpd" / "simulation" / "advice" / "stability.json")
+        write(table, ROOT / "openmm_dpd" / "advice" / "stability.json")
         maps.draw(table, ROOT / "docs" / "figures")
         page.update(ROOT / "docs" / "atlas.md", texts=maps.blocks(table))
 

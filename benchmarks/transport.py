@@ -2,7 +2,7 @@
 
 Each run drives a fluid of density 3 and repulsion 25 by a force f sin(2 pi z/L) along x: viscosity from the amplitude of the flow, diffusion
 from the displacements across it (docs/measure/transport_table.py).  Runs what is missing in ``out/transport``, then writes
-openmm_dpd/simulation/advice/transport.json and the table of docs/atlas.md; it can be interrupted at any time.
+openmm_dpd/advice/transport.json and the table of docs/atlas.md; it can be interrupted at any time.
 
     python benchmarks/transport.py                     # an hour of one core
     python benchmarks/transport.py --time 1500         # a quarter of it; errors twice as large
@@ -36,7 +36,7 @@ from atlas_parts.summary import machine, write  # noqa: E402
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.base.errors import DPDError  # noqa: E402
 
-FILE = ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json"
+FILE = ROOT / "openmm_dpd" / "advice" / "transport.json"
 
 #: Steps are these parts of the time between samples.
 FAST, LONG, LONGER, OWN = (15, 10, 8, 6), (10, 6, 5, 4), (6, 4, 3), (6, 5, 4)

@@ -5,6 +5,7 @@ from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 
+from .advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
 from .base import (
     DeckError as DeckError,
     DPDError as DPDError,
@@ -63,11 +64,9 @@ from .model import (
 from .plan import Plan as Plan, degrees_of_freedom as degrees_of_freedom, explain_plan as explain_plan, make_plan as make_plan
 from .simulation import (
     BuiltSystem as BuiltSystem,
-    Choice as Choice,
     EnthalpyBarostat as EnthalpyBarostat,
     FieldReporter as FieldReporter,
     MixedSystem as MixedSystem,
-    Recommendation as Recommendation,
     add_barostat as add_barostat,
     add_thermostat as add_thermostat,
     build as build,
@@ -76,7 +75,6 @@ from .simulation import (
     load_fields as load_fields,
     load_xml as load_xml,
     read_fields as read_fields,
-    recommend as recommend,
     write_fields as write_fields,
 )
 
@@ -84,8 +82,6 @@ __version__ = "0.2.0"
 
 #: Modules that scripts import by a name of their own, and where they are.
 PUBLIC_MODULES = {
-    "inputs": "molecules.inputs",
-    "outputs": "io.outputs",
     "stats": "base.stats",
     "trajectory": "io.trajectory",
     "units": "base.units",

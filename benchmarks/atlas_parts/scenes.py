@@ -13,9 +13,9 @@ import openmm
 
 import openmm_dpd as dpd
 from openmm_dpd import DPD
+from openmm_dpd.advice.scene_groups import liquid_density
 from openmm_dpd.lammps import deck_scene
 from openmm_dpd.molecules import Bend, Bilayer, Spring, Twist, grafmueller_2009, linear, pack, relax
-from openmm_dpd.simulation.advice.scene_groups import liquid_density
 from openmm_dpd.stats import block_average, ratio_average
 
 from .fluids import DECKS

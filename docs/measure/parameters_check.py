@@ -19,7 +19,7 @@ from transport_table import BASE, measure
 
 import openmm_dpd as dpd
 from openmm_dpd import parameters
-from openmm_dpd.simulation.advice.stability_table import drag
+from openmm_dpd.advice.stability_table import drag
 from openmm_dpd.stats import block_average
 
 

@@ -19,8 +19,8 @@ import numpy as np
 from openmm import app, unit
 
 import openmm_dpd as dpd
+from openmm_dpd.advice.stability_table import drag
 from openmm_dpd.analysis import diffusion_coefficient, mean_squared_displacement
-from openmm_dpd.simulation.advice.stability_table import drag
 from openmm_dpd.stats import block_average
 
 #: Drag of a bead in its surroundings, as the gamma that gives it with the exponent 1 and without transverse friction.

@@ -1,5 +1,6 @@
 """Analysis of mdtraj trajectories, in memory or streamed in chunks: structure, transport, molecules, interfaces."""
 
+from ..measure.flow import VelocityProfile as VelocityProfile
 from .chains import MoleculeSizes as MoleculeSizes, end_to_end_distance as end_to_end_distance, radius_of_gyration as radius_of_gyration
 from .clusters import Clusters as Clusters, cluster_labels as cluster_labels, cluster_sizes as cluster_sizes
 from .curves import Curve as Curve
@@ -31,7 +32,6 @@ from .viscosity import (
     CouetteFit as CouetteFit,
     GreenKubo as GreenKubo,
     PoiseuilleFit as PoiseuilleFit,
-    VelocityProfile as VelocityProfile,
     couette_viscosity as couette_viscosity,
     green_kubo_viscosity as green_kubo_viscosity,
     poiseuille_viscosity as poiseuille_viscosity,

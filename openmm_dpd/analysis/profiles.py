@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import ParameterError
-from ..base.geometry import widths
+from ..base.geometry import sums_in_slices, widths
 from ..base.units import whole_number
 from .curves import Curve, curve_of, ratio_curve
 from .frames import Beads, Frame, Trajectories, axis_number, frames_of, selected, type_names, weights_of
@@ -39,11 +39,6 @@ class Slicer:
     def coordinates(self, width: float) -> np.ndarray:
         """Middles of the slices in a box of this width; 0 is the lower face, or the centre of mass."""
         return ((np.arange(self.n_bins) + 0.5) / self.n_bins - (0.5 if self.centre is not None else 0.0)) * width
-
-
-def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -> np.ndarray:
-    """Sums of weights (or numbers) of the beads in each of ``count`` slices, (count,), from the slice of each bead."""
-    return np.bincount(number, weights, count).astype(np.float64)
 
 
 def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:

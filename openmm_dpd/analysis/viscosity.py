@@ -7,39 +7,7 @@ import numpy as np
 from ..base.errors import ParameterError, what_is
 from ..base.stats import block_average
 from ..base.units import checked, thermal_energy, to_md, whole_number
-
-
-@dataclass(frozen=True, eq=False)
-class VelocityProfile:
-    """Velocity along one axis in slabs along another, averaged over samples.
-
-    Attributes
-    ----------
-    centres, width : (B,) array, float
-        Of the slabs, nm.
-    velocity, error : (B,) arrays
-        Mean velocity of each slab and its standard error, nm/ps.
-    density : (B,) array
-        Beads per nm^3.
-    kT : (B,) array
-        Kinetic temperature about the mean velocity of the slab at each moment, with 3 (n - 1) degrees of freedom for n beads, kJ/mol.
-    rows : (n, B) array
-        Velocity of each slab in each sample (its momentum over its mean mass).
-    length : float
-        Length of the box along the axis of the slabs.
-    """
-
-    centres: np.ndarray
-    width: float
-    velocity: np.ndarray
-    error: np.ndarray
-    density: np.ndarray
-    kT: np.ndarray
-    rows: np.ndarray
-    length: float
-
-    def __repr__(self) -> str:
-        return f"<VelocityProfile of {len(self.rows)} samples in {len(self.centres)} slabs of {self.width:g} nm>"
+from ..measure.flow import VelocityProfile
 
 
 @dataclass(frozen=True)

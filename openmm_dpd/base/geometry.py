@@ -140,3 +140,8 @@ def _images(s: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = np.concatenate([points, points[low] + step, points[high] - step])
         owner = np.concatenate([owner, owner[low], owner[high]])
     return points, owner
+
+
+def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -> np.ndarray:
+    """Sums of weights (or numbers) of the beads in each of ``count`` slices, (count,), from the slice of each bead."""
+    return np.bincount(number, weights, count).astype(np.float64)

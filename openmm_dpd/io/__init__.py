@@ -1,1 +1,1 @@
-"""Trajectories, topologies and pictures: written, read with mdtraj, drawn, and written for other programs (``outputs/``)."""
+"""Trajectories, topologies, PDB files and pictures: written, read with mdtraj, drawn."""

@@ -70,7 +70,7 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, re
 
     Atoms are called by the types of the beads, residues are molecules: the same names as in PSF files (:func:`write_psf`).  A molecule
     whose beads are apart is several residues with one id.  OpenMM's own readers of PDB and mmCIF files take atoms of equal names in a
-    residue for one; mdtraj reads all of them.  PDB files are written by :func:`openmm_dpd.io.outputs.write_pdb`: OpenMM's writer cuts names
+    residue for one; mdtraj reads all of them.  PDB files are written by :func:`openmm_dpd.outputs.write_pdb`: OpenMM's writer cuts names
     off, and what it writes for no element mdtraj replaces by a guess from the name.
 
     Parameters

@@ -1,14 +1,14 @@
 """What is recorded during a run to get viscosities: stress tensors, velocities in slabs, and what walls take up of momentum."""
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from openmm import unit
 
-from ..analysis.profiles import sums_in_slices
-from ..analysis.viscosity import VelocityProfile
 from ..base.cadence import Cadence
 from ..base.errors import ParameterError, what_is
+from ..base.geometry import sums_in_slices
 from ..base.names import IMPULSES
 from ..base.openmm_private import bare
 from ..base.stats import block_average
@@ -157,6 +157,39 @@ class StressReporter(BuiltReporter):
             range_of = f" from {min(found):g} to {max(found):g} {unit}" if found else ""
             raise ParameterError(f"the {len(self._rows)} samples were taken with {len(found)} {what}{range_of}; this needs one")
         return found.pop()
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityProfile:
+    """Velocity along one axis in slabs along another, averaged over samples.
+
+    Attributes
+    ----------
+    centres, width : (B,) array, float
+        Of the slabs, nm.
+    velocity, error : (B,) arrays
+        Mean velocity of each slab and its standard error, nm/ps.
+    density : (B,) array
+        Beads per nm^3.
+    kT : (B,) array
+        Kinetic temperature about the mean velocity of the slab at each moment, with 3 (n - 1) degrees of freedom for n beads, kJ/mol.
+    rows : (n, B) array
+        Velocity of each slab in each sample (its momentum over its mean mass).
+    length : float
+        Length of the box along the axis of the slabs.
+    """
+
+    centres: np.ndarray
+    width: float
+    velocity: np.ndarray
+    error: np.ndarray
+    density: np.ndarray
+    kT: np.ndarray
+    rows: np.ndarray
+    length: float
+
+    def __repr__(self) -> str:
+        return f"<VelocityProfile of {len(self.rows)} samples in {len(self.centres)} slabs of {self.width:g} nm>"
 
 
 class ProfileReporter(BuiltReporter):

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
+from ..advice.stability_table import drag
 from ..base.errors import ParameterError
-from ..simulation.advice.stability_table import drag
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: The one density that was measured.

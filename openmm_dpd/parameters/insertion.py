@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from openmm import unit
 
+from ..advice.recommend import recommend
 from ..base.errors import ParameterError
 from ..base.geometry import minimum_images, widths
 from ..base.stats import block_average
@@ -15,7 +16,6 @@ from ..base.units import whole_number
 from ..model.pairs import checked
 from ..model.scene import Scene
 from ..molecules import Molecule
-from ..simulation.advice.recommend import recommend
 from ..simulation.build import build
 from .estimate import Estimate, reduced_number
 from .insertion_scene import Insertion, insertion

@@ -1,10 +1,6 @@
-"""A plan becomes a System, an integrator and a Simulation; steps, and what may change between them.
-
-``programs/`` has the integrator programs, ``advice/`` which scheme and step to take.
-"""
+"""A plan becomes a System, an integrator and a Simulation; steps, and what may change between them."""
 
 from ..base.serialized import load_xml as load_xml
-from .advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
 from .barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
 from .build import build as build, build_plan as build_plan
 from .built import BuiltSystem as BuiltSystem

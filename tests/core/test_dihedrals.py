@@ -13,12 +13,12 @@ from cases import put, refused
 from scenes import beads
 
 import openmm_dpd as dpd
+from openmm_dpd.advice.recommend import advice
 from openmm_dpd.inputs import scene_from_lammps_data
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.measure.stress_parts import dihedral_sums, stress_parts
 from openmm_dpd.model.bonds import bonded_neighbours
 from openmm_dpd.molecules import Bend, Spring, Twist, linear, pack
-from openmm_dpd.simulation.advice.recommend import advice
 from openmm_dpd.trajectory import read_psf
 
 NO_LAMMPS = lammps_peer.why_missing()

@@ -16,12 +16,12 @@ from scenes import beads, run_of, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
+from openmm_dpd.advice.recommend import advice, predicted_error
 from openmm_dpd.lammps import RunOptions, export_lammps, run_deck
 from openmm_dpd.measure.stress_parts import kinetic_deficit
 from openmm_dpd.model.eos import ConstantHeatCapacity
 from openmm_dpd.model.schemes import SCHEMES, Scheme, read_word, scheme_of, spelt
 from openmm_dpd.plan.plan import make_plan
-from openmm_dpd.simulation.advice.recommend import advice, predicted_error
 
 HALF = Fraction(1, 2)
 NAMED = [scheme for scheme in SCHEMES.values() if scheme.letters]

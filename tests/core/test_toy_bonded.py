@@ -20,6 +20,7 @@ from cases import raises
 from scenes import beads, stepped
 
 import openmm_dpd as dpd
+from openmm_dpd.advice.bonded_modes import bonded_modes
 from openmm_dpd.base import serialized
 from openmm_dpd.kernels.angles import AngleTerms
 from openmm_dpd.kernels.bonded import BondTerms
@@ -32,7 +33,6 @@ from openmm_dpd.model.dihedrals import Dihedrals
 from openmm_dpd.molecules import linear, pack
 from openmm_dpd.molecules.terms import AnyBend, AnySpring, AnyTwist
 from openmm_dpd.plan import kinds
-from openmm_dpd.simulation.advice.bonded_modes import bonded_modes
 
 NO_LAMMPS = lammps_peer.why_missing()
 EDGE = 6.0

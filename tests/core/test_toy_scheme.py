@@ -9,12 +9,12 @@ from fluid_deck import ONE_TYPE
 from scenes import beads, run_of, same_bits, state_of, stepped
 
 import openmm_dpd as dpd
+from openmm_dpd.advice.recommend import advice
 from openmm_dpd.lammps import RunOptions, deck_scene, export_lammps, run_deck
 from openmm_dpd.lammps.state.pair_setup import Spec
 from openmm_dpd.lammps.styles.pair_styles import EXPORTS, PAIR_STYLES
 from openmm_dpd.lammps.styles.words import Columns, StyleUse, exact, settings
 from openmm_dpd.model.schemes import SCHEMES, Scheme, read_word
-from openmm_dpd.simulation.advice.recommend import advice
 
 WORD = "B/2 A/2 O A/2 B/2"
 REFERENCE = Device("Reference")

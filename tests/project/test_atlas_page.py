@@ -19,7 +19,7 @@ from atlas_parts.fluids import FLUIDS, methods
 from atlas_parts.sampling import BINS, Series
 from atlas_parts.store import Store, key
 
-from openmm_dpd.simulation.advice.stability_table import StabilityTable
+from openmm_dpd.advice.stability_table import StabilityTable
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "atlas.md").read_text(encoding="utf-8")

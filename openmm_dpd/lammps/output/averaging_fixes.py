@@ -5,8 +5,8 @@ from collections import deque
 
 import numpy as np
 
-from ...analysis.profiles import sums_in_slices
 from ...base.errors import ParameterError
+from ...base.geometry import sums_in_slices
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import ForceVector

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...advice.recommend import advice, recommend
 from ...base.errors import OutputError, ParameterError
 from ...base.file_ledger import ledger_in_use
 from ...base.files import BlockFile
@@ -19,7 +20,6 @@ from ...kernels.threads import set_threads
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
-from ...simulation.advice.recommend import advice, recommend
 from .building import build_request, connect_barostat
 from .checkpoint import Checkpoints
 from .deck import read_deck

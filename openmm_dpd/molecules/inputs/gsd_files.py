@@ -8,14 +8,14 @@ import numpy as np
 from ...base.errors import ParameterError, optional_package, what_is
 from ...base.geometry import reduced
 from ...base.units import unit_system, whole_number
-from ...io.outputs.gsd_file import MOLECULES
 from ...model.scene import Scene
+from ...outputs.gsd_file import MOLECULES
 from .arrays import BeadArrays
 from .beads import scene_from_beads
 
 
 def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **choices) -> Scene:
-    """A Scene from a GSD file of HOOMD-blue, or of :func:`openmm_dpd.io.outputs.write_gsd`.
+    """A Scene from a GSD file of HOOMD-blue, or of :func:`openmm_dpd.outputs.write_gsd`.
 
     Types, masses, charges, bonds, angles, dihedrals, box with tilts, and velocities are taken over, positions are carried to their images,
     and the corner of the box becomes the origin (in HOOMD its middle is).  In the format zeros may be what nobody set: velocities, or

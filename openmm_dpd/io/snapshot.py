@@ -8,9 +8,9 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ...base.cadence import Cadence
-from ...base.errors import ParameterError, what_is
-from ...model.scene import Scene
+from ..base.cadence import Cadence
+from ..base.errors import ParameterError, what_is
+from ..model.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

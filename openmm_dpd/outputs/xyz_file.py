@@ -5,11 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...base.errors import ParameterError, what_is
-from ...base.files import append_block, write_whole
-from ...base.units import UnitSystem, unit_system
-from ...model.scene import Scene
-from .snapshot import FrameReporter, Snapshot, scene_of
+from ..base.errors import ParameterError, what_is
+from ..base.files import append_block, write_whole
+from ..base.units import UnitSystem, unit_system
+from ..io.snapshot import FrameReporter, Snapshot, scene_of
+from ..model.scene import Scene
 
 _WHAT = "the XYZ file"
 

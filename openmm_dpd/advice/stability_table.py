@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.errors import ParameterError
+from ..base.errors import ParameterError
 
 #: Errors at which the table has steps.
 LEVELS = (0.01, 0.05, 0.10)

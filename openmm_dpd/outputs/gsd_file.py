@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import ParameterError, optional_package
-from ...base.files import writing
-from ...base.units import unit_system
-from ...model.scene import Scene
-from .snapshot import FrameReporter, Snapshot, scene_of
+from ..base.errors import ParameterError, optional_package
+from ..base.files import writing
+from ..base.units import unit_system
+from ..io.snapshot import FrameReporter, Snapshot, scene_of
+from ..model.scene import Scene
 
 #: Where molecule numbers are: OVITO takes logged values of particles for properties of particles.
 MOLECULES = "particles/molecule"

@@ -1,17 +1,17 @@
-"""Which scheme and which step: from the measured table of :mod:`openmm_dpd.simulation.advice.stability_table`.  Nothing here changes a
+"""Which scheme and which step: from the measured table of :mod:`openmm_dpd.advice.stability_table`.  Nothing here changes a
 scene or a run."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.errors import DPDError, ParameterError, what_is
-from ...base.units import to_md
-from ...base.wording import in_number, in_units, unit_name
-from ...model.scene import Scene
-from ...model.schemes import SCHEMES, scheme_of
-from ...plan.plan import make_plan
-from ..mixed_system import MixedSystem
+from ..base.errors import DPDError, ParameterError, what_is
+from ..base.units import to_md
+from ..base.wording import in_number, in_units, unit_name
+from ..model.scene import Scene
+from ..model.schemes import SCHEMES, scheme_of
+from ..plan.plan import make_plan
+from ..simulation.mixed_system import MixedSystem
 from .bonded_modes import Modes, bonded_modes, why_no_step
 from .scene_groups import charge_frequency, groups, is_many_body, steps_table, surroundings
 from .stability_table import LEVELS, SAFE, Groups, StabilityTable
@@ -118,10 +118,10 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
 
     Notes
     -----
-    The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.simulation.advice.scene_groups.groups` combines layers and
+    The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.advice.scene_groups.groups` combines layers and
     pairs of types.  A many-body liquid with the quadratic kernel has a table of its own
-    (:func:`openmm_dpd.simulation.advice.scene_groups.many_body_groups`).  Bonds, angles and dihedrals limit the step by what each scheme
-    does to their vibrations (:mod:`openmm_dpd.simulation.advice.bonded_modes`), charges by that of two opposite ones on top of each other.
+    (:func:`openmm_dpd.advice.scene_groups.many_body_groups`).  Bonds, angles and dihedrals limit the step by what each scheme
+    does to their vibrations (:mod:`openmm_dpd.advice.bonded_modes`), charges by that of two opposite ones on top of each other.
     There is no recommendation for walls, segmental repulsion, mixtures of many-body beads, other potentials between beads or an
     attraction, without friction, and where the beads of a dihedral may come into line; ``notes`` say so.  The steps of ``native`` were
     measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.
@@ -215,7 +215,7 @@ def _step(
 
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
     """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.  Bonds,
-    angles and dihedrals count by themselves (:mod:`openmm_dpd.simulation.advice.bonded_modes`)."""
+    angles and dihedrals count by themselves (:mod:`openmm_dpd.advice.bonded_modes`)."""
     word = scheme_of(scheme)
     scheme, table = word.name, table or steps_table(scene)
     pairs, _ = groups(scene)

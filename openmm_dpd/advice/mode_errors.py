@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...model.schemes import SWEEPS, Scheme
+from ..model.schemes import SWEEPS, Scheme
 
 #: Friction of the mode times the step, for the sweep: what a symmetric word does to a mode does not depend on it.
 _FRICTION = 0.02

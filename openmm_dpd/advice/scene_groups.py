@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ...model.internal import InternalEnergy
-from ...model.pairs import NONE
-from ...model.scene import Scene
-from ...plan.kinds import kind_for
+from ..model.internal import InternalEnergy
+from ..model.pairs import NONE
+from ..model.scene import Scene
+from ..plan.kinds import kind_for
 from .stability_table import Groups, StabilityTable, drag, shipped_table
 
 #: What measures a scene that is not in the table.
@@ -195,7 +195,7 @@ def is_many_body(scene: Scene) -> bool:
 
 
 def many_body_groups(scene: Scene, moves: np.ndarray) -> tuple[list[Groups], list[str]]:
-    """As :func:`~openmm_dpd.simulation.advice.scene_groups.groups`, for one liquid, with the stiffness in place of the repulsion."""
+    """As :func:`~openmm_dpd.advice.scene_groups.groups`, for one liquid, with the stiffness in place of the repulsion."""
     present = {scene.type_names[k] for k in np.unique(scene.type_ids)}
     found = {c for pair, c in scene.tables[0].resolve(scene.type_names).items() if present.issuperset(pair)}
     why = None

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import scipy
 
-from ...base.geometry import minimum_images
-from ...base.wording import bead_names
-from ...model.angles import Angles
-from ...model.bonds import BondedTerms
-from ...model.scene import Scene
-from ...model.schemes import Scheme
+from ..base.geometry import minimum_images
+from ..base.wording import bead_names
+from ..model.angles import Angles
+from ..model.bonds import BondedTerms
+from ..model.scene import Scene
+from ..model.schemes import Scheme
 from .mode_errors import exact_for_springs, largest_stable, tabulated_errors
 
 #: Terms around the stiffest one whose vibrations are looked at.
@@ -80,7 +80,7 @@ def bonded_modes(scene: Scene, around: float = 0.0) -> list[Modes]:
     scene : Scene
     around : float
         omega^2 that the surroundings of a bead add to each vibration, 1/ps^2
-        (:func:`openmm_dpd.simulation.advice.scene_groups.surroundings`).
+        (:func:`openmm_dpd.advice.scene_groups.surroundings`).
     """
     bonds = [_terms(group, scene.initial_kT) for group in scene.bonds if len(group.pairs)]
     angles = [_terms(group, scene.initial_kT) for group in scene.angles if len(group.triples)]

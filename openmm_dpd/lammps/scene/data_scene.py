@@ -7,13 +7,13 @@ import numpy as np
 
 from ...base.errors import DeckError, ParameterError, what_is
 from ...base.units import UnitSystem, unit_system
-from ...lammps.files.atom_styles import ATOM_STYLES, JOINED
-from ...lammps.files.data_file import DataFile, read_data_file
-from ...lammps.language.lexer import read_text
-from ...lammps.styles.bonded_styles import bonded_styles
 from ...model.scene import Scene
-from .arrays import BeadArrays
-from .beads import scene_from_beads
+from ...molecules.inputs.arrays import BeadArrays
+from ...molecules.inputs.beads import scene_from_beads
+from ..files.atom_styles import ATOM_STYLES, JOINED
+from ..files.data_file import DataFile, read_data_file
+from ..language.lexer import read_text
+from ..styles.bonded_styles import bonded_styles
 
 #: Atom styles whose beads carry nothing that a Scene has elsewhere.
 _STYLES = ("atomic", "charge", "bond", "angle", "molecular", "full")

@@ -4,11 +4,11 @@ import os
 
 import numpy as np
 
-from ...base.errors import ParameterError
-from ...base.files import write_whole
-from ..psf import SEGMENT, molecule_numbers, residue_names
-from ..trajectory import CHAIN, SYMBOL, short_names
+from ..base.errors import ParameterError
+from ..base.files import write_whole
+from .psf import SEGMENT, molecule_numbers, residue_names
 from .snapshot import Snapshot
+from .trajectory import CHAIN, SYMBOL, short_names
 
 #: Serial numbers have five digits.
 _MOST_BEADS = 99_999
