@@ -26,7 +26,7 @@ class MoleculeSizes:
     Attributes
     ----------
     values : (F, M) array
-        For each frame and molecule, in the order of their first beads.
+        One value per frame and molecule; molecules are in the order of their first beads.
     """
 
     values: np.ndarray
@@ -49,20 +49,20 @@ class MoleculeSizes:
 def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> MoleculeSizes:
     r"""Radius of gyration of each molecule about its centre of mass, Rg^2 = sum m |r - r_com|^2/sum m.
 
-    ``mdtraj.compute_rg`` takes all beads of a trajectory as one molecule, and distances from the geometric centre.
+    ``mdtraj.compute_rg`` treats all beads of a trajectory as one molecule and measures distances from the geometric centre.
 
     Parameters
     ----------
     trajectory : mdtraj.Trajectory or iterable of them
-        Any box, or none.  Molecules are made whole along their bonds (``mdtraj.Trajectory.make_molecules_whole``); none of their bonds may
-        be longer than half the box, and those that close through it (nets, rings around the box) have no size.
+        Any box, or none.  Molecules are made whole along their bonds (``mdtraj.Trajectory.make_molecules_whole``).  No bond may be longer
+        than half the box, and a molecule bonded to its own periodic image (a network, a ring around the box) has no size.
     beads : str, sequence of str, array of int, or None
-        Beads that count; all by default.
+        Beads to include; all by default.
 
     Returns
     -------
     MoleculeSizes
-        For molecules with at least 2 of these beads.
+        Radii of the molecules with at least 2 of these beads.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
     labels = molecule_labels(topology)[group]
     numbers = np.flatnonzero(np.bincount(labels) > 1)
     if not len(numbers):
-        raise ParameterError("no molecule has two of these beads")
+        raise ParameterError("no molecule has two or more of these beads; select more beads")
     # molecules are numbered in the order of their first beads
     kept = group[np.isin(labels, numbers)]
     units = np.searchsorted(numbers, molecule_labels(topology)[kept])
@@ -83,35 +83,35 @@ def radius_of_gyration(trajectory: Trajectories, beads: Beads = None) -> Molecul
 
 
 def gyration_tensors(positions: np.ndarray, masses: np.ndarray, units: np.ndarray) -> np.ndarray:
-    """Gyration tensors of M molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m, as (M, 6): xx, yy, zz, xy, xz, yz.  ``positions``
-    (N, 3) have molecules whole, ``units`` (N,) are the numbers of the beads' molecules, from 0 to M - 1.  The first three add up to the
-    square of the radius of gyration."""
+    """Gyration tensors of M molecules, S_ab = sum m (r - r_com)_a (r - r_com)_b/sum m, as (M, 6): xx, yy, zz, xy, xz, yz.  In
+    ``positions`` (N, 3) molecules are whole; ``units`` (N,) has the molecule of each bead, from 0 to M - 1.  The trace is the squared
+    radius of gyration."""
     total = np.bincount(units, masses)
     d = positions - means_over(units, masses, positions)[units]
     return np.column_stack([np.bincount(units, masses * d[:, a] * d[:, b]) / total for a, b in AXES_OF_TENSOR])
 
 
 def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None) -> MoleculeSizes:
-    r"""Distance between the ends of each chain.
+    r"""End-to-end distance of each chain.
 
     Parameters
     ----------
     trajectory : mdtraj.Trajectory or iterable of them
-        As for :func:`radius_of_gyration`.
+        Any box, or none.  Molecules are made whole along their bonds, none of which may be longer than half the box.
     ends : (M, 2) array of int, optional
-        Beads of each pair of ends, in one molecule each.  By default those of all linear chains: the two beads with a single bond.
+        Indices of the two end beads of each chain.  By default those of all linear chains: the two beads with a single bond.
 
     Raises
     ------
     ParameterError
-        If there is no linear chain, given ends are in different molecules, or a molecule closes through the periodic box.
+        If there is no linear chain, two ends are in different molecules, or a molecule closes through the periodic box.
     """
     topology, chunks = _bonded(trajectory)
     pairs = _chain_ends(topology) if ends is None else np.asarray(ends)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu" or not len(pairs):
         raise ParameterError(f"ends must be pairs of beads, as [[0, 9], [10, 19]] (or None: all linear chains), not {reprlib.repr(ends)}")
     if pairs.min() < 0 or pairs.max() >= topology.n_atoms:
-        raise ParameterError(f"ends must be indices from 0 to {topology.n_atoms - 1}")
+        raise ParameterError(f"ends must be indices from 0 to {topology.n_atoms - 1}; they go from {pairs.min()} to {pairs.max()}")
     labels = molecule_labels(topology)[pairs]
     apart = np.flatnonzero(labels[:, 0] != labels[:, 1])
     if len(apart):
@@ -121,7 +121,7 @@ def end_to_end_distance(trajectory: Trajectories, ends: np.ndarray | None = None
 
 
 def _chain_ends(topology: mdtraj.Topology) -> np.ndarray:
-    """The two ends of each linear chain: molecules of n beads with n - 1 bonds, none of whose beads has more than two."""
+    """The two ends of each linear chain, (M, 2): of molecules with n beads and n - 1 bonds, in which no bead has more than two bonds."""
     bonds, labels = bonds_of(topology), molecule_labels(topology)
     degree = np.bincount(bonds.ravel(), minlength=topology.n_atoms)
     branched = np.zeros(labels.max() + 1, dtype=bool)
@@ -134,7 +134,7 @@ def _chain_ends(topology: mdtraj.Topology) -> np.ndarray:
 
 
 def _bonded(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtraj.Trajectory]]:
-    """Topology and chunks; ParameterError if there are no bonds."""
+    """Topology and chunks of a trajectory; ParameterError if its topology has no bonds."""
     topology, chunks = chunks_of(trajectory)
     if not len(bonds_of(topology)):
         raise ParameterError("the topology has no bonds, so there are no molecules; write_psf(..., bonds=...) writes them")
@@ -142,8 +142,8 @@ def _bonded(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtraj.
 
 
 def whole_frames(topology: mdtraj.Topology, chunks: Iterator[mdtraj.Trajectory], molecules: np.ndarray) -> Iterator[Frame]:
-    """Frames with molecules that are not broken at the faces of the box; ParameterError if the bonds of one of the ``molecules`` (numbers)
-    close through the box: no image of it is whole."""
+    """Frames in which no molecule is broken at the faces of the box; ParameterError if one of the ``molecules`` (numbers) is bonded to its
+    own periodic image, so that no image of it is whole."""
     bonds, labels = bonds_of(topology), molecule_labels(topology)
     tree, bonds = bonds_outwards(topology).astype(np.int32), bonds[np.isin(labels[bonds[:, 0]], molecules)]
     whole = (chunk if chunk.unitcell_vectors is None else chunk.make_molecules_whole(sorted_bonds=tree) for chunk in chunks)
@@ -155,6 +155,6 @@ def whole_frames(topology: mdtraj.Topology, chunks: Iterator[mdtraj.Trajectory],
             beads = np.flatnonzero(labels == labels[i])
             raise ParameterError(
                 f"frame {number}: the molecule of bead {beads[0]} (counted from 0; {len(beads)} beads) has no size, since its bonds close "
-                f"through the periodic box, at that of {i} and {j} (or one is longer than half of it); leave its beads out"
+                f"through the periodic box, at the bond of {i} and {j} (or a bond is longer than half the box); leave its beads out"
             )
         yield frame

@@ -13,7 +13,7 @@ from .frames import Beads, Trajectories, axis_number, frames_of, indices, positi
 from .profiles import velocity_frames
 from .unwrapping import means_over, molecule_labels, unwrapped
 
-#: Lags that are taken if none are given.
+#: Number of lags by default.
 LAGS = 50
 #: -xi of a simple cubic lattice of charges, the finite-size correction of a cubic box.
 XI = 2.837297
@@ -26,9 +26,9 @@ class MeanSquaredDisplacement(Curve):
     Attributes
     ----------
     origins : (F, K) array
-        Mean over the beads for each first frame and lag; NaN where the trajectory ends before.
+        Mean over the beads for each time origin and lag; NaN where origin plus lag is beyond the trajectory.
     dimensions : int
-        Number of axes.
+        Number of axes that the displacements are taken along.
     """
 
     origins: np.ndarray
@@ -46,38 +46,38 @@ def mean_squared_displacement(
     axes: str = "xyz",
     unwrap: bool | str = "auto",
 ) -> MeanSquaredDisplacement:
-    r"""Mean squared displacement <|r(t0 + t) - r(t0)|^2> over beads and all first frames t0.
+    r"""Mean squared displacement <|r(t0 + t) - r(t0)|^2> over beads and all time origins t0.
 
     Parameters
     ----------
     trajectory : mdtraj.Trajectory or iterable of them
-        Positions may be folded into the box, bead by bead or molecule by molecule.  Any box, or none.  The paths of the chosen beads are
-        held in memory: 24 bytes for each bead and frame.
+        Any box, or none.  Positions may be wrapped into the box, bead by bead or molecule by molecule.  The paths of the chosen beads are
+        held in memory: 24 bytes per bead and frame.
     beads : str, sequence of str, array of int, or None
-        All by default.
+        Beads to average over; all by default.
     interval : float
         Time between frames (ps).  mdtraj does not read the times of DCD files.
     lags : sequence of int, optional
         Time differences in frames; by default 50 of them (or all) up to a quarter of the trajectory.
     molecules : bool
-        Displacements of the centres of mass of the molecules of these beads, not of single beads.
+        Take displacements of the molecules' centres of mass (over these beads), not of single beads.
     drift : bool
-        Keep the motion of the centre of mass of all beads.  By default it is taken off, which leaves independent walkers 1 - 1/N of their
-        displacement; beads that conserve momentum do not drift.
+        Keep the motion of the centre of mass of all beads.  By default it is subtracted, which leaves independent walkers 1 - 1/N of their
+        displacement; a system that conserves momentum does not drift.
     axes : str, default "xyz"
-        Axes that count: ``"xy"`` for motion in the plane of a bilayer.
+        Axes to sum over: ``"xy"`` for motion in the plane of a bilayer.
     unwrap : {"auto", True, False}
-        See :func:`openmm_dpd.analysis.unwrapping.unwrapped`.
+        Whether positions are wrapped into the box and have to be unwrapped; by default the positions decide.
 
     Returns
     -------
     MeanSquaredDisplacement
-        Standard errors from blocks of first frames.
+        With standard errors from blocks of time origins.
 
     Raises
     ------
     ParameterError
-        If there are fewer than 2 frames, a lag is out of range, or folded positions cannot be unwrapped.
+        If there are fewer than 2 frames, a lag is out of range, or wrapped positions cannot be unwrapped.
     """
     interval = positive_number(interval, "interval")
     along = [axis_number(axis) for axis in axes]
@@ -96,13 +96,13 @@ def mean_squared_displacement(
 
 
 def mean_squares(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Mean squared displacements along each axis, (..., axes), of beads at (..., beads, axes)."""
+    """Mean squared displacement along each axis, (..., axes), from positions at both ends, (..., beads, axes)."""
     d = end - start
     return np.einsum("...ik,...ik->...k", d, d) / start.shape[-2]
 
 
 def _lagged(values: np.ndarray, lags: Sequence[int] | None, what: str, mean_of) -> tuple[np.ndarray, np.ndarray]:
-    """Lags, and a function of the values at both ends for each first frame and lag, (F, K); NaN beyond the end."""
+    """Lags (K,), and ``mean_of`` of the values at both ends for each time origin and lag, (F, K); NaN beyond the trajectory."""
     frames = len(values)
     if frames < 2:
         raise ParameterError(f"{what} needs at least 2 frames; there are {frames}")
@@ -112,9 +112,9 @@ def _lagged(values: np.ndarray, lags: Sequence[int] | None, what: str, mean_of) 
     else:
         chosen = np.asarray(lags)
         if chosen.ndim != 1 or not chosen.size or chosen.dtype.kind not in "iu":
-            raise ParameterError("lags must be whole numbers of frames")
+            raise ParameterError(f"lags must be whole numbers of frames, not {what_is(lags)}")
         if chosen.min() < 0 or chosen.max() >= frames or len(np.unique(chosen)) < len(chosen):
-            raise ParameterError(f"lags must be different numbers from 0 to {frames - 1}, the number of frames less 1")
+            raise ParameterError(f"lags must be different numbers from 0 to {frames - 1}, the number of frames less 1; not {what_is(lags)}")
         chosen = np.sort(chosen)
     table = np.full((frames, len(chosen)), np.nan)
     for column, lag in enumerate(chosen.tolist()):
@@ -133,23 +133,21 @@ def diffusion_coefficient(
 ) -> Average:
     r"""Diffusion coefficient D from the slope of the mean squared displacement, msd = 2 d D t + c in d dimensions.
 
-    The line is the least-squares one through the lags within ``fit``.  Its slope is a sum over lags, so there is a D for each first frame;
-    their mean is D, and blocks of them give its error, correlations between lags and between beads included.
+    The line is a least-squares fit to the lags within ``fit``.  Its slope is a linear combination of lags, so each time origin has a D;
+    their mean is the result, and blocks of them give its error, with the correlations between lags and between beads.
 
-    In a periodic box D is too small, because a bead interacts with its images through the flow that it drives.  With ``kT``,
-    ``viscosity`` and ``edge`` of a cubic box
+    In a periodic box D is too small, because a bead interacts with its images through the flow that it drives.  Given ``kT``,
+    ``viscosity`` and ``edge`` of a cubic box, the result is
 
-    .. math:: D_\infty = D + \frac{2.837297\, kT}{6 \pi \eta L}
-
-    is returned.
+    .. math:: D_\infty = D + \frac{2.837297\, kT}{6 \pi \eta L}.
 
     Parameters
     ----------
     displacement : MeanSquaredDisplacement
     fit : (float, float)
-        First and last time (ps) of the fit, where the displacement is linear in time.  With one lag there, D = msd/(2 d t).
+        First and last time (ps) of the range in which the displacement is linear in time.  With a single lag there, D = msd/(2 d t).
     kT : energy or temperature, optional
-        Bare numbers are kJ/mol, a Quantity may be in kelvin.
+        A bare number is in kJ/mol; a Quantity may be in kelvin.
     viscosity : float, optional
         Da/nm/ps = kJ/mol ps/nm^3.
     edge : length, optional
@@ -158,12 +156,12 @@ def diffusion_coefficient(
     Returns
     -------
     openmm_dpd.base.stats.Average
-        In nm^2/ps.  ``converged`` says whether the trajectory is long enough for the error to be right.
+        D in nm^2/ps.  ``converged`` says whether the trajectory is long enough for the error to be reliable.
 
     Raises
     ------
     ParameterError
-        If no lag is within ``fit``, or only some of the values for the correction are given.
+        If no lag is within ``fit``, or the correction lacks one of its three values.
 
     References
     ----------
@@ -187,7 +185,7 @@ def diffusion_coefficient(
     if all(value is None for value in correction):
         return found
     if any(value is None for value in correction):
-        raise ParameterError("the correction for the size of the box needs kT, viscosity and edge")
+        raise ParameterError("the finite-size correction needs kT, viscosity and edge; give all three or none")
     energy, eta = positive_number(thermal_energy(kT), "kT"), positive_number(viscosity, "viscosity")
     length = positive_number(to_md(edge, "length", "edge"), "edge")
     assert found.mean is not None
@@ -197,25 +195,25 @@ def diffusion_coefficient(
 def velocity_autocorrelation(
     velocities: Iterable[np.ndarray], beads: Sequence[int] | np.ndarray | None = None, *, interval: float, lags: Sequence[int] | None = None
 ) -> Curve:
-    r"""Velocity autocorrelation function C(t) = <v(t0) . v(t0 + t)> over beads and all first frames t0.
+    r"""Velocity autocorrelation function C(t) = <v(t0) . v(t0 + t)> over beads and all time origins t0.
 
     Its integral is the diffusion coefficient, D = (1/3) int C dt, and C(0) = 3 kT/m.
 
     Parameters
     ----------
     velocities : (F, N, 3) array, or iterable of (N, 3) or (f, N, 3) arrays
-        In nm/ps, from :class:`openmm_dpd.analysis.VelocityReporter` or an HDF5 file.  Those of the chosen beads are held in memory.
+        In nm/ps, from :class:`openmm_dpd.analysis.VelocityReporter` or an HDF5 file.  Velocities of the chosen beads are held in memory.
     beads : array of int or of bool, optional
         Indices; all by default.
     interval : float
         Time between frames (ps).
     lags : sequence of int, optional
-        As for :func:`mean_squared_displacement`.
+        Time differences in frames; by default 50 of them (or all) up to a quarter of the frames.
 
     Returns
     -------
     Curve
-        x: ps; y: nm^2/ps^2; divide by y[0] for the normalised one.
+        x: time, ps; y: C, nm^2/ps^2 (divide by y[0] to normalise).
 
     Raises
     ------

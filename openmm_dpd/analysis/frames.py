@@ -1,4 +1,4 @@
-"""Frames of a trajectory one after the other, whether it is in memory or streamed in chunks, and what every analysis asks about them."""
+"""Frames of a trajectory, in memory or streamed in chunks, and what every analysis asks about them."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 #: A trajectory in memory, or chunks of one, as from ``mdtraj.iterload``.
 Trajectories: TypeAlias = "mdtraj.Trajectory | Iterable[mdtraj.Trajectory]"
-#: Beads: a type, several types, or what ``numpy`` indexes an array of beads with; None for all.
+#: Beads: a type, several types, indices or a mask; None for all.
 Beads: TypeAlias = str | Sequence[str] | Sequence[int] | np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame: positions (N, 3) in nm, box vectors (3, 3) as rows or None, time in ps (0 where nobody knows it); double precision."""
+    """One frame in double precision: positions (N, 3) in nm, box vectors (3, 3) as rows or None, time in ps (0 if unknown)."""
 
     positions: np.ndarray
     box: np.ndarray | None
@@ -38,13 +38,12 @@ class Frame:
         return self.box
 
     def fractions(self, what: str) -> np.ndarray:
-        """Positions in units of the box vectors, not folded."""
+        """Positions in units of the box vectors, (N, 3), not wrapped; ParameterError if there is no box."""
         return self.positions @ np.linalg.inv(self.need_box(what))
 
 
 def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtraj.Trajectory]]:
-    """Topology (of the first chunk) and chunks of a trajectory, of which one is held at a time; an iterator can be used once.
-    ParameterError if it is something else, has no frame or no topology, a coordinate is not finite, or the number of beads changes."""
+    """Topology (of the first chunk) and chunks of a trajectory, one in memory at a time; ParameterError if it has no frames."""
     import mdtraj
 
     if isinstance(trajectory, (str, bytes)) or not isinstance(trajectory, (mdtraj.Trajectory, Iterable)):
@@ -60,6 +59,7 @@ def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtra
 
 
 def _checked(chunks: Iterator) -> Iterator[mdtraj.Trajectory]:
+    """Chunks with frames; ParameterError if one is no trajectory, has no topology or other beads, or a coordinate is not finite."""
     import mdtraj
 
     beads, frames = None, 0
@@ -79,7 +79,7 @@ def _checked(chunks: Iterator) -> Iterator[mdtraj.Trajectory]:
 
 
 def frames_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Frame]]:
-    """Topology and frames of a trajectory, as :func:`chunks_of`; ParameterError also if a box has no volume."""
+    """Topology and frames of a trajectory; ParameterError if a box has no volume, or the trajectory is refused by :func:`chunks_of`."""
     topology, chunks = chunks_of(trajectory)
     return topology, _frames(chunks)
 
@@ -102,19 +102,19 @@ def type_names(topology: mdtraj.Topology) -> np.ndarray:
 
 
 def selected(topology: mdtraj.Topology, beads: Beads, what: str = "beads") -> np.ndarray:
-    """Indices of the beads that are meant: those of a type, of several types, indices from 0, a mask, or all.  ParameterError, which calls
-    them ``what``, if no bead is of the type, an index is out of range or appears twice, or there is none."""
+    """Indices of the selected beads: those of one or more types, indices from 0, a mask, or None for all.  ParameterError, in which
+    ``what`` names the argument, if a type has no bead, an index is out of range or appears twice, or nothing is selected."""
     return of_types(type_names(topology), beads, what)
 
 
 def two_selected(topology: mdtraj.Topology, beads: Beads, other: Beads) -> tuple[np.ndarray, np.ndarray]:
-    """Two sets of beads; the first one again where there is no other."""
+    """Indices of two sets of beads; if ``other`` is None, the second is the first."""
     first = selected(topology, beads, "beads")
     return first, first if other is None else selected(topology, other, "other")
 
 
 def of_types(names: np.ndarray, beads: Beads, what: str) -> np.ndarray:
-    """As :func:`selected`, of beads with these types, (N,)."""
+    """Indices of the selected beads among those with these type names, (N,); arguments and errors of :func:`selected`."""
     if beads is None:
         return np.arange(len(names))
     array = np.asarray([beads] if isinstance(beads, str) else beads)
@@ -128,7 +128,7 @@ def of_types(names: np.ndarray, beads: Beads, what: str) -> np.ndarray:
 
 
 def indices(beads: Sequence[int] | np.ndarray, count: int, what: str = "beads", besides: str = "") -> np.ndarray:
-    """Indices or a mask of ``count`` beads as indices; ParameterError (``besides``: what else could be given) for anything else."""
+    """Indices from indices or a mask of ``count`` beads; ParameterError for anything else (``besides``: what else is accepted)."""
     array = np.asarray(beads)
     if array.shape == (count,) and array.dtype == bool:
         array = np.flatnonzero(array)
@@ -144,14 +144,14 @@ def indices(beads: Sequence[int] | np.ndarray, count: int, what: str = "beads", 
 
 
 def weights_of(topology: mdtraj.Topology) -> np.ndarray:
-    """Masses of all beads, (N,); equal ones if the topology has none, as after loading a PDB file."""
+    """Masses of all beads, (N,); all equal if the topology has none, as when loaded from a PDB file."""
     masses = bead_masses(topology) if all(atom.element is not None for atom in topology.atoms) else np.zeros(topology.n_atoms)
     return masses if masses.any() else np.ones(topology.n_atoms)
 
 
 # -- boxes -----------------------------------------------------------------------------------------------------------------------
 def axis_number(axis: str | int) -> int:
-    """0, 1 or 2 of ``x``, ``y``, ``z`` or a number."""
+    """Number of an axis given as ``x``, ``y``, ``z`` or 0, 1, 2; ParameterError for anything else."""
     if axis in ("x", "y", "z"):
         return "xyz".index(str(axis))
     if isinstance(axis, (int, np.integer)) and not isinstance(axis, bool) and 0 <= axis <= 2:
@@ -160,7 +160,7 @@ def axis_number(axis: str | int) -> int:
 
 
 def positive_number(value, name: str) -> float:
-    """A finite number above 0; ParameterError for anything else."""
+    """The value as a float; ParameterError if it is no finite number above 0."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -171,16 +171,16 @@ def positive_number(value, name: str) -> float:
 
 
 def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:
-    """Velocities (N, 3), nm/ps, frame by frame; one frame at a time is in memory.  For all at once: ``load_fields(file)["velocities"]``.
+    """Velocities (N, 3), nm/ps, frame by frame, with one frame in memory; ``load_fields(file)["velocities"]`` has all frames at once.
 
     Raises
     ------
     ParameterError
-        If there is no such file, or it is not one of :class:`VelocityReporter`.
+        If there is no such file, or :class:`VelocityReporter` did not write it.
     """
     try:
         if os.path.isfile(file) and not is_zipfile(file):
-            raise ValueError("it is no zip archive, or a part of one")
+            raise ValueError("it is not a zip archive, or is incomplete")
         opened = np.load(file)
     except (OSError, ValueError, TypeError) as error:
         raise ParameterError(f"{file} cannot be read as a file of velocities (written by VelocityReporter): {error}") from None

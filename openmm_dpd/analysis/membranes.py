@@ -20,15 +20,15 @@ from .unwrapping import means_over, molecule_labels
 if TYPE_CHECKING:
     from .frames import Beads, Trajectories
 
-#: Fits of a spectrum with weights from the one before; the first counts all waves alike, and the third moves nothing that matters.
+#: Fits of a spectrum, each weighted by the fit before; the first has equal weights, and the third changes nothing that matters.
 _WEIGHINGS = 4
 
 
 def bilayer_thickness(trajectory: Trajectories, heads: Beads, tails: Beads = None, *, axis: str | int = "z") -> Average:
     r"""Distance between the head groups of the two leaflets of a flat bilayer, D = <z>_upper - <z>_lower.
 
-    Heads above the centre of mass of the bilayer are the upper leaflet, the others the lower one; in every frame their mean heights are
-    subtracted.  For symmetric peaks this is the distance between the peaks of the density profile of the heads.
+    Heads above the centre of mass of the bilayer belong to the upper leaflet, the others to the lower one; D is the difference of their
+    mean heights in each frame.  For symmetric peaks this is the peak-to-peak distance in the density profile of the heads.
 
     Parameters
     ----------
@@ -37,10 +37,10 @@ def bilayer_thickness(trajectory: Trajectories, heads: Beads, tails: Beads = Non
     heads : str, sequence of str, or array of int
         Beads of the head groups.
     tails : str, sequence of str, array of int, or None
-        Beads whose centre of mass is the middle of the bilayer; the heads by default.  Needed if the layer of solvent is about as thick as
-        the bilayer, because the heads alone do not show which side of them is inside.
+        Beads whose centre of mass is the middle of the bilayer; the heads by default.  Needed if the solvent layer is about as thick as
+        the bilayer, because the heads alone do not show which side is the inside.
     axis : {"z", "y", "x"} or int
-        Box vector across the bilayer; heights are measured normal to the plane of the two others.
+        Box vector across the bilayer; heights are measured normal to the plane of the other two.
 
     Returns
     -------
@@ -62,13 +62,13 @@ def bilayer_thickness(trajectory: Trajectories, heads: Beads, tails: Beads = Non
         height = height - np.round(height)
         upper = height > 0
         if upper.all() or not upper.any():
-            raise ParameterError("all heads are on one side of the middle of the bilayer; check heads, tails and axis")
+            raise ParameterError("all heads are on one side of the bilayer's midplane; check heads, tails and axis")
         values.append((height[upper].mean() - height[~upper].mean()) * widths(frame.need_box("a bilayer thickness"))[k])
     return block_average(values, name="the thickness")
 
 
 def area_per_lipid(trajectory: Trajectories, lipids: Beads | int, *, axis: str | int = "z") -> Average:
-    r"""Area of the box across an axis for each lipid of one leaflet, a = A/(N/2).
+    r"""Area per lipid of a flat bilayer, a = A/(N/2), with the area A of the box normal to an axis.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def area_per_lipid(trajectory: Trajectories, lipids: Beads | int, *, axis: str |
     Returns
     -------
     openmm_dpd.base.stats.Average
-        Mean over frames (nm^2) with its standard error, which is 0 if the box does not change.
+        Mean over frames (nm^2) with its standard error, which is 0 for a constant box.
 
     Raises
     ------
@@ -110,11 +110,11 @@ class HeightSpectrum:
     Attributes
     ----------
     q : (K,) array
-        Wave numbers of the box, 1/nm, rising: one of each pair q, -q.  Means over the frames, if the box changes.
+        Wave numbers of the box, 1/nm, in ascending order: one of each pair q, -q.  Means over the frames if the box changes.
     power : (F, K) array
         A |h_q|^2 of each frame, nm^4.
     noise : (K,) array
-        What was taken off A |h_q|^2 because lipids scatter around the surface, mean over the frames, nm^4.
+        Share of the lipids' scatter around the surface, nm^4, which is subtracted in ``power``; mean over the frames.
     """
 
     q: np.ndarray
@@ -123,20 +123,20 @@ class HeightSpectrum:
 
     @property
     def curve(self) -> Curve:
-        """Means over the frames with standard errors; x: q, y: A <|h_q|^2>."""
+        """Spectrum averaged over the frames, with standard errors; x: q, y: A <|h_q|^2>."""
         return curve_of(self.q, list(self.power), name="the height spectrum")
 
 
 @dataclass(frozen=True, eq=False)
 class BendingModulus:
-    """Result of :func:`bending_modulus`.
+    """Bending modulus and tension of a bilayer, fitted by :func:`bending_modulus`; called with wave numbers q, it returns the fit.
 
     Attributes
     ----------
     kappa : openmm_dpd.base.stats.Average
         Bending modulus, kJ/mol, with its error from blocks of frames.
     tension : openmm_dpd.base.stats.Average
-        Tension, kJ/mol/nm^2; without an error if it was given.
+        Tension, kJ/mol/nm^2; without an error if it was prescribed.
     kT : float
         Thermal energy, kJ/mol.
     """
@@ -146,7 +146,7 @@ class BendingModulus:
     kT: float
 
     def __call__(self, q) -> np.ndarray:
-        """A <|h_q|^2> of the fit at wave numbers q."""
+        """Fitted spectrum A <|h_q|^2>, nm^4, at wave numbers q, 1/nm."""
         q = np.asarray(q, dtype=np.float64)
         return self.kT / (self.kappa.mean * q**4 + self.tension.mean * q**2)
 
@@ -156,30 +156,30 @@ def height_spectrum(trajectory: Trajectories, heads: Beads, tails: Beads, *, q_m
 
     .. math:: h(\mathbf r) = \sum_{\mathbf q} h_{\mathbf q} e^{i \mathbf q \cdot \mathbf r}
 
-    is the surface between the two leaflets.  A lipid whose heads are above its tails is in the upper leaflet, so leaflets are distinguished
-    however far the bilayer undulates.  The heights of the heads of each leaflet, one point for each lipid, are fitted by the waves up to
-    q_max (least squares), and h is the mean of both.  What scatters around the fit, lipids that stick out and waves beyond q_max, adds to
-    |h_q|^2 as much as it adds to the variance of the coefficients; that is taken off.
+    is the surface between the two leaflets.  A lipid whose heads are above its tails belongs to the upper leaflet, however far the bilayer
+    undulates.  For each leaflet, the head heights (one point per lipid) are fitted with the waves up to q_max by least squares; h is the
+    mean of the two.  Scatter around the fit (protruding lipids, waves beyond q_max) adds to |h_q|^2 as much as it adds to the variance of
+    the coefficients; this share is subtracted.
 
     Parameters
     ----------
     trajectory : mdtraj.Trajectory or iterable of them
-        A periodic box with one edge normal to the two others, which may change.  The bilayer may cross the boundary and drift.
+        A periodic box, which may change, with one edge normal to the other two.  The bilayer may cross the boundary and drift.
     heads, tails : str, sequence of str, or array of int
-        Beads of each lipid on its outer and its inner end.  Every molecule that has some of either needs some of both.
+        Beads at the outer and inner end of each lipid.  Every molecule that has heads needs tails, and vice versa.
     q_max : 1/length
-        Largest wave number.  Helfrich's theory holds where waves are longer than the bilayer is thick, 2 pi/q > 2 D or so.
+        Largest wave number.  Helfrich's theory holds for waves longer than the bilayer is thick, about 2 pi/q > 2 D.
     axis : {"z", "y", "x"} or int
         Normal of the bilayer.
 
     Raises
     ------
     ParameterError
-        If there is no box or a tilted one, no wave fits below q_max, or so many do that the lipids of a leaflet do not determine them.
+        If the box is missing or tilted, no wave is below q_max, or there are too few lipids in a leaflet to determine all waves.
 
     Notes
     -----
-    A fit needs no grid, hence neither empty cells nor smoothing; for the direct sum over lipids, whose noise it avoids, see E. G. Brandt,
+    A fit needs no grid, so there are no empty cells and no smoothing.  It avoids the noise of the direct sum over lipids: E. G. Brandt,
     A. R. Braun, J. N. Sachs, J. F. Nagle and O. Edholm, Biophys. J. 100, 2104 (2011).
     """
     topology, frames = frames_of(trajectory)
@@ -190,7 +190,7 @@ def height_spectrum(trajectory: Trajectories, heads: Beads, tails: Beads, *, q_m
     for frame in frames:
         box = frame.need_box("a height spectrum")
         if np.abs(box[across] @ box[k]).max() > 1e-6 * np.linalg.det(box) ** (2 / 3):
-            raise ParameterError(f"edge {'xyz'[k]} of the box must be normal to the two others")
+            raise ParameterError(f"edge {'xyz'[k]} of the box must be normal to the other two; check axis")
         reciprocal = 2 * np.pi * np.linalg.inv(box)[:, across]
         if waves is None:
             waves = _waves(reciprocal, largest)
@@ -220,11 +220,11 @@ class _Lipids:
         if not np.array_equal(names, np.unique(labels[tails])):
             one = np.setxor1d(names, labels[tails])[0]
             bead = np.flatnonzero(labels == one)[0]
-            raise ParameterError(f"the molecule of bead {bead} has heads or tails alone; every lipid needs both")
+            raise ParameterError(f"the molecule of bead {bead} has only heads or only tails; every lipid needs both")
         return cls(heads, tails, of_head, np.searchsorted(names, labels[tails]), heads[first])
 
     def points(self, frame: Frame, k: int, across: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Place of each lipid's heads across the axis (fractions of the box), their height (nm), and whether they are above the tails."""
+        """Of each lipid's heads: place in the plane, (M, 2), in fractions of the box; height, nm; and whether they are above the tails."""
         s = frame.fractions("a height spectrum")
         start = s[self.first]
 
@@ -239,20 +239,20 @@ class _Lipids:
 
 
 def _waves(reciprocal: np.ndarray, largest: float) -> np.ndarray:
-    """Pairs of integers, (K, 2), of the waves up to a wave number, one of each pair n, -n."""
-    # |n_i| <= |q| |a_i|/(2 pi), with the edges a_i of the box, whose matrix is the pseudo-inverse
+    """Integers (K, 2) of all waves up to a wave number, one of each pair n, -n."""
+    # |n_i| <= |q| |a_i|/(2 pi); the edges a_i/(2 pi) of the box are the rows of the pseudo-inverse
     reach = np.floor(largest * np.linalg.norm(np.linalg.pinv(reciprocal), axis=1) * (1 + 1e-9)).astype(int)
     n = np.stack(np.meshgrid(*[np.arange(-r, r + 1) for r in reach], indexing="ij"), axis=-1).reshape(-1, 2)
     n = n[(n[:, 0] > 0) | ((n[:, 0] == 0) & (n[:, 1] > 0))]
     used = np.linalg.norm(reciprocal @ n.T, axis=0) <= largest * (1 + 1e-9)
     if not used.any():
         least = np.linalg.norm(reciprocal, axis=0).min()
-        raise ParameterError(f"q_max is {largest:g}/nm, below the shortest wave vector of this box, {least:g}/nm")
+        raise ParameterError(f"q_max is {largest:g}/nm, below the shortest wave vector of this box, {least:g}/nm; take a larger one")
     return n[used]
 
 
 def _squared_heights(place: np.ndarray, height: np.ndarray, upper: np.ndarray, waves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """|h_q|^2 of the mean of both leaflets, (K,), and the share that the scatter around it has in that."""
+    """|h_q|^2 of the mean of the two leaflets, (K,), and the share in it of the scatter around the fit, (K,)."""
     coefficients, noise = np.zeros((2, len(waves))), np.zeros(len(waves))
     for leaflet in (upper, ~upper):
         unknown, points = 1 + 2 * len(waves), int(leaflet.sum())
@@ -272,36 +272,36 @@ def _squared_heights(place: np.ndarray, height: np.ndarray, upper: np.ndarray, w
 
 
 def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -> BendingModulus:
-    r"""Bending modulus of a bilayer, and its tension, from the spectrum of its height fluctuations.
+    r"""Bending modulus and tension of a bilayer from the spectrum of its height fluctuations.
 
     .. math:: A \langle |h_q|^2 \rangle = \frac{k_B T}{\kappa q^4 + \sigma q^2}
 
-    is fitted by the most likely kappa and sigma for Gaussian amplitudes, whose squares are distributed exponentially: every wave counts
-    by its relative deviation, and the less the more of it was noise.  Errors are those of :func:`openmm_dpd.base.stats.block_average` for
-    what each wave contributes to the result, added up as those of independent waves.
+    is fitted by maximum likelihood for Gaussian amplitudes, whose squares are distributed exponentially.  So each wave counts by its
+    relative deviation, with a weight that falls with its share of noise.  Each wave's contribution to the result has its own error from
+    :func:`openmm_dpd.base.stats.block_average`; the squares of these errors add up, since the waves are independent.
 
     Parameters
     ----------
     spectrum : HeightSpectrum
     kT : energy or temperature
-        Thermal energy.
+        Thermal energy; a bare number is in kJ/mol.
     q_max : 1/length, optional
-        Largest wave number of the fit; by default all of the spectrum.  Look how the result depends on it: where waves are about as short
-        as the bilayer is thick, lipids tilt, and the fluctuations are larger than the formula says.
+        Largest wave number of the fit; by default that of the spectrum.  Check how the result depends on it: for waves about as short as
+        the bilayer is thick, lipids tilt, and the fluctuations exceed the formula.
     tension : energy/area, optional
-        sigma, if it is known, such as 0 of a bilayer under a barostat; bare numbers: kJ/mol/nm^2.  By default it is fitted.
+        sigma, if known, such as 0 for a bilayer under a barostat; a bare number is in kJ/mol/nm^2.  Fitted by default.
 
     Raises
     ------
     ParameterError
-        If there are fewer different wave numbers than unknowns, or no positive spectrum fits.
+        If there are fewer distinct wave numbers than unknowns, or no positive spectrum fits.
 
     References
     ----------
     W. Helfrich, Z. Naturforsch. C 28, 693 (1973); R. Goetz, G. Gompper and R. Lipowsky, Phys. Rev. Lett. 82, 221 (1999).
     """
     if not isinstance(spectrum, HeightSpectrum):
-        raise ParameterError("a bending modulus is fitted to what height_spectrum() returned")
+        raise ParameterError(f"spectrum must be a HeightSpectrum, from height_spectrum(), not {type(spectrum).__name__}")
     energy = positive_number(thermal_energy(kT), "kT")
     known = None if tension is None else md_tension(tension)
     largest = np.inf if q_max is None else positive_number(to_md(q_max, "inverse_length", "q_max"), "q_max")
@@ -310,10 +310,10 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
     unknown = 2 if known is None else 1
     if len(np.unique(np.round(q, 6))) < unknown:
         raise ParameterError(
-            f"{unknown} unknowns need at least as many different wave numbers; there are too few of them up to {largest:g}"
+            f"{unknown} unknowns need at least as many distinct wave numbers; there are too few up to {largest:g}/nm, take a larger q_max"
         )
     mean, noise = power.mean(axis=0), spectrum.noise[used] / energy
-    # in units that make both unknowns of order 1
+    # units in which both unknowns are of order 1
     unit_kappa = len(q) / np.sum(mean * q**4)
     if not unit_kappa > 0:
         raise ParameterError("the height spectrum is not positive; are these frames a bilayer across the axis?")
@@ -332,8 +332,8 @@ def bending_modulus(spectrum: HeightSpectrum, kT, *, q_max=None, tension=None) -
 
 
 def _sum_of_waves(value: float, series: np.ndarray) -> Average:
-    """A result to which each wave adds a series (F, K), with its error: wave by wave, since the many short waves, which are fast, would
-    hide in a sum how slow the long ones are; waves move independently."""
+    """A result with the error of the waves' contributions (F, K) to it.  Errors are taken wave by wave, since in a sum the many fast, short
+    waves would hide how slow the long ones are; waves move independently, so the squares add up."""
     waves = [block_average(column, name="a wave of the bilayer") for column in series.T]
     if waves[0].sem is None:
         return Average(value, None, 0, None)
@@ -343,7 +343,7 @@ def _sum_of_waves(value: float, series: np.ndarray) -> Average:
 
 
 def _most_likely(columns: np.ndarray, offset: np.ndarray, mean: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Unknowns c for which exponential variables of means 1/s, with s = c . columns + offset > 0, are most likely to have these means."""
+    """Maximum-likelihood unknowns c of exponential variables with expectation 1/s, s = c . columns + offset > 0, given their means."""
 
     def cost(c):
         s = c @ columns + offset
@@ -356,7 +356,7 @@ def _most_likely(columns: np.ndarray, offset: np.ndarray, mean: np.ndarray, weig
         return (columns * weights / (c @ columns + offset) ** 2) @ columns.T
 
     start = np.zeros(len(columns))
-    # positive for any offset
+    # a start at which s > 0 for any offset
     start[0] = 1.0 + max(0.0, float(np.max(-offset / columns[0])))
     done = scipy.optimize.minimize(cost, start, jac=gradient, hess=hessian, method="trust-exact", options={"gtol": 1e-9})
     if not np.linalg.norm(gradient(done.x)) < 1e-6 * np.linalg.norm(columns @ (weights * np.abs(mean))):

@@ -1,4 +1,4 @@
-"""Pictures of what the analysis returns: one function for each, drawn with matplotlib but without its global state."""
+"""Plots of results of the analysis, drawn with matplotlib but without its global state."""
 
 import os
 from collections.abc import Mapping
@@ -12,26 +12,26 @@ from .clusters import Clusters
 from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
 
-#: Colours of lines, which colour-blind readers can distinguish too.
+#: Colours of lines that colour-blind readers can tell apart.
 LINES = ("#1f5a99", "#b3541e", "#3b7d3b", "#7a4a8c", "#8a6d1d", "#555555")
 
 
 def radial_distribution_picture(
     path: str | os.PathLike, curves: Curve | Mapping[str, Curve], *, unit: str = "nm", cutoff: float | None = None, title: str = ""
 ) -> None:
-    """Draw g(r), one curve or several by their names, with bands of one standard error.
+    """Plot one or more radial distribution functions g(r), with bands of one standard error.
 
     Parameters
     ----------
     path : path-like
         PNG file to write.
-    curves : Curve, or mapping of str to Curve
+    curves : Curve, or mapping of str (labels) to Curve
     unit : str
         Unit of length for the axes; empty for reduced units.
     cutoff : float, optional
-        Distance that a thin line marks.
+        Distance to mark by a thin line.
     title : str
-        A line above.
+        Title of the plot.
     """
     figure, axis = _axes()
     axis.axhline(1.0, color="0.75", linewidth=0.8, zorder=1)
@@ -43,8 +43,8 @@ def radial_distribution_picture(
 
 
 def structure_factor_picture(path: str | os.PathLike, curves: Curve | Mapping[str, Curve], *, unit: str = "nm", title: str = "") -> None:
-    """Draw S(q), one curve or several by their names, on a logarithmic axis if nothing is negative (as partial ones may be); arguments as
-    for :func:`radial_distribution_picture`."""
+    """Plot one or more structure factors S(q) to a PNG file; the axis is logarithmic unless a value is <= 0, as in partial ones.
+    ``curves`` is a Curve or a mapping of labels to Curves, ``unit`` that of length (empty for reduced units)."""
     figure, axis = _axes()
     _lines(axis, curves, marker="o")
     lowest = min(float(line.get_ydata().min()) for line in axis.lines)
@@ -63,7 +63,7 @@ def profile_picture(
     unit: str = "nm",
     title: str = "",
 ) -> None:
-    """Draw profiles along an axis: those of :func:`density_profile`, or of velocities or temperatures with their ``quantity``."""
+    """Plot one or more profiles along an axis: densities, or any ``quantity`` with its unit, from :mod:`openmm_dpd.analysis.profiles`."""
     figure, axis = _axes()
     _lines(axis, curves)
     _write(figure, axis, path, with_unit(f"${axis_name}$", unit), with_unit(quantity, quantity_unit), title)
@@ -78,7 +78,7 @@ def displacement_picture(
     time_unit: str = "ps",
     title: str = "",
 ) -> None:
-    """Draw a mean squared displacement on logarithmic axes; with ``fit`` the line of :func:`diffusion_coefficient` and its D."""
+    """Plot a mean squared displacement on logarithmic axes; with ``fit``, add the line of :func:`diffusion_coefficient` and its D."""
     if not isinstance(displacement, MeanSquaredDisplacement):
         raise ParameterError(f"expected what mean_squared_displacement returns, not {what_is(displacement)}")
     figure, axis = _axes()
@@ -89,7 +89,7 @@ def displacement_picture(
         found = diffusion_coefficient(displacement, fit)
         inside = (shown.x >= fit[0]) & (shown.x <= fit[1])
         slope = 2 * displacement.dimensions * (found.mean or 0.0)
-        # the line through the middle of what was fitted
+        # the line passes through the mean of the fitted points
         offset = np.mean(shown.y[inside] - slope * shown.x[inside]) if inside.sum() > 1 else 0.0
         error = "" if found.sem is None else rf" $\pm$ {found.sem:.2g}"
         label = with_unit(f"$D$ = {found.mean:.4g}{error}", f"{unit}$^2$/{time_unit}" if unit else "")
@@ -102,7 +102,7 @@ def displacement_picture(
 
 
 def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str = "") -> None:
-    """Draw the distribution of cluster sizes: how many clusters of each size a frame has, and how many of all units are in them."""
+    """Plot the distribution of cluster sizes: the share of all beads or molecules that is in clusters of each size, and both means."""
     if not isinstance(clusters, Clusters):
         raise ParameterError(f"expected what cluster_sizes returns, not {what_is(clusters)}")
     figure, axis = _axes()
@@ -117,7 +117,7 @@ def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str =
     _write(figure, axis, path, "size of the cluster", "share of all units", title)
 
 
-# -- what they share -------------------------------------------------------------------------------------------------------------
+# -- parts of all plots ----------------------------------------------------------------------------------------------------------
 def _axes() -> tuple[Any, Any]:
     figure = new_figure(6.4, 4.0)
     return figure, figure.subplots()
@@ -126,7 +126,7 @@ def _axes() -> tuple[Any, Any]:
 def _lines(axis: Any, curves: Curve | Mapping[str, Curve], marker: str | None = None) -> None:
     named = {"": curves} if isinstance(curves, Curve) else curves
     if not isinstance(named, Mapping) or not named or not all(isinstance(curve, Curve) for curve in named.values()):
-        raise ParameterError(f"there is nothing to draw: a Curve is wanted, or a mapping of names to Curves, not {what_is(curves)}")
+        raise ParameterError(f"curves must be a Curve, or a mapping of one or more names to Curves, not {what_is(curves)}")
     for number, (name, curve) in enumerate(named.items()):
         colour = LINES[number % len(LINES)]
         dots = {"marker": marker, "markersize": 3} if marker and len(curve.x) <= 200 else {}

@@ -1,7 +1,7 @@
 r"""Viscosity, normal stresses and moduli from the stress in a Lees-Edwards shear.
 
-The flow is :math:`v_x = \dot\gamma y`; pressures P are kinetic, conservative and dissipative parts together, of velocities relative to it.
-"""
+The flow is :math:`v_x = \dot\gamma y`.  The pressure P has a kinetic part (velocities relative to the flow), a conservative and a
+dissipative part."""
 
 from dataclasses import dataclass
 
@@ -10,26 +10,26 @@ import numpy as np
 from ..base.errors import ParameterError, what_is
 from ..base.stats import block_average
 
-#: Fewer periods make no standard error.
+#: Fewest periods for a standard error.
 LEAST_PERIODS = 5
 
 
 @dataclass(frozen=True)
 class ShearViscosity:
-    """What a fluid in a steady shear answers; kJ/mol ps/nm^3 and kJ/mol/nm^3, with standard errors.
+    """Viscosity (kJ/mol ps/nm^3) and normal stress differences (kJ/mol/nm^3) in a steady shear, with standard errors.
 
     Attributes
     ----------
     rate : float
         Shear rate, 1/ps.
     viscosity, error : float
-        -P_xy over the rate.
+        -P_xy/rate.
     first_normal, first_normal_error : float
         First normal stress difference, P_yy - P_xx.
     second_normal, second_normal_error : float
-        Second one, P_zz - P_yy.
+        Second normal stress difference, P_zz - P_yy.
     converged : bool
-        Whether the run was long against the correlation time of the stress.
+        Whether the run was long compared with the correlation time of the stress.
     """
 
     rate: float
@@ -52,11 +52,11 @@ class ShearModuli:
     frequency, amplitude : float
         Angular frequency (1/ps) and amplitude of the strain.
     storage, storage_error : float
-        G', of the part that is in phase with the strain.
+        Storage modulus G', of the stress in phase with the strain.
     loss, loss_error : float
-        G'', of the part that is in phase with its rate; G''/frequency is a viscosity.
+        Loss modulus G'', of the stress in phase with the strain rate; G''/frequency is a viscosity.
     periods : int
-        Whole periods that were used.
+        Number of whole periods used.
     """
 
     frequency: float
@@ -69,42 +69,42 @@ class ShearModuli:
 
 
 def shear_viscosity(stress) -> ShearViscosity:
-    r"""Viscosity and normal stress differences in a shear of constant rate.
+    r"""Viscosity and normal stress differences in a Lees-Edwards shear of constant rate.
 
     .. math:: \eta = -\langle P_{xy}\rangle/\dot\gamma,\; N_1 = \langle P_{yy} - P_{xx}\rangle,\; N_2 = \langle P_{zz} - P_{yy}\rangle
 
     Parameters
     ----------
     stress : :class:`openmm_dpd.measure.StressReporter`
-        Of a run in the steady state, after a strain of a few units.
+        Samples of the steady state, which is reached after a strain of a few units.
 
     Raises
     ------
     ParameterError
-        If it has no Lees-Edwards shear of a constant rate other than 0, or too few samples for an error.
+        If the rate is 0 or not constant, there is no Lees-Edwards shear, or there are too few samples for an error.
     """
     shear, rows = _of(stress)
     rate = shear.end_rate if shear.amplitude is None and not shear.constant else shear.rate
     if shear.amplitude is not None or not rate or np.any(stress.rates != rate):
-        raise ParameterError(f"a viscosity needs a constant rate other than 0 in all samples, and the shear is: {shear}")
+        raise ParameterError(f"a viscosity needs a constant rate other than 0 in all samples; the shear is: {shear}")
     xx, yy, zz, xy = rows.T[:4]
     found = [block_average(series) for series in (-xy / rate, yy - xx, zz - yy)]
     if any(average.mean is None or average.sem is None for average in found):
-        raise ParameterError(f"{len(rows)} samples are too few for a standard error")
+        raise ParameterError(f"{len(rows)} samples are too few for a standard error; run longer or sample more often")
     eta, first, second = ((average.mean, average.sem) for average in found)
     return ShearViscosity(rate, *eta, *first, *second, found[0].converged)  # type: ignore[arg-type]
 
 
 def shear_moduli(stress) -> ShearModuli:
-    r"""Storage and loss modulus from an oscillating shear.
+    r"""Storage and loss modulus from an oscillating Lees-Edwards shear.
 
-    In each whole period -P_xy is fitted, by least squares, by a constant and :math:`\gamma_0(G'\sin\omega t + G''\cos\omega t)`; means and
-    standard errors come from the series of these.  Beyond linear response they are those of the first harmonic.
+    In each whole period, a constant and :math:`\gamma_0(G'\sin\omega t + G''\cos\omega t)` are fitted to -P_xy by least squares; means and
+    standard errors are taken over the periods.  Beyond linear response, the moduli are those of the first harmonic.
 
     Parameters
     ----------
     stress : :class:`openmm_dpd.measure.StressReporter`
-        Of a run that has forgotten its start; eight samples a period or more.
+        Samples of the periodic steady state, at least eight per period.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def shear_moduli(stress) -> ShearModuli:
     """
     shear, rows = _of(stress)
     if shear.amplitude is None or shear.frequency is None:
-        raise ParameterError(f"moduli need an oscillating shear, and this one is: {shear}")
+        raise ParameterError(f"moduli need an oscillating shear; the shear is: {shear}")
     phase = shear.frequency * stress.sheared
     turn = ((phase - phase[0]) / (2 * np.pi) + 1e-9).astype(np.int64)
     periods = int((phase[-1] + phase[1] - 2 * phase[0]) / (2 * np.pi) + 1e-9) if len(phase) > 1 else 0
@@ -132,10 +132,10 @@ def shear_moduli(stress) -> ShearModuli:
 
 
 def _of(stress):
-    """The shear, and pressure tensors (n, 6) with all parts; ParameterError if there is none."""
+    """The shear and the pressure tensors (n, 6) with all parts; ParameterError if there is no shear or no sample."""
     shear = getattr(stress, "shear", None)
     if shear is None:
-        raise ParameterError(f"a StressReporter of a scene with a LeesEdwards shear is wanted here, not {what_is(stress)}")
+        raise ParameterError(f"stress must be a StressReporter of a scene with a LeesEdwards shear, not {what_is(stress)}")
     if len(stress.regular) == 0:
-        raise ParameterError("there is no sample yet")
+        raise ParameterError("the StressReporter has no samples yet; run steps with it first")
     return shear, stress.pressures + stress.friction / np.prod(stress.edges, axis=1)[:, None]

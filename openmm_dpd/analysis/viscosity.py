@@ -1,4 +1,4 @@
-"""Viscosity of a fluid: from its flow, and from fluctuations of its stress at rest (derivations in docs/theory_flow.md)."""
+"""Viscosity of a fluid from its flow, and from the stress fluctuations at rest (derivations in docs/theory_flow.md)."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,21 @@ from ..measure.flow import VelocityProfile
 
 @dataclass(frozen=True)
 class PoiseuilleFit:
-    """A parabola through a velocity profile.
+    """Viscosity and slip from a parabola fitted to a velocity profile.
 
     Attributes
     ----------
     viscosity, error : float
-        kJ/mol ps/nm^3 (reduced units of a reduced scene) and its standard error.
+        Viscosity, kJ/mol ps/nm^3 (reduced units for a reduced scene), and its standard error.
     curvature : float
         Force density over viscosity, 1/nm/ps.
     slip : two floats, or None
-        Velocity at the lower and upper end of a channel, with ``slip_error``; None for reverse Poiseuille flow.
+        Velocity at the lower and upper wall of a channel, with ``slip_error``; None for reverse Poiseuille flow.
     slip_error : two floats, or None
     fitted : (B,) array
-        The parabola in the slabs of the profile, NaN in those left out.
+        The parabola in each slab of the profile; NaN in slabs left out.
     converged : bool
-        Whether the run was long against the correlation time of the flow.
+        Whether the run was long compared with the correlation time of the flow.
     """
 
     viscosity: float
@@ -39,29 +39,28 @@ class PoiseuilleFit:
 
 
 def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[float, float] | None = None, origin=0.0, skip=0.0):
-    r"""Viscosity from the parabolas of a driven flow, by linear least squares.
+    r"""Viscosity from the parabolic profile of a driven flow, by linear least squares.
 
-    Reverse Poiseuille flow, with the force density n f up to d = L/2 and -n f beyond, is
+    Reverse Poiseuille flow, with the force density n f below d = L/2 and -n f above, is
 
     .. math:: v(z) = \frac{n f}{2\eta}\, z (d - z) + v_0, \quad 0 < z < d,
 
-    and the negative of it (but for the drift v_0 of the whole box) in the other half.  In a channel, curvature and both ends are free.
-    Parabolas are averaged over the slabs.  Each sample is fitted on its own, which is the same on average as
-    it is linear; the error comes from the series of amplitudes, so that correlations between slabs and in time are counted.  It can be
-    relied on where the result has ``converged``; the error of a shorter run tends to be too small.
+    and the negative (but for the drift v_0 of the box) in the other half.  In a channel, the curvature and the velocities at both walls
+    are fitted.  Parabolas are averaged over the slabs.  Each sample is fitted separately, so the error includes correlations between slabs
+    and in time.  It is reliable if the result has ``converged``, and too small, as a rule, if the run is shorter.
 
     Parameters
     ----------
     profile : VelocityProfile
-        Of a run in the steady state.
+        Profile of the steady state.
     force : force
-        Force f per bead, kJ/mol/nm: of the lower half in reverse Poiseuille flow.
+        Force f per bead, kJ/mol/nm; in reverse Poiseuille flow that in the lower half.
     channel : two lengths, optional
         Positions of the walls; without them the flow is reverse Poiseuille flow.
     origin : length
-        Where the first half begins (``origin`` of the BodyForce).
+        Start of the first half (``origin`` of the BodyForce).
     skip : length
-        Slabs nearer than this to the ends of a channel or half are left out.
+        Slabs closer than this to the ends of the channel or of a half are left out.
 
     Returns
     -------
@@ -70,7 +69,7 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
     Raises
     ------
     ParameterError
-        If too few slabs are left, or the fluid does not flow along the force.
+        If too few slabs or samples are left, or the fluid does not flow along the force.
 
     References
     ----------
@@ -88,10 +87,10 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
         gap, z, sign = high - low, profile.centres - low, np.ones(len(profile.centres))
     half = 0.5 * profile.width
     margin = max(skip, half * (1 - 1e-9))
-    # a slab across an end holds both sides
+    # a slab across an end mixes both sides
     used = (z >= margin) & (z <= gap - margin) & np.all(np.isfinite(profile.rows), axis=0)
     if used.sum() < 4:
-        raise ParameterError(f"{int(used.sum())} slabs are left to fit a parabola; take more and thinner ones, or a smaller skip")
+        raise ParameterError(f"{int(used.sum())} slabs are too few to fit a parabola; take more and thinner ones, or a smaller skip")
     shape = sign * 0.5 * (z * (gap - z) - profile.width**2 / 12)
     columns = [shape, np.ones_like(z)] if channel is None else [shape, 1 - z / gap, z / gap]
     design = np.stack(columns, axis=1)
@@ -111,21 +110,21 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
 
 @dataclass(frozen=True)
 class CouetteFit:
-    """A straight line through a velocity profile, and the stress that goes with it.
+    """Viscosity from the shear stress and a straight line fitted to a velocity profile.
 
     Attributes
     ----------
     viscosity, error : float
-        kJ/mol ps/nm^3 and its standard error.
+        Viscosity, kJ/mol ps/nm^3, and its standard error.
     rate, rate_error : float
-        Slope of the line, 1/ps.
+        Shear rate, 1/ps: the slope of the line.
     stress, stress_error : float
-        kJ/mol/nm^3.
+        Mean shear stress, kJ/mol/nm^3, and its standard error.
     ends : two floats
-        Velocity of the line at the lower and upper wall, with ``ends_error``: without slip those of the walls.
+        Velocity of the line at the lower and upper wall, with ``ends_error``; without slip, the velocities of the walls.
     ends_error : two floats
     converged : bool
-        Whether the run was long against the correlation times of flow and stress.
+        Whether the run was long compared with the correlation times of flow and stress.
     """
 
     viscosity: float
@@ -140,21 +139,21 @@ class CouetteFit:
 
 
 def couette_viscosity(profile: VelocityProfile, stress, *, channel: tuple[float, float], skip=0.0) -> CouetteFit:
-    r"""Viscosity from a steady flow between walls that move along each other, :math:`\eta = \langle\sigma\rangle/\dot\gamma`.
+    r"""Viscosity from steady Couette flow between walls, :math:`\eta = \langle\sigma\rangle/\dot\gamma`.
 
-    The shear rate is the slope of the velocity in the fluid and not what the velocities of the walls say, so that a slip does not count.
-    Each sample is fitted on its own, so that the errors count correlations between slabs and in time.
+    The shear rate is the slope of the velocity in the fluid, so slip at the walls does not matter.
+    Each sample is fitted separately, so the errors include correlations between slabs and in time.
 
     Parameters
     ----------
     profile : VelocityProfile
-        Of a run in the steady state.
+        Profile of the steady state.
     stress : (n,) array
         Shear stress on the walls: :meth:`openmm_dpd.measure.WallReporter.shear`.
     channel : two lengths
         Positions of the walls.
     skip : length
-        Slabs nearer than this to the walls are left out.
+        Slabs closer than this to the walls are left out.
 
     Returns
     -------
@@ -163,13 +162,13 @@ def couette_viscosity(profile: VelocityProfile, stress, *, channel: tuple[float,
     Raises
     ------
     ParameterError
-        If too few slabs are left or samples are there, or the fluid is not sheared.
+        If too few slabs or samples are left, or the fluid is not sheared.
     """
     low, high = _ends(channel)
     z, margin = profile.centres, max(checked(skip, "length", "skip"), 0.5 * profile.width * (1 - 1e-9))
     used = (z >= low + margin) & (z <= high - margin) & np.all(np.isfinite(profile.rows), axis=0)
     if used.sum() < 3:
-        raise ParameterError(f"{int(used.sum())} slabs are left to fit a line; take more and thinner ones, or a smaller skip")
+        raise ParameterError(f"{int(used.sum())} slabs are too few to fit a line; take more and thinner ones, or a smaller skip")
     design = np.stack([(high - z) / (high - low), (z - low) / (high - low)], axis=1)
     ends = profile.rows[:, used] @ np.linalg.pinv(design[used]).T
     lower, upper, slope = (block_average(row) for row in (*ends.T, (ends[:, 1] - ends[:, 0]) / (high - low)))
@@ -184,18 +183,18 @@ def couette_viscosity(profile: VelocityProfile, stress, *, channel: tuple[float,
 
 @dataclass(frozen=True)
 class GreenKubo:
-    """A viscosity from the fluctuations of the stress.
+    """Viscosity from the stress fluctuations at equilibrium (Green-Kubo).
 
     Attributes
     ----------
     viscosity, error : float
-        kJ/mol ps/nm^3 and its standard error.
+        Viscosity, kJ/mol ps/nm^3, and its standard error.
     instantaneous : float
-        The part of it that friction passes on at once.
+        Its instantaneous part, from friction alone.
     t_max : float
         Upper limit of the integral, ps.
     times, correlation, integral : arrays
-        The correlation function in kJ/mol/nm^3, and the viscosity as a function of the upper limit.
+        Times (ps), the correlation function (kJ/mol/nm^3), and the viscosity with each time as the upper limit.
     """
 
     viscosity: float
@@ -210,36 +209,36 @@ class GreenKubo:
 def green_kubo_viscosity(
     stress, dt=None, *, volume=None, kT=None, friction=None, instantaneous: float | None = None, t_max=None, blocks: int = 10
 ) -> GreenKubo:
-    r"""Viscosity from a series of stress tensors at equilibrium.
+    r"""Viscosity from a series of stress tensors at equilibrium (Green-Kubo).
 
     .. math::
 
         \eta = \eta_\infty + \frac{1}{V k_BT}\int_0^{t_{max}} \langle (A - D)(0)\,(A + D)(t)\rangle\,dt
 
     with A the kinetic and conservative part of the pressure tensor times the volume, D the dissipative part, and
-    :math:`\eta_\infty` the stress that friction answers a shear with at once.  The random stress does not appear: it is uncorrelated
-    with what was before, and its effect on the friction that follows is the minus sign before D.  The average is over the five
-    independent components of the traceless tensor.
+    :math:`\eta_\infty` the instantaneous viscosity of the friction.  The random stress does not appear: it is uncorrelated with the past,
+    and its effect on later friction gives the minus sign of D.  The average is over the five independent components of the traceless
+    tensor.
 
     Parameters
     ----------
     stress : :class:`openmm_dpd.measure.StressReporter`, or (n, 6) array
-        A (xx, yy, zz, xy, xz, yz) at equal intervals, kJ/mol.  All else comes from a StressReporter, unless it is given.
+        A (xx, yy, zz, xy, xz, yz) at equal intervals, kJ/mol.  A StressReporter provides all other arguments that are not given.
     dt : time
         Time between samples.
     volume : float
-        nm^3.
+        Volume of the box, nm^3.
     kT : energy or temperature
-        Bare numbers are kJ/mol, a Quantity may be in kelvin.
+        Thermal energy; a bare number is in kJ/mol, a Quantity may be in kelvin.
     friction : (n, 6) array, optional
-        D; zero without friction (ordinary molecular dynamics).
+        D, kJ/mol; zero by default (ordinary molecular dynamics).
     instantaneous : float
-        The viscosity of the friction alone, needed with ``friction``; 0 without.
+        Instantaneous viscosity of the friction, required with ``friction``; 0 without it.
     t_max : time, optional
-        Upper limit of the integral; twice the first time at which the correlation is below its error by default.  Compare the plateau
-        of ``integral``.
+        Upper limit of the integral; by default twice the first time at which the correlation is below its error.  Compare it with the
+        plateau of ``integral``.
     blocks : int, default 10
-        Parts of the series that the error is taken from.
+        Number of blocks of the series for the error.
 
     Raises
     ------
@@ -258,20 +257,20 @@ def green_kubo_viscosity(
         instantaneous = stress.instantaneous if instantaneous is None else instantaneous
         stress = stress.regular
     if dt is None or volume is None or kT is None:
-        raise ParameterError("of stresses in an array, green_kubo_viscosity needs dt, volume and kT as well")
+        raise ParameterError("with stresses in an array, green_kubo_viscosity needs dt, volume and kT as well")
     step, energy = checked(dt, "time", "dt", positive=True), thermal_energy(kT)
     volume, blocks = checked(volume, "volume", "volume", positive=True), whole_number(blocks, "the number of blocks")
     if not 0.0 < energy < np.inf:
         raise ParameterError(f"kT must be > 0 and finite, not {what_is(kT)}")
     if friction is not None and instantaneous is None:
-        raise ParameterError("with friction green_kubo_viscosity needs the instantaneous viscosity of the friction as well")
+        raise ParameterError("with friction, green_kubo_viscosity needs its instantaneous viscosity (instantaneous=...) as well")
     regular = _independent(stress, "stress")
     drag = np.zeros_like(regular) if friction is None else _independent(friction, "friction")
     if drag.shape != regular.shape:
-        raise ParameterError(f"friction and stress must have as many rows; they have {len(drag)} and {len(regular)}")
+        raise ParameterError(f"friction and stress must have the same number of rows; they have {len(drag)} and {len(regular)}")
     length = len(regular) // max(blocks, 1)
     if blocks < 5 or length < 20:
-        raise ParameterError(f"{len(regular)} samples do not make {blocks} blocks of 20 or more, and an error needs at least 5")
+        raise ParameterError(f"{len(regular)} samples in {blocks} blocks; at least 5 blocks of 20 samples each are needed")
     lags = length // 2 if t_max is None else int(round(to_md(t_max, "time", "t_max") / step)) + 1
     if not 2 <= lags <= length:
         raise ParameterError(f"t_max must lie between dt and the length of a block, {length * step:g} ps")
@@ -290,14 +289,14 @@ def green_kubo_viscosity(
 
 
 def _viscosity(value) -> float:
-    """A viscosity in kJ/mol ps/nm^3, finite and not negative."""
+    """The value as a float; ParameterError if it is no finite viscosity >= 0, in kJ/mol ps/nm^3."""
     if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
         raise ParameterError(f"the instantaneous viscosity must be a number >= 0, not {what_is(value)}")
     return float(value)
 
 
 def _ends(channel) -> tuple[float, float]:
-    """Both ends of a channel, nm."""
+    """Lower and upper end of a channel, nm; ParameterError if it is not two lengths."""
     if not isinstance(channel, (tuple, list, np.ndarray)) or len(channel) != 2:
         raise ParameterError(f"channel must be two lengths, not {what_is(channel)}")
     low, high = (checked(end, "length", "an end of the channel", signed=True) for end in channel)
@@ -305,7 +304,7 @@ def _ends(channel) -> tuple[float, float]:
 
 
 def _independent(tensors, name: str) -> np.ndarray:
-    """(n, 5) independent components of the traceless part, each of which has the variance of xy."""
+    """The five independent components of the traceless part of tensors (n, 6), scaled to the variance of xy, (n, 5)."""
     t = np.asarray(tensors, dtype=np.float64)
     if t.ndim != 2 or t.shape[1] != 6 or not np.all(np.isfinite(t)):
         raise ParameterError(f"{name} must be an (n, 6) array of finite components xx, yy, zz, xy, xz, yz")
@@ -314,7 +313,7 @@ def _independent(tensors, name: str) -> np.ndarray:
 
 
 def _correlation(first: np.ndarray, second: np.ndarray, lags: int) -> np.ndarray:
-    """Mean over components and times of first(t0) second(t0 + t), t < lags."""
+    """Correlation function first(t0) second(t0 + t) for t < lags, (lags,), averaged over the components and time origins t0."""
     n = len(first)
     size = 1 << int(np.ceil(np.log2(2 * n)))
     spectrum = np.conj(np.fft.rfft(first, size, axis=0)) * np.fft.rfft(second, size, axis=0)

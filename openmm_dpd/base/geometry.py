@@ -143,5 +143,5 @@ def _images(s: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sums_in_slices(number: np.ndarray, weights: np.ndarray | None, count: int) -> np.ndarray:
-    """Sums of weights (or numbers) of the beads in each of ``count`` slices, (count,), from the slice of each bead."""
+    """Sums over the beads in each of ``count`` slices, (count,), of their weights (None: 1), given the slice ``number`` of each bead."""
     return np.bincount(number, weights, count).astype(np.float64)

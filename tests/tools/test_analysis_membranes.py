@@ -171,7 +171,7 @@ def test_bad_spectra():
         (lambda: height_spectrum(trajectory, "H", "T", q_max=0.4), "shortest wave vector.*0.448"),
         (lambda: height_spectrum(trajectory, "H", "T", q_max=3.0), "100 lipids does not determine"),
         (lambda: height_spectrum(trajectory, "H", "T", q_max=1 * unit.nanometer), "q_max has the unit"),
-        (lambda: height_spectrum(trajectory, headless, "T", q_max=1.0), "bead 0 has heads or tails alone"),
+        (lambda: height_spectrum(trajectory, headless, "T", q_max=1.0), "bead 0 has only heads or only tails"),
         (lambda: height_spectrum(tilted, "H", "T", q_max=1.0), "edge z of the box must be normal"),
         (lambda: bending_modulus(spectrum.power, KT), "height_spectrum"),
         (lambda: bending_modulus(spectrum, 0.0), "kT must be above 0"),

@@ -171,7 +171,7 @@ def test_paths_that_cannot_be_unwrapped():
     with pytest.raises(ParameterError, match="Write frames more often"):
         mean_squared_displacement(trajectory_of(folded(x, box), ["A"] * 20, box), interval=1)
     continuous = trajectory_of(x * 2, ["A"] * 20, box)
-    raises(ParameterError, "say unwrap=False if they are on continuous paths", lambda: mean_squared_displacement(continuous, interval=1))
+    raises(ParameterError, "use unwrap=False if they are on continuous paths", lambda: mean_squared_displacement(continuous, interval=1))
     free = mean_squared_displacement(trajectory_of(x * 2, ["A"] * 20), interval=1)
     np.testing.assert_array_equal(mean_squared_displacement(continuous, interval=1, unwrap=False).y, free.y)
 
@@ -183,7 +183,7 @@ def test_time_that_goes_back_is_refused_by_name():
     once.time = 0.5 * np.arange(1, 13)
     twice = mdtraj.join([once[:9], once[6:]], check_topology=False)
     for trajectory in (twice, [once[:9], once[6:]]):
-        back = "frame 9: time goes back from 4.5 to 3.5 ps; of frames a restarted run wrote twice keep the last"
+        back = "frame 9: time goes back from 4.5 to 3.5 ps; of frames that a restart wrote twice, keep the last"
         raises(ParameterError, back, mean_squared_displacement, trajectory, interval=0.5)
     kept = twice[sorted({time: frame for frame, time in enumerate(twice.time)}.values())]
     expected = mean_squared_displacement(once, interval=0.5).y
@@ -238,10 +238,10 @@ def test_profiles_of_velocity_and_temperature():
 def test_velocities_and_frames_must_match():
     trajectory = random_trajectory(1, 5, 4, BOXES["edges"])
     for velocities, message in (
-        (np.zeros((3, 5, 3)), "velocities of 3 frames only"),
+        (np.zeros((3, 5, 3)), "velocities for 3 frames only"),
         (np.zeros((5, 5, 3)), "more frames than the 4"),
         (np.zeros((4, 6, 3)), r"must have shape \(5, 3\), not \(6, 3\)"),
-        (np.full((4, 5, 3), np.nan), "a velocity is not finite"),
+        (np.full((4, 5, 3), np.nan), "velocities must be finite"),
         ("v.npz", "not str"),
     ):
         raises(ParameterError, message, velocity_profile, trajectory, velocities)
@@ -373,11 +373,11 @@ def test_surface_tension():
     assert surface_tension(diagonal, 20.0, interfaces=1, axis="x").mean == pytest.approx(expected)
     for arguments, message in (
         ((diagonal[:, :2], 20.0), "must have shape"),
-        ((np.zeros((0, 3)), 20.0), "no row"),
+        ((np.zeros((0, 3)), 20.0), "no rows"),
         ((5.0, 1.0), "must have shape"),
         ((diagonal, length[:7]), "one for each of the 500 rows"),
         ((diagonal, -1.0), "all above 0"),
-        (("a", 1.0), "must be numbers"),
+        (("a", 1.0), "must be arrays of numbers"),
     ):
         raises(ParameterError, message, surface_tension, *arguments)
     raises(ParameterError, "interfaces must be 1 or 2", lambda: surface_tension(diagonal, 20.0, interfaces=3))
@@ -416,7 +416,7 @@ def test_every_result_has_a_picture(tmp_path):
         call(tmp_path / f"{name}.png")
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
     assert isinstance(g["A"], Curve)
-    raises(ParameterError, "nothing to draw", lambda: draw.profile_picture(tmp_path / "x.png", {"A": [1, 2]}))
+    raises(ParameterError, "must be a Curve", lambda: draw.profile_picture(tmp_path / "x.png", {"A": [1, 2]}))
     for picture in (draw.profile_picture, draw.displacement_picture, draw.cluster_picture):
         raises(ParameterError, "not None", picture, tmp_path / "x.png", None)
 

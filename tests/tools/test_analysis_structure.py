@@ -368,7 +368,7 @@ def test_errors():
         (lambda: density_profile(trajectory, n_bins=0), "n_bins must be"),
         (lambda: density_profile(trajectory, ["A", "C"]), "no bead is of type 'C'"),
         (lambda: radial_distribution(trajectory, r_max=2.6), "half the smallest width of the box, 5"),
-        (lambda: radial_distribution(trajectory, [3], r_max=2), "there are no pairs"),
+        (lambda: radial_distribution(trajectory, [3], r_max=2), "needs pairs of beads"),
         (lambda: radial_distribution(trajectory, r_max=2, n_bins=0), "n_bins must be at least 1"),
         (lambda: radial_distribution(trajectory_of(trajectory.xyz, ["A"] * 10), r_max=1), "needs a periodic box"),
         (lambda: cluster_sizes(trajectory, cutoff=3.0), "half the smallest width"),

@@ -61,7 +61,7 @@ def test_series_that_say_nothing():
     rows, times = np.zeros((30, 6)), np.arange(30.0)
     steady, swinging = dpd.LeesEdwards(rate=1.0), dpd.LeesEdwards(amplitude=0.1, frequency=1.0)
     for call, given, reason in (
-        (shear_viscosity, SimpleNamespace(shear=None), "LeesEdwards shear is wanted"),
+        (shear_viscosity, SimpleNamespace(shear=None), "scene with a LeesEdwards shear"),
         (shear_viscosity, series(swinging, times, rows, rows), "constant rate"),
         (shear_viscosity, series(dpd.LeesEdwards(rate=0.0), times, rows, rows), "other than 0"),
         (shear_viscosity, series(steady, times[:3], rows[:3], rows[:3]), "too few"),

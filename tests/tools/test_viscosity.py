@@ -135,15 +135,15 @@ def test_friction_enters_with_the_two_signs():
 BAD_SERIES = {
     "shape": (lambda: green_kubo_viscosity(np.zeros((500, 5)), 0.1, volume=1, kT=1), "xx, yy, zz"),
     "missing": (lambda: green_kubo_viscosity(np.zeros((500, 6))), "needs dt, volume and kT"),
-    "short": (lambda: green_kubo_viscosity(np.zeros((50, 6)), 0.1, volume=1, kT=1), "do not make 10 blocks"),
+    "short": (lambda: green_kubo_viscosity(np.zeros((50, 6)), 0.1, volume=1, kT=1), "in 10 blocks"),
     "t_max": (lambda: green_kubo_viscosity(np.zeros((500, 6)), 0.1, volume=1, kT=1, t_max=10.0), "length of a block, 5 ps"),
-    "friction": (lambda: known(friction=np.zeros((400, 6)), instantaneous=1.0), "as many rows"),
+    "friction": (lambda: known(friction=np.zeros((400, 6)), instantaneous=1.0), "the same number of rows"),
     "no step": (lambda: known(dt=0.0), "dt must be > 0"),
     "no volume": (lambda: known(volume=-1.0), "volume must be > 0"),
     "no temperature": (lambda: known(kT=0.0), "kT must be > 0"),
-    "no blocks": (lambda: known(blocks=0), "do not make 0 blocks"),
+    "no blocks": (lambda: known(blocks=0), "in 0 blocks"),
     "blocks": (lambda: known(blocks=10.0), "must be a whole number"),
-    "half of friction": (lambda: known(friction=np.zeros((500, 6))), "needs the instantaneous viscosity"),
+    "half of friction": (lambda: known(friction=np.zeros((500, 6))), "needs its instantaneous viscosity"),
     "instantaneous": (lambda: known(instantaneous=np.nan), "must be a number >= 0, not nan"),
     "channel": (lambda: poiseuille_viscosity(profile(np.sin), 0.1, channel=5.0), "channel must be two lengths"),
     "origin": (lambda: poiseuille_viscosity(profile(np.sin), 0.1, origin=[1.0, 2.0]), "origin must be a single number"),
@@ -197,7 +197,7 @@ def test_couette_fit():
     assert found.viscosity == pytest.approx(0.85, abs=4 * found.error)
     assert found.error / found.viscosity == pytest.approx(np.hypot(found.stress_error / 0.17, found.rate_error / 0.2), rel=0.05)
     assert found.ends == pytest.approx((-0.9, 0.5), abs=0.005)
-    raises(ParameterError, "slabs are left", couette_viscosity, profile(v), stress, channel=(1.5, 8.5), skip=3.2)
+    raises(ParameterError, "slabs are too few", couette_viscosity, profile(v), stress, channel=(1.5, 8.5), skip=3.2)
     raises(ParameterError, "not sheared", couette_viscosity, profile(np.zeros_like, noise=0.0), stress, channel=(1.5, 8.5))
 
 
@@ -218,7 +218,7 @@ def test_channel_fit():
     "make, message",
     (lambda p: poiseuille_viscosity(p, 0), "other than 0"),
     (lambda p: poiseuille_viscosity(p, -0.05), "does not flow along"),
-    (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are left"),
+    (lambda p: poiseuille_viscosity(p, 0.05, channel=(4, 5)), "slabs are too few"),
 )
 def test_refused_profiles(make, message):
     raises(dpd.ParameterError, message, lambda: make(profile(lambda z: np.where(z < 5, 1, -1) * (z % 5) * (5 - z % 5))))
