@@ -32,7 +32,7 @@ def stress_parts(plan: Plan) -> list[Part]:
 
 def charge_evaluator(plan: Plan) -> ChargeEvaluator | None:
     """What gives energies and stress of the charges; None if there are none."""
-    terms = charge_terms(plan.scene, plan.ewald, plan.charge_exceptions)
+    terms = charge_terms(plan.scene, plan.scene.ewald, plan.charge_exceptions)
     warm_up_extras([] if terms is None else [terms])
     return None if terms is None else terms.evaluator()
 

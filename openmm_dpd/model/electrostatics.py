@@ -309,10 +309,11 @@ def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple
         )
 
 
-def check_electrostatics(charges: SmearedCharges | None, q: np.ndarray | None, box: np.ndarray | None, kT: float) -> None:
-    """Raise ParameterError if a scene cannot have this electrostatics; warn if it is not neutral."""
+def checked_ewald(charges: SmearedCharges | None, q: np.ndarray | None, box: np.ndarray | None, kT: float) -> EwaldSum | None:
+    """Settings of the lattice sum of a scene, None without charges that interact in a box.  ParameterError if the scene cannot have this
+    electrostatics; a warning if it is not neutral."""
     if charges is None:
-        return
+        return None
     name = type(charges).__name__
     if not isinstance(charges, (SlaterCharges, GaussianCharges)):
         raise ParameterError(f"electrostatics must be SlaterCharges(...) or GaussianCharges(...), not {what_is(charges)}")
@@ -329,13 +330,14 @@ def check_electrostatics(charges: SmearedCharges | None, q: np.ndarray | None, b
                 f"{name}: a scene without a periodic box has no lattice sum, and all pairs of charges interact, so that "
                 f"{' and '.join(given)} would have no effect; leave that out, or give the scene a box"
             )
-    else:
-        ewald_sum(charges, box, int(np.count_nonzero(q)))
-        total = float(q.sum())
-        if abs(total) > 1e-6 * max(1.0, float(np.abs(q).sum())):
-            warnings.warn(
-                f"the charges add up to {total:g} e; in a periodic box a uniform background makes up for them, "
-                "which changes the energy and the pressure. Add counterions if this is not meant",
-                UserWarning,
-                stacklevel=4,
-            )
+        return None
+    settings = ewald_sum(charges, box, int(np.count_nonzero(q)))
+    total = float(q.sum())
+    if abs(total) > 1e-6 * max(1.0, float(np.abs(q).sum())):
+        warnings.warn(
+            f"the charges add up to {total:g} e; in a periodic box a uniform background makes up for them, "
+            "which changes the energy and the pressure. Add counterions if this is not meant",
+            UserWarning,
+            stacklevel=4,
+        )
+    return settings

@@ -1,6 +1,6 @@
 """Flows: forces on single beads, and walls that reflect beads."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -341,13 +341,13 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
     return found
 
 
-def kind_of(found: dict[int, Gap]) -> str:
+def kind_of(found: Mapping[int, Gap]) -> str:
     """Kind of the walls, for programs; "" if there are none."""
     kinds = {gap.kind for gap in found.values()}
     return MIXED if len(kinds) > 1 else kinds.pop() if kinds else ""
 
 
-def check_inside(found: dict[int, Gap], x: np.ndarray, mobile: np.ndarray) -> None:
+def check_inside(found: Mapping[int, Gap], x: np.ndarray, mobile: np.ndarray) -> None:
     """Raise ParameterError if a bead that moves starts beyond a wall."""
     for axis, gap in found.items():
         folded = gap.fold(x[:, axis])

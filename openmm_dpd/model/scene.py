@@ -11,8 +11,8 @@ from ..base.wording import bead_number, either, fact_table
 from .angles import Angles, check_angles
 from .bonds import BondedTerms, Bonds, check_members
 from .dihedrals import Dihedrals, check_dihedrals
-from .electrostatics import GaussianCharges, SlaterCharges, check_electrostatics, special_factors
-from .flow import BodyForce, PositionForce, Wall, check_inside, gaps
+from .electrostatics import EwaldSum, GaussianCharges, SlaterCharges, checked_ewald, special_factors
+from .flow import BodyForce, Gap, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
 from .owned import keep, known_under
 from .pairs import NONE
@@ -145,6 +145,8 @@ class Scene:
     shear: LeesEdwards | None = None
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
+    gaps: Mapping[int, Gap] = field(init=False, repr=False)  #: By the number of the axis, between the walls
+    ewald: EwaldSum | None = field(init=False, repr=False)  #: Settings of the lattice sum of charges, where they interact in a box
 
     def __post_init__(self):
         def put(name, value):
@@ -182,7 +184,7 @@ class Scene:
         put("sources", tuple(self.sources))
         check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
         self._check_flow()
-        check_electrostatics(self.electrostatics, self.charges, self.box, self.initial_kT)
+        put("ewald", checked_ewald(self.electrostatics, self.charges, self.box, self.initial_kT))
         check_shear(self.shear, self)
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
@@ -374,9 +376,8 @@ class Scene:
                 term.vectors(self.type_ids, self.type_names, self.box)
             else:
                 term.check_values(self.positions, term.mask(self.type_ids, self.type_names), self.box)
-        if self.walls:
-            check_inside(gaps(self.walls, self.box), self.positions, np.ones(self.n_beads, bool) if self.mobile is None else self.mobile)
-        keep(self, walls=tuple(self.walls))
+        keep(self, gaps=gaps(self.walls, self.box) if self.walls else {}, walls=tuple(self.walls))
+        check_inside(self.gaps, self.positions, ~self.immobile)
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:
         tables = self.pairs

@@ -13,9 +13,9 @@ import numpy as np
 from ..kernels.charge_pairs import Quintics
 from ..kernels.charges import ChargeTerms, cost, pme_cost
 from ..kernels.elementary import erfc, exp
-from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, ewald_sum, short_series, without_last_digits
+from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, short_series, without_last_digits
 from ..model.scene import Scene
-from .pair_spec import Factors, neighbour_factors
+from .pair_spec import Factors
 
 #: The largest relative error of forces that waves beyond the last one make.
 LARGEST_ERROR = 1e-6
@@ -26,7 +26,7 @@ Radial = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> ChargeTerms | None:
-    """The kernel's form of the charges of a scene, from ``Plan.ewald`` and ``Plan.charge_exceptions``; None if it has none."""
+    """The kernel's form of the charges of a scene, from ``Scene.ewald`` and ``Plan.charge_exceptions``; None if it has none."""
     charges = scene.electrostatics
     if charges is None or scene.charges is None:
         return None
@@ -44,24 +44,11 @@ def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> C
     return ChargeTerms(beads, q, constant, short, cutoff, alpha, k_max, whole, pairs, factors)
 
 
-def charge_factors(scene: Scene) -> Factors:
-    """Factors of the charges of bonded neighbours, where other than 1."""
-    charges = scene.electrostatics
-    return {} if charges is None else neighbour_factors(scene, charges.bonded_factors or scene.bonded_factors)
-
-
-def ewald_of(scene: Scene) -> EwaldSum | None:
-    """Settings of the lattice sum of a scene with charges in a box; None without."""
-    if scene.electrostatics is None or scene.charges is None or scene.box is None:
-        return None
-    return ewald_sum(scene.electrostatics, scene.box, int(np.count_nonzero(scene.charges)))
-
-
-def few_charges(scene: Scene, ewald: EwaldSum | None) -> bool:
+def few_charges(scene: Scene) -> bool:
     """Whether the kernel's direct sum over waves takes less time than OpenMM's PME."""
     if scene.electrostatics is None or scene.charges is None:
         return False
-    count = int(np.count_nonzero(scene.charges))
+    count, ewald = int(np.count_nonzero(scene.charges)), scene.ewald
     if ewald is None:
         return count < 2000
     k_max = longest_wave(ewald.alpha, min(scene.electrostatics.tolerance, LARGEST_ERROR))

@@ -19,7 +19,7 @@ from ..base.errors import PlanError, what_is
 from ..base.wording import in_length
 from ..kernels.driven import Continuum, Driven
 from ..kernels.elementary import without_last_bits
-from ..model.flow import AXES, Gap, Wall, gaps
+from ..model.flow import AXES, Gap, Wall
 from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..model.schemes import Scheme
@@ -39,7 +39,7 @@ def driven_walls(scene: Scene, tables: list[dict]) -> Driven | None:
     if not any(wall.driven for wall in scene.walls):
         return None
     there, velocity, period, continuum = np.zeros((3, 2), bool), np.zeros((3, 2, 3)), np.zeros((3, 2)), None
-    for axis, gap in gaps(scene.walls, scene.box).items():
+    for axis, gap in scene.gaps.items():
         for side, wall in enumerate(gap.sides.get(name) for name in ("above", "below")):
             there[axis, side] = wall is not None
             if wall is not None and wall.velocity is not None:
@@ -73,7 +73,8 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
     reason = next((reason for reason, holds in reasons.items() if holds), None)
     if reason is not None:
         raise PlanError(f"no fluid can be behind a wall: {reason}")
-    gap, axis = gaps(scene.walls, scene.box)[AXES.index(wall.axis)], AXES.index(wall.axis)
+    axis = AXES.index(wall.axis)
+    gap = scene.gaps[axis]
     reach = max(c.cutoff for c in tables[0].values())
     if gap.period is not None and gap.period - (gap.high - gap.low) < reach * (1 - 1e-9):
         raise PlanError(

@@ -5,7 +5,7 @@ import numpy as np
 from ..base.wording import either, in_length, in_number, in_units, thermal, unit_name
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..model.electrostatics import NO_ELECTROSTATICS
-from ..model.flow import Wall, gaps
+from ..model.flow import Wall
 from ..model.pairs import describe
 from .kinds import bonded_kind
 from .pair_spec import longest
@@ -54,7 +54,7 @@ def explain_plan(plan: Plan) -> str:
         lines.append(f"beads on which only body forces act, along x/y/z: {counts}")
     if scene.shear is not None:
         lines.append(f"Lees-Edwards shear along x, growing with y: {scene.shear}")
-    for axis, gap in gaps(scene.walls, scene.box).items():
+    for axis, gap in scene.gaps.items():
         lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {in_length(gap.low)} to {in_length(gap.high)}")
         lines += [f"  {_wall_text(wall)}" for wall in gap.sides.values() if wall.driven]
     if frozen:
@@ -102,7 +102,7 @@ def _segment_text(plan: Plan) -> str:
 
 
 def _charge_lines(plan: Plan) -> list[str]:
-    charges, q, ewald = plan.scene.electrostatics, plan.scene.charges, plan.ewald
+    charges, q, ewald = plan.scene.electrostatics, plan.scene.charges, plan.scene.ewald
     assert charges is not None and q is not None
     ions = int(np.count_nonzero(q))
     text = f"{ions} charged beads, total charge {q.sum():g} e: {charges.describe()}"

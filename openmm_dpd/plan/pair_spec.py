@@ -17,12 +17,15 @@ from .kinds import BeadData, Kind
 Factors = dict[tuple[int, int], float]
 
 
-def neighbour_factors(scene: Scene, factors: tuple[float, float, float]) -> Factors:
-    """Bonded neighbours whose factor is not 1."""
-    if not len(scene.bond_pairs) or factors == (1.0, 1.0, 1.0):
-        return {}
-    found = bonded_neighbours(scene.bond_pairs, scene.n_beads)
-    return {pair: factors[k - 1] for k, pairs in found.items() if factors[k - 1] != 1.0 for pair in pairs}
+def neighbour_factors(scene: Scene) -> tuple[Factors, Factors]:
+    """Bonded neighbours whose factor is not 1: for pair terms, and for charges."""
+    charges, alike = scene.electrostatics, (1.0, 1.0, 1.0)
+    asked = scene.bonded_factors, alike if charges is None else charges.bonded_factors or scene.bonded_factors
+    found = bonded_neighbours(scene.bond_pairs, scene.n_beads) if len(scene.bond_pairs) and asked != (alike, alike) else {}
+    pair_terms, of_charges = (
+        {pair: factors[k - 1] for k, pairs in found.items() if factors[k - 1] != 1.0 for pair in pairs} for factors in asked
+    )
+    return pair_terms, of_charges
 
 
 def longest(layers: Sequence[dict]) -> float:

@@ -1,7 +1,7 @@
 """Scene + choices -> Plan: the least that this scene needs, decided before anything is built."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,12 @@ from ..kernels.fields import ENERGY
 from ..kernels.interface import Engine
 from ..kernels.layer import PairSpec
 from ..model.bonds import BondedTerms
-from ..model.electrostatics import EwaldSum
-from ..model.flow import gaps, kind_of
+from ..model.flow import kind_of
 from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..model.schemes import scheme_of
 from ..model.temperature import TemperatureRamp
-from .charge_forces import charge_factors, ewald_of, few_charges
+from .charge_forces import few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, platform_name, predicting
 from .continuum import check_driven, driven_walls
 from .device import DEVICE, chosen_engine
@@ -58,11 +57,9 @@ class Plan:
     layers, overlays : tuples of tables
         What the pair kernel evaluates, and overlays, each {pair of types: coefficient} of one kind.
     exceptions, charge_exceptions : dict
-        Factors of bonded neighbours other than 1.
+        Factors of bonded neighbours other than 1, for pair terms and for charges.
     platform : str or None
         Name of the platform.
-    ewald : EwaldSum or None
-        Settings of the lattice sum of charges.
     host : Host or None
         The System made elsewhere that the pair terms are added to.
     driven : Driven or None
@@ -75,9 +72,8 @@ class Plan:
     layers: tuple[ResolvedTable, ...]
     overlays: tuple[ResolvedTable, ...]
     exceptions: Factors
+    charge_exceptions: Factors
     platform: str | None
-    ewald: EwaldSum | None = None
-    charge_exceptions: Factors = field(default_factory=dict)
     host: Host | None = None
     driven: Driven | None = None
 
@@ -235,19 +231,17 @@ def make_plan(
     """
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
-    step = checked_step(dt)
-    platform = platform_name(platform) or (fastest_platform() if host is None else None)
     chosen = scheme_of(scheme)
-    lam = checked_lam(lam, chosen)
+    step, lam, key = checked_step(dt), checked_lam(lam, chosen), checked_seed(seed)
+    platform = platform_name(platform) or (fastest_platform() if host is None else None)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {what_is(conservative)}")
     resolved = [table.resolve(scene.type_names) for table in scene.tables]
     tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
+    check_cutoffs(scene.box, tables)
     layers = [table for table in tables if resolved_kind(table).overlay is None]
     overlays = [table for table in tables if resolved_kind(table).overlay is not None]
     kinds = list(map(resolved_kind, layers))
-    bonded = [bonded_kind(type(group)).name for group in scene.bonded]
-    check_cutoffs(scene.box, [*layers, *overlays])
     for kind in kinds:
         reason = None if chosen.predicts else kind.no_sweep(scene)
         if reason:
@@ -257,7 +251,7 @@ def make_plan(
             f"`interacting` takes forces from beads, but the pair updates of scheme {chosen.name!r} change velocities without forces; "
             f"only scheme={predicting()} can do that"
         )
-    exceptions = neighbour_factors(scene, scene.bonded_factors)
+    exceptions, charge_exceptions = neighbour_factors(scene)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
@@ -278,8 +272,8 @@ def make_plan(
         raise PlanError(f"{_DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
     if scene.shear is not None:
         check_sheared(no_loop, platform)
-    ewald = ewald_of(scene)
-    held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene, ewald), double)
+    bonded = [bonded_kind(type(group)).name for group in scene.bonded]
+    held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene), double)
     constrained = host is not None and host.constrained
     whole = on_device and not constrained
     execution = Execution(
@@ -301,7 +295,7 @@ def make_plan(
         scheme=chosen,
         dt=step,
         kT=scene.initial_kT,
-        seed=checked_seed(seed),
+        seed=key,
         lam=lam,
         thermostat=thermostat,
         execution=execution,
@@ -312,14 +306,14 @@ def make_plan(
         seeded=seed is not None,
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(double),
-        walls=kind_of(gaps(scene.walls, scene.box)),
+        walls=kind_of(scene.gaps),
         partial=scene.interacting is not None,
         **choices,
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
     spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out)
-    parts = scene, spec, options, tuple(layers), tuple(overlays), exceptions, platform
-    plan = Plan(*parts, ewald, charge_factors(scene), host, driven_walls(scene, layers))
+    parts = scene, spec, options, tuple(layers), tuple(overlays), exceptions, charge_exceptions, platform
+    plan = Plan(*parts, host, driven_walls(scene, layers))
     if engine != "auto":
         _check_engine(plan)
     reason = why_not_native(scene, kinds, layers, bool(exceptions), platform) if chosen.native else None

@@ -14,7 +14,6 @@ from ..io.trajectory import openmm_topology
 from ..kernels.elementary import without_last_bits
 from ..kernels.moment import StepSpec
 from ..kernels.shear import add_flow, rate_at
-from ..model.flow import gaps
 from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms
 from ..plan.extra_forces import extras
@@ -84,7 +83,7 @@ def build_plan(plan: Plan) -> BuiltSystem:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.walls and execution.steps != "device":
-        for name, values in walls.variables(gaps(scene.walls, scene.box), scene.n_beads).items():
+        for name, values in walls.variables(scene.gaps, scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.interacting is not None:
         integrator.setPerDofVariableByName(ALONE, (~scene.interacting).astype(float))
@@ -142,7 +141,7 @@ def _pair_function(plan: Plan) -> PairForceFunction:
     """What evaluates the pair terms."""
     scene, options, execution = plan.scene, plan.options, plan.execution
     held = extras(scene, plan.overlays, plan.exceptions, execution.held)
-    charges = charge_terms(scene, plan.ewald, plan.charge_exceptions) if "charges" in execution.held else None
+    charges = charge_terms(scene, scene.ewald, plan.charge_exceptions) if "charges" in execution.held else None
     held += () if charges is None else (charges,)
     held += () if plan.driven is None or plan.driven.continuum is None else (plan.driven.continuum,)
     return PairForceFunction(
@@ -161,7 +160,7 @@ def _step_spec(plan: Plan) -> StepSpec:
     """What a whole step is."""
     scene, options = plan.scene, plan.options
     letters = () if options.predicting else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat))
-    found = walls.planes(gaps(scene.walls, scene.box)) if scene.walls else {}
+    found = walls.planes(scene.gaps) if scene.walls else {}
     planes = tuple(found[name] for name in walls.CONSTANTS) if found else None
     weights = options.thermostat, options.lam, options.field_lam
     tilt = 0.0 if scene.box is None else float(scene.box[1, 0])

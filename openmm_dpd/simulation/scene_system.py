@@ -7,7 +7,8 @@ from ..base.errors import PlanError
 from ..base.geometry import coincident_pairs
 from ..base.names import BONDED_GROUP, COULOMB_GROUP, LAST_POTENTIAL_GROUP, LATTICE_GROUP, PAIR_GROUP, POTENTIAL_GROUP
 from ..base.wording import bead_names
-from ..model.flow import PositionForce, gaps
+from ..model.dihedrals import Dihedrals
+from ..model.flow import PositionForce
 from ..plan.forces.bonded import molecules
 from ..plan.forces.device_force import device_force
 from ..plan.forces.electrostatics import electrostatic_forces, needs_list
@@ -39,6 +40,8 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     tables = (*layers, *(() if "overlays" in held else plan.overlays))
     expressions = [resolved_kind(table).potential(table, scene.type_names) for table in tables]  # type: ignore[misc]  # make_plan refuses others
     factors = _excluded_pairs(plan, expressions)
+    outside = [group for group in scene.bonded if not plan.holds(group)]
+    told = [bonds.pairs for bonds in scene.bonds if plan.holds(bonds) and len(bonds.pairs)]
     free = _add_pair_expressions(system, plan, expressions, factors)
     _add_charges(system, plan, factors)
     if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:
@@ -48,14 +51,13 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         force = resolved_kind(layer).density_force(layer, scene.type_names, scene.type_ids, excluded, periodic)  # type: ignore[misc]
         force.setForceGroup(free - k)
         system.addForce(force)
-    told = [bonds.pairs for bonds in scene.bonds if plan.holds(bonds) and len(bonds.pairs)]
     if told:
         system.addForce(molecules(np.concatenate(told)))
-    for group in scene.dihedrals:
-        for flat in () if plan.holds(group) else group.in_line(scene.positions, scene.box)[:1]:
+    for group in (group for group in outside if isinstance(group, Dihedrals)):
+        for flat in group.in_line(scene.positions, scene.box)[:1]:
             which = f"three of {bead_names(*group.quads[flat])} are in line"
             raise PlanError(f"{which}, where OpenMM, which computes their dihedral here, has no force; move one of them a little")
-    for force in bonded_forces([group for group in scene.bonded if not plan.holds(group)], periodic):
+    for force in bonded_forces(outside, periodic):
         force.setForceGroup(BONDED_GROUP)
         system.addForce(force)
     segments = None if "segments" in held else segment_spec(scene)
@@ -69,7 +71,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     if plan.execution.on_device:
         whole = plan.execution.steps == "device"
         letters = () if not whole else (("V", options.lam),) if options.predicting else options.scheme.steps(options.thermostat)
-        walls = planes(gaps(scene.walls, scene.box)) if whole and scene.walls else {}
+        walls = planes(scene.gaps) if whole and scene.walls else {}
         slow = _slow_groups(plan, system) if plan.execution.slow and not options.predicting else ()
         system.addForce(device_force(plan.spec, letters, walls, slow, options=options, integrator=integrator, periodic=periodic))
     if options.scheme.native:
@@ -109,10 +111,11 @@ def _add_charges(system: openmm.System, plan: Plan, factors: Factors) -> None:
     if scene.electrostatics is None or "charges" in plan.execution.held:
         return
     assert scene.charges is not None
-    listed = plan.ewald is not None and needs_list(scene.charges, plan.ewald, scene.box) and plan.listed(plan.ewald.cutoff)
+    ewald = scene.ewald
+    listed = ewald is not None and needs_list(scene.charges, ewald, scene.box) and plan.listed(ewald.cutoff)
     constant = scene.electrostatics.coulomb(scene.initial_kT)
     factors = {pair: plan.charge_exceptions.get(pair, 1.0) for pair in factors}
-    for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, plan.ewald, factors, listed=listed):
+    for force in electrostatic_forces(scene.electrostatics, scene.charges, constant, ewald, factors, listed=listed):
         system.addForce(force)
 
 

@@ -11,7 +11,7 @@ from ...base.units import UnitSystem
 from ...model.edpd import EDPD
 from ...model.energy_dpd import EnergyDPD
 from ...model.eos import ConstantHeatCapacity, TabulatedEOS
-from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, gaps
+from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.mdpd import MDPD
 from ...model.pairs import DPD
@@ -179,7 +179,7 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
 
 def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
     """Whether positions folded into the box at one corner are those folded at the other; between walls nothing is folded."""
-    return bool(np.all(np.delete(np.asarray(given) == corner, list(gaps(scene.walls, scene.box)))))
+    return bool(np.all(np.delete(np.asarray(given) == corner, list(scene.gaps))))
 
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------
@@ -195,7 +195,7 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
             yield from _body_lines(scene, term, units, f"push{k}")
         else:
             yield from _formula_lines(scene, term, units, corner, f"push{k}")
-    for axis, gap in gaps(scene.walls, scene.box).items():
+    for axis, gap in scene.gaps.items():
         if gap.kind != SPECULAR:
             raise ParameterError(
                 f"the walls along {AXES[axis]} turn velocities round (bounce-back), for which LAMMPS has no fix; use frozen beads, or "

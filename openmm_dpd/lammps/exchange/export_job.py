@@ -10,7 +10,7 @@ import numpy as np
 from ...base.errors import ParameterError, what_is
 from ...base.units import LJ, UnitSystem, to_md, unit_system, whole_number
 from ...kernels.shear import rate_at
-from ...model.flow import AXES, PositionForce, gaps
+from ...model.flow import AXES, PositionForce
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
@@ -149,7 +149,7 @@ def _corner(scene: Scene, corner) -> np.ndarray:
     found = np.array(to_md(corner, "length", "corner"), dtype=np.float64)
     if found.shape != (3,):
         raise ParameterError(f"corner must be three lengths, not {what_is(corner)}")
-    for axis, gap in gaps(scene.walls, scene.box).items():
+    for axis, gap in scene.gaps.items():
         if gap.period is not None:
             # the box ends in the middle of the solid
             found[axis] = 0.5 * (gap.low + gap.high - gap.period)
@@ -230,7 +230,7 @@ def _boundary(job: Job) -> str:
         return "boundary s s s"
     words = ["p", "p", "p"]
     longest = longest_cutoff(job.scene)
-    for axis, gap in gaps(job.scene.walls, job.scene.box).items():
+    for axis, gap in job.scene.gaps.items():
         words[axis] = "f"
         solid = gap.period - (gap.high - gap.low) if gap.period is not None else np.inf
         if solid < longest * (2 if job.some_stay else 1):

@@ -9,7 +9,6 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.units import UnitSystem, thermal_energies
-from ...model.flow import gaps
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
@@ -137,7 +136,7 @@ def lammps_box(
         return Box(low, high, np.zeros(3)), x, np.zeros((len(x), 3), dtype=np.int64)
     tilt = np.array([scene.box[1, 0], scene.box[2, 0], scene.box[2, 1]])
     low, edges = np.array(corner, dtype=np.float64), np.diag(scene.box).copy()
-    for axis, gap in gaps(scene.walls, scene.box).items():
+    for axis, gap in scene.gaps.items():
         if np.any(tilt):
             raise ParameterError("walls in a tilted box cannot be exported: LAMMPS's tilted boxes are periodic")
         if gap.period is not None and np.all((gap.fold(x[:, axis]) >= gap.low) & (gap.fold(x[:, axis]) <= gap.high)):

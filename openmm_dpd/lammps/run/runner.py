@@ -229,7 +229,7 @@ def _exact(built: BuiltSystem) -> bool:
     """Whether forces have the same bits after a restart: those of OpenMM have not in single precision, from a list with a history."""
     plan = built.plan
     return plan.platform == "Reference" or (
-        plan.platform == "CPU" and plan.execution.looped and (plan.ewald is None or "charges" in plan.execution.held)
+        plan.platform == "CPU" and plan.execution.looped and (plan.scene.ewald is None or "charges" in plan.execution.held)
     )
 
 

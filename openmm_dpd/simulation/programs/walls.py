@@ -10,6 +10,8 @@ Only the second needs a vector function, which costs as much as five other steps
 velocities to the pair force must not be reflected before it was seen, so the schemes show them by a trial drift where there are walls.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ...model.flow import BOUNCE_BACK, MIXED, NOWHERE, SPECULAR, Gap, kind_of
@@ -19,7 +21,7 @@ CONSTANTS = LOW, HIGH, START, PERIOD, BACK = "wall_low", "wall_high", "wall_star
 PUT_BACK = "wall_x"
 
 
-def planes(gaps: dict[int, Gap]) -> dict[str, np.ndarray]:
+def planes(gaps: Mapping[int, Gap]) -> dict[str, np.ndarray]:
     """Values of the constants along the three axes."""
     low, high = np.full(3, -NOWHERE), np.full(3, NOWHERE)
     start, period = np.full(3, -1e9), np.full(3, 4e9)  # nothing is ever folded
@@ -31,7 +33,7 @@ def planes(gaps: dict[int, Gap]) -> dict[str, np.ndarray]:
     return {LOW: low, HIGH: high, START: start, PERIOD: period, BACK: back}
 
 
-def variables(gaps: dict[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
+def variables(gaps: Mapping[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
     """Values of the per-DOF variables, (N, 3) each."""
     values = planes(gaps)
     if kind_of(gaps) != MIXED:
