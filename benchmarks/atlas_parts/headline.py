@@ -20,7 +20,7 @@ from .summary import BOUND, EVERY, ratio, step_of
 ROOT = Path(__file__).resolve().parents[2]
 FILES = {
     "atlas": ROOT / "docs" / "atlas.json",
-    "transport": ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json",
+    "transport": ROOT / "openmm_dpd" / "advice" / "transport.json",
     "scaling": ROOT / "docs" / "scaling.json",
 }
 #: Fluids of the atlas and their frictions.

@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("--time", type=float, default=1500.0)
     options = parser.parse_args()
     dpd.set_threads(1)
-    table = json.loads((ROOT / "openmm_dpd" / "simulation" / "advice" / "transport.json").read_text())
+    table = json.loads((ROOT / "openmm_dpd" / "advice" / "transport.json").read_text())
     limits = {point["gamma"]: {"T_conf": [1.0, 0.0]} | {name: point[name] for name in ("D", "eta")} for point in table["points"]}
     print("| friction | order | step | T_conf | diffusion | viscosity |\n| --- | --- | --- | --- | --- | --- |")
     for gamma, word, dt in RUNS:

@@ -39,7 +39,7 @@ def test_tables_of_the_atlas_are_those_of_its_json():
 
 
 def test_tables_of_the_stability_map_are_those_of_the_package():
-    texts = maps.blocks(json.loads((ROOT / "openmm_dpd" / "simulation" / "advice" / "stability.json").read_text(encoding="utf-8")))
+    texts = maps.blocks(json.loads((ROOT / "openmm_dpd" / "advice" / "stability.json").read_text(encoding="utf-8")))
     for name, text in texts.items():
         assert page.block_of(PAGE, name) == text.strip(), name
 
