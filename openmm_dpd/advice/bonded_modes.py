@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from ..base.errors import bead_names
 from ..base.geometry import minimum_images
-from ..base.wording import bead_names
 from ..model.angles import Angles
 from ..model.bonds import BondedTerms
 from ..model.scene import Scene

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import DPDError, ParameterError, what_is
+from ..base.errors import DPDError, ParameterError, in_number, in_units, unit_name, what_is
 from ..base.units import to_md
-from ..base.wording import in_number, in_units, unit_name
 from ..model.scene import Scene
 from ..model.schemes import SCHEMES, scheme_of
 from ..plan.plan import make_plan

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from openmm import unit
 
-from .errors import ParameterError, what_is
-from .wording import in_number
+from .errors import ParameterError, in_number, what_is
 
 #: Molar gas constant in kJ/mol/K, the value OpenMM uses.
 BOLTZMANN = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, bead_number, what_is
 from ..base.files import write_whole
 from ..base.geometry import connected
 from ..base.units import to_md
-from ..base.wording import bead_number
 
 #: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
 RESIDUE, SEGMENT = "MOL", "DPD"

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..base.errors import bead_names, in_length, overstretched
 from ..base.geometry import minimum_images
-from ..base.wording import bead_names, in_length, overstretched
 from .elementary import exp, log
 from .extras import BondedKernel, nearest_image
 

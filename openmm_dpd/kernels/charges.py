@@ -13,9 +13,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..base.errors import RunError
+from ..base.errors import RunError, bead_number, in_length
 from ..base.geometry import weighted_sum
-from ..base.wording import bead_number, in_length
 from .charge_pairs import SHARES, Quintics, charge_row, exception
 from .columns import add_stress, push
 from .compiled import helper

@@ -31,8 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.errors import RunError
-from ..base.wording import bead_names, bead_number, in_number
+from ..base.errors import RunError, bead_names, bead_number, in_number
 from .columns import approach, change, clear, deliver, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .compiled import helper, inlined, merged
 from .elementary import power

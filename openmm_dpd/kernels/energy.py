@@ -27,8 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.errors import RunError
-from ..base.wording import bead_number, in_units
+from ..base.errors import RunError, bead_number, in_units
 from . import forces
 from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .compiled import helper, merged, renamed

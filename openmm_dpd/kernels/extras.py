@@ -15,9 +15,8 @@ from typing import Any, ClassVar, Protocol
 import numba
 import numpy as np
 
-from ..base.errors import RunError
+from ..base.errors import RunError, bead_names
 from ..base.numba_private import ONLY_LINKED
-from ..base.wording import bead_names
 from .compiled import SEMANTICS, inlined, renamed
 from .native import Kernel
 from .notice import LOGGER, announced

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.errors import RunError
+from ..base.errors import RunError, bead_number
 from ..base.geometry import most_tilted, widths
-from ..base.wording import bead_number
 from . import cells, listing
 from .native import Memory
 from .shares import Shares, blocks_of, by_colours, share_out

@@ -20,8 +20,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..base.errors import RunError
-from ..base.wording import bead_names, in_length
+from ..base.errors import RunError, bead_names, in_length
 from .columns import add_stress, over_pairs
 from .compiled import helper, inlined
 from .extras import bead_rows, box_array, inverse_edges, minimum_image

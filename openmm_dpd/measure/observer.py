@@ -20,9 +20,8 @@ from ..base.openmm_private import bare
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.layer import LAPLACIAN
 from ..kernels.motion import second_moments
-from ..plan.host import Freedom
 from ..plan.kinds import resolved_kind
-from ..plan.made import groups_of
+from ..plan.made import Freedom, groups_of
 from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
 from .present import Present

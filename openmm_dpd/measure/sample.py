@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..base.wording import fact_table
+from ..base.errors import fact_table
 from ..kernels.motion import largest, second_moments
 
 

@@ -16,7 +16,7 @@ from ..kernels.extras import warm_up_extras
 from ..kernels.motion import second_moments
 from ..model.schemes import SWEEPS, Letter, Scheme
 from ..plan.charge_forces import charge_terms
-from ..plan.extra_forces import extras
+from ..plan.pair_spec import extras
 from ..plan.plan import Plan
 
 #: (x, box) -> (6,) sums of r F (xx, yy, zz, xy, xz, yz; kJ/mol).

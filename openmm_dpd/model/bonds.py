@@ -6,10 +6,9 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, bead_names, either, in_length, overstretched
 from ..base.geometry import minimum_images, widths
 from ..base.units import to_md
-from ..base.wording import bead_names, either, in_length, overstretched
 from .owned import keep
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.

@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, in_length, in_units, what_is
 from ..base.units import COULOMB, whole_number
-from ..base.wording import in_length, in_units
 from .owned import keep
 from .pairs import checked
 

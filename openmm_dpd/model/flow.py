@@ -6,10 +6,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, bead_number, either, in_length, in_number, unit_name, what_is
 from ..base.geometry import folded
 from ..base.units import to_md
-from ..base.wording import bead_number, either, in_length, in_number, unit_name
 from .formulas import read_formula, values
 from .owned import keep
 from .pairs import checked

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, bead_number, in_number, what_is
 from ..base.units import thermal_energies, to_md
-from ..base.wording import bead_number, in_number
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
 from .owned import keep
 from .pairs import NONE

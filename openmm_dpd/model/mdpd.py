@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..base.errors import ParameterError, what_is
-from ..base.wording import bead_names
+from ..base.errors import ParameterError, bead_names, what_is
 from .owned import keep
 from .pairs import NONE, PairCoefficient
 

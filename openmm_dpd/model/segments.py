@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, bead_names, in_length, what_is
 from ..base.geometry import minimum_images
-from ..base.wording import bead_names, in_length
 from .bonds import bead_indices
 from .owned import keep
 from .pairs import checked

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from openmm import unit
 
-from ..base.wording import fact_table
+from ..base.errors import fact_table
 from .piercings import Piercing
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from ..base.errors import ParameterError, what_is
 from ..io.trajectory import write_psf
-from ..model.angles import Angles
+from ..model.angles import Angles, Dihedrals
 from ..model.bonds import Bonds
-from ..model.dihedrals import Dihedrals
 from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.scene import Scene
 from .molecule import Molecule

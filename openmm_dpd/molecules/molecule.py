@@ -8,9 +8,8 @@ from itertools import combinations, groupby, product
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, fact_table, what_is
 from ..base.units import to_md, whole_number
-from ..base.wording import fact_table
 from ..model.owned import known_under
 from .piercings import neighbours_of
 from .terms import AnyBend, AnySpring, AnyTwist

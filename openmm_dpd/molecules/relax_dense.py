@@ -14,8 +14,7 @@ from ..base.platforms import platform_here
 from ..base.units import BOLTZMANN, to_md, whole_number
 from ..model.pairs import DPD
 from ..model.scene import box_vectors
-from ..plan.host import checked_positions, degrees_of_freedom
-from ..plan.made import LISTED, masses_of
+from ..plan.made import LISTED, checked_positions, degrees_of_freedom, masses_of
 from ..simulation.thermostat import add_thermostat
 from .dense_start import DenseStart, PiercingWarning, Stage
 from .piercings import Piercing, bonds_of_topology, find_piercings, pushed_out

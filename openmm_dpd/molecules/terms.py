@@ -5,9 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..model.angles import CosineAngles, HarmonicAngles
+from ..model.angles import CosineAngles, HarmonicAngles, HarmonicDihedrals, MultiHarmonicDihedrals, OPLSDihedrals
 from ..model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds
-from ..model.dihedrals import HarmonicDihedrals, MultiHarmonicDihedrals, OPLSDihedrals
 
 
 @dataclass(frozen=True)

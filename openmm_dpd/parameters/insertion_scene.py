@@ -9,9 +9,8 @@ from scipy.sparse.csgraph import shortest_path
 
 from ..base.errors import ParameterError, what_is
 from ..base.geometry import graph, minimum_images, widths
-from ..model.pairs import NONE, SoftRepulsion
+from ..model.pairs import NONE, PairTable, SoftRepulsion
 from ..model.scene import Scene
-from ..model.table import PairTable
 from ..model.temperature import TemperatureRamp
 from ..molecules import Molecule, pack
 from ..molecules.terms import many_terms

@@ -4,5 +4,5 @@
 """
 
 from .explain import explain_plan as explain_plan
-from .host import degrees_of_freedom as degrees_of_freedom
+from .made import degrees_of_freedom as degrees_of_freedom
 from .plan import Plan as Plan, make_plan as make_plan

@@ -15,8 +15,7 @@ correlation of forces, f^2 tau/kT in place of gamma.  docs/theory_flow.md derive
 import numpy as np
 import scipy
 
-from ..base.errors import PlanError, what_is
-from ..base.wording import in_length
+from ..base.errors import PlanError, in_length, what_is
 from ..kernels.driven import Continuum, Driven
 from ..kernels.elementary import without_last_bits
 from ..model.flow import AXES, Gap, Wall

@@ -5,16 +5,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..base.errors import PlanError
+from ..base.errors import PlanError, bead_names, bead_number
 from ..base.geometry import coincident_pairs
-from ..base.wording import bead_names, bead_number
 from ..model.flow import BodyForce
 from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..model.schemes import Scheme
 from ..model.temperature import TemperatureRamp
+from .choices import may_miss_pairs
 from .kinds import Kind
-from .neighbour_list import may_miss_pairs
 from .pair_spec import longest
 
 #: Platforms where positions, velocities and forces are double precision.

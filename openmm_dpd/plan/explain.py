@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..base.wording import either, in_length, in_number, in_units, thermal, unit_name
+from ..base.errors import either, in_length, in_number, in_units, thermal, unit_name
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.flow import Wall

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, PlanError, what_is
+from ..base.errors import ParameterError, PlanError, fact_table, what_is
 from ..base.names import PAIR_GROUP
 from ..base.platforms import fastest_platform
-from ..base.wording import fact_table
 from ..kernels.driven import Driven
 from ..kernels.engines import EngineKind, engine_kind
 from ..kernels.fields import ENERGY
@@ -22,13 +21,12 @@ from ..model.scene import Scene
 from ..model.schemes import scheme_of
 from ..model.temperature import TemperatureRamp
 from .charge_forces import few_charges
-from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, platform_name, predicting
+from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, listed, platform_name, predicting
 from .continuum import check_driven, driven_walls
 from .device import DEVICE, chosen_engine
 from .execution import DOUBLE_PLATFORMS, Execution, check_sheared, conservative_place, why_no_loop, why_not_native, why_parts
-from .host import Host
 from .kinds import Kind, bonded_kind, resolved_kind
-from .neighbour_list import listed
+from .made import Host
 from .pair_spec import Factors, longest, neighbour_factors, pair_spec
 from .program_options import ProgramOptions, field_options, tau_ratio
 

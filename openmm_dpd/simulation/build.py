@@ -16,10 +16,10 @@ from ..kernels.moment import StepSpec
 from ..kernels.shear import add_flow, rate_at
 from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms
-from ..plan.extra_forces import extras
 from ..plan.forces.bonded import MOLECULES
 from ..plan.forces.pair_force import PairForceFunction
 from ..plan.made import Made
+from ..plan.pair_spec import extras
 from ..plan.plan import Plan, make_plan
 from .built import BuiltSystem
 from .fields import field_variables

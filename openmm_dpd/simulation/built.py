@@ -1,20 +1,165 @@
 """What is handed to ``openmm.app.Simulation``, whichever way it was made."""
 
+import io
+import logging
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
 
+import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..base.errors import ParameterError, PlanError, what_is
+from ..base.errors import ParameterError, PlanError, either, fact_table, what_is
+from ..base.files import write_whole
+from ..base.names import BY_VARIABLES
 from ..base.platforms import fastest_platform
-from ..base.wording import either, fact_table
+from ..base.serialized import checked_xml, deserialized, read_file
+from ..base.signals import unbroken
+from ..base.units import whole_number
 from ..io.view import view
+from ..model.pairs import checked
 from ..plan.explain import explain_plan
+from ..plan.made import variables_number
+from ..plan.pair_spec import longest
 from ..plan.plan import Plan
 from .device_check import check_device
+from .downhill import descend
 from .integrators import NativeIntegrator, PairIntegrator
 from .programs.program import Program
-from .simulation import DPDSimulation
+from .watching import whole_steps
+
+_LOGGER = logging.getLogger("openmm_dpd")
+#: No bead moves farther in one iteration of the minimiser, in cutoffs.
+FARTHEST = 0.1
+
+
+class DPDSimulation(app.Simulation):
+    """A Simulation of a plan that looks at a state before it takes it over, writes one whole or not, and has a minimiser of its own; all
+    else is as always."""
+
+    def __init__(self, plan: Plan, *arguments):
+        super().__init__(*arguments)
+        self._plan = plan
+
+    def step(self, steps: int) -> None:
+        """Take steps, as always; those before a report at once where a loop does them, where OpenMM would ask for ten at a time.  Reporters
+        are asked once before each report, since what they answer may be another number the next time."""
+        end = self.currentStep + whole_steps(steps)
+        if getattr(self.integrator, "whole", None) is None:
+            super().step(end - self.currentStep)
+            return
+        while self.currentStep < end:
+            asked = [(reporter, _described(reporter.describeNextReport(self))) for reporter in self.reporters]
+            free = min([end - self.currentStep, *(report["steps"] for _, report in asked if report["steps"] > 0)])
+            self.integrator.step(free)
+            self._report([each for each in asked if each[1]["steps"] == free])
+
+    def _report(self, due: list[tuple[Any, dict]]) -> None:
+        """Make reports as OpenMM does: those with and without folded positions, each with one State, which others share."""
+        folded, whole, either = list[tuple[Any, dict]](), list[tuple[Any, dict]](), list[tuple[Any, dict]]()
+        for each in due:
+            folds = self._usesPBC if each[1].get("periodic") is None else each[1]["periodic"]
+            (either if "positions" not in each[1]["include"] else folded if folds else whole).append(each)
+        (folded if len(folded) > len(whole) else whole).extend(either)
+        for reports, folds in ((folded, True), (whole, False)):
+            if reports:
+                self._generate_reports(reports, folds)
+
+    @unbroken()
+    def minimizeEnergy(self, tolerance=10 * unit.kilojoules_per_mole / unit.nanometer, maxIterations=0, reporter=None):
+        """Minimise the potential energy by :func:`openmm_dpd.simulation.downhill.descend`, with the parameters of ``app.Simulation``.
+
+        No particle moves by more than a tenth of the longest cutoff in one iteration, and no FENE bond gets as long as its R0.  OpenMM's
+        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.  RunError if the energy is not finite at the start.  With the
+        Lucy kernel of many-body DPD it warns: that force derives from no potential, and has no minimum to go to.
+        """
+        scene, plan = self._plan.scene, self._plan
+
+        def impossible(x: np.ndarray) -> str | None:
+            return next(filter(None, (group.overstretched(x, box) for group in scene.bonds)), None)
+
+        box = None if scene.box is None else self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        reach = FARTHEST * longest((*plan.layers, *plan.overlays)) or np.inf
+        least, most = checked(tolerance, "force", "tolerance"), whole_number(maxIterations, "maxIterations", least=0)
+        if plan.no_potential is not None:
+            _LOGGER.warning("minimizeEnergy goes down an energy, but %s: it may stop where forces are far from 0", plan.no_potential)
+        descend(self.context, least, most, reporter, longest=reach, impossible=impossible)
+
+    def saveState(self, file):
+        """Save the state as XML, to a file by its name or to an open one; an OutputError leaves one that was there as it is."""
+        _save_whole(super().saveState, file, io.StringIO(), "the state")
+
+    def saveCheckpoint(self, file):
+        """Save a checkpoint, to a file by its name or to an open one; OutputError as :meth:`saveState`."""
+        _save_whole(super().saveCheckpoint, file, io.BytesIO(), "the checkpoint")
+
+    def loadState(self, file):
+        """Load a state in XML, from a file's name or an open file; PlanError, before anything is changed, if another scheme wrote it.
+
+        Variables that this integrator does not have, such as the steps of a temperature ramp that another script followed, are left out.
+        """
+        root = checked_xml(read_file(file))
+        if root.tag != "State":
+            raise ParameterError(f"this is no State: the file holds {root.tag!r}")
+        state = deserialized(root)
+        made = self.integrator.made
+        parameters = state.getParameters() if state.getDataTypes() & state.Parameters else {}
+        if made is not None:
+            made.check_writer(parameters)
+            if _take_unknown_out(root, self.integrator):
+                state = deserialized(root)
+        self.context.setState(state)
+        if BY_VARIABLES in parameters:  # they came by name
+            self.context.setParameter(BY_VARIABLES, variables_number(self.integrator))
+        self.integrator.settle(self.context)
+
+    def loadCheckpoint(self, file):
+        """Load a checkpoint, from a file's name or an open file.
+
+        PlanError if another scheme, or an integrator with other variables, wrote it; positions and velocities are in the Context then.
+        """
+        super().loadCheckpoint(file)
+        self.integrator.settle(self.context)
+
+
+def _described(report: dict | tuple) -> dict:
+    """What a reporter wants next, in the newer of the two forms."""
+    if isinstance(report, dict):
+        return report
+    included = zip(("positions", "velocities", "forces", "energy"), report[1:5], strict=True)
+    return {
+        "steps": report[0],
+        "periodic": report[5] if len(report) > 5 else None,
+        "include": [name for name, wanted in included if wanted],
+    }
+
+
+def _save_whole(save: Callable, file, content: io.StringIO | io.BytesIO, what: str) -> None:
+    """Save to an open file, or by way of ``content`` to one by its name."""
+    if not isinstance(file, (str, os.PathLike)):
+        save(file)
+        return
+    save(content)
+    write_whole(file, content.getvalue(), what)
+
+
+def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) -> bool:
+    """Take variables out of a state that a CustomIntegrator does not know; whether there are any."""
+    if not isinstance(integrator, openmm.CustomIntegrator):
+        return False
+    known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
+    known_per_dof = {integrator.getPerDofVariableName(k) for k in range(integrator.getNumPerDofVariables())}
+    single = [(node, name) for node in root.iterfind("IntegratorParameters/GlobalVariables") for name in set(node.attrib) - known]
+    per_dof = [(node, child) for node in root.iterfind("IntegratorParameters/PerDofVariables") for child in node]
+    per_dof = [(node, child) for node, child in per_dof if child.tag not in known_per_dof]
+    for node, name in single:
+        del node.attrib[name]
+    for node, child in per_dof:
+        node.remove(child)
+    return bool(single or per_dof)
 
 
 @dataclass(eq=False)

@@ -21,15 +21,13 @@ from ..base.errors import ParameterError, PlanError, what_is
 from ..base.platforms import fastest_platform
 from ..base.units import BOLTZMANN
 from ..io.trajectory import openmm_topology
-from ..model.pairs import NONE
+from ..model.pairs import NONE, PairTable
 from ..model.scene import Scene
 from ..model.schemes import scheme_of
-from ..model.table import PairTable
 from ..plan.choices import platform_name
 from ..plan.forces.merging import merged_systems
-from ..plan.host import Freedom, Host, box_of, check_system, checked_positions
 from ..plan.kinds import KINDS, kind_for
-from ..plan.made import masses_of, virtual_sites
+from ..plan.made import Freedom, Host, box_of, check_system, checked_positions, masses_of, virtual_sites
 from ..plan.plan import make_plan
 from .build import build_plan, run_in
 from .built import BuiltSystem

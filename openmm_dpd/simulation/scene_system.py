@@ -3,11 +3,10 @@
 import numpy as np
 import openmm
 
-from ..base.errors import PlanError
+from ..base.errors import PlanError, bead_names
 from ..base.geometry import coincident_pairs
 from ..base.names import BONDED_GROUP, COULOMB_GROUP, LAST_POTENTIAL_GROUP, LATTICE_GROUP, PAIR_GROUP, POTENTIAL_GROUP
-from ..base.wording import bead_names
-from ..model.dihedrals import Dihedrals
+from ..model.angles import Dihedrals
 from ..model.flow import PositionForce
 from ..plan.forces.bonded import molecules
 from ..plan.forces.device_force import device_force

@@ -21,11 +21,10 @@ from typing import Any
 import numpy as np
 import openmm
 
-from ..base.errors import PlanError, RunError, what_is
+from ..base.errors import PlanError, RunError, bead_number, what_is
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
 from ..base.openmm_private import bare, hear_calls, vectors
 from ..base.signals import CTRL_C, unbroken
-from ..base.wording import bead_number
 from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 

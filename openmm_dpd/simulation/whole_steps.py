@@ -10,9 +10,8 @@ import numpy as np
 import openmm
 
 from ..base import names as shared
-from ..base.errors import PlanError, RunError
+from ..base.errors import PlanError, RunError, in_units
 from ..base.openmm_private import bare, vectors
-from ..base.wording import in_units
 from ..kernels import motion
 from ..kernels.moment import Moment, StepSpec
 from ..kernels.shear import TIME, flow_at, sheared_box, strain_at

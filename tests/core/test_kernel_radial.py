@@ -17,11 +17,11 @@ from openmm_dpd.kernels.external import BodyTerms
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.radial import RadialTerms
 from openmm_dpd.kernels.segments import SegmentSpec
-from openmm_dpd.plan.extra_forces import extras, radial_terms
 from openmm_dpd.plan.forces.expressions import energy_spline, exception_force, nonbonded_force
 from openmm_dpd.plan.forces.external import external_force
 from openmm_dpd.plan.forces.segments import segment_force, segment_spec
 from openmm_dpd.plan.kinds import resolved_kind
+from openmm_dpd.plan.pair_spec import extras, radial_terms
 
 NAMES = list(MASSES)
 LJ = dpd.LennardJones

@@ -7,8 +7,8 @@ from openmm import unit
 
 import openmm_dpd as dpd
 from openmm_dpd.base.geometry import minimum_images
+from openmm_dpd.plan.choices import may_miss_pairs
 from openmm_dpd.plan.forces.expressions import PairExpression, nonbonded_force
-from openmm_dpd.plan.neighbour_list import may_miss_pairs
 
 BOX = np.array([[4.0, 0, 0], [1.8, 4.0, 0], [-0.6, 1.4, 4.0]])
 SOFT = np.linspace(0.02, 1.8, 60)
@@ -47,7 +47,7 @@ def test_lists_are_used_only_where_they_are_right():
         misses += counted(box, cutoff, x, True) != pairs
         assert counted(box, cutoff, x, listed) == pairs
     assert lists > 15
-    assert misses > 5, "OpenMM's list has become right: openmm_dpd/plan/neighbour_list.py can go"
+    assert misses > 5, "OpenMM's list has become right: openmm_dpd/plan/choices.py can go"
 
 
 def test_boxes_without_tilt_and_wide_ones_keep_their_list():

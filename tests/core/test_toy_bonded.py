@@ -27,9 +27,8 @@ from openmm_dpd.kernels.bonded import BondTerms
 from openmm_dpd.kernels.dihedrals import DihedralTerms
 from openmm_dpd.lammps import deck_scene, export_lammps
 from openmm_dpd.measure.stress_parts import angle_sums, bond_sums, dihedral_sums, stress_parts
-from openmm_dpd.model.angles import Angles
+from openmm_dpd.model.angles import Angles, Dihedrals
 from openmm_dpd.model.bonds import Bonds
-from openmm_dpd.model.dihedrals import Dihedrals
 from openmm_dpd.molecules import linear, pack
 from openmm_dpd.molecules.terms import AnyBend, AnySpring, AnyTwist
 from openmm_dpd.plan import kinds

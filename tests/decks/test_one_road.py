@@ -10,7 +10,7 @@ from openmm import app, unit
 from scenes import state_of, stepped
 
 import openmm_dpd as dpd
-from openmm_dpd.base.wording import read_by
+from openmm_dpd.base.errors import read_by
 from openmm_dpd.lammps import RunOptions, deck_forces, explain_deck, read_deck, run_deck
 from openmm_dpd.lammps.files.data_file import read_data_file
 from openmm_dpd.units import BOLTZMANN

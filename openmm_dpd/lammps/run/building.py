@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from ...base.errors import ParameterError
-from ...base.wording import read_by
+from ...base.errors import ParameterError, read_by
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
 from ...plan.kinds import kind_for

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import DeckError, OutputError, ParameterError
+from ...base.errors import DeckError, OutputError, ParameterError, read_by
 from ...base.files import digest
-from ...base.wording import read_by
 from ..commands import beads, box, fixes, interactions, moving, output  # noqa: F401  each enters its commands
 from ..commands.setup import COMMANDS, command
 from ..language import arguments as read

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...advice.recommend import advice, recommend
-from ...base.errors import OutputError, ParameterError
+from ...base.errors import OutputError, ParameterError, read_by
 from ...base.file_ledger import ledger_in_use
 from ...base.files import BlockFile
 from ...base.signals import Signals
-from ...base.wording import read_by
 from ...io.pictures import thermo_picture
 from ...kernels.threads import set_threads
 from ...measure import force_terms

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...base.wording import read_by
+from ...base.errors import read_by
 from ...model.bonds import HarmonicBonds
 from ...model.eos import EquationOfState
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy

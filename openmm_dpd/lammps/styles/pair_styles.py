@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...model.pairs import NONE
-from ...model.table import PairTable
+from ...model.pairs import NONE, PairTable
 from ..language import arguments as read
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState

@@ -6,11 +6,10 @@ import numpy as np
 import openmm
 
 from ...base import names
-from ...base.errors import RunError
+from ...base.errors import RunError, bead_number, in_length, in_units
 from ...base.names import Phase
 from ...base.openmm_private import bare, vectors
 from ...base.signals import CTRL_C
-from ...base.wording import bead_number, in_length, in_units
 from ...kernels import motion
 from ...kernels.engines import engine_kind
 from ...kernels.fields import ENERGY

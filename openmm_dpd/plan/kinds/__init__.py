@@ -1,6 +1,6 @@
 """One record for each kind of pair coefficients, bonds, angles and dihedrals, which the rest of the package asks."""
 
-from . import bonds as bonds, dpd as dpd, fields as fields, overlays as overlays
+from . import dpd as dpd, fields as fields, overlays as overlays
 from .bonded import (
     BONDED_KINDS as BONDED_KINDS,
     BondedKind as BondedKind,

@@ -8,8 +8,8 @@ from ...kernels.manybody import ManyBodyTable
 from ...model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from ...model.pairs import DPD, NONE
 from ...model.scene import Scene
+from ..choices import listed
 from ..forces.expressions import attraction_expression, density_force, dpd_expression
-from ..neighbour_list import listed
 from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
