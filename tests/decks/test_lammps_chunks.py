@@ -94,22 +94,6 @@ def test_formulas_of_single_beads(tmp_path):
     assert context.variable("one") == pytest.approx(energies[60:].sum() + x[2] + forces[3, 1])
 
 
-def test_energies_and_forces_are_summed_for_those_that_read_them_only(tmp_path):
-    text = "compute ch all chunk/atom bin/1d x lower 1\nvariable a atom vx*fx\nvariable b atom v_a+1\nvariable c equal y[7]\n"
-    text += "compute p all property/atom id fz\ncompute m all reduce max c_p[2]\nfix push two addforce 1 0 0\ncompute e all pe pair\n"
-    text += "variable n equal press+vcm(two,x)\n"
-    readers = {
-        **{"chunk 1 1 1 ch v_b": True, "time 1 1 1 c_m": True, "time 1 1 1 f_push[1]": True, "time 1 1 1 c_e": True},
-        **{"time 1 1 1 c_thermo_pe": True, "chunk 1 1 1 ch vx temp density/mass": False, "time 1 1 1 v_c v_n": False},
-        **{"time 1 1 1 c_thermo_press c_thermo_press[2]": False, "time 1 1 1 c_thermo_temp[3]": False},
-    }
-    text += "".join(f"fix {k} all ave/{words}\n" for k, words in enumerate(readers))
-    text += "fix o all print 1 'pe is $(c_thermo_pe+1)'\nfix q all print 1 'pe at ${c}'\ndump d all custom 1 d id fx\ndump x all xyz 1 x\n"
-    request = request_of(tmp_path, DECK + text)
-    found = [reader.reads_forces(request.state) for reader in (*request.readers, *request.dumps)]
-    assert found == [*readers.values(), True, False, True, False]
-
-
 def test_vector_of_compute_temp(tmp_path):
     """Sums of m v_a v_b; thermo output divides them by the number of beads where it normalises, but not the temperature."""
     request = request_of(tmp_path, DECK + "compute t two temp\nthermo_style custom c_t c_t[*]\nthermo_modify norm yes\n")

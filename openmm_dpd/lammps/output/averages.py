@@ -9,11 +9,10 @@ import numpy as np
 from ...base.errors import ParameterError
 from ...base.files import append_block, write_whole
 from ..language import arguments as read
-from ..language.lexer import substitute
 from ..state.deck_state import DeckState
 from ..state.records import Valued
 from ..values.resolver import Resolver
-from .thermo import check_format, check_word, reads_forces
+from .thermo import check_format, check_word
 
 
 class Schedule:
@@ -142,7 +141,7 @@ def _lines(lines: Sequence[str]) -> str:
 class AveragingFix(Valued, ABC):
     """A fix that averages."""
 
-    words: tuple[str, ...]  #: What it reads
+    words: tuple[str, ...]  #: What it averages
     values: np.ndarray  #: The last average that was complete, as its indices go
     report: dict | None = None  #: The last average that was complete, for the file of results: ``step``, and by word a number or a list
 
@@ -152,10 +151,6 @@ class AveragingFix(Valued, ABC):
         check_format(form, of="float")
         self.name, self._schedule, self._form = name, schedule, form if form.startswith(" ") else f" {form}"
         self._file, self._window = AverageFile(state, options, titles), Windows(options.get("ave", ["one"]))
-
-    def reads_forces(self, state: DeckState) -> bool:
-        """Whether it reads forces or energies."""
-        return reads_forces(state, *self.words)
 
     @property
     def next_due(self) -> int:
@@ -235,12 +230,6 @@ class PrintFix:
         title = options.get("title", [f"# Fix print output for fix {name}"])
         self._show = read.switch(options.get("screen", ["yes"])[0], "screen")
         self._file = AverageFile(state, options, title)
-
-    def reads_forces(self, state: DeckState) -> bool:
-        """Whether what is substituted in the text reads forces or energies."""
-        formulas: list[str] = []
-        substitute(self.text, lambda name: formulas.append(f"v_{name}") or "", lambda formula: formulas.append(formula) or 0.0)  # type: ignore[func-returns-value]
-        return reads_forces(state, *formulas)
 
     def begin(self, state: DeckState, step: int) -> None:
         """Prepare for a run from ``step`` on."""

@@ -220,9 +220,7 @@ class ChunkAverage(AveragingFix):
             f"# Chunk {places} Ncount {' '.join(words)}",
         ]
         super().__init__(state, name, Schedule(*intervals("ave/chunk", args[:3]), state.step), options, header)
-        self._group, self._compute, self._values, self._norm = group, compute, words, norm
-        own_words = {"temp": ("vx", "mass"), "density/number": (), "density/mass": ("mass",)}
-        self.words = (*(part for word in words for part in own_words.get(word, (word,))), "x")
+        self._group, self._compute, self.words, self._norm = group, compute, words, norm
         self.profile: dict[str, list[float]] | None = None
         columns = len(compute.settings.axes) + 1 + len(words)
         self.shape, self.what, self.values = (None, columns), f"the fix has {columns} columns", np.zeros((0, columns))
@@ -236,13 +234,13 @@ class ChunkAverage(AveragingFix):
         if self._bins is None:
             self._bins = self._compute.settings.bins(moment.box)
             self._counts = np.zeros(self._bins.count)
-            self._sums = np.zeros((len(self._values), self._bins.count))
+            self._sums = np.zeros((len(self.words), self._bins.count))
         bins = self._bins
         number = chunk_numbers(moment, self._compute, bins)
         kept = (number >= 0) & moment.state.group(self._group)
         number = number[kept]
         counts = sums_in_slices(number, None, bins.count)
-        for k, word in enumerate(self._values):
+        for k, word in enumerate(self.words):
             sums = self._of_beads(moment, word, number, kept, bins.count)
             self._sums[k] += sums if self._norm == "all" else self._normalised(moment, word, sums, counts, 1)
         self._counts += counts
@@ -280,7 +278,7 @@ class ChunkAverage(AveragingFix):
         assert bins is not None
         values = self._sums / samples
         if self._norm == "all":
-            pairs = zip(self._values, self._sums, strict=True)
+            pairs = zip(self.words, self._sums, strict=True)
             values = np.array([self._normalised(moment, word, sums, self._counts, samples) for word, sums in pairs])
         table = self._window.add(np.vstack([self._counts / samples, values]))
         self.forget()
@@ -289,7 +287,7 @@ class ChunkAverage(AveragingFix):
         self.values = np.vstack([centres.T, table]).T
         names = ["coord"] if centres.shape[1] == 1 else [f"coord{k}" for k in range(1, centres.shape[1] + 1)]
         self.profile = {name: column.tolist() for name, column in zip(names, centres.T, strict=True)} | {"ncount": table[0].tolist()}
-        self.profile |= {word: row.tolist() for word, row in zip(self._values, table[1:], strict=True)}
+        self.profile |= {word: row.tolist() for word, row in zip(self.words, table[1:], strict=True)}
 
     def _write(self, moment: Resolver, centres: np.ndarray, table: np.ndarray) -> None:
         # LAMMPS divides everything but this number by the number of windows

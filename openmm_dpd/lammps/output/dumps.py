@@ -12,7 +12,6 @@ from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of
 from ..values.resolver import Resolver
-from .thermo import reads_forces
 
 STYLES = ("atom", "custom", "dcd", "xtc", "xyz")
 #: Those with all frames in one file that is no text.
@@ -67,10 +66,6 @@ class Dump:
 
     def __getstate__(self) -> dict:
         return vars(self) | {"opened": None, "begun": self.begun or self.opened is not None}
-
-    def reads_forces(self, state: DeckState) -> bool:
-        """Whether a configuration is written from forces or energies."""
-        return reads_forces(state, *self.columns)
 
     def due(self, step: int) -> bool:
         """Whether a configuration is written at this step (never twice at one step)."""

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..language.lexer import errors_at, located
-from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.records import DeckSample
 from ..values.compute_spec import reference
 from ..values.computes import BUILT_IN, average_of, check_value, is_extensive
 from ..values.resolver import Resolver
-from ..values.words import OF_FORCES, WORDS
+from ..values.words import WORDS
 
 #: Columns of the styles that are not ``custom``.
 STYLES = {
@@ -27,7 +26,6 @@ STYLES = {
 _FORMATS = {"one": ("%10d ", "% -14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
 #: Averages that are wanted whether or not the deck prints them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
-_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
 
@@ -50,29 +48,6 @@ def check_word(state: DeckState, word: str) -> None:
         raise ParameterError(
             f"thermo word '{word}' is not supported; supported are {', '.join(WORDS)}, v_name, c_id and c_id[i]{read.near(word, WORDS)}"
         )
-
-
-def _meaning(state: DeckState, name: str) -> str:
-    """What a ``c_``, ``f_`` or ``v_`` stands for, as words that may be further names."""
-    kind, _, rest = name.partition("_")
-    if kind == "v" and rest in state.variables:
-        variable = state.variables.get(rest)
-        return variable.text if variable.style in FORMULAS else ""
-    if kind == "c" and rest in state.computes:
-        return " ".join((state.computes[rest].style, *state.computes[rest].arguments))
-    return BUILT_IN.get(rest, "") if kind == "c" else state.fixes[rest].style if kind == "f" and rest in state.fixes else ""
-
-
-def reads_forces(state: DeckState, *texts: str) -> bool:
-    """Whether words or formulas read one of :data:`OF_FORCES`, through variables and computes: then all forces and energies are summed."""
-    seen: set[str] = set()
-    waiting = _NAME.findall(" ".join(texts))
-    while waiting:
-        name = waiting.pop()
-        if name not in seen:
-            seen.add(name)
-            waiting += _NAME.findall(_meaning(state, name))
-    return not seen.isdisjoint(OF_FORCES)
 
 
 @dataclass(frozen=True)

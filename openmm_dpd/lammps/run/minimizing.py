@@ -76,7 +76,8 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
     last = _row(done, sampler, log)
     log(f"minimize: {watch.reason} after {watch.iterations} iterations; potential energy {first:.10g} before and {last:.10g} after")
     x, v, box = arrays(context)
-    sample = sampler.full(done.last_step, 0.0)[0]
+    sample = sampler.sample(done.last_step, 0.0)
+    sampler.measure(sample)
     time = state.time_at(request.first_step)
     done.finish(x, v, box=box, sample=sample.kept())
     # steps of a minimisation take no time: as in LAMMPS the clock of what follows goes on from before
@@ -91,7 +92,8 @@ def _row(request: RunRequest, sampler: Sampler, log: Callable[[str], None], titl
     step = request.last_step
     # as in LAMMPS the end is in every dump, at any interval
     dumps = [dump for dump in request.dumps if (dump.due(step) if title else dump.last_step != step)]
-    sample = sampler.full(step, 0.0)[0]
+    sample = sampler.sample(step, 0.0)
+    sampler.measure(sample)
     for dump in dumps:
         dump.write(Resolver(request.state, sample, request.window))
     values = thermo.values(sample, tuple(dict.fromkeys((*thermo.words, "pe"))))

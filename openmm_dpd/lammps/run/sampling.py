@@ -54,29 +54,32 @@ def slide_of(built: BuiltSystem, context: openmm.Context) -> Slide:
     return Slide(strain_at(scene.shear, time) * height, rate_at(scene.shear, time) * height)
 
 
-#: Of a sample that has none.
-_NO_ENERGIES = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy"))
-
-
 class LiveSample(DeckSample):
-    """A measurement of which the stress tensor and fields are computed when they are asked for, before the next step."""
+    """A measurement during a run.  Energies, forces, the stress tensor and fields are computed when they are first read, before the next
+    step."""
 
     sampler: "Sampler"
+    measured: Sample | None = None  #: The energies and forces, once something has read one of them
 
     def __init__(self, **known: Any):
-        vars(self).update(known)
+        vars(self).update(_NO_ENERGIES, **known)
+
+    def read(self, name: str) -> Any:
+        if getattr(self, name) is None:
+            self.sampler.measure(self)
+        return getattr(self, name)
 
     def kept(self) -> DeckSample:
-        """What is known of it when it is to outlast the step: not the forces on single beads."""
-        return DeckSample(**{name: value for name, value in vars(self).items() if name not in ("sampler", "forces")})
+        """The part that outlasts the step: everything but the forces on single beads."""
+        return DeckSample(**{name: value for name, value in vars(self).items() if name not in ("sampler", "measured", "forces")})
 
     @cached_property
     def virial(self) -> float:
-        """Of a sample without energies."""
+        """From the energies and forces if these are known, otherwise from the stress tensor, which takes less."""
         sampler = self.sampler
-        if why_no_stress(sampler.built.plan) is None:
+        if self.measured is None and why_no_stress(sampler.built.plan) is None:
             return float(self.virial_tensor[:3].sum())
-        return sampler.virials(sampler.observer.sample(sampler.context))[0]
+        return sampler.virials(sampler.measure(self))[0]
 
     @cached_property
     def virial_tensor(self) -> np.ndarray:
@@ -86,6 +89,10 @@ class LiveSample(DeckSample):
     @cached_property
     def fields(self) -> dict[str, np.ndarray]:
         return read_fields(self.sampler.context, self.sampler.built.plan)
+
+
+#: Energies that are not measured yet.
+_NO_ENERGIES = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy"))
 
 
 class Sampler:
@@ -102,51 +109,47 @@ class Sampler:
         virial = measured.virial_conservative + (friction if (predicts := scheme_of(self.request.scheme).predicts) else 0.0)
         return virial, virial if predicts else virial + friction
 
-    def full(self, step: int, cpu: float) -> tuple[LiveSample, Sample]:
-        """A sample with energies, virial and forces."""
+    def sample(self, step: int, cpu: float) -> LiveSample:
+        """A sample of the present state."""
+        self.observer.present.look(self.context)
+        present, slide = self.observer.present, slide_of(self.built, self.context)
+        # of all beads, with the velocity that those have which do not move: LAMMPS counts them
+        products = second_moments(self._masses, self._velocities(slide))
+        known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "positions": present.x, "box": present.box}
+        return LiveSample(sampler=self, step=step, cpu=cpu, slide=slide, velocities=present.with_flow, **known)
+
+    def measure(self, sample: LiveSample) -> Sample:
+        """Add energies, virials and forces to a sample of the present state, unless it has them."""
+        if sample.measured is not None:
+            return sample.measured
         measured, state = self.observer.sample(self.context), self.request.state
         # of all beads, as LAMMPS has them: those that do not move feel forces too
         forces, before = measured.forces, None
         if state.fixes_of(*VECTOR_FIXES):
-            found, before = self._acted_on(step, measured.untaken)
+            found, before = self._acted_on(sample, measured.untaken)
             # where these are not just the ones that the simulation has
             forces = found if state.fixes_of("setforce") else forces
-        virial, virial_full = self.virials(measured)
-        sample = self._of_present(
-            step,
-            cpu,
+        vars(sample).update(
+            measured=measured,
             pair_energy=measured.pair,
             short_energy=measured.coulomb_real,
             lattice_energy=measured.coulomb_reciprocal,
             bond_energy=measured.bond,
             angle_energy=measured.angle,
             dihedral_energy=measured.dihedral,
-            virial=virial,
-            virial_full=virial_full,
+            virial_full=self.virials(measured)[1],
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),
             kT_conf=measured.kT_conf,
             forces=forces,
             before=before,
         )
-        return sample, measured
+        return measured
 
-    def light(self, step: int, cpu: float) -> LiveSample:
-        """A sample without energies and forces."""
-        self.observer.present.look(self.context)
-        return self._of_present(step, cpu, **_NO_ENERGIES)
-
-    def _of_present(self, step: int, cpu: float, **known: Any) -> LiveSample:
-        present, slide = self.observer.present, slide_of(self.built, self.context)
-        # of all beads, with the velocity that those have which do not move: LAMMPS counts them
-        products = second_moments(self._masses, self._velocities(slide))
-        known |= {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "positions": present.x, "box": present.box}
-        return LiveSample(sampler=self, step=step, cpu=cpu, slide=slide, velocities=present.with_flow, **known)
-
-    def _acted_on(self, step: int, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def _acted_on(self, sample: LiveSample, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Forces of the simulation, as if all of them acted on all beads, as the deck's fixes make them; and what each fix has found."""
         state = self.request.state
-        moment, unit = Resolver(state, self._of_present(step, 0.0, **_NO_ENERGIES), self.request.window), state.units.force
+        moment, unit = Resolver(state, sample, self.request.window), state.units.force
         added, _ = acted_on(moment, np.zeros_like(forces))
         found, before = acted_on(moment, forces / unit - added)
         return found * unit, {name: vector * unit for name, vector in before.items()}

@@ -140,7 +140,6 @@ class DeckSteps:
         self.request, self.simulation, self.built, self.result = request, simulation, built, result
         self.log, self.trajectory, self.signals, self.keep, self.interval = log, trajectory, signals, keep, interval
         self.thermo, self.dumps, self.readers = request.thermo, request.dumps, request.readers
-        self._of_forces = [reader for reader in (*self.readers, *self.dumps) if reader.reads_forces(request.state)]
         self.momentum, self.restarts = MomentumFixes(request, simulation.context), RestartFiles(request, built, simulation.context)
         self.sampler = Sampler(request, built, simulation.context)
         result.no_laplacian = self.sampler.observer.no_laplacian
@@ -216,35 +215,28 @@ class DeckSteps:
         """Measure, average, print and write what is due at a step."""
         begun = time.perf_counter()
         state, sampler, thermo, result = self.request.state, self.sampler, self.thermo, self.result
-        due = [reader for reader in self.readers if reader.next_due == step]
-        self._sample, elapsed = None, begun - self._started
-        if thermo.due(step) or any(reader in self._of_forces for reader in due):
-            self._sample, self._measured = sampler.full(step, elapsed)
-        elif due:
-            self._sample = sampler.light(step, elapsed)
-        for reader in due:
-            reader.take(Resolver(state, self._sample, thermo.window))
+        sample = self._sample = sampler.sample(step, begun - self._started)
+        if thermo.due(step):
+            self._measured = sampler.measure(sample)
+        for reader in self.readers:
+            if reader.next_due == step:
+                reader.take(Resolver(state, sample, thermo.window))
         if step == self.request.first_step and thermo.header():
             self.log(thermo.header())
         if thermo.due(step):
-            assert self._sample is not None and self._measured is not None
-            values = thermo.values(self._sample, tuple(w for w in result.words if w != "temp_conf"))
+            assert self._measured is not None
+            values = thermo.values(sample, tuple(w for w in result.words if w != "temp_conf"))
             result.add(step, values, self._measured, self._measured.target_kT if sets_temperature(self.built.plan) else np.nan)
-            self.log(thermo.row(values | {"temp_conf": self._sample.kT_conf or float("nan")}, self._sample))
+            self.log(thermo.row(values | {"temp_conf": sample.kT_conf or float("nan")}, sample))
         result.seconds += time.perf_counter() - begun
-        self._write_frames(step)
+        self._write_frames(sample)
         self.restarts.write(step)
 
-    def _write_frames(self, step: int) -> None:
-        request, sampler = self.request, self.sampler
-        due = [dump for dump in self.dumps if dump.due(step)]
-        framed = self.trajectory is not None and self.trajectory.due(step)
-        if not due and not framed:
-            return
-        sample = sampler.full(step, 0.0)[0] if any(dump in self._of_forces for dump in due) else sampler.light(step, 0.0)
-        moment = Resolver(request.state, sample, self.thermo.window)
-        for dump in due:
-            dump.write(moment)
-        if framed and self.trajectory is not None:
+    def _write_frames(self, sample: LiveSample) -> None:
+        moment = Resolver(self.request.state, sample, self.thermo.window)
+        for dump in self.dumps:
+            if dump.due(sample.step):
+                dump.write(moment)
+        if self.trajectory is not None and self.trajectory.due(sample.step):
             assert sample.positions is not None and sample.box is not None
-            self.trajectory.write(sample.positions, sample.box, sampler.context, step, sample.slide.distance)
+            self.trajectory.write(sample.positions, sample.box, self.sampler.context, sample.step, sample.slide.distance)

@@ -96,7 +96,7 @@ class DeckMoment(ABC):
 
     def need(self, name: str):
         """Field of the sample; ParameterError if it was not measured."""
-        value = None if self.sample is None else getattr(self.sample, name)
+        value = None if self.sample is None else self.sample.read(name)
         if value is None:
             if self.sample is None:
                 raise ParameterError("a value that needs a run (an energy, temperature or force) is used while no current one exists")

@@ -165,6 +165,10 @@ class DeckSample:
     fields: Mapping[str, np.ndarray] | None = None
     cpu: float = 0.0  #: Seconds since the run began
 
+    def read(self, name: str) -> Any:
+        """A value by its name; None if it was not measured."""
+        return getattr(self, name)
+
 
 @dataclass(frozen=True)
 class Temperature:

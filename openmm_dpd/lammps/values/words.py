@@ -9,7 +9,6 @@ import numpy as np
 
 from ...base.geometry import AXES_OF_TENSOR
 from ..state.moment import DeckMoment
-from ..state.records import VECTOR_FIXES
 
 
 @dataclass(frozen=True)
@@ -138,9 +137,3 @@ WORDS: dict[str, Word] = {
     "press_full": Word("PressFull", lambda c: c.pressure("virial_full")),
     "temp_conf": Word("TempConf", lambda c: c.need("kT_conf") / c.units.thermal_energy),
 }
-
-#: Words, values of beads, and styles of computes and fixes that are made of forces or of energies.
-OF_FORCES = frozenset(
-    ("pe", "etotal", "enthalpy", "evdwl", "ecoul", "epair", "ebond", "eangle", "edihed", "emol", "elong", "press_full", "temp_conf")
-    + ("fmax", "fnorm", "fx", "fy", "fz", *VECTOR_FIXES)
-)
