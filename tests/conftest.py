@@ -1,7 +1,9 @@
 """Fixtures of the whole suite: platforms, precisions and threads."""
 
+import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
 
 # a shell that starts the tests in the background has them ignore Ctrl-C, which some are about
@@ -9,6 +11,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")  # a second thread can be asked for on any machine; has to be set before numba is imported
+
+if sys.dont_write_bytecode:  # without it each process that tests start would compile all of the package anew
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import numba
 import pytest
@@ -18,6 +24,8 @@ from openmm_dpd.kernels import threads
 from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan import device as device_engine
 
+gc.disable()  # until all tests are collected
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Leave the further precisions of GPU platforms to the slow tests."""
@@ -25,6 +33,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         device = item.callspec.params.get("device") if hasattr(item, "callspec") else None
         for mark in MARKS.get(device.precision, ()) if isinstance(device, Device) else ():
             item.add_marker(mark)
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests stay: whoever looks for garbage need not look at them."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(params=DEVICES, ids=str)

@@ -1,17 +1,37 @@
 """Which module of the package imports which, from the syntax trees: within functions and for type checkers too."""
 
 import ast
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "openmm_dpd"
 
-TREES: dict[str, ast.Module] = {}  # Module name -> its syntax tree.
 PATHS: dict[str, str] = {}  # Module name -> its path, from the root.
 for _path in sorted(PACKAGE.rglob("*.py")):
     _parts = _path.relative_to(ROOT).with_suffix("").parts
-    _name = ".".join(_parts[:-1] if _parts[-1] == "__init__" else _parts)
-    TREES[_name], PATHS[_name] = ast.parse(_path.read_text(encoding="utf-8")), _path.relative_to(ROOT).as_posix()
+    PATHS[".".join(_parts[:-1] if _parts[-1] == "__init__" else _parts)] = _path.relative_to(ROOT).as_posix()
+
+
+class OfModules(Mapping):
+    """Module name -> what is found out about it once it is asked for."""
+
+    def __init__(self, find: Callable[[str], Any]) -> None:
+        self._find = cache(find)
+
+    def __getitem__(self, module: str) -> Any:
+        return self._find(module)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(PATHS)
+
+    def __len__(self) -> int:
+        return len(PATHS)
+
+
+TREES = OfModules(lambda module: ast.parse((ROOT / PATHS[module]).read_text(encoding="utf-8")))
 
 
 def _base(module: str, node: ast.ImportFrom) -> str:
@@ -27,13 +47,13 @@ def imports(module: str) -> set[str]:
     for node in ast.walk(TREES[module]):
         if isinstance(node, ast.ImportFrom):
             base = _base(module, node)
-            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in TREES else base for alias in node.names}
+            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in PATHS else base for alias in node.names}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-    return {name if name in TREES else name.partition(".")[0] for name in found} - {module}
+    return {name if name in PATHS else name.partition(".")[0] for name in found} - {module}
 
 
-GRAPH: dict[str, set[str]] = {module: imports(module) for module in TREES}
+GRAPH = OfModules(imports)
 
 
 def circles(modules: set[str]) -> list[list[str]]:
