@@ -1,4 +1,4 @@
-"""Numbers from a live Context: temperatures, energies, pressures, momentum, forces term by term, stress, velocities; and reporters."""
+"""Measurements of a live Context: temperatures, energies, pressures, momentum, forces term by term, stress, velocities; and reporters."""
 
 from .flow import ProfileReporter as ProfileReporter, StressReporter as StressReporter, WallReporter as WallReporter
 from .observer import Observer as Observer

@@ -1,4 +1,4 @@
-"""What is recorded during a run to get viscosities: stress tensors, velocities in slabs, and what walls take up of momentum."""
+"""Reporters for viscosities: stress tensors, velocities in slabs, and forces on walls."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -20,44 +20,44 @@ from .observer import require_built
 from .present import Present, require_stress
 from .stress_parts import needs_forces
 
-#: Components of a stress tensor, in this order.
+#: Components of a stress tensor, in the order of its array.
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 class BuiltReporter(Cadence):
-    """What reporters of a built scene share."""
+    """Base of reporters that need a built scene; ParameterError for a System made elsewhere."""
 
     def __init__(self, interval: int, built: BuiltSystem):
         require_built(built, type(self).__name__)
         if built.plan.host is not None:
-            raise ParameterError(f"{type(self).__name__} knows the terms of a scene alone, not those of a System made elsewhere")
+            raise ParameterError(f"{type(self).__name__} needs a built scene: it does not know the terms of a System made elsewhere")
         super().__init__(interval, "samples")
         self.built = built
 
 
 class StressReporter(BuiltReporter):
-    r"""Records stress tensors, for ``simulation.reporters``; for :func:`.green_kubo_viscosity` and :func:`.surface_tension`.
+    r"""Reporter that records stress tensors, for :func:`.green_kubo_viscosity` and :func:`.surface_tension`.
 
     A sample is S = K + sum over pairs, bonds, angles, bonded segments and charges of r F, the pressure tensor times the volume, in
-    kJ/mol.  K is the sum of m v v, corrected for what the scheme makes of velocities at full steps (:doc:`/theory`).  The random force is
-    left out: what it contributes to a viscosity is known beforehand (:doc:`/theory_flow`), and to a pressure nothing.  In a Lees-Edwards
-    shear velocities are relative to the flow.
+    kJ/mol.  K is the sum of m v v, corrected for the error of the scheme's velocities at whole steps (:doc:`/theory`).  The random force
+    is left out: its contribution to a viscosity is known beforehand (:doc:`/theory_flow`), and that to a pressure is zero on average.  In
+    a Lees-Edwards shear, velocities are relative to the flow.
 
-    All of it is summed in double precision on the host, from the positions and velocities of the run, which goes on as it would without a
-    reporter.  A sample costs one or two more passes over the pairs, and with charges a direct sum over pairs and waves.
+    Sums are in double precision on the host, from the positions and velocities of the run; the reporter does not change the run.  A sample
+    costs one or two extra passes over the pairs, and with charges a direct sum over pairs and waves.
 
     Parameters
     ----------
     interval : int
         Steps between samples; 1 or 2 for a correlation function.
     built : BuiltSystem
-        A periodic scene whose beads all move.  Its pair terms are DPD with radial friction, many-body DPD, Lennard-Jones and tabulated
-        potentials; bonds, angles, segmental repulsion and charges may be there.
+        A built periodic scene whose beads all move.  Pair terms may be DPD with radial friction, many-body DPD, Lennard-Jones and
+        tabulated potentials; bonds, angles, segmental repulsion and charges are supported.
 
     Raises
     ------
     ParameterError
-        If the scene has something else.
+        If the scene has anything else.
     """
 
     def __init__(self, interval: int, built: BuiltSystem):
@@ -71,8 +71,8 @@ class StressReporter(BuiltReporter):
             reason = "walls take up momentum"
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
-        #: of each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a shear,
-        #: kT, step size, time
+        #: for each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a
+        #: shear, kT, step size, time
         self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float, float, float, float]] = []
 
     def report(self, simulation, state):
@@ -94,32 +94,32 @@ class StressReporter(BuiltReporter):
 
     @property
     def friction(self) -> np.ndarray:
-        """(n, 6) dissipative part of S."""
+        """(n, 6) dissipative part of S (xx, yy, zz, xy, xz, yz), kJ/mol."""
         return np.array([row[1] for row in self._rows]).reshape(-1, 6)
 
     @property
     def shear(self) -> LeesEdwards | None:
-        """The Lees-Edwards shear of the scene, None without one."""
+        """The Lees-Edwards shear of the scene, or None."""
         return self.built.plan.scene.shear
 
     @property
     def sheared(self) -> np.ndarray:
-        """(n,) time that had been sheared at each sample, ps."""
+        """(n,) time since the start of the shear at each sample, ps."""
         return np.array([row[4] for row in self._rows])
 
     @property
     def rates(self) -> np.ndarray:
-        """(n,) rate of the shear at each sample, 1/ps; 0 without one."""
+        """(n,) shear rate at each sample, 1/ps; 0 without a shear."""
         return np.array([row[5] for row in self._rows])
 
     @property
     def instantaneous(self) -> float:
-        r"""Viscosity of the friction alone, :math:`\langle\sum\gamma w^2 r^2\rangle/15V`, kJ/mol ps/nm^3."""
+        r"""Instantaneous viscosity, of the friction alone: :math:`\langle\sum\gamma w^2 r^2\rangle/15V`, kJ/mol ps/nm^3."""
         return float(np.mean(np.array([row[2] for row in self._rows]) / self._volumes)) / 15.0
 
     @property
     def pressures(self) -> np.ndarray:
-        """(n, 6) S over the volume: pressure tensors, kinetic and conservative, which have the mean of the whole ones; kJ/mol/nm^3."""
+        """(n, 6) kinetic and conservative pressure tensors, whose mean is that of the full pressure; kJ/mol/nm^3."""
         return self.regular / self._volumes[:, None]
 
     @property
@@ -138,24 +138,24 @@ class StressReporter(BuiltReporter):
 
     @property
     def kT(self) -> float:
-        """Thermal energy, kJ/mol; ParameterError if that was not the same for all samples."""
+        """Thermal energy, kJ/mol; ParameterError if it differs between samples."""
         return self._the_same(6, "thermal energies", "kJ/mol")
 
     @property
     def time_step(self) -> float:
-        """Time between two samples, ps; ParameterError if they do not follow each other in the same time."""
+        """Time between two samples, ps; ParameterError if it is not constant."""
         step = self.interval * self._the_same(7, "step sizes", "ps")
         times = np.array([row[8] for row in self._rows])
         if np.any(np.abs(np.diff(times) - step) > 1e-6 * step + 1e-12 * np.abs(times[1:])):
-            raise ParameterError(f"the samples do not follow each other every {step:g} ps; take those of one run without a gap")
+            raise ParameterError(f"the samples are not evenly spaced, every {step:g} ps; take those of one run without a gap")
         return step
 
     def _the_same(self, column: int, what: str, unit: str) -> float:
-        """What all samples have in a column."""
+        """The single value in a column of the samples; ParameterError if there is none or more than one."""
         found = {float(row[column]) for row in self._rows}
         if len(found) != 1:
             range_of = f" from {min(found):g} to {max(found):g} {unit}" if found else ""
-            raise ParameterError(f"the {len(self._rows)} samples were taken with {len(found)} {what}{range_of}; this needs one")
+            raise ParameterError(f"the {len(self._rows)} samples were taken with {len(found)} {what}{range_of}; exactly one is needed")
         return found.pop()
 
 
@@ -193,20 +193,20 @@ class VelocityProfile:
 
 
 class ProfileReporter(BuiltReporter):
-    """Records velocities in slabs, for ``simulation.reporters``; beads that do not move are left out.
+    """Reporter that records velocities in slabs; immobile beads are left out.
 
-    In a Lees-Edwards shear they are those of beads folded into the box.
+    In a Lees-Edwards shear, velocities are those of the beads wrapped into the box.
 
     Parameters
     ----------
     interval : int
         Steps between samples.
     built : BuiltSystem
-        A periodic scene.
+        A built periodic scene.
     axis : {"x", "y", "z"}
-        Along which the slabs are stacked.
+        Axis along which the slabs are stacked.
     component : {"x", "y", "z"}
-        Of the velocity.
+        Component of the velocity.
     bins : int, default 20
         Number of slabs in the box.
     """
@@ -221,7 +221,7 @@ class ProfileReporter(BuiltReporter):
         require_plain_axis(built.plan.scene.box, axis, "a velocity profile")
         shear = built.plan.scene.shear
         if shear is not None and axis == "x":
-            raise ParameterError("a velocity profile of a Lees-Edwards shear varies along y or z: images slide along x")
+            raise ParameterError("axis must be 'y' or 'z' in a Lees-Edwards shear, whose images slide along x")
         self._flows, self._rates = shear is not None and (axis, component) == ("y", "x"), list[float]()
         self._axis, self._component = AXES.index(axis), AXES.index(component)
         self.bins = whole_number(bins, "the number of slabs", least=2)
@@ -251,21 +251,21 @@ class ProfileReporter(BuiltReporter):
         self._density += counts * self.bins / np.prod(present.box.diagonal())
         self._edges.append(edge)
         squares = present.kinetic_stress(v, force, lambda weight, a: weight * np.sum(a * a, axis=1))
-        # a slab's own motion is no heat, whether it is steady or not; its thermal part has three degrees of freedom
+        # a slab's own motion, steady or not, is no heat; its thermal part has three degrees of freedom
         own = np.divide(np.sum(momentum**2, axis=0), total, out=np.zeros(self.bins), where=total > 0)
         self._square += sums_in_slices(slab, squares[self._mobile], self.bins) - own
 
     @property
     def length(self) -> float:
-        """Mean edge of the box along the axis, nm; slabs have parts of the present one."""
+        """Mean edge of the box along the axis, nm; slabs divide the present edge."""
         return float(np.mean(self._edges)) if self._edges else float(self.built.plan.scene.box[self._axis, self._axis])  # type: ignore[index]
 
     @property
     def profile(self) -> VelocityProfile:
-        """The averages so far; ParameterError before the first sample."""
+        """Averages over the samples so far; ParameterError before the first one."""
         n = len(self._momentum)
         if n == 0:
-            raise ParameterError("there is no sample yet")
+            raise ParameterError("ProfileReporter has no samples yet; run steps with it first")
         with np.errstate(divide="ignore", invalid="ignore"):
             rows = np.array(self._momentum) / (self._mass / n)
             kT = self._square / self._freedom
@@ -278,24 +278,24 @@ class ProfileReporter(BuiltReporter):
 
 
 class WallReporter(BuiltReporter):
-    """Records the forces on two walls, for ``simulation.reporters``, and :func:`.couette_viscosity`.
+    """Reporter that records the forces on two walls, for :func:`.couette_viscosity`.
 
-    They are impulses over time, of reflections, repulsion and friction in all steps since the report before: nothing is missed in between.
-    The Context keeps their sums, so that they go on after a restart; the fluid has lost what its walls have got, to rounding.
+    A force is the impulse of reflections, repulsion and friction per time, over all steps since the last report.  The Context keeps the
+    sums, so they continue after a restart.  The fluid has lost the momentum that the walls have gained, to rounding.
 
     Parameters
     ----------
     interval : int
-        Steps between samples; for a small error of the stress some units of time, in which what walls and first layer exchange cancels.
+        Steps between samples; the error of the stress is small over some units of time, as exchange with the first layer cancels.
     built : BuiltSystem
-        A scene in which a wall has a velocity, which may be (0, 0, 0), or something behind it.
+        A built scene in which a wall has a velocity, which may be (0, 0, 0), or a continuum behind it.
     axis : {"x", "y", "z"}
-        Of the walls, one at each end.
+        Normal of the walls, one at each end.
 
     Raises
     ------
     ParameterError
-        If there are no such walls.
+        If there are no two walls along the axis whose forces are recorded, or no periodic box.
     """
 
     def __init__(self, interval: int, built: BuiltSystem, axis: str = "z"):
@@ -303,16 +303,16 @@ class WallReporter(BuiltReporter):
         driven = built.plan.driven
         if axis not in AXES or driven is None or not driven.there[AXES.index(axis)].all():
             raise ParameterError(
-                f"there are no two walls along {what_is(axis)} whose forces are recorded: give one of the walls a velocity, (0, 0, 0) say"
+                f"there are no two walls along {what_is(axis)} whose forces are recorded; give one of them a velocity, such as (0, 0, 0)"
             )
         box = built.plan.scene.box
         if box is None:
-            raise ParameterError("forces over the area of walls need a periodic box")
+            raise ParameterError("the area of walls, over which forces are taken, needs a periodic box; the scene has none")
         self._axis, self._rows = AXES.index(axis), list[tuple[float, np.ndarray]]()
         self.area = float(np.prod(np.delete(np.diag(box), self._axis)))
 
     def report(self, simulation, state):
-        """Take one sample; the first is where the record begins."""
+        """Take one sample; the first one starts the record."""
         state = simulation.context.getState(parameters=True)
         values, places = state.getParameters(), product(range(2), range(3))
         taken = [values[IMPULSES[self._axis, side, k]] for side, k in places]
@@ -320,7 +320,7 @@ class WallReporter(BuiltReporter):
 
     @property
     def times(self) -> np.ndarray:
-        """(n,) when each of the intervals ended, ps."""
+        """(n,) time at the end of each interval, ps."""
         return np.array([time for time, _ in self._rows[1:]])
 
     @property
@@ -330,14 +330,14 @@ class WallReporter(BuiltReporter):
         return np.diff([taken for _, taken in self._rows], axis=0).reshape(-1, 2, 3) / spans[:, None, None]
 
     def shear(self, component: str = "x") -> np.ndarray:
-        """(n,) stress that drags the lower wall forwards and the upper one back, mean of both, kJ/mol/nm^3: viscosity times shear rate."""
+        """(n,) shear stress, viscosity times shear rate, from the drag on the two walls (mean of both), kJ/mol/nm^3."""
         if component not in AXES or AXES.index(component) == self._axis:
-            raise ParameterError(f"a shear stress has a direction in the plane of the walls, not {what_is(component)}")
+            raise ParameterError(f"component must be a direction in the plane of the walls, not {what_is(component)}")
         along = self.forces[:, :, AXES.index(component)]
         return 0.5 * (along[:, 0] - along[:, 1]) / self.area
 
     @property
     def pressure(self) -> np.ndarray:
-        """(n,) of the fluid on the walls, mean of both, kJ/mol/nm^3."""
+        """(n,) pressure of the fluid on the walls, mean of both, kJ/mol/nm^3."""
         across = self.forces[:, :, self._axis]
         return 0.5 * (across[:, 1] - across[:, 0]) / self.area

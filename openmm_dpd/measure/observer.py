@@ -1,9 +1,9 @@
 """Measured quantities of a running Context.
 
-Kinetic temperature: 2K over the degrees of freedom of the beads that move, 3N - 3 where momentum is conserved.  Configurational:
-<|grad U|^2>/<lap U>, a ratio of averages, which shows errors of the configurations that a thermostat hides from the kinetic one (Rugh,
+Kinetic temperature: 2K over the degrees of freedom of the mobile beads, 3N - 3 where momentum is conserved.  Configurational temperature:
+<|grad U|^2>/<lap U>, a ratio of averages; it shows errors of the configurations that a thermostat hides from the kinetic one (Rugh,
 Phys. Rev. Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pressure: (2K + W)/(3V) with the virial W = sum over pairs of
-r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom, kelvin, and no pair term.
+r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom and kelvin, and have no pressure.
 """
 
 from functools import cached_property
@@ -33,7 +33,7 @@ _NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
 
 
 class SceneSampler:
-    """Temperatures, energies, virials and momentum of a scene."""
+    """Measures temperatures, energies, virials and momentum of a scene."""
 
     def __init__(self, built: BuiltSystem):
         self.built, self.plan = built, built.plan
@@ -52,7 +52,7 @@ class SceneSampler:
 
     @cached_property
     def _no_laplacian(self) -> str | None:
-        """Why the scene itself has none, or None."""
+        """Why the scene's own forces have no configurational temperature, or None."""
         if self.plan.scene.interacting is not None:
             return "on some beads only body forces act"
         overlays, terms = (
@@ -82,7 +82,7 @@ class SceneSampler:
 
     @staticmethod
     def _half(weights: np.ndarray, vectors: np.ndarray) -> float:
-        """Half the sum of weight times square."""
+        """Half the sum of weight times squared vector: a kinetic energy if the weights are masses."""
         return 0.5 * float(second_moments(weights, vectors)[:3].sum())
 
     def sample(self, context: openmm.Context) -> Sample:
@@ -93,7 +93,7 @@ class SceneSampler:
         others = present.others
         found = present.conservative(LAPLACIAN * (not others and self._no_laplacian is None and present.engine is not None))
         potential, every = found.potential, found.force
-        # velocities behind the positions would show as a spurious drag of pairs that repel
+        # velocities that lag behind the positions would show as a spurious drag between beads that repel
         on_step = present.on_step(every)
         kinetic = self._half(self._mass, v)
         if not isfinite(potential + kinetic):
@@ -112,7 +112,7 @@ class SceneSampler:
         if others:
             other = context.getState(energy=True, groups=theirs).getPotentialEnergy().value_in_unit(_KJ)
         if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
-            # what is left of -f.x where nothing is to be said of it, see forces/external.py
+            # what remains of -f.x where it has no meaning, see forces/external.py
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
         laplacian = found.pairs.laplacian
         if laplacian is not None:
@@ -150,19 +150,19 @@ class SceneSampler:
         )
 
     def _degrees_of_freedom(self, others: list[openmm.Force]) -> int:
-        """Those of the beads that move, less one for each component of the momentum that is kept, if there is more than one."""
+        """Degrees of freedom of the mobile beads, less one per conserved component of momentum if there are two beads or more."""
         found, kept = self._free
         theirs = any(isinstance(force, openmm.CustomExternalForce) for force in others)
         return found if theirs or found <= 3 else found - kept
 
     @cached_property
     def _free(self) -> tuple[int, int]:
-        """Components of the velocities of beads that move, and those of the momentum that are kept."""
+        """Numbers of velocity components of the mobile beads, and of conserved components of momentum."""
         scene = self.plan.scene
         return 3 * self._n_mobile if scene.interacting is None else int(scene.interacting[self._mobile].sum()), scene.kept_momenta
 
     def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, float]:
-        """Sums over the internal energies of the mobile beads."""
+        """Sums of the internal energies of the mobile beads by their names in :class:`Sample`; empty if there are none."""
         fields = self.plan.spec.fields
         if fields is None or values is None or fields.kind not in (ENERGY, TEMPERATURE):
             return {}
@@ -177,7 +177,7 @@ class SceneSampler:
 
 
 def charge_energies(context: openmm.Context, plan: Plan) -> tuple[float, float]:
-    """Energy of the charges of a scene, kJ/mol: the short-ranged part with what is taken out for bonded neighbours, and the lattice sum."""
+    """Energies of the charges of a scene, kJ/mol: the short-range part, less exclusions of bonded neighbours; and the lattice sum."""
     if plan.scene.electrostatics is None:
         return 0.0, 0.0
     short, lattice = (
@@ -191,7 +191,7 @@ def _names(forces: list[openmm.Force]) -> str:
 
 
 class SystemSampler:
-    """Temperatures, energies and momentum of all particles of a System."""
+    """Measures temperatures, energies and momentum of all particles of a System made elsewhere."""
 
     no_laplacian = "the forces of a System made elsewhere have no Laplacian here"
     uncounted = None
@@ -227,19 +227,19 @@ class SystemSampler:
 
 
 class Observer:
-    """Takes samples from a Context that runs something this package has built.
+    """Measures a Context that runs a System built by this package.
 
     Parameters
     ----------
     built : BuiltSystem
-        What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.  Of a
-        scene it gives a :class:`Sample`, with every term; beside the forces of a System made elsewhere a :class:`SystemSample`, with
-        what any System has.
+        The result of :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system`.  A scene
+        yields a :class:`Sample`, with every term; a System made elsewhere a :class:`SystemSample`, with the quantities that any
+        System has.
 
     Raises
     ------
     ParameterError
-        If it is something else, a Simulation say.
+        If ``built`` is anything else, such as a Simulation.
     """
 
     def __init__(self, built: BuiltSystem):
@@ -262,13 +262,13 @@ class Observer:
         check_context(context)
         present, made = context.getSystem().getNumParticles(), self.built.system.getNumParticles()
         if present != made:
-            raise ParameterError(f"the Context has {present} particles, but this Observer is for a System of {made}")
+            raise ParameterError(f"the Context has {present} particles, but this Observer was made for a System of {made}")
         return self._sampler.sample(context)
 
 
 def require_built(built, what: str) -> None:
-    """Raise ParameterError if this is not what the package has built."""
+    """Raise ParameterError, in which ``what`` asks for it, if this is not a BuiltSystem."""
     if not isinstance(built, BuiltSystem):
         raise ParameterError(
-            f"{what} wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
+            f"{what} needs as built the result of openmm_dpd.build(), add_thermostat() or create_mixed_system(), not {what_is(built)}"
         )

@@ -1,7 +1,7 @@
 """The present state of a Context that runs a scene, and sums over the forces in it.
 
-Where the pair force carries out whole steps its own engine sums: the list of pairs is there from the last step, and what is computed here
-the next step need not compute again.
+Where the pair force carries out whole steps, its own engine does the sums: it has the pair list of the last step, and the next step
+reuses what is computed here.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ from .temperature import noise_state
 
 
 class Conservative(NamedTuple):
-    """Potential energy, forces (N, 3) of everything that has one, those of the pair engine alone, and sums over the pair terms."""
+    """Potential energy, all conservative forces (N, 3), those of the pair engine alone, and sums over the pair terms."""
 
     potential: float
     force: np.ndarray
@@ -40,7 +40,7 @@ class Conservative(NamedTuple):
 
 
 class FrictionSums(NamedTuple):
-    """All forces (N, 3) with friction and noise, where these are forces (``mvv``), and the virials of both."""
+    """All forces (N, 3), with friction and noise where these are forces (``mvv``), and the virials of friction and of noise."""
 
     force: np.ndarray
     dissipative: float
@@ -57,26 +57,26 @@ def why_no_stress(plan: Plan) -> str | None:
         return f"the engine {plan.engine.name!r} has none"
     unknown = next((kind.name for kind in plan.kinds if not kind.has_stress), None)
     if unknown is not None:
-        return f"that of {unknown} is not known"
+        return f"the stress of {unknown} is not known"
     layers = getattr(plan.new_engine(), "layers", ()) if plan.layers else ()
     lacking = next((type(layer).__name__ for layer in layers if not hasattr(layer, "tensors")), None)
     return None if lacking is None else f"{lacking} has no method tensors, though its kind says has_stress=True"
 
 
 def require_stress(plan: Plan) -> None:
-    """Raise ParameterError if there is none."""
+    """Raise ParameterError if a scene has no stress tensor."""
     reason = why_no_stress(plan)
     if reason is not None:
         raise ParameterError(f"no stress tensor of this scene: {reason}")
 
 
 class Present:
-    """Looks at Contexts that run what was built of a scene.
+    """Reads the state of Contexts that run a built scene.
 
-    Of the last :meth:`look` it has ``x``, ``v`` and ``box`` (None without), those of the forces in the System that somebody else added
-    (``others``), ``kT``, the key of the noise (``seed``, ``counter``), the step size ``dt``, and as ``changed`` (N, 3), or None, what was
-    added to the velocities after the last step, whose forces have not seen it.  With a Lees-Edwards shear ``v`` is relative to the flow,
-    of the present ``rate`` after the time ``sheared``; ``with_flow`` has them as the Context does.
+    After :meth:`look`, it has ``x``, ``v``, ``box`` (or None), the foreign forces in the System (``others``), ``kT``, the key of the noise
+    (``seed``, ``counter``), the step size ``dt``, and ``changed`` (N, 3) or None: what was added to the velocities after the last step,
+    which the forces of that step have not seen.  In a Lees-Edwards shear, ``v`` is relative to the flow (of the present ``rate``, after
+    the time ``sheared``), and ``with_flow`` has the velocities of the Context.
     """
 
     def __init__(self, built: BuiltSystem):
@@ -87,18 +87,18 @@ class Present:
         self._groups = built.integrator.getIntegrationForceGroups()
         self.mass, self._deficit = masses_of(built.system), kinetic_deficit(self.plan.options.scheme)
         self.changed: np.ndarray | None = None
-        #: How many forces the System has, if nothing acts beside the pair force.
+        #: Number of forces in the System when only the pair force acts.
         self._alone: int | None = None
 
     def foreign(self, forces: Sequence[openmm.Force]) -> list[openmm.Force]:
-        """Those of the forces of a scene that somebody else added."""
+        """Forces in the System that are not the scene's own."""
         made = self.built.integrator.made
         return [] if made is None else made.others(forces)
 
     def look(self, context: openmm.Context) -> openmm.State:
-        """Take over the state of a Context."""
+        """Read the state of a Context, and return it."""
         self._context, system = context, context.getSystem()
-        if system.getNumForces() != self._alone:  # asking all of them takes as long as some of what is measured
+        if system.getNumForces() != self._alone:  # a look at every force takes as long as some measurements
             forces = system.getForces()
             beside = [force for force in acting(forces) if force.getName() != PAIR_FORCE]
             self._beside = {group for force in beside for group in groups_of(force) if self._groups >> group & 1}
@@ -121,14 +121,14 @@ class Present:
 
     @property
     def values(self) -> np.ndarray | None:
-        """(N, K) values of the fields; None if there are none."""
+        """(N, K) values of the fields, or None."""
         if self.plan.spec.fields is not None and self._values is None:
             self._values = raw_fields(self._context, self.plan.spec.fields)
         return self._values
 
     @property
     def engine(self) -> Engine | None:
-        """What evaluates the pair terms, with the lists of these positions; None without any."""
+        """The engine that evaluates the pair terms, with the pair list of these positions; None if there are no pair terms."""
         if self._prepared is None:
             if self._function is None:
                 self._prepared = self._own
@@ -146,7 +146,7 @@ class Present:
 
     # -- forces ------------------------------------------------------------------------------------------------------------------
     def conservative(self, more: int = 0) -> Conservative:
-        """All conservative forces, with STRESS and LAPLACIAN of the pair terms if these are asked for."""
+        """All conservative forces; ``more`` asks for STRESS and LAPLACIAN of the pair terms."""
         engine, loop, fields = self.engine, self._loop, self.plan.spec.fields
         pairs, force = Totals(0.0, 0.0, 0.0), np.zeros_like(self.x) if engine is None else np.empty_like(self.x)
         last = None if more & STRESS else self._last_step
@@ -159,7 +159,7 @@ class Present:
             pairs = Totals(found.energy, found.conservative or 0.0, 0.0, None, found.laplacian if more else None)
         elif engine is not None:
             pairs = engine.sums(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, self.values, force)
-        # outside a step the pair force does not know the temperatures that a repulsion may depend on
+        # outside a step the pair force does not know the internal temperatures that a repulsion may depend on
         if self._function is None and (fields is None or fields.kind != TEMPERATURE):
             state = self._context.getState(forces=True, energy=True, groups=self._groups)
             return Conservative(bare(state.getPotentialEnergy()), bare(state.getForces(asNumpy=True)), force, pairs)
@@ -170,9 +170,9 @@ class Present:
         return Conservative(pairs.energy + energy, force + beside, force, pairs)
 
     def friction(self, v: np.ndarray, conservative: Conservative) -> FrictionSums:
-        """Friction at velocities (N, 3); in ``mvv``, where it is a force, friction and noise at those that the last step saw.  Where pairs
-        are swept the noise has moved the beads already.  That of the next sweep has nothing to do with their present places and velocities:
-        its virial has the mean 0, whatever they are, and would make that of the friction noisier, no more."""
+        """Friction at velocities (N, 3); in ``mvv``, where it is a force, friction and noise at the velocities that the last step saw.
+        Schemes with sweeps leave out the noise: that of past sweeps is in the velocities, and that of the next has a virial of mean 0,
+        independent of the present state, which would only add scatter."""
         engine, last = self.engine, self._last_step
         if engine is None:
             return FrictionSums(conservative.force, 0.0, 0.0)
@@ -189,10 +189,10 @@ class Present:
 
     @property
     def _last_step(self) -> LastStep | None:
-        """The last step (``mvv``), if nothing has changed since."""
+        """The last step (``mvv``), or None if something has changed since."""
         if self._last is None:
             loop, engine, found = self._loop, self.engine, None
-            if loop is not None and engine is not None and self.plan.spec.fields is None:  # with fields, it saw predicted ones
+            if loop is not None and engine is not None and self.plan.spec.fields is None:  # with fields, a step sees predicted ones
                 found = loop.last()
             m = None if found is None else found.moment
             there = m is not None and (m.kT, m.seed, m.counter, m.dt) == (self.kT, self.seed, self.counter, self.dt)
@@ -201,9 +201,9 @@ class Present:
 
     # -- stress tensors ----------------------------------------------------------------------------------------------------------
     def stress(self) -> np.ndarray:
-        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) over pairs, bonds, angles, bonded segments and charges, kJ/mol.  Of all forces that
-        move the beads: with friction and noise where they are forces (``mvv``).  Transverse friction makes a tensor asymmetric; as in
-        LAMMPS xy is then the sum of r_x F_y."""
+        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) over pairs, bonds, angles, bonded segments and charges, kJ/mol, with friction and
+        noise where they are forces (``mvv``).  With transverse friction the tensor is asymmetric; xy is then the sum of r_x F_y, as in
+        LAMMPS."""
         engine = self.engine
         if engine is None:
             return self.beside_pairs()
@@ -211,14 +211,14 @@ class Present:
         return self.beside_pairs() + pairs.stress
 
     def beside_pairs(self) -> np.ndarray:
-        """The same of everything but the pair terms."""
+        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) over everything but the pair terms, kJ/mol."""
         if not self._stress_parts and self._evaluator is None:
             return np.zeros(6)
         return sum((part(self.x, self.box) for part in self._stress_parts), np.zeros(6)) + self.charges[2]
 
     @property
     def charges(self) -> tuple[float, float, np.ndarray]:
-        """Energies of the charges, short-ranged and lattice, and the stress tensor (6,) of both."""
+        """Short-range and lattice energy of the charges, kJ/mol, and the stress tensor (6,) of their sum."""
         if self._charges is None:
             self._charges = (0.0, 0.0, np.zeros(6)) if self._evaluator is None else self._evaluator.parts(self.x, self.box)
         return self._charges
@@ -229,12 +229,12 @@ class Present:
 
     @property
     def apart(self) -> int:
-        """STRESS where the tensor of the pair potentials has to come with the conservative forces, 0 where that of friction brings it."""
+        """STRESS if the tensor of the pair potentials must be summed with the conservative forces, 0 if it comes with the friction."""
         return 0 if self.engine is None or self.engine.repels_by_pairs else STRESS
 
     def tensors(self, v: np.ndarray, conservative: Conservative | None) -> tuple[np.ndarray, np.ndarray, float]:
-        """Stress tensors (6,) of all conservative forces, and of friction along the lines between beads at velocities (N, 3).  And the sum
-        of f gamma w^(2s) r^2.  The conservative forces are of use where they were asked for with :attr:`apart`."""
+        """Stress tensors (6,) of all conservative forces and of radial friction at velocities (N, 3), and the sum of f gamma w^(2s) r^2.
+        ``conservative`` must have been computed with :attr:`apart`, and may be None if that is 0."""
         if self.plan.scene.shear is not None and self.plan.options.predicting:
             v = self.force_velocities()
         pairs, friction, moment = (np.zeros(6), np.zeros(6), 0.0) if self.engine is None else self.engine.tensors(v, self.kT)
@@ -261,31 +261,30 @@ class Present:
 
     # -- velocities --------------------------------------------------------------------------------------------------------------
     def on_step(self, force: np.ndarray | None) -> np.ndarray:
-        """Velocities of the same moment as the positions: those of some schemes are a part of a kick behind."""
+        """Velocities at the time of the positions, (N, 3); those of some schemes lag by part of a kick."""
         return self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
 
     @property
     def corrected(self) -> bool:
-        """Whether the kinetic stress is more than that of the velocities."""
+        """Whether the kinetic stress needs a correction of sum m v v for the scheme."""
         return self._deficit != 0.0
 
     def kinetic_stress(self, v: np.ndarray, force: np.ndarray | None, product: Callable | None = None):
-        """:func:`.stress_parts.kinetic_stress` of the beads that move, with such velocities."""
+        """Kinetic stress of the mobile beads with velocities v under conservative forces, :func:`.stress_parts.kinetic_stress`."""
         rest = {} if product is None else {"product": product}
         return kinetic_stress(self._deficit, self.mass, v, force, self.dt, self.plan.spec.inv_mass, **rest)
 
     def force_velocities(self) -> np.ndarray:
-        """(N, 3) velocities (nm/ps) that the friction in the forces of ``mvv`` saw: half-step or predicted ones.  LAMMPS's pressure counts
-        friction with these."""
+        """(N, 3) velocities (nm/ps) for which ``mvv`` evaluated the friction: half-step or predicted ones, which LAMMPS's pressure uses."""
         integrator, options = self._context.getIntegrator(), self.plan.options
         v = self.v if self.changed is None else self.v - self.changed
-        acc = per_dof(integrator, "acc")  # 0 where there is no history yet
+        acc = per_dof(integrator, "acc")  # 0 before the first step
         if options.lam == 0.5:
             return v - 0.5 * self.dt * acc - self._slow_kick()
         return np.where(np.any(acc != 0) & (self.mass > 0)[:, None], self._without_flow(per_dof(integrator, "vp")), v)
 
     def _without_flow(self, v: np.ndarray) -> np.ndarray:
-        """Velocities (N, 3) relative to the flow of a shear, if there is one."""
+        """Velocities (N, 3) relative to the flow of a Lees-Edwards shear; unchanged without one."""
         if self.plan.scene.shear is None:
             return v
         relative = v.copy()
@@ -293,7 +292,7 @@ class Present:
         return relative
 
     def _slow_kick(self) -> np.ndarray | float:
-        """What forces that stay OpenMM's have added to the velocities after the last step, where the pair force carries out steps."""
+        """Change of the velocities by OpenMM's slow forces after the last step, (N, 3); 0 where OpenMM carries out the steps."""
         integrator, options, groups = self._context.getIntegrator(), self.plan.options, self._beside
         begun = integrator.getGlobalVariableByName("valid_for") != -1.0
         waiting = options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0

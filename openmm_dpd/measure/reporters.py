@@ -1,6 +1,6 @@
-"""A reporter that knows DPD: 3N - 3 degrees of freedom, configurational temperature, pressure with all pair terms, momentum; velocities.
+"""Reporters for DPD: 3N - 3 degrees of freedom, configurational temperature, pressure with all pair terms, momentum; and velocities.
 
-OpenMM's StateDataReporter works as always; it prints kelvin, divides by 3N, and has no pressure.
+OpenMM's StateDataReporter works too, but it uses kelvin and 3N degrees of freedom, and has no pressure.
 """
 
 import logging
@@ -28,7 +28,7 @@ def _optional(value: float | None, factor: float = 1.0) -> float:
     return float("nan") if value is None else value * factor
 
 
-#: Column -> what it is, in MD units.
+#: Value of each column, in MD units.
 COLUMNS: dict[str, Callable[[Any], float]] = {
     "step": lambda s: s.step,
     "time": lambda s: s.time,
@@ -51,7 +51,7 @@ COLUMNS: dict[str, Callable[[Any], float]] = {
     "kT_beads": lambda s: _optional(s.kT_beads),
 }
 
-#: The columns of a System made elsewhere; the temperatures of its parts only if there are beads in it.
+#: Columns for a System made elsewhere; those of its parts, atoms and beads, only if there are beads in it.
 SYSTEM_COLUMNS = (
     *("step", "time", "kT", "kT_atoms", "kT_beads", "temperature", "potential_energy", "kinetic_energy", "total_energy"),
     *("volume", "momentum"),
@@ -61,7 +61,7 @@ DEFAULT_COLUMNS = ("step", "time", "kT", "kT_conf", "potential_energy", "kinetic
 
 
 def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]:
-    """Columns that can only be NaN, by the reason why."""
+    """Columns that are always NaN, by reason."""
     scene, reasons = observer.plan.scene, dict[str, list[str]]()
     no_box = None if scene.box is not None else "there is no box"
     known = {"kT_conf": observer.no_laplacian} | dict.fromkeys(("pressure", "pressure_conservative", "pressure_bar", "volume"), no_box)
@@ -77,40 +77,40 @@ def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]
 
 
 class DPDReporter(Cadence):
-    """Writes measured quantities to a CSV file, for ``simulation.reporters``.
+    """Reporter that writes measured quantities to a CSV file.
 
-    After 20 rows, 40, 80, ..., it compares the kinetic temperature of their second half with the set one, and says once, through
-    ``logging.getLogger("openmm_dpd")``, if it is off (:mod:`openmm_dpd.measure.watch`).
+    After 20, 40, 80, ... rows it compares the kinetic temperature of their second half with the set one, and warns once, through
+    ``logging.getLogger("openmm_dpd")``, if they differ (:mod:`openmm_dpd.measure.watch`).
 
     Parameters
     ----------
     file : str, path or text file
-        Where to write.
+        File to write.
     interval : int
         Steps between rows.
     built : BuiltSystem
-        What :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system` returned.
+        The result of :func:`openmm_dpd.build`, :func:`openmm_dpd.add_thermostat` or :func:`openmm_dpd.create_mixed_system`.
     columns : sequence of str, optional
         Keys of :data:`COLUMNS`.  Energies are in kJ/mol and pressures in kJ/mol/nm^3, which are the reduced units of a reduced scene;
-        ``temperature`` is in kelvin, ``pressure_bar`` in bar; ``pressure`` counts conservative and dissipative pair forces (and random
-        ones in ``mvv``, where noise is a force); ``momentum`` is the largest component of the total.  Of beads with internal energies,
+        ``temperature`` is in kelvin, ``pressure_bar`` in bar.  ``pressure`` includes conservative and dissipative pair forces (and random
+        ones in ``mvv``, where noise is a force); ``momentum`` is the largest component of the total.  For beads with internal energies,
         ``internal_energy`` and ``conductive_energy`` are sums, ``theta`` is the harmonic mean temperature (an energy), and
-        ``conserved_energy`` the sum of potential, kinetic and internal energy of one moment.  ``kT_conf`` is this configuration's ratio:
-        average numerator and denominator apart for a precise value (:class:`openmm_dpd.measure.Observer`).
-        For a System made elsewhere there are :data:`SYSTEM_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of the
-        parts, ``kT`` and ``temperature`` that of everything; pressures and configurational temperature are not measured.
+        ``conserved_energy`` is potential plus kinetic plus internal energy.  ``kT_conf`` is the ratio of a single configuration; for a
+        precise value, average numerator and denominator separately (:class:`openmm_dpd.measure.Observer`).
+        A System made elsewhere has :data:`SYSTEM_COLUMNS`: ``kT_atoms`` and ``kT_beads`` are the temperatures of its parts, ``kT``
+        and ``temperature`` that of all particles; pressures and configurational temperature are not measured.
     append : bool, default False
-        Go on with a file that is there, whose header has to be that of these columns; one that is not there or empty is begun.  A file
-        that was opened to append is treated so anyway.
+        Append to the file, whose header must have the same columns; a missing or empty file is started anew.  A file object that was
+        opened to append is always appended to.
 
     Raises
     ------
     ParameterError
-        For an unknown column, one that atoms and beads do not have, an interval that is no whole number of at least 1, if ``built``
-        is something else, or if a file to go on with has another header.
+        If a column is unknown or not measured for this System, the interval is no whole number of at least 1, ``built`` is anything
+        else, or the file to append to has another header.
     """
 
-    _owned = False  # also if __init__ did not get far
+    _owned = False  # also if __init__ fails early
 
     def __init__(
         self,
@@ -133,14 +133,14 @@ class DPDReporter(Cadence):
             raise ParameterError(f"unknown columns {', '.join(unknown)}; they must be among {', '.join(COLUMNS)}")
         absent = [name for name in columns if name not in able]
         if absent:
-            where = "a scene alone" if built.plan.host is None else "a System made elsewhere"
+            where = "a scene" if built.plan.host is None else "a System made elsewhere"
             raise ParameterError(f"columns {', '.join(absent)} are not measured for {where}; choose among {', '.join(able)}")
         super().__init__(interval)
         self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
         if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
             raise ParameterError(f"file must be a path or a text file open for writing, not {what_is(file)}")
         # opened last, so that an error above leaves an existing file as it is
-        self._unended = False  # whether the header has no end
+        self._unended = False  # whether the header lacks its newline
         begun = self._has_header(file, append)
         self._out: TextIO = open(file, "a" if append else "w") if isinstance(file, (str, os.PathLike)) else file
         self._owned = isinstance(file, (str, os.PathLike))
@@ -151,10 +151,10 @@ class DPDReporter(Cadence):
         for reason, names in _reasons(self._observer, self._columns).items():
             _LOGGER.warning("columns of DPDReporter that will be nan: %s (%s)", ", ".join(names), reason)
         if self._observer.uncounted and any(name.startswith("pressure") for name in self._columns):
-            _LOGGER.warning("the pressure of DPDReporter does not count what the scene did not make: %s", self._observer.uncounted)
+            _LOGGER.warning("the pressure of DPDReporter leaves out forces that are not the scene's own: %s", self._observer.uncounted)
 
     def _has_header(self, file: str | os.PathLike | TextIO, append: bool) -> bool:
-        """Whether a file to go on with has rows already, and so a header."""
+        """Whether the file to append to has a header; ParameterError if it is another one.  An incomplete last row is removed."""
         if isinstance(file, (str, os.PathLike)):
             path: str | os.PathLike = file
             begun = append and os.path.exists(path) and os.path.getsize(path) > 0
@@ -169,12 +169,10 @@ class DPDReporter(Cadence):
             self._unended = not rows
             if header != ",".join(self._columns):
                 raise ParameterError(
-                    f"cannot append to {os.fspath(path)}: its header is {header!r}, the columns are {','.join(self._columns)!r}"
+                    f"cannot append to {os.fspath(path)}: its header is {header!r}, but the columns are {','.join(self._columns)!r}"
                 )
-            if rows and len(rows) < len(
-                content
-            ):  # a crash or a full disk has cut a row, of whose last number nobody knows how much is there
-                _LOGGER.warning("%s: the last row was cut, and is dropped", os.fspath(path))
+            if rows and len(rows) < len(content):  # a crash or a full disk has cut the row, and perhaps its last number
+                _LOGGER.warning("%s: the last row is incomplete and is removed", os.fspath(path))
                 os.truncate(path, len(rows))
                 if hasattr(file, "seek"):
                     file.seek(0, os.SEEK_END)
@@ -199,12 +197,12 @@ class DPDReporter(Cadence):
 
 
 class VelocityReporter(Cadence):
-    """Writes velocities to a file, for ``simulation.reporters``; give it the interval of the trajectory, and frames match.
+    """Reporter that writes velocities (nm/ps) to a file; with the interval of the trajectory, frames match.
 
     Parameters
     ----------
     file : str or path
-        ``velocities.npz``, say: a zip archive with an array for each frame, beside a trajectory in a format without velocities.
+        File such as ``velocities.npz``, a zip archive with an array per frame; for trajectories in formats without velocities.
     interval : int
         Steps between frames.
     """

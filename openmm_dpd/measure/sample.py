@@ -1,4 +1,4 @@
-"""What a configuration says, as numbers: what :class:`openmm_dpd.Observer` gives."""
+"""Measured quantities of one configuration, as :class:`openmm_dpd.Observer` returns them."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,19 +11,19 @@ from ..kernels.motion import largest, second_moments
 
 @dataclass(frozen=True, kw_only=True)
 class SystemSample:
-    """What one configuration of any System says; MD units (nm, Da, ps, kJ/mol).
+    """Measured quantities of one configuration of any System; MD units (nm, Da, ps, kJ/mol).
 
     Attributes
     ----------
-    step, time : steps done and time
-    n_mobile, dof : particles that move, and their degrees of freedom (:doc:`/theory`; of a System :func:`openmm_dpd.degrees_of_freedom`)
+    step, time : steps done, and time
+    n_mobile, dof : mobile particles and their degrees of freedom (:doc:`/theory`; of a System :func:`openmm_dpd.degrees_of_freedom`)
     kinetic, potential : energies
     volume : nm^3, or None without a box
-    box : (3, 3) box vectors or None
+    box : (3, 3) box vectors, or None
     momentum : (3,) total momentum
     target_kT : thermal energy the thermostat is set to
-    kT_atoms, kT_beads : kinetic temperatures of the particles of a System made elsewhere and of the beads beside them, each for its own
-        degrees of freedom; None of a scene alone, or where there are no beads
+    kT_atoms, kT_beads : kinetic temperatures of the particles of a System made elsewhere and of the beads beside them, each with its own
+        degrees of freedom; None for a scene, or where there are no beads
     """
 
     step: int
@@ -42,15 +42,15 @@ class SystemSample:
 
     def __repr__(self) -> str:
         energies = f"kT = {self.kT:.6g}, potential = {self.potential:.8g}"
-        return f"<{type(self).__name__} of step {self.step}: {self.n_mobile} {self._particles} that move, {energies}>"
+        return f"<{type(self).__name__} of step {self.step}: {self.n_mobile} mobile {self._particles}, {energies}>"
 
     def _repr_html_(self) -> str:
         facts = {
             "step": self.step,
             "time": f"{self.time:g} ps",
-            f"{self._particles} that move": self.n_mobile,
+            f"mobile {self._particles}": self.n_mobile,
             "kT": f"{self.kT:.6g} kJ/mol",
-            "kT that was set": f"{self.target_kT:g} kJ/mol",
+            "set kT": f"{self.target_kT:g} kJ/mol",
             "potential energy": f"{self.potential:.8g} kJ/mol",
             "volume": None if self.volume is None else f"{self.volume:g} nm^3",
         }
@@ -58,29 +58,29 @@ class SystemSample:
 
     @property
     def kT(self) -> float:
-        """Kinetic temperature as an energy, 2K over the degrees of freedom."""
+        """Kinetic temperature as an energy, kJ/mol: 2K over the degrees of freedom."""
         return 2.0 * self.kinetic / self.dof if self.dof else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Sample(SystemSample):
-    """What one configuration of a scene says: a :class:`SystemSample` term by term (pressures in kJ/mol/nm^3).
+    """Measured quantities of one configuration of a scene: a :class:`SystemSample` term by term (pressures in kJ/mol/nm^3).
 
     Attributes
     ----------
-    pair, bond, angle, dihedral : potential energies; those of segmental repulsion and of charges are in ``pair``
-    coulomb_real, coulomb_reciprocal : of it, the short-ranged part of the charges and their lattice sum (0 without a box)
-    other : potential energy of forces that somebody else added to the System; these do not count in virials and pressures
+    pair, bond, angle, dihedral : potential energies; ``pair`` includes segmental repulsion and charges
+    coulomb_real, coulomb_reciprocal : short-range and lattice energy of the charges, as included in ``pair`` (0 without a box)
+    other : potential energy of foreign forces in the System, which virials and pressures leave out
     virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij; the last is 0 where noise is no force (all but ``mvv``)
     gradient2 : sum over mobile beads of the squared conservative force
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
-    kinetic_on_step : kinetic energy with the velocities of the same moment as the positions (``middle`` keeps them half a kick behind)
-    kinetic_pressure : kinetic energy that pressures count, ``kinetic_on_step`` corrected for the scheme (see :doc:`/theory`)
+    kinetic_on_step : kinetic energy from velocities at the time of the positions (``middle`` keeps them half a kick behind)
+    kinetic_pressure : kinetic energy in pressures, ``kinetic_on_step`` corrected for the scheme (see :doc:`/theory`)
     mobile : (N,) which beads move
-    forces : (N, 3) all forces, of frozen beads as well (with friction and noise where they are forces, in ``mvv``)
-    untaken : (N, 3) the same as if all forces acted on all beads (see ``Scene.interacting``)
+    forces : (N, 3) total forces, of immobile beads as well (with friction and noise where they are forces, in ``mvv``)
+    untaken : (N, 3) total forces if all forces acted on all beads (see ``Scene.interacting``)
     internal : sum of the internal energies, u (EnergyDPD) or C T (EDPD); None if the beads have none
-    conductive : the conductive part of it (EnergyDPD)
+    conductive : conductive part of the internal energy (EnergyDPD)
     theta : harmonic mean of the internal temperatures, N/sum(1/theta), as an energy
     """
 
@@ -108,26 +108,26 @@ class Sample(SystemSample):
 
     @property
     def force_norm(self) -> float:
-        """Length of the vector of all forces on beads that move."""
+        """Euclidean norm of the forces on all mobile beads, kJ/mol/nm."""
         return float(second_moments(self.mobile.astype(float), self.forces)[:3].sum()) ** 0.5
 
     @property
     def force_max(self) -> float:
-        """Its largest component."""
+        """Largest force component on a mobile bead by magnitude, kJ/mol/nm."""
         return largest(self.forces[self.mobile])
 
     @property
     def total(self) -> float:
-        """Potential, kinetic and internal energy of one moment: what energy-conserving DPD conserves."""
+        """Potential plus kinetic plus internal energy, kJ/mol, which energy-conserving DPD conserves."""
         return self.potential + self.kinetic_on_step + (self.internal or 0.0)
 
     @property
     def kT_conf(self) -> float | None:
-        """This configuration's |grad U|^2 / lap U; average both before dividing."""
+        """|grad U|^2 / lap U of this configuration, kJ/mol; for a mean, average numerator and denominator first.  None without lap U."""
         return None if not self.laplacian else self.gradient2 / self.laplacian
 
     def pressure(self, full: bool = True) -> float | None:
-        """(2K + W)/(3V), K = ``kinetic_pressure``, with all pair terms or with the conservative ones only; None without a box."""
+        """(2K + W)/(3V), kJ/mol/nm^3, with K = ``kinetic_pressure``; W of all pair terms, or the conservative ones.  None without a box."""
         if self.volume is None:
             return None
         virial = self.virial_conservative + ((self.virial_dissipative + self.virial_random) if full else 0.0)

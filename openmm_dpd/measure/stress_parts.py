@@ -1,6 +1,6 @@
 """Parts of stresses and energies beside the pair terms: bonded terms, overlays, charges and motion.
 
-OpenMM has no virials of single forces, and on most platforms single precision: the kernels sum, whoever computes the forces in the run.
+OpenMM has no virials of single forces, and single precision on most platforms; so the kernels do the sums, also of OpenMM's forces.
 """
 
 from collections.abc import Callable
@@ -24,22 +24,22 @@ Part = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 
 
 def stress_parts(plan: Plan) -> list[Part]:
-    """Of bonds and angles, overlays and segments.  Forces on single beads have none."""
+    """Stress functions of bonds and angles, overlays and segments.  Forces on single beads have none."""
     found = [extra for extra in extras(plan.scene, plan.overlays, plan.exceptions) if extra.term != "external"]
     warm_up_extras(found)
     return [BondedStress(extra) if extra.term == "bond" else extra.evaluator().stress for extra in found]  # type: ignore[attr-defined]
 
 
 def charge_evaluator(plan: Plan) -> ChargeEvaluator | None:
-    """What gives energies and stress of the charges; None if there are none."""
+    """Evaluator of energies and stress of the charges; None without charges."""
     terms = charge_terms(plan.scene, plan.scene.ewald, plan.charge_exceptions)
     warm_up_extras([] if terms is None else [terms])
     return None if terms is None else terms.evaluator()
 
 
 class BondedStress:
-    """Of bonded terms of any kind, from their forces alone: each term acts on copies of its beads that belong to no other.  Each bead of a
-    term is next to the one before it by minimum image."""
+    """Stress of bonded terms of any kind, from their forces alone: each term acts on its own copies of its beads, each of which is the
+    minimum image with respect to the bead before it."""
 
     def __init__(self, terms: Any):
         name = fields(terms)[0].name
@@ -47,7 +47,7 @@ class BondedStress:
         self._alone = replace(terms, **{name: np.arange(beads.size, dtype=beads.dtype).reshape(beads.shape)}).evaluator()
 
     def __call__(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-        """(6,) sums of r F at the positions x."""
+        """(6,) sums of r F (xx, yy, zz, xy, xz, yz) at positions x (N, 3), kJ/mol."""
         copies, force = x[self._beads], np.zeros((self._beads.size, 3))
         self._alone.add_to(copies.reshape(-1, 3), box, force, 1.0)
         steps = minimum_images(np.diff(copies, axis=1).reshape(-1, 3), box).reshape(len(copies), -1, 3)
@@ -55,7 +55,7 @@ class BondedStress:
 
 
 def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
-    """Energy and Laplacian of all bonds at the positions x; the Laplacian is U'' + 2U'/r per bond and mobile bead."""
+    """Energy and Laplacian of all bonds at positions x; the Laplacian is U'' + 2U'/r per bond and mobile bead."""
     energy = laplacian = 0.0
     for bonds in plan.scene.bonds:
         r = bonds.lengths(x, box)
@@ -68,9 +68,9 @@ def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndar
 
 
 def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
-    """Energy and Laplacian of all angles at the positions x.  With the arms a and b, the gradient of theta has the squares 1/a^2 and 1/b^2
-    at the ends and 1/a^2 + 1/b^2 - 2 cos(theta)/(ab) at the vertex, its Laplacians are cot(theta)/a^2, cot(theta)/b^2 and cot(theta) (1/a^2
-    + 1/b^2) - 2/(ab sin(theta))."""
+    """Energy and Laplacian of all angles at positions x.  With arms of lengths a and b, the squared gradients of theta are 1/a^2 and 1/b^2
+    at the ends, 1/a^2 + 1/b^2 - 2 cos(theta)/(ab) at the vertex; its Laplacians are cot(theta)/a^2, cot(theta)/b^2 and, at the vertex,
+    cot(theta) (1/a^2 + 1/b^2) - 2/(ab sin(theta))."""
     energy = laplacian = 0.0
     for angles in plan.scene.angles:
         theta, a, b = angles.arms(x, box)
@@ -87,8 +87,8 @@ def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.nda
 
 
 def dihedral_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
-    """Energy and Laplacian of all dihedrals at the positions x; their virial is 0.  The angle has no Laplacian with respect to any of its
-    beads, so that of the energy is U'' times the squares of the gradients."""
+    """Energy and Laplacian of all dihedrals at positions x; their virial is 0.  The angle's Laplacian with respect to each bead is 0, so
+    that of the energy is U'' times the squared gradients."""
     energy = laplacian = 0.0
     for dihedrals in plan.scene.dihedrals:
         phi, gradients, _ = dihedrals.gradients(x, box)
@@ -99,15 +99,14 @@ def dihedral_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.
 
 
 def kinetic_deficit(scheme: Scheme) -> float:
-    """What velocities of the moment of the positions lack in <m v^2>, in units of dt^2 <F^2/m>.
+    """Deficit of <m v^2> for velocities at whole steps, in units of dt^2 <F^2/m>, by the scheme.
 
-    A sweep sets the temperature of the velocities that it is shown; to second order in the step a harmonic bond says what those of whole
-    steps have.  One step is a linear map there, and read from any place of the word it conserves a quadratic form, in which the weight of
-    v^2 goes with how far a velocity drifts in a step: 1 - (omega dt)^2 times the sum of a b a' over all drifts a, kicks b and drifts a' in
-    this order.  This is the difference of these sums, read from the sweeps and from whole steps: 1/4 for ``middle``, -1/4 for ``aboba``,
-    whose velocities are too hot, 0 for ``bababo`` and ``shardlow``, which sweep at whole steps.  It holds at any friction where the letters
-    on both sides of a sweep mirror each other, else at weak friction.  Where friction is a force (``mvv``) velocities of whole steps are
-    taken as they are.
+    A sweep thermostats the velocities at its place in the word; a harmonic bond shows, to second order in the step, what those at whole
+    steps have.  One step is then a linear map that, started at any letter of the word, conserves a quadratic form.  The weight of v^2 in it
+    is 1 - (omega dt)^2 times the sum of a b a' over all drifts a, kicks b and drifts a' in this order.  The deficit is the difference
+    between the sums started at the sweeps and at whole steps: 1/4 for ``middle``, -1/4 for ``aboba``, whose velocities are too hot, 0 for
+    ``bababo`` and ``shardlow``, which sweep at whole steps.  It holds at any friction if the letters on both sides of a sweep mirror each
+    other, else at weak friction.  Where friction is a force (``mvv``) it is 0.
     """
     letters = scheme.motion
     places = [(n, part) for n, (name, part) in enumerate(letters) if name in SWEEPS]
@@ -134,17 +133,17 @@ def kinetic_stress(
 
     .. math:: \mathbf K = \sum m \mathbf v \mathbf v + c\, \Delta t^2 \sum \mathbf F \mathbf F/m
 
-    with c from :func:`kinetic_deficit`.  For ``middle``, c = 1/4, it is the mean over the half steps before and after, as leapfrog programs
-    have it, and of a harmonic bond exactly kT in each direction.
+    with c from :func:`kinetic_deficit`.  For ``middle``, c = 1/4, it is the mean over the half steps before and after, as in leapfrog
+    programs, and exactly kT in each direction for a harmonic bond.
 
-    ``deficit`` is c; ``mass`` (N,) in Da; ``v`` (N, 3) the velocities of the moment of the positions, nm/ps; ``force`` (N, 3) the
-    conservative forces there, kJ/mol/nm, None only where c is 0; ``dt`` in ps; ``inv_mass`` (N,) is 0 where there is none.  ``product``
-    says what is made of m and v, and of 1/m and F: by default (6,) sums xx, yy, zz, xy, xz, yz, kJ/mol.
+    ``deficit`` is c; ``mass`` (N,) in Da; ``v`` (N, 3) the velocities at the time of the positions, nm/ps; ``force`` (N, 3) the
+    conservative forces there, kJ/mol/nm (None only if c is 0); ``dt`` in ps; ``inv_mass`` (N,) is 0 for immobile beads.  ``product``
+    combines m and v, and 1/m and F: by default into (6,) sums xx, yy, zz, xy, xz, yz, kJ/mol.
     """
     stress = product(mass, v)
     return stress if not deficit or force is None else stress + deficit * dt**2 * product(inv_mass, force)
 
 
 def needs_forces(scheme: Scheme) -> bool:
-    """Whether velocities of the positions' moment, or this, depend on forces."""
+    """Whether the velocities at the time of the positions, or the kinetic stress, depend on forces."""
     return scheme.lag != 0.0 or kinetic_deficit(scheme) != 0.0

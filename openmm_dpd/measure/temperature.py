@@ -1,4 +1,4 @@
-"""Thermal energies of a Context: what is set, and setting it."""
+"""The set temperature of a Context, and how to change it."""
 
 import openmm
 from openmm import unit
@@ -13,7 +13,7 @@ from ..simulation.integrators import RAMPED, PairIntegrator
 
 
 def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, float]:
-    """Thermal energy, seed, noise counter and step size of a Context."""
+    """Thermal energy (kJ/mol), seed, noise counter and step size (ps) of a Context."""
     dt, parameters = bare(context.getIntegrator().getStepSize()), context.getParameters()
     if KT not in parameters:
         native = isinstance(context.getIntegrator(), openmm.DPDIntegrator)
@@ -25,46 +25,46 @@ def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, f
 def check_context(context) -> None:
     """Raise ParameterError if this is no Context."""
     if not isinstance(context, openmm.Context):
-        raise ParameterError(f"an openmm.Context is wanted here (simulation.context), not a {type(context).__name__}")
+        raise ParameterError(f"context must be an openmm.Context, such as simulation.context, not a {type(context).__name__}")
 
 
 def set_temperature(context: openmm.Context, temperature) -> None:
-    """Set the temperature of a running Context, that of OpenMM's barostats in it as well.
+    """Set the temperature of a running Context, and of OpenMM's barostats in it.
 
     Parameters
     ----------
     context : openmm.Context
     temperature : temperature or energy
-        Bare numbers are kelvin, as for OpenMM's integrators; a Quantity may also be an energy.
+        A bare number is in kelvin, as in OpenMM's integrators; a Quantity may also be an energy.
 
     Raises
     ------
     ParameterError
-        If the value is out of bounds, or the Context has no such parameter or a ramp that would overwrite it.
+        If the value is out of bounds, the Context has no thermostat of this package, or a ramp would overwrite the value.
     """
     set_kT(context, thermal_energy_of(temperature))
 
 
 def set_kT(context: openmm.Context, kT) -> None:
-    """Set the thermal energy of a running Context: :func:`set_temperature` for reduced units.
+    """Set the thermal energy kT of a running Context, and of OpenMM's barostats in it.
 
     Parameters
     ----------
     context : openmm.Context
     kT : energy or temperature
-        Bare numbers are kJ/mol; a Quantity may be in kelvin.
+        A bare number is in kJ/mol, or in reduced units for a reduced scene; a Quantity may be in kelvin.
 
     Raises
     ------
     ParameterError
-        As :func:`set_temperature`.
+        If the value is out of bounds, the Context has no thermostat of this package, or a ramp would overwrite the value.
     """
     check_context(context)
     kT, integrator = thermal_energy(kT), context.getIntegrator()
     if KT not in context.getParameters():
         native = isinstance(integrator, openmm.DPDIntegrator)
         remedy = "use setTemperature of its DPDIntegrator" if native else "nothing in it has friction or noise"
-        raise ParameterError(f"this Context has no thermostat of openmm_dpd's; {remedy}")
+        raise ParameterError(f"this Context has no thermostat of openmm_dpd; {remedy}")
     if isinstance(integrator, openmm.CustomIntegrator):
         names = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
         if RAMP_STEP in names:

@@ -1,4 +1,4 @@
-"""Forces of a scene term by term, at given positions and velocities."""
+"""Forces of a scene, term by term, at given positions and velocities."""
 
 import numpy as np
 import openmm
@@ -17,35 +17,35 @@ from .observer import require_built
 def force_terms(
     built: BuiltSystem, positions=None, velocities=None, *, counter: int = 1, properties: dict[str, str] | None = None
 ) -> dict[str, np.ndarray]:
-    """Forces term by term at given positions and velocities, always in force form, for any scheme.
+    """Forces of a scene, term by term, at given positions and velocities; in force form for any scheme.
 
     Parameters
     ----------
     built : BuiltSystem
     positions, velocities : (N, 3) arrays, optional
-        Bare numbers: nm and nm/ps; the scene's own by default.
+        Bare numbers are in nm and nm/ps; by default those of the scene.
     counter : int
-        Count of the noise; another count gives independent random forces.
+        Noise counter; another value gives independent random forces.
     properties : dict, optional
         Platform properties.
 
     Returns
     -------
     dict of (N, 3) arrays, kJ/mol/nm
-        ``conservative`` (all pair potentials but charges, from the plan's platform), ``electrostatic`` if there are charges,
-        ``bond`` if there are bonds, angles or dihedrals, ``external`` if there are body forces, ``other`` if somebody else added forces to
-        the System, ``dissipative`` and ``random``.  They add up to the total force.  If beads have internal energies, temperatures or
-        concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are their changes per time at the scene's initial values.
+        ``conservative`` (all pair potentials except charges, from the plan's platform), ``electrostatic`` if there are charges,
+        ``bond`` if there are bonds, angles or dihedrals, ``external`` if there are body forces, ``other`` if the System has foreign
+        forces, ``dissipative`` and ``random``.  They add up to the total force.  If beads have internal energies, temperatures or
+        concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are their rates of change at the scene's initial values.
 
     Raises
     ------
     ParameterError
-        If a value has the wrong shape, or ``built`` is something else: the terms of atoms beside beads are not separated.
+        If a value has the wrong shape, or ``built`` is not a built scene: the terms of atoms beside beads are not separated.
     """
     require_built(built, "force_terms")
     if built.plan.host is not None:
         raise ParameterError(
-            "force_terms separates the terms of a scene alone; beside the forces of a System made elsewhere ask for "
+            "force_terms separates the terms of a scene only, not those of a System made elsewhere; for its total forces use "
             "context.getState(forces=True)"
         )
     plan = built.plan
@@ -53,7 +53,7 @@ def force_terms(
     x = _vectors(scene.positions if positions is None else positions, "length", "positions", scene.n_beads)
     v = _vectors(built.velocities if velocities is None else velocities, "velocity", "velocities", scene.n_beads)
     counter = whole_number(counter, "counter", least=0)
-    # an integrator belongs to one Context: this one is thrown away
+    # an integrator belongs to one Context, and this one is discarded
     integrator = openmm.VerletIntegrator(plan.options.dt)
     context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
     context.setPositions(x)
@@ -70,7 +70,7 @@ def force_terms(
     terms["conservative"] = _forces(context, groups.difference(*apart.values()))
     for extra in () if built.integrator.whole is None else built.integrator.whole.function.spec.extras:
         if extra.term != "conservative":
-            # the pair force holds it
+            # part of the pair force
             part = np.zeros_like(x)
             extra.evaluator().add_to(x, scene.box, part, 1.0)
             terms[extra.term] = terms.get(extra.term, 0.0) + part
@@ -85,7 +85,7 @@ def force_terms(
     for name, which in (("dissipative", DISSIPATIVE), ("random", RANDOM)):
         terms[name] = engine.forces(which, v, scene.initial_kT, plan.options.dt, plan.options.seed, counter, values)[1]
         if values is not None:
-            # rates: conductive and mechanical energy, dT/dt, or dC/dt of each species
+            # rates of conductive and mechanical energy, of temperature, or of each concentration
             terms[f"rates_{name}"] = engine.rates.copy()
     if scene.interacting is not None:
         terms |= {name: np.where(scene.interacting, terms[name], 0.0) for name in terms if name != "external" and "rates" not in name}

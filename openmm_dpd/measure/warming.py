@@ -1,4 +1,4 @@
-"""Kernels of all kinds of models compiled ahead of the first run: a few steps of a small scene of each kind, and a sample."""
+"""Compile kernels ahead of the first run: a few steps and a sample of a small scene of each kind."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -12,12 +12,12 @@ from ..simulation.build import build
 from .observer import Observer
 
 _BEADS = 120
-#: One whose friction is a force, and one that sweeps.
+#: A scheme whose friction is a force, and one with sweeps.
 _SCHEMES = ("mvv", "middle")
 
 
 def _scenes() -> Iterator[tuple[str, Scene]]:
-    """A scene of each kind that has kernels of its own, and its name."""
+    """Name and scene of each kind of model that has its own kernels."""
     edge = (_BEADS / 3.0) ** (1 / 3)
     grid = np.stack(np.unravel_index(np.arange(_BEADS), (5, 5, 5)), axis=1) * (edge / 5.0)
 
@@ -48,7 +48,7 @@ def _scenes() -> Iterator[tuple[str, Scene]]:
 
 
 def warm(log: Callable[[str], None]) -> None:
-    """Compile and keep what steps and samples of every kind of scene need; ``log`` gets a line for each."""
+    """Compile and store all kernels for steps and samples of every kind of scene; ``log`` gets a line for each."""
     for name, scene in _scenes():
         log(name)
         for scheme in _SCHEMES:

@@ -1,6 +1,6 @@
-"""Whether a run has the temperature that was set: what a step that is too long spoils first.
+"""Check that a run has the set temperature, which a too long time step spoils first.
 
-Beads that run away stop a run (``forces/pair_force.py``); between these steps and those that are right a fluid is steadily too hot.
+Runaway beads stop a run (``forces/pair_force.py``); at step sizes between these and the right ones, a fluid is steadily too hot.
 """
 
 from collections.abc import Sequence
@@ -12,24 +12,24 @@ from ..kernels.fields import ENERGY, TEMPERATURE
 from ..plan.plan import Plan
 from .sample import SystemSample
 
-#: What a mean temperature may be off: this fraction of the set one, and so many standard errors.
+#: Tolerances of a mean temperature: a fraction of the set one, and a number of standard errors.
 TOLERANCE, ERRORS = 0.05, 4.0
-#: Rows after which a running simulation is looked at first; then after twice as many, and so on.
+#: Rows before the first check of a running simulation; the number doubles for each next one.
 FIRST_LOOK = 20
-#: With fewer rows nothing is said: their second half cannot show whether the temperature still changes.
+#: Fewest rows for a warning: the second half of fewer cannot show whether the temperature still changes.
 LEAST_ROWS = 6
 
 
 def sets_temperature(plan: Plan) -> bool:
-    """Whether anything sets a temperature: not without friction, nor for beads with temperatures of their own."""
+    """Whether anything sets a temperature; nothing does without friction, or for beads with internal temperatures."""
     return plan.options.thermostat and (plan.spec.fields is None or plan.spec.fields.kind not in (ENERGY, TEMPERATURE))
 
 
 def has_set_temperature(plan: Plan) -> bool:
-    """Whether the kinetic temperature of a run ought to be the set one all the time.
+    """Whether the kinetic temperature of a run should always be the set one.
 
-    Not with a ramp, where forces are taken from beads, or where a body force or a moving wall drives a flow, whose energy the kinetic
-    temperature counts.  In a shear it is relative to the flow, and too high where friction does not remove the work of the shear.
+    It should not with a ramp, where forces on beads are removed, or where a body force or moving wall drives a flow, whose energy counts as
+    kinetic.  In a shear it is relative to the flow, and too high if friction does not remove the work of the shear.
     """
     scene = plan.scene
     moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
@@ -38,28 +38,28 @@ def has_set_temperature(plan: Plan) -> bool:
 
 
 def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str = "") -> str | None:
-    """What is wrong with the mean kinetic temperature of the second half of some rows, or None.
+    """Warning if the mean kinetic temperature of the second half of the rows is not the set one, or None.
 
-    The standard error comes from blocks, and from what is known beforehand: in equilibrium the kinetic energy of ``dof`` degrees of
-    freedom varies by sqrt(2/dof) of its mean, and what part of that variance rows close in time do not show, their mean has.
+    The standard error comes from blocks, and from theory: at equilibrium the kinetic energy of ``dof`` degrees of freedom varies by
+    sqrt(2/dof) of its mean, and the part of this variance that rows close in time do not show is in their mean.
 
     Parameters
     ----------
     kT : sequence of float
         Kinetic temperatures, row by row, at one set temperature.
     target : float
-        The set one, in the same unit; nothing can be said if it is 0.
+        Set temperature in the same unit; if it is 0, there is no warning.
     dof : int
         Degrees of freedom of a row.
     unit : str
-        The unit, for the sentence.
+        Unit of temperature in the warning.
     """
     rows = np.asarray(kT, dtype=float)[len(kT) // 2 :]
     if len(kT) < LEAST_ROWS or target <= 0 or dof <= 0:
         return None
     average = block_average(rows)
     assert average.mean is not None
-    # of one row; what the rows do not show of its variance their mean still has
+    # variance of one row; the part that the rows do not show is in their mean
     variance = average.mean**2 * 2.0 / dof
     error = max(average.sem or 0.0, max(variance - rows.var(), variance / len(rows)) ** 0.5)
     off = average.mean - target
@@ -67,18 +67,18 @@ def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str 
         return None
     earlier, later = (abs(half.mean() - target) for half in np.array_split(rows, 2))
     if earlier - later > max(variance**0.5, 0.1 * earlier):
-        return None  # on its way there, as after a quench
+        return None  # on its way to the set temperature, as after a quench
     return (
         f"the kinetic temperature of the last {len(rows)} rows is {average.mean:.4g}{unit}, {100 * abs(off) / target:.3g} % "
         f"{'above' if off > 0 else 'below'} the set {target:.4g}{unit}; "
-        "the step size may be too long, a shear may heat the beads, or they flow or have not settled"
+        "the step size may be too large, a shear may heat the beads, or they flow or are not equilibrated"
     )
 
 
 class TemperatureWatch:
-    """Compares the temperature of a running simulation with the set one: after 20 rows, 40, 80, ..., until there is something to say.
+    """Compares the temperature of a running simulation with the set one after 20, 40, 80, ... rows, until the first warning.
 
-    Rows count from the last change of the set temperature on.
+    Rows count from the last change of the set temperature.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class TemperatureWatch:
         self._target, self._rows, self._look = 0.0, list[float](), FIRST_LOOK
 
     def add(self, sample: SystemSample) -> str | None:
-        """Take a row; what is wrong, once, or None."""
+        """Add a row; return a warning, once, or None."""
         if self._quiet:
             return None
         if sample.target_kT != self._target:

@@ -231,7 +231,7 @@ def test_temperatures_of_few_beads(tied, seed):
 
 def test_an_observer_is_for_one_system():
     few = _few_beads("nothing")
-    with pytest.raises(dpd.ParameterError, match="the Context has 120 particles, but this Observer is for a System of 8"):
+    with pytest.raises(dpd.ParameterError, match="the Context has 120 particles, but this Observer was made for a System of 8"):
         dpd.Observer(few).sample(dpd.build(fluid(), dt=0.01, platform="Reference").simulation().context)
 
 

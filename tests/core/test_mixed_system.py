@@ -264,9 +264,9 @@ def test_what_is_not_measured_of_atoms_and_beads():
     for columns in (["step", "pressure"], ["kT_conf"], ["conserved_energy"]):
         with pytest.raises(dpd.ParameterError, match=f"{columns[-1]} are not measured for a System made elsewhere; .*kT_beads"):
             dpd.DPDReporter(StringIO(), 2, whole, columns)
-    with pytest.raises(dpd.ParameterError, match="columns kT_beads are not measured for a scene alone"):
+    with pytest.raises(dpd.ParameterError, match="columns kT_beads are not measured for a scene; choose"):
         dpd.DPDReporter(StringIO(), 2, dpd.build(beads(x), dt=0.001, platform="Reference"), ["step", "kT_beads"])
-    raises(dpd.ParameterError, "force_terms separates the terms of a scene alone; .*getState", lambda: dpd.force_terms(whole))
+    raises(dpd.ParameterError, "force_terms separates the terms of a scene only, .*getState", lambda: dpd.force_terms(whole))
 
 
 @pytest.mark.slow

@@ -86,7 +86,7 @@ def test_columns_that_will_be_nan_are_named_with_the_reason(caplog):
 # -- what is refused -------------------------------------------------------------------------------------------------------------
 def test_a_wrong_argument_is_named_and_nothing_follows(tmp_path):
     """An exception in __del__, which Python only prints, is an error under pytest."""
-    wrong = r"^DPDReporter wants as built what openmm_dpd.build.*create_mixed_system\(\) returned, not a Scene$"
+    wrong = r"^DPDReporter needs as built the result of openmm_dpd.build.*create_mixed_system\(\), not a Scene$"
     raises(ParameterError, wrong, lambda: dpd.DPDReporter(tmp_path / "x", 10, scene()))
     with pytest.raises(TypeError):
         dpd.DPDReporter(tmp_path / "x", 10)
@@ -115,7 +115,9 @@ def test_rows_go_on_after_those_that_are_there(tmp_path):
     before = path.read_text()
     with open(path, "a") as opened:
         for file in (path, opened):
-            with pytest.raises(ParameterError, match=r"cannot append to .*rows.csv: its header is 'step,kT', the columns are 'step,time'"):
+            with pytest.raises(
+                ParameterError, match=r"cannot append to .*rows.csv: its header is 'step,kT', but the columns are 'step,time'"
+            ):
                 dpd.DPDReporter(file, 2, built, ("step", "time"), append=True)
     assert path.read_text() == before
     assert steps(path) == ["step", "18", "20"]  # without append

@@ -83,7 +83,7 @@ def test_bad_input_of_slopes():
     raises(dpd.ParameterError, "no bead is of type 'X'; there are 'T', 'H', 'W'", lambda: measured_chi_slope(run, "X"))
     raises(dpd.ParameterError, "indices must be from 0 to 77; there is 90", lambda: measured_chi_slope(run, [0, 90]))
     raises(dpd.ParameterError, "no two beads of different molecules", lambda: measured_chi_slope(run, [0], [1]))
-    raises(dpd.ParameterError, "wants as built what", lambda: measured_chi_slope(run.plan.scene))
+    raises(dpd.ParameterError, "needs as built the result", lambda: measured_chi_slope(run.plan.scene))
     raises(dpd.ParameterError, "steps", lambda: measured_chi_slope(run, steps=0))
     pairs = {("*", "*"): dpd.DPD(A=25.0, gamma=4.5), ("W", "W"): dpd.DPD(A=25.0, gamma=4.5, cutoff=1.2)}
     mix = mixture()

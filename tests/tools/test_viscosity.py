@@ -241,7 +241,7 @@ def test_samples_of_a_stress_know_their_steps():
         simulation.step(4)
         simulation.reporters.clear()
         simulation.step(6)
-    raises(ParameterError, "do not follow each other every 0.01 ps", lambda: other.time_step)
+    raises(ParameterError, "are not evenly spaced, every 0.01 ps", lambda: other.time_step)
     dpd.set_kT(simulation.context, 1.5)
     simulation.reporters[:] = [other]
     simulation.step(2)
