@@ -1,11 +1,11 @@
-"""Radial distribution function of the DPD fluid with mdtraj, and the pressure that follows from it.
+"""Radial distribution function of the DPD fluid with mdtraj, and its virial pressure.
 
-Runs the standard fluid (density 3, A = 25, gamma = 4.5, kT = 1), writes a DCD trajectory with a PSF topology, reads it back piece by
-piece and averages g(r).  The virial theorem turns g(r) into a pressure,
+Runs the standard fluid (density 3, A = 25, gamma = 4.5, kT = 1), writes a DCD trajectory with a PSF topology, reads it back in chunks and
+averages g(r).  The virial theorem gives the pressure
 
     P = rho kT + (2 pi/3) rho^2 A int r^3 (1 - r) g(r) dr,
 
-which is compared with the mean of what the reporter wrote while the run went on.
+which is compared with the mean written by the reporter during the run.
 
     python examples/02_rdf_mdtraj.py
 """
@@ -29,7 +29,7 @@ CENTRES, R_MAX, BINS, CHUNK = 300, 3.0, 120, 10
 
 
 def simulate(out: Path) -> float:
-    """Run the fluid; mean pressure of the conservative force, as the reporter measured it."""
+    """Run the fluid; mean conservative pressure from the reporter."""
     edge = (N / DENSITY) ** (1 / 3)
     positions = np.random.default_rng(1).random((N, 3)) * edge
     scene = dpd.Scene({"W": 1.0}, ["W"] * N, positions, {("W", "W"): dpd.DPD(A=A, gamma=GAMMA, cutoff=1.0)}, kT=KT, box=[edge] * 3)
@@ -44,9 +44,9 @@ def simulate(out: Path) -> float:
 
 
 def distribution(out: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Distances and g(r), averaged over the trajectory without ever holding more than CHUNK frames of it."""
+    """Distances and g(r), averaged over the trajectory in chunks of CHUNK frames."""
     topology = load_topology(out / "fluid.psf")
-    # distances of some beads to all others are enough; each frame adds CENTRES * (N - 1) of them
+    # distances of some beads to all others suffice: CENTRES * (N - 1) per frame
     pairs = topology.select_pairs(range(CENTRES), range(N))
     total, frames = np.zeros(BINS), 0
     for piece in mdtraj.iterload(str(out / "fluid.dcd"), top=topology, chunk=CHUNK):
@@ -57,14 +57,14 @@ def distribution(out: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pressure(r: np.ndarray, g: np.ndarray) -> float:
-    """Pressure that follows from g(r) by the virial theorem."""
+    """Virial pressure from g(r)."""
     integrand = np.where(r < 1.0, r**3 * A * (1.0 - r) * g, 0.0)
-    # mdtraj divides by the number of pairs, N(N - 1)/2, so that g goes to 1 in a finite box as well
+    # mdtraj divides by the number of pairs, N(N - 1)/2, so that g tends to 1 in a finite box, too
     return DENSITY * KT + 2 * np.pi / 3 * DENSITY**2 * (1 - 1 / N) * float(np.sum(integrand) * (r[1] - r[0]))
 
 
 def picture(path: Path, r: np.ndarray, g: np.ndarray) -> None:
-    """Draw g(r) and the force that shapes it."""
+    """Draw g(r)."""
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 

@@ -1,8 +1,8 @@
-"""Alanine dipeptide in TIP3P water with pairwise friction in the place of Langevin dynamics.
+"""Alanine dipeptide in TIP3P water with pairwise friction instead of Langevin dynamics.
 
-The System comes from openmm.app.ForceField as usual: PME, constrained hydrogens, rigid water.  add_thermostat() puts friction and noise
-between all atoms within 0.6 nm; what it returns has the integrator, and a simulation().  Unlike Langevin friction it acts on relative velocities only, so that
-momentum is conserved and the water still flows.  For comparison the same System is run with OpenMM's LangevinMiddleIntegrator.
+The System comes from openmm.app.ForceField as usual: PME, constrained hydrogens, rigid water.  add_thermostat() adds friction and noise
+between all atoms within 0.6 nm and returns the integrator.  Unlike Langevin friction it acts on relative velocities only, so momentum is
+conserved and the water still flows.  For comparison the same System is run with OpenMM's LangevinMiddleIntegrator.
 
     python examples/03_thermostat_peptide.py
 """
@@ -47,7 +47,7 @@ END
 
 
 def platform() -> openmm.Platform:
-    """The platform of everything here."""
+    """The platform of both runs."""
     return openmm.Platform.getPlatformByName(PLATFORM or dpd.fastest_platform())
 
 
@@ -63,7 +63,7 @@ def solvated() -> tuple[app.Modeller, openmm.System]:
         nonbondedMethod=app.PME,
         nonbondedCutoff=0.9 * unit.nanometer,
         constraints=app.HBonds,
-        removeCMMotion=False,  # pairwise friction needs no help to conserve momentum
+        removeCMMotion=False,  # pairwise friction conserves momentum
     )
     return modeller, system
 
@@ -128,7 +128,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     plain = openmm.LangevinMiddleIntegrator(TEMPERATURE, 5 / unit.picosecond, DT)
     plain.setRandomNumberSeed(7)
     runs = {"Langevin, 5/ps": run(app.Simulation(modeller.topology, system, plain, platform()), modeller)}
-    # from here on the System holds the pair terms as well
+    # this adds the pair terms to the System
     built = dpd.add_thermostat(system, FRICTION, TEMPERATURE, DT, seed=7, topology=modeller.topology, positions=modeller.positions)
     simulation = built.simulation(platform())
     simulation.reporters.append(dpd.DPDReporter(out / "friction.csv", EVERY, built))

@@ -1,7 +1,7 @@
-"""Two fluids that do not mix: from a random mixture to two layers, and the profile of the interface between them.
+"""Two immiscible fluids: from a random mixture to two layers, and the profile of the interface between them.
 
-Beads A and B are alike but for the repulsion between unlike beads, which is stronger.  The box is longer along z than across, so that the
-interface ends up perpendicular to z.  The picture shows how the order grows and the density profiles across the layers.
+Beads A and B differ only in the repulsion between unlike beads, which is stronger.  The box is longer along z than across, so that the
+interface ends up perpendicular to z.  The picture shows order growth and density profiles across the layers.
 
     python examples/04_two_fluids.py
 """
@@ -38,12 +38,12 @@ def scene(seed: int = 1) -> dpd.Scene:
 
 
 def first_mode(z: np.ndarray, is_a: np.ndarray) -> complex:
-    """First Fourier component of the composition along z; its phase says where the layer of A is."""
+    """First Fourier component of the composition along z; its phase is the position of the layer of A."""
     return complex(np.mean(np.where(is_a, 1.0, -1.0) * np.exp(2j * np.pi * z / BOX[2])))
 
 
 def profile(z: np.ndarray, centre: float) -> np.ndarray:
-    """Density in BINS slabs, with the layer of A brought to the middle of the box."""
+    """Density in BINS slabs, with the layer of A shifted to the middle of the box."""
     shifted = (z - centre + 0.5 * BOX[2]) % BOX[2]
     return np.histogram(shifted, bins=BINS, range=(0.0, BOX[2]))[0] * BINS / (BOX[0] * BOX[1] * BOX[2])
 

@@ -1,8 +1,8 @@
-"""Chains of beads with harmonic bonds in a solvent: how the size of a chain grows with its length.
+"""Chains of beads with harmonic bonds in a solvent: scaling of the chain size with length.
 
-Chains of several lengths share one box.  The trajectory keeps them whole, mdtraj reads it back piece by piece, and the radius of gyration
-is computed with the masses in the PSF file.  All beads repel alike, so the solvent is a good one.  A self-avoiding chain grows with
-the number of bonds to a power near 0.59 where it is long; these are short and few, and the fitted power has an error of some hundredths.
+Chains of several lengths share one box.  The trajectory keeps them whole, mdtraj reads it back in chunks, and the radius of gyration is
+computed with the masses in the PSF file.  All beads repel alike, so the solvent is a good one.  The size of a long self-avoiding chain
+grows with the number of bonds to a power near 0.59; these are short and few, and the fitted power has an error of some hundredths.
 
     python examples/05_polymers_bonds.py
 """
@@ -29,7 +29,7 @@ DT, EQUILIBRATION, STEPS, EVERY, CHUNK = 0.04, 2000, 8000, 40, 20
 
 
 def random_walk(beads: int, rng: np.random.Generator) -> np.ndarray:
-    """Positions of a chain that starts anywhere in the box."""
+    """Positions of a chain from a random start in the box."""
     steps = rng.normal(size=(beads - 1, 3))
     steps *= BOND_R0 / np.linalg.norm(steps, axis=1)[:, None]
     return rng.random(3) * EDGE + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
@@ -68,7 +68,7 @@ def simulate(out: Path) -> list[range]:
     write_psf(out / "chains.psf", names=solution.types, masses=solution.bead_masses, bonds=solution.bond_pairs)
     simulation = built.simulation()
     simulation.step(EQUILIBRATION)
-    # OpenMM folds molecules, not beads, back into the box: chains stay whole
+    # OpenMM wraps molecules, not beads, into the box: chains stay whole
     simulation.reporters.append(app.DCDReporter(str(out / "chains.dcd"), EVERY))
     simulation.step(STEPS)
     return chains

@@ -1,16 +1,16 @@
-"""Heat conduction in an eDPD fluid: a source in the upper half of a box, a sink in the lower, and the profile beside the analytic solution.
+"""Heat conduction in an eDPD fluid: a source in the upper half of a box, a sink in the lower, compared with the analytic solution.
 
 With sources +s for 0 < y < L and -s for -L < y < 0, switched on at t = 0, the temperature of a fluid of diffusivity D is
 
     T(y, t) = 1 + sum over odd n of (4 s/(n pi)) (1 - exp(-D k^2 t))/(D k^2) sin(k y),   k = n pi/L,
 
-and the continuum limit of the beads' heat exchange gives D = 2 pi rho C kappa rc^5/315.  The script averages the temperature of slices over
-the second half of a run and fits D, and an offset, which is 0: pair updates keep the energy.  Slices of one run are not independent, so the
-standard errors come from independent runs.  The step is four times that of scheme "mvv", whose heat makes the offset 0.004 (where friction is
-this strong; docs/howto/heat_species.md).
+and the continuum limit of the beads' heat exchange gives D = 2 pi rho C kappa rc^5/315.  The script averages the temperature of slices
+over the second half of a run and fits D, and an offset, which is 0: pair updates conserve energy.  Slices of one run are correlated, so
+the standard errors come from independent runs.  The step is four times that of scheme "mvv", whose heat makes the offset 0.004 (at this
+strong friction; docs/howto/heat_species.md).
 
 The formula is not exact: heat jumps between beads up to rc apart, which leaves a step of T where source and sink meet (lower picture; it
-costs the fitted D about 1 %), and beads that wander carry heat themselves (D of theirs is 0.02).
+costs the fitted D about 1 %), and diffusing beads carry heat themselves (their D is 0.02).
 
     python examples/06_heat_conduction.py        # half a minute
 """
@@ -48,13 +48,13 @@ def fluid(seed: int) -> dpd.Scene:
 
 
 def run(out: Path, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times since the heat was switched on and mean profile over them, from the second half of a run, and the mean temperature at its end."""
+    """Times since the heat was switched on, their mean profile over the second half of a run, and the mean temperature at its end."""
     built = dpd.build(fluid(seed), dt=DT, scheme=SCHEME, seed=seed)
     simulation = built.simulation()
     simulation.step(EQUILIBRATION)
-    # the fluid has found its structure: heat starts from here
+    # the fluid is equilibrated: heat starts here
     dpd.write_fields(simulation.context, built.plan, theta=1.0)
-    # a reporter counts steps from the beginning: its frames are those of the loop if EQUILIBRATION is a multiple of EVERY
+    # reporters count steps from the start: their frames match the loop if EQUILIBRATION is a multiple of EVERY
     file = out / f"fields{seed}.npz"
     simulation.reporters.append(dpd.FieldReporter(file, EVERY, built))
     frames = []
@@ -64,7 +64,7 @@ def run(out: Path, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
         frames.append(positions.value_in_unit(unit.nanometer)[:, 1])
     final = dpd.read_fields(simulation.context, built.plan)["theta"].mean()
     fields = dpd.load_fields(file)
-    # y = 0, between sink and source, is the middle of the box; positions are not folded into it
+    # y = 0, between sink and source, is the middle of the box; positions are unwrapped
     slices = (np.mod(frames, 2 * L) * SLICES / (2 * L)).astype(int) % SLICES
     late = slice(len(frames) // 2, None)
     pairs = zip(slices[late], fields["theta"][late], strict=True)
@@ -73,7 +73,7 @@ def run(out: Path, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def solution(y: np.ndarray, diffusivity: float, offset: float, *, times: np.ndarray) -> np.ndarray:
-    """The analytic profile, averaged over slices and over the same times: early on, D shows little, and half a frame amounts to 1 % of it."""
+    """The analytic profile averaged over slices and the same times: D has little effect early on, and half a frame changes it by 1 %."""
     width, profile = 2 * L / SLICES, np.full(len(y), 1.0 + offset)
     for n in range(1, 200, 2):
         k = n * np.pi / L
@@ -83,7 +83,7 @@ def solution(y: np.ndarray, diffusivity: float, offset: float, *, times: np.ndar
 
 
 def draw(path: Path, y: np.ndarray, profiles: np.ndarray, fit: np.ndarray, error: float, formula: float, times: np.ndarray) -> None:
-    """Slices beside the fitted solution and the one with the formula's diffusivity; below, what is left after the fit."""
+    """Slices beside the fitted solution and the one with the formula's diffusivity; below, the residuals of the fit."""
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
@@ -112,9 +112,9 @@ def draw(path: Path, y: np.ndarray, profiles: np.ndarray, fit: np.ndarray, error
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Run, fit, draw; diffusivity with its standard error over the runs, the formula's, the offset, and how fast the mean of T rises.
+    """Run, fit, draw; diffusivity with its standard error over the runs, the formula's, the offset, and the rate of rise of the mean T.
 
-    What rises is the difference between source and sink: there are more beads where it is cold.
+    The rise is the difference between source and sink: there are more beads where it is cold.
     """
     out.mkdir(parents=True, exist_ok=True)
     y = (np.arange(SLICES) + 0.5) * 2 * L / SLICES - L

@@ -1,4 +1,4 @@
-"""A film of a many-body DPD liquid pulls itself together into a drop.
+"""A film of a many-body DPD liquid contracts into a drop.
 
 The attraction (A < 0) and a repulsion that grows with the local density (B > 0) hold a liquid together without walls, so it has a surface
 and a surface tension.  A flat film in an empty box is not in equilibrium: it contracts.  The relative shape anisotropy of its gyration
@@ -41,7 +41,7 @@ def run(out: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     built = dpd.build(scene, dt=DT, scheme="middle", seed=5)
     write_psf(out / "drop.psf", names=scene.types, masses=scene.bead_masses)
     simulation = built.simulation()
-    # reporters begin after the first interval
+    # reporters start after the first interval
     start = simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
     density = dpd.read_fields(simulation.context, built.plan)["density"]
     simulation.reporters.append(app.DCDReporter(str(out / "drop.dcd"), EVERY, enforcePeriodicBox=False))
@@ -89,7 +89,7 @@ def draw(path: Path, times: np.ndarray, xyz: np.ndarray, density: np.ndarray, an
         axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x", title=f"t = {times[k]:g}")
         axis.locator_params(nbins=3)
     axes[0].set_ylabel("z   (beads with |y| < 1)")
-    # the density that the forces see: weighted counts of the neighbours within cutoff_B, without the bead itself
+    # the density in the forces: weighted neighbour counts within cutoff_B, without the bead itself
     figure.colorbar(dots, ax=axes[:3], label="density of neighbours", pad=0.01)
     curve = axes[3]
     curve.plot(times, anisotropy, color="0.2", linewidth=1.5)

@@ -1,13 +1,13 @@
 """An electrolyte of smeared charges: unlike ions gather around each other, like ions stay apart, and no pair collapses.
 
-Ions are DPD beads with charges smeared over Slater clouds, so that opposite ones may overlap.  The sum over all periodic images is OpenMM's
-PME.  Ions of weak solutions follow the theory of Debye and Hueckel; here they are close enough for the first shells to show.  The pair
-distribution functions are mdtraj's.
+Ions are DPD beads with charges smeared over Slater clouds, so that opposite ones may overlap.  OpenMM's PME sums over all periodic
+images.  Ions in dilute solutions follow Debye-Hueckel theory; here they are close enough to show the first shells.  mdtraj computes the
+pair distribution functions.
 
 Twenty runs with seeds 1 to 20, mean and standard deviation of one run: g(r) of unlike ions at contact 1.754 (0.027), of like ions 0.617
-(0.020), far away 0.984 (0.003) and 1.009 (0.003); energy of the charges for each ion -1.481 (0.012), which is what a run says of itself
-in ``energy_error``, from blocks.  In a box with so few ions the two functions do not end at exactly 1: what gathers at contact is missing
-far away.  No two runs are quite the same, even with one seed: OpenMM's PME adds up in an order that its threads make.
+(0.020), far away 0.984 (0.003) and 1.009 (0.003); energy of the charges per ion -1.481 (0.012), which is the block estimate of a single
+run in ``energy_error``.  With so few ions the two functions do not end at exactly 1: ions gathered at contact are missing far away.  Even
+with one seed runs differ: OpenMM's PME sums in an order that depends on its threads.
 
     python examples/08_electrolyte.py        # about a minute
 """
@@ -91,7 +91,7 @@ def draw(path: Path, r: np.ndarray, unlike: np.ndarray, like: np.ndarray) -> Non
 
 
 def main(out: Path = OUT) -> dict[str, float]:
-    """Run and draw; g(r) of unlike and like ions at contact (0.5 to 1) and far away, and the energy of the charges for each ion."""
+    """Run and draw; g(r) of unlike and like ions at contact (0.5 to 1) and far away, and the energy of the charges per ion."""
     out.mkdir(parents=True, exist_ok=True)
     frames, energies, plan = run(out)
     (out / "plan.txt").write_text(plan + "\n")

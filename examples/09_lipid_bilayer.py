@@ -1,10 +1,9 @@
-"""Lipids in water: a random mixture becomes a bilayer.
+"""Lipids in water: self-assembly of a bilayer from a random mixture.
 
 The lipid is that of Grafmueller, Shillcock and Lipowsky, Biophys. J. 96, 2658 (2009): three head beads and two stiff tails of four.  The
-numbers of the model are in ``openmm_dpd.molecules.grafmueller_2009``.  The box is longer along z than across, and the number of lipids is
-such that a bilayer across z has an area per lipid of 1.40, near 1.38 where its tension vanishes.  For comparison a bilayer is put
-together from upright lipids; both must end up equally thick.  The thickness is the distance between the mean heights of the heads in the
-two leaflets.
+model's numbers are in ``openmm_dpd.molecules.grafmueller_2009``.  The box is longer along z than across, and the number of lipids gives a
+bilayer across z an area per lipid of 1.40, near 1.38 where its tension vanishes.  For comparison a bilayer is built from upright lipids;
+both must end up equally thick.  The thickness is the distance between the mean heights of the heads in the two leaflets.
 
     python examples/09_lipid_bilayer.py
 """
@@ -39,7 +38,7 @@ def mixture(arrangement: Scattered | Bilayer) -> Mixture:
 
 
 def simulate(name: str, arrangement: Scattered | Bilayer, steps: int, out: Path) -> mdtraj.Trajectory:
-    """Run from this arrangement; topology and trajectory are written."""
+    """Run from this arrangement, writing topology and trajectory."""
     lipids = mixture(arrangement)
     start = relax(lipids.scene(pairs=MODEL.pairs(), kT=1.0))
     simulation = dpd.build(start, dt=DT, scheme="middle", seed=SEED).simulation()
@@ -51,7 +50,7 @@ def simulate(name: str, arrangement: Scattered | Bilayer, steps: int, out: Path)
 
 
 def order(trajectory: mdtraj.Trajectory) -> np.ndarray:
-    """First Fourier component of the density of the tails along z: 0 where they are spread evenly, 1 in a thin layer."""
+    """First Fourier component of the density of the tails along z: 0 if spread evenly, 1 in a thin layer."""
     z = trajectory.xyz[:, trajectory.topology.select("name T"), 2] / trajectory.unitcell_lengths[:, None, 2]
     return np.abs(np.mean(np.exp(2j * np.pi * z), axis=1))
 
@@ -62,7 +61,7 @@ def last(trajectory: mdtraj.Trajectory) -> mdtraj.Trajectory:
 
 
 def analyse(assembled: mdtraj.Trajectory, prepared: mdtraj.Trajectory) -> tuple[dict[str, float], dict]:
-    """Numbers, and the profiles across the bilayer that assembled itself."""
+    """Numbers, and the profiles across the self-assembled bilayer."""
     numbers = {"order_at_start": float(order(assembled)[0]), "order_at_end": block_average(order(last(assembled))).mean}
     for name, trajectory in (("assembled", assembled), ("prepared", prepared)):
         thickness = bilayer_thickness(last(trajectory), "H", "T", axis="z")
@@ -75,7 +74,7 @@ def analyse(assembled: mdtraj.Trajectory, prepared: mdtraj.Trajectory) -> tuple[
 
 
 def peak(z: np.ndarray, density: np.ndarray) -> float:
-    """Place of a peak: the vertex of a parabola through the logarithms of its upper half."""
+    """Position of a peak: the vertex of a parabola through the logarithms of its upper half."""
     top = density > 0.5 * density.max()
     curvature, slope, _ = np.polyfit(z[top], np.log(density[top]), 2)
     return float(-slope / (2 * curvature))
@@ -92,7 +91,7 @@ def draw_beads(axis, trajectory: mdtraj.Trajectory, frame: int, title: str) -> N
 
 
 def picture(path: Path, assembled: mdtraj.Trajectory, profiles: dict, thickness: float) -> None:
-    """First and last configuration, the way in between, and the profiles."""
+    """First and last configuration, the time series, and the profiles."""
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 

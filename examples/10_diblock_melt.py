@@ -1,15 +1,15 @@
-"""A melt of symmetric diblock copolymers: the peak of its structure factor, beside the random phase approximation.
+"""A melt of symmetric diblock copolymers: the peak of its structure factor, compared with the random phase approximation.
 
-Chains A5B5 differ in nothing but the repulsion between A and B, which is stronger by a few units.  Their composition fluctuates most at
-the wave number q* at which the two blocks, tied together, can separate farthest.  The random phase approximation (RPA; L. Leibler,
-Macromolecules 13, 1602 (1980)) has q* follow from the shape of one chain alone,
+In chains A5B5 the repulsion between A and B is stronger by a few units; all else is equal.  Their composition fluctuates most at the wave
+number q* at which the two connected blocks can separate farthest.  In the random phase approximation (RPA; L. Leibler, Macromolecules 13,
+1602 (1980)) q* follows from the shape of one chain alone,
 
     S(q) = 4 / (F(q) - 2 chi),   F = (S_AA + S_BB + 2 S_AB) / (S_AA S_BB - S_AB^2),
 
-where S_AA, S_BB and S_AB are scattering functions of a single chain per bead, here those of a Gaussian chain of ten beads whose radius of
-gyration is the one measured.  S is that of the difference of A and B, which tends to 1 for large q.  The parameter chi = 0.306 (a_AB - a)
-is from Groot and Warren, J. Chem. Phys. 107, 4423 (1997), for chains.  RPA holds for weak repulsion; as the melt comes closer to its
-order, the peak grows less than predicted and moves to smaller q.
+where S_AA, S_BB and S_AB are scattering functions of a single chain per bead, here those of a Gaussian chain of ten beads with the
+measured radius of gyration.  S is that of the difference of A and B, which tends to 1 for large q.  The parameter chi = 0.306 (a_AB - a)
+is from Groot and Warren, J. Chem. Phys. 107, 4423 (1997), for chains.  RPA holds for weak repulsion; as the melt approaches the ordering
+transition, the peak grows less than predicted and moves to smaller q.
 
     python examples/10_diblock_melt.py
 """
@@ -40,7 +40,7 @@ CHAIN = block_copolymer(f"A{BLOCK}B{BLOCK}", SPRING)
 
 
 def simulate(excess: float, out: Path) -> mdtraj.Trajectory:
-    """Trajectory of a melt in which A and B repel by so much more than like beads."""
+    """Trajectory of a melt with this excess repulsion between A and B."""
     melt = pack({CHAIN: CHAINS}, solvent=None, density=DENSITY, seed=SEED)
     pairs = {("*", "*"): dpd.DPD(A=A_LIKE, gamma=GAMMA), ("A", "B"): dpd.DPD(A=A_LIKE + excess, gamma=GAMMA)}
     start = relax(melt.scene(pairs=pairs, kT=1.0))
@@ -61,7 +61,7 @@ def composition_factor(trajectory: mdtraj.Trajectory) -> tuple[np.ndarray, np.nd
 
 
 def chain_size(trajectory: mdtraj.Trajectory) -> float:
-    """Root mean square radius of gyration; chains are whole in the file, and all beads weigh the same."""
+    """Root mean square radius of gyration; chains are whole in the file, and all masses are equal."""
     x = trajectory.xyz.astype(np.float64).reshape(len(trajectory), CHAINS, 2 * BLOCK, 3)
     return float(np.sqrt(np.mean(np.sum((x - x.mean(axis=2, keepdims=True)) ** 2, axis=3))))
 
@@ -83,7 +83,7 @@ def rpa_peak(size: float) -> float:
 
 
 def peak(q: np.ndarray, s: np.ndarray, sem: np.ndarray) -> tuple[float, float]:
-    """Place and height of the maximum: the RPA's own shape fitted to all points, with free size, height and chi."""
+    """Position and height of the maximum: the RPA's own shape fitted to all points, with free size, height and chi."""
 
     def shape(q, size, scale, chi):
         return scale * 4 / (rpa_denominator(q, size) - 2 * chi)
@@ -94,7 +94,7 @@ def peak(q: np.ndarray, s: np.ndarray, sem: np.ndarray) -> tuple[float, float]:
 
 
 def picture(path: Path, found: dict) -> None:
-    """Structure factors and what the random phase approximation says."""
+    """Structure factors and the random phase approximation."""
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 

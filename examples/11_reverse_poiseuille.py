@@ -1,8 +1,8 @@
-"""Viscosity of the standard DPD fluid, twice: from reverse Poiseuille flow and from fluctuations at rest (Green-Kubo).
+"""Viscosity of the standard DPD fluid by two methods: reverse Poiseuille flow and equilibrium fluctuations (Green-Kubo).
 
-A force +f pushes the beads in the lower half of the box along x, -f those in the upper half.  There are no walls, and in each half the
+A force +f drives the beads in the lower half of the box along x, -f those in the upper half.  There are no walls, and in each half the
 flow becomes a parabola whose curvature is the force density over the viscosity.  At rest, the viscosity is the time integral of the
-correlation of the stress with itself; friction and noise need some care there (docs/theory_flow.md).
+autocorrelation of the stress; friction and noise need some care there (docs/theory_flow.md).
 
 Published for rho = 3, a = 25, gamma = 4.5, kT = 1: pressure 23.64, viscosity about 0.85 (within 3 %).
 
@@ -51,7 +51,7 @@ def driven() -> VelocityProfile:
 
 
 def at_rest() -> StressReporter:
-    """Stress tensors of a fluid that nothing drives."""
+    """Stress tensors of the fluid at rest."""
     built = dpd.build(fluid(REST_EDGES, 2), dt=REST_DT, seed=2)
     simulation = built.simulation()
     simulation.step(REST_EQUILIBRATION)

@@ -1,8 +1,8 @@
-"""A melt of polyethylene, from random walks that overlap to a run at constant pressure.
+"""A melt of polyethylene, from overlapping random walks to a run at constant pressure.
 
 Chains of united atoms (TraPPE-UA, rigid bonds) are drawn as random walks at random places, at a density near the melt's.  relax_dense()
-lets them slip through each other under the soft repulsion of DPD, which rises until they are apart; OpenMM's minimiser and a barostat
-take over from there.  For comparison the minimiser starts from the same walks.
+lets them pass through each other under the soft repulsion of DPD, which rises until they separate; OpenMM's minimiser and a barostat
+continue.  For comparison the minimiser starts from the same walks.
 
     python examples/12_dense_melt.py
 """

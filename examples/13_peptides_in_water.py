@@ -1,7 +1,7 @@
-"""Peptides in a box of water that were all placed at random, from overlaps to a run at constant pressure.
+"""Peptides and water placed at random in a box, from overlaps to a run at constant pressure.
 
-Four copies of the last ten residues of the villin headpiece, which OpenMM ships, and 450 TIP3P waters have random places and orientations:
-molecules lie in each other, some bonds go through rings.  relax_dense() brings them apart, OpenMM's minimiser and a barostat take over.
+Four copies of the last ten residues of the villin headpiece, which OpenMM ships, and 450 TIP3P waters have random places and
+orientations: molecules overlap, and some bonds pierce rings.  relax_dense() separates them; OpenMM's minimiser and a barostat continue.
 For comparison the minimiser starts from the same places.
 
     python examples/13_peptides_in_water.py
@@ -73,7 +73,7 @@ def minimised(topology: app.Topology, system: openmm.System, positions) -> tuple
 
 
 def pierced(simulation: app.Simulation) -> int:
-    """Number of bonds that go through rings."""
+    """Number of bonds that pierce rings."""
     return len(find_piercings(simulation.topology, simulation.context.getState(positions=True).getPositions(asNumpy=True)))
 
 

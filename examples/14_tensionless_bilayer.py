@@ -1,9 +1,9 @@
-"""A bilayer without tension, its height fluctuations, and a vesicle.
+"""A tensionless bilayer, its height fluctuations, and a vesicle.
 
-A barostat with the surface tension 0 lets the area of the box follow the bilayer while the volume stays.  The undulations of the bilayer
+A barostat with the surface tension 0 lets the area of the box follow the bilayer at constant volume.  The undulations of the bilayer
 follow Helfrich's theory, A <|h_q|^2> = kT/(kappa q^4), which gives the bending modulus kappa; this run is too short for better than ten
-per cent (``docs/measure/bending_modulus.py`` has a longer one).  Then a vesicle is put together with the area per lipid and the thickness
-of the flat bilayer, and relaxes; the picture shows a slice of it.
+per cent (``docs/measure/bending_modulus.py`` has a longer one).  Then a vesicle is built with the area per lipid and the thickness of the
+flat bilayer, and relaxed; the picture shows a slice of it.
 
 The lipid is that of ``09_lipid_bilayer.py``.
 
@@ -27,7 +27,7 @@ from openmm_dpd.trajectory import load, load_topology
 OUT = Path("out/14_tensionless_bilayer")
 BOX, LIPIDS = (11.0, 11.0, 9.0), 174
 DT, STEPS, EVERY, INTERVAL = 0.04, 9000, 25, 10
-BEGIN = 0.2  # averages are over what comes after this part of the run
+BEGIN = 0.2  # averages start after this fraction of the run
 Q_MAX, SEED = 1.2, 1
 RADIUS, MEMBRANE, VESICLE_BOX, VESICLE_STEPS = 4.0, 4.6, 13.5, 1500
 
@@ -35,7 +35,7 @@ MODEL = grafmueller_2009()
 
 
 def flat(out: Path) -> mdtraj.Trajectory:
-    """The bilayer at constant volume, without tension."""
+    """The tensionless bilayer at constant volume."""
     mixture = pack({MODEL.molecule: Bilayer(LIPIDS)}, solvent="W", density=MODEL.density, box=BOX, seed=SEED)
     built = dpd.build(relax(mixture.scene(pairs=MODEL.pairs(), kT=1.0)), dt=DT, scheme="middle", seed=SEED)
     dpd.add_barostat(built, surface_tension=0, zmode="constant volume", interval=INTERVAL)

@@ -1,8 +1,8 @@
-"""Couette flow: the standard DPD fluid between two walls that move along each other, and what the walls feel of it.
+"""Couette flow: the standard DPD fluid between two walls in relative motion, and the forces on the walls.
 
-Behind each wall a fluid of the same kind seems to go on: its mean repulsion and its friction act on the beads that are near
-(docs/theory_flow.md).  So the fluid keeps its density and temperature up to the wall, and sticks to it.  The force on the walls over the
-shear rate is the viscosity; published for rho = 3, a = 25, gamma = 4.5, kT = 1: about 0.85, and the pressure is 23.64.
+Behind each wall there is a virtual fluid of the same kind: its mean repulsion and its friction act on the beads nearby
+(docs/theory_flow.md).  So the fluid keeps its density and temperature up to the wall, without slip.  The shear stress on the walls over
+the shear rate is the viscosity; published for rho = 3, a = 25, gamma = 4.5, kT = 1: about 0.85, and the pressure is 23.64.
 
     python examples/15_couette.py        # about a minute
 """
@@ -25,7 +25,7 @@ PUBLISHED_VISCOSITY, PUBLISHED_PRESSURE = 0.85, 23.64
 #: The channel and the solid, as thick as the cutoff, that separates it from its image; velocities of the walls, +SPEED and -SPEED.
 GAP, SOLID, EDGE, SPEED = 10.0, 1.0, 6.0, 1.5
 DT, EQUILIBRATION, STEPS, EVERY, SLABS = 0.03, 3000, 40000, 10, 55
-#: Steps between two forces on the walls: what a wall takes from the first layer and gives back cancels in a while.
+#: Steps between two forces on the walls: the exchange of a wall with the first layer cancels over time.
 WALLS_EVERY = 400
 
 

@@ -1,8 +1,8 @@
-"""A fluid of beads and one of short chains in Lees-Edwards shear: profile, viscosity, normal stress, and moduli in oscillation.
+"""A fluid of beads and one of short chains in Lees-Edwards shear: profile, viscosity, normal stress, and dynamic moduli.
 
 The images of the box slide over each other, and the fluid follows them with v_x = rate * y: no walls, no forces, one temperature.  Beads
-answer as a Newtonian fluid does; chains of ten are stretched along the flow, which lowers the viscosity and pulls along x, and in fast
-oscillation they store a part of the work.
+behave as a Newtonian fluid; chains of ten are stretched along the flow, which lowers the viscosity and causes a tension along x, and in
+fast oscillation they store part of the work.
 
 Published for rho = 3, a = 25, gamma = 4.5, kT = 1: viscosity about 0.85 (within 3 %).
 
@@ -30,7 +30,7 @@ AMPLITUDE, FREQUENCIES, PERIODS = 0.3, (0.5, 1.5, 4.0), (3, 40)
 
 
 def fluid(length: int, shear: dpd.LeesEdwards) -> dpd.Scene:
-    """Chains of so many beads, at random places."""
+    """Chains of this length, at random places."""
     rng, chains = np.random.default_rng(1), int(3 * EDGE**3) // length
     steps = rng.normal(size=(chains, length, 3)) * 0.4
     steps[:, 0] = rng.random((chains, 3)) * EDGE
