@@ -1,1 +1,1 @@
-"""Trajectories, topologies, PDB files and pictures: written, read with mdtraj, drawn."""
+"""Trajectories, topologies, PDB files and plots: written, read with mdtraj, drawn."""

@@ -1,4 +1,4 @@
-"""DCD trajectories: float32 angstrom, in a file that is whole after every frame."""
+"""DCD trajectories: float32 positions in angstrom, in a file that is complete after every frame."""
 
 import os
 import struct
@@ -7,7 +7,7 @@ import numpy as np
 
 from ..base.files import BlockFile
 
-#: Where the header holds the number of frames and the last step, and how long it is.
+#: Places of the number of frames and of the last step in the header, and its length, in bytes.
 _COUNT_AT, _LAST_AT, _HEADER = 8, 20, 276
 _MOST = 2**31 - 1
 
@@ -15,7 +15,7 @@ _MOST = 2**31 - 1
 class DCDWriter:
     """Writes a DCD file in CHARMM's layout, which mdtraj, MDAnalysis and VMD read.
 
-    The file is whole after every frame, and stays so if the next one cannot be written.
+    The file is complete after every frame, and stays so if the next one cannot be written.
 
     Parameters
     ----------
@@ -23,16 +23,16 @@ class DCDWriter:
     n_beads : int
         Number of beads of every frame.
     what : str
-        What it is, for errors.
+        Name of the file's content in errors.
     append : bool, default False
-        Go on with the frames of a file that this class has written; otherwise the file is written anew.
+        Append to a file written by this class; otherwise the file is overwritten.
     first, every, dt
-        What the header says: the first step, steps between frames, and the time of a step.
+        Entries of the header: the first step, steps between frames, and the time step.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
 
     def __init__(
@@ -41,16 +41,16 @@ class DCDWriter:
         self._frames, self._n_beads = 0, n_beads
         self._file = BlockFile(path, what, append)
         if append:
-            # six numbers of the box and three columns; the header may have counted frames that were cut off
+            # a frame has six numbers of the box and three columns; the header may count frames that were cut off
             self._count((os.path.getsize(path) - _HEADER) // (56 + 3 * (4 * n_beads + 8)))
             return
-        # 20 numbers: frames, first step and interval among them; the last one is CHARMM's version, the eleventh says that there is a box
+        # 20 numbers, with frames, first step and interval; the eleventh flags a box, the last one is CHARMM's version
         control = struct.pack("<9if10i", 0, min(first, _MOST), min(every, _MOST), *[0] * 6, dt, 1, *[0] * 8, 24)
         title = struct.pack("<i80s80s", 2, b"openmm-dpd".ljust(80), b"".ljust(80))
         self._file.write(_record(b"CORD" + control) + _record(title) + _record(struct.pack("<i", n_beads)))
 
     def write(self, positions: np.ndarray, box: np.ndarray, step: int | None = None) -> None:
-        """Add a frame: positions (N, 3) and box vectors (3, 3) in angstrom; and the last ``step`` to the header."""
+        """Append a frame: positions (N, 3) and box vectors (3, 3) in angstrom; the header gets its ``step`` as the last one."""
         assert len(positions) == self._n_beads
         a, b, c = np.linalg.norm(box, axis=1)
         alpha, beta, gamma = box[1] @ box[2] / (b * c), box[0] @ box[2] / (a * c), box[0] @ box[1] / (a * b)
@@ -71,6 +71,6 @@ class DCDWriter:
 
 
 def _record(content: bytes) -> bytes:
-    """A Fortran record: its length on both sides."""
+    """A Fortran record: the content between two copies of its length."""
     length = struct.pack("<i", len(content))
     return length + content + length

@@ -1,4 +1,4 @@
-"""PDB files of beads: names that are those of the PSF file and the Topology, elements that nobody guesses, all bonds."""
+"""PDB files of beads: names of the PSF file and the Topology, no guessed elements, all bonds."""
 
 import os
 
@@ -17,35 +17,34 @@ _MOST_BEADS = 99_999
 def write_pdb(path: str | os.PathLike, source, *, state=None) -> None:
     """Write one frame as a PDB file: names, molecules as residues, the box, and CONECT records of all bonds.
 
-    Every bead is a HETATM record with the element ``VS``, a virtual site for mdtraj, so that no reader takes a bead ``B`` for boron
-    (OpenMM: ``app.PDBFile(path, extraParticleIdentifier="VS")``).  Names of beads longer than four characters, and of molecules longer
-    than three, are shortened (:func:`openmm_dpd.io.trajectory.short_names`), which REMARK records list.  Molecule numbers are counted
-    modulo 10,000.  mdtraj reads all of this back; OpenMM's own reader drops beads of equal names within a molecule.  Angles and dihedrals
-    have no place in this format.
+    Every bead is a HETATM record with the element ``VS`` (mdtraj's virtual site), so that no reader takes a bead ``B`` for boron (OpenMM:
+    ``app.PDBFile(path, extraParticleIdentifier="VS")``).  Bead names are shortened to four characters and molecule names to three
+    (:func:`openmm_dpd.io.trajectory.short_names`); REMARK records list them.  Molecule numbers are modulo 10,000.  mdtraj reads
+    everything back; OpenMM's own reader drops beads of equal names within a molecule.  The format has no angles or dihedrals.
 
     Parameters
     ----------
     path : path-like
-        Overwritten.
-    source : Scene, or what :func:`openmm_dpd.build` returned
+        File to write; overwritten.
+    source : Scene, or the result of :func:`openmm_dpd.build`
     state : openmm.State, optional
         Positions and box of a run; by default those of the start.
 
     Raises
     ------
     ParameterError
-        For more than 99,999 beads, and coordinates that do not fit into the columns (-99.9999 to 999.9999 nm).
+        If there are more than 99,999 beads, or coordinates do not fit into the columns (-99.9999 to 999.9999 nm).
     OutputError
-        If the file cannot be written; one that was there is kept.
+        If the file cannot be written; an existing file is kept.
     """
     write_whole(path, pdb_text(Snapshot.of(source, state)), "the PDB file")
 
 
 def pdb_text(now: Snapshot) -> str:
-    """What :func:`write_pdb` writes."""
+    """Text of a PDB file, as :func:`write_pdb` writes it."""
     scene = now.scene
     if scene.n_beads > _MOST_BEADS:
-        raise ParameterError(f"a PDB file holds up to {_MOST_BEADS} beads, and there are {scene.n_beads}; write PSF and DCD, or GSD")
+        raise ParameterError(f"a PDB file holds at most {_MOST_BEADS} beads, and there are {scene.n_beads}; write PSF and DCD, or GSD")
     x = np.round(now.positions * 10, 3) + 0.0
     outside = np.argwhere((x < -999.9994) | (x > 9999.9994))
     if len(outside):
@@ -69,7 +68,7 @@ def pdb_text(now: Snapshot) -> str:
 
 
 def _bonds(pairs: np.ndarray) -> list[str]:
-    """CONECT records, each bond under both of its beads, four in a line."""
+    """CONECT records: each bond under both of its beads, up to four per line."""
     neighbours: dict[int, list[int]] = {}
     for i, j in (pairs + 1).tolist():
         neighbours.setdefault(i, []).append(j)

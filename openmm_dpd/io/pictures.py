@@ -1,4 +1,4 @@
-"""The picture of a run: temperature, pressure and energies against time, drawn with matplotlib but without its global state."""
+"""Plot of a run: temperature, pressure and energies against time, drawn with matplotlib but without its global state."""
 
 import io
 import os
@@ -11,7 +11,7 @@ import numpy as np
 from ..base.errors import ParameterError, what_is
 from ..base.files import write_whole
 
-#: Panels from top to bottom: the label of the axis, and the columns drawn there with their labels, the first one in front.
+#: Panels from top to bottom: label of the axis, and the columns drawn there with their labels, the first one in front.
 PANELS = (
     ("temperature", {"temp": "kinetic", "temp_conf": "configurational"}),
     ("pressure", {"press": "as in the thermo output", "press_full": "with friction"}),
@@ -19,15 +19,15 @@ PANELS = (
     ("total energy", {"etotal": "total energy"}),
 )
 
-#: Colours (dark for means, light for rows), which colour-blind readers can distinguish too.
+#: Colours (dark for means, light for rows) that colour-blind readers can tell apart.
 COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
 #: Fewest rows of a run with a mean: three windows.
 LEAST_ROWS = 15
-#: What the lines are, with means and without any, and what the shading is.
+#: Legends of lines with and without means, and of the shading.
 MEANS = f"light: rows of the thermo output; dark: mean over a tenth of the run, in runs of {LEAST_ROWS} to 50 rows over 5 rows"
 ROWS, NEW_RUN = "rows of the thermo output (too few for means)", "dotted: a new run begins"
 LEFT_OUT = "grey: left out of averages, and of the range of the axes"
-#: Most rows that are drawn one by one; longer series show every so many.
+#: Most rows to draw; of longer series, only every n-th row is shown.
 MOST_ROWS = 20_000
 
 
@@ -42,19 +42,19 @@ def thermo_picture(
     labels: Mapping[str, str] | None = None,
     title: str = "",
 ) -> None:
-    """Draw thermo columns, rows by their words, against one of them, ``x``, into a PNG file.
+    """Plot thermo columns, given by their words, against one of them, ``x``, to a PNG file.
 
-    Drawn are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``; panels without a column are left out, a NaN
-    is a gap. Rows are light lines (dots as well if they are few), means over a sliding window (a tenth of a run, at least 5 rows)
-    dark ones, in runs of 15 rows or more; without such a run rows are dark. A line at the foot says so.
+    The columns are ``temp``, ``temp_conf``, ``press``, ``press_full``, ``pe`` and ``etotal``; panels without a column are left out, and a
+    NaN is a gap. Rows are light lines (with dots if they are few); sliding means (over a tenth of a run, at least 5 rows) are dark lines,
+    in runs of 15 rows or more. Without such a run, rows are dark. A line at the foot explains this.
 
-    At the ``runs``, values of x where a new run begins, is a thin line, and means do not reach over it; x must not go back then.
-    ``target`` is the temperature of the thermostat, one number or one per row, NaN where nothing sets it. ``counted`` are the rows that
-    averages are taken over: all behind some row of each run. The rows before it are shaded, have no mean, and may leave the picture,
-    since axes have the range of the others. ``labels`` are units by the names of panels and of the column x.
+    At ``runs``, the values of x where a new run begins, there is a thin line that means do not cross; x must not go back then. ``target``
+    is the set temperature, one number or one per row, NaN where nothing sets it. ``counted`` marks the rows that averages are taken over:
+    in each run, all after some row. Earlier rows are shaded, have no mean, and may leave the plot, as the axes have the range of the
+    counted ones. ``labels`` are units by names of panels and of the column x.
 
-    ParameterError if there is nothing to draw, or columns are no numbers, differ in length, or go back; OutputError if the file
-    cannot be written.
+    ParameterError if there is nothing to plot, or columns are not numeric, differ in length, or go back; OutputError if the file cannot
+    be written.
     """
     if not isinstance(columns, Mapping):
         raise ParameterError(f"expected a mapping of words to rows, not {what_is(columns)}")
@@ -66,7 +66,7 @@ def thermo_picture(
     spans = _spans(data[x], runs)
     mask = np.ones(len(data[x]), bool) if counted is None else np.asarray(counted, bool)
     if mask.shape != data[x].shape:
-        raise ParameterError(f"counted has the shape {mask.shape}; it must say of each of the {len(data[x])} rows whether it counts")
+        raise ParameterError(f"counted has the shape {mask.shape}; it must have one entry for each of the {len(data[x])} rows")
     left_out = [slice(span.start, span.start + int(np.sum(~mask[span]))) for span in spans]
     means = any(span.stop - rows.stop >= LEAST_ROWS for span, rows in zip(spans, left_out, strict=True))
     figure = new_figure(8.0, 0.9 + 1.9 * len(panels))
@@ -95,14 +95,14 @@ def thermo_picture(
     write_picture(path, figure)
 
 
-#: Figures are drawn one at a time, and a fork waits for it: matplotlib has one lock for all, for which the child would wait for ever.
+#: Figures are drawn one at a time, and a fork waits: matplotlib has one lock, which a child forked meanwhile would wait for forever.
 _DRAWING = threading.RLock()
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_DRAWING.acquire, after_in_parent=_DRAWING.release, after_in_child=_DRAWING.release)
 
 
 def new_figure(width: float, height: float) -> Any:
-    """A matplotlib figure of so many inches, outside of its global state."""
+    """A matplotlib figure of this size in inches, outside of matplotlib's global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -138,7 +138,7 @@ def _check(data: Mapping[str, np.ndarray], x: str) -> None:
 
 
 def _panels(data: Mapping[str, np.ndarray]) -> list[tuple[str, dict[str, str]]]:
-    """Panels with at least one column, and those columns with their labels."""
+    """Panels with at least one column, each with its columns and their labels."""
     panels = [(name, {word: label for word, label in words.items() if word in data}) for name, words in PANELS]
     if not any(words for _, words in panels):
         raise ParameterError(f"nothing to draw: none of {', '.join(word for _, words in PANELS for word in words)} is among the columns")
@@ -146,7 +146,7 @@ def _panels(data: Mapping[str, np.ndarray]) -> list[tuple[str, dict[str, str]]]:
 
 
 def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np.ndarray | None:
-    """Target temperature of each row."""
+    """Target temperature of each row, (rows,), or None."""
     if target is None:
         return None
     level = _numbers(target, "target")
@@ -156,12 +156,12 @@ def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np
 
 
 def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
-    """Rows of each run.  The last row of one run and the first row of the next may both be at the x where the next begins; a single row
-    there is the next run's first."""
+    """Rows of each run.  The last row of a run and the first of the next may both be at the x where the next begins; a single row there
+    belongs to the next run."""
     if len(runs) and np.any(np.diff(x) < 0):
         row = int(np.argmax(np.diff(x) < 0)) + 1
         raise ParameterError(
-            f"several runs cannot be drawn against a column that goes back (from {x[row - 1]:g} to {x[row]:g} in row {row})"
+            f"several runs cannot be plotted against a column that goes back (from {x[row - 1]:g} to {x[row]:g} in row {row})"
         )
     edges = [0]
     for start in sorted(runs):
@@ -173,7 +173,7 @@ def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
 
 
 def _sliding_mean(values: np.ndarray, window: int) -> np.ndarray:
-    """Mean over ``window`` rows around each, of which those beyond the ends are missing; NaN rows do not count."""
+    """Mean over the ``window`` rows around each row, or fewer near the ends; NaN rows do not count."""
     good = np.isfinite(values)
     total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
     count = np.concatenate([[0], np.cumsum(good)])
@@ -184,7 +184,7 @@ def _sliding_mean(values: np.ndarray, window: int) -> np.ndarray:
 
 
 def _scale(axis: Any, counted: list[np.ndarray]) -> None:
-    """Give an axis the range of what counts."""
+    """Set the range of an axis to that of the counted rows."""
     values = np.concatenate(counted)
     values = values[np.isfinite(values)]
     if np.ptp(values) if len(values) else 0:
@@ -193,7 +193,7 @@ def _scale(axis: Any, counted: list[np.ndarray]) -> None:
 
 
 def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], left_out: list[slice], label: str, colours, depth: int) -> None:
-    """One column: rows light, sliding means of those that are not left out dark; few rows are dots."""
+    """Draw one column: rows light (as dots if they are few), sliding means of the counted rows dark."""
     dark, light = colours
     few = all(span.stop - span.start <= 60 for span in spans)
     for span, start in zip(spans, (rows.stop for rows in left_out), strict=True):
@@ -209,13 +209,13 @@ def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], left
 
 
 def finish_axis(axis: Any, name: str, legend: bool) -> None:
-    """Label, grid and frame of one panel, and its legend above it."""
+    """Add label, grid and frame to a panel, and its legend above it."""
     axis.set_ylabel(name, fontsize=11)
     axis.tick_params(labelsize=10)
     axis.grid(color="0.92", linewidth=0.7)
     axis.set_axisbelow(True)
     axis.margins(x=0.01, y=0.12)
-    # an offset such as "+1.234e5" above an axis is overlooked
+    # an offset such as "+1.234e5" above an axis is easily overlooked
     if axis.get_yscale() == "linear":
         axis.ticklabel_format(axis="y", useOffset=False)
     for side in ("top", "right"):
@@ -223,11 +223,11 @@ def finish_axis(axis: Any, name: str, legend: bool) -> None:
     if legend:
         handles, texts = axis.get_legend_handles_labels()
         order = sorted(range(len(texts)), key=lambda k: -handles[k].get_zorder())
-        # above the panel, where it covers nothing
+        # above the panel, where it covers no line
         place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "ncols": len(order)}
         axis.legend([handles[k] for k in order], [texts[k] for k in order], fontsize=9.5, frameon=False, **place)
 
 
 def with_unit(name: str, unit: str | None, separator: str = " ") -> str:
-    """Name of an axis with its unit in brackets, if it has one."""
+    """Label of an axis: its name, with the unit in brackets if there is one."""
     return f"{name}{separator}[{unit}]" if unit else name

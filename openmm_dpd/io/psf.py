@@ -11,19 +11,19 @@ from ..base.files import write_whole
 from ..base.geometry import connected
 from ..base.units import to_md
 
-#: Residue and segment name of all beads.  No reader knows "MOL" as an amino acid, nucleotide, water or solvent.
+#: Residue and segment name of all beads.  No reader takes "MOL" for an amino acid, nucleotide, water or solvent.
 RESIDUE, SEGMENT = "MOL", "DPD"
-#: Sections of what this package has not, by what they have.
+#: Sections that this package has no use for, by their content.
 _OTHERS = {"impropers": "!NIMPHI", "cross-terms": "!NCRTERM", "lone pairs": "!NUMLP"}
 
 
 @dataclass(frozen=True, eq=False)
 class Beads:
-    """The content of a PSF file for N beads: names, masses (Da), charges (e), molecule numbers, bonds (B, 2), angles (K, 3) and
-    dihedrals (D, 4) from 0.
+    """Content of a PSF file for N beads: names, masses (Da), charges (e), molecule numbers, and bead indices from 0 of bonds (B, 2),
+    angles (K, 3) and dihedrals (D, 4).
 
-    ``residues`` and ``segments`` are the names of their molecules and segments, ``others`` the numbers of impropers, cross-terms and lone
-    pairs.
+    ``residues`` and ``segments`` are the names of each bead's molecule and segment; ``others`` are the numbers of impropers, cross-terms
+    and lone pairs.
     """
 
     names: list[str]
@@ -50,10 +50,10 @@ def write_psf(
     dihedrals=(),
     residues: Sequence[str] | None = None,
 ) -> None:
-    """Write a topology file with real masses and charges: PSF in NAMD's variant, whose columns are separated by blanks.
+    """Write a topology file with full-precision masses and charges: NAMD's variant of PSF, with columns separated by blanks.
 
-    Read by :func:`load_topology`, mdtraj (which drops the masses), VMD (names of at most 7 characters), MDAnalysis and others.  Fixed
-    columns would cut digits, long names and large indices, and readers of CHARMM's extended columns disagree on their places.
+    It is read by :func:`load_topology`, mdtraj (which drops the masses), VMD (names of at most 7 characters), MDAnalysis and others.  Fixed
+    columns would cut digits, long names and large indices, and readers of CHARMM's extended columns disagree on their positions.
 
     Parameters
     ----------
@@ -62,25 +62,24 @@ def write_psf(
     names : sequence of N str
         Type name of each bead: printable ASCII without blanks.
     masses : (N,) array of masses
-        Da, >= 0; all digits are kept.
+        Masses in Da, >= 0; all digits are kept.
     charges : (N,) array of charges, optional
-        Elementary charges; 0 by default.
+        In elementary charges; 0 by default.
     molecules : (N,) array of int, optional
-        Molecule numbers, >= 0, become residue numbers.  By default beads connected by bonds are a molecule.
+        Molecule numbers, >= 0, written as residue numbers.  By default beads connected by bonds are a molecule.
     bonds : (B, 2) array of int
         Bead indices from 0.
     angles : (K, 3) array of int
-        Bead indices from 0, the vertex in the middle.  :func:`read_psf`, VMD and MDAnalysis read them; mdtraj's topologies have none.
+        Bead indices from 0, with the vertex in the middle.  :func:`read_psf`, VMD and MDAnalysis read them; mdtraj has no angles.
     dihedrals : (D, 4) array of int
-        Bead indices from 0 along three bonds, likewise.
+        Bead indices from 0 along three bonds.  :func:`read_psf`, VMD and MDAnalysis read them; mdtraj has no dihedrals.
     residues : sequence of N str, optional
         Name of the molecule of each bead; ``MOL`` by default.
 
     Raises
     ------
     ParameterError
-        If the lengths differ, a name cannot be written, a mass is negative, a value is not finite, or a bond, angle or dihedral names no
-        bead.
+        If lengths differ, a name cannot be written, a mass is negative, a value is not finite, or an index is out of range.
     OutputError
         If the file cannot be written.
     """
@@ -91,7 +90,7 @@ def write_psf(
     for what, given in (("bead type", numbers), ("name of a molecule,", dict.fromkeys(called))):
         for name in given:
             if not name or not name.isascii() or not name.isprintable() or " " in name:
-                raise ParameterError(f"the {what} {what_is(name)} cannot be in a PSF file; use printable ASCII characters without blanks")
+                raise ParameterError(f"the {what} {what_is(name)} cannot be in a PSF file; use printable ASCII characters, no blanks")
     mass = _per_bead(masses, "mass", "masses", count)
     if np.any(mass < 0):
         raise ParameterError(f"bead {int(np.argmin(mass))} has the mass {mass.min():g}; masses must be >= 0")
@@ -99,7 +98,7 @@ def write_psf(
     pairs = checked_bonds(bonds, count)
     triples, quads = checked_bonds(angles, count, 3), checked_bonds(dihedrals, count, 4)
     molecule = molecule_numbers(molecules, pairs, count)
-    # VMD wants at least 50 characters a line
+    # VMD needs at least 50 characters per line
     atom_lines = [
         f"{bead:10d} {SEGMENT:<8s} {resid:<8d} {kind:<8s} {name:<8s} {numbers[name]:<4d} {q!r:>13s} {m!r:>13s} {0:7d}"
         for bead, (resid, kind, name, q, m) in enumerate(
@@ -119,17 +118,17 @@ def write_psf(
 
 
 def read_psf(path: str | os.PathLike) -> Beads:
-    """Read what :func:`write_psf` wrote, or any other PSF file whose columns are separated by blanks.
+    """Read a PSF file whose columns are separated by blanks, as written by :func:`write_psf` and others.
 
     Raises
     ------
     ParameterError
-        If it is no PSF file or cannot be parsed; the message names file and line.
+        If the file is not a PSF file or cannot be parsed; the message names file and line.
     """
     with open(path, encoding="ascii", errors="replace") as file:
         lines = file.read().splitlines()
     if not lines or not lines[0].startswith("PSF"):
-        raise ParameterError(f"{path} is no PSF file: its first line must begin with PSF")
+        raise ParameterError(f"{path} is not a PSF file: its first line must begin with PSF")
     start, count = _section(lines, "!NATOM", path)
     names: list[str] = []
     residues: list[str] = []
@@ -147,7 +146,7 @@ def read_psf(path: str | os.PathLike) -> Beads:
         except (IndexError, ValueError):
             raise ParameterError(f"{path}:{start + k + 1}: cannot read bead {k + 1} of {count} from this line") from None
     bonds = checked_bonds(_indices(lines, "!NBOND", "bonds", 2, path), count)
-    # VMD may leave sections out that are empty
+    # VMD may leave out empty sections
     angles, dihedrals = (
         checked_bonds(_indices(lines, title, what, width, path) if any(title in line for line in lines) else (), count, width)
         for title, what, width in (("!NTHETA", "angles", 3), ("!NPHI", "dihedrals", 4))
@@ -166,7 +165,7 @@ def _per_bead(values, dimension: str, name: str, count: int) -> np.ndarray:
 
 
 def residue_names(residues: Sequence[str] | None, count: int) -> list[str]:
-    """Name of the molecule of each bead."""
+    """Name of the molecule of each bead; ``MOL`` by default."""
     if residues is None:
         return [RESIDUE] * count
     names = [str(name) for name in residues]
@@ -176,7 +175,7 @@ def residue_names(residues: Sequence[str] | None, count: int) -> list[str]:
 
 
 def checked_bonds(bonds, count: int, width: int = 2) -> np.ndarray:
-    """Bonds (width 2) as a (B, 2) array of indices in range, angles (3) as a (K, 3) array, or dihedrals (4) as a (D, 4) array."""
+    """Bonds (width 2), angles (3) or dihedrals (4) as an array (number, width); ParameterError if an index is out of range or repeated."""
     what, beads, number = {2: ("bonds", "pairs", "two"), 3: ("angles", "triples", "three"), 4: ("dihedrals", "quads", "four")}[width]
     try:
         array = np.asarray(bonds)
@@ -194,14 +193,14 @@ def checked_bonds(bonds, count: int, width: int = 2) -> np.ndarray:
 
 
 def _index_lines(rows: np.ndarray, per_line: int) -> list[str]:
-    """Bead indices from 1, so many bonds, angles or dihedrals in a line."""
+    """Lines of bead indices from 1, with this many bonds, angles or dihedrals per line."""
     flat = [f" {index:9d}" for index in (rows + 1).ravel().tolist()]
     step = per_line * rows.shape[1]
     return ["".join(flat[start : start + step]) for start in range(0, len(flat), step)]
 
 
 def _indices(lines: list[str], title: str, what: str, width: int, path) -> np.ndarray:
-    """Bead indices from 0 of a section, (number, width)."""
+    """Bead indices from 0 in a section, (number, width)."""
     start, number = _section(lines, title, path)
     words: list[str] = []
     while len(words) < width * number and start < len(lines) and lines[start].strip():
@@ -214,7 +213,7 @@ def _indices(lines: list[str], title: str, what: str, width: int, path) -> np.nd
 
 
 def molecule_numbers(molecules, bonds: np.ndarray, count: int) -> np.ndarray:
-    """Molecule numbers, (N,); where none are given, those of the beads connected by bonds, counted from 1."""
+    """Molecule numbers, (N,), >= 0; by default, beads connected by bonds have the same number, from 1."""
     if molecules is None:
         if not len(bonds):
             return np.arange(1, count + 1)
@@ -231,7 +230,7 @@ def molecule_numbers(molecules, bonds: np.ndarray, count: int) -> np.ndarray:
 
 
 def runs(numbers: np.ndarray) -> Iterator[tuple[int, range]]:
-    """Runs of neighbours with the same number: the number and the indices."""
+    """Runs of successive equal numbers: the number and the range of its indices."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1, [len(numbers)]]).tolist()
     for start, stop in zip(edges[:-1], edges[1:], strict=True):
         if stop > start:

@@ -1,4 +1,4 @@
-"""One moment of a scene, to be written."""
+"""One configuration of a scene, to be written to a file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ..model.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """N beads at one moment; nm, ps."""
+    """One configuration of N beads; nm, ps."""
 
-    scene: Scene  #: What does not change
+    scene: Scene  #: Constant properties of the beads
     positions: np.ndarray  #: (N, 3)
     velocities: np.ndarray | None  #: (N, 3) or None
     box: np.ndarray | None  #: (3, 3) or None
@@ -26,8 +26,8 @@ class Snapshot:
 
     @classmethod
     def of(cls, source, state: openmm.State | None = None) -> Snapshot:
-        """Of a Scene or what :func:`openmm_dpd.build` returned; of the state of a run, if one is given.  ParameterError if it is something
-        else, the state has no positions, or is one of other particles."""
+        """Snapshot of a Scene or of a result of :func:`openmm_dpd.build`, at its start or in the state of a run.  ParameterError if the
+        state has no positions or another number of particles, or the source is anything else."""
         scene = scene_of(source)
         if state is None:
             if source is scene:
@@ -35,7 +35,7 @@ class Snapshot:
             velocities = source.velocities.value_in_unit(unit.nanometer / unit.picosecond)
             return cls(scene, source.positions.value_in_unit(unit.nanometer), velocities, scene.box)
         if not isinstance(state, openmm.State):
-            raise ParameterError(f"state must be an openmm.State, as context.getState(positions=True) returns, not {what_is(state)}")
+            raise ParameterError(f"state must be an openmm.State, from context.getState(positions=True), not {what_is(state)}")
         try:
             positions = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         except openmm.OpenMMException:
@@ -54,16 +54,16 @@ class Snapshot:
 
 
 def scene_of(source) -> Scene:
-    """The scene of a Scene, or of what :func:`openmm_dpd.build` returned."""
+    """The scene itself, or that of a result of :func:`openmm_dpd.build`; ParameterError for anything else."""
     scene = source if isinstance(source, Scene) else getattr(getattr(source, "plan", None), "scene", None)
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene or what openmm_dpd.build() returned, not {what_is(source)}")
     if scene is not source and source.plan.host is not None:
-        raise ParameterError("a System made elsewhere has particles that are no beads; OpenMM's reporters write files of it")
+        raise ParameterError("a System made elsewhere has particles that are not beads; use OpenMM's reporters to write it")
     return scene
 
 
 class FrameReporter(Cadence):
-    """Base of reporters that write positions, not folded into the box, and velocities."""
+    """Base of reporters that write unwrapped positions and velocities."""
 
     _INCLUDE, _FOLDED = ("positions", "velocities"), False

@@ -1,11 +1,11 @@
 """Topology files and trajectories in which every bead keeps its own name, mass, charge and bonds.
 
-A PDB file has no masses: whoever reads one takes them from chemical elements guessed from names, so that a bead ``B`` becomes boron and a
-bead ``A`` a massless virtual site.  mdtraj's own PSF reader throws the masses of the file away as well and takes the nearest element.
-Hence PSF files with :func:`load_topology`, which gives each bead an element object of its own.  Beads have the same names in OpenMM's
-Topology, in PSF files and in mdtraj: atoms are called by their types, residues are molecules, and there is one chain.
+A PDB file has no masses: readers take them from chemical elements guessed from names, so that a bead ``B`` becomes boron and a bead ``A``
+a massless virtual site.  mdtraj's own PSF reader also drops the masses of the file, and takes the nearest element.  Hence PSF files with
+:func:`load_topology`, which gives each bead its own element object.  Names agree in OpenMM's Topology, in PSF files and in mdtraj: atoms
+are named after their types, residues are molecules, and there is one chain.
 
-Lengths are nm here and in mdtraj; DCD files hold float32 angstrom, so one reduced length is 10 in the file and 1 again after loading.
+Lengths are in nm here and in mdtraj; DCD files hold float32 angstrom, so one reduced length is 10 in the file and 1 again after loading.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from .psf import SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, resi
 if TYPE_CHECKING:
     import mdtraj
 
-#: Symbol of the elements made here: mdtraj's own for "no element", so that no file written from them can name a chemical one.
+#: Symbol of the elements made here: mdtraj's symbol for "no element", so that no file written from them names a chemical element.
 SYMBOL = "VS"
-#: The one chain of all topologies made here.
+#: Name of the single chain in all topologies made here.
 CHAIN = "A"
 
 
 # -- OpenMM --------------------------------------------------------------------------------------------------------------------
 def short_names(names: Sequence[str], width: int) -> dict[str, str]:
-    """Names of at most ``width`` characters, for files with columns: one to one.
+    """Unique short names of at most ``width`` characters, for files with columns.
 
-    Names that fit stay as they are, if they are printable ASCII without blanks.  Others are cut off, and numbered where that name is taken,
-    in the order in which they appear.
+    Names that fit stay as they are, if they are printable ASCII without blanks.  Others are truncated, and numbered in order of appearance
+    if the truncated name is taken.
 
-    Returns a dictionary from each different one of the names to its short name.
+    Returns a dictionary from each distinct name to its short name.
 
     Examples
     --------
@@ -66,12 +66,12 @@ def short_names(names: Sequence[str], width: int) -> dict[str, str]:
 
 
 def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, residues: Sequence[str] | None = None) -> app.Topology:
-    """Topology of beads without elements, for Simulation and all of OpenMM's reporters and file writers.
+    """OpenMM Topology of beads without elements, for Simulation and all of OpenMM's reporters and file writers.
 
-    Atoms are called by the types of the beads, residues are molecules: the same names as in PSF files (:func:`write_psf`).  A molecule
-    whose beads are apart is several residues with one id.  OpenMM's own readers of PDB and mmCIF files take atoms of equal names in a
-    residue for one; mdtraj reads all of them.  PDB files are written by :func:`openmm_dpd.outputs.write_pdb`: OpenMM's writer cuts names
-    off, and what it writes for no element mdtraj replaces by a guess from the name.
+    Atoms are named after the bead types and residues are molecules, as in PSF files (:func:`write_psf`).  A molecule whose beads are not
+    consecutive is several residues with one id.  OpenMM's readers of PDB and mmCIF files merge atoms of equal names in a residue; mdtraj
+    reads all of them.  Use :func:`openmm_dpd.outputs.write_pdb` for PDB files: OpenMM's writer truncates names, and mdtraj replaces what
+    it writes for no element by a guess from the name.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, re
     bonds : (B, 2) array of int
         Bead indices from 0.
     box : (3,) or (3, 3) array of lengths, optional
-        Edges or box vectors.
+        Edges or box vectors, nm.
     residues : sequence of N str, optional
         Name of the molecule of each bead; ``MOL`` by default.
 
@@ -98,7 +98,7 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, re
     topology = app.Topology()
     chain = topology.addChain(CHAIN)
     atoms = []
-    with nothing_collected():  # to look for garbage among a million atoms takes longer than to make them
+    with nothing_collected():  # garbage collection among a million atoms takes longer than making them
         for number, beads in runs(numbers):
             residue = topology.addResidue(called[beads[0]], chain, id=str(number))
             atoms += [topology.addAtom(names[bead], None, residue) for bead in beads]
@@ -111,22 +111,22 @@ def openmm_topology(names: Sequence[str], molecules=None, bonds=(), box=None, re
 
 
 # -- mdtraj --------------------------------------------------------------------------------------------------------------------
-#: Elements made so far.
+#: Elements made so far, by name, mass and charge.
 _ELEMENTS: dict[tuple[str, float, float], Any] = {}
 
 
 @functools.cache
 def _element_class() -> type:
-    """Class of the elements made here; made on first use, because mdtraj is imported lazily."""
+    """Class of bead elements; defined on first use, because mdtraj is imported lazily."""
     from mdtraj.core.element import Element
 
     class BeadElement(Element):
-        """An element of mdtraj's that is not in its registry, with a charge (e) besides."""
+        """An mdtraj element that is not in mdtraj's registry, and has a charge (e)."""
 
         __slots__ = ()
 
         def __new__(cls, name: str, mass: float, charge: float):
-            # Element's own constructor would enter it into the global tables of elements
+            # Element's own constructor would add it to the global tables of elements
             return tuple.__new__(cls, (0, name, SYMBOL, mass, 0.0, charge))
 
         def __reduce__(self):
@@ -134,26 +134,26 @@ def _element_class() -> type:
 
         @property
         def charge(self) -> float:
-            """Charge in elementary charges."""
+            """Charge of the bead in elementary charges."""
             return tuple.__getitem__(self, 5)
 
     return BeadElement
 
 
 def bead_element(name: str, mass: float, charge: float = 0.0) -> Any:
-    """mdtraj element of a bead with mass (Da) and charge (e); one object for equal arguments, as mdtraj compares elements by identity."""
+    """mdtraj element of a bead with mass (Da) and charge (e); equal arguments give the same object, as mdtraj compares by identity."""
     key = (str(name), float(mass), float(charge))
     # setdefault: one object per key, whichever thread comes first
     return _ELEMENTS.get(key) or _ELEMENTS.setdefault(key, _element_class()(*key))
 
 
 def load_topology(path: str | os.PathLike) -> mdtraj.Topology:
-    """mdtraj topology of a PSF file, with the masses and charges in it.
+    """mdtraj topology of a PSF file, with its masses and charges.
 
-    ``atom.name`` is the bead's type as it was written, ``atom.element.mass`` its mass (Da), ``atom.element.charge`` its charge (e).  Each
-    run of beads of one molecule is a residue, whose ``resSeq`` is the molecule number and whose name is the molecule's.  Elements are not
-    in mdtraj's registry and have the symbol of a virtual site: formats that store symbols instead of masses (PDB, HDF5) lose the masses
-    but never invent an element.  For OpenMM use :func:`openmm_topology`, not mdtraj's ``to_openmm``, which knows chemical elements only.
+    ``atom.name`` is the bead's type as written, ``atom.element.mass`` its mass (Da), ``atom.element.charge`` its charge (e).  Each run of
+    beads of one molecule is a residue with the name and number (``resSeq``) of the molecule.  Elements are not in mdtraj's registry and
+    have the symbol of a virtual site: formats that store symbols instead of masses (PDB, HDF5) lose the masses but never invent an
+    element.  For OpenMM use :func:`openmm_topology`, not mdtraj's ``to_openmm``, which knows chemical elements only.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def load_topology(path: str | os.PathLike) -> mdtraj.Topology:
 
 
 def mdtraj_topology(beads: Beads) -> mdtraj.Topology:
-    """mdtraj topology of what :func:`read_psf` read, as :func:`load_topology` describes it."""
+    """mdtraj topology from the content of a PSF file (:func:`read_psf`), as :func:`load_topology` describes it."""
     from mdtraj import Topology
 
     topology = Topology()
@@ -196,9 +196,9 @@ def load(
     traj_path : path-like
         ``.dcd`` or ``.xtc``.
     top_path : path-like or mdtraj.Topology
-        PSF file, or what :func:`load_topology` made of it (saves time with several trajectories).
+        PSF file, or its topology from :func:`load_topology` (saves time with several trajectories).
     stride, atom_indices, frame : optional
-        As for ``mdtraj.load``: every so many frames, these beads only, this frame only.
+        Arguments of ``mdtraj.load``: every ``stride``-th frame, these beads only, this frame only.
 
     Returns
     -------
@@ -208,7 +208,7 @@ def load(
     Raises
     ------
     ParameterError
-        If the format is another one, or the numbers of beads differ.
+        If the format is not supported, or the numbers of beads differ.
     """
     import mdtraj
 
@@ -230,10 +230,10 @@ def load(
 
 
 def compute_rg(trajectory: mdtraj.Trajectory) -> np.ndarray:
-    r"""Radius of gyration (nm) about the centre of mass, Rg^2 = sum m |r - r_com|^2 / sum m, of all beads of a trajectory, (frames,).
+    r"""Radius of gyration (nm) of all beads about their centre of mass, Rg^2 = sum m |r - r_com|^2 / sum m, (frames,).
 
-    ``mdtraj.compute_rg(..., masses)`` weighs the squares with the masses but takes the distances from the geometric centre, which gives
-    another, larger number unless all masses are equal.  Molecules must be whole (``trajectory.atom_slice``, ``make_molecules_whole``).
+    ``mdtraj.compute_rg(..., masses)`` weights the squares with the masses but measures distances from the geometric centre, so it returns
+    a larger number unless all masses are equal.  Molecules must be whole (``trajectory.atom_slice``, ``make_molecules_whole``).
     """
     masses = bead_masses(trajectory.topology)
     weights = masses / masses.sum()

@@ -1,4 +1,4 @@
-"""Beads in a notebook, with nglview."""
+"""View beads in a notebook, with nglview."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,21 +11,21 @@ from ..model.scene import Scene
 from .pdb import pdb_text
 from .snapshot import Snapshot, scene_of
 
-#: Colours of the types in their order: those of matplotlib, and again from the first one.
+#: Colours of the types in their order, those of matplotlib; repeated if there are more types.
 _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
 
 
 def view(source, *, state=None, radii=None):
-    """A widget of nglview: a sphere for each bead, coloured by its type, sticks for bonds, and the edges of the box.
+    """nglview widget with a sphere for each bead, coloured by type, sticks for bonds, and the edges of the box.
 
     Parameters
     ----------
     source : BuiltSystem or Scene
-        What :func:`openmm_dpd.build` returned, or a scene, of up to 99,999 beads.
+        A scene, or the result of :func:`openmm_dpd.build`, with at most 99,999 beads.
     state : openmm.State, optional
         Positions and box of a run, ``context.getState(positions=True)``; by default those of the start.
     radii : length, or mapping of types to lengths, optional
-        Radii of the beads; by default a quarter of the cutoff of their type with itself.  0 hides a type.
+        Radii of the beads; by default a quarter of the cutoff between beads of the type.  0 hides a type.
 
     Returns
     -------
@@ -34,8 +34,8 @@ def view(source, *, state=None, radii=None):
     Raises
     ------
     ParameterError
-        If nglview is not installed, a radius is negative, missing or of no type, or the beads do not fit into a PDB file, as which
-        nglview gets them.
+        If nglview is not installed, a radius is negative, missing or of an unknown type, or the beads do not fit into the PDB file that
+        is passed to nglview.
     """
     nglview = optional_package("nglview", "view", "the view in a notebook needs")
     scene = scene_of(source)
@@ -58,7 +58,7 @@ def view(source, *, state=None, radii=None):
 
 
 def _selection(beads: np.ndarray) -> str:
-    """Beads in NGL's language, whose names of atoms are capital letters only."""
+    """NGL selection of beads, by index: atom names in selections are upper case only."""
     return "@" + ",".join(map(str, beads.tolist()))
 
 

@@ -216,7 +216,7 @@ def test_what_cannot_be_written(tmp_path, change, message):
 
 def test_broken_files_name_the_line(psf):
     lines = psf.read_text().splitlines()
-    raises(ParameterError, "no PSF file", lambda: load_topology(put(psf, "CRYST1\n")))
+    raises(ParameterError, "not a PSF file", lambda: load_topology(put(psf, "CRYST1\n")))
     number = next(k for k, line in enumerate(lines) if "!NATOM" in line)
     broken = [*lines]
     broken[number + 3] = broken[number + 3][:40]

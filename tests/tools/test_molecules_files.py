@@ -153,7 +153,7 @@ def test_tilted_boxes_and_openmm(tmp_path):
 
 @pytest.mark.parametrize(
     ("x", "count", "message"),
-    [(-100.0, 1, "bead 0 is at x = -100 nm"), (1000.0, 2, "bead 0 is at x = 1000 nm"), (0.0, 100_000, "up to 99999 beads")],
+    [(-100.0, 1, "bead 0 is at x = -100 nm"), (1000.0, 2, "bead 0 is at x = 1000 nm"), (0.0, 100_000, "at most 99999 beads")],
 )
 def test_what_does_not_fit_into_a_pdb_file(tmp_path, x, count, message):
     scene = dpd.Scene({"B": 1}, ["B"] * count, np.full((count, 3), x), PAIRS, kT=1)

@@ -121,7 +121,7 @@ def test_beads_beside_atoms_are_refused(tmp_path):
     for _ in range(60):
         system.addParticle(40.0)
     built = dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
-    raises(ParameterError, "a System made elsewhere has particles that are no beads", lambda: write_xyz(tmp_path / "x.xyz", built))
+    raises(ParameterError, "a System made elsewhere has particles that are not beads", lambda: write_xyz(tmp_path / "x.xyz", built))
 
 
 def bare_frame(hoomd):

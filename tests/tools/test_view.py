@@ -98,7 +98,7 @@ SHOWN = {
 
 def test_what_is_shown():
     sample = dpd.Observer(BUILT).sample(BUILT.simulation().context)
-    for shown, words in [*SHOWN.values(), (sample, ("step 0", "375 beads", "kT = 1,"))]:
+    for shown, words in [*SHOWN.values(), (sample, ("step 0", "375 mobile beads", "kT = 1,"))]:
         text = repr(shown)
         assert len(text) < 200 and "\n" not in text
         assert all(word in text for word in words), text
