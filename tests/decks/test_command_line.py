@@ -212,7 +212,7 @@ def test_places_that_cannot_be_written_are_found_before_anything_is_computed(dec
     monkeypatch.chdir(deck.parent)
     Path("folder").mkdir()
     Path("file").write_text("")
-    monkeypatch.setattr("openmm_dpd.lammps.run.main.read_deck", lambda *_, **__: pytest.fail("the deck was read"))
+    monkeypatch.setattr("openmm_dpd.lammps.run.main.open_deck", lambda *_, **__: pytest.fail("the deck was read"))
     assert main([command, str(deck), option, target, *(["--quiet"] if command == "run" else [])]) == 1
     error = capsys.readouterr().err
     assert error.startswith(f"openmm-dpd: error: {option}: ") and error.count("\n") == 1

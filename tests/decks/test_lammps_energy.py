@@ -286,7 +286,7 @@ def test_errors_name_file_and_line(tmp_path, text, message):
 def run(tmp_path, text: str, **options):
     path = put(tmp_path / "in.run", text)
     runner = DeckRunner(RunOptions(platform="Reference", threads=1, **options))
-    return read_deck(path, run_callback=runner, output=tmp_path), runner
+    return read_deck(path, run_callback=runner.carry_out, output=tmp_path), runner
 
 
 def test_pressures_that_change_are_refused_by_run_and_explain(tmp_path):

@@ -42,7 +42,7 @@ def deck(text: str, boundary: str = "p p p", units: str = "lj") -> str:
 def ours(tmp_path, text: str):
     (tmp_path / "in.deck").write_text(text)
     runner = DeckRunner(RunOptions(platform="Reference", threads=1, conservative="openmm"))
-    return read_deck(tmp_path / "in.deck", run_callback=runner, output=tmp_path), runner
+    return read_deck(tmp_path / "in.deck", run_callback=runner.carry_out, output=tmp_path), runner
 
 
 def first_scene(tmp_path, text: str):

@@ -336,7 +336,7 @@ def test_energies_of_the_example_decks_are_those_of_lammps(tmp_path, name):
     text = physics(name)
     (tmp_path / "in.deck").write_text(text)
     runner = DeckRunner(RunOptions(platform="CPU", threads=1))
-    state = read_deck(tmp_path / "in.deck", run_callback=runner, output=tmp_path)
+    state = read_deck(tmp_path / "in.deck", run_callback=runner.carry_out, output=tmp_path)
     (tmp_path / "data.ours").write_text("\n".join(data_file_lines(state, pair=None)) + "\n")
     ours = {word: runner.results[0].rows[word][0] for word in ("pe", "ke", "press")}
     with lammps_peer.instance() as lmp:

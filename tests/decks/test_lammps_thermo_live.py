@@ -26,7 +26,8 @@ def both(folder: Path, text: str, platform: str = "Reference") -> tuple[list[str
         lmp.command("log none")
     found.append(table((folder / "theirs" / "log").read_text().splitlines()))
     path, lines = folder / "in.ours", []
-    read_deck(put(path, text), run_callback=DeckRunner(RunOptions(platform=platform, threads=1), lines.append), output=folder / "ours")
+    runner = DeckRunner(RunOptions(platform=platform, threads=1), lines.append)
+    read_deck(put(path, text), run_callback=runner.carry_out, output=folder / "ours")
     found.append(table("\n".join(lines).splitlines()))
     return found[0], found[1]
 

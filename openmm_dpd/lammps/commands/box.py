@@ -208,7 +208,7 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
 
 
 def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
-    handlers: dict[str, Callable[[list[str]], None]] = {
+    handlers: dict[str, Callable[[list[str]], object]] = {
         "Pair Coeffs": lambda words: COMMANDS["pair_coeff"](state, [words[0], *words]),
         "PairIJ Coeffs": lambda words: COMMANDS["pair_coeff"](state, words),
         **{f"{what.capitalize()} Coeffs": partial(COMMANDS[f"{what}_coeff"], state) for what in JOINED},

@@ -1,6 +1,6 @@
 """The table of commands, and those that come before the beads: units, dimension, boundary, atom_style, and what has no meaning here."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,9 @@ from ..language.arguments import INSTEAD
 from ..state.deck_state import DeckState
 from ..state.records import MIN_STYLES, NORMS
 
-Handler = Callable[[Any, list[str]], None]
-#: Every command of a deck: from the state and the words after its name.  Another command is another function with :func:`command`.
+Handler = Callable[[Any, list[str]], Iterator[Any] | None]
+#: Every command of a deck: from the state and the words after its name.  Another command is another function with :func:`command`; one that
+#: begins runs yields their requests (:class:`openmm_dpd.lammps.run.request.RunRequest`).
 COMMANDS: dict[str, Handler] = {}
 #: Those about interactions, which ``DeckState.setup`` remembers once they are carried out; restart files repeat them.
 REMEMBERED: dict[str, Handler] = {}
@@ -28,14 +29,15 @@ def command(
     name = usage.split()[0]
 
     def enter(handler: Handler) -> Handler:
-        def carry_out(state: DeckState, args: list[str]) -> None:
+        def carry_out(state: DeckState, args: list[str]) -> Iterator[Any] | None:
             read.count(args, usage, least, most)
             if box is not None:
                 (state.require_box if box else state.refuse_box)(name)
             words = list(args)
-            handler(state, args)
+            requests = handler(state, args)
             if remembered:
                 state.setup.append((name, words))
+            return requests
 
         COMMANDS[name] = carry_out
         if remembered:

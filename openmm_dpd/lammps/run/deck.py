@@ -1,7 +1,12 @@
-"""The driver: reads a deck line by line and looks each command up in a table."""
+"""The driver: reads a deck line by line and looks each command up in a table.
+
+:func:`deck_runs` yields a request for each run and minimisation that the deck comes to, and goes on with the next line when it is carried
+out: commands that can begin a run are generators.
+"""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +19,7 @@ from ..commands.setup import COMMANDS, command
 from ..language import arguments as read
 from ..language.arguments import INSTEAD
 from ..language.expressions import condition_holds
-from ..language.lexer import Line, Script, split_words, strip_comment
+from ..language.lexer import Line, Script, located, split_words, strip_comment
 from ..language.variables import Variables
 from ..scene.flow import held_beads
 from ..scene.integration import Integration, integration
@@ -30,14 +35,14 @@ MOST_INCLUDES = 100
 
 
 @command("include file", 1)
-def include(deck: DeckState, args: list[str]) -> None:
+def include(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     path = deck.find_file(args[0])
     if len(deck.scripts) > MOST_INCLUDES:
         raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
     if path.resolve() in [script.path.resolve() for script in deck.scripts]:
         raise ParameterError(f"include '{args[0]}': this file is being read already, it would include itself without end")
     outer = deck.here
-    execute_file(deck, path)
+    yield from execute_file(deck, path)
     deck.here = outer
 
 
@@ -73,7 +78,7 @@ def next_(deck: DeckState, args: list[str]) -> None:
 
 
 @command("if", 0, None)
-def if_(deck: DeckState, args: list[str]) -> None:
+def if_(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     """``if condition then command ... [elif condition command ...] [else command ...]``."""
     usage = "if condition then command ... elif condition command ... else command ..."
     read.count(args, usage, 3, None)
@@ -83,7 +88,7 @@ def if_(deck: DeckState, args: list[str]) -> None:
         # a condition in quotes has its variables still
         if condition is None or condition_holds(output.expand(deck, condition)):
             for text in commands:
-                execute_text(deck, text)
+                yield from execute_text(deck, text)
             return
 
 
@@ -103,7 +108,7 @@ def _branches(args: list[str]) -> list[tuple[str | None, list[str]]]:
 
 
 @command("run N ...", 0, None)
-def run_command(deck: DeckState, args: list[str]) -> None:
+def run_command(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     """``run N [upto] [start N] [stop N] [pre yes|no] [post yes|no] [every M command ... | every M NULL]``."""
     at = args.index("every") if "every" in args else len(args)
     commands = args[at + 2 :]
@@ -111,16 +116,16 @@ def run_command(deck: DeckState, args: list[str]) -> None:
         raise ParameterError("expected 'run N ... every M \"command\" ...' or 'every M NULL'")
     steps, begin, end = _extent(deck, args[:at])
     if at == len(args):
-        _run(deck, steps, begin, end)
+        yield from _run(deck, steps, begin, end)
         return
     every = read.integer(args[at + 1], "every", 1)
     last = deck.step + steps
     while True:
         # as in LAMMPS each piece is a run with ramps of its own, unless start and stop say otherwise
-        _run(deck, min(every, last - deck.step), begin, end)
+        yield from _run(deck, min(every, last - deck.step), begin, end)
         where = deck.here
         for text in commands if commands != ["NULL"] else []:
-            execute_text(deck, text)
+            yield from execute_text(deck, text)
             deck.here = where
         if deck.finished or deck.step >= last:
             return
@@ -152,25 +157,20 @@ def _extent(deck: DeckState, args: list[str]) -> tuple[int, int | None, int | No
     return steps, begin, end
 
 
-def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> None:
-    """Hand one run over."""
+def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> Iterator[RunRequest]:
+    """Hand one run over, and count it once it is carried out."""
     deck.settle("run")
     request = RunRequest.of(deck, steps, integration(deck), begin, end)
     if deck.first_run is None:
         deck.first_run = request
-    if deck.stop_before_first_run:
-        deck.finished = True
-        return
-    request.scene()  # everything that is missing or wrong is reported before anything is computed
-    if deck.run_callback is not None:
-        deck.run_callback(request)
+    yield request
     if deck.step == request.first_step:
-        deck.step = request.last_step  # the callback did not call finish
+        deck.step = request.last_step  # nobody called finish
     deck.runs += 1
 
 
 @command("minimize etol ftol maxiter maxeval", 4, box=True)
-def minimize(deck: DeckState, args: list[str]) -> None:
+def minimize(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     """``minimize etol ftol maxiter maxeval``: all beads move, also without an integrating fix, but for those that fix setforce holds."""
     if deck.pair.where is None:
         raise ParameterError("minimize needs a pair_style before it")
@@ -179,7 +179,7 @@ def minimize(deck: DeckState, args: list[str]) -> None:
     if deck.min_style == "hftn" and deck.force_norm == "max":
         raise ParameterError("min_style hftn knows no 'min_modify norm max', as in LAMMPS; say norm two or inf")
     rule = StoppingRule(etol, ftol, most, evaluations, deck.force_norm)
-    if deck.run_callback is None:
+    if not deck.carried_out:
         note = "minimize is not carried out here: beads stay where they are, as before it"
         deck.note(note)
         _LOGGER.warning("%s:%d: %s", *((deck.here.file, deck.here.number) if deck.here else (deck.path, 0)), note)
@@ -187,20 +187,31 @@ def minimize(deck: DeckState, args: list[str]) -> None:
     deck.settle("minimize")
     if deck.min_style in DAMPED:
         deck.atoms.velocities = np.zeros_like(deck.atoms.velocities)
-    deck.run_callback(replace(RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck))), minimization=rule))
+    yield replace(RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck))), minimization=rule)
 
 
-def execute_text(deck: DeckState, text: str) -> None:
+def execute_text(deck: DeckState, text: str) -> Iterator[RunRequest]:
     """Carry out a command that is an argument of another one; errors have the line of that."""
     assert deck.here is not None
     if not deck.finished:
-        execute(deck, replace(deck.here, text=strip_comment(text)))
+        yield from execute(deck, replace(deck.here, text=strip_comment(text)))
 
 
-def execute(deck: DeckState, line: Line) -> None:
+@contextmanager
+def at_line(line: Line | None) -> Iterator[None]:
+    """A block that carries out a line: what the line asks for and cannot be done is a DeckError with its file and number."""
+    try:
+        yield
+    except (DeckError, ParameterError, OutputError, OSError) as error:
+        if isinstance(error, DeckError) and error.file is not None:
+            raise
+        raise located(line, str(error)) from None
+
+
+def execute(deck: DeckState, line: Line) -> Iterator[RunRequest]:
     """Carry out one logical line; DeckError with its file and number for unknown commands and what the command does not accept."""
     deck.here = line
-    try:
+    with at_line(line):
         words = split_words(output.expand(deck, line.text))
         if not words:
             return
@@ -208,21 +219,39 @@ def execute(deck: DeckState, line: Line) -> None:
             raise ParameterError(f"{words[0]}: {INSTEAD[words[0]]}")
         if words[0] not in COMMANDS:
             raise ParameterError(f"unknown or unsupported command '{words[0]}'{read.near(words[0], COMMANDS)}")
-        COMMANDS[words[0]](deck, words[1:])
-    except DeckError as error:
-        if error.file is None:
-            raise DeckError(error.message, line.file, line.number) from None
-        raise
-    except (ParameterError, OutputError, OSError) as error:
-        raise DeckError(str(error), line.file, line.number) from None
+        yield from COMMANDS[words[0]](deck, words[1:]) or ()
 
 
-def execute_file(deck: DeckState, path: Path) -> None:
+def execute_file(deck: DeckState, path: Path) -> Iterator[RunRequest]:
     """Carry out every line of a file, and of those that it jumps to."""
     deck.scripts.append(Script(path))
     while not deck.finished and (line := deck.scripts[-1].take()) is not None:
-        execute(deck, line)
+        yield from execute(deck, line)
     deck.scripts.pop()
+
+
+@contextmanager
+def open_deck(
+    path: Path, variables: Mapping[str, str] | None, output: Path, log: Callable[[str], None], *, carried_out: bool
+) -> Iterator[DeckState]:
+    """A deck of which no line has been read, whose files are closed in the end; see :func:`read_deck`.  ``carried_out``: its runs will be,
+    and what it writes is written."""
+    deck = DeckState(path, variables=Variables(dict(variables or {})), output=output, log=log, carried_out=carried_out)
+    deck.inputs[str(path.resolve())] = digest(path)
+    try:
+        with read_by(deck):
+            yield deck
+    finally:
+        for dump in deck.dumps.values():
+            dump.close()
+
+
+def deck_runs(deck: DeckState) -> Iterator[RunRequest]:
+    """Carry out a deck, and yield a request for each run and minimisation; when the next one is asked for, the last one has been carried
+    out.  DeckError if the deck has no run."""
+    yield from execute_file(deck, deck.path)
+    if deck.first_run is None:
+        raise DeckError("the deck has no run command; put one at its end, such as 'run 0' after minimize", str(deck.path))
 
 
 def read_deck(
@@ -234,14 +263,14 @@ def read_deck(
     output: str | Path = ".",
     log: Callable[[str], None] = lambda text: None,
 ) -> DeckState:
-    """Read a LAMMPS deck and carry it out, leaving the simulation itself to a callback.
+    """Read a LAMMPS deck and carry it out, but for the simulation itself, which ``run_callback`` may do.
 
     Parameters
     ----------
     path : str or Path
         The deck.  Files it names are looked for beside it first, then in the working directory.
     run_callback : callable, optional
-        Called with a :class:`RunRequest` for every ``run`` command.
+        Called with a :class:`RunRequest` for every ``run`` and ``minimize`` that the deck comes to.
     variables : mapping of str to str, optional
         Index-style variables set from outside (LAMMPS: ``-var name value``); they win over the deck's.
     stop_before_first_run : bool, default False
@@ -261,19 +290,16 @@ def read_deck(
     DeckError
         With file and line, for anything unknown, unsupported, missing or out of bounds.
     """
-    path = Path(path)
-    deck = DeckState(path, variables=Variables(dict(variables or {})), output=Path(output), log=log)
-    deck.inputs[str(path.resolve())] = digest(path)
-    deck.run_callback, deck.stop_before_first_run = run_callback, stop_before_first_run
-    try:
-        with read_by(deck):
-            execute_file(deck, path)
-    finally:
-        for dump in deck.dumps.values():
-            dump.close()
+    with open_deck(Path(path), variables, Path(output), log, carried_out=run_callback is not None) as deck:
+        for request in execute_file(deck, deck.path) if stop_before_first_run else deck_runs(deck):
+            if stop_before_first_run and deck.first_run is request:
+                return deck
+            with at_line(request.where):
+                if request.minimization is None:
+                    request.scene()  # what is missing or wrong is reported, whatever the caller does
+                if run_callback is not None:
+                    run_callback(request)
     if deck.first_run is None:
-        if not stop_before_first_run:
-            raise DeckError("the deck has no run command; put one at its end, such as 'run 0' after minimize", str(path))
         if deck.box is None:
             raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
         deck.first_run = RunRequest.of(deck, 0, integration(deck))

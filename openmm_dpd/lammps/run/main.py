@@ -21,7 +21,7 @@ from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
 from .building import build_request, connect_barostat
 from .checkpoint import Checkpoints
-from .deck import read_deck
+from .deck import deck_runs, open_deck
 from .options import RunOptions, first_request
 from .result import RunResult, averages_text, results_json
 from .runner import DeckRunner
@@ -150,10 +150,13 @@ def run_deck(
 
 
 def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
-    """Read the deck with its runs; the report."""
+    """Read the deck, and carry out each run that it comes to; the report."""
     signals = runner.signals
     try:
-        runner.say_notes(read_deck(path, run_callback=runner, variables=runner.variables, output=folder or Path("."), log=runner.log))
+        with open_deck(path, runner.variables, folder or Path("."), runner.log, carried_out=True) as deck:
+            for request in deck_runs(deck):
+                runner.carry_out(request)
+        runner.say_notes(deck)
         runner.log(averages_text(runner.results))
         signals.end()
     except BaseException as error:

@@ -23,7 +23,7 @@ from ..state.records import NO_SLIDE, DeckSample, PressureControl, Slide, Stoppi
 class RunRequest:
     """One run of a deck: how its beads are moved, and for how long.
 
-    The callback of :func:`~openmm_dpd.lammps.read_deck` gets it, steps the scene, and calls :meth:`finish`.
+    Whoever carries it out steps the scene and calls :meth:`finish` (:class:`~openmm_dpd.lammps.run.runner.DeckRunner`).
     """
 
     scheme: str  #: ``mvv`` or ``shardlow``

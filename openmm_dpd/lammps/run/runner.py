@@ -19,6 +19,7 @@ from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
 from .building import build_request, connect_barostat
 from .checkpoint import Checkpoints, Latest, recall, recorded, to_bytes
+from .deck import at_line
 from .minimizing import carry_out_minimization
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
@@ -30,7 +31,7 @@ _LOGGER = logging.getLogger("openmm_dpd")
 
 
 class DeckRunner:
-    """The callback of :func:`openmm_dpd.lammps.read_deck`: steps each run, prints thermo rows, writes trajectories and checkpoints.
+    """Carries out the runs of a deck: takes their steps, prints thermo rows, writes trajectories and checkpoints.
 
     ``log`` takes lines of thermo output and remarks; nothing is written without the folder ``out``.  ``progress(total, done)`` returns an
     object with ``update(steps)`` and ``close()``, such as a tqdm bar; ``signals`` may end a run early.  ``variables`` are those of the
@@ -56,16 +57,31 @@ class DeckRunner:
         self._notes = 0
         set_threads(options.threads)
 
-    def __call__(self, request: RunRequest) -> None:
-        """Carry out one run, or recall it."""
+    def carry_out(self, request: RunRequest) -> None:
+        """Carry out one run or minimisation, or recall it; DeckError, at the line of the command, if it cannot be done."""
+        with at_line(request.where):
+            if request.minimization is None:
+                self._run(overridden(request, self.options))
+            else:
+                self.say_notes(request.state)
+                with self.signals.later():
+                    carry_out_minimization(request, request.minimization, self.options, self.log)
+                self.signals.check()
+
+    def close(self) -> None:
+        """Close the trajectory."""
+        if self.trajectory is not None:
+            self.trajectory.close()
+
+    def say_notes(self, state: DeckState) -> None:
+        """Log the remarks that are new."""
+        for note in state.notes[self._notes :]:
+            self.log(f"note: {note}")
+        self._notes = len(state.notes)
+
+    # -- one run ------------------------------------------------------------------------------------------------------------------
+    def _run(self, request: RunRequest) -> None:
         options, state, latest = self.options, request.state, self.latest
-        if request.minimization is not None:
-            self.say_notes(state)
-            with self.signals.later():
-                carry_out_minimization(request, request.minimization, options, self.log)
-            self.signals.check()
-            return
-        request = overridden(request, options)
         if latest is not None and request.number < latest.runs:
             self._recall(request, latest)
             return
@@ -89,7 +105,7 @@ class DeckRunner:
         result = self._result(request, simulation, present)
         self.results.append(result)
         with self.signals.later():
-            self._carry_out(request, scene, simulation, built, result, present)
+            self._take_steps(request, scene, simulation, built, result, present)
             if COUNTER in simulation.context.getParameters():
                 state.noise_counter = simulation.context.getParameter(COUNTER)
             self._keep(request, result)
@@ -98,19 +114,7 @@ class DeckRunner:
             _LOGGER.warning("%s%s", _where(request), result.temperature_warning)
         self.log(result.speed())
 
-    def close(self) -> None:
-        """Close the trajectory."""
-        if self.trajectory is not None:
-            self.trajectory.close()
-
-    def say_notes(self, state: DeckState) -> None:
-        """Log the remarks that are new."""
-        for note in state.notes[self._notes :]:
-            self.log(f"note: {note}")
-        self._notes = len(state.notes)
-
-    # -- one run ------------------------------------------------------------------------------------------------------------------
-    def _carry_out(self, request: RunRequest, scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, present) -> None:
+    def _take_steps(self, request: RunRequest, scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, present) -> None:
         """Take the steps; if anything ends them early, the result and the state of the last step are kept."""
         first = request.first_step if present is None else present["step"]
         bar = self.progress(request.steps, first - request.first_step) if self.progress else None

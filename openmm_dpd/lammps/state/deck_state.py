@@ -92,8 +92,7 @@ class DeckState:
     last_sample: DeckSample | None = None  #: The last row of the last run, for formulas evaluated between runs
     here: Line | None = None
     output: Path = field(default_factory=Path)
-    run_callback: Callable[[Any], None] | None = None  #: Called with the RunRequest of every run
-    stop_before_first_run: bool = False  #: Whether reading ends there
+    carried_out: bool = False  #: Whether runs are carried out, so that the files of fixes and dumps are made
     first_run: Any = None  #: RunRequest of the first run, once it is reached
     finished: bool = False  #: Whether the rest of the deck is not read
     scripts: list[Script] = field(default_factory=list)  #: The deck and the files whose include is being carried out, and the place in each
@@ -102,11 +101,6 @@ class DeckState:
     inputs: dict[str, str] = field(default_factory=dict)  #: Checksums of the files that it has read, as they were then
 
     # -- questions -----------------------------------------------------------------------------------------------------------
-    @property
-    def carried_out(self) -> bool:
-        """Whether runs are carried out, so that the files of fixes and dumps are made."""
-        return self.run_callback is not None
-
     def require_box(self, command: str) -> Box:
         """The box; ParameterError if it does not exist yet."""
         if self.box is None:
