@@ -229,13 +229,13 @@ def make_plan(
     """
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
+    resolved = [table.resolve(scene.type_names) for table in scene.tables]
+    tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
     chosen = scheme_of(scheme)
     step, lam, key = checked_step(dt), checked_lam(lam, chosen), checked_seed(seed)
     platform = platform_name(platform) or (fastest_platform() if host is None else None)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {what_is(conservative)}")
-    resolved = [table.resolve(scene.type_names) for table in scene.tables]
-    tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
     check_cutoffs(scene.box, tables)
     layers = [table for table in tables if resolved_kind(table).overlay is None]
     overlays = [table for table in tables if resolved_kind(table).overlay is not None]
@@ -249,7 +249,7 @@ def make_plan(
             f"`interacting` takes forces from beads, but the pair updates of scheme {chosen.name!r} change velocities without forces; "
             f"only scheme={predicting()} can do that"
         )
-    exceptions, charge_exceptions = neighbour_factors(scene)
+    (exceptions, charge_exceptions), reach = neighbour_factors(scene), longest(layers)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
@@ -259,11 +259,11 @@ def make_plan(
     only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
     engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, driven)
     on_device = engine_name == DEVICE.name
-    faster = double or on_device or not listed(platform, scene.box, longest(layers))
+    faster = double or on_device or not listed(platform, scene.box, reach)
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
     carriers = [kind for kind in kinds if kind.fields is not None]
     fields = carriers[0].fields_of(scene) if carriers else None
-    choices = field_options(scene, fields, longest(layers), double, lam) | ({"field_names": carriers[0].field_text} if carriers else {})
+    choices = field_options(scene, fields, reach, double, lam) | ({"field_names": carriers[0].field_text} if carriers else {})
     no_loop = "the device does them" if on_device else None
     no_loop = no_loop or why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
     if driven and no_loop is not None:
