@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from openmm_dpd.advice.transport_steps import MEASURED, TransportTable
+from openmm_dpd.advice.stability_table import MEASURED, TransportTable
 
 from .page import MEASURES, error_text, step_text, table, update, word_of
 from .summary import BOUND, EVERY, ratio, step_of

@@ -13,8 +13,7 @@ from ..plan.plan import make_plan
 from ..simulation.mixed_system import MixedSystem
 from .bonded_modes import Modes, bonded_modes, why_no_step
 from .scene_groups import charge_frequency, groups, is_many_body, steps_table, surroundings
-from .stability_table import LEVELS, SAFE, Groups, StabilityTable
-from .transport_steps import MEASURED, MeasuredStep, shipped_transport
+from .stability_table import LEVELS, MEASURED, SAFE, Groups, MeasuredStep, StabilityTable, shipped_transport
 
 #: Smallest error that may be asked for; below, no table could have measured it.
 SMALLEST = 1e-4

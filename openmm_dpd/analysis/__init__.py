@@ -11,7 +11,6 @@ from .diffusion import (
     velocity_autocorrelation as velocity_autocorrelation,
 )
 from .frames import read_velocities as read_velocities
-from .interfaces import surface_tension as surface_tension
 from .membranes import (
     BendingModulus as BendingModulus,
     HeightSpectrum as HeightSpectrum,
@@ -26,6 +25,7 @@ from .rheology import (
     ShearViscosity as ShearViscosity,
     shear_moduli as shear_moduli,
     shear_viscosity as shear_viscosity,
+    surface_tension as surface_tension,
 )
 from .structure import radial_distribution as radial_distribution, structure_factor as structure_factor
 from .viscosity import (

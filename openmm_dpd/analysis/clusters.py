@@ -9,8 +9,7 @@ from ..base.errors import ParameterError, what_is
 from ..base.geometry import connected, pairs_within
 from ..base.stats import Average, ratio_average
 from ..base.units import whole_number
-from .frames import Beads, Trajectories, frames_of, positive_number, selected
-from .unwrapping import molecule_labels
+from .frames import Beads, Trajectories, frames_of, molecule_labels, positive_number, selected
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,16 +1,36 @@
-"""One configuration of a scene, to be written to a file."""
+"""One configuration of a scene, to be written to a file; PDB files; how often reporters write."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.cadence import Cadence
 from ..base.errors import ParameterError, what_is
+from ..base.files import write_whole
+from ..base.units import whole_number
 from ..model.scene import Scene
+from .psf import SEGMENT, molecule_numbers, residue_names
+from .trajectory import CHAIN, SYMBOL, short_names
+
+
+class Cadence:
+    """Base of reporters: a report every ``interval`` steps; ``what`` comes then, for the error."""
+
+    #: Parts of the State that OpenMM hands over, and whether their positions are folded into the box; None: as OpenMM finds right.
+    _INCLUDE: tuple[str, ...] = ()
+    _FOLDED: bool | None = None
+
+    def __init__(self, interval: int, what: str = "reports"):
+        self.interval = whole_number(interval, f"the interval between {what}, in steps,", least=1)
+
+    def describeNextReport(self, simulation):
+        """Steps until the next report, and what is wanted in the State that OpenMM hands over."""
+        steps = self.interval - simulation.currentStep % self.interval
+        return {"steps": steps, "periodic": self._FOLDED, "include": list(self._INCLUDE)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,3 +87,81 @@ class FrameReporter(Cadence):
     """Base of reporters that write unwrapped positions and velocities."""
 
     _INCLUDE, _FOLDED = ("positions", "velocities"), False
+
+
+#: Serial numbers have five digits.
+_MOST_BEADS = 99_999
+
+
+def write_pdb(path: str | os.PathLike, source, *, state=None) -> None:
+    """Write one frame as a PDB file: names, molecules as residues, the box, and CONECT records of all bonds.
+
+    Every bead is a HETATM record with the element ``VS`` (mdtraj's virtual site), so that no reader takes a bead ``B`` for boron (OpenMM:
+    ``app.PDBFile(path, extraParticleIdentifier="VS")``).  Bead names are shortened to four characters and molecule names to three
+    (:func:`openmm_dpd.io.trajectory.short_names`); REMARK records list them.  Molecule numbers are modulo 10,000.  mdtraj reads
+    everything back; OpenMM's own reader drops beads of equal names within a molecule.  The format has no angles or dihedrals.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write; overwritten.
+    source : Scene, or the result of :func:`openmm_dpd.build`
+    state : openmm.State, optional
+        Positions and box of a run; by default those of the start.
+
+    Raises
+    ------
+    ParameterError
+        If there are more than 99,999 beads, or coordinates do not fit into the columns (-99.9999 to 999.9999 nm).
+    OutputError
+        If the file cannot be written; an existing file is kept.
+    """
+    write_whole(path, pdb_text(Snapshot.of(source, state)), "the PDB file")
+
+
+def pdb_text(now: Snapshot) -> str:
+    """Text of a PDB file, as :func:`write_pdb` writes it."""
+    scene = now.scene
+    if scene.n_beads > _MOST_BEADS:
+        raise ParameterError(f"a PDB file holds at most {_MOST_BEADS} beads, and there are {scene.n_beads}; write PSF and DCD, or GSD")
+    x = np.round(now.positions * 10, 3) + 0.0
+    outside = np.argwhere((x < -999.9994) | (x > 9999.9994))
+    if len(outside):
+        bead, axis = outside[0].tolist()
+        raise ParameterError(f"bead {bead} is at {'xyz'[axis]} = {now.positions[bead, axis]:g} nm, which does not fit into a PDB file")
+    names, residues = short_names(scene.types, 4), short_names(residue_names(scene.residues, scene.n_beads), 3)
+    lines = ["REMARK   1 BEADS OF A DPD SIMULATION"]
+    for what, short in (("BEAD", names), ("MOLECULE", residues)):
+        lines += [f"REMARK   2 {what} {name} IS CALLED {called}" for name, called in short.items() if name != called]
+    if now.box is not None:
+        lines.append(_cell(now.box))
+    numbers = (molecule_numbers(scene.molecules, scene.bond_pairs, scene.n_beads) % 10_000).tolist()
+    beads = zip(scene.types, residue_names(scene.residues, scene.n_beads), numbers, x.tolist(), strict=True)
+    for serial, (kind, residue, number, (a, b, c)) in enumerate(beads, start=1):
+        name = names[kind] if len(names[kind]) == 4 else f" {names[kind]}"
+        lines.append(
+            f"HETATM{serial:5d} {name:<4s} {residues[residue]:>3s} {CHAIN}{number:4d}    {a:8.3f}{b:8.3f}{c:8.3f}"
+            f"{1:6.2f}{0:6.2f}      {SEGMENT:<4s}{SYMBOL:>2s}"
+        )
+    return "\n".join([*lines, *_bonds(scene.bond_pairs), "END", ""])
+
+
+def _bonds(pairs: np.ndarray) -> list[str]:
+    """CONECT records: each bond under both of its beads, up to four per line."""
+    neighbours: dict[int, list[int]] = {}
+    for i, j in (pairs + 1).tolist():
+        neighbours.setdefault(i, []).append(j)
+        neighbours.setdefault(j, []).append(i)
+    return [
+        f"CONECT{bead:5d}" + "".join(f"{other:5d}" for other in around[start : start + 4])
+        for bead, around in sorted(neighbours.items())
+        for start in range(0, len(around), 4)
+    ]
+
+
+def _cell(box: np.ndarray) -> str:
+    a, b, c = np.linalg.norm(box, axis=1)
+    alpha, beta, gamma = (
+        np.degrees(np.arccos(box[i] @ box[j] / (np.linalg.norm(box[i]) * np.linalg.norm(box[j])))) for i, j in ((1, 2), (0, 2), (0, 1))
+    )
+    return f"CRYST1{10 * a:9.3f}{10 * b:9.3f}{10 * c:9.3f}{alpha:7.2f}{beta:7.2f}{gamma:7.2f} P 1           1 "

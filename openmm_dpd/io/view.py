@@ -8,8 +8,7 @@ import numpy as np
 from ..base.errors import ParameterError, optional_package, what_is
 from ..model.pairs import checked
 from ..model.scene import Scene
-from .pdb import pdb_text
-from .snapshot import Snapshot, scene_of
+from .snapshot import Snapshot, pdb_text, scene_of
 
 #: Colours of the types in their order, those of matplotlib; repeated if there are more types.
 _COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")

@@ -6,13 +6,13 @@ from itertools import product
 import numpy as np
 from openmm import unit
 
-from ..base.cadence import Cadence
 from ..base.errors import ParameterError, what_is
 from ..base.geometry import sums_in_slices
 from ..base.names import IMPULSES
 from ..base.openmm_private import bare
 from ..base.stats import block_average
 from ..base.units import whole_number
+from ..io.snapshot import Cadence
 from ..model.flow import AXES, require_plain_axis
 from ..model.shear import LeesEdwards
 from ..simulation.built import BuiltSystem

@@ -11,15 +11,14 @@ from typing import Any, TextIO
 import numpy as np
 from openmm import unit
 
-from ..base.cadence import Cadence
 from ..base.errors import ParameterError, what_is
 from ..base.units import BAR_PER_MD_PRESSURE
+from ..io.snapshot import Cadence
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..simulation.built import BuiltSystem
 from ..simulation.field_file import FieldWriter
 from .observer import Observer, require_built
-from .temperature import kelvin
-from .watch import TemperatureWatch
+from .temperature import TemperatureWatch, kelvin
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -80,7 +79,7 @@ class DPDReporter(Cadence):
     """Reporter that writes measured quantities to a CSV file.
 
     After 20, 40, 80, ... rows it compares the kinetic temperature of their second half with the set one, and warns once, through
-    ``logging.getLogger("openmm_dpd")``, if they differ (:mod:`openmm_dpd.measure.watch`).
+    ``logging.getLogger("openmm_dpd")``, if they differ (:mod:`openmm_dpd.measure.temperature`).
 
     Parameters
     ----------

@@ -14,13 +14,12 @@ from .builders import (
     surfactant as surfactant,
     unlike_repulsion as unlike_repulsion,
 )
-from .dense_start import DenseStart as DenseStart, PiercingWarning as PiercingWarning, Stage as Stage
 from .mixture import Mixture as Mixture
 from .molecule import Molecule as Molecule, formula as formula, join as join, sequence as sequence
 from .pack import Bilayer as Bilayer, Scattered as Scattered, pack as pack
 from .piercings import Piercing as Piercing, find_piercings as find_piercings
 from .relax import relax as relax
-from .relax_dense import relax_dense as relax_dense
+from .relax_dense import DenseStart as DenseStart, PiercingWarning as PiercingWarning, Stage as Stage, relax_dense as relax_dense
 from .terms import (
     Bend as Bend,
     CosineBend as CosineBend,

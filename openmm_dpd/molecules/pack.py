@@ -14,8 +14,7 @@ from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
 from .mixture import Mixture
 from .molecule import Molecule
-from .shapes import GAP, random_shapes, upright_shape
-from .vesicles import Shell, Vesicle, vesicle_beads
+from .vesicles import GAP, Shell, Vesicle, random_shapes, upright_shape, vesicle_beads
 
 AXES = {"x": 0, "y": 1, "z": 2}
 

@@ -1,5 +1,5 @@
 """What is looked at elsewhere: GSD for OVITO and freud, extended XYZ for OVITO and ASE, PDB."""
 
-from ..io.pdb import write_pdb as write_pdb
+from ..io.snapshot import write_pdb as write_pdb
 from .gsd_file import GSDReporter as GSDReporter, write_gsd as write_gsd
 from .xyz_file import XYZReporter as XYZReporter, write_xyz as write_xyz

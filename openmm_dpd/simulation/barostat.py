@@ -21,10 +21,10 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.cadence import Cadence
 from ..base.errors import ParameterError, PlanError, what_is
 from ..base.names import CONVERTED, FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
 from ..base.units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension, whole_number
+from ..io.snapshot import Cadence
 from ..kernels.compiled import compiled
 from ..kernels.eos import entropy_change, in_range
 from ..kernels.fields import ENERGY

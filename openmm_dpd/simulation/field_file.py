@@ -9,10 +9,10 @@ from contextlib import contextmanager
 import numpy as np
 from openmm import unit
 
-from ..base.cadence import Cadence
 from ..base.errors import ParameterError, what_is
 from ..base.file_ledger import ledger_in_use
 from ..base.files import writing
+from ..io.snapshot import Cadence
 from .built import BuiltSystem
 from .fields import read_fields
 

@@ -10,7 +10,7 @@ from judged import LEVEL, SHIFT, any_seed, bounded, judge, ratios
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
-from openmm_dpd.measure.watch import TemperatureWatch, has_set_temperature, temperature_warning
+from openmm_dpd.measure.temperature import TemperatureWatch, has_set_temperature, temperature_warning
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.stats import Average, block_average, equilibrated, ratio_average
 

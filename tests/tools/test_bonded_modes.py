@@ -5,8 +5,7 @@ import pytest
 from cases import cases
 
 import openmm_dpd as dpd
-from openmm_dpd.advice.bonded_modes import bonded_modes, why_no_step
-from openmm_dpd.advice.mode_errors import largest_stable, mode_errors, tabulated_errors
+from openmm_dpd.advice.bonded_modes import bonded_modes, largest_stable, mode_errors, tabulated_errors, why_no_step
 from openmm_dpd.model.schemes import SCHEMES, scheme_of
 
 BAB3 = "3B/25 3A/10 19B/50 2A/5 19B/50 3A/10 3B/25 O"  # McLachlan's order with three forces.

@@ -7,8 +7,7 @@ from cases import cases, raises
 import openmm_dpd as dpd
 from openmm_dpd.advice.recommend import advice, predicted_error, recommend
 from openmm_dpd.advice.scene_groups import charge_frequency, groups, liquid_density
-from openmm_dpd.advice.stability_table import LEVELS, Groups, StabilityTable, shipped_table
-from openmm_dpd.advice.transport_steps import TransportTable
+from openmm_dpd.advice.stability_table import LEVELS, Groups, StabilityTable, TransportTable, shipped_table
 from openmm_dpd.model.schemes import SCHEMES
 
 BASE = {"gamma": 4.5, "a": 25.0, "rho": 3.0, "mass": 1.0, "s": 1.0, "cv": None}

@@ -9,7 +9,7 @@ from ...base.errors import DeckError, ParameterError
 from ...base.stats import MIN_BLOCKS, block_average, equilibrated, ratio_average
 from ...kernels.threads import get_threads
 from ...measure import Sample
-from ...measure.watch import temperature_warning
+from ...measure.temperature import temperature_warning
 from ..output.averaging_fixes import ChunkAverage
 from ..output.thermo import ALWAYS
 from .request import RunRequest
@@ -39,7 +39,7 @@ class RunResult:
     profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     #: The last average of every fix ave/time and ave/correlate: {id: {"step": ..., value: ...}}.
     time_averages: dict[str, dict[str, Any]] = field(default_factory=dict)
-    #: What is wrong with the mean temperature, see :func:`openmm_dpd.measure.watch.temperature_warning`.
+    #: What is wrong with the mean temperature, see :func:`openmm_dpd.measure.temperature.temperature_warning`.
     temperature_warning: str | None = None
 
     def add(self, step: int, values: dict[str, float], measured: Sample, target_kT: float) -> None:

@@ -15,7 +15,7 @@ from ...base.files import write_whole
 from ...base.names import COUNTER, LEFT
 from ...base.signals import Signals
 from ...measure import Sample
-from ...measure.watch import has_set_temperature, sets_temperature
+from ...measure.temperature import has_set_temperature, sets_temperature
 from ...model.scene import Scene
 from ...simulation.build import BuiltSystem
 from ...simulation.fields import read_fields

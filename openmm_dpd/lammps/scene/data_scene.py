@@ -8,8 +8,7 @@ import numpy as np
 from ...base.errors import DeckError, ParameterError, what_is
 from ...base.units import UnitSystem, unit_system
 from ...model.scene import Scene
-from ...molecules.inputs.arrays import BeadArrays
-from ...molecules.inputs.beads import scene_from_beads
+from ...molecules.inputs.beads import BeadArrays, scene_from_beads
 from ..files.atom_styles import ATOM_STYLES, JOINED
 from ..files.data_file import DataFile, read_data_file
 from ..language.lexer import read_text

@@ -1,15 +1,116 @@
-"""The one way from beads of any source to a Scene."""
+"""Beads of any source as arrays, what joins them, and the one way from them to a Scene."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ...base.errors import ParameterError, what_is
 from ...base.units import to_md
+from ...io.psf import checked_bonds
+from ...model.owned import known_under
 from ...model.scene import Scene
-from .arrays import BeadArrays
-from .bonded import scene_terms
+from ..molecule import bends_between, by_types, twists_between
+from ..terms import AnyBend, AnySpring, AnyTwist, many_terms
+
+
+@dataclass(frozen=True, eq=False)
+class BeadArrays:
+    """N beads as a file or another program has them; nm, Da, ps, elementary charges.
+
+    Attributes
+    ----------
+    types : list of N str
+        Type of each bead.
+    positions : (N, 3) array or None
+    source : str
+        What they were read from, for errors.
+    masses : (N,) array, mapping of types to masses, or None
+        Masses of the beads, or of the types.
+    box : (3, 3) array or None
+        Box vectors.
+    velocities : (N, 3) array or None
+    charges : (N,) array or None
+    molecules : (N,) array of int or None
+        Molecule numbers.
+    residues : list of N str or None
+        Name of the molecule of each bead.
+    bonds : (B, 2) array of int
+        Bead indices from 0.
+    bond_names : list of B str or None
+        Type of each bond, where the source has such names.
+    angles : (K, 3) array of int
+        Bead indices from 0, the vertex in the middle.
+    angle_names : list of K str or None
+        Type of each angle, where the source has such names.
+    dihedrals : (D, 4) array of int
+        Bead indices from 0, along three bonds.
+    dihedral_names : list of D str or None
+        Type of each dihedral, where the source has such names.
+    type_names : list of str or None
+        All types in their order, which may be more than there are beads of; by default in the order of the beads.
+    beyond : mapping of str to int
+        What the source has and a Scene has not (impropers, rigid bodies, ...), and how many.
+    """
+
+    types: list[str]
+    positions: np.ndarray | None
+    source: str
+    masses: np.ndarray | Mapping[str, float] | None = None
+    box: np.ndarray | None = None
+    velocities: np.ndarray | None = None
+    charges: np.ndarray | None = None
+    molecules: np.ndarray | None = None
+    residues: list[str] | None = None
+    bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    bond_names: list[str] | None = None
+    angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    angle_names: list[str] | None = None
+    dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
+    dihedral_names: list[str] | None = None
+    type_names: list[str] | None = None
+    beyond: Mapping[str, int] = field(default_factory=dict)
+
+
+def named_types(atoms: Iterable, typing, source: str) -> list[str]:
+    """Type of each atom (with ``name``, ``index``, ``residue.name``) of an OpenMM or mdtraj topology.  ``typing`` is None: the names of the
+    atoms; a mapping that has names of atoms, names of residues, or pairs ``(residue, atom)``, which come first; or a function of the atom.
+    ParameterError if an atom gets no type, two different ones, or one that is no text."""
+    if typing is not None and not isinstance(typing, Mapping) and not callable(typing):
+        raise ParameterError(
+            f"typing must be a function from an atom to a bead type, or a mapping from names to types, not {what_is(typing)}"
+        )
+    found, known = [], {}
+    for atom in atoms:
+        if typing is None:
+            name = atom.name
+        elif isinstance(typing, Mapping):
+            key = (atom.residue.name, atom.name)
+            if key not in known:
+                known[key] = _mapped(typing, *key, source)
+            name = known[key]
+        else:
+            name = typing(atom)
+        if not isinstance(name, str) or not name:
+            where = f"atom {atom.name!r} (index {atom.index}) of residue {atom.residue.name!r}"
+            raise ParameterError(f"{source}: typing gives {what_is(name)} for {where}; it must be the name of a bead type")
+        found.append(name)
+    return found
+
+
+def _mapped(typing: Mapping, residue: str, atom: str, source: str) -> object:
+    if (residue, atom) in typing:
+        return typing[residue, atom]
+    found = {typing[name] for name in (atom, residue) if name in typing}
+    if len(found) > 1:
+        raise ParameterError(
+            f"{source}: typing has {typing[atom]!r} for atoms {atom!r} and {typing[residue]!r} for residues {residue!r}; "
+            f"say which with the key {(residue, atom)!r}"
+        )
+    if not found:
+        raise ParameterError(f"{source}: typing has no bead type for atom {atom!r} of residue {residue!r}")
+    return found.pop()
 
 
 def scene_from_beads(
@@ -154,3 +255,91 @@ def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any]
     by_type = {name: float(single[first[name]]) for name in order if name in first}
     same = np.array_equal(single, [by_type[name] for name in beads.types])
     return by_type, None if same else single
+
+
+def scene_terms(beads: BeadArrays, given, what: str, bonds: Sequence = ()) -> Sequence:
+    """Bonds, angles or dihedrals (``what``: one of them) of a Scene: those of the source, with the given springs, bends or twists; the
+    given ones; or angles and dihedrals along bonds (of the Scene), where the source has none."""
+    if isinstance(given, Sequence) and not isinstance(given, str):
+        return given
+    rows = getattr(beads, f"{what}s")
+    if len(rows) or given is None or what == "bond":
+        return _terms(beads, rows, getattr(beads, f"{what}_names"), given, what)
+    return _along_bonds(beads, bonds, given, what)
+
+
+#: What a term is called, the class of all of its kinds, and how many beads it has.
+_KINDS: dict[str, tuple[str, type, int]] = {
+    "bond": ("spring", AnySpring, 2),
+    "angle": ("bend", AnyBend, 3),
+    "dihedral": ("twist", AnyTwist, 4),
+}
+
+
+def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, what: str) -> list:
+    """Bonds, angles or dihedrals of a Scene: one object for each kind of spring, bend or twist."""
+    term, kind, width = _KINDS[what]
+    rows = checked_bonds(rows, len(beads.types), width)
+    if names is not None and len(names) != len(rows):
+        raise ParameterError(f"{beads.source} has {len(rows)} {what}s, but {len(names)} names of their types")
+    if given is None:
+        if not len(rows):
+            return []
+        called = _called(beads, rows[0], names, 0)
+        raise ParameterError(
+            f"{beads.source} has {len(rows)} {what}s, the first one between {called}, but no {what}s are given: "
+            f"{what}s={{...}} says what they are, leave_out=({what + 's'!r},) leaves them out"
+        )
+    if not len(rows):
+        raise ParameterError(
+            f"{beads.source} has no {what}s that the given {what}s could act on; a sequence of {what}s says where they are"
+        )
+    by_name = isinstance(given, Mapping) and bool(given) and all(isinstance(key, str) for key in given)
+    if by_name and names is None:
+        raise ParameterError(f"{beads.source} has no names of {what} types; the keys of {what}s must be bead types, such as ('A', 'B')")
+    if isinstance(given, Mapping):
+        _check_keys(given, set(names or ()) if by_name else set(beads.types) | {"*"} | set(beads.type_names or ()), beads.source, what)
+    chosen, known = [], dict[Any, Any]()
+    for k, row in enumerate(rows.tolist()):
+        key: Any = names[k] if by_name and names is not None else tuple(beads.types[bead] for bead in row)
+        if key not in known:
+            known[key] = _named(given, key, kind, term) if by_name else by_types(given, key, kind, term)
+        if known[key] is None:
+            raise ParameterError(f"{beads.source}: no {term} is given for the {what} between {_called(beads, row, names, k)}")
+        chosen.append(known[key])
+    return many_terms(rows, chosen)
+
+
+def _named(given: Mapping, key: str, kind: type, term: str):
+    found = given.get(key)
+    if found is not None and not isinstance(found, kind):
+        raise ParameterError(f"the {term} for {key!r} must be one of {', '.join(known_under(kind))}, not {what_is(found)}")
+    return found
+
+
+def _check_keys(given: Mapping, known: set[str], source: str, what: str) -> None:
+    """Raise ParameterError if a table names types that there are not, which would not act."""
+    for key in given:
+        for name in (key,) if isinstance(key, str) else key if isinstance(key, tuple) else ():
+            if name not in known:
+                there = ", ".join(sorted(known - {"*"})) or "none"
+                raise ParameterError(f"for {what}s {key!r}: there is no type {name!r} in {source}; there are {there}")
+
+
+def _called(beads: BeadArrays, row, names: list[str] | None, k: int) -> str:
+    types = ", ".join(repr(beads.types[bead]) for bead in row)
+    return f"types {types}" + (f" ({names[k]!r})" if names is not None else "")
+
+
+def _along_bonds(beads: BeadArrays, springs: Sequence, given, what: str) -> list:
+    """Angles where two bonds meet, or dihedrals along three, as molecules have them."""
+    between, width, meet = (bends_between, "three", "two") if what == "angle" else (twists_between, "four", "three")
+    bonded = np.concatenate([np.zeros((0, 2), dtype=np.int64), *(bonds.pairs for bonds in springs)])
+    if isinstance(given, Mapping):
+        if any(isinstance(key, str) for key in given):
+            raise ParameterError(f"{beads.source} has no names of {what} types; the keys of {what}s must be {width} bead types")
+        _check_keys(given, set(beads.types) | {"*"} | set(beads.type_names or ()), beads.source, what)
+    found: Sequence = between(beads.types, bonded, given)  # type: ignore[operator]
+    if not found:
+        raise ParameterError(f"{beads.source} lists no {what}s, and no {meet} of its bonds meet at types that `{what}s` names")
+    return many_terms(np.array([entry[:-1] for entry in found], dtype=np.int64), [entry[-1] for entry in found])

@@ -10,8 +10,7 @@ from ...base.geometry import reduced
 from ...base.units import unit_system, whole_number
 from ...model.scene import Scene
 from ...outputs.gsd_file import MOLECULES
-from .arrays import BeadArrays
-from .beads import scene_from_beads
+from .beads import BeadArrays, scene_from_beads
 
 
 def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **choices) -> Scene:

@@ -11,8 +11,7 @@ from ...base.units import to_md, whole_number
 from ...io.psf import read_psf
 from ...io.trajectory import mdtraj_topology
 from ...model.scene import Scene
-from .arrays import BeadArrays, named_types
-from .beads import scene_from_beads
+from .beads import BeadArrays, named_types, scene_from_beads
 
 
 def scene_from_psf(path: str | os.PathLike, positions, typing=None, *, pairs, kT, frame: int = -1, **choices) -> Scene:

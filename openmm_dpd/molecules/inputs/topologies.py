@@ -11,8 +11,7 @@ from ...base.errors import ParameterError, what_is
 from ...base.geometry import reduced
 from ...base.units import position_array, whole_number
 from ...model.scene import Scene
-from .arrays import BeadArrays, named_types
-from .beads import scene_from_beads
+from .beads import BeadArrays, named_types, scene_from_beads
 
 if TYPE_CHECKING:
     import mdtraj
