@@ -1,6 +1,6 @@
 """From measured numbers to coefficients: units of a model, repulsion, friction.
 
-Every answer is an :class:`Estimate`, with its source and the range it holds for; outside of that range there is an error.
+Every result is an :class:`Estimate`, with its source and range of validity; outside of this range there is an error.
 """
 
 from .chains import chain_chi_slope as chain_chi_slope

@@ -1,9 +1,9 @@
-"""Flory-Huggins parameters of two kinds of beads or of equal chains of them, and the repulsion for a wanted one.
+"""Flory-Huggins parameters of two kinds of beads, or of chains of equal length, and the repulsion for a given one.
 
-Reduced: rc = m = kT = 1.  Both kinds repel themselves with A, each other with A + dA.  To first order in dA the free energy of mixing is
-chi = x.  For single beads x is dA times twice the energy of a bead over A, which the measured table of
-:mod:`openmm_dpd.parameters.state` has for all densities and A; for chains see :mod:`openmm_dpd.parameters.chains`.  Beyond that
-chi = x f(x), with f measured at A = 75/density (docs/measure/demixing.py).
+Reduced units: rc = m = kT = 1.  Like beads repel with A, unlike ones with A + dA.  To first order in dA, chi = x.  For single beads x is
+dA times twice the energy per bead over A, from the measured table of :mod:`openmm_dpd.parameters.state`, for all densities and A; for
+chains it is from :mod:`openmm_dpd.parameters.chains`.  Beyond first order chi = x f(x), with f measured at A = 75/density
+(docs/measure/demixing.py).
 """
 
 from dataclasses import dataclass
@@ -23,15 +23,15 @@ from .state import measured_bounds, overlap_energy
 _SOURCE = "docs/measure/demixing.py"
 _GROOT_WARREN = "Groot and Warren, J. Chem. Phys. 107, 4423 (1997)"
 _RELATIONS = ("measured", "groot-warren")
-#: Relative errors at A = 75/density and at other repulsions, and those of chains: docs/validation.md.
+#: Relative errors at A = 75/density, at other repulsions, and of chains: docs/validation.md.
 _BETWEEN, _ELSEWHERE, _CHAINS = 0.03, 0.07, 0.04
-#: Volume over which a chain spreads, per bead in rc^3, where f deviates from 1 half as much as for single beads.
+#: Volume pervaded by a chain per bead, rc^3, at which f deviates from 1 half as much as for single beads.
 _HALF = 1.5
 
 
 @dataclass(frozen=True)
 class _Table:
-    """f(x) at each density, and the range of x that all of them cover."""
+    """f(x) at each density, and the largest x that all of them cover."""
 
     curves: dict[float, PchipInterpolator]
     largest: float
@@ -39,7 +39,7 @@ class _Table:
     def __call__(self, x: float, density: float) -> float:
         densities = sorted(self.curves, reverse=True)
         values = [float(self.curves[rho](min(x, self.largest))) for rho in densities]
-        # f is 1 where beads are dense, and deviates from it as 1/density
+        # f tends to 1 in dense fluids, with a deviation proportional to 1/density
         return float(np.interp(1 / density, [1 / rho for rho in densities], values))
 
 
@@ -58,14 +58,14 @@ def _table() -> _Table:
 
 @dataclass(frozen=True)
 class _Relation:
-    """chi of dA at a density and a repulsion, with the largest dA and the bounds it has there."""
+    """chi as a function of dA at one density and repulsion, with the largest dA and the bounds."""
 
     slope: float
     density: float
     error: float
     limits: Bounds
     beads: int = 1
-    #: How far f deviates from 1, over that of single beads.
+    #: Deviation of f from 1, relative to that of single beads.
     deviation: float = 1.0
 
     def __call__(self, dA: float) -> float:
@@ -89,7 +89,7 @@ def _relation(density, A, beads: int, bond: Spring | None) -> _Relation:
     slope = chain_chi_slope(beads, bond, rho)
     if bond is not None:
         if A is not None:
-            raise ParameterError("chains were measured at A = 75/density; leave A out, or take measured_chi_slope")
+            raise ParameterError("chains were measured at A = 75/density; leave A out, or use measured_chi_slope")
         return _Relation(slope.value, rho, _CHAINS, slope.bounds, beads, 1 / (1 + volume_per_bead(beads, bond, rho) / _HALF))
     repulsion = 75.0 / rho if A is None else reduced_number(A, "A", positive=True)
     outside({"A": repulsion}, limits, _SOURCE, None)
@@ -98,36 +98,36 @@ def _relation(density, A, beads: int, bond: Spring | None) -> _Relation:
 
 def _published(relation: str, A, beads: int, bond: Spring | None) -> bool:
     if not isinstance(relation, str) or relation not in _RELATIONS:
-        raise ParameterError(f"the relation must be one of {', '.join(_RELATIONS)}, not {what_is(relation)}")
+        raise ParameterError(f"relation must be one of {', '.join(_RELATIONS)}, not {what_is(relation)}")
     if relation == "groot-warren" and A is not None:
         raise ParameterError("the relation of Groot and Warren holds for A = 75/density; leave A out")
     if relation == "groot-warren" and (beads != 1 or bond is not None):
-        raise ParameterError("the relation of Groot and Warren is here for single beads; leave beads and bond out")
+        raise ParameterError("the relation of Groot and Warren holds for single beads; leave beads and bond out")
     return relation == "groot-warren"
 
 
 def repulsion_from_chi(
     chi, density=3.0, *, beads: int = 1, bond: Spring | None = None, A=None, relation: str = "measured", extrapolate: bool = False
 ) -> Estimate:
-    r"""How much more unlike beads repel each other, dA = A_ij - A_ii, for a Flory-Huggins parameter.
+    r"""Excess repulsion of unlike beads, dA = A_ij - A_ii, for a Flory-Huggins parameter.
 
     Parameters
     ----------
     chi : float
-        >= 0, for a pair of beads.  Two fluids of equal molecules demix above 2/beads.
+        Flory-Huggins parameter per bead, >= 0.  Two fluids of molecules of equal length demix above 2/beads.
     density : float, default 3
-        Beads in rc^3.
+        Beads per rc^3.
     beads : int, default 1
-        Beads in a chain of either kind; both kinds have the same bonds.
+        Beads per chain of either kind; both kinds have the same bonds.
     bond : openmm_dpd.molecules.Spring, optional
-        Of chains: one that :func:`chain_chi_slope` covers.
+        Bond of the chains, one that :func:`chain_chi_slope` covers.
     A : float, optional
         A_ii of both kinds, for single beads; 75/density by default.
     relation : {"measured", "groot-warren"}
         ``groot-warren`` is chi = 0.286 dA at density 3 and 0.689 dA at density 5 (:func:`openmm_dpd.molecules.unlike_repulsion`).
         ``measured`` is chi = x f(x), see Notes.
     extrapolate : bool
-        Go on beyond the largest chi that was measured, with the ratio chi/dA it has there.
+        Extrapolate beyond the largest measured chi, with constant chi/dA.
 
     Returns
     -------
@@ -137,20 +137,20 @@ def repulsion_from_chi(
     Raises
     ------
     ParameterError
-        If a value is outside of what the relation covers.
+        If a value is outside of the range of the relation.
 
     Notes
     -----
-    x = 2 u dA/A, with u the energy of a bead in the fluid of one kind, is chi to first order in dA.  f(x) is measured: below chi = 1.9 from
-    the free energy of mixing equal parts, above 2.3 from the bulk compositions of demixed slabs.  Near 2 there is a critical point, where
-    Flory-Huggins theory holds for no fluid.
+    x = 2 u dA/A, with u the energy per bead of the one-component fluid, is chi to first order in dA.  f(x) is measured: below chi = 1.9
+    from the free energy of mixing at equal fractions, above 2.3 from the bulk compositions of demixed slabs.  In between is a critical
+    point, at chi = 2, where Flory-Huggins theory does not hold.
 
-    For chains of n beads x is dA times :func:`chain_chi_slope`, and chi = x (1 - (1 - f(n x))/(1 + v/1.5)): what brings f below 1 are
-    fluctuations of the composition, which set in as the fluids come near to demixing, and are the weaker the more chains meet.  v is the
-    cube of the distance of the ends of a chain over n.  The form and the 1.5 are fitted to chains of 2 to 10 beads.
+    For chains of n beads, x is dA times :func:`chain_chi_slope`, and chi = x (1 - (1 - f(n x))/(1 + v/1.5)): fluctuations of the
+    composition bring f below 1 as the fluids come close to demixing, and are weaker the more chains overlap.  v is the cube of the
+    end-to-end distance over n.  The form and the 1.5 are fitted to chains of 2 to 10 beads.
 
-    chi depends on the composition: of a few molecules in a fluid of the other kind it is larger, by 3 to 6 % where equal parts mix and by
-    10 to 13 % where they demix (docs/validation.md).
+    chi depends on the composition: for a few molecules in the other fluid it is larger, by 3 to 6 % where equal fractions mix and by 10 to
+    13 % where they demix (docs/validation.md).
 
     References
     ----------
@@ -172,21 +172,21 @@ def repulsion_from_chi(
 def chi_from_repulsion(
     dA, density=3.0, *, beads: int = 1, bond: Spring | None = None, A=None, relation: str = "measured", extrapolate: bool = False
 ) -> Estimate:
-    """The Flory-Huggins parameter of beads that repel each other dA = A_ij - A_ii more than themselves.
+    """Flory-Huggins parameter for an excess repulsion of unlike beads, dA = A_ij - A_ii.
 
-    The inverse of :func:`repulsion_from_chi`, with its parameters, bounds and sources.
+    It is the inverse of :func:`repulsion_from_chi`, which has the bounds and sources.
 
     Parameters
     ----------
     dA : float
         dA rc/kT, >= 0.
     density, beads, bond, A, relation, extrapolate
-        As for :func:`repulsion_from_chi`.
+        Fluid and relation, see :func:`repulsion_from_chi`.
 
     Raises
     ------
     ParameterError
-        If a value is outside of what the relation covers.
+        If a value is outside of the range of the relation.
 
     Examples
     --------

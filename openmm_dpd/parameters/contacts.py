@@ -1,4 +1,4 @@
-"""What chi is to first order in the extra repulsion: overlaps of beads of different molecules, of molecules of any shape."""
+"""chi to first order in the excess repulsion, from overlaps of beads of different molecules, for molecules of any shape."""
 
 import numpy as np
 from openmm import app, unit
@@ -17,7 +17,7 @@ _NAME = "the slope of chi"
 
 
 class _Contacts:
-    """Overlaps of two sets of beads per bead, of pairs that are not of one molecule."""
+    """Sum of overlaps between two sets of beads, over pairs of different molecules, per bead."""
 
     def __init__(self, first: np.ndarray, second: np.ndarray, labels: np.ndarray, cutoff: float):
         count = len(labels)
@@ -25,21 +25,21 @@ class _Contacts:
         self.first, self.second = (np.bincount(chosen, minlength=count).astype(float) for chosen in (first, second))
         own = np.bincount(labels, self.first) @ np.bincount(labels, self.second)
         if not len(first) * len(second) > own:
-            raise ParameterError("there are no two beads of different molecules to take a slope of chi of")
+            raise ParameterError(f"there are no two beads of different molecules, which {_NAME} needs")
         self.scale = count / (len(first) * len(second))
 
     def __call__(self, x: np.ndarray, box: np.ndarray | None) -> float:
         if box is None:
             raise ParameterError(f"{_NAME} needs a periodic box")
         i, j, r = pairs_within(x, None, box, self.cutoff)
-        # a pair of which both beads are in both sets counts both ways
+        # a pair with both beads in both sets counts twice
         weight = self.first[i] * self.second[j] + self.first[j] * self.second[i]
         apart = self.labels[i] != self.labels[j]
         return float(self.scale * np.sum((weight * (1 - r / self.cutoff) ** 2)[apart]) / 2)
 
 
 def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None, *, cutoff=1.0) -> Average:
-    r"""chi per extra repulsion of beads of different molecules, to first order, from a trajectory of the fluid without it.
+    r"""chi per excess repulsion between beads of different molecules, to first order, from a trajectory without it.
 
     .. math::
 
@@ -49,16 +49,16 @@ def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None
     Parameters
     ----------
     trajectory : mdtraj.Trajectory or iterable of them
-        In a periodic box.  Molecules are what bonds connect, or residues if there are no bonds.
+        In a periodic box.  Molecules are beads connected by bonds, or residues if there are no bonds.
     beads, other : str, sequence of str, array of int, or None
-        Types (or indices) a and b; all beads by default, and b = a.
+        Types (or indices) a and b; by default all beads, and b = a.
     cutoff : length, default 1
         r_c of the repulsion, nm.
 
     Returns
     -------
     openmm_dpd.base.stats.Average
-        chi for a dA rc of 1 kT.
+        chi kT/(dA rc).
 
     Raises
     ------
@@ -67,10 +67,10 @@ def chi_slope(trajectory: Trajectories, beads: Beads = None, other: Beads = None
 
     Notes
     -----
-    The free energy of mixing per bead is chi_ab times the parts of a and b of all beads, so this is its derivative by the repulsion
-    between a and b, at the repulsion that the trajectory was made with.  With labels P and Q on whole molecules of a fluid of one kind,
-    chi of P and Q is what all beads have with all: chi = dA rho integral (1 - r)^2/2 g(r) d^3r with g of beads of other molecules.
-    Contacts inside of a molecule, which two types on one molecule have as well, change its free energy wherever it is, and do not count.
+    The free energy of mixing per bead is chi_ab times the fractions of a and b among all beads, so this is its derivative with respect to
+    the repulsion between a and b, at the repulsion of the trajectory.  For whole molecules of a one-component fluid, labelled P and Q,
+    chi is that of all beads with all: chi = dA rho integral (1 - r)^2/2 g(r) d^3r, with the intermolecular g.  Contacts within a molecule
+    change its free energy wherever it is, and are left out.
 
     References
     ----------
@@ -93,24 +93,24 @@ def measured_chi_slope(
     settle: int = 1000,
     simulation: app.Simulation | None = None,
 ) -> Average:
-    """chi per extra repulsion of beads of different molecules, to first order, from a run of the fluid without it: see :func:`chi_slope`.
+    """chi per excess repulsion between beads of different molecules, to first order, from a run without it; :func:`chi_slope` has theory.
 
     Parameters
     ----------
     built : BuiltSystem
-        From :func:`openmm_dpd.build`: molecules of any kinds, with a repulsion A (1 - r/rc) between the beads in question, as in
+        A built scene with molecules of any kind, and a repulsion A (1 - r/rc) between the beads in question, such as
         :class:`openmm_dpd.DPD`.
     beads, other : str, sequence of str, array of int, or None
-        Types (or indices) a and b; all beads by default, and b = a.
+        Types (or indices) a and b; by default all beads, and b = a.
     steps, every, settle : int
-        Steps of the run, steps from one sample to the next, and steps before the first.
+        Steps of the run, steps between samples, and steps before the first sample.
     simulation : Simulation, optional
-        One of ``built`` that goes on from where it is; by default a new one.
+        A simulation of ``built``, to be continued; by default a new one.
 
     Returns
     -------
     openmm_dpd.base.stats.Average
-        chi for a dA rc of 1 kT.
+        chi kT/(dA rc).
 
     Raises
     ------
@@ -120,7 +120,7 @@ def measured_chi_slope(
     require_built(built, "measured_chi_slope")
     scene = built.plan.scene
     if built.plan.host is not None or scene is None:
-        raise ParameterError("measured_chi_slope wants what openmm_dpd.build() returned: a scene of its own, not beads beside other atoms")
+        raise ParameterError("measured_chi_slope needs a scene built by openmm_dpd.build(), not a System with atoms beside the beads")
     steps, every = whole_number(steps, "steps", least=1), whole_number(every, "every", least=1)
     settle = whole_number(settle, "settle", least=0)
     types = np.array(scene.types)
@@ -139,7 +139,7 @@ def measured_chi_slope(
 
 
 def _cutoff(scene: Scene, first: np.ndarray, second: np.ndarray) -> float:
-    """The one cutoff of the repulsion between the beads."""
+    """Common cutoff (nm) of the repulsion A (1 - r/rc) between two sets of beads; ParameterError if there is none."""
     names = scene.type_names
     found = set()
     for a in np.unique(scene.type_ids[first]):
@@ -148,7 +148,7 @@ def _cutoff(scene: Scene, first: np.ndarray, second: np.ndarray) -> float:
             terms = [table.resolve(names).get(pair) for table in scene.tables]
             cutoffs = {term.cutoff for term in terms if isinstance(term, SoftRepulsion)}
             if not cutoffs:
-                raise ParameterError(f"{_NAME} goes with a repulsion A (1 - r/rc) alone, which types {pair[0]} and {pair[1]} do not have")
+                raise ParameterError(f"{_NAME} needs a repulsion A (1 - r/rc), which types {pair[0]} and {pair[1]} do not have")
             found |= cutoffs
     if len(found) > 1:
         raise ParameterError(f"{_NAME} needs one cutoff for all of the beads; they have {', '.join(f'{c:g}' for c in sorted(found))} nm")

@@ -1,8 +1,7 @@
-"""Diffusion, viscosity and Schmidt number of a fluid of one kind of beads at density 3, and the friction for a wanted one.
+"""Diffusion, viscosity and Schmidt number of a one-component fluid at density 3, and the friction for a given one.
 
-All is reduced: rc = m = kT = 1.  The table (docs/measure/transport_table.py) has three planes through the base fluid A = 25, exponent 1, no
-transverse friction, each over the drag on a bead: exponents, transverse parts of the drag, repulsions.
-"""
+Reduced units: rc = m = kT = 1.  The table (docs/measure/transport_table.py) has three planes through the base fluid (A = 25, exponent 1, no
+transverse friction), each over the drag on a bead and the exponent, the transverse fraction of the drag, or the repulsion."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +16,7 @@ from ..advice.stability_table import drag
 from ..base.errors import ParameterError
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
-#: The one density that was measured.
+#: The only density that was measured.
 DENSITY = 3.0
 _BASE = {"A": 25.0, "exponent": 1.0, "transverse": 0.0}
 _SOURCE = "docs/measure/transport_table.py"
@@ -25,7 +24,7 @@ _SOURCE = "docs/measure/transport_table.py"
 
 @dataclass(frozen=True)
 class Transport:
-    """How a fluid moves, in units of rc, m and kT.
+    """Transport coefficients of a fluid, in units of rc, m and kT.
 
     Attributes
     ----------
@@ -44,14 +43,14 @@ class Transport:
 
 @dataclass(frozen=True)
 class Friction:
-    """Coefficients of a pair, and what they give.
+    """Friction coefficients of a pair, and the transport coefficients of the fluid.
 
     Attributes
     ----------
     gamma, gamma_perp : float
-        In units of m/tau.
+        Friction along and across the line of centres, m/tau.
     exponent : float
-        Of both noise weights.
+        Exponent of both noise weights.
     transport : Transport
     """
 
@@ -63,7 +62,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class _Plane:
-    """ln D and ln eta over ln drag and one more variable, and their relative errors."""
+    """ln D and ln eta as functions of ln drag and one more variable, and their relative errors."""
 
     values: tuple[RectBivariateSpline, RectBivariateSpline]
     errors: tuple[RectBivariateSpline, RectBivariateSpline]
@@ -75,6 +74,7 @@ class _Plane:
 
 
 def _plane(rows: list[dict], name: str) -> _Plane:
+    """The plane of the table in which ``name`` varies with the drag."""
     chosen = [row for row in rows if all(row[other] == value for other, value in _BASE.items() if other != name)]
     drags, others = sorted({row["drag"] for row in chosen}), sorted({row[name] for row in chosen})
     found = {(row["drag"], row[name]): row for row in chosen}
@@ -95,12 +95,12 @@ def _planes() -> Mapping[str, _Plane]:
 
 
 def _chosen(values: Mapping[str, float]) -> tuple[_Plane, str]:
-    """The plane that holds a fluid."""
+    """The plane that contains a fluid, and its variable; ParameterError if more than one value differs from the base fluid."""
     other = [name for name, value in values.items() if abs(value - _BASE[name]) > 1e-9]
     if len(other) > 1:
         raise ParameterError(
-            f"{' and '.join(f'{name} = {values[name]:g}' for name in other)} were not varied together: one of A = 25, exponent = 1 and no "
-            f"transverse friction may differ ({_SOURCE})"
+            f"{' and '.join(f'{name} = {values[name]:g}' for name in other)} were not varied together; only one of A = 25, exponent = 1 "
+            f"and no transverse friction may be changed ({_SOURCE})"
         )
     name = other[0] if other else "exponent"
     return _planes()[name], name
@@ -121,27 +121,27 @@ def _at(friction: float, values: Mapping[str, float], extrapolate: bool | None) 
 def transport(gamma, *, gamma_perp=0.0, exponent=1.0, A=25.0, extrapolate: bool = False) -> Transport:
     r"""Diffusion coefficient, viscosity and Schmidt number of a fluid at density 3, from the measured table.
 
-    Frictions are compared by the drag on a bead in its surroundings,
+    The table is over the drag on a bead in its surroundings,
 
     .. math:: g = (\gamma + 2\gamma_\perp) \frac{60}{(2s+1)(2s+2)(2s+3)},
 
-    which is gamma itself at exponent s = 1 and without transverse friction.
+    which is gamma for exponent s = 1 and no transverse friction.
 
     Parameters
     ----------
     gamma, gamma_perp : float
-        In units of m/tau, >= 0.
+        Friction along and across the line of centres, m/tau, >= 0.
     exponent : float, default 1
-        s, of the noise weights; the transverse one is the same.
+        Exponent s of both noise weights.
     A : float, default 25
-        A rc/kT.  One of A, exponent and gamma_perp may differ from 25, 1 and 0.
+        A rc/kT.  Only one of A, exponent and gamma_perp may differ from 25, 1 and 0.
     extrapolate : bool
-        Go on outside of the table, with what the nearest bound says.
+        Outside of the table, use the value at the nearest bound.
 
     Raises
     ------
     ParameterError
-        If the fluid is outside of the table: drags from 2 to 120, exponents from 0.25 to 1, A from 25 to 80.
+        If the fluid is outside of the table: drag 2 to 120, exponent 0.25 to 1, A from 25 to 80.
 
     References
     ----------
@@ -151,40 +151,40 @@ def transport(gamma, *, gamma_perp=0.0, exponent=1.0, A=25.0, extrapolate: bool 
     exponent, A = reduced_number(exponent, "exponent"), reduced_number(A, "A")
     total = gamma + 2 * gamma_perp
     if total == 0:
-        raise ParameterError("gamma and gamma_perp are both 0; the table is about fluids with friction")
+        raise ParameterError("gamma and gamma_perp are both 0; the table has fluids with friction only")
     share = 2 * gamma_perp / total
     return _at(drag(total, DENSITY, exponent), {"A": A, "exponent": exponent, "transverse": share}, extrapolate)
 
 
 def friction_for(*, schmidt=None, viscosity=None, diffusion=None, exponent=1.0, transverse=0.0, A=25.0) -> Friction:
-    """The friction that gives a wanted Schmidt number, viscosity or diffusion coefficient at density 3.
+    """Friction for a given Schmidt number, viscosity or diffusion coefficient at density 3.
 
     Parameters
     ----------
     schmidt, viscosity, diffusion : float
-        One of them, reduced.
+        Target, in reduced units; give one of them.
     exponent : float, default 1
-        Of the noise weights.
+        Exponent of both noise weights.
     transverse : float, default 0
-        Part 2 gamma_perp/(gamma + 2 gamma_perp) of the friction that acts across the line of centres.
+        Fraction of the friction across the line of centres, 2 gamma_perp/(gamma + 2 gamma_perp).
     A : float, default 25
         A rc/kT.
 
     Raises
     ------
     ParameterError
-        If none or several are asked for, or no friction within the table gives it; the error has what the table reaches.
+        If none or several targets are given, or no friction in the table reaches it; the message has the range.
 
     Notes
     -----
-    Long steps of a strong friction cost accuracy of diffusion long before they show in a temperature; the table was measured with friction
-    rate times step below 1/3.
+    At strong friction, long time steps spoil the diffusion long before the temperature; the table was measured with friction rate times
+    step below 1/3.
     """
     wanted = {
         name: value for name, value in (("schmidt", schmidt), ("viscosity", viscosity), ("diffusion", diffusion)) if value is not None
     }
     if len(wanted) != 1:
-        raise ParameterError(f"one of schmidt, viscosity and diffusion is wanted, not {len(wanted)}")
+        raise ParameterError(f"give exactly one of schmidt, viscosity and diffusion, not {len(wanted)}")
     ((name, value),) = wanted.items()
     target = reduced_number(value, name, positive=True)
     exponent, A = reduced_number(exponent, "exponent"), reduced_number(A, "A")
@@ -199,7 +199,7 @@ def friction_for(*, schmidt=None, viscosity=None, diffusion=None, exponent=1.0, 
     if off(ends[0]) * off(ends[1]) > 0:
         reached = sorted(target * math.exp(off(end)) for end in ends)
         raise ParameterError(
-            f"{name} = {target:g} is outside of {reached[0]:.3g} to {reached[1]:.3g}, which this fluid reaches in {_SOURCE}"
+            f"{name} = {target:g} is outside of {reached[0]:.3g} to {reached[1]:.3g}, the range of this fluid in {_SOURCE}"
         )
     friction = math.exp(brentq(off, *ends))
     total = friction / drag(1.0, DENSITY, exponent)

@@ -1,4 +1,4 @@
-"""What a relation or a table says: the number, and what is known about it."""
+"""Numbers from a relation or a table, with their error, source and bounds."""
 
 import json
 from collections.abc import Mapping
@@ -8,9 +8,9 @@ from importlib.resources import files
 from ..base.errors import ParameterError
 from ..model.pairs import checked
 
-#: Lowest and highest value of each variable that a relation holds for.
+#: Lowest and highest value of each variable for which a relation holds.
 Bounds = Mapping[str, tuple[float, float]]
-#: Room for rounding at a bound.
+#: Tolerance for rounding at a bound.
 _SLACK = 1e-9
 
 
@@ -21,15 +21,15 @@ class Estimate:
     Attributes
     ----------
     value : float
-        Reduced, rc = m = kT = 1, unless the function that gave it says otherwise.
+        In reduced units, rc = m = kT = 1, unless the function that returns it has others.
     error : float or None
-        Standard error, as far as it is known.
+        Standard error, if known.
     source : str
-        Where the relation was published, or the script that measured it.
+        Publication of the relation, or the script that measured it.
     bounds : mapping of str to (float, float)
-        What it holds for.
+        Range of each variable for which the relation holds.
     extrapolated : bool
-        Whether it was asked for outside of its bounds.
+        Whether a variable was outside of its bounds.
     """
 
     value: float
@@ -47,23 +47,23 @@ class Estimate:
 
 
 def reduced_number(value, name: str, *, positive: bool = False) -> float:
-    """One reduced number >= 0 (or > 0), bare or an Estimate."""
+    """A reduced number >= 0 (or > 0), bare or an Estimate, as a float; ParameterError for anything else."""
     return checked(value.value if isinstance(value, Estimate) else value, "dimensionless", name, positive=positive)
 
 
 def shipped_rows(name: str) -> list:
-    """Rows of a measured table of the package."""
+    """Rows of a measured table that comes with the package."""
     return json.loads(files(__package__).joinpath(f"{name}.json").read_text(encoding="utf-8"))["rows"]
 
 
 def outside(values: Mapping[str, float], bounds: Bounds, source: str, extrapolate: bool | None) -> bool:
-    """Whether a value is outside of its bounds, where a caller may ``extrapolate`` (None: cannot); else that is a ParameterError."""
+    """Whether a value is outside of its bounds; ParameterError if so, unless ``extrapolate`` (None: the caller has no such option)."""
     for name, value in values.items():
         low, high = bounds[name]
         slack = _SLACK * max(abs(low), abs(high))
         if not low - slack <= value <= high + slack:
             if extrapolate:
                 return True
-            way_out = "" if extrapolate is None else "; extrapolate=True goes on regardless"
-            raise ParameterError(f"{name} = {value:g} is outside of {low:g} to {high:g}, which is what {source} covers{way_out}")
+            way_out = "" if extrapolate is None else "; use extrapolate=True to allow it"
+            raise ParameterError(f"{name} = {value:g} is outside of {low:g} to {high:g}, the range of {source}{way_out}")
     return False

@@ -12,18 +12,18 @@ from .estimate import reduced_number
 
 
 def chi_from_composition(phi: float, *, beads: int = 1) -> float:
-    r"""chi, per bead, of two fluids of equally long molecules in coexistence,
+    r"""chi, per bead, of two coexisting fluids of molecules of equal length,
 
     .. math:: \chi = \frac{1}{n (1 - 2\phi)} \ln\frac{1 - \phi}{\phi},
 
-    where phi is the part of the minority in either bulk phase.
+    where phi is the volume fraction of the minority component in either bulk phase.
 
     Parameters
     ----------
     phi : float
-        0 < phi < 1/2.
+        Fraction of the minority component, 0 < phi < 1/2.
     beads : int, default 1
-        n, beads in a molecule of either kind.
+        Number n of beads per molecule of either kind.
 
     Raises
     ------
@@ -41,24 +41,24 @@ def chi_from_composition(phi: float, *, beads: int = 1) -> float:
     """
     phi = to_md(phi, "dimensionless", "phi")
     if not isinstance(phi, float) or not 0 < phi < 0.5:
-        raise ParameterError(f"phi, the part of the minority, must be between 0 and 1/2, but is {what_is(phi)}")
+        raise ParameterError(f"phi, the fraction of the minority component, must be between 0 and 1/2, not {what_is(phi)}")
     return math.log((1 - phi) / phi) / (1 - 2 * phi) / whole_number(beads, "beads", least=1)
 
 
 def composition_from_chi(chi, *, beads: int = 1) -> float:
-    """The part of the minority in either phase, the inverse of :func:`chi_from_composition`.
+    """Volume fraction of the minority component in either bulk phase; the inverse of :func:`chi_from_composition`.
 
     Parameters
     ----------
     chi : float
-        Per bead; above 2/beads, where two phases are.
+        Flory-Huggins parameter per bead, above 2/beads, where there are two phases.
     beads : int, default 1
-        Beads in a molecule of either kind.
+        Beads per molecule of either kind.
 
     Raises
     ------
     ParameterError
-        If chi times the beads is not above 2: the fluids mix.
+        If chi times beads is not above 2, so that the fluids mix.
 
     Examples
     --------
@@ -70,13 +70,13 @@ def composition_from_chi(chi, *, beads: int = 1) -> float:
     if not 2 < chi < 700:
         which = "chi" if count == 1 else f"chi times {count} beads"
         raise ParameterError(f"two fluids demix at a {which} above 2 (and below 700 here), not {chi:g}")
-    # in the logarithm L of the odds: phi = 1/(1 + e^L), chi tanh(L/2) = L
+    # in terms of the log odds L: phi = 1/(1 + e^L), chi tanh(L/2) = L
     odds = brentq(lambda x: x - chi * math.tanh(x / 2), math.sqrt(12 * (1 - 2 / chi)) / 2, chi)
     return 1 / (1 + math.exp(odds))
 
 
 def _per_bead(value):
-    """A volume for each bead, from a molar one too."""
+    """A volume per bead; a molar volume is divided by Avogadro's number."""
     if unit.is_quantity(value) and (value.unit * unit.mole).is_compatible(DIMENSIONS["volume"]):
         return value / unit.AVOGADRO_CONSTANT_NA
     return value
@@ -98,16 +98,16 @@ def chi_from_solubility(volume, delta1, delta2, temperature) -> float:
     Parameters
     ----------
     volume : volume
-        Of a bead, nm^3; a Quantity may be a molar volume.
+        Volume of a bead, nm^3; a Quantity may be a molar volume.
     delta1, delta2 : (energy/volume)^(1/2)
-        A Quantity such as MPa^(1/2), or (kJ/mol/nm^3)^(1/2).
+        Solubility parameters: a Quantity, such as in MPa^(1/2), or numbers in (kJ/mol/nm^3)^(1/2).
     temperature : temperature
-        Kelvin, or a Quantity.
+        In kelvin, or a Quantity.
 
     Returns
     -------
     float
-        >= 0: the theory knows no attraction between unlike kinds.
+        chi, >= 0: the theory has no attraction between unlike kinds.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The excess chemical potential of a molecule in a solvent, from a run."""
+"""Excess chemical potential of a molecule in a solvent, from a run."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from .estimate import Estimate, reduced_number
 from .insertion_scene import Insertion, insertion
 
 _SCHEME = "bababo"
-#: The step is the one that :func:`openmm_dpd.recommend` gives for this error of the temperature.
+#: Error of the temperature for which :func:`openmm_dpd.recommend` gives the default step.
 _STEP_ERROR = 0.003
-#: Beads further than so many cutoffs from every copy are the solvent as it is without them, if they have this part of the box.  The
-#: solvent is up to 1.6 % denser from 1.5 to 1.8, 0.5 % thinner from 1.9 to 2.1: from 1.65 on the two cancel, to about the last number.
+#: Solvent further than this many cutoffs from every copy counts as undisturbed, if it has at least this part of the box.  The solvent is
+#: up to 1.6 % denser from 1.5 to 1.8, 0.5 % thinner from 1.9 to 2.1: from 1.65 on the two cancel, to about the last number.
 _FAR, _LEAST_FAR, _LAYERS = 1.65, 0.15, 0.001
 #: Time between samples, in units of rc (m/kT)^(1/2).
 _EVERY = 0.2
-#: Step over the inverse frequency of the stiffest bond.
+#: Default step times the angular frequency of the stiffest bond.
 _BOND_STEP = 0.4
-#: Points along an edge of the box that its part far from all copies is counted with.
+#: Grid points along each edge of the box, to measure its part far from all copies.
 _GRID = 10
 
 
 @dataclass(frozen=True, eq=False)
 class ExcessChemicalPotential:
-    r"""What it costs to bring one molecule into a solvent, in units of kT: :func:`excess_chemical_potential`.
+    r"""Excess chemical potential of a molecule in a solvent, in units of kT, from :func:`excess_chemical_potential`.
 
     Attributes
     ----------
     value, error : float
         :math:`\mu_{ex}/k_BT` and its standard error.
     parts : (K,) array
-        Parts lambda of the repulsion between molecule and solvent at which there was a copy of the molecule.
+        Coupling lambda of each copy of the molecule, 0 to 1.
     energies : (samples, K) array
-        Energy of each copy with the solvent over kT, at full repulsion.
+        Energy of each copy with the solvent at full repulsion, over kT.
     densities : (samples,) array
-        Density of the solvent far from all copies over the one of the scene.
+        Density of the solvent far from all copies, relative to that of the scene.
     kT : float
-        kJ/mol.
+        Thermal energy, kJ/mol.
     """
 
     parts: np.ndarray
@@ -72,23 +72,23 @@ class ExcessChemicalPotential:
 
     @property
     def molar_energy(self) -> unit.Quantity:
-        """The value as a molar energy."""
+        """The value as a molar energy, kJ/mol."""
         return self.value * self.kT * unit.kilojoule_per_mole
 
     def at(self, part: float, base: float = 0.0) -> Estimate:
-        """mu_ex/kT with this part, 0 to 1, of all repulsions between molecule and solvent, less that with another part.
+        """mu_ex/kT at coupling ``part`` (0 to 1) of the repulsion between molecule and solvent, less that at coupling ``base``.
 
-        The polynomial through the mean energies, of degree K - 1, is integrated.  The error of a difference is smaller than those of its
-        two parts, which have the same energies in them.
+        The polynomial of degree K - 1 through the mean energies is integrated.  The error of a difference is smaller than those of its two
+        terms, which share the energies.
 
         Raises
         ------
         ParameterError
-            If a part is out of bounds.
+            If a coupling is out of bounds.
         """
         ends = [reduced_number(value, "the part of the repulsion") for value in (part, base)]
         if max(ends) > 1:
-            raise ParameterError(f"the repulsion was switched on up to a part of 1; {max(ends):g} was not measured")
+            raise ParameterError(f"the part of the repulsion must be from 0 to 1; {max(ends):g} was not measured")
         series = self.energies @ (weights(self.parts, ends[0]) - weights(self.parts, ends[1]))
         uncoupled = (ends[0] - ends[1]) * float(np.mean(self.energies @ interpolation(self.parts, 0.0)[0]))
         slope, doubt = 0.5 * (uncoupled + float(series.mean())), 0.5 * (uncoupled - float(series.mean()))
@@ -99,7 +99,7 @@ class ExcessChemicalPotential:
 
 
 def interpolation(parts: np.ndarray, points) -> np.ndarray:
-    """(P, K) weights that give polynomials of degree K - 1 at P points from their values at K ``parts``, all in [0, 1]."""
+    """Weights (P, K) that interpolate polynomials of degree K - 1 at P points from their values at K ``parts``, all in [0, 1]."""
 
     def basis(x) -> np.ndarray:
         # Legendre polynomials on [0, 1] keep the matrix well conditioned
@@ -109,7 +109,7 @@ def interpolation(parts: np.ndarray, points) -> np.ndarray:
 
 
 def weights(parts: np.ndarray, end: float) -> np.ndarray:
-    """(K,) weights that integrate polynomials of degree K - 1 through values at ``parts`` from 0 to ``end``."""
+    """Weights (K,) that integrate polynomials of degree K - 1 from 0 to ``end``, from their values at ``parts``."""
     nodes, gauss = np.polynomial.legendre.leggauss(len(parts))
     return 0.5 * end * gauss @ interpolation(parts, 0.5 * end * (nodes + 1.0))
 
@@ -125,50 +125,50 @@ def excess_chemical_potential(
     seed: int = 1,
     platform="CPU",
 ) -> ExcessChemicalPotential:
-    r"""The excess chemical potential (solvation free energy) of a molecule at infinite dilution, by thermodynamic integration.
+    r"""Excess chemical potential (solvation free energy) of a molecule at infinite dilution, by thermodynamic integration.
 
     The repulsion of DPD is bounded, so it can be switched on by a factor,
 
     .. math:: \mu_{ex} = \int_0^1 \langle U_{sv} \rangle_\lambda \, d\lambda ,
 
-    where U_sv is all repulsion between molecule and solvent, which acts with a factor lambda.  Bonds, angles and the repulsion of the
-    molecule's beads among themselves always act: the reference is the molecule alone.
+    where U_sv is the repulsion between molecule and solvent, scaled by lambda.  Bonds, angles and the repulsion within the molecule are
+    never scaled: the reference state is the molecule in vacuum.
 
     Parameters
     ----------
     molecule : Molecule
     solvent : Scene
-        A box of solvent, with masses and pair coefficients of the molecule's beads as well.  Give it as it is in equilibrium; a box that
-        was just packed relaxes during ``settle``, which is enough for single beads and short chains.
+        Equilibrated box of solvent, whose scene also has the masses and pair coefficients of the molecule's beads.  A freshly packed box
+        relaxes during ``settle``, which suffices for single beads and short chains.
     time : float, default 300
         Length of the run in units of rc (m/kT)^(1/2), with the longest cutoff rc and the smallest mass m.
     settle : float, default 30
-        Time before, in the same unit; 4.4 times that is run in all, see Notes.
+        Equilibration time in the same unit; 4.4 times this is run in all, see Notes.
     copies : int, default 6
-        Copies of the molecule in the box, one for each point of a Gauss-Legendre rule in lambda, 3 to 32.
+        Copies of the molecule in the box, 3 to 32, one for each point of a Gauss-Legendre quadrature in lambda.
     dt : time, optional
-        By default what :func:`openmm_dpd.recommend` says for an error of 0.3 % in ``bababo``; stiff bonds make it short.
+        Step size; by default that of :func:`openmm_dpd.recommend` for an error of 0.3 % with ``bababo``, or less for stiff bonds.
     seed : int
     platform : str
 
     Raises
     ------
     ParameterError
-        If molecule or solvent have what cannot be switched so (charges, many-body or other potentials, internal energies, segmental
-        repulsion, walls, ...), a type has no pair coefficients, the box is too small for so many copies, or there is no step by default.
+        If molecule or solvent have terms that cannot be scaled (charges, many-body or other potentials, internal energies, segmental
+        repulsion, walls, ...), a type has no pair coefficients, the box is too small for the copies, or there is no default step.
 
     Notes
     -----
-    All copies are in one box, each at a lambda of its own.  In each a bead in the middle is held at a point of a lattice: that changes
-    nothing in the integral, because the solvent is the same everywhere, and keeps the copies apart.  Copies that were free to meet, and did
-    not repel each other, would share a cavity.
+    All copies are in one box, each at its own lambda.  A bead in the middle of each is held at a lattice point; this does not change the
+    integral, because the solvent is homogeneous, and keeps the copies apart.  Free copies, which do not repel each other, would share a
+    cavity.
 
-    The copies take room, and so compress the solvent.  After ``settle`` the density of the solvent is measured where no bead of a copy is
-    within 1.65 cutoffs, and the box is scaled to give it the density of the scene, twice.  What is left of the deviation is corrected to
-    first order with d mu_ex/d ln rho in the middle between mu_ex, which it is in a thin solvent, and <U_sv> at lambda = 0, which it is at
-    mean field; half of the difference counts as its error, and 0.1 % of the density for the layers of solvent around the copies.
-    Measured ones, at density 3: 1.22 mu_ex of a bead among its like at A = 25, 1.34 at A = 78, 1.4 of three beads with 40; the middle is
-    1.15, 1.18 and 1.36.  So the result holds for a solvent at the density of the scene.
+    The copies take up space and so compress the solvent.  After ``settle`` the density of the solvent is measured where no bead of a copy
+    is within 1.65 cutoffs, and the box is scaled to the density of the scene, twice.  The remaining deviation is corrected to first order;
+    d mu_ex/d ln rho is taken midway between mu_ex, its value in a dilute solvent, and <U_sv> at lambda = 0, its mean-field value.  The
+    error includes half of their difference, and 0.1 % of the density for the solvent layers around the copies.  Measured values at density
+    3: 1.22 mu_ex for a bead among its like at A = 25, 1.34 at A = 78, 1.4 for three beads at A = 40; midway is 1.15, 1.18 and 1.36.  So
+    the result holds for a solvent at the density of the scene.
 
     References
     ----------
@@ -176,14 +176,14 @@ def excess_chemical_potential(
     """
     count = whole_number(copies, "copies", least=3)
     if count > 32:
-        raise ParameterError(f"copies must be 3 to 32, not {count}: points of an integral over a smooth function")
+        raise ParameterError(f"copies, the points of a quadrature, must be from 3 to 32, not {count}")
     length, before = reduced_number(time, "time", positive=True), reduced_number(settle, "settle", positive=True)
     if length < 10 * _EVERY:
-        raise ParameterError(f"an average with an error needs a time of {10 * _EVERY:g} at least, not {length:g}")
+        raise ParameterError(f"an average with an error needs a time of at least {10 * _EVERY:g}, not {length:g}")
     whole_number(seed, "seed", least=0)
     nodes, _ = np.polynomial.legendre.leggauss(count)
     parts = 0.5 * (nodes + 1.0)
-    # neighbours on the lattice at different couplings
+    # lattice neighbours have different couplings
     order = np.random.default_rng(seed).permutation(count)
     made = insertion(molecule, solvent, parts[order], seed)
     assert solvent.box is not None and isinstance(solvent.kT, float)
@@ -209,7 +209,7 @@ def excess_chemical_potential(
 
 
 class _Run:
-    """One run of the copies in their solvent, and what was seen of it."""
+    """One run of the copies in their solvent, and its samples."""
 
     def __init__(self, made: Insertion, step: float, seed: int, platform: str):
         assert made.scene.box is not None
@@ -222,12 +222,12 @@ class _Run:
         self._rooms: list[float] = []
 
     def advance(self, time: float) -> _Run:
-        """So long without samples; the time is in MD units, as all here."""
+        """Run for a time (ps) without samples, and return the run."""
         self.simulation.step(round(time / self.step))
         return self
 
     def sample(self, time: float, every: float) -> _Run:
-        """So long with samples."""
+        """Run for a time (ps) with a sample at every interval ``every`` (ps), and return the run."""
         steps = max(1, round(every / self.step))
         for _ in range(max(1, round(time / self.step / steps))):
             self.simulation.step(steps)
@@ -235,7 +235,7 @@ class _Run:
         return self
 
     def positions(self) -> np.ndarray:
-        """(N, 3), nm."""
+        """Present positions (N, 3), nm."""
         return self.simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
 
     def _see(self, offset: np.ndarray) -> None:
@@ -252,37 +252,37 @@ class _Run:
         self._rooms.append(room * self._volume)
 
     def densities(self, wanted: float) -> np.ndarray:
-        """(samples,) densities of the solvent far from all copies over the wanted one; ParameterError if there is next to no such place."""
+        """Densities of the solvent far from all copies, over the wanted one, (samples,); ParameterError if too little is undisturbed."""
         rooms = np.array(self._rooms)
         part = float(rooms.mean()) / self._volume
         if part < _LEAST_FAR:
             raise ParameterError(
-                f"the copies leave {100 * part:.0f} % of the box to undisturbed solvent, and {100 * _LEAST_FAR:.0f} % are needed; "
+                f"the copies leave {100 * part:.0f} % of the box as undisturbed solvent, but {100 * _LEAST_FAR:.0f} % are needed; "
                 "take a larger box or fewer copies"
             )
-        # beads above those that the room of the same moment ought to hold: the room of copies that bend changes
+        # excess of beads over the wanted density in the room of the same moment, which changes as copies bend
         return 1.0 + (np.array(self._counts) - wanted * rooms) / (wanted * rooms.mean())
 
 
 def _distances(a: np.ndarray, b: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(A, B) distances by minimum image."""
+    """Distances (A, B) between A and B positions, by minimum image."""
     d = minimum_images((a[:, None, :] - b[None, :, :]).reshape(-1, 3), box)
     return np.sqrt(np.einsum("ij,ij->i", d, d)).reshape(len(a), len(b))
 
 
 def _scaled(made: Insertion, x: np.ndarray, grown: float) -> np.ndarray:
-    """Positions in a box grown by a factor: those of the solvent scale, copies move with the bead that is held."""
+    """Positions in a box scaled by a factor: the solvent scales, copies move with their fixed bead."""
     own = x[made.solvent :].reshape(made.copies, -1, 3)
     held = x[made.scene.immobile].reshape(made.copies, 1, 3)
     return np.concatenate([x[: made.solvent] * grown, (own + (grown - 1.0) * held).reshape(-1, 3)])
 
 
 def _default_step(scene: Scene) -> float:
-    """What the soft beads can take, or a part of the period of the stiffest bond."""
+    """Recommended step (ps) of the soft beads, or a fraction of the period of the stiffest bond if that is shorter."""
     soft = replace(scene, mobile=None, bonds=(), angles=(), dihedrals=())
     found = [choice.dt for choice in recommend(soft, _STEP_ERROR).choices if choice.scheme == _SCHEME]
     if not found:
-        raise ParameterError(f"there is no step by default for {_SCHEME} with this solvent; give dt")
+        raise ParameterError(f"there is no default step for {_SCHEME} with this solvent; give dt")
     step = found[0]
     for bonds in scene.bonds:
         stiffness = bonds.curve(bonds.lengths(scene.positions, scene.box))[2] * np.sum(1.0 / scene.bead_masses[bonds.pairs], axis=1)

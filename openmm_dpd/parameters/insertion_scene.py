@@ -1,4 +1,4 @@
-"""A solvent with copies of one molecule in it, each coupled to the solvent by a part of its repulsions."""
+"""A solvent with copies of a molecule, each coupled to the solvent by a fraction of its repulsion."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,22 +18,22 @@ from ..molecules.terms import many_terms
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """Copies of a molecule in a solvent, the beads of the solvent first."""
+    """Copies of a molecule in a solvent; the beads of the solvent come first."""
 
-    scene: Scene  #: One bead in the middle of each copy stays where it is
-    solvent: int  #: Beads of the solvent
+    scene: Scene  #: A bead in the middle of each copy is immobile
+    solvent: int  #: Number of beads of the solvent
     copies: int
-    #: A and cutoff between the n beads of the molecule and the S types of the solvent at full coupling, for each table of pairs; 0
-    #: for types without beads
+    #: A and cutoff between the n beads of the molecule and the S types of the solvent at full coupling, for each pair table; 0 for types
+    #: without beads
     repulsion: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
     def reach(self) -> float:
-        """The longest cutoff between molecule and solvent."""
+        """Longest cutoff between molecule and solvent, nm."""
         return max(float(cutoff.max()) for _, cutoff in self.repulsion)
 
     def energies(self, distances: np.ndarray) -> np.ndarray:
-        """(copies,) energies with the solvent at full coupling, from distances (copies, n, solvent) between beads."""
+        """Energies (copies,) with the solvent at full coupling, kJ/mol, from distances (copies, n, solvent) between beads."""
         kinds = self.scene.type_ids[: self.solvent]
         found = np.zeros(self.copies)
         for A, cutoff in self.repulsion:
@@ -43,8 +43,8 @@ class Insertion:
 
 
 def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) -> Insertion:
-    """Copies of the molecule in the solvent, one for each part of the repulsion between the two; ParameterError if one has what cannot be
-    coupled so."""
+    """Copies of the molecule in the solvent, one for each coupling in ``parts``; ParameterError if molecule or solvent have terms that
+    cannot be scaled."""
     check(molecule, solvent)
     copies = len(parts)
     names = {(k, name): _free_name(f"{name}:{k + 1}", solvent.type_names) for k in range(copies) for name in dict.fromkeys(molecule.types)}
@@ -76,18 +76,18 @@ def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) 
 def check(molecule: Molecule, solvent: Scene) -> None:
     """Raise ParameterError if the molecule cannot be put into the solvent."""
     if not isinstance(molecule, Molecule):
-        raise ParameterError(f"what is put into the solvent must be a Molecule of openmm_dpd.molecules, not {what_is(molecule)}")
+        raise ParameterError(f"molecule must be a Molecule of openmm_dpd.molecules, not {what_is(molecule)}")
     if not isinstance(solvent, Scene):
-        raise ParameterError(f"the solvent must be a Scene, such as pack(...).scene(pairs=..., kT=...), not {what_is(solvent)}")
+        raise ParameterError(f"solvent must be a Scene, such as pack(...).scene(pairs=..., kT=...), not {what_is(solvent)}")
     unknown = [name for name in molecule.types if name not in solvent.masses]
     if unknown:
         raise ParameterError(
-            f"the solvent knows no beads {what_is(unknown[0])} of the molecule {molecule.name}: name their mass in `masses` of its scene, "
-            f"which has {', '.join(solvent.masses)}, and their pair coefficients"
+            f"the solvent's scene does not have the bead type {what_is(unknown[0])} of the molecule {molecule.name}; add it to `masses`, "
+            f"which has {', '.join(solvent.masses)}, and to the pair coefficients"
         )
     for table in solvent.tables:
         if table.kind is not None and not (issubclass(table.kind, SoftRepulsion) and table.kind.internal is None):
-            raise ParameterError(f"only soft repulsions, DPD, can be switched on by a factor, not {table.kind.__name__}")
+            raise ParameterError(f"only the soft repulsion of DPD can be switched on by a factor, not {table.kind.__name__}")
     refused = {
         "charges": solvent.electrostatics is not None or molecule.charges is not None,
         "beads with internal energies, temperatures or concentrations": solvent.internal is not None,
@@ -113,13 +113,13 @@ def _free_name(name: str, taken: list[str]) -> str:
 
 
 def _terms(terms: tuple, first: np.ndarray) -> list:
-    """Bonds, angles or dihedrals of all copies."""
+    """Bonds, angles or dihedrals of all copies, from those of the molecule and the first bead of each copy."""
     beads = [[start + bead for bead in entry[:-1]] for start in first.tolist() for entry in terms]
     return many_terms(np.array(beads), [entry[-1] for entry in terms] * len(first)) if terms else []
 
 
 def _coupled(resolved: Mapping, solvents: list[str], names: Mapping[tuple[int, str], str], parts: np.ndarray) -> PairTable:
-    """The table with copies: among themselves as their types are, to the solvent with a part of the repulsion and all of the friction."""
+    """Pair table with the copies' types: unchanged among the copies; to the solvent, the repulsion is scaled and the friction is not."""
     entries = dict(resolved)
     for (k, name), new in names.items():
         for other in solvents:
@@ -138,7 +138,7 @@ def _entry(resolved: Mapping, one: str, other: str):
 
 
 def between(resolved: Mapping, molecule: Molecule, solvent: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """A and cutoffs between the n beads of the molecule and the S types of the solvent, (n, S); 0 for types without beads."""
+    """A and cutoffs between the n beads of the molecule and the S types of the solvent, (n, S) each; 0 for types without beads."""
     A, cutoff = np.zeros((2, molecule.n_beads, len(solvent.type_names)))
     for i, name in enumerate(molecule.types):
         for j in np.unique(solvent.type_ids).tolist():
@@ -149,7 +149,7 @@ def between(resolved: Mapping, molecule: Molecule, solvent: Scene) -> tuple[np.n
 
 
 def _placed(molecule: Molecule, solvent: Scene, copies: int, seed: int) -> tuple[np.ndarray, int]:
-    """Beads of the copies, (copies, n, 3), each with its middle bead at a point of a lattice, and the number of that bead."""
+    """Positions of the copies, (copies, n, 3), each with its middle bead at a lattice point, and the index of that bead."""
     box = solvent.box
     assert box is not None
     mixture = pack({molecule: copies}, box=box, solvent=None, seed=seed, kT=solvent.initial_kT)
@@ -160,7 +160,7 @@ def _placed(molecule: Molecule, solvent: Scene, copies: int, seed: int) -> tuple
 
 
 def lattice_points(count: int, box: np.ndarray) -> np.ndarray:
-    """So many points, (count, 3), of the lattice of rank one, k (1, a, b)/count, whose points are furthest apart."""
+    """Points (count, 3) of the rank-1 lattice k (1, a, b)/count with the largest distance between its points."""
     multiples = np.arange(count)[:, None]
     best, chosen = -1.0, np.zeros((count, 3))
     for a in range(max(1, count)):

@@ -11,30 +11,30 @@ from ..model.pairs import DPD, checked
 from .estimate import Estimate, reduced_number
 from .state import repulsion_from_compressibility
 
-#: Powers of mass, length and time in each dimension.
+#: Exponents of mass, length and time in each dimension.
 _POWERS = {
     **{"length": (0, 1, 0), "mass": (1, 0, 0), "time": (0, 0, 1), "energy": (1, 2, -2), "velocity": (0, 1, -1), "force": (1, 1, -2)},
     **{"friction": (1, 0, -1), "noise": (1, 1, -1.5), "force_constant": (1, 0, -2), "inverse_length": (0, -1, 0), "volume": (0, 3, 0)},
     **{"diffusion": (0, 2, -1), "viscosity": (1, -1, -1), "pressure": (1, -1, -2)},
 }
 
-#: Temperature at which the numbers of water below were measured, K.
+#: Temperature at which the properties of water below were measured, K.
 _ROOM = 298.15
-#: Water at 298.15 K and 1 bar: Da; kg/m^3 and 1/Pa; m^2/s.
+#: Water at 298.15 K and 1 bar: molecular mass (Da), density (kg/m^3) and compressibility (1/Pa), diffusion coefficient (m^2/s).
 _WATER_MASS = 18.01528
 _WATER_DENSITY, _WATER_COMPRESSIBILITY = 997.05, 4.525e-10
 _WATER_DIFFUSION = 2.299e-9
 
 
 def _per_mole(value, dimension: str):
-    """A Quantity of a bulk property, kg/m^3 or Pa s, in the units of this package, whose masses and energies are per mole."""
+    """A bulk Quantity, such as in kg/m^3 or Pa s, in units of this package, whose masses and energies are per mole."""
     if unit.is_quantity(value) and (value.unit / unit.mole).is_compatible(DIMENSIONS[dimension]):
         return value * unit.AVOGADRO_CONSTANT_NA
     return value
 
 
 def _per_pressure(value) -> float:
-    """A compressibility in nm^3/(kJ/mol)."""
+    """A compressibility in nm^3/(kJ/mol); ParameterError if it is not > 0."""
     if not unit.is_quantity(value):
         value = reduced_number(value, "compressibility", positive=True)
     return 1.0 / checked(md_pressure(1.0 / value), "dimensionless", "the inverse of the compressibility", positive=True)
@@ -42,28 +42,28 @@ def _per_pressure(value) -> float:
 
 @dataclass(frozen=True)
 class BeadMapping:
-    r"""What beads of one kind of molecule are in nm, Da and ps.
+    r"""Physical units of beads that represent molecules of one kind.
 
-    A bead is ``molecules`` molecules.  With ``density`` beads in rc^3 and the mass density d of the liquid
+    A bead represents ``molecules`` molecules.  With ``density`` beads per rc^3 and the mass density d of the liquid,
 
     .. math:: m = N_m M, \quad r_c = (\rho\, m/d)^{1/3}, \quad \tau = r_c \sqrt{m/k_BT}.
 
     Parameters
     ----------
     molecules : int
-        Molecules in a bead, N_m.
+        Molecules per bead, N_m.
     molecule_mass : mass
-        Of one molecule, Da.
+        Mass of one molecule, Da.
     mass_density : mass/volume
-        Of the liquid, Da/nm^3, or a Quantity such as kg/m^3.
+        Mass density of the liquid, Da/nm^3, or a Quantity such as in kg/m^3.
     temperature : temperature
-        Kelvin, or a Quantity.
+        In kelvin, or a Quantity.
     compressibility : 1/pressure
-        Isothermal, of the liquid: a Quantity such as 1/pascal or 1/bar, or nm^3/(kJ/mol).
+        Isothermal compressibility of the liquid, nm^3/(kJ/mol), or a Quantity such as in 1/pascal or 1/bar.
     diffusion : length^2/time, optional
-        Self-diffusion coefficient of the molecules, nm^2/ps or a Quantity such as m^2/s; for :meth:`diffusion_time`.
+        Self-diffusion coefficient of the molecules, nm^2/ps, or a Quantity such as in m^2/s; for :meth:`diffusion_time`.
     density : float, default 3
-        Beads in rc^3.
+        Beads per rc^3.
 
     Attributes
     ----------
@@ -112,44 +112,44 @@ class BeadMapping:
 
     @property
     def cutoff(self) -> float:
-        """rc, nm."""
+        """Cutoff rc, nm: the unit of length."""
         return float((self.density * self.mass / self.mass_density) ** (1 / 3))
 
     @property
     def time(self) -> float:
-        """tau = rc (m/kT)^(1/2), ps: the unit of time that goes with the units of mass, length and energy."""
+        """tau = rc (m/kT)^(1/2), ps: the unit of time that follows from those of mass, length and energy."""
         return float(self.cutoff * (self.mass / self.thermal_energy) ** 0.5)
 
     @property
     def inverse_compressibility(self) -> float:
-        r"""The target for the model, N_m/(n kT kappa_T) with n molecules in a volume.
+        r"""Dimensionless inverse compressibility to be matched by the model, N_m/(n kT kappa_T), with n molecules per volume.
 
-        It is (1/kT) dp/drho for beads: with N_m molecules in each of them there are fewer to carry the same pressure, so it grows with N_m.
+        It is (1/kT) dp/drho of the beads, and proportional to N_m since fewer beads carry the same pressure.
         """
         molecules = self.mass_density / self.molecule_mass
         return self.molecules / (molecules * self.thermal_energy * self.compressibility)
 
     def repulsion(self, *, equation: str = "measured") -> Estimate:
-        """A rc/kT between beads of this kind, from :func:`openmm_dpd.parameters.repulsion_from_compressibility`."""
+        """A rc/kT between these beads, from :func:`openmm_dpd.parameters.repulsion_from_compressibility`."""
         return repulsion_from_compressibility(self.inverse_compressibility, self.density, equation=equation)
 
     def diffusion_time(self, D) -> unit.Quantity:
-        r"""The time that a unit of reduced time represents if beads are to diffuse as the molecules do.
+        r"""Unit of time that matches the diffusion of the beads to that of the molecules.
 
         .. math:: \tau_D = \frac{N_m D\, r_c^2}{D_{exp}},
 
-        where D is the reduced diffusion coefficient of a bead.  The mean of N_m molecules diffuses N_m times slower than each of them.  A
-        soft fluid diffuses fast: this time is many times tau, and is only the pace of what diffusion drives.
+        where D is the reduced diffusion coefficient of a bead.  The centre of N_m molecules diffuses N_m times slower than each of them.
+        Soft fluids diffuse fast, so tau_D is many times tau; it applies only to processes that diffusion drives.
 
         Parameters
         ----------
         D : float or Estimate
-            Of a bead, in rc^2/tau: measured, or from :func:`openmm_dpd.parameters.transport`.
+            Diffusion coefficient of a bead, rc^2/tau: measured, or from :func:`openmm_dpd.parameters.transport`.
 
         Returns
         -------
         Quantity
-            ps.
+            tau_D in ps.
 
         Raises
         ------
@@ -167,12 +167,12 @@ class BeadMapping:
 
     def _scale(self, dimension: str) -> float:
         if dimension not in _POWERS:
-            raise ParameterError(f"the dimension must be one of {', '.join(_POWERS)}, not {what_is(dimension)}")
+            raise ParameterError(f"dimension must be one of {', '.join(_POWERS)}, not {what_is(dimension)}")
         mass, length, time = _POWERS[dimension]
         return float(self.mass**mass * self.cutoff**length * self.time**time)
 
     def quantity(self, value, dimension: str) -> unit.Quantity:
-        """A reduced number as an OpenMM Quantity.
+        """Convert a reduced number to an OpenMM Quantity.
 
         Parameters
         ----------
@@ -184,12 +184,12 @@ class BeadMapping:
         Returns
         -------
         Quantity
-            In nm, Da, ps, kJ/mol.
+            In units of nm, Da, ps, kJ/mol.
 
         Raises
         ------
         ParameterError
-            If the dimension is not known or the value is no number.
+            If the dimension is unknown or the value is not a number.
         """
         scale = self._scale(dimension)
         number = to_md(float(value) if isinstance(value, Estimate) else value, "dimensionless", "the reduced value")
@@ -197,14 +197,14 @@ class BeadMapping:
         return number * scale * md
 
     def reduced(self, value, dimension: str):
-        """A Quantity, or a bare number in nm, Da, ps, kJ/mol, as a reduced number: the inverse of :meth:`quantity`.
+        """Convert a Quantity, or a bare number in units of nm, Da, ps, kJ/mol, to a reduced number; the inverse of :meth:`quantity`.
 
-        Bulk units are fine: a pressure in bar, a viscosity in Pa s.
+        Bulk units, such as bar for a pressure or Pa s for a viscosity, are accepted.
 
         Raises
         ------
         ParameterError
-            If the dimension is not known or the unit does not fit.
+            If the dimension is unknown or the unit does not fit it.
         """
         scale = self._scale(dimension)
         number = md_pressure(value) if dimension == "pressure" else to_md(_per_mole(value, dimension), dimension, f"the {dimension}")
@@ -233,19 +233,19 @@ class BeadMapping:
 def water_mapping(
     molecules: int = 3, density: float = 3.0, *, temperature=_ROOM, mass_density=None, compressibility=None, diffusion=None
 ) -> BeadMapping:
-    """Beads of water.
+    """Physical units of water beads.
 
     Parameters
     ----------
     molecules : int, default 3
-        Water molecules in a bead.
+        Water molecules per bead.
     density : float, default 3
-        Beads in rc^3.
+        Beads per rc^3.
     temperature : temperature, default 298.15 K
     mass_density, compressibility, diffusion : optional
         By default those of water at 298.15 K and 1 bar: 997.05 kg/m^3 and 4.525e-10 1/Pa (G. S. Kell, J. Chem. Eng. Data 20, 97 (1975)),
-        2.299e-9 m^2/s (M. Holz, S. R. Heil and A. Sacco, Phys. Chem. Chem. Phys. 2, 4740 (2000)).  At another temperature all three are
-        needed.
+        2.299e-9 m^2/s (M. Holz, S. R. Heil and A. Sacco, Phys. Chem. Chem. Phys. 2, 4740 (2000)).  All three are required at any other
+        temperature.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def water_mapping(
     given = {"mass_density": mass_density, "compressibility": compressibility, "diffusion": diffusion}
     missing = [name for name, value in given.items() if value is None]
     if abs(kelvin - _ROOM) > 0.01 and missing:
-        raise ParameterError(f"water is known here at {_ROOM} K; at {kelvin:g} K it needs {', '.join(missing)}")
+        raise ParameterError(f"the properties of water are known at {_ROOM} K only; at {kelvin:g} K, give {', '.join(missing)}")
     return BeadMapping(
         molecules,
         _WATER_MASS,

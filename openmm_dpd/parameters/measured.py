@@ -1,4 +1,4 @@
-"""The pressure and the energy of a fluid of one kind of beads, from a short run."""
+"""Pressure and energy of a one-component fluid, from a short run."""
 
 from dataclasses import dataclass
 
@@ -12,20 +12,20 @@ from ..model.scene import Scene
 from ..simulation.build import build
 from .estimate import reduced_number
 
-#: Time before samples are taken and between two of them, in units of rc (m/kT)^(1/2): soft beads forget their start in a few of these.
+#: Time before the first sample and between samples, in units of rc (m/kT)^(1/2); soft beads equilibrate within a few units.
 SETTLE, EVERY = 5.0, 0.25
 
 
 @dataclass(frozen=True)
 class MeasuredPressure:
-    """What a run says about a fluid, reduced: rc = m = kT = 1.
+    """Measured pressure and energy of a fluid, in reduced units, rc = m = kT = 1.
 
     Attributes
     ----------
     pressure : openmm_dpd.base.stats.Average
         p rc^3/kT.
     energy : openmm_dpd.base.stats.Average
-        Potential energy of a bead over kT.
+        Potential energy per bead over kT.
     """
 
     pressure: Average
@@ -35,27 +35,27 @@ class MeasuredPressure:
 def measured_pressure(
     A, density=3.0, *, beads: int = 1000, time: float = 200.0, dt: float | None = None, seed: int = 1, platform: str = "CPU"
 ) -> MeasuredPressure:
-    """Pressure and energy of a fluid of one kind of beads, in reduced units, from a run of its own.
+    """Pressure and energy of a one-component fluid, in reduced units, from a short run.
 
     Parameters
     ----------
     A : float
         A rc/kT, >= 0.
     density : float
-        Beads in rc^3.
+        Beads per rc^3.
     beads : int, default 1000
-        Beads in a cubic box.
+        Number of beads in a cubic box.
     time : float, default 200
         Length of the run after the first 5 units of time, in rc (m/kT)^(1/2).
     dt : float, optional
-        Step in the same unit; by default 0.05 where A density is up to 75, shorter for stiffer fluids as 1/(A density)^(1/2).
+        Step size in the same unit; by default 0.05 for A density up to 75, and smaller as 1/(A density)^(1/2) for stiffer fluids.
     seed : int
     platform : str
 
     Returns
     -------
     MeasuredPressure
-        Standard errors are those of :func:`openmm_dpd.base.stats.block_average`.
+        With standard errors of :func:`openmm_dpd.base.stats.block_average`.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def measured_pressure(
     for _ in range(max(1, round(time / step / every))):
         simulation.step(every)
         sample = observer.sample(simulation.context)
-        # the kinetic part is known, kT at every bead; what is left is (sum of r . F)/(3 V)
+        # the kinetic part is known exactly, kT per bead; the rest is (sum of r . F)/(3 V)
         rows.append((((count - 1) + sample.virial_conservative / 3) / edge**3, sample.potential / count))
     pressure, energy = np.array(rows).T
     return MeasuredPressure(block_average(pressure, name="the pressure"), block_average(energy, name="the energy"))

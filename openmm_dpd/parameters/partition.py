@@ -1,6 +1,6 @@
-"""Partition coefficients of molecules between two solvents: by theory, by measurement, and the repulsion for a wanted one.
+"""Partition coefficients of molecules between two solvents: from theory, from runs, and the repulsion for a given one.
 
-log P = log10 of c_octanol/c_water at infinite dilution; "octanol" is any other solvent than water, as the model has it.
+log P = log10 of c_octanol/c_water at infinite dilution; "octanol" stands for any solvent other than water in the model.
 """
 
 import math
@@ -22,39 +22,39 @@ _FLORY = "Flory, Principles of Polymer Chemistry (1953)"
 
 
 def _number(value, name: str) -> tuple[float, float | None]:
-    """A number of either sign and its error, bare or an Estimate."""
+    """Value and error of a number of either sign, bare (error None) or an Estimate."""
     error = value.error if isinstance(value, Estimate) else None
     return checked(value.value if isinstance(value, Estimate) else value, "dimensionless", name, signed=True), error
 
 
 def chi_from_log_p(logp, beads: int, *, chi_octanol=0.0, octanol_beads: int = 1, water_beads: int = 1) -> Estimate:
-    r"""The Flory-Huggins parameter of a molecule's beads with water, for a wanted log P.
+    r"""Flory-Huggins parameter between a molecule's beads and water for a given log P.
 
     In Flory-Huggins theory a molecule of N_s beads, at infinite dilution in a solvent of molecules of N beads, has the chemical potential
 
     .. math:: \mu/k_BT = \ln\phi + 1 - N_s/N + N_s \chi ,
 
-    where phi is the part of the volume that it has, and chi is for a pair of beads.  It is the same in both solvents, w and o, if
+    where phi is its volume fraction and chi is per bead.  It is equal in both solvents, w and o, if
 
     .. math:: \ln\frac{\phi_o}{\phi_w} = N_s (\chi_{sw} - \chi_{so}) + N_s \left(\frac{1}{N_o} - \frac{1}{N_w}\right) .
 
-    The same volume of the molecule in both makes the left side ln 10 log P.
+    The left side is ln 10 log P, since the molecule has the same volume in both.
 
     Parameters
     ----------
     logp : float or Estimate
         log10 of c_octanol/c_water, of either sign.
     beads : int
-        N_s.
+        Beads per molecule, N_s.
     chi_octanol : float or Estimate, default 0
-        chi of the molecule's beads with the other solvent, a mean over its beads.
+        chi between the molecule's beads and the other solvent, averaged over its beads.
     octanol_beads, water_beads : int, default 1
-        N_o and N_w.
+        Beads per solvent molecule, N_o and N_w.
 
     Returns
     -------
     Estimate
-        chi of the molecule's beads with water; the error is that of what was given, not of the theory.  It may be negative.
+        chi between the molecule's beads and water, which may be negative; its error is that of the arguments, not of the theory.
 
     Raises
     ------
@@ -63,8 +63,8 @@ def chi_from_log_p(logp, beads: int, *, chi_octanol=0.0, octanol_beads: int = 1,
 
     Notes
     -----
-    Theory counts the neighbours of single beads.  Bonded beads show less of themselves to their neighbours, and near infinite dilution chi
-    is not quite what it is in mixtures: docs/howto/partition.md has how far the partition is off that a model then has.
+    The theory counts the neighbours of single beads.  Bonded beads have fewer contacts, and at infinite dilution chi differs from that of
+    mixtures; docs/howto/partition.md shows the resulting error of the partition coefficient.
 
     References
     ----------
@@ -86,7 +86,7 @@ def chi_from_log_p(logp, beads: int, *, chi_octanol=0.0, octanol_beads: int = 1,
 
 
 def log_p(molecule: Molecule, octanol: Scene, water: Scene, **options) -> Estimate:
-    r"""The measured log P of a molecule between two solvents,
+    r"""log P of a molecule between two solvents,
 
     .. math:: \log P = \log_{10} \frac{c_o}{c_w} = \frac{\mu_{ex,w} - \mu_{ex,o}}{k_BT \ln 10} ,
 
@@ -98,17 +98,17 @@ def log_p(molecule: Molecule, octanol: Scene, water: Scene, **options) -> Estima
     octanol, water : Scene
         The two solvents, at the same temperature, each with masses and pair coefficients of the molecule's beads.
     **options
-        As for :func:`excess_chemical_potential`: ``time``, ``settle``, ``copies``, ``dt``, ``seed``, ``platform``.
+        Options of :func:`excess_chemical_potential`: ``time``, ``settle``, ``copies``, ``dt``, ``seed``, ``platform``.
 
     Returns
     -------
     Estimate
-        With its standard error.
+        log P with its standard error.
 
     Raises
     ------
     ParameterError
-        As :func:`excess_chemical_potential`; also if the temperatures differ.
+        If the temperatures differ, or :func:`excess_chemical_potential` refuses molecule, solvents or options.
     """
     _check_both(molecule, octanol, water)
     there, here = (excess_chemical_potential(molecule, solvent, **options) for solvent in (octanol, water))
@@ -116,21 +116,21 @@ def log_p(molecule: Molecule, octanol: Scene, water: Scene, **options) -> Estima
 
 
 def repulsion_from_log_p(logp, molecule: Molecule, octanol: Scene, water: Scene, **options) -> Estimate:
-    r"""The repulsion between a molecule's beads and water with which the molecule has a wanted log P.
+    r"""Repulsion between a molecule's beads and water for a given log P.
 
-    Two runs.  One gives the chemical potential in the other solvent; the one in water gives it for all repulsions up to the one that the
-    scene has, because all of it is switched on by one factor: A_sw is where it is that of the other solvent plus kT ln 10 log P.
+    Two runs are made.  One gives the chemical potential in the other solvent.  The one in water gives it for all repulsions up to that of
+    the scene, since one factor switches all of it on; A_sw is where it equals that in the other solvent plus kT ln 10 log P.
 
     Parameters
     ----------
     logp : float or Estimate
     molecule : Molecule
-        All of its beads repel water alike.  (Of a molecule with beads of several kinds find one repulsion after the other, from molecules
-        that have one new kind each; where a molecule has both, change that one until :func:`log_p` is right.)
+        A molecule whose beads all repel water with the same A.  (For beads of several kinds, find one repulsion after the other, from
+        molecules with one new kind each; if a molecule has several, vary one A until :func:`log_p` is right.)
     octanol, water : Scene
-        As for :func:`log_p`.  A between molecule and water is the largest that is looked at.  That of the other solvent is as it is.
+        The two solvents, as in :func:`log_p`.  A between molecule and water is the upper limit of A_sw; the other solvent is not changed.
     **options
-        As for :func:`excess_chemical_potential`.
+        Options of :func:`excess_chemical_potential`.
 
     Returns
     -------
@@ -140,8 +140,8 @@ def repulsion_from_log_p(logp, molecule: Molecule, octanol: Scene, water: Scene,
     Raises
     ------
     ParameterError
-        As :func:`excess_chemical_potential`; also if the beads of the molecule repel water unlike, or no repulsion up to the one of the
-        scene gives this log P: the message says what they give.
+        If the beads of the molecule repel water with different A, no repulsion up to that of the scene gives this log P (the message has
+        the range), or :func:`excess_chemical_potential` refuses an argument.
     """
     wanted, given = _number(logp, "log P")
     _check_both(molecule, octanol, water)
@@ -150,7 +150,7 @@ def repulsion_from_log_p(logp, molecule: Molecule, octanol: Scene, water: Scene,
     target = there.value + _LN10 * wanted
     if not 0 <= target <= here.value:
         least, most = -there.value / _LN10, (here.value - there.value) / _LN10
-        raise ParameterError(f"A = 0 to {top:g} between {molecule.name} and water give log P = {least:.2f} to {most:.2f}, never {wanted:g}")
+        raise ParameterError(f"A = 0 to {top:g} between {molecule.name} and water gives log P = {least:.2f} to {most:.2f}, not {wanted:g}")
     part = float(brentq(lambda x: here.at(x).value - target, 0.0, 1.0))
     step = 0.02
     low, high = max(0.0, part - step), min(1.0, part + step)
@@ -167,12 +167,12 @@ def _check_both(molecule: Molecule, octanol: Scene, water: Scene) -> None:
 
 
 def _one_repulsion(molecule: Molecule, water: Scene) -> float:
-    """A between the molecule and water, of all their beads."""
+    """The common A between the molecule's beads and water; ParameterError if there is none."""
     tables = [table.resolve(water.type_names) for table in water.tables if table.kind is not None]
     present = np.unique(water.type_ids)
     A = sum(between(table, molecule, water)[0][:, present] for table in tables)
     found = sorted(set(np.round(np.ravel(A), 9).tolist()))
     if len(found) != 1 or found[0] <= 0:
         listed = ", ".join(f"{value:g}" for value in found)
-        raise ParameterError(f"the beads of {molecule.name} must all repel water alike, with one A > 0, but they have A = {listed}")
+        raise ParameterError(f"the beads of {molecule.name} must all repel water with one A > 0, but they have A = {listed}")
     return found[0]

@@ -1,7 +1,6 @@
-"""Equations of state of a fluid of soft beads of one kind, and the repulsion for a wanted compressibility.
+"""Equations of state of a one-component fluid of soft beads, and the repulsion for a given compressibility.
 
-All is reduced: lengths in rc, energies in kT, so A means A rc/kT, the density for beads in rc^3 and the pressure for p rc^3/kT.
-"""
+Reduced units, rc = kT = 1: A stands for A rc/kT, the density for beads per rc^3 and the pressure for p rc^3/kT."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,15 +16,15 @@ from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 #: Coefficients of B2/A and of the dense limit: eqs 10 and 14 of Liyana-Arachchi et al.
 _B2 = (9.755e-2, -4.912e-3, 1.556e-4, -2.585e-6, 1.705e-8)
 _DENSE = (0.0802, 0.7787)
-#: Relative errors of a pressure between the points of the measured table, from this density on and below: docs/validation.md.
+#: Relative error of pressures between points of the measured table above a density, that density, and the error below: docs/validation.md.
 _BETWEEN, _SPARSE, _SPARSE_ERROR = 1e-3, 2.5, 3e-3
-#: How much larger the relative error of a slope is: points of the table are a factor 1.2 apart in density.
+#: Factor by which the relative error of a slope is larger: points of the table are a factor 1.2 apart in density.
 _STEEP = 10.0
 
 
 @dataclass(frozen=True)
 class _Equation:
-    """p = rho + alpha A rho^2: alpha and its derivative by the density, as functions of the density and A."""
+    """p = rho + alpha A rho^2: alpha and its derivative with respect to density, as functions of density and A."""
 
     alpha: Callable[[float, float], float]
     slope: Callable[[float, float], float]
@@ -34,13 +33,13 @@ class _Equation:
     measured: bool
 
     def relative_error(self, density: float) -> float | None:
-        """Of a pressure, as far as it is known."""
+        """Relative error of a pressure, or None if unknown."""
         return None if not self.measured else _BETWEEN if density >= _SPARSE else _SPARSE_ERROR
 
 
 @dataclass(frozen=True)
 class _Surface:
-    """A spline through a column of the table, over the logarithms of density and A."""
+    """Spline through a column of the table, over ln(density) and ln(A)."""
 
     spline: RectBivariateSpline
 
@@ -48,7 +47,7 @@ class _Surface:
         return float(self.spline(np.log(density), np.log(A))[0, 0])
 
     def slope(self, density: float, A: float) -> float:
-        """By the density; 0 beyond the table, where the spline stays what it is at the bound."""
+        """Derivative with respect to density; 0 outside of the table, where the spline is constant."""
         knots = self.spline.get_knots()[0]
         if not knots[0] <= np.log(density) <= knots[-1]:
             return 0.0
@@ -90,6 +89,7 @@ def _dense_slope(density: float, A: float) -> float:
 
 
 def _equation(name: str) -> _Equation:
+    """The equation of state of this name; ParameterError for an unknown one."""
     table = _table()
     known = {
         "measured": lambda: _Equation(table.alpha, table.alpha.slope, "docs/measure/pressure_table.py", table.bounds, True),
@@ -109,7 +109,7 @@ def _equation(name: str) -> _Equation:
         ),
     }
     if not isinstance(name, str) or name not in known:
-        raise ParameterError(f"the equation of state must be one of {', '.join(known)}, not {what_is(name)}")
+        raise ParameterError(f"equation must be one of {', '.join(known)}, not {what_is(name)}")
     return known[name]()
 
 
@@ -120,11 +120,11 @@ def _arguments(A, density, equation: _Equation, extrapolate: bool) -> tuple[floa
 
 
 def pressure(A, density=3.0, *, equation: str = "measured", extrapolate: bool = False) -> Estimate:
-    r"""Pressure of a fluid of one kind of beads,
+    r"""Pressure of a one-component fluid,
 
     .. math:: p = \rho k_BT + \alpha A r_c^4 \rho^2 ,
 
-    where alpha is a constant (``groot-warren``), a function of density and A (``liyana-arachchi``) or a spline through pressures measured
+    where alpha is a constant (``groot-warren``), a function of density and A (``liyana-arachchi``), or a spline through pressures measured
     with this package at 64 states (``measured``).
 
     Parameters
@@ -132,10 +132,10 @@ def pressure(A, density=3.0, *, equation: str = "measured", extrapolate: bool = 
     A : float
         A rc/kT, > 0.
     density : float, default 3
-        Beads in rc^3.
+        Beads per rc^3.
     equation : {"measured", "groot-warren", "liyana-arachchi"}
     extrapolate : bool
-        Go on outside of the bounds.  The measured alpha stays there what it is at the bound.
+        Allow values outside of the bounds, where the measured alpha is constant.
 
     Returns
     -------
@@ -145,14 +145,14 @@ def pressure(A, density=3.0, *, equation: str = "measured", extrapolate: bool = 
     Raises
     ------
     ParameterError
-        If a value is outside of what the equation covers, or the equation is not known.
+        If a value is outside of the range of the equation, or the equation is unknown.
 
     References
     ----------
     Groot and Warren, J. Chem. Phys. 107, 4423 (1997): alpha = 0.101, up to 21 % too high at density 2, 9 % at density 3 and 1 % at 8.
-    Liyana-Arachchi et al., J. Chem. Phys. 142, 044902 (2015), eqs 10 and 14, with the coefficients as they are in the programs of Allen
-    and Tildesley's Computer Simulation of Liquids (2017): within 2 % of the measured pressures up to A = 40.  Its polynomial for the second
-    virial coefficient leaves the exact one beyond: by 20 % at 60, and by a factor of 4 at 80.
+    Liyana-Arachchi et al., J. Chem. Phys. 142, 044902 (2015), eqs 10 and 14, with coefficients from the programs of Allen and Tildesley's
+    Computer Simulation of Liquids (2017): within 2 % of the measured pressures up to A = 40.  Above, its polynomial for the second virial
+    coefficient departs from the exact one: by 20 % at 60, and by a factor of 4 at 80.
 
     Examples
     --------
@@ -166,16 +166,16 @@ def pressure(A, density=3.0, *, equation: str = "measured", extrapolate: bool = 
 
 
 def inverse_compressibility(A, density=3.0, *, equation: str = "measured", extrapolate: bool = False) -> Estimate:
-    r"""Dimensionless inverse compressibility of a fluid of one kind of beads,
+    r"""Dimensionless inverse compressibility of a one-component fluid,
 
     .. math:: \kappa^{-1} = \frac{1}{\rho k_BT \kappa_T} = \frac{1}{k_BT} \left(\frac{\partial p}{\partial \rho}\right)_T .
 
-    Parameters, bounds and sources are those of :func:`pressure`.
+    for A rc/kT, beads per rc^3 and an equation of state (:func:`pressure` has bounds and sources).
 
     Raises
     ------
     ParameterError
-        As for :func:`pressure`.
+        If a value is outside of the range of the equation, or the equation is unknown.
 
     Examples
     --------
@@ -198,17 +198,17 @@ def _slope(equation: _Equation, A: float, density: float) -> float:
 
 
 def repulsion_from_compressibility(inverse, density=3.0, *, equation: str = "measured") -> Estimate:
-    r"""The A of beads of one kind for an inverse compressibility 1/(rho kT kappa_T), at any density that the equation covers.
+    r"""Repulsion A of a one-component fluid with a given inverse compressibility 1/(rho kT kappa_T).
 
     Parameters
     ----------
     inverse : float
-        > 1; that of an ideal gas is 1.  For molecules in beads of N_m each it is N_m times that of the liquid
+        Inverse compressibility, > 1 (that of an ideal gas).  For beads of N_m molecules it is N_m times that of the liquid
         (:class:`openmm_dpd.parameters.BeadMapping`).
     density : float, default 3
-        Beads in rc^3.
+        Beads per rc^3.
     equation : {"measured", "groot-warren", "liyana-arachchi"}
-        See :func:`pressure`.
+        Equation of state, see :func:`pressure`.
 
     Returns
     -------
@@ -218,11 +218,11 @@ def repulsion_from_compressibility(inverse, density=3.0, *, equation: str = "mea
     Raises
     ------
     ParameterError
-        If no A within the bounds of the equation gives it.
+        If no A within the bounds of the equation gives this compressibility.
 
     References
     ----------
-    The way of Groot and Warren, J. Chem. Phys. 107, 4423 (1997), eqs 16 to 18; with N_m: Groot and Rabone, Biophys. J. 81, 725 (2001).
+    Method: Groot and Warren, J. Chem. Phys. 107, 4423 (1997), eqs 16 to 18; with N_m: Groot and Rabone, Biophys. J. 81, 725 (2001).
 
     Examples
     --------
@@ -237,18 +237,18 @@ def repulsion_from_compressibility(inverse, density=3.0, *, equation: str = "mea
     least, most = _slope(chosen, low, density), _slope(chosen, high, density)
     if not least <= inverse <= most:
         raise ParameterError(
-            f"an inverse compressibility of {inverse:g} at density {density:g} needs an A outside of {low:g} to {high:g}, which is what "
-            f"{chosen.source} covers; those give {least:.4g} to {most:.4g}"
+            f"an inverse compressibility of {inverse:g} at density {density:g} needs an A outside of {low:g} to {high:g}, the range of "
+            f"{chosen.source}, in which it is {least:.4g} to {most:.4g}"
         )
     A = brentq(lambda a: _slope(chosen, a, density) - inverse, low, high)
     return Estimate(float(A), _error(chosen, density, _STEEP * float(A), False), chosen.source, chosen.bounds)
 
 
 def overlap_energy(A: float, density: float) -> float:
-    """Twice the energy of a bead over A, from the measured table; no check of bounds."""
+    """Twice the energy per bead over A, from the measured table; bounds are not checked."""
     return _table().overlap(density, A)
 
 
 def measured_bounds() -> Bounds:
-    """Densities and A of the measured table."""
+    """Bounds of density and A in the measured table."""
     return _table().bounds

@@ -98,7 +98,7 @@ def test_values_errors_and_units():
     assert abs(found.at(0.5).value - 4.5) < 4 * found.at(0.5).error
     assert found.at(1.0, 0.5).value == pytest.approx(found.value - found.at(0.5).value)
     assert found.at(1.0, 0.5).error < math.hypot(found.error, found.at(0.5).error)
-    raises(dpd.ParameterError, "up to a part of 1; 1.1", lambda: found.at(1.1))
+    raises(dpd.ParameterError, "from 0 to 1; 1.1", lambda: found.at(1.1))
 
 
 def test_a_dense_solvent_is_corrected():
@@ -117,7 +117,7 @@ def test_what_cannot_be_switched_is_refused():
     cases = [
         ("must be a Molecule", "W", scene),
         ("must be a Scene", one, None),
-        ("knows no beads 'C'", Molecule(("C",)), scene),
+        ("does not have the bead type 'C'", Molecule(("C",)), scene),
         ("charges", Molecule(("A",), charges=(1.0,)), scene),
         ("do not move", one, replace(scene, mobile=still)),
         ("not all forces act", one, replace(scene, interacting=np.tile(still[:, None], 3))),
@@ -133,12 +133,12 @@ def test_what_cannot_be_switched_is_refused():
     unseen = pack({}, box=[5.0] * 3, solvent="W", seed=1).scene(pairs=PAIRS, kT=1.0, masses=MASSES)
     raises(dpd.ParameterError, "nothing acts between B1? and this solvent", lambda: excess_chemical_potential(Molecule(("B",)), unseen))
     raises(dpd.ParameterError, "seed must be at least 0", lambda: excess_chemical_potential(one, scene, seed=-1))
-    raises(dpd.ParameterError, "copies must be 3 to 32, not 40", lambda: excess_chemical_potential(one, scene, copies=40))
-    raises(dpd.ParameterError, "a time of 2 at least, not 1", lambda: excess_chemical_potential(one, scene, time=1.0))
+    raises(dpd.ParameterError, "must be from 3 to 32, not 40", lambda: excess_chemical_potential(one, scene, copies=40))
+    raises(dpd.ParameterError, "a time of at least 2, not 1", lambda: excess_chemical_potential(one, scene, time=1.0))
     with pytest.raises(dpd.ParameterError, match=r"no pair coefficients for types .*\(W, B\)"):
         solvent({("*", "A"): dpd.DPD(A=25, gamma=4.5), ("W", "W"): dpd.DPD(A=25, gamma=4.5)})
     raises(dpd.ParameterError, "different temperatures", lambda: log_p(one, scene, replace(scene, kT=2.0)))
-    with pytest.raises(dpd.ParameterError, match="repel water alike, with one A > 0, but they have A = 10, 40"):
+    with pytest.raises(dpd.ParameterError, match="repel water with one A > 0, but they have A = 10, 40"):
         repulsion_from_log_p(3.0, one, scene, scene)
 
 
