@@ -6,7 +6,7 @@ from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 
 from .advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
-from .base import (
+from .base.errors import (
     DeckError as DeckError,
     DPDError as DPDError,
     OutputError as OutputError,
@@ -14,8 +14,9 @@ from .base import (
     PlanError as PlanError,
     ProgramError as ProgramError,
     RunError as RunError,
-    fastest_platform as fastest_platform,
 )
+from .base.platforms import fastest_platform as fastest_platform
+from .base.serialized import load_xml as load_xml
 from .kernels.threads import get_threads as get_threads, set_threads as set_threads
 from .measure import (
     DPDReporter as DPDReporter,
@@ -25,63 +26,45 @@ from .measure import (
     set_kT as set_kT,
     set_temperature as set_temperature,
 )
-from .model import (
-    DPD as DPD,
-    EDPD as EDPD,
-    MDPD as MDPD,
-    NONE as NONE,
-    TDPD as TDPD,
-    BeadTemperatures as BeadTemperatures,
-    Block as Block,
-    BodyForce as BodyForce,
-    Concentrations as Concentrations,
-    ConstantHeatCapacity as ConstantHeatCapacity,
+from .model.angles import (
     CosineAngles as CosineAngles,
-    EnergyDPD as EnergyDPD,
-    FENEBonds as FENEBonds,
-    GaussianCharges as GaussianCharges,
     HarmonicAngles as HarmonicAngles,
-    HarmonicBonds as HarmonicBonds,
     HarmonicDihedrals as HarmonicDihedrals,
-    InternalEnergy as InternalEnergy,
-    LeesEdwards as LeesEdwards,
-    LennardJones as LennardJones,
-    MorseBonds as MorseBonds,
     MultiHarmonicDihedrals as MultiHarmonicDihedrals,
     OPLSDihedrals as OPLSDihedrals,
-    PairTable as PairTable,
-    PositionForce as PositionForce,
-    Scene as Scene,
-    SegmentalRepulsion as SegmentalRepulsion,
-    SlaterCharges as SlaterCharges,
-    Source as Source,
-    Sphere as Sphere,
-    TabulatedEOS as TabulatedEOS,
-    TabulatedPair as TabulatedPair,
-    TemperatureRamp as TemperatureRamp,
-    Wall as Wall,
 )
-from .plan import Plan as Plan, degrees_of_freedom as degrees_of_freedom, explain_plan as explain_plan, make_plan as make_plan
-from .simulation import (
-    BuiltSystem as BuiltSystem,
-    EnthalpyBarostat as EnthalpyBarostat,
-    FieldReporter as FieldReporter,
-    MixedSystem as MixedSystem,
-    add_barostat as add_barostat,
-    add_thermostat as add_thermostat,
-    build as build,
-    build_plan as build_plan,
-    create_mixed_system as create_mixed_system,
-    load_fields as load_fields,
-    load_xml as load_xml,
-    read_fields as read_fields,
-    write_fields as write_fields,
-)
+from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
+from .model.edpd import EDPD as EDPD
+from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterCharges as SlaterCharges
+from .model.energy_dpd import EnergyDPD as EnergyDPD
+from .model.eos import ConstantHeatCapacity as ConstantHeatCapacity, TabulatedEOS as TabulatedEOS
+from .model.flow import BodyForce as BodyForce, PositionForce as PositionForce, Wall as Wall
+from .model.internal import BeadTemperatures as BeadTemperatures, Concentrations as Concentrations, InternalEnergy as InternalEnergy
+from .model.mdpd import MDPD as MDPD
+from .model.pairs import DPD as DPD, NONE as NONE, LennardJones as LennardJones, PairTable as PairTable, TabulatedPair as TabulatedPair
+from .model.scene import Scene as Scene
+from .model.segments import SegmentalRepulsion as SegmentalRepulsion
+from .model.shear import LeesEdwards as LeesEdwards
+from .model.sources import Block as Block, Source as Source, Sphere as Sphere
+from .model.tdpd import TDPD as TDPD
+from .model.temperature import TemperatureRamp as TemperatureRamp
+from .plan.explain import explain_plan as explain_plan
+from .plan.made import degrees_of_freedom as degrees_of_freedom
+from .plan.plan import Plan as Plan, make_plan as make_plan
+from .simulation.barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
+from .simulation.build import build as build, build_plan as build_plan
+from .simulation.built import BuiltSystem as BuiltSystem
+from .simulation.field_file import FieldReporter as FieldReporter, load_fields as load_fields
+from .simulation.fields import read_fields as read_fields, write_fields as write_fields
+from .simulation.mixed_system import MixedSystem as MixedSystem, create_mixed_system as create_mixed_system
+from .simulation.thermostat import add_thermostat as add_thermostat
 
 __version__ = "0.2.0"
 
 #: Modules that scripts import by a name of their own, and where they are.
 PUBLIC_MODULES = {
+    "inputs": "inputs",
+    "outputs": "outputs",
     "stats": "base.stats",
     "trajectory": "io.trajectory",
     "units": "base.units",

@@ -1,6 +1,6 @@
-"""Units: what enters is turned into OpenMM's MD units (nm, Da, ps, kJ/mol) once, at the border.
+"""Units: what enters is turned into OpenMM's MD units (nm, Da, ps, kJ/mol) once, at the border, and kept as it was then.
 
-Three things live here, and nothing else converts:
+Nothing else converts:
 
 - :func:`to_md` takes a bare number (already in MD units, as everywhere in OpenMM) or an ``openmm.unit.Quantity``;
 - :func:`thermal_energy` takes an energy or a temperature for kT;
@@ -11,6 +11,7 @@ Three things live here, and nothing else converts:
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from openmm import unit
@@ -252,3 +253,22 @@ def checked(value, dimension: str, name: str, *, positive: bool = False, signed:
     if not signed and (number < 0 or (positive and number == 0)):
         raise ParameterError(f"{name} must be {'> 0' if positive else '>= 0'}, but is {in_number(number, dimension)}")
     return number
+
+
+def owned(array, dtype=None) -> np.ndarray:
+    """A read-only copy: it is changed neither through the array it was made from nor by itself."""
+    copy = np.array(array, dtype=dtype, order="C")
+    copy.flags.writeable = False
+    return copy
+
+
+def keep(instance, **values) -> None:
+    """Set attributes of a frozen instance; arrays are kept as read-only copies.  A caller goes on to change the mask or the positions it
+    has handed over, and what was checked must stay what it was."""
+    for name, value in values.items():
+        object.__setattr__(instance, name, owned(value) if isinstance(value, np.ndarray) else value)
+
+
+def known_under(kind: Any) -> list[str]:
+    """Names of the classes under one that stand in its own file; anybody may have added others."""
+    return [under.__name__ for under in kind.__subclasses__() if under.__module__ == kind.__module__]

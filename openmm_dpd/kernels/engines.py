@@ -19,7 +19,7 @@ class EngineKind:
     name: str  #: What :func:`openmm_dpd.build` is told
     what: str  #: What it is, in a few words
     make: Callable[[PairSpec], Engine]  #: A new engine
-    #: What it can do, in the words of :meth:`openmm_dpd.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
+    #: What it can do, in the words of :meth:`openmm_dpd.plan.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
     #: default.  Scenes that need more are refused.
     can: Container[str] | None = None
     #: From (StepSpec, engine, watch, reach) to what does whole steps with it, see :class:`.steps.StepLoop`.

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..base.errors import ParameterError, bead_names, either, in_length, overstretched
 from ..base.geometry import minimum_images, widths
-from ..base.units import to_md
-from .owned import keep
+from ..base.units import keep, to_md
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
 WCA_END = 2.0 ** (1.0 / 6.0)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 from ..base.errors import ParameterError, what_is
-from ..base.units import to_md
+from ..base.units import keep, to_md
 from .internal import BeadTemperatures
-from .owned import keep
 from .pairs import PairCoefficient
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import scipy
 
 from ..base.errors import ParameterError, in_length, in_units, what_is
-from ..base.units import COULOMB, whole_number
-from .owned import keep
+from ..base.units import COULOMB, keep, whole_number
 from .pairs import checked
 
 #: A larger PME grid is a mistake: 512^3 points, 2 GB on the Reference platform.

@@ -14,8 +14,7 @@ import scipy
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.units import BOLTZMANN, thermal_energies, to_md
-from .owned import keep
+from ..base.units import BOLTZMANN, keep, thermal_energies, to_md
 
 
 def heat_capacity(value, name: str):

@@ -8,9 +8,8 @@ import numpy as np
 
 from ..base.errors import ParameterError, bead_number, either, in_length, in_number, unit_name, what_is
 from ..base.geometry import folded
-from ..base.units import to_md
+from ..base.units import keep, to_md
 from .formulas import read_formula, values
-from .owned import keep
 from .pairs import checked
 from .sources import point
 

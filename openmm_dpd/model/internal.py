@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import ParameterError, bead_number, in_number, what_is
-from ..base.units import thermal_energies, to_md
+from ..base.units import keep, thermal_energies, to_md
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
-from .owned import keep
 from .pairs import NONE
 from .sources import Source
 

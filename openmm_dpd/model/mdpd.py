@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..base.errors import ParameterError, bead_names, what_is
-from .owned import keep
+from ..base.units import keep
 from .pairs import NONE, PairCoefficient
 
 #: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.

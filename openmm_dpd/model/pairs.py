@@ -9,8 +9,7 @@ import numpy as np
 import scipy
 
 from ..base.errors import ParameterError, in_length, in_number, in_units, thermal, what_is
-from ..base.units import checked as checked, to_md
-from .owned import keep
+from ..base.units import checked as checked, keep, to_md
 
 
 class _NoInteraction:

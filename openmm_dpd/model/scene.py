@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..base.errors import ParameterError, bead_number, either, fact_table, what_is
-from ..base.units import thermal_energy, to_md
+from ..base.units import keep, known_under, thermal_energy, to_md
 from .angles import Angles, Dihedrals, check_angles, check_dihedrals
 from .bonds import BondedTerms, Bonds, check_members
 from .electrostatics import EwaldSum, GaussianCharges, SlaterCharges, checked_ewald, special_factors
 from .flow import BodyForce, Gap, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
-from .owned import keep, known_under
 from .pairs import NONE, PairTable, require_complete
 from .segments import SegmentalRepulsion, check_segments
 from .shear import LeesEdwards, check_shear

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..base.errors import ParameterError, bead_names, in_length, what_is
 from ..base.geometry import minimum_images
+from ..base.units import keep
 from .bonds import bead_indices
-from .owned import keep
 from .pairs import checked
 
 #: What the distance of two segments is.

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
-from .owned import keep
+from ..base.units import keep
 from .pairs import checked
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..base.errors import ParameterError, what_is
 from ..base.geometry import folded
-from ..base.units import to_md
-from .owned import keep
+from ..base.units import keep, to_md
 from .pairs import checked
 
 

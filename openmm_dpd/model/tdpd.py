@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
-from ..base.units import to_md
+from ..base.units import keep, to_md
 from .internal import Concentrations
-from .owned import keep
 from .pairs import SoftRepulsion
 
 

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from ..base.errors import ParameterError
-from ..base.units import thermal_energy, whole_number
-from .owned import keep
+from ..base.units import keep, thermal_energy, whole_number
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from itertools import combinations, groupby, product
 import numpy as np
 
 from ..base.errors import ParameterError, fact_table, what_is
-from ..base.units import to_md, whole_number
-from ..model.owned import known_under
+from ..base.units import known_under, to_md, whole_number
 from .piercings import neighbours_of
 from .terms import AnyBend, AnySpring, AnyTwist
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.units import BOLTZMANN, DIMENSIONS, md_pressure, to_md, whole_number
-from ..model.owned import keep
+from ..base.units import BOLTZMANN, DIMENSIONS, keep, md_pressure, to_md, whole_number
 from ..model.pairs import DPD, checked
 from .estimate import Estimate, reduced_number
 from .state import repulsion_from_compressibility

@@ -16,9 +16,8 @@ from ..kernels import motion
 from ..kernels.moment import Moment, StepSpec
 from ..kernels.shear import TIME, flow_at, sheared_box, strain_at
 from ..plan.execution import DOUBLE_PLATFORMS
-from ..plan.forces.fingerprint import fingerprint
 from ..plan.forces.pair_force import PairForceFunction
-from ..plan.forces.thread_state import ThreadState
+from ..plan.forces.thread_state import ThreadState, fingerprint
 from .fields import field_variables, per_dof, raw_fields, raw_rates
 from .integrators import PairIntegrator
 

@@ -12,8 +12,8 @@ from openmm_dpd import RunError
 from openmm_dpd.base.names import COUNTER, DT, KT, PHASE, SEED, TAU, Phase
 from openmm_dpd.kernels import motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.plan.forces.fingerprint import fingerprint, only_folded
 from openmm_dpd.plan.forces.pair_force import PairForceFunction
+from openmm_dpd.plan.forces.thread_state import fingerprint, only_folded
 from openmm_dpd.plan.plan import make_plan
 
 SCENE = fluid(EXTENDED, BOXES["tilted"], n=60)

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ParameterError, what_is
-from ...base.units import to_md
+from ...base.units import known_under, to_md
 from ...io.psf import checked_bonds
-from ...model.owned import known_under
 from ...model.scene import Scene
 from ..molecule import bends_between, by_types, twists_between
 from ..terms import AnyBend, AnySpring, AnyTwist, many_terms
