@@ -80,7 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--runs", type=int, default=6)
     runs = parser.parse_args().runs
-    print("| beads with | scheme | step | rate of decay | equipartition | energy made per bead and time, or change of the sum |")
+    print("| beads with | scheme | step | decay rate | equipartition | energy gained per bead and time, or change of the sum |")
     print("| --- | --- | --- | --- | --- | --- |")
     for what in ("heat", "species"):
         for scheme, steps in STEPS.items():
