@@ -1,6 +1,7 @@
 """Errors before any line of the package."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import openmm_dpd as dpd
@@ -13,6 +14,7 @@ class Lines:
 
     def __init__(self, at: int = 0, error: BaseException | None = None, files: str = PACKAGE):
         self.at, self.error, self.files, self.functions = at, error, files, []
+        self.calls: dict[tuple, list[int]] = {}  # A line behind the lines that led to it -> when it is carried out, counted from 1.
 
     def __enter__(self):
         self.before = sys.gettrace()
@@ -30,4 +32,19 @@ class Lines:
             self.functions.append(frame.f_code.co_name)
             if len(self.functions) == self.at:
                 raise self.error
+            if not self.at:
+                self.calls.setdefault(tuple(self._path(frame)), []).append(len(self.functions))
         return self._line
+
+    def _path(self, frame) -> Iterator[tuple]:
+        """Lines from this one outwards; of functions that call themselves, once."""
+        before = None
+        while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
+            if frame.f_code is not before:
+                yield frame.f_code, frame.f_lineno
+            before, frame = frame.f_code, frame.f_back
+
+    @property
+    def places(self) -> list[int]:
+        """When each line is carried out for the first and for the last time, behind the same lines."""
+        return sorted({at for its in self.calls.values() for at in (its[0], its[-1])})

@@ -78,8 +78,8 @@ def test_an_error_before_any_line(kind, scale, threads, files, called, monkeypat
         forces_at(calm, places[1], scene)
     assert called <= set(trace.functions)
     wrong = []
-    # two threads that share a core wait for each other: some lines only, there; every other one elsewhere, which are others for each kind
-    for at in range(1 + len(kind) % 2, len(trace.functions) + 1, 2 if threads == 1 else 20):
+    # two threads that share a core wait for each other: some lines only, there; every other one elsewhere, others for each kind
+    for at in trace.places[len(kind) % 2 :: 2 if threads == 1 else 12]:
         engine = PairEngine(spec)
         forces_at(engine, places[0], scene)
         with pytest.raises(MemoryError), Lines(at, MemoryError(), KERNELS + files):

@@ -93,6 +93,12 @@ def both_ways(monkeypatch, run, threads: int = 2) -> tuple:
     return expected, run()
 
 
+def in_turn(names: str, rows, schemes) -> pytest.MarkDecorator:
+    """Each row with each scheme, on one thread and on two in turn: a row has both, and so has a scheme."""
+    found = [(*row, scheme, 1 + (m + n) % 2) for m, row in enumerate(rows) for n, scheme in enumerate(schemes)]
+    return pytest.mark.parametrize(f"{names}, scheme, threads", found)
+
+
 @pytest.mark.parametrize("scheme", ["mvv", "middle", "bababo"])
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_steps_are_played(kind, scheme, monkeypatch, counted):
@@ -115,9 +121,7 @@ def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
     assert not same(run_of(made(kind, scheme), 3, STEPS - 3), expected) and counted[0] > 0
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("scheme", ["mvv", "middle", "O/2 B/2 A B/2 O/2", "B/2 O/2 B/2 A O/2"])
-@pytest.mark.parametrize("kind", ["edpd", "tdpd", "energies", "mdpd lucy"])
+@in_turn("kind", [["edpd"], ["tdpd"], ["energies"], ["mdpd lucy"]], ["mvv", "middle", "O/2 B/2 A B/2 O/2", "B/2 O/2 B/2 A O/2"])
 def test_fields(kind, scheme, threads, monkeypatch, counted, together):
     """On a ramp, without sources; forces of eDPD depend on temperatures, which sweeps change where positions stay."""
     scene = replace(KINDS[kind](), sources=(), kT=dpd.TemperatureRamp(1.0, 1.5, 3, 60))
@@ -140,9 +144,12 @@ def test_charges(scheme, monkeypatch, counted, together):
     def reached() -> dict[str, np.ndarray]:
         return run_of(dpd.build(KINDS["charged"](), dt=0.01, scheme=scheme, seed=SEED, platform="CPU"), 3, STEPS - 3)
 
+    set_threads(1)
+    expected = unplayed(monkeypatch, reached)
     for threads in 1, 2:
+        set_threads(threads)
         counted[0] = 0
-        assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
+        assert not same(reached(), expected) and counted[0] > 0
 
 
 SHEARS = {
@@ -152,12 +159,11 @@ SHEARS = {
 }
 
 
-@pytest.mark.parametrize("scheme", ["mvv", "middle", "O/2 B/2 A/3 B/2 2A/3 O/2"])
-@pytest.mark.parametrize(
-    ("kind", "shear"),
-    [*(("polymers", shear) for shear in SHEARS), *((kind, "oscillating") for kind in ("bonded", "energies", "mdpd lucy"))],
-)
-def test_shear(kind, shear, scheme, monkeypatch, counted, together):
+SHEARED = [*(("polymers", shear) for shear in SHEARS), *((kind, "oscillating") for kind in ("bonded", "energies", "mdpd lucy"))]
+
+
+@in_turn("kind, shear", SHEARED, ["mvv", "middle", "O/2 B/2 A/3 B/2 2A/3 O/2"])
+def test_shear(kind, shear, scheme, threads, monkeypatch, counted, together):
     """Box and flow change in place, and are put back with the beads; overlays and segments have lists of their own."""
     scene = polymers() if kind == "polymers" else KINDS[kind]()
     scene = replace(scene, shear=SHEARS[shear], body_forces=())
@@ -165,14 +171,11 @@ def test_shear(kind, shear, scheme, monkeypatch, counted, together):
     def reached() -> dict[str, np.ndarray]:
         return run_of(dpd.build(scene, dt=0.01, scheme=scheme, seed=SEED, platform="CPU"), 3, 2 * STEPS, STEPS)
 
-    for threads in 1, 2:
-        counted[0] = 0
-        expected, found = both_ways(monkeypatch, reached, threads)
-        assert not same(found, expected) and counted[0] > 0
+    assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
 
 
-@pytest.mark.parametrize(("scheme", "behind"), [("mvv", False), ("middle", False), ("middle", True), ("bababo", True)])
-def test_driven_walls(behind, scheme, monkeypatch, counted, together):
+@pytest.mark.parametrize("scheme, behind, threads", [("mvv", False, 1), ("middle", False, 2), ("middle", True, 1), ("bababo", True, 2)])
+def test_driven_walls(behind, scheme, threads, monkeypatch, counted, together):
     """Impulses are part of the state; beads keep their seats, since sums of walls go through them in turn.  Walls that swing are left to
     Python."""
     pair, fluid = dpd.DPD(A=25, gamma=4.5), {"behind": "A", "density": 3.0} if behind else {}
@@ -192,18 +195,13 @@ def test_driven_walls(behind, scheme, monkeypatch, counted, together):
         assert np.abs(impulses).max() > 1.0
         return everything(simulation.context, built) | {"impulses": impulses}
 
-    for threads in 1, 2:
-        counted[0] = 0
-        expected, found = both_ways(monkeypatch, reached, threads)
-        assert not same(found, expected) and counted[0] > 0
+    assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
     counted[0] = 0
     reached(period=1.0)
     assert counted == [0]
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("scheme", ["mvv", "middle", "bab3"])
-@pytest.mark.parametrize("kind", ["dpd", "tilted", "ramp", "bonded", "energies", "mdpd"])
+@in_turn("kind", [["dpd"], ["tilted"], ["ramp"], ["bonded"], ["energies"], ["mdpd"]], ["mvv", "middle", "bab3"])
 def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, together):
     """Whose pairs are listed where they are used; also where a measurement has had them stored, and where columns become full.  With one
     thread none of these is played: that would take more memory and no less time.  Pairs of fields and densities are stored as ever."""
@@ -232,9 +230,7 @@ def _just_enough(self):
     self._passing = self._room(self.threads * int(self._stored.found.max()))
 
 
-@pytest.mark.parametrize("scheme", ["middle", "B A/2 S A/2", "B/2 O A B/2", "B/2 O/2 B/2 A O/2"])
-@pytest.mark.parametrize("kind", ["dpd", "bonded"])
-@pytest.mark.parametrize("threads", [1, 2])
+@in_turn("kind", [["dpd"], ["bonded"]], ["middle", "B A/2 S A/2", "B/2 O A B/2", "B/2 O/2 B/2 A O/2"])
 def test_measured_between_calls(kind, scheme, threads, monkeypatch, counted, together):
     """So that the force is there when beads get seats, at another step size too, in words that sweep before beads drift too."""
 
@@ -302,9 +298,8 @@ def test_chains(scheme, threads, monkeypatch, counted, together):
     assert 0 < counted[0] < 58
 
 
-@pytest.mark.parametrize("scheme", ["shardlow", "bab3"])
-@pytest.mark.parametrize(("beads", "cuts"), [(600, [10] * 20), (601, [10] * 20), (602, [40, 360])])
-def test_lists_that_always_want_more_room(scheme, beads, cuts, monkeypatch, counted, together):
+@in_turn("beads, cuts", [(600, [10] * 20), (601, [10] * 20), (602, [40, 360])], ["shardlow", "bab3"])
+def test_lists_that_always_want_more_room(scheme, threads, beads, cuts, monkeypatch, counted, together):
     """Wherever a list gets more room, what was recorded with the arrays before is not played with them.  The last one does so after more
     steps in a row than a state is kept for."""
 
@@ -320,15 +315,12 @@ def test_lists_that_always_want_more_room(scheme, beads, cuts, monkeypatch, coun
     scene = dpd.Scene({"W": 1.0}, ["W"] * beads, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
     set_threads(1)
     expected = step_by_step(monkeypatch, lambda: dpd.build(scene, dt=0.05, scheme=scheme, seed=SEED, platform="CPU"), sum(cuts))
-    for threads in 1, 2:
-        set_threads(threads)
-        counted[0] = 0
-        assert not same(run_of(dpd.build(scene, dt=0.05, scheme=scheme, seed=SEED, platform="CPU"), *cuts), expected)
-        assert 0 < counted[0] < (150 if max(cuts) == 10 else 380)
+    set_threads(threads)
+    assert not same(run_of(dpd.build(scene, dt=0.05, scheme=scheme, seed=SEED, platform="CPU"), *cuts), expected)
+    assert 0 < counted[0] < (150 if max(cuts) == 10 else 380)
 
 
-@pytest.mark.parametrize("scheme", ["mvv", "middle"])
-@pytest.mark.parametrize("bead", [55, 301])
+@pytest.mark.parametrize("bead, scheme", [(55, "mvv"), (301, "middle")])
 def test_a_bead_runs_away_from_its_seat(bead, scheme, monkeypatch, counted, together):
     """Half of the beads do not move, and one is pulled: it is found in the same step by its own number, whoever has that number's seat."""
     edge, types = 200.0 ** (1 / 3), np.where(np.arange(600) == bead, "B", "A").tolist()

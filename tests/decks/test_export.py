@@ -24,34 +24,29 @@ def with_forces(written):
     written.deck.write_text(text.replace("\nrun ", "\n" + more))
 
 
-@pytest.mark.parametrize("units", ["lj", "real"])
 @pytest.mark.parametrize("name", exported.SCENES)
-def test_forces_of_the_first_step(name, units, tmp_path):
+def test_forces_of_the_first_step_and_the_state_that_comes_back(name, tmp_path):
+    """In both systems of units.  LAMMPS's first frame and data file hold the scene: positions with their images, velocities, what beads carry."""
     scene = exported.scene(name)
-    if units == "real" and name in ("many-body", "heat", "species"):
-        with pytest.raises(dpd.ParameterError, match="units lj only"):
-            export_lammps(scene, tmp_path, name, dt=0.001, steps=0, units=units)
-        return
-    written = export_lammps(scene, tmp_path, name, dt=0.001, steps=0, seed=3, units=units)
-    assert not written.differences
-    with_forces(written)
-    exported.run_lammps(tmp_path, name)
-    # segments have placeholders behind the beads
-    forces = read_lammps_dump(tmp_path / "forces.dump", units=units).forces[0][: scene.n_beads]
     terms = dpd.force_terms(dpd.build(scene, dt=0.001, scheme="mvv", platform="Reference", seed=1))
     expected = sum(values for term, values in terms.items() if term != "random" and not term.startswith("rates"))
     largest = np.abs(expected).max()
     assert largest > 10
-    np.testing.assert_allclose(forces, expected, rtol=0, atol=TOLERANCE.get(name, 1e-9) * largest)
-
-
-@pytest.mark.parametrize("name", exported.SCENES)
-def test_state_comes_back(name, tmp_path):
-    """LAMMPS's first frame and data file hold the scene: positions with their images, velocities, what beads carry."""
-    scene = exported.scene(name)
-    written = export_lammps(scene, tmp_path, name, dt=0.001, steps=0, seed=3)
-    exported.run_lammps(tmp_path, name)
-    for found in (read_lammps_dump(written.dump, scene).scene(0), scene_from_data(written.final, scene)):
+    written = {}
+    for units in ("lj", "real"):
+        if units == "real" and name in ("many-body", "heat", "species"):
+            with pytest.raises(dpd.ParameterError, match="units lj only"):
+                export_lammps(scene, tmp_path / units, name, dt=0.001, steps=0, units=units)
+        else:
+            written[units] = export_lammps(scene, tmp_path / units, name, dt=0.001, steps=0, seed=3, units=units)
+            assert not written[units].differences
+            with_forces(written[units])
+    exported.run_lammps(tmp_path, name, folders=list(written))
+    for units in written:
+        # segments have placeholders behind the beads
+        forces = read_lammps_dump(tmp_path / units / "forces.dump", units=units).forces[0][: scene.n_beads]
+        np.testing.assert_allclose(forces, expected, rtol=0, atol=TOLERANCE.get(name, 1e-9) * largest)
+    for found in (read_lammps_dump(written["lj"].dump, scene).scene(0), scene_from_data(written["lj"].final, scene)):
         np.testing.assert_allclose(found.positions, scene.positions, rtol=0, atol=1e-13)
         np.testing.assert_allclose(found.velocities, scene.velocities, rtol=0, atol=1e-14)
         if scene.box is not None:
