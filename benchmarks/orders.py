@@ -37,9 +37,9 @@ from atlas_parts.summary import short  # noqa: E402
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.base.errors import DPDError  # noqa: E402
 from openmm_dpd.kernels.columns import approach, over_pairs  # noqa: E402
-from openmm_dpd.kernels.compiled import inlined  # noqa: E402
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine  # noqa: E402
 from openmm_dpd.plan.plan import make_plan  # noqa: E402
+from openmm_dpd.runtime.compiled import inlined  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 

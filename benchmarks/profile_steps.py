@@ -1,6 +1,6 @@
 """Where the time of a step goes on the CPU platform, kernel by kernel and thread by thread, and what is left for more cores.
 
-Steps are played in compiled code (openmm_dpd/kernels/replay.py), whose clock is read before and after each kernel and after the threads have
+Steps are played in compiled code (openmm_dpd/runtime/replay.py), whose clock is read before and after each kernel and after the threads have
 met.  A line for each kernel: its time with one thread; with several the work of the slowest, the waiting of the others, and how much faster
 that is.  Serial is what one thread does alone, and every moment in which some wait.  The last lines have the speedup that Amdahl's law makes
 of the share that does not get faster, s = (n T_n/T_1 - 1)/(n - 1), for 4, 8 and 16 cores.  A quiet machine is needed.
@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.kernels.engine import PairEngine  # noqa: E402
-from openmm_dpd.kernels.replay import Recording  # noqa: E402
+from openmm_dpd.runtime.replay import Recording  # noqa: E402
 
 PLAY, REPEATS = Recording.play, PairEngine.repeats
 
@@ -78,7 +78,7 @@ class Clock:
         self.spent, self.played, self.seconds = np.zeros((0, 0, 2)), 0, 0.0
 
     def play(self, recording: Recording, counter: int, steps: int, heats: np.ndarray | None) -> tuple[int, int | None]:
-        """As :meth:`openmm_dpd.kernels.replay.Recording.play`."""
+        """As :meth:`openmm_dpd.runtime.replay.Recording.play`."""
         threads = recording.threads
         spent, begun = np.zeros((len(recording.names), threads, 2), np.int64), time.perf_counter()
         found = PLAY(recording, counter, steps, heats, spent)

@@ -17,7 +17,6 @@ from .base.errors import (
 )
 from .base.platforms import fastest_platform as fastest_platform
 from .base.serialized import load_xml as load_xml
-from .kernels.threads import get_threads as get_threads, set_threads as set_threads
 from .measure import (
     DPDReporter as DPDReporter,
     Observer as Observer,
@@ -51,6 +50,7 @@ from .model.temperature import TemperatureRamp as TemperatureRamp
 from .plan.explain import explain_plan as explain_plan
 from .plan.made import degrees_of_freedom as degrees_of_freedom
 from .plan.plan import Plan as Plan, make_plan as make_plan
+from .runtime import get_threads as get_threads, set_threads as set_threads
 from .simulation.barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
 from .simulation.build import build as build, build_plan as build_plan
 from .simulation.built import BuiltSystem as BuiltSystem

@@ -243,9 +243,8 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
 
 
 def _warm(options: argparse.Namespace, signals: Signals) -> None:
-    from .base.kernel_cache import cache_folder
-    from .kernels.threads import set_threads
     from .measure.warming import warm
+    from .runtime import cache_folder, set_threads
 
     set_threads(options.threads)
     warm(print)

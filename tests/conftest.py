@@ -20,9 +20,9 @@ import numba
 import pytest
 from devices import DEVICES, MARKS, Device, available
 
-from openmm_dpd.kernels import threads
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan import device as device_engine
+from openmm_dpd.runtime import threads
+from openmm_dpd.runtime.threads import set_threads
 
 gc.disable()  # until all tests are collected
 

@@ -11,10 +11,10 @@ from oracle import minimum_image
 from scenes import noise_of, ready
 
 from openmm_dpd.kernels import noise as hashed
-from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.threads import set_threads
 
 #: Boxes by name; positions are strewn over several images of each.
 BOXES = {"none": None, "cubic": np.diag([4.5, 4.5, 4.5]), "tilted": np.array([[5.2, 0, 0], [1.9, 4.9, 0], [-2.0, 1.8, 4.4]])}

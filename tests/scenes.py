@@ -10,8 +10,8 @@ from openmm import unit
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import noise as hashed
-from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.runtime.compiled import compiled
 
 D = dpd.DPD
 

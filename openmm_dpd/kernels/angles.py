@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .compiled import inlined
+from ..runtime import inlined
 from .extras import CHUNK, BondedKernel, minimum_image
 
 #: Least |a x b| (nm^2) that a force is divided by: beads in line have no direction to bend in, and OpenMM has the same bound.

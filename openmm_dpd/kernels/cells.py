@@ -9,9 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import helper, inlined
-from .native import Kernel
-from .team import meet
+from ..runtime import Kernel, helper, inlined, meet
 
 #: Few cells have more beads.
 _FEW, _ONE = np.uint64(8), np.uint64(1)

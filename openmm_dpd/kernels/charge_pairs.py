@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .compiled import helper, inlined
+from ..runtime import helper, inlined
 from .elementary import erfc, exp
 from .extras import inverse_edges
 from .vectors import LANES, floor, load_lanes, splat, store_lanes

@@ -15,14 +15,11 @@ import numpy as np
 
 from ..base.errors import RunError, bead_number, in_length
 from ..base.geometry import weighted_sum
+from ..runtime import Kernel, get_threads, helper, meet
 from .charge_pairs import SHARES, Quintics, charge_row, exception
 from .columns import add_stress, push
-from .compiled import helper
 from .elementary import erfc, exp
 from .extras import box_array, inverse_edges, minimum_image, run_terms
-from .native import Kernel
-from .team import meet
-from .threads import get_threads
 from .vectors import LANES, load_lanes, splat, store_lanes
 from .waves import ISOTROPIC, PULLS, STRIP, WEIGHTS, Waves, copy_steps, lattice_forces, structure_factors, write_phases
 

@@ -17,13 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
-from numba.extending import overload
 
-from .compiled import BARE, helper, inlined, renamed
+from ..runtime import Kernel, by_types, helper, inlined, meet, renamed
 from .listing import fetch_around, has_room, list_some, look_around
-from .native import Kernel
 from .pairs import CHUNK, PairList, Scratch
-from .team import meet
 
 #: As a number that numba knows to be positive.
 _CHUNK = np.uint64(CHUNK)
@@ -233,7 +230,7 @@ def along_flow(pairs, n, u):
     raise NotImplementedError("for compiled code")
 
 
-@overload(along_flow, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
+@by_types(along_flow)
 def _along_flow(pairs, n, u):
     if _flows(pairs):
         return lambda pairs, n, u: u + pairs.flow[0] * (pairs.geometry[3, n] * pairs.geometry[1, n])
@@ -245,7 +242,7 @@ def if_sheared(pairs, number):
     raise NotImplementedError("for compiled code")
 
 
-@overload(if_sheared, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
+@by_types(if_sheared)
 def _if_sheared(pairs, number):
     return (lambda pairs, number: number) if _flows(pairs) else (lambda pairs, number: 0.0)
 

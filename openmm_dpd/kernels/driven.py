@@ -18,13 +18,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from .compiled import inlined
+from ..runtime import Kernel, inlined
 from .elementary import sine
 from .motion import put_back
-from .native import Kernel
-from .noise import normal, pair_key
+from .noise import normal, pair_key, told_key
 from .sweeps import EXACT, decay
-from .tape import told_key
 
 #: In the key of the noise of walls, where layers of pair terms have 0, 1, ...
 NOISE = 1 << 32

@@ -32,8 +32,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.errors import RunError, bead_names, bead_number, in_number
+from ..runtime import helper, inlined, merged
 from .columns import approach, change, clear, deliver, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined, merged
 from .elementary import power
 from .energy_updates import passes
 from .eos import log_ratio

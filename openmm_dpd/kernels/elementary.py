@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from .compiled import both
+from ..runtime import both
 
 _LOG2E = 1.4426950408889634
 #: ln 2: 33 bits, whose products with exponents are exact, and the rest.

@@ -28,9 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.errors import RunError, bead_number, in_units
+from ..runtime import helper, merged, renamed
 from . import forces
 from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .compiled import helper, merged, renamed
 from .energy_updates import any_conduction, any_motion, conduction_of_constants, motion_of_constants
 from .eos import CONSTANT, EOSTable
 from .fields import NO_INCREMENTS, sort_energies

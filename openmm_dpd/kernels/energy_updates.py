@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .compiled import helper, inlined, merged
+from ..runtime import helper, inlined, merged
 from .elementary import exp
 from .eos import CONSTANT, RESERVOIR, curvature, entropy_change, in_range, inverse_temperature, log_ratio
 from .layer import EXACT

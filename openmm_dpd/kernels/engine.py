@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import RunError
+from ..runtime import announced
 from . import motion
 from .columns import Totals
 from .eos import CONSTANT
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
-from .notice import announced
 from .pairs import MANY
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .compiled import compiled, helper, inlined, merged
+from ..runtime import compiled, helper, inlined, merged
 
 #: Entries of ``curve`` for beads without one.
 CONSTANT, RESERVOIR = -1, -2

@@ -9,11 +9,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from .compiled import inlined
+from ..runtime import Kernel, inlined, meet
 from .elementary import sine
 from .extras import CHUNK, FEW, Evaluator, Extra, energy_chunks, run_terms
-from .native import Kernel
-from .team import meet
 
 UNIFORM, HALVES, SINE = range(3)
 

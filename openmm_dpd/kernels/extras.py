@@ -5,6 +5,7 @@ An :class:`Extra` describes one kind of force, an :class:`Evaluator` computes it
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -12,17 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Protocol
 
-import numba
 import numpy as np
 
 from ..base.errors import RunError, bead_names
-from ..base.numba_private import ONLY_LINKED
-from .compiled import SEMANTICS, inlined, renamed
-from .native import Kernel
-from .notice import LOGGER, announced
-from .team import meet
-from .threads import get_threads
+from ..runtime import Kernel, announced, get_threads, helper, inlined, meet, renamed
 
+_LOGGER = logging.getLogger("openmm_dpd")
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.
 FEW = 4000
 #: Terms whose energies are added up one after the other; the sums of these are added up then, so that no number of threads changes a bit.
@@ -168,7 +164,7 @@ def _kernel(kind: Any) -> Kernel:
     """Kernel of a class of terms."""
     names = {"_formula": inlined(kind.formula)}
     part = {
-        "_part": numba.njit(**SEMANTICS, **ONLY_LINKED)(renamed(kind.part, f"{kind.__name__}_part", names)),
+        "_part": helper(renamed(kind.part, f"{kind.__name__}_part", names), bare=False),
         "_width": len(kind.sample),
     }
     return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False)
@@ -254,6 +250,6 @@ def warm_up_extras(extras: Sequence[Extra]) -> None:
     for extra in extras:
         small, x, box = extra.few()
         evaluator = small.evaluator()
-        with announced(f"{extra.term} forces", 10 if extra.term == "electrostatic" else 5, LOGGER.warning):
+        with announced(f"{extra.term} forces", 10 if extra.term == "electrostatic" else 5, _LOGGER.warning):
             with suppress(RunError):  # what the numbers are is of no consequence
                 evaluator.add_to(x, box, np.zeros_like(x), 1.0)

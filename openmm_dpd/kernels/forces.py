@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..runtime import helper, inlined, renamed
 from . import columns
 from .columns import (
     add_stress,
@@ -29,7 +30,6 @@ from .columns import (
     row_of,
     soft,
 )
-from .compiled import helper, inlined, renamed
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
 from .noise import draw, normal

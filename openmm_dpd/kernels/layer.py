@@ -10,8 +10,8 @@ import numpy as np
 
 from .extras import Extra
 from .fields import FieldSpec
+from .noise import told_key
 from .pairs import Exceptions, PairList, no_exceptions
-from .tape import told_key
 
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4

@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..runtime import Kernel, helper, inlined, meet, merged
 from .cells import most_near
-from .compiled import helper, inlined, merged
-from .native import Kernel
-from .team import meet
 from .vectors import LANES, bits_set, close_by, copy_shifted, count_up, fetch, lowest_bit
 
 #: Square of the distance (nm^2) below which a pair exerts no force.

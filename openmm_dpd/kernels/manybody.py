@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..runtime import helper, inlined
 from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined
 from .dpd import SweptLayer
 from .forces import CUTOFF, GAMMA, SIGMA, A
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, Sums, table_of

@@ -10,11 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .addresses import copy_words, put_word, word
-from .compiled import compiled, helper, inlined, renamed
-from .native import Kernel
-from .team import meet
-from .threads import threads_for
+from ..runtime import Kernel, compiled, copy_words, helper, inlined, meet, put_word, renamed, threads_for, word
 
 
 def _over_beads(beads, counts, arguments, part, parts, team):

@@ -12,7 +12,7 @@ from struct import Struct
 
 import numpy as np
 
-from .compiled import both, helper, inlined, merged
+from ..runtime import Tape, both, helper, inlined, merged
 from .elementary import exp, log, without_last_bits
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -77,6 +77,19 @@ def call_key(*words: int) -> np.uint64:
 def noise_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
     """Key of the noise of one layer of terms in one evaluation."""
     return call_key(seed, counter, layer, *_BITS.unpack(_NUMBER.pack(kT)))
+
+
+@inlined
+def key_again(numbers, counter, bits):
+    """The :func:`noise_key` of a layer, a seed (its :func:`call_key`), a counter and the bits of a thermal energy."""
+    return next_key(next_key(next_key(numbers[1], counter), numbers[0]), bits)
+
+
+def told_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
+    """A :func:`noise_key`, of which a tape that is running is told, so that :func:`key_again` makes those of other steps."""
+    key = noise_key(seed, counter, layer, kT)
+    Tape.tell(key, counter, kT, layer, call_key(seed))
+    return key
 
 
 @inlined

@@ -6,10 +6,9 @@ import numpy as np
 
 from ..base.errors import RunError, bead_number
 from ..base.geometry import most_tilted, widths
+from ..runtime import Memory, threads_for
 from . import cells, listing
-from .native import Memory
 from .shares import Shares, blocks_of, by_colours, share_out
-from .threads import threads_for
 
 #: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
 MANY = 50_000

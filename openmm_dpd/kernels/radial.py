@@ -12,8 +12,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from ..runtime import helper, inlined
 from .columns import Totals, clear, deliver, factor_of, over_pairs, push_apart
-from .compiled import helper, inlined
 from .pairs import Exceptions, PairList, no_exceptions
 
 

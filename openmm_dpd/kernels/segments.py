@@ -21,10 +21,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from ..base.errors import RunError, bead_names, in_length
+from ..runtime import Kernel, helper, inlined
 from .columns import add_stress, over_pairs
-from .compiled import helper, inlined
 from .extras import bead_rows, box_array, inverse_edges, minimum_image
-from .native import Kernel
 from .pairs import PairList, compressed_exceptions, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .compiled import both
+from ..runtime import Kernel, both
 from .elementary import sine
 from .motion import counting, over_beads
-from .native import Kernel
 
 _TURN = 1.0 / (2.0 * math.pi)
 #: What is known of a flow at a moment: its rate, what that changes by before and after beads drift, and the time that has been sheared.

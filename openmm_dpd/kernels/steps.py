@@ -12,18 +12,17 @@ import numpy as np
 
 from ..base.errors import RunError
 from ..base.signals import CTRL_C
+from ..runtime import Recording, Tape, threads_for
 from . import motion
 from .columns import Totals
 from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, Watch, ramped_energy
-from .replay import Recording
+from .noise import key_again
 from .seats import Seats
 from .shear import AFTER, BEFORE, change_flow, join_flow, leave_flow, slide
 from .sweeps import EXACT, SHARDLOW
-from .tape import Tape
-from .threads import threads_for
 
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
@@ -99,7 +98,7 @@ class StepLoop:
                 if repeats and done < last and (played := self._play(moment, last - done)):
                     done += played
                     continue
-                begun, counter, tape = self._known(moment), moment.counter, Tape() if repeats else None
+                begun, counter, tape = self._known(moment), moment.counter, Tape(key_again) if repeats else None
                 self._recorded = None
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
@@ -164,7 +163,7 @@ class StepLoop:
         recording, known, conditions = recorded
         if not recording.begins_with(*m.state) or conditions != self._conditions(m):
             return 0
-        steps, again = min(steps, recording.at_once), Tape()
+        steps, again = min(steps, recording.at_once), Tape(key_again)
         with again.recording():  # what was known before the recorded step, and is used in it
             if known[0] and self.spec.looks_first:
                 self._place(m)

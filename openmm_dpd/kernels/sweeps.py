@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..runtime import helper, inlined
 from .columns import Totals, along_flow, approach, change, factor_of, if_sheared, on_velocities, over_pairs, row_of
-from .compiled import helper, inlined
 from .elementary import exp, power
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP
 from .layer import EXACT, SHARDLOW

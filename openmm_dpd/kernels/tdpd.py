@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..runtime import helper, inlined, merged
 from . import forces
 from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .compiled import helper, inlined, merged
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import clamped, normal, pair_key

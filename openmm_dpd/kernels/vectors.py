@@ -17,32 +17,16 @@ over eight numbers that numba compiles too, with the same results.
 """
 
 import operator
-from collections.abc import Callable
-from inspect import Parameter, Signature
-from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, models, overload, register_model
+from numba.extending import models, overload, register_model
+
+from ..runtime import instruction
 
 LANES = 8
 #: So many numbers of half the length are treated at once.
 _SINGLES = 16
-
-
-def instruction(signature: Callable) -> Callable[[Callable], Any]:
-    """A function for kernels whose code is LLVM's; ``signature`` makes numba's signature of the types of its arguments."""
-
-    def made(code):
-        def of_types(typing, *kinds):
-            return signature(*kinds), code
-
-        of_types.__name__, of_types.__doc__ = code.__name__, code.__doc__
-        given = Parameter("typing", Parameter.POSITIONAL_OR_KEYWORD), *Signature.from_callable(signature).parameters.values()
-        of_types.__signature__ = Signature(given)  # type: ignore[attr-defined]
-        return intrinsic(of_types)
-
-    return made
 
 
 @instruction(lambda bits: types.uint64(types.uint64))

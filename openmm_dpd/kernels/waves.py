@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.geometry import AXES_OF_TENSOR
-from .compiled import compiled, helper, inlined
+from ..runtime import compiled, helper, inlined
 from .elementary import exp
 from .vectors import LANES, floor, load_lanes, splat, store_lanes, total
 

@@ -25,12 +25,12 @@ from ..base.errors import ParameterError, PlanError, what_is
 from ..base.names import CONVERTED, FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
 from ..base.units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension, whole_number
 from ..io.snapshot import Cadence
-from ..kernels.compiled import compiled
 from ..kernels.eos import entropy_change, in_range
 from ..kernels.fields import ENERGY
 from ..kernels.noise import call_key, uniform
 from ..plan.made import BAROSTATS
 from ..plan.plan import Plan
+from ..runtime import compiled
 from .built import BuiltSystem
 from .fields import per_dof, raw_fields
 

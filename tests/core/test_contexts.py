@@ -10,7 +10,7 @@ from devices import CPU, DEVICES, REFERENCE
 from scenes import BOXES, EXTENDED, SCHEME, beads, chains, fluid, place, run_of, same_bits, state_of, stepped
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels.threads import set_threads
+from openmm_dpd.runtime.threads import set_threads
 
 
 def alone(scene, device, steps, **choices):

@@ -12,9 +12,9 @@ import openmm_dpd as dpd
 from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels.angles import angle
 from openmm_dpd.kernels.extras import _kernel, warm_up_extras
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.kinds import bonded_forces
 from openmm_dpd.plan.pair_spec import extras
+from openmm_dpd.runtime.threads import set_threads
 
 EVERY_BOX = pytest.mark.parametrize("box", BOXES)
 

@@ -12,9 +12,9 @@ import numba
 import pytest
 from full_disk import file_limit
 
-from openmm_dpd.base import kernel_cache
-from openmm_dpd.base.kernel_cache import KernelFiles, cache_folder, why_unusable
-from openmm_dpd.kernels.compiled import compiled, helper, inlined
+from openmm_dpd.runtime import kernel_cache
+from openmm_dpd.runtime.compiled import compiled, helper, inlined
+from openmm_dpd.runtime.kernel_cache import KernelFiles, cache_folder, why_unusable
 
 POSIX = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners of files here")
 
@@ -153,8 +153,8 @@ def test_what_is_compiled_decides_not_where_it_lies(places, tmp_path, decorator)
 REACHED = """
 import itertools
 from numba.core.bytecode import FunctionIdentity
-from openmm_dpd.base import kernel_cache
-from openmm_dpd.base.kernel_cache import KernelCache, contents
+from openmm_dpd.runtime import kernel_cache
+from openmm_dpd.runtime.kernel_cache import KernelCache, contents
 from openmm_dpd.measure import warming
 
 compiled, known, kernels = [], set(), 0
@@ -194,7 +194,7 @@ def test_all_that_is_compiled_decides(places):
 AT_ONCE = """
 import sys, time
 from pathlib import Path
-from openmm_dpd.kernels.compiled import compiled
+from openmm_dpd.runtime.compiled import compiled
 def slow(x):
     for k in range(3):
         x = x + k
@@ -222,7 +222,7 @@ def test_two_processes_compile_once(places, tmp_path):
     files = KernelFiles(cache_folder(), "held", "source")
     go.touch()
     assert sorted(each.communicate()[0] for each in both) == ["0\n", "1\n"]
-    holder = "from openmm_dpd.base.kernel_cache import *; import time; KernelFiles(cache_folder(), 'held', 'source').begin(1); print(flush=True); time.sleep(60)"
+    holder = "from openmm_dpd.runtime.kernel_cache import *; import time; KernelFiles(cache_folder(), 'held', 'source').begin(1); print(flush=True); time.sleep(60)"
     held = subprocess.Popen([sys.executable, "-c", holder], env=environment, stdout=subprocess.PIPE)
     assert held.stdout.read(1)
     waiting = Thread(target=files.begin, args=(1,))

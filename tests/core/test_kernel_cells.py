@@ -9,12 +9,12 @@ from scenes import BOX, BOXES, EXTENDED, TABLES, chains, factor_of, fluid, liste
 
 from openmm_dpd import RunError
 from openmm_dpd.base.geometry import coincident_pairs
-from openmm_dpd.kernels import threads as thread_count
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine, PairSpec
 from openmm_dpd.kernels.shares import blocks_of, by_colours, share_out
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.runtime import threads as thread_count
+from openmm_dpd.runtime.threads import set_threads
 
 
 def engine_of(scene, **choices) -> PairEngine:

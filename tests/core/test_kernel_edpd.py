@@ -24,9 +24,9 @@ from scipy import stats
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.kernels.noise import clamped
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.edpd import EDPD
 from openmm_dpd.model.internal import BeadTemperatures
+from openmm_dpd.runtime.threads import set_threads
 
 COMPAT = pytest.mark.parametrize("compat", ["consistent", "lammps"])
 _POLYNOMIALS = {"exponent_polynomial": (0.5, -0.3, 0.8, 0.2), "kappa_polynomial": (0.5, -0.3, 0.2, 0.1)}

@@ -10,13 +10,13 @@ from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels.compiled import compiled
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.kernels.eos import log_ratio
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
+from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.threads import set_threads
 
 EOS = {"A": ConstantHeatCapacity(40.0), "B": ConstantHeatCapacity(70.0)}
 

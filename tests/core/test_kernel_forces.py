@@ -7,8 +7,8 @@ from scenes import BOX, BOXES, EXTENDED, PLAIN, TABLES, D, chains, factor_of, fl
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.runtime.threads import set_threads
 
 TABLE = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 KT, DT, SEED, COUNTER = 1.3, 0.02, 21, 5

@@ -21,9 +21,9 @@ from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEng
 from openmm_dpd.kernels.manybody import ManyBodyTable
 from openmm_dpd.kernels.pairs import compressed_exceptions
 from openmm_dpd.kernels.sweeps import EXACT, SHARDLOW
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from openmm_dpd.model.pairs import NONE
+from openmm_dpd.runtime.threads import set_threads
 from openmm_dpd.simulation.build import build_plan
 
 ALL = CONSERVATIVE | DISSIPATIVE | RANDOM

@@ -7,7 +7,7 @@ from scenes import BOXES
 
 from openmm_dpd.base.errors import RunError
 from openmm_dpd.kernels.segments import CLAMPED, MID, NEAREST, SegmentEngine, SegmentSpec, adjoining
-from openmm_dpd.kernels.threads import set_threads
+from openmm_dpd.runtime.threads import set_threads
 
 A, RC = 100.0, 0.8
 RULES = pytest.mark.parametrize(("rule", "distance"), [(MID, "mid"), (NEAREST, "min")], ids=["mid", "min"])

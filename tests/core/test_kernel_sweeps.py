@@ -8,8 +8,8 @@ from scenes import BOX, BOXES, EXTENDED, TABLES, D, beads, chains, factor_of, fl
 import openmm_dpd as dpd
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.kernels.layer import EXACT, SHARDLOW
-from openmm_dpd.kernels.threads import set_threads
 from openmm_dpd.plan.plan import make_plan
+from openmm_dpd.runtime.threads import set_threads
 
 UPDATE = pytest.mark.parametrize("scheme", ["middle", "shardlow"])
 KT, SEED, COUNTER = 1.3, 21, 5

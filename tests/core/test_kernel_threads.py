@@ -12,10 +12,10 @@ import pytest
 
 from openmm_dpd.base.signals import unbroken
 from openmm_dpd.io.pictures import new_figure, write_picture
-from openmm_dpd.kernels import threads
-from openmm_dpd.kernels.addresses import copy_words
-from openmm_dpd.kernels.native import Kernel
-from openmm_dpd.kernels.team import _TEAMS, meet
+from openmm_dpd.runtime import threads
+from openmm_dpd.runtime.addresses import copy_words
+from openmm_dpd.runtime.native import Kernel
+from openmm_dpd.runtime.team import _TEAMS, meet
 
 
 @pytest.fixture

@@ -11,9 +11,10 @@ from kinds import KINDS, SEED
 from lines import PACKAGE, Lines
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels import pairs, threads as thread_count
+from openmm_dpd.kernels import pairs
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
-from openmm_dpd.kernels.threads import set_threads
+from openmm_dpd.runtime import threads as thread_count
+from openmm_dpd.runtime.threads import set_threads
 
 KERNELS = f"{Path(PACKAGE) / 'kernels'}{os.sep}"
 

@@ -10,12 +10,14 @@ from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import IMPULSES
-from openmm_dpd.kernels import charges, pairs, seats, threads as thread_count
+from openmm_dpd.kernels import charges, pairs, seats
+from openmm_dpd.kernels.noise import key_again
 from openmm_dpd.kernels.pairs import PairList
-from openmm_dpd.kernels.replay import Recording
 from openmm_dpd.kernels.steps import StepLoop
-from openmm_dpd.kernels.tape import KernelCall, Tape
-from openmm_dpd.kernels.threads import set_threads
+from openmm_dpd.runtime import threads as thread_count
+from openmm_dpd.runtime.replay import Recording
+from openmm_dpd.runtime.tape import KernelCall, Tape
+from openmm_dpd.runtime.threads import set_threads
 
 #: Kinds of which all but the first and the last step of a call are played.
 PLAYED = {
@@ -262,7 +264,7 @@ def test_a_parameter_is_set_before_anything_else(together):
 def test_shared_by_as_many_as_have_room():
     """Kernels that were recorded with more threads are played with fewer: each has room for its own."""
     layout = SimpleNamespace(address=0, places={}, name="kernel")
-    tape = Tape()
+    tape = Tape(key_again)
     tape.calls = [KernelCall(layout, b"12345678", parts, ()) for parts in (1, 4, 3, 4)]  # type: ignore[arg-type]
     assert Recording(tape, 0, 0, [], lambda *arguments: None).threads == 3
 

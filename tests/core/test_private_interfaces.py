@@ -20,8 +20,8 @@ from openmm import unit
 
 from openmm_dpd.kernels.vectors import LANES, bits_set, copy_shifted, count_up, floor, load_lanes, lowest_bit, splat, store_lanes, total
 
-NUMBA, OPENMM, LLVMLITE = "openmm_dpd.base.numba_private", "openmm_dpd.base.openmm_private", "openmm_dpd.kernels.vectors"
-ADDRESSES = "openmm_dpd.kernels.addresses"
+NUMBA, OPENMM, LLVMLITE = "openmm_dpd.runtime.numba_private", "openmm_dpd.base.openmm_private", "openmm_dpd.kernels.vectors"
+ADDRESSES = "openmm_dpd.runtime.addresses"
 
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
 MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM}
@@ -119,7 +119,7 @@ def counted(options: dict[str, bool]) -> bool:
 
 def test_references_are_not_counted():
     with advised(NUMBA, "the option _nrt"):
-        from openmm_dpd.base.numba_private import NO_REFERENCE_COUNTS
+        from openmm_dpd.runtime.numba_private import NO_REFERENCE_COUNTS
 
         assert counted({}) and not counted(NO_REFERENCE_COUNTS)
 
@@ -127,7 +127,7 @@ def test_references_are_not_counted():
 def test_code_that_is_only_linked_is_called_by_others():
     """Two functions of the same types, one of which calls the other; and no code of theirs is anywhere by itself."""
     with advised(NUMBA, "ONLY_LINKED"):
-        from openmm_dpd.base.numba_private import NO_REFERENCE_COUNTS, ONLY_LINKED
+        from openmm_dpd.runtime.numba_private import NO_REFERENCE_COUNTS, ONLY_LINKED
 
         options = {**NO_REFERENCE_COUNTS, **ONLY_LINKED, "error_model": "numpy"}
         half = numba.njit(**options)(lambda a, n: 0.5 * a[n])
@@ -142,7 +142,7 @@ def test_compiled_functions_are_kept_and_come_back():
     """Loaded and saved by numba, by signature, through pickles."""
     kept: dict[object, bytes] = {}
     with advised(NUMBA, "the cache of compiled functions"):
-        from openmm_dpd.base.numba_private import NullCache, dumps, packed, set_cache, unpacked
+        from openmm_dpd.runtime.numba_private import NullCache, dumps, packed, set_cache, unpacked
 
         class Kept(NullCache):
             def load_overload(self, sig, target_context):
@@ -172,7 +172,7 @@ def test_a_compiler_that_is_switched_off_is_named():
 def test_who_waits_for_the_compiler_hears_of_it():
     heard = []
     with advised(NUMBA, "the events of the compiler"):
-        from openmm_dpd.base.numba_private import compiling
+        from openmm_dpd.runtime.numba_private import compiling
 
         with compiling(lambda: heard.append(1)):
             dispatcher = numba.njit(first_of)

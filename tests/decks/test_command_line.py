@@ -349,7 +349,7 @@ def test_errors_name_options_as_they_are_written(deck, tmp_path, capsys, words, 
 
 AFTER_WARM = """
 import numpy as np, openmm_dpd as dpd
-from openmm_dpd.base.numba_private import compiling
+from openmm_dpd.runtime.numba_private import compiling
 heard = []
 x = np.random.default_rng(1).random((375, 3)) * 5
 charges = np.where(np.arange(375) < 8, 1.0 - 2.0 * (np.arange(375) % 2), 0.0)

@@ -9,8 +9,8 @@ from cases import cases
 from judged import any_seed
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels import notice
 from openmm_dpd.lammps import RunOptions, deck_scene, explain_deck, run_deck
+from openmm_dpd.runtime import notice
 
 #: Two beads with the ids 7 and 3, bonded, and one of another type far from them; lengths are those of the deck.
 DATA = "two bonded beads\n\n3 atoms\n1 bonds\n2 atom types\n1 bond types\n0 {edge} xlo xhi\n0 {edge} ylo yhi\n0 {edge} zlo zhi\n\nMasses\n"

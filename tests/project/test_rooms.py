@@ -33,7 +33,7 @@ def test_few_entries():
     files = {path.name for path in entries if path.is_file()}
     assert files == {"__init__.py", "__main__.py", "inputs.py", "py.typed"}
     assert {path.name for path in entries} - files == {room.partition("/")[0] for room in ORDER} - {"top"}
-    assert len(entries) <= 17
+    assert len(entries) <= 18
 
 
 def test_imports_go_one_way():
@@ -45,12 +45,13 @@ def test_imports_go_one_way():
 
 @cases(
     "room, unknown",
+    ("runtime", ("openmm", "openmm_dpd.model", "openmm_dpd.kernels")),
     ("kernels", ("openmm", "openmm_dpd.model")),
     ("model", ("openmm_dpd.kernels",)),
     ("analysis", ("openmm", "openmm_dpd.model", "openmm_dpd.plan")),
 )
 def test_what_a_room_does_not_know(room, unknown):
-    """Neither OpenMM nor the model in kernels, no kernels in the model, no Contexts in the analysis of trajectories."""
+    """No physics in the runtime, neither OpenMM nor the model in kernels, no kernels in the model, no Contexts in the analysis of trajectories."""
     for module in (module for module in TREES if ROOM[module] == room):
         assert not {name for name in GRAPH[module] if any(f"{name}.".startswith(f"{one}.") for one in unknown)}, module
 

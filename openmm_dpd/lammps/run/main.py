@@ -15,10 +15,10 @@ from ...base.file_ledger import ledger_in_use
 from ...base.files import BlockFile
 from ...base.signals import Signals
 from ...io.pictures import thermo_picture
-from ...kernels.threads import set_threads
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
+from ...runtime import set_threads
 from .building import build_request, connect_barostat
 from .checkpoint import Checkpoints
 from .deck import deck_runs, open_deck

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...base.errors import ParameterError, what_is
 from ...base.units import whole_number
 from ...kernels.engines import engine_kind
-from ...kernels.threads import get_threads
+from ...runtime import get_threads
 from .deck import read_deck
 from .request import RunRequest
 from .trajectory import FORMATS

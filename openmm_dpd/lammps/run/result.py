@@ -7,9 +7,9 @@ import numpy as np
 
 from ...base.errors import DeckError, ParameterError
 from ...base.stats import MIN_BLOCKS, block_average, equilibrated, ratio_average
-from ...kernels.threads import get_threads
 from ...measure import Sample
 from ...measure.temperature import temperature_warning
+from ...runtime import get_threads
 from ..output.averaging_fixes import ChunkAverage
 from ..output.thermo import ALWAYS
 from .request import RunRequest

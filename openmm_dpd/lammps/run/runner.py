@@ -11,9 +11,9 @@ from openmm import app
 from ...base.errors import OutputError, ParameterError, RunError
 from ...base.names import COUNTER
 from ...base.signals import Signals
-from ...kernels.threads import set_threads
 from ...plan.forces.segments import warm_up_segments
 from ...plan.made import BAROSTATS
+from ...runtime import set_threads
 from ...simulation.build import BuiltSystem
 from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState

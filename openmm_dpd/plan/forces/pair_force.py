@@ -1,5 +1,6 @@
 """The PythonForce between OpenMM and the pair kernel."""
 
+import logging
 import threading
 
 import numpy as np
@@ -15,7 +16,6 @@ from ...kernels.engines import engine_kind
 from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
 from ...kernels.moment import FASTEST, Moment, StepSpec
-from ...kernels.notice import LOGGER
 from ...kernels.shear import flow_at
 from ..made import origin, wrong_key
 from ..program_options import ProgramOptions
@@ -86,7 +86,7 @@ class PairForceFunction:
         found = getattr(self._local, "state", None)
         if found is None:
             kind = engine_kind(self.engine)
-            kind.warm_up(self.spec, LOGGER.warning)
+            kind.warm_up(self.spec, logging.getLogger("openmm_dpd").warning)
             engine = kind.make(self.spec)
             loop = None if self.steps is None else kind.stepper(self.steps, engine, self._watch, NEAR * self._cutoff)
             found = self._local.state = ThreadState(engine, loop, None if self.spec.fields is None else Fields(self.spec.fields))

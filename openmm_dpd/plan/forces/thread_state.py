@@ -7,11 +7,11 @@ import numpy as np
 
 from ...base.names import VOLATILE
 from ...kernels import motion
-from ...kernels.compiled import compiled, inlined
 from ...kernels.fields import ENERGY, FieldSpec
 from ...kernels.interface import Engine
 from ...kernels.layer import CONSERVATIVE
 from ...kernels.moment import Stepper
+from ...runtime import compiled, inlined
 
 
 @inlined

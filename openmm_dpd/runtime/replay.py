@@ -2,13 +2,15 @@
 
 import time
 from collections.abc import Callable
+from functools import cache
 from struct import Struct
+from typing import Any
 
 import numpy as np
 
 from .addresses import call_kernel, copy_words, cycles, put_word
+from .compiled import renamed
 from .native import Kernel
-from .noise import call_key, next_key
 from .tape import Tape
 from .team import be_patient, crowded, meet
 from .threads import look
@@ -38,10 +40,9 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
             first, end = kept[k, 2] * part // parts, kept[k, 2] * (part + 1) // parts
             copy_words(kept[k, 0] + 8 * first, kept[k, 1] + 8 * first, end - first)
         for k in range(part, len(keys), parts):
-            count = keys[k, 2] + np.uint64(step) * keys[k, 3]
-            heat = heats[step] if len(heats) else keys[k, 5]
-            key = next_key(next_key(next_key(keys[k, 1], count), keys[k, 4]), heat)
-            put_word(np.int64(keys[k, 0]), 0, np.int64(key))
+            count = keys[k, 1] + np.uint64(step) * keys[k, 2]
+            heat = heats[step] if len(heats) else keys[k, 3]
+            put_word(np.int64(keys[k, 0]), 0, np.int64(_make(keys[k, 4:], count, heat)))
         for k in range(part, len(patched), parts):
             put_word(patched[k], 0, patches[k, step])
         meet(team, parts)
@@ -68,7 +69,16 @@ def _play(calls, keys, heats, patched, patches, kept, told, spent, steps, part, 
     return 0
 
 
-_play_kernel = Kernel(_play)
+#: What :func:`_player` puts in.
+_make: Any = None
+
+
+@cache
+def _player(make: Callable) -> Kernel:
+    """The kernel that plays steps with words that are made this way."""
+    return Kernel(renamed(_play, "play", {"_make": make}))
+
+
 _UNTIMED = np.zeros((0, 0, 2), np.int64)
 _CONSTANT = np.zeros(0, np.uint64), np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
 
@@ -96,12 +106,12 @@ class Recording:
         keys, self._heated = [], []
         for call, words in both:
             place = call.layout.places.get("key")
-            made = None if place is None else tape.keys.get(int(words.view(np.uint64)[place]))
+            made = None if place is None else tape.words.get(int(words.view(np.uint64)[place]))
             if place is not None and made is not None:
                 bits = _BITS.unpack(_NUMBER.pack(made.kT))[0]
-                keys.append((words[place:].ctypes.data, int(call_key(made.seed)), made.counted - counter, counted, made.layer, bits))
-                self._heated.append((made.layer, {name: words[at:].ctypes.data for name, at in call.layout.places.items()}))
-        self._keys = np.array(keys, np.uint64).reshape(-1, 6)
+                keys.append((words[place:].ctypes.data, made.counted - counter, counted, bits, *made.numbers))
+                self._heated.append((made.numbers[0], {name: words[at:].ctypes.data for name, at in call.layout.places.items()}))
+        self._keys = np.array(keys or np.zeros((0, 4)), np.uint64)
         self._state, self._before = state, [array.copy() for array in state]
         both_states = zip(state, self._before, strict=True)
         self._kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in both_states], np.int64)
@@ -123,9 +133,9 @@ class Recording:
         if ramped is None:
             return 0, None
         keys, told = self._keys.copy(), np.zeros(5, np.int64)
-        keys[:, 2] += np.uint64(counter)
+        keys[:, 1] += np.uint64(counter)
         before = time.monotonic()
-        begun = bool(_play_kernel(self._calls, keys, *ramped[:3], self._kept, told, spent, steps, parts=self.threads))
+        begun = bool(_player(self._tape.make)(self._calls, keys, *ramped[:3], self._kept, told, spent, steps, parts=self.threads))
         self.at_once = int(min(max(1.0, steps * _ANSWERS / max(time.monotonic() - before, 1e-6)), 2 * steps + 2))
         if begun:
             for array, copy in zip(self._state, self._before, strict=True):

@@ -1,15 +1,12 @@
 """A notice for those who wait for the compiler."""
 
-import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ..base.kernel_cache import cache_folder
-from ..base.numba_private import compiling
+from .kernel_cache import cache_folder
+from .numba_private import compiling
 
-#: Where a script learns that it waits; logging.getLogger("openmm_dpd").setLevel("ERROR") silences it.
-LOGGER = logging.getLogger("openmm_dpd")
 #: Seconds of compiling after which it is said.
 PATIENCE = 1.0
 #: What was said already.

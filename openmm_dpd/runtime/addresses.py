@@ -1,21 +1,37 @@
 """Memory by its address, for compiled code: words, functions, and what several threads tell each other.
 
-A *word* is 64 bits: a whole number, or the bits of a float64.  Like :mod:`.vectors`, this file has instructions of llvmlite, and
-``tests/core/test_kernel_threads.py`` tries them.
+A *word* is 64 bits: a whole number, or the bits of a float64.  This file has instructions of llvmlite, and
+``tests/core/test_private_interfaces.py`` tries them.
 """
 
 import platform
+from collections.abc import Callable
+from inspect import Parameter, Signature
 from typing import Any
 
 from llvmlite import ir
 from numba import types
-
-from .vectors import instruction
+from numba.extending import intrinsic
 
 _WORD, _INT = ir.IntType(64), types.int64
 #: The arguments of every kernel as it is called by its address: where its own lie, the number of this thread, how many share the work, and
 #: where these meet (see :mod:`.team`).
 ENTRY = (_INT, _INT, _INT, _INT)
+
+
+def instruction(signature: Callable) -> Callable[[Callable], Any]:
+    """A function for kernels whose code is LLVM's; ``signature`` makes numba's signature of the types of its arguments."""
+
+    def made(code):
+        def of_types(typing, *kinds):
+            return signature(*kinds), code
+
+        of_types.__name__, of_types.__doc__ = code.__name__, code.__doc__
+        given = Parameter("typing", Parameter.POSITIONAL_OR_KEYWORD), *Signature.from_callable(signature).parameters.values()
+        of_types.__signature__ = Signature(given)  # type: ignore[attr-defined]
+        return intrinsic(of_types)
+
+    return made
 
 
 def _pointer(builder, address, place, kind=_WORD):

@@ -1,31 +1,40 @@
 """How kernels are compiled and kept on disk."""
 
 from collections.abc import Callable
+from functools import partial
 from types import FunctionType
 from typing import Any
 
 import numba
 from numba import types
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 
 from ..base.garbage import nothing_collected
-from ..base.kernel_cache import keep_on_disk
-from ..base.numba_private import NO_REFERENCE_COUNTS, ONLY_LINKED, CFunc
+from .kernel_cache import keep_on_disk
+from .numba_private import NO_REFERENCE_COUNTS, ONLY_LINKED, CFunc
 
 #: Division by zero gives inf or nan, as in numpy: a loop with an exception in it is never vectorised.
 SEMANTICS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 #: The same for code that allocates nothing.  Numba would count the references to every array of a tuple that is handed on, atomically, and
 #: for each pair that takes longer than all the rest.
 BARE = SEMANTICS | NO_REFERENCE_COUNTS
-#: Decorators of functions that kernels call: compiled on their own, without a way in from Python, and optimised with those that call them,
-#: since each for itself takes a third of the compiler's time; or put in where they are called.
-helper = numba.njit(**BARE, **ONLY_LINKED)
+
+
+def helper(function: Callable, *, bare: bool = True) -> Any:
+    """Decorator of a function that kernels call.  It is compiled on its own, without a way in from Python, and optimised with those that
+    call it: to optimise each for itself would take a third of the compiler's time.  One that allocates arrays is not ``bare``."""
+    return numba.njit(**(BARE if bare else SEMANTICS), **ONLY_LINKED)(function)
+
+
+#: Decorator of a function that is put in where kernels call it.
 inlined = numba.njit(inline="always", **BARE)
 #: Compiled on their own, and put in by LLVM where they are called: what is called often with many arrays, each of which is seven arguments,
 #: and what is long, for which numba would take ten seconds.
 merged = numba.njit(forceinline=True, **BARE, **ONLY_LINKED)
 #: The same for functions that are also called from Python, where they stay what they are.
 both = register_jitable(inline="always", **BARE, **ONLY_LINKED)
+#: Decorator (with the function that kernels call) of one that gets the types of its arguments, and returns what is compiled for these.
+by_types = partial(overload, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
 
 
 def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:

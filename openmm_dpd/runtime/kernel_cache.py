@@ -25,10 +25,10 @@ from typing import Any
 import numba
 import numpy as np
 
-from .errors import OutputError
-from .files import write_whole
+from ..base.errors import OutputError
+from ..base.files import write_whole
+from ..base.signals import CTRL_C
 from .numba_private import NullCache, dumps, packed, set_cache, unpacked
-from .signals import CTRL_C
 
 try:
     import fcntl
@@ -120,10 +120,11 @@ def _file(path: str) -> bytes:
 
 
 #: Files whose options decide how everything is compiled; read with all kernels of the package, so that they are those that were imported.
-_ROOM = Path(__file__).parent.parent
-_OPTIONS = [str(path) for path in (_ROOM / "kernels" / "compiled.py", _ROOM / "base" / "numba_private.py")]
-for _path in (*_OPTIONS, *map(str, (_ROOM / "kernels").glob("*.py"))):
-    _file(_path)
+_PACKAGE = Path(__file__).parent.parent
+_OPTIONS = [str(_PACKAGE / "runtime" / name) for name in ("compiled.py", "numba_private.py")]
+for _room in ("runtime", "kernels"):
+    for _path in (_PACKAGE / _room).glob("*.py"):
+        _file(str(_path))
 #: What is not looked into: it has versions.
 _LIBRARIES = ("builtins", "llvmlite", "math", "numba", "numpy")
 
