@@ -3,14 +3,13 @@
 from ..measure.flow import VelocityProfile as VelocityProfile
 from .chains import MoleculeSizes as MoleculeSizes, end_to_end_distance as end_to_end_distance, radius_of_gyration as radius_of_gyration
 from .clusters import Clusters as Clusters, cluster_labels as cluster_labels, cluster_sizes as cluster_sizes
-from .curves import Curve as Curve
 from .diffusion import (
     MeanSquaredDisplacement as MeanSquaredDisplacement,
     diffusion_coefficient as diffusion_coefficient,
     mean_squared_displacement as mean_squared_displacement,
     velocity_autocorrelation as velocity_autocorrelation,
 )
-from .frames import read_velocities as read_velocities
+from .frames import Curve as Curve, read_velocities as read_velocities
 from .membranes import (
     BendingModulus as BendingModulus,
     HeightSpectrum as HeightSpectrum,

@@ -8,11 +8,12 @@ import numpy as np
 from ..base.errors import ParameterError, what_is
 from ..base.stats import Average, block_average
 from ..base.units import thermal_energy, to_md
-from .curves import Curve, curve_of_averages
 from .frames import (
     Beads,
+    Curve,
     Trajectories,
     axis_number,
+    curve_of_averages,
     frames_of,
     indices,
     means_over,

@@ -12,8 +12,7 @@ from ..base.errors import ParameterError, what_is
 from ..base.geometry import widths
 from ..base.stats import Average, block_average, long_enough
 from ..base.units import md_tension, thermal_energy, to_md
-from .curves import Curve, curve_of
-from .frames import Frame, axis_number, frames_of, means_over, molecule_labels, positive_number, selected, weights_of
+from .frames import Curve, Frame, axis_number, curve_of, frames_of, means_over, molecule_labels, positive_number, selected, weights_of
 from .profiles import periodic_centre
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 from ..base.errors import ParameterError, what_is
 from ..io.pictures import finish_axis, new_figure, with_unit, write_picture
 from .clusters import Clusters
-from .curves import Curve
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
+from .frames import Curve
 
 #: Colours of lines that colour-blind readers can tell apart.
 LINES = ("#1f5a99", "#b3541e", "#3b7d3b", "#7a4a8c", "#8a6d1d", "#555555")

@@ -8,8 +8,7 @@ import numpy as np
 from ..base.errors import ParameterError
 from ..base.geometry import sums_in_slices, widths
 from ..base.units import whole_number
-from .curves import Curve, curve_of, ratio_curve
-from .frames import Beads, Frame, Trajectories, axis_number, frames_of, selected, type_names, weights_of
+from .frames import Beads, Curve, Frame, Trajectories, axis_number, curve_of, frames_of, ratio_curve, selected, type_names, weights_of
 
 #: Length of the mean of exp(2 pi i s) below which beads are spread too evenly to have a centre.
 LEAST_RESULTANT = 0.05

@@ -6,8 +6,18 @@ from ..base.errors import ParameterError
 from ..base.geometry import pairs_within
 from ..base.stats import block_average
 from ..base.units import whole_number
-from .curves import Curve, curve_of, curve_of_averages
-from .frames import Beads, Frame, Trajectories, frames_of, molecule_labels, positive_number, two_selected
+from .frames import (
+    Beads,
+    Curve,
+    Frame,
+    Trajectories,
+    curve_of,
+    curve_of_averages,
+    frames_of,
+    molecule_labels,
+    positive_number,
+    two_selected,
+)
 
 
 def radial_distribution(

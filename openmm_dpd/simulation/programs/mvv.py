@@ -16,8 +16,8 @@ noise is that of the last half kick in any case.
 
 from ...base.names import RATE, Phase
 from ...plan.program_options import ProgramOptions
-from . import slow_forces
 from .program import Program
+from .splitting import kick_after, kick_before
 from .walls import add_reflection
 
 
@@ -41,7 +41,7 @@ def mvv_program(options: ProgramOptions) -> Program:
         if options.execution.looped and options.slow_every == 1:  # impulses over several steps are taken as they are
             p.each("vp", "v", "before other forces kick")
             more = f"+{2 * options.lam - 1!r}*(v-vp)"
-    slow_forces.kick_before(p)
+    kick_before(p)
     if predicted:
         p.each("vp", f"v+{options.lam!r}*dt*acc{more}", "what the friction will see")
     seen = _advance_fields(p, fields, rates)
@@ -69,7 +69,7 @@ def mvv_program(options: ProgramOptions) -> Program:
     p.each("v", "v+0.5*dt*acc", "half kick")
     for name, rate in zip(fields, rates, strict=True):
         p.each(name, f"{name}+0.5*dt*{rate}", "second half")
-    slow_forces.kick_after(p)
+    kick_after(p)
     p.acceleration_is_kept(left)
     return p
 

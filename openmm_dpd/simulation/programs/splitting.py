@@ -6,12 +6,12 @@ the same positions is stored as an acceleration: across the end of a step with a
 are merged with the sweep between them.
 """
 
+from contextlib import nullcontext
 from fractions import Fraction
 
-from ...base.names import Phase
+from ...base.names import SLOW_STEP, Phase
 from ...model.schemes import SWEEPS, Letter
 from ...plan.program_options import ProgramOptions
-from . import slow_forces
 from .program import Program
 from .walls import add_reflection
 
@@ -48,7 +48,7 @@ class Writer:
         p.begin()
         if self.kept:
             p.keep_acceleration()
-        slow_forces.kick_before(p)
+        kick_before(p)
         n = 0
         while n < len(self.letters):
             name, part = self.letters[n]
@@ -62,7 +62,7 @@ class Writer:
             p.each("v", "v+(x-xu)/dt", "the constraints' impulse")
         if self.kept:
             p.acceleration_is_kept()
-        slow_forces.kick_after(p)
+        kick_after(p)
         return p
 
     def drift(self, n: int, part: Fraction) -> int:
@@ -173,3 +173,30 @@ def times(part: Fraction) -> str:
 def spelling(what: str, part: Fraction) -> str:
     """A substep for the listing."""
     return what if part == 1 else f"{what} over {part} of the step"
+
+
+def kick_before(p: Program) -> None:
+    """Kick before a step by forces that stay OpenMM's where a loop could do the steps, as in the loop: in every step, or after so many.
+
+    In a program without a loop they kick with all other forces, and nothing is written here.  The pair force exerts none in phase STORE,
+    so that ``f`` is what all others exert.
+    """
+    if p.options.slow_every > 1 and p.options.execution.looped:
+        p.declare(SLOW_STEP, 0.0, "steps done since OpenMM's forces kicked")
+    _kick(p, p.options.slow_kicks[0], "before")
+
+
+def kick_after(p: Program) -> None:
+    """Kick after a step, as :func:`kick_before` does before it."""
+    every = p.options.slow_every
+    if every > 1 and p.options.execution.looped:
+        p.set(SLOW_STEP, f"{SLOW_STEP}+1-{every}*step({SLOW_STEP}+1-{every})")
+    _kick(p, p.options.slow_kicks[1], "after")
+
+
+def _kick(p: Program, steps: float, where: str) -> None:
+    every = p.options.slow_every
+    if steps and p.options.execution.looped:
+        with nullcontext() if every == 1 else p.when(f"{SLOW_STEP} < 1", f"do they kick {where} this step?"):
+            p.phase(Phase.STORE)
+            p.each("v", f"v+{steps!r}*dt*f/m", "kick by OpenMM's forces; the pair force stores x")
