@@ -10,11 +10,13 @@ from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 
 import openmm_dpd as dpd
+from openmm_dpd.kernels.energy_updates import any_motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
-from openmm_dpd.kernels.eos import log_ratio
+from openmm_dpd.kernels.eos import CONSTANT, log_ratio
 from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
+from openmm_dpd.plan.kinds.fields import eos_table
 from openmm_dpd.runtime.compiled import compiled
 from openmm_dpd.runtime.threads import set_threads
 
@@ -163,6 +165,30 @@ def test_exact_sweep_with_a_table():
     cdf = np.cumsum(density) / density.sum()
     p = stats.kstest(u[::4], lambda value: np.interp(value, grid[:-4], cdf)).pvalue
     assert p > 6e-5, p
+
+
+def _update(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
+    return any_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves)
+
+
+@pytest.mark.parametrize("capacities, numbers", [((40.0, 15.0), (CONSTANT, CONSTANT)), ((0.0, 4.0), (0, CONSTANT)), ((0.0, 0.0), (0, 0))])
+def test_the_temperature_of_an_exact_update_is_that_of_its_reverse(capacities, numbers):
+    """It depends on the conserved energy of the pair alone, or there is no detailed balance: from two updates of one state with known noise."""
+    tabulated = TabulatedEOS.from_functions(lambda theta: 3 * theta**2, (0.05, 8.0))
+    table = eos_table([tabulated], np.zeros(1, int), np.zeros(1, bool), np.ones(1))
+    im, strength, dt = 1.5, 3.0, 0.4
+
+    def temperature(ev, ui, uj):
+        still, moved = move(ev, ui, uj, 0.0)[0], move(ev, ui, uj, 1.0)[0]
+        lost = 1.0 - still / ev
+        return (moved - still) ** 2 / (lost * (2.0 - lost) * im)
+
+    update, states, curves = compiled(_update, kept=False), (*capacities, *numbers), (table.start, table.nodes, table.pieces)
+    move = lambda ev, ui, uj, xi: update(ev, im, ui, uj, strength, dt, xi, 0.0, states, curves)  # noqa: E731
+    for ev, ui, uj in ((1.3, 30.0, 12.0), (-2.5, 8.0, 20.0)):
+        new, gain = move(ev, ui, uj, -0.7)
+        assert gain != 0.0
+        assert temperature(new, ui + gain, uj + gain) == pytest.approx(temperature(ev, ui, uj), rel=1e-9)
 
 
 def test_threads_give_the_same_bits():
