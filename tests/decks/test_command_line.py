@@ -171,9 +171,9 @@ def test_reduced_numbers_in_other_units_are_noted(deck, units, T, spacing, said)
 
 @cases(
     "edit, message",
-    (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for the type pair 1 2"),
+    (("pair_coeff 1 2 30.0 4.5\n", ""), "in.fluid:11: no pair coefficients for type pair 1 2"),
     (("1 2 30.0 4.5", "1 2 30.0 -4.5"), "in.fluid:13: pair style dpd, types 1 2: gamma must be >= 0, but is -4.5"),
-    (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 is over half the box"),
+    (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 exceeds half the box"),
     (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
     (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
     (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
@@ -183,9 +183,9 @@ def test_reduced_numbers_in_other_units_are_noted(deck, units, T, spacing, said)
     ),
     (("2*temp", "c_none[1]"), "variable twice: there is no compute 'none'"),
     (("2*temp", "1e308*10"), "in.fluid:21: thermo output v_twice is inf at step 0"),
-    (("timestep", "dump d all custom 10 ../in.fluid/d id\ntimestep"), "in.fluid:17: the file '../in.fluid/d' would lie outside of"),
-    (("timestep", "print hello file a/../../b\ntimestep"), "in.fluid:17: the file 'a/../../b' would lie outside of"),
-    (("timestep", "fix a all ave/time 1 1 1 c_thermo_temp file ../b\ntimestep"), "in.fluid:17: the file '../b' would lie outside of"),
+    (("timestep", "dump d all custom 10 ../in.fluid/d id\ntimestep"), "in.fluid:17: the file '../in.fluid/d' would lie outside the"),
+    (("timestep", "print hello file a/../../b\ntimestep"), "in.fluid:17: the file 'a/../../b' would lie outside the"),
+    (("timestep", "fix a all ave/time 1 1 1 c_thermo_temp file ../b\ntimestep"), "in.fluid:17: the file '../b' would lie outside the"),
     (("25.0 4.5\npair_coeff 1 2", "nan 4.5\npair_coeff 1 2"), "in.fluid:12:"),
 )
 def test_one_clear_line_for_bad_input(deck, capsys, edit, message):
@@ -227,7 +227,7 @@ def test_absolute_names_are_taken_as_they_are_and_this_is_said(deck, tmp_path, c
     assert {path.name for path in elsewhere.iterdir()} == {"d.0", "d.10", "hello"}
     assert (out / "inside" / "hello").read_text() == "hello\n"
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: /")]
-    where = f"is an absolute name: it is written there, and not into the output folder {out}"
+    where = f"is an absolute path: the file is not written to the output folder {out}"
     assert said == [f"note: {elsewhere}/{name} {where}" for name in ("d.*", "hello")]
 
 

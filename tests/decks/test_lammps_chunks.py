@@ -139,7 +139,7 @@ def test_report_has_the_last_averages_of_each_run(tmp_path):
 
 @cases(
     "text, message",
-    ("compute x all chunk/atom bin/2d x lower 1 x lower 1\n", "every axis can be cut once only, not x, x"),
+    ("compute x all chunk/atom bin/2d x lower 1 x lower 1\n", "each axis can be cut only once, not x, x"),
     ("compute x all chunk/atom bin/3d x lower 1 y lower 1\n", "found 7 arguments"),
     ("compute x all chunk/atom bin/2d x lower 1 y lower 1 bound z 0 1\n", "bound z, but the slices are along x, y"),
     ("compute x all chunk/atom bin/3d x lower .001 y lower .001 z lower .001\n", "bins are too many"),
@@ -153,8 +153,8 @@ def test_report_has_the_last_averages_of_each_run(tmp_path):
     ("variable a equal 1\nfix f all ave/chunk 1 1 1 ch v_a\n", "variable a is equal-style; only atom-style ones"),
     ("variable a atom vx\nfix f all ave/time 1 1 1 v_a\n", "variable a is atom-style; only equal-style ones"),
     ("variable a atom vx\nprint ${{a}}\n", "atom-style: it has a value for every bead"),
-    ("variable a atom random(0,1,5)\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "random is supported in equal-style"),
-    ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k has not several values"),
+    ("variable a atom random(0,1,5)\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "random is only supported in equal-style"),
+    ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k does not have several values"),
     ("compute t all temp\nfix f all ave/time 1 1 1 c_t[7*]\n", "out of range: there are 6"),
     ("compute t all temp\ncompute m all momentum\nfix f all ave/time 1 1 1 c_t c_m mode vector\n", "c_t c_m have different lengths"),
     ("fix f all ave/chunk 1 1 1 ch vx\nthermo_style custom f_f[1]\n", "f_f: the fix has 3 columns; use f_f.row..column."),

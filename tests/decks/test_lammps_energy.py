@@ -245,7 +245,7 @@ ERRORS = [
     (MDPD_BOX + MANY.replace("rhosum 0.7", "rhosum 1.2") + "fix 1 all nve\n", r"in.deck:9: .*cutoff_density = 1.2 must not be longer"),
     (MDPD_BOX + _ALONE, r"in.deck:7: pair style mdpd needs one mdpd/rhosum beside it"),
     (MDPD_BOX + "pair_style mdpd/rhosum\npair_coeff * * 0.7\n", r"in.deck:7: pair style mdpd/rhosum needs one mdpd beside it"),
-    (MDPD_BOX + MANY.replace("* * mdpd/r", "1 1 mdpd/r"), r"in.deck:9: types 1 2 have no coefficients of mdpd/rhosum"),
+    (MDPD_BOX + MANY.replace("* * mdpd/r", "1 1 mdpd/r"), r"in.deck:9: types 1 2 have no mdpd/rhosum coefficients"),
     (METAL + ENERGY + "fix 1 all nve\n" + EOS, r"in.deck:9: pair style dpd/fdt/energy needs fix dpd/energy .* or fix shardlow"),
     (METAL + ENERGY + SHARDLOW + "fix 4 all dpd/energy\n", r"in.deck:14: fix 4: dpd/energy beside shardlow \(fix 1\)"),
     (METAL + _NO_STYLE, r"in.deck:10: fix 1: dpd/energy needs pair style dpd/fdt/energy; the deck has none"),

@@ -241,7 +241,7 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
     ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
     ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
     ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),
-    ("compute x all chunk/atom bin/1d x lower 1 bound x 3 1\n", "the lower bound 3 is not below the upper one, 1"),
+    ("compute x all chunk/atom bin/1d x lower 1 bound x 3 1\n", "the lower bound 3 is not below the upper bound 1"),
     ("compute x all chunk/atom bin/1d x lower 1e-9\n", "a thickness of 1e-09 gives 6e\\+09 slices"),
     ("compute x all chunk/atom bin/1d x lower 1 region r\n", "there is no region 'r'"),
     ("compute x all dpd/atom\n", "compute dpd/atom needs atom_style dpd, but the deck has atom_style atomic"),

@@ -154,7 +154,7 @@ def test_a_bead_that_lammps_loses_is_an_error(tmp_path, place, lost):
         same_beads(tmp_path, text)
         return
     raises(Exception, "Lost atoms", lambda: theirs(tmp_path, text))
-    lost = f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS loses it"
+    lost = f"in.ours:12: run: bead 1 lies at 1 1 {float(place):g}, so far outside the box that LAMMPS would lose it"
     raises(DeckError, lost, lambda: ours(tmp_path, text))
 
 

@@ -226,7 +226,7 @@ def test_what_lammps_computes_in_another_way_is_said(tmp_path):
     warren = fluid(pairs={("*", "*"): dpd.MDPD(A=-40, B=25, gamma=18)})
     with pytest.warns(ExportWarning, match="Lucy's kernel"):
         export_lammps(warren, tmp_path, "x", dt=0.01, steps=1)
-    with pytest.warns(ExportWarning, match="limits the two nearest points"):
+    with pytest.warns(ExportWarning, match="clamps the two nearest points"):
         export_lammps(dataclasses.replace(exported.scene("nearest"), compat="consistent"), tmp_path, "x", dt=0.01, steps=1)
     with pytest.warns(ExportWarning, match="lambda = 0.65 needs units lj"):
         export_lammps(fluid(), tmp_path, "x", dt=0.01, steps=1, lam=0.65, units="real")
@@ -280,7 +280,7 @@ def test_edpd_that_lammps_computes_wrongly(tmp_path):
     beads = exported.scene("heat")
     poly = {"exponent_polynomial": (1.0, 0, 0, 0)}
     pairs = {("*", "*"): dpd.EDPD(A=18, gamma=1.0, kappa=0.1, **poly), ("A", "B"): dpd.EDPD(A=20, gamma=1.0, kappa=0.1, **poly)}
-    with pytest.raises(dpd.ParameterError, match="the last pair_coeff line only"):
+    with pytest.raises(dpd.ParameterError, match="the polynomials of the last pair_coeff line"):
         export_lammps(dataclasses.replace(beads, pairs=pairs), tmp_path, "x", dt=0.01)
     with pytest.warns(ExportWarning, match=r"no scheme 'shardlow' of such beads: the deck uses modified velocity Verlet \(fix mvv/edpd\)"):
         written = export_lammps(beads, tmp_path, "word", dt=0.01, scheme="shardlow")

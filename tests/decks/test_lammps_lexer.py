@@ -56,7 +56,7 @@ def test_other_encodings_are_named_with_their_line(tmp_path, text, line):
 
 def test_other_encodings_in_a_text_of_several_lines_are_an_error(tmp_path):
     (tmp_path / "deck").write_bytes(b'units lj\nprint """one\n# \xc5ngstrom"""\n')
-    raises(DeckError, "deck:2: the text of several lines that begins here is not UTF-8", lambda: lines(read_text(tmp_path / "deck")))
+    raises(DeckError, "deck:2: the multi-line text that begins here is not UTF-8", lambda: lines(read_text(tmp_path / "deck")))
 
 
 def test_other_encodings_are_read_in_comments(tmp_path):
@@ -152,11 +152,11 @@ def test_delete_forgets_a_variable():
 
 @cases(
     "text, message",
-    ("a equal 1 + 2", "put a formula with blanks into quotes"),
+    ("a equal 1 + 2", "put a formula that contains blanks in quotes"),
     ("a python f", "variable style 'python' is not supported"),
     ("a-b equal 1", "letters, digits and underscores"),
     ("a equal", "expected one value"),
-    ("outer equal 2", "is index-style already and cannot become equal-style; a value given on the command line"),
+    ("outer equal 2", "is already index-style and cannot become equal-style; a value from the command line"),
 )
 def test_variables_that_cannot_be_defined(text, message):
     raises(ParameterError, message, lambda: define(Variables({"outer": "1"}), text))
@@ -233,7 +233,7 @@ def test_values(text, value):
 @cases(
     "text, message",
     ("", "it is empty"),
-    ("1+", "it ends too early"),
+    ("1+", "it ends unexpectedly"),
     ("(1+2", r"expected '\)' instead of its end"),
     ("1 2", "unexpected '2'"),
     ("1/0", "division by zero"),

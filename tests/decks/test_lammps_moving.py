@@ -185,7 +185,7 @@ def test_velocities_of_variables(tmp_path, text):
     "text, message",
     ("variable s string 3\nvelocity all set v_s 0 0", "velocity set: variable s is string-style"),
     ("velocity all set v_none 0 0", "none"),
-    ("variable t equal temp\nvelocity all set v_t 0 0", "needs a run"),
+    ("variable t equal temp\nvelocity all set v_t 0 0", "before a run has measured it"),
     ("variable q equal 1/(count(some)-5)\nvelocity all set v_q 0 0", "division by zero|1/"),
 )
 def test_other_variables_are_refused(tmp_path, text, message):

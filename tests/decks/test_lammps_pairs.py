@@ -83,7 +83,7 @@ def test_repeating_the_style_keeps_coefficients_but_not_cutoffs(tmp_path):
 
 def test_another_style_forgets_the_coefficients(tmp_path):
     text = "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5\npair_style dpd/ext 1.0 1.0 7\n"
-    with pytest.raises(DeckError, match=r"in.deck:10: no pair coefficients for the type pair 1 1 \(pair style dpd/ext\)"):
+    with pytest.raises(DeckError, match=r"in.deck:10: no pair coefficients for type pair 1 1 \(pair style dpd/ext\)"):
         tables_of(tmp_path, text, types=1)
 
 
@@ -191,7 +191,7 @@ def test_special_factors_have_no_meaning_without_bonds(tmp_path):
 
 @cases(
     "text, message",
-    ("pair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\n", "no pair coefficients for the type pairs 1 2, 2 2"),
+    ("pair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\n", "no pair coefficients for type pairs 1 2, 2 2"),
     ("pair_style dpd 1.0 1.0 7\npair_coeff * * 25 -4.5\n", r"in.deck:9: pair style dpd, types \* \*: gamma must be >= 0, but is -4.5"),
     ("pair_style dpd -1.0 1.0 7\n", "in.deck:8: the temperature of dpd must be >= 0, but is -1.0"),
     ("pair_style dpd 1.0 0 7\n", "the cutoff of dpd must be > 0"),
@@ -202,8 +202,8 @@ def test_special_factors_have_no_meaning_without_bonds(tmp_path):
     ("pair_style dpd 1 1 1\npair_coeff 1 0 25 4.5\n", "atom type 0 is out of range"),
     ("pair_style dpd 1 1 1\npair_coeff 1 x 25 4.5\n", "expected atom type as a number or a range such as 1\\*3, not 'x'"),
     ("pair_style dpd 1 1 1\npair_coeff 2* 1 25 4.5\n", "names no pair of types with i <= j"),
-    ("pair_style dpd 1 1 1\npair_coeff * * 25 4.5 11\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box, 10"),
-    ("pair_style dpd 1 11 1\npair_coeff * * 25 4.5\n", "in.deck:9: the cutoff 11 of types 1 1 is over half the box"),
+    ("pair_style dpd 1 1 1\npair_coeff * * 25 4.5 11\n", "in.deck:9: the cutoff 11 of types 1 1 exceeds half the box, 10"),
+    ("pair_style dpd 1 11 1\npair_coeff * * 25 4.5\n", "in.deck:9: the cutoff 11 of types 1 1 exceeds half the box"),
     ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "asks for infinite friction"),
     ("pair_style dpd/ext 1 1 1\npair_coeff * * 25 4.5 4.5 -0.5 0.5\n", "exponent must be >= 0"),
     ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),

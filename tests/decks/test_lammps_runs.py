@@ -119,7 +119,7 @@ def test_an_energy_of_a_run_that_is_over_is_not_current(tmp_path):
     def callback(request):
         request.finish(request.scene().positions, request.scene().velocities, sample=sample_of(request, request.last_step))
 
-    raises(DeckError, r"in.deck:16: a value that needs a run", lambda: requests_of(tmp_path, text, callback))
+    raises(DeckError, r"in.deck:16: an energy, temperature or force is used before a run", lambda: requests_of(tmp_path, text, callback))
 
 
 def test_overrides(tmp_path):
@@ -259,7 +259,7 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
     ("pair_style dpdd 1 1 1\n", "pair style 'dpdd' is not supported; .*; did you mean dpd?"),
     ("temper 100 100 1 1 2 3\n", "in.deck:13: temper: a deck runs one copy of its system"),
     ("compute m all chunk/atom molecule\n", "'molecule' is not supported: write the beads by dump, and use openmm_dpd.analysis"),
-    ("pair_coeff 1 2 25 4.5 0\n", "in.deck:13: the cutoff must be > 0, but is 0; types that do not interact have 'pair_coeff i j none'"),
+    ("pair_coeff 1 2 25 4.5 0\n", "in.deck:13: the cutoff must be > 0, but is 0; use 'pair_coeff i j none' for types that do not interact"),
     ("fix g all gravity 1 vector 0 0 0\n", "has no direction"),
     ("variable a atom x\nfix g all gravity v_a chute 1\n", "variable a is atom-style; an equal-style one is expected"),
     ("variable a equal step\nfix 1 all nve\nfix g all gravity v_a chute 1\nrun 1\n", "'step' depends on something else"),
@@ -274,7 +274,7 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
     ("set type 1 vx v_a\n", "there is no variable 'a'"),
     ("variable a atom id*100\nset type 1 type v_a\n", "atom type 100 is out of range: there are 2"),
     ("write_dump all image a.png\n", "dump style 'image' is not supported: write dump xyz, dcd or xtc"),
-    ("write_dump all custom a.txt id fx\n", "a value that needs a run"),
+    ("write_dump all custom a.txt id fx\n", "an energy, temperature or force is used before a run"),
     ("fix 1 most nve\n", "there is no group 'most'"),
     ("fix 1 all nve 5\n", "expected 'fix ID group nve', but found 1 argument"),
     ("fix 1 all nve\nfix 1 all mvv/dpd\n", "there is a fix 1 of style nve already"),
@@ -327,7 +327,7 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
     ("undump 1\n", "there is no dump '1'"),
     ("variable a equal v_b\nvariable b equal v_a\nprint $a\n", "in.deck:14: variable b: variable a refers to itself: a -> b -> a"),
     ("variable a equal 1/0\nprint '${a}'\n", "in.deck:13: variable a: cannot evaluate the formula '1/0': division by zero"),
-    ("print '$(temp)'\n", "in.deck:13: a value that needs a run"),
+    ("print '$(temp)'\n", "in.deck:13: an energy, temperature or force is used before a run"),
     ("print ${b}\n", "in.deck:13: there is no variable 'b'"),
 )
 def test_errors(tmp_path, text, message):

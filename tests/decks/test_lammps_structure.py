@@ -126,12 +126,12 @@ def test_mean_positions_do_not_depend_on_who_reads_them(tmp_path):
     ("compute t all temp\nvariable a equal c_t[1][1]\nthermo_style custom v_a\nrun 1\n", "has no table of values"),
     ("compute m all msd com maybe\n", "com"),
     ("compute m all msd\nthermo_style custom c_m\n", "has no single value"),
-    ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 when it was defined"),
+    ("compute m two msd\ngroup two type 1\nthermo_style custom c_m[4]\nrun 1\n", "had 40 at its definition"),
     ("compute g all gyration x\n", "and no more"),
     (
         "compute k all property/atom x y\ncompute r all reduce sum c_k[2]\nthermo_style custom c_r\nuncompute k\n"
         "compute k all property/atom x\nrun 1\n",
-        "compute k .style property/atom. has no column 2 any more",
+        "compute k .style property/atom. no longer has a column 2",
     ),
 )
 def test_errors(tmp_path, text, message):

@@ -1,1 +1,1 @@
-"""Files that decks name: data files, tables, equations of state."""
+"""Files that decks read and write: data files, restart files, tables, equations of state."""

@@ -1,4 +1,4 @@
-"""LAMMPS data files: reading header, box and the sections that these scenes use, and writing them."""
+"""LAMMPS data files: reading the header, the box and the supported sections, and writing them."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,20 +28,20 @@ _HEADERS: dict[tuple[str, ...], int] = {
 }
 
 _UNSUPPORTED = ("impropers",)
-#: Largest id, and largest image flag.
+#: Largest id and image flag.
 _LARGEST = 2**31 - 1
 
 
 @dataclass
 class DataFile:
-    """Content of a data file, in the deck's units, atoms in the order of the file."""
+    """Content of a data file, in the deck's units, with atoms in the order of the file."""
 
-    #: Numbers of types.
+    #: Number of atom types; those of bonds, angles and dihedrals are below.
     n_types: int
     box: Box
     #: ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``, ``rho``, ``temperature``, ``capacity``, ``c1``, ``c2``, ...
     columns: dict[str, np.ndarray]
-    positions: np.ndarray  #: (N, 3) as in the file, perhaps outside the box
+    positions: np.ndarray  #: (N, 3) as in the file, possibly outside the box
     images: np.ndarray  #: (N, 3) image flags, 0 where the file has none
     velocities: np.ndarray  #: (N, 3) in the order of the atoms; 0 where the file has none
     masses: dict[int, float] = field(default_factory=dict)
@@ -52,19 +52,19 @@ class DataFile:
     n_dihedral_types: int = 0
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) type and four ids
     coefficients: dict[str, list[Row]] = field(default_factory=dict)  #: Lines of the Coeffs sections by section name
-    hints: dict[str, str] = field(default_factory=dict)  #: What follows ``#`` on section lines
+    hints: dict[str, str] = field(default_factory=dict)  #: Comments on section lines, by section
 
 
 class DataReader:
-    """The lines of a data file, sorted into header values and sections; each method reads a part.  DeckErrors have file and line.  With
-    ``lenient`` sections and header lines that are not known are passed over."""
+    """The lines of a data file, split into header values and sections; each method parses a part.  Errors are DeckErrors with file and
+    line. With ``lenient`` unknown sections and header lines are ignored."""
 
     def __init__(self, path: Path, lenient: bool = False):
         self.file = TextFile.read(path, title=True)
         self.fail = self.file.error
         self.header: dict[tuple[str, ...], list[float]] = {}
         self.sections: dict[str, tuple[int, list[Row]]] = {}
-        self.hints: dict[str, str] = {}  #: What follows ``#`` on section lines
+        self.hints: dict[str, str] = {}  #: Comments on section lines, by section
         body: list[Row] | None = None
         for number, words in self.file.rows():
             if number == 1:
@@ -87,7 +87,7 @@ class DataReader:
                 raise self.fail(f"header line '{' '.join(words)}' is not supported", number)
 
     def _header_line(self, words: list[str], number: int) -> bool:
-        """Take over a header value; False if it is not known."""
+        """Store a header value.  Return False if it is unknown."""
         size = next((size for size in (1, 2, 3) if _HEADERS.get(tuple(words[size:])) == size), None)
         if size is None:
             return False
@@ -102,11 +102,11 @@ class DataReader:
         return True
 
     def count(self, *key: str) -> int:
-        """A number of the header, 0 if it is not there."""
+        """A number from the header; 0 if it is missing."""
         return int(self.header.get(key, [0])[0])
 
     def rows(self, name: str, expected: int, width: int | None = None, usage: str = "") -> list[Row]:
-        """The rows of a section, none if it is not there; they must have ``width`` words."""
+        """The rows of a section; empty if the section is missing.  With ``width`` each row must have this many words."""
         if name not in self.sections:
             return []
         line, body = self.sections[name]
@@ -124,7 +124,7 @@ class DataReader:
         for axis in "xyz":
             key = (f"{axis}lo", f"{axis}hi")
             if key not in self.header:
-                # LAMMPS takes -1/2 to 1/2 without a word
+                # LAMMPS silently assumes -1/2 to 1/2
                 raise self.fail(f"the header has no line '{key[0]} {key[1]}', so the box has no edges along {axis}")
             edges.append(self.header[key])
         tilt = self.header.get(("xy", "xz", "yz"))
@@ -135,7 +135,7 @@ class DataReader:
             raise self.fail(str(error)) from None
 
     def atoms(self, styles: Sequence[str], n_species: int = 0) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray | None]:
-        """Columns of the Atoms section, positions, and image flags (None if no atom has any); styles as for :func:`atom_columns`."""
+        """Columns of the Atoms section, positions, and image flags (None if the file has none); ``styles`` as for :func:`atom_columns`."""
         names, n = atom_columns(styles, n_species), self.count("atoms")
         x, size = names.index("x"), len(names)
         if n and "Atoms" not in self.sections:
@@ -145,7 +145,7 @@ class DataReader:
         values = np.empty((n, size))
         images = np.zeros((n, 3), dtype=np.int64)
         for k, (number, words) in enumerate(rows):
-            # three image flags, or none, as in the first line
+            # all atoms have three image flags, or none has
             flagged = len(words) == size + 3
             values[k] = self.file.numbers(rows[k], words[: size if flagged else None], size, usage, f"a value of atom {words[0]}")
             if flagged:
@@ -191,7 +191,7 @@ class DataReader:
             raise self.fail(f"atom id {ids[order][twice[0]]} appears twice", rows[int(order[twice[0] + 1])][0])
 
     def velocities(self, ids: np.ndarray) -> np.ndarray | None:
-        """(N, 3) velocities of these atoms, None if there is no such section."""
+        """(N, 3) velocities of the atoms with these ids; None without a Velocities section."""
         if "Velocities" not in self.sections:
             return None
         found = np.zeros((len(ids), 3))
@@ -206,7 +206,7 @@ class DataReader:
         return found
 
     def masses(self) -> dict[int, float]:
-        """Mass of each type, if there is such a section."""
+        """Mass of each type; empty without a Masses section."""
         found, n_types = {}, self.count("atom", "types")
         for row in self.rows("Masses", n_types, 2, "type mass"):
             number, words = row
@@ -220,7 +220,7 @@ class DataReader:
         return found
 
     def joined(self, what: str, ids: np.ndarray, atom_style: str) -> np.ndarray:
-        """Types and ids of the Bonds, Angles or Dihedrals section."""
+        """Types and ids from the Bonds, Angles or Dihedrals section."""
         size, styles = JOINED[what]
         section, announced, n_types = f"{what.capitalize()}s", self.count(f"{what}s"), self.count(what, "types")
         usage = "id type " + " ".join(f"atom{k}" for k in range(1, size + 1))
@@ -244,9 +244,9 @@ class DataReader:
 
 
 def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
-    """Content of a data file.  ``atom_style`` is a key of :data:`~openmm_dpd.lammps.files.atom_styles.ATOM_STYLES` (the hint behind ``Atoms
-    #`` is only reported), ``n_species`` the number of concentrations of ``atom_style tdpd``.  DeckError, with file and line, for unknown
-    sections, wrong counts, values that are not numbers or not finite, ids that appear twice, types out of range."""
+    """Content of a data file.  ``atom_style`` is a key of :data:`ATOM_STYLES` (the comment behind ``Atoms #`` is only reported),
+    ``n_species`` the number of concentrations of ``atom_style tdpd``.  DeckError, with file and line, for unknown sections, wrong counts,
+    values that are not finite numbers, duplicate ids, and types out of range."""
     reader = DataReader(path)
     columns, positions, images = reader.atoms((atom_style,), n_species)
     ids = columns["id"]

@@ -1,4 +1,4 @@
-"""Restart files: what of a deck a later one can go on from, in a format of this package (a zip of numpy arrays and one JSON text)."""
+"""Restart files: the state that a later deck can continue from, in a format of this package (a zip of numpy arrays and a JSON text)."""
 
 import io
 import json
@@ -15,17 +15,17 @@ from ..state.atoms import Atoms
 from ..state.box import Box
 from ..state.deck_state import DeckState
 
-#: What the file says it is; another number where its contents change.
+#: Format identifier in the file; its number changes with the contents.
 FORMAT = "openmm-dpd restart 3"
-#: Attributes of DeckState that are plain numbers and words.
+#: Attributes of DeckState that are stored as plain numbers and words.
 _PLAIN = "atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs reordered noise_counter".split()
-#: How LAMMPS's own files begin.
+#: First bytes of LAMMPS's own restart files.
 _LAMMPS = b"LammpS RestartT"
 
 
 def restart_bytes(state: DeckState) -> bytes:
-    """Contents of a restart file: box, beads, bonds, groups, step and time, the commands about interactions, and the counter of the noise.
-    All numbers with all their bits."""
+    """Content of a restart file, with all numbers bit for bit: box, beads, bonds, groups, step and time, commands about interactions, and
+    the counter of the noise."""
     box = state.require_box("a restart file")
     header = {name: getattr(state, name) for name in _PLAIN} | {
         "format": FORMAT,
@@ -46,13 +46,13 @@ def restart_bytes(state: DeckState) -> bytes:
 
 
 def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
-    """Take over what a restart file holds; the commands about interactions are returned.  ParameterError if it is no such file; LAMMPS's
-    own are not."""
+    """Load a restart file into the state and return its commands about interactions.  ParameterError if it is not a restart file of this
+    package."""
     content = path.read_bytes()
     if content.startswith(_LAMMPS):
         raise ParameterError(
-            f"'{path.name}' is a restart file of LAMMPS, in a format of each of its versions; turn it into a data file, by "
-            "'lmp -restart2data FILE DATA', and read that"
+            f"'{path.name}' is a restart file of LAMMPS, whose format depends on its version; convert it to a data file with "
+            "'lmp -restart2data FILE DATA' and read that"
         )
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as found:
@@ -65,7 +65,7 @@ def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
     except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, ParameterError):
             raise
-        raise ParameterError(f"'{path.name}' is no restart file of this package, or not whole ({error})") from None
+        raise ParameterError(f"'{path.name}' is not a restart file of this package, or is damaged ({error})") from None
 
 
 def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:

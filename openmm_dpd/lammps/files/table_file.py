@@ -1,8 +1,7 @@
-"""Tables in files: of pairs (keyword, a line with ``N``, rows ``index r energy force``) and equations of state (rows ``index T U``).
+"""Table files: pair tables (keyword, a line with ``N``, rows ``index r energy force``) and equations of state (rows ``index T U``).
 
-How a table is used here: a cubic spline goes through energies and forces at the file's own distances.  The number of points after
-``pair_style table linear|spline|lookup|bitmap`` is LAMMPS's resolution for its own
-intermediate table in r^2, for which there is no need here.
+A pair table becomes a cubic spline through energies and forces at the file's own distances.  The number of points after ``pair_style table
+linear|spline|lookup|bitmap``, the resolution of LAMMPS's internal table in r^2, is not used.
 """
 
 from dataclasses import dataclass
@@ -27,11 +26,11 @@ class TableData:
     distances: np.ndarray
     energies: np.ndarray
     forces: np.ndarray
-    end_slopes: tuple[float, ...] = ()  #: Of the forces, if they are given
+    end_slopes: tuple[float, ...] = ()  #: Slopes of the forces at both ends, if given
 
 
 def read_table(path: Path, keyword: str) -> TableData:
-    """Section ``keyword`` of a pair table file; DeckError if the section is missing, incomplete or not numeric."""
+    """Section ``keyword`` of a pair table file.  DeckError if the section is missing, incomplete or not numeric."""
     file = TextFile.read(path)
     lines, found, index = list(file.rows()), list[str](), 0
     while index < len(lines):
@@ -78,7 +77,7 @@ def _assemble(file: TextFile, rows: list[Row], parameters: dict, line: int, keyw
     values = np.array([file.numbers(row, row[1][1:4], 3, usage, what) for row in rows])
     distances = values[:, 0]
     for name in ("R", "RSQ"):
-        # with both limits given, LAMMPS computes the distances and ignores the column
+        # if both limits are given, LAMMPS computes the distances and ignores the column
         if len(parameters.get(name, ())) == 2:
             low, high = parameters[name]
             distances = np.linspace(low, high, n) if name == "R" else np.sqrt(np.linspace(low**2, high**2, n))
@@ -89,13 +88,13 @@ def _assemble(file: TextFile, rows: list[Row], parameters: dict, line: int, keyw
 
 
 def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> tuple[TabulatedPair, str | None]:
-    """Table as a pair term in MD units, and a remark if the forces of the file are not the slope of its energies, which are replaced
-    then, or the slopes of the forces have no effect.  ``cutoff`` is in the deck's unit of length; without it the range is that of the
-    table.  The term is evenly spaced: an uneven table (``RSQ``) is resampled with cubic splines through energies and forces."""
+    """The table as a pair term in MD units, and a remark if the energies were replaced (they do not match the forces) or the end slopes
+    have no effect.  ``cutoff`` is in the deck's unit of length; None means the range of the table.  The term is evenly spaced: an uneven
+    table (``RSQ``) is resampled with cubic splines through energies and forces."""
     r, energies, forces, remarks = data.distances, data.energies, data.forces, list[str]()
     steps = np.diff(r)
     if not np.allclose(steps, steps.mean(), rtol=1e-4):
-        # as fine as the finest part of the file, within reason
+        # as fine as the finest part of the file, within limits
         even = np.linspace(r[0], r[-1], int(np.clip(np.ceil((r[-1] - r[0]) / steps.min()) + 1, len(r), max(20000, len(r)))))
         ends = data.end_slopes if len(data.end_slopes) == 2 else np.diff(forces)[[0, -1]] / steps[[0, -1]]
         spline = CubicSpline(r, energies, bc_type=((1, -forces[0]), (1, -forces[-1])))
@@ -108,7 +107,7 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
     except ParameterError as error:
         if "minus the slope" not in str(error):
             raise
-        # LAMMPS moves the beads by the forces, so they define the potential
+        # in LAMMPS the forces move the beads, so they define the potential
         work = CubicSpline(r, forces).antiderivative()
         energies = energies[-1] + work(r[-1]) - work(r)
         pair = TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit)
@@ -117,7 +116,7 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
 
 
 def read_eos(path: Path, keyword: str) -> tuple[np.ndarray, np.ndarray]:
-    """Temperatures and internal energies of the section ``keyword``, in the file's units.  DeckError with file and line: if the section is
+    """Temperatures and internal energies of the section ``keyword``, in the file's units.  DeckError, with file and line, if the section is
     missing, incomplete or not numeric, or a column does not increase."""
     file = TextFile.read(path)
     lines, found, index = list(file.rows()), list[str](), 0

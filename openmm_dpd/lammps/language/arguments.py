@@ -1,4 +1,4 @@
-"""Reading the arguments of commands: each helper names the argument and the value it did not like."""
+"""Parsing of command arguments.  Every error names the argument and the invalid value."""
 
 import difflib
 import json
@@ -13,7 +13,7 @@ import numpy as np
 from ...base.errors import ParameterError
 
 _ROWS = json.loads((files(__package__) / "deck_words.json").read_text(encoding="utf-8"))
-#: What the refusal says behind a colon.
+#: What to write instead of an unsupported command or style; error messages add it after a colon.
 INSTEAD: dict[str, str] = {name: row["write"] for row in _ROWS for name in row["instead of"]}
 
 
@@ -21,14 +21,14 @@ T = TypeVar("T")
 
 
 def as_float(word: str) -> float:
-    """A number in plain ASCII digits; ValueError for what only Python takes for one (2_5, digits of other scripts)."""
+    """Convert a word of ASCII digits to a float.  ValueError for spellings that only Python accepts (2_5, digits of other scripts)."""
     if "_" in word or not word.isascii():
         raise ValueError(word)
     return float(word)
 
 
 def as_integer(word: str) -> int:
-    """The same for whole numbers."""
+    """Convert a word of ASCII digits to an integer.  ValueError for spellings that only Python accepts (2_5, digits of other scripts)."""
     if "_" in word or not word.isascii():
         raise ValueError(word)
     return int(word)
@@ -46,7 +46,7 @@ def number(word: str, what: str) -> float:
 
 
 def positive(word: str, what: str) -> float:
-    """A number > 0."""
+    """A finite number > 0."""
     value = number(word, what)
     if value <= 0:
         raise ParameterError(f"{what} must be > 0, but is {word}")
@@ -54,7 +54,7 @@ def positive(word: str, what: str) -> float:
 
 
 def non_negative(word: str, what: str) -> float:
-    """A number >= 0."""
+    """A finite number >= 0."""
     value = number(word, what)
     if value < 0:
         raise ParameterError(f"{what} must be >= 0, but is {word}")
@@ -62,7 +62,7 @@ def non_negative(word: str, what: str) -> float:
 
 
 def integer(word: str, what: str, minimum: int | None = None) -> int:
-    """A whole number, not below ``minimum``."""
+    """A whole number >= ``minimum``."""
     try:
         value = as_integer(word)
     except ValueError:
@@ -73,7 +73,7 @@ def integer(word: str, what: str, minimum: int | None = None) -> int:
 
 
 def switch(word: str, what: str) -> bool:
-    """Yes or no."""
+    """A yes-or-no word as a boolean."""
     try:
         return {"yes": True, "on": True, "true": True, "no": False, "off": False, "false": False}[word]
     except KeyError:
@@ -81,21 +81,22 @@ def switch(word: str, what: str) -> bool:
 
 
 def known(table: Mapping[str, T], name: str, what: str) -> T:
-    """The entry of a table by its name."""
+    """The entry of a table with this name.  ParameterError, with the names there are, if there is none."""
     if name not in table:
         raise ParameterError(f"there is no {what} '{name}'; defined so far: {', '.join(table) or 'none'}{near(name, table)}")
     return table[name]
 
 
 def near(word: str, names: Iterable[str]) -> str:
-    """The end of an error about a word that is none of the names: the one that is most like it, or that it is an accelerated form of."""
+    """The end of an error message about an unknown word: the most similar name, or the name without an accelerator suffix."""
     plain = re.sub(r"/(omp|kk|gpu|intel|opt)$", "", word)
     found = [plain] if plain in (names := list(names)) else difflib.get_close_matches(word, names, 1, 0.7)
     return f"; did you mean {found[0]}?" if found else ""
 
 
 def style(table: Mapping[str, T], command: str, word: str, *others: str) -> T:
-    """The entry of a table of styles; ParameterError with what to write instead, or with what there is, ``others`` included."""
+    """The entry of a table of styles.  ParameterError, with what to write instead or with the supported styles (``others`` included), if
+    there is none."""
     if word not in table:
         names = [*table, *others]
         ending = (
@@ -108,36 +109,37 @@ def style(table: Mapping[str, T], command: str, word: str, *others: str) -> T:
 
 
 def identifier(word: str, what: str) -> str:
-    """A name of letters, digits and underscores."""
+    """The word itself.  ParameterError unless it consists of letters, digits and underscores."""
     if not word or not all(char.isascii() and (char.isalnum() or char == "_") for char in word):
-        raise ParameterError(f"{what} has letters, digits and underscores only, not '{word}'")
+        raise ParameterError(f"{what} may contain only letters, digits and underscores, not '{word}'")
     return word
 
 
 def choice(word: str, what: str, allowed: Sequence[str]) -> str:
-    """One of a few words."""
+    """The word itself.  ParameterError unless it is one of the allowed words."""
     if word not in allowed:
         raise ParameterError(f"{what} must be one of {', '.join(allowed)}, not '{word}'{near(word, allowed)}")
     return word
 
 
 def count(args: Sequence[str], usage: str, minimum: int, maximum: int | None = -1) -> None:
-    """Raise ParameterError unless the number of arguments fits; ``maximum`` -1 means exactly ``minimum``, None any number above."""
+    """Raise ParameterError unless the number of arguments is between ``minimum`` and ``maximum``; -1 means exactly ``minimum``, None no
+    upper limit."""
     most = minimum if maximum == -1 else maximum
     if len(args) < minimum or (most is not None and len(args) > most):
         raise ParameterError(f"expected '{usage}', but found {len(args)} argument{'s' * (len(args) != 1)}: {' '.join(args)}".rstrip(": "))
 
 
 def taken(args: Sequence[str], size: int, command: str) -> tuple[list[str], list[str]]:
-    """The ``size`` values that a command begins with, and what follows them; ParameterError if there are fewer."""
+    """Split the arguments of a command into its ``size`` leading values and the rest.  ParameterError if there are too few."""
     if len(args) < size:
         raise ParameterError(f"{command} needs {size} values, but {len(args)} follow{': ' * bool(args)}{' '.join(args)}")
     return list(args[:size]), list(args[size:])
 
 
 def ramp(words: Sequence[str], component: Sequence[str], positions: np.ndarray, spacing: np.ndarray) -> tuple[int, np.ndarray]:
-    """Axis and values of ``component first last x|y|z low high``, which go from one to the other along an axis.  ``component`` has the
-    words for each axis, ``positions`` (n, 3) are where the values are asked for, ``spacing`` scales all numbers."""
+    """Parse ``component first last x|y|z low high``: return the axis of the component, and its values at ``positions`` (n, 3), which go
+    linearly from ``first`` to ``last``.  ``component`` lists the words for the three axes; ``spacing`` scales all numbers."""
     axis = list(component).index(choice(words[0], "the component of ramp", component))
     along = "xyz".index(choice(words[3], "the direction of ramp", ("x", "y", "z")))
     first, last = (number(word, "a value of ramp") * spacing[axis] for word in words[1:3])
@@ -148,7 +150,7 @@ def ramp(words: Sequence[str], component: Sequence[str], positions: np.ndarray, 
 
 
 def numeric_range(word: str, highest: int, what: str) -> range:
-    """The numbers from 1 to ``highest`` that ``3``, ``*``, ``2*``, ``*4`` or ``2*4`` stands for; ``what`` is counted, for the message."""
+    """The numbers from 1 to ``highest`` selected by ``3``, ``*``, ``2*``, ``*4`` or ``2*4``; ``what`` names them in error messages."""
     low, star, high = word.partition("*")
     try:
         first = as_integer(low) if low else 1
@@ -163,7 +165,7 @@ def numeric_range(word: str, highest: int, what: str) -> range:
 
 
 def id_ranges(words: Sequence[str], what: str) -> list[tuple[int, int, int]]:
-    """Inclusive (first, last, stride) of words such as ``7``, ``1:8`` and ``1:100:10``."""
+    """Inclusive (first, last, stride) ranges from words such as ``7``, ``1:8`` and ``1:100:10``."""
     found = []
     for word in words:
         parts = [integer(part, what) for part in word.split(":")]
@@ -174,15 +176,15 @@ def id_ranges(words: Sequence[str], what: str) -> list[tuple[int, int, int]]:
 
 
 def single(args: Sequence[str], command: str, **defaults: str) -> dict[str, str]:
-    """Values of options that have one each: the defaults where they are not given."""
+    """Values of options that take one value each; ``defaults`` has the options and their defaults."""
     return defaults | {keyword: values[0] for keyword, values in options(args, dict.fromkeys(defaults, 1), command)}
 
 
 def options(
     args: Sequence[str], sizes: Mapping[str, int], command: str, alone: Mapping[str, str] | None = None
 ) -> list[tuple[str, list[str]]]:
-    """Keyword-value groups at the end of a command: ``sizes`` says how many values follow each keyword.  ``alone`` has the value behind
-    which no other follows, by keyword."""
+    """Parse the keyword-value groups at the end of a command; ``sizes`` gives the number of values of each keyword.  ``alone`` lists, by
+    keyword, a value after which no other values follow."""
     found = []
     index = 0
     while index < len(args):

@@ -1,7 +1,7 @@
-"""Formulas: a recursive-descent evaluator with LAMMPS's grammar, for one number (equal-style) or one per bead (atom-style).
+"""Formulas: a recursive-descent evaluator of LAMMPS's grammar, for a single number (equal-style) or one number per bead (atom-style).
 
-Operators from loose to tight, all from left to right: ``||``, ``&&``, ``== !=``, ``< <= > >=``, ``+ -``, ``* / %``, ``^``, and
-unary ``-`` and ``!`` which bind tightest of all, so that ``-2^2`` is 4 and ``2^3^2`` is 64.
+Operators in order of increasing precedence, all left-associative: ``||``, ``&&``, ``== !=``, ``< <= > >=``, ``+ -``, ``* / %``, ``^``, and
+unary ``-`` and ``!``, so that ``-2^2`` is 4 and ``2^3^2`` is 64.
 """
 
 import math
@@ -19,12 +19,12 @@ from .operations import FUNCTIONS, LEVELS, LITERAL, UNARY, Operation
 T = TypeVar("T")
 #: Group functions: their arguments are names, not formulas.
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
-#: Formulas may ask for these values of one bead, by its id: ``x[17]``.
+#: Values of a single bead that formulas may use, by its id: ``x[17]``.
 ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz", "q")
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
 
 
-#: Functions that need the resolver: name -> number of arguments.
+#: Functions that depend on the state of the run: number of arguments by name.
 STATE_FUNCTIONS = {"random": 3, "normal": 3, "ramp": 2, "vdisplace": 2, "swiggle": 3, "cwiggle": 3}
 
 _TOKEN = re.compile(
@@ -38,25 +38,25 @@ _TOKEN = re.compile(
 
 @lru_cache
 def _tokens(pattern: re.Pattern[str], text: str) -> list[tuple[str, str]]:
-    """Kind and text of what an expression consists of; one may be evaluated in every step."""
+    """Kind and text of each token; cached, since an expression may be evaluated at every step."""
     return [(str(match.lastgroup), str(match[match.lastgroup or 0])) for match in pattern.finditer(text)]
 
 
 def evaluate(text: str, resolver: Any) -> float:
-    """Value of a formula, such as ``pe/count(all)+v_offset``.  The methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``,
-    ``atom`` and ``call`` of ``resolver`` give what names stand for. ParameterError if the formula is malformed, divides by zero, leaves the
-    domain of a function, or names something unknown."""
+    """Value of a formula such as ``pe/count(all)+v_offset``.  The methods ``thermo``, ``variable``, ``compute``, ``fix``, ``group``,
+    ``atom`` and ``call`` of ``resolver`` return the values of names.  ParameterError if the formula is malformed, divides by zero, leaves
+    the domain of a function, or uses an unknown name."""
     return Formula(text, resolver).value()
 
 
 class Expression(ABC):
-    """A text of values, operators and parentheses, which is evaluated as it is read."""
+    """A text of values, operators and parentheses, evaluated while it is parsed."""
 
-    #: What errors call it, its tokens by kind (``bad`` is none), and its operators between two values, from loose to tight.
+    #: Its name in error messages, the pattern of its tokens, and its binary operators in order of increasing precedence.
     what: str
     pattern: re.Pattern[str]
     levels: tuple[dict[str, Any], ...]
-    ranks: dict[str, int]  #: The level of each operator
+    ranks: dict[str, int]  #: Index into ``levels`` for each operator
 
     def __init_subclass__(cls):
         if "levels" in vars(cls):
@@ -72,7 +72,7 @@ class Expression(ABC):
         raise ParameterError(f"cannot evaluate the {self.what} '{self.text}': {why}")
 
     def value(self) -> Any:
-        """The value."""
+        """Evaluate the whole text."""
         try:
             result = self.binary(0)
         except ZeroDivisionError:
@@ -93,7 +93,7 @@ class Expression(ABC):
     def take(self) -> tuple[str, str]:
         token = self.peek()
         if token[0] == "end":
-            self.fail("it ends too early" if self.tokens else "it is empty")
+            self.fail("it ends unexpectedly" if self.tokens else "it is empty")
         self.at += 1
         return token
 
@@ -106,18 +106,18 @@ class Expression(ABC):
 
     @abstractmethod
     def unary(self) -> Any:
-        """The value that is read next, with the operators before it."""
+        """Evaluate the next value, including its unary operators."""
 
     @abstractmethod
     def combined(self, operator: str, operation: Any, left: Any, right: Any) -> Any:
-        """What an operator, an entry of ``levels``, makes of two values."""
+        """Apply a binary operator, whose entry in ``levels`` is ``operation``, to two values."""
 
 
 class Formula(Expression):
     """One evaluation of a formula."""
 
     what, pattern, levels = "formula", _TOKEN, LEVELS
-    #: Which kind of values it has, a field of Operation.
+    #: The field of Operation that it uses.
     kind = "number"
 
     def __init__(self, text: str, resolver: Any):
@@ -189,7 +189,7 @@ class Formula(Expression):
         return self.resolver.call(token, arguments)
 
     def listed(self, one: Callable[[], T]) -> list[T]:
-        """What is between parentheses, separated by commas."""
+        """Parse comma-separated items between parentheses."""
         self.expect("(")
         found = [one()]
         while self.peek()[1] == ",":
@@ -220,8 +220,8 @@ _CONDITION_TOKEN = re.compile(
 class _Condition(Expression):
     """A condition: numbers and strings, compared and combined.
 
-    Operators from loose to tight, all from left to right: ``||`` and ``|^`` (one or the other, not both), ``&&``, ``== !=``, ``< <= > >=``,
-    and ``!``.  Strings are letters, digits, ``_`` and ``/``, begin with a letter, and can be compared by ``==`` and ``!=`` only.
+    Operators in order of increasing precedence, all left-associative: ``||`` and ``|^`` (exclusive or), ``&&``, ``== !=``, ``< <= > >=``,
+    and ``!``.  Strings consist of letters, digits, ``_`` and ``/``, begin with a letter, and can only be compared by ``==`` and ``!=``.
     """
 
     what, pattern, levels = "condition", _CONDITION_TOKEN, _CONDITION_LEVELS
@@ -257,11 +257,10 @@ def _name(value: Value) -> str:
 
 
 def condition_holds(text: str) -> bool:
-    """Whether the condition of an ``if`` command holds, in which variables have been replaced by their values.  ParameterError if it is
-    malformed, compares a string with a number, or is a single string.
+    """Whether the condition of an ``if`` command is true; variables must already be substituted.  ParameterError if it is malformed,
+    compares a string with a number, or is a single string.
 
-    >>> condition_holds("2 < 3 && north != south")
-    True
+    >>> condition_holds("2 < 3 && north != south") True
     """
     condition = _Condition(text)
     value: Value = condition.value()

@@ -1,7 +1,7 @@
-"""From the text of an input script to lines and words: continuation lines, comments, quotes and ``$`` substitution.
+"""Input scripts as lines and words: continuation lines, comments, quotes and ``$`` substitution.
 
-The order is LAMMPS's: physical lines are joined first (``&`` at the end, or an open triple quote), then the comment is
-cut off, then ``$`` is substituted outside quotes, and the result is split into words.  Other files of words and numbers have lines alone.
+As in LAMMPS, physical lines are joined first (``&`` at the end, or an open triple quote), then the comment is removed, then ``$`` is
+substituted outside quotes, and the result is split into words.  Other text files are read as plain lines of words and numbers.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from ...base.errors import DeckError, DPDError, ParameterError
 from . import arguments as read
 
 TRIPLE = '"""'
-#: In place of characters of other encodings; no text of any language has it.
+#: Replaces characters of other encodings; it occurs in no text.
 UNKNOWN = "\uffff"
 
 
 @dataclass(frozen=True)
 class Line:
-    """One logical line."""
+    """One logical line of a script."""
 
     text: str  #: Text without comment and continuation marks
-    file: str  #: File it stands in
+    file: str  #: File that contains it
     number: int  #: Number of its first physical line, counted from 1
 
 
 def located(where: Line | None, message: str) -> DeckError:
-    """An error with file and number of a line, if there is one."""
+    """A DeckError with the file and number of a line, if the line is known."""
     return DeckError(message) if where is None else DeckError(message, where.file, where.number)
 
 
 @contextmanager
 def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
-    """A block whose errors get file and number of a line, and words before them, unless they have a line already."""
+    """Add the file and number of a line, and a prefix, to errors raised in this block, unless they already have a line."""
     try:
         yield
     except DPDError as error:
@@ -49,7 +49,7 @@ def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
 
 
 def file_content(path: Path) -> bytes:
-    """Content of a file, unpacked if it was packed by gzip.  DeckError if it cannot be read, or was packed in another way."""
+    """Content of a file, decompressed if it is gzipped.  DeckError if it cannot be read or is compressed in another format."""
     if path.suffix in (".bz2", ".lz4", ".lzma", ".xz", ".zst"):
         raise DeckError("of compressed files, only .gz is read; unpack it", str(path))
     try:
@@ -60,8 +60,8 @@ def file_content(path: Path) -> bytes:
 
 
 def read_text(path: Path, *, title: bool = False) -> str:
-    """Text of a deck or data file, with or without a byte-order mark; ``title`` says that the first line is a comment.  In comments
-    characters of other encodings than UTF-8 are let through, as :data:`UNKNOWN`.  DeckError if the file cannot be read or is no text."""
+    """Text of a deck or data file, with or without a byte-order mark; with ``title`` the first line is a comment.  Characters that are not
+    UTF-8 are accepted in comments only, as :data:`UNKNOWN`.  DeckError if the file cannot be read or is not text."""
     content = file_content(path)
     try:
         return _newlines(content.decode("utf-8-sig"))
@@ -73,10 +73,10 @@ def read_text(path: Path, *, title: bool = False) -> str:
         try:
             meant = strip_comment(line)
         except ParameterError:
-            meant = line  # of a quote over several lines
+            meant = line  # part of a quote that spans several lines
         odd = next((character for character in meant if "\udc80" <= character <= "\udcff"), None)
         if odd is not None:
-            message = f"the file is not UTF-8 text (byte 0x{ord(odd) - 0xDC00:02x}); convert it, or take the character out"
+            message = f"the file is not UTF-8 text (byte 0x{ord(odd) - 0xDC00:02x}); convert it, or remove the character"
             raise DeckError(message, str(path), number)
     return re.sub("[\udc80-\udcff]", UNKNOWN, text)
 
@@ -86,9 +86,8 @@ def _newlines(text: str) -> str:
 
 
 def logical_lines(text: str, file: str) -> Iterator[Line]:
-    """Logical lines of a script that are not empty.  DeckError if a quote is not closed, or what is no comment has characters of other
-    encodings."""
-    # splitlines would also cut at form feeds and other separators, which are blanks to LAMMPS
+    """Non-empty logical lines of a script.  DeckError if a quote is not closed, or text outside comments is not UTF-8."""
+    # splitlines would also split at form feeds and other separators, which LAMMPS treats as blanks
     physical = _newlines(text).split("\n")
     index = 0
     while index < len(physical):
@@ -111,13 +110,13 @@ def logical_lines(text: str, file: str) -> Iterator[Line]:
         except ParameterError as error:
             raise DeckError(str(error), file, number) from None
         if UNKNOWN in content:
-            raise DeckError("the text of several lines that begins here is not UTF-8; convert it", file, number)
+            raise DeckError("the multi-line text that begins here is not UTF-8; convert it", file, number)
         if content:
             yield Line(content, file, number)
 
 
 def _quote_end(text: str, start: int) -> int:
-    """Index just behind the quoted string that starts at ``start``."""
+    """Index just after the quoted string that starts at ``start``."""
     mark = TRIPLE if text.startswith(TRIPLE, start) else text[start]
     end = text.find(mark, start + len(mark))
     if end < 0:
@@ -136,7 +135,7 @@ def strip_comment(text: str) -> str:
 
 
 def split_words(text: str) -> list[str]:
-    """Words of a line: separated by blanks, or quoted (the outermost quotes are removed); ParameterError if a quote is not closed."""
+    """Words of a line, separated by blanks or quoted (the outermost quotes are removed).  ParameterError if a quote is not closed."""
     words: list[str] = []
     index = 0
     while index < len(text):
@@ -154,8 +153,8 @@ def split_words(text: str) -> list[str]:
 
 
 def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str], float]) -> str:
-    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced: by the text of a variable, by the value of a
-    formula.  ParameterError if a brace or parenthesis is not closed, or what ``variable`` and ``formula`` raise."""
+    """Text with every ``${name}``, ``$x`` and ``$(formula)`` outside quotes replaced by what ``variable`` and ``formula`` return.
+    ParameterError if a brace or parenthesis is not closed."""
     out: list[str] = []
     index = 0
     while index < len(text):
@@ -174,7 +173,7 @@ def substitute(text: str, variable: Callable[[str], str], formula: Callable[[str
 
 
 def _substitution(text: str, start: int, variable: Callable[[str], str], formula: Callable[[str], float]) -> tuple[str, int]:
-    """Value of the substitution that starts with the ``$`` at ``start``, and the index just behind it."""
+    """Value of the substitution whose ``$`` is at ``start``, and the index just after it."""
     following = text[start + 1 : start + 2]
     if following == "{":
         end = text.find("}", start)
@@ -198,7 +197,7 @@ def _substitution(text: str, start: int, variable: Callable[[str], str], formula
 
 
 def closing_parenthesis(text: str, start: int) -> int:
-    """Index just behind the parenthesis that closes the one at ``start``; ParameterError if none does."""
+    """Index just after the parenthesis that closes the one at ``start``.  ParameterError if it is never closed."""
     depth = 0
     for index in range(start, len(text)):
         depth += {"(": 1, ")": -1}.get(text[index], 0)
@@ -209,16 +208,16 @@ def closing_parenthesis(text: str, start: int) -> int:
 
 @dataclass
 class Script:
-    """The logical lines of a file, and which comes next.  Lines are taken apart as they are reached, so that what is wrong with one comes
-    after what the lines before it do."""
+    """The logical lines of a file and the position in it.  Lines are parsed only when they are reached, so that an error in a line is
+    reported after the lines before it have been carried out."""
 
     path: Path
-    at: int = 0  #: Number of the next line, from 0
+    at: int = 0  #: Index of the next line
     _lines: list[Line] = field(default_factory=list, repr=False)
     _rest: Iterator[Line] | None = field(default=None, repr=False)
 
     def _line(self, number: int) -> Line | None:
-        """A line by its number; None behind the last."""
+        """The line with this index; None after the last."""
         if self._rest is None:
             self._rest = logical_lines(read_text(self.path), str(self.path))
         while len(self._lines) <= number:
@@ -229,13 +228,14 @@ class Script:
         return self._lines[number]
 
     def take(self) -> Line | None:
-        """The next line, behind which it then goes on; None at the end."""
+        """Return the next line and move past it; None at the end."""
         line = self._line(self.at)
         self.at += line is not None
         return line
 
     def seek(self, label: str | None) -> None:
-        """Go on at the first ``label`` command of this name, or at the beginning; ParameterError if there is none."""
+        """Continue at the first ``label`` command with this name, or at the beginning of the file.  ParameterError if there is no such
+        label."""
         self.at = 0
         while label is not None:
             line = self._line(self.at)
@@ -246,35 +246,35 @@ class Script:
             self.at += 1
 
 
-#: Number of a line, counted from 1, and its words.
+#: Number of a line (from 1) and its words.
 Row = tuple[int, list[str]]
 
 
 @dataclass(frozen=True)
 class TextFile:
-    """The lines of a file."""
+    """The lines of a text file."""
 
     path: Path
     lines: list[str]
 
     @classmethod
     def read(cls, path: Path, *, title: bool = False) -> TextFile:
-        """The file at ``path``; see :func:`~openmm_dpd.lammps.language.lexer.read_text`."""
+        """Read the file at ``path`` with :func:`~openmm_dpd.lammps.language.lexer.read_text`."""
         return cls(path, read_text(path, title=title).splitlines())
 
     def error(self, message: str, line: int | None = None) -> DeckError:
-        """An error about this file, or one of its lines."""
+        """A DeckError about this file, or about one of its lines."""
         return DeckError(message, str(self.path), line)
 
     def rows(self) -> Iterator[Row]:
-        """The lines that are more than a comment."""
+        """The lines that contain more than a comment."""
         for number, line in enumerate(self.lines, start=1):
             words = line.partition("#")[0].split()
             if words:
                 yield number, words
 
     def numbers(self, row: Row, words: Sequence[str], count: int, usage: str, what: str) -> list[float]:
-        """Finite numbers from some words of a row; DeckError unless there are ``count`` of them, which says what was expected."""
+        """Convert words of a row to finite numbers.  DeckError, with the expected ``usage``, unless there are ``count`` of them."""
         number, line = row
         try:
             values = [read.as_float(word) for word in words]
@@ -287,7 +287,7 @@ class TextFile:
         return values
 
     def integers(self, row: Row, words: Sequence[str], usage: str) -> list[int]:
-        """Whole numbers from some words of a row."""
+        """Convert words of a row to whole numbers.  DeckError, with the expected ``usage``, if a word is not one."""
         try:
             return [read.as_integer(word) for word in words]
         except ValueError:

@@ -1,4 +1,4 @@
-"""Operators and functions of formulas, each for the three kinds of values: numbers, arrays over beads, and texts for OpenMM."""
+"""Operators and functions of formulas for three kinds of values: numbers, arrays over beads, and OpenMM expressions."""
 
 import math
 import operator
@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Operation(NamedTuple):
-    """What an operator or function makes of numbers, of arrays over beads, and of texts in OpenMM's language."""
+    """An operator or function for numbers, for arrays over beads, and for texts in OpenMM's expression language."""
 
     number: Callable[..., float]
     beads: Callable[..., Any]
@@ -17,18 +17,18 @@ class Operation(NamedTuple):
 
 
 def _rounded(value: float) -> float:
-    """The nearest whole number, of two that are equally near the higher one."""
+    """The nearest whole number; halves are rounded up."""
     return math.copysign(math.ceil(value) if value - math.floor(value) >= 0.5 else math.floor(value), value)
 
 
 def _truth(function: Callable[..., Any]) -> Callable[..., np.ndarray]:
-    """The same function with booleans as 0 and 1."""
+    """Wrap a function so that it returns 0 and 1 instead of booleans."""
     return lambda *values: np.asarray(function(*values), dtype=np.float64)
 
 
 def _power(base: Any, exponent: Any) -> np.ndarray:
     if np.any(np.asarray(exponent) == 0):
-        raise ValueError("the exponent is 0, which LAMMPS refuses in formulas of beads")
+        raise ValueError("the exponent is 0, which LAMMPS rejects in atom-style formulas")
     return np.power(base, exponent)
 
 
@@ -36,17 +36,17 @@ def _remainder(a: str, b: str) -> str:
     return f"({a}-{b}*select(step({a}/{b}),floor({a}/{b}),ceil({a}/{b})))"
 
 
-#: Operators before a value; they bind tightest of all.
+#: Unary operators, which have the highest precedence.
 UNARY = {
     "+": Operation(lambda a: a, lambda a: a, lambda a: a),
     "-": Operation(operator.neg, np.negative, lambda a: f"(-{a})"),
     "!": Operation(lambda a: float(a == 0), _truth(np.logical_not), lambda a: f"delta({a})"),
 }
 
-#: What a number in a formula means.
+#: Conversion of a literal number.
 LITERAL = Operation(float, float, lambda word: repr(float(word)))
 
-#: Operators from loose to tight.
+#: Binary operators in order of increasing precedence.
 LEVELS: tuple[dict[str, Operation], ...] = (
     {"||": Operation(lambda a, b: float(a != 0 or b != 0), _truth(np.logical_or), lambda a, b: f"(1-delta({a})*delta({b}))")},
     {"&&": Operation(lambda a, b: float(a != 0 and b != 0), _truth(np.logical_and), lambda a, b: f"((1-delta({a}))*(1-delta({b})))")},
@@ -74,11 +74,11 @@ LEVELS: tuple[dict[str, Operation], ...] = (
 
 
 def _plain(name: str, number: Callable[..., float], beads: Callable[..., Any]) -> tuple[int, Operation]:
-    """A function of one argument, by the name that it has in OpenMM."""
+    """A function of one argument; ``name`` is its name in OpenMM."""
     return 1, Operation(number, beads, lambda a: f"{name}({a})")
 
 
-#: Functions: number of arguments, and what they do.
+#: Functions by name: number of arguments and operation.
 FUNCTIONS: dict[str, tuple[int, Operation]] = {
     "sqrt": _plain("sqrt", math.sqrt, np.sqrt),
     "exp": _plain("exp", math.exp, np.exp),

@@ -1,4 +1,4 @@
-"""Formulas of variables as expressions of the position in OpenMM's language, for forces that OpenMM evaluates itself.
+"""Formulas of variables as OpenMM expressions of the position, for forces that OpenMM evaluates.
 
 The grammar is that of :mod:`~openmm_dpd.lammps.language.expressions`; values are texts instead of numbers.
 """
@@ -11,13 +11,13 @@ from ...base.errors import ParameterError
 from .expressions import CONSTANTS, Formula, evaluate
 from .variables import Variables
 
-#: Words that are one number for all beads of a type.
+#: Words that have one value for all beads of a type.
 BEAD_CONSTANTS = ("type", "mass")
 
 
 @dataclass(frozen=True)
 class Known:
-    """What a formula may refer to beside x, y and z: variables, and words that are numbers; ``length`` is nm per unit of the deck."""
+    """Names that a formula may use besides x, y and z: variables, and words with known values; ``length`` is the deck's unit in nm."""
 
     variables: Variables
     length: float
@@ -25,8 +25,8 @@ class Known:
 
     def refuse(self, what: str) -> NoReturn:
         raise ParameterError(
-            f"a force of a variable follows x, y, z, type, mass and the box; '{what}' depends on something else (the step, velocities, "
-            "the state of the run), which is not supported"
+            f"the variable of a force may depend only on x, y, z, type, mass and the box; '{what}' depends on something else (the step, "
+            "velocities, the state of the run), which is not supported"
         )
 
     def thermo(self, word: str) -> float:
@@ -51,7 +51,7 @@ class Known:
 
 
 def depends_on(text: str, variables: Variables, words: set[str], within: tuple[str, ...] = ()) -> bool:
-    """Whether a formula, or a variable in it, names one of these words."""
+    """Whether a formula, or a variable that it uses, contains one of these words."""
     for name in re.findall(r"(?<![\w.])[A-Za-z_]\w*", text):
         if name in words:
             return True
@@ -61,8 +61,8 @@ def depends_on(text: str, variables: Variables, words: set[str], within: tuple[s
 
 
 def position_formula(text: str, known: Known) -> str:
-    """The formula as an OpenMM expression of x, y and z in nm.  ParameterError if it is malformed, or refers to anything but positions,
-    numbers, and variables made of these."""
+    """The formula as an OpenMM expression of x, y and z in nm.  ParameterError if it is malformed, or uses anything but positions, numbers,
+    and variables made of these."""
     return str(_PositionFormula(text, known).value())
 
 

@@ -1,1 +1,1 @@
-"""What a deck has said so far, as data in its own numbers, and what it is at one moment."""
+"""The state of a deck as data, in the deck's own numbers, and its values at one moment."""

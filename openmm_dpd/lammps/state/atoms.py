@@ -13,18 +13,18 @@ def _empty(*shape: int, dtype: type = np.float64):
 
 @dataclass
 class Atoms:
-    """Beads, sorted by id.  Positions and velocities are the deck's own numbers until a Scene is made of them."""
+    """Beads, sorted by id.  Positions and velocities are in the deck's units."""
 
     ids: np.ndarray = _empty(0, dtype=np.int64)  #: (N,) ids as in the deck, increasing, not necessarily consecutive
     types: np.ndarray = _empty(0, dtype=np.int64)  #: (N,) types, counted from 1
-    #: (N, 3) in the deck's unit of length; what ``set`` has moved may lie outside the box until the next run.
+    #: (N, 3) in the deck's unit of length; beads moved by ``set`` may lie outside the box until the next run.
     positions: np.ndarray = _empty(0, 3)
-    images: np.ndarray = _empty(0, 3, dtype=np.int64)  #: (N, 3) how many boxes the bead has left behind along each box vector
+    images: np.ndarray = _empty(0, 3, dtype=np.int64)  #: (N, 3) image flags: number of boxes crossed along each box vector
     velocities: np.ndarray = _empty(0, 3)  #: (N, 3) in the deck's units
     charges: np.ndarray = _empty(0)  #: (N,) elementary charges
     molecules: np.ndarray = _empty(0, dtype=np.int64)  #: (N,) molecule ids; 0 means none
     thetas: np.ndarray = _empty(0)  #: (N,) internal temperatures of ``atom_style dpd``, in the deck's units
-    #: (N,) internal energies of ``atom_style dpd``, kJ/mol: what came by conduction, and what friction and noise brought.
+    #: (N,) internal energies of ``atom_style dpd``, kJ/mol: from conduction, and from friction and noise.
     u_cond: np.ndarray = _empty(0)
     u_mech: np.ndarray = _empty(0)
     #: (N,) temperatures and heat capacities of ``atom_style edpd``, in the deck's units.
@@ -32,7 +32,7 @@ class Atoms:
     capacities: np.ndarray = _empty(0)
     concentrations: np.ndarray = _empty(0, 0)  #: (N, K) concentrations of ``atom_style tdpd``
     densities: np.ndarray = _empty(0)  #: (N,) local densities of ``atom_style mdpd``, in the deck's units
-    #: (N,) where each bead is in LAMMPS's memory before the first run: the order in which ``delete_atoms`` hands out new ids.
+    #: (N,) position of each bead in LAMMPS's memory before the first run, which is the order of new ids after ``delete_atoms``.
     slots: np.ndarray = _empty(0, dtype=np.int64)
 
     def __len__(self) -> int:
@@ -40,7 +40,7 @@ class Atoms:
 
     @classmethod
     def new(cls, ids: np.ndarray, types: np.ndarray, positions: np.ndarray, n_species: int = 0) -> Atoms:
-        """Beads at rest with no images, charges or molecules; temperature 1 and heat capacity 1e5, as LAMMPS creates them."""
+        """Create beads at rest without images, charges or molecules, with temperature 1 and heat capacity 1e5 as in LAMMPS."""
         n = len(ids)
         atoms = cls(concentrations=np.zeros((0, n_species)))
         for item in fields(cls):
@@ -51,18 +51,18 @@ class Atoms:
         return atoms
 
     def append(self, other: Atoms) -> None:
-        """Add beads whose ids are all larger than the present ones."""
+        """Append beads; their ids must be larger than all present ids."""
         other.slots = other.slots + len(self)
         for item in fields(self):
             setattr(self, item.name, np.concatenate([getattr(self, item.name), getattr(other, item.name)]))
 
     def take(self, indices: np.ndarray) -> None:
-        """Keep these beads, in this order."""
+        """Keep only these beads, in this order."""
         for item in fields(self):
             setattr(self, item.name, getattr(self, item.name)[indices])
 
     def vacate(self, doomed: np.ndarray) -> None:
-        """Change ``slots`` as LAMMPS does before beads are dropped: the last one takes the place of each that goes."""
+        """Update ``slots`` as LAMMPS does before beads are deleted: the last bead moves into the slot of each deleted bead."""
         places = np.argsort(self.slots).tolist()
         slot = 0
         while slot < len(places):
@@ -75,9 +75,9 @@ class Atoms:
         self.slots[places] = np.arange(len(places))
 
     def index_of(self, ids: np.ndarray) -> np.ndarray:
-        """Indices of beads by id; KeyError with the first id that does not exist."""
+        """Indices of beads by id.  KeyError with the first id that does not exist."""
         ids = np.asarray(ids, dtype=np.int64)
-        # with a number that is no id behind the last, so that there is always one to compare with
+        # a value that is not an id is appended, so that every index has something to compare with
         found = np.searchsorted(self.ids, ids)
         missing = np.append(self.ids, np.iinfo(np.int64).min)[found] != ids
         if missing.any():

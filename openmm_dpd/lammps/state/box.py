@@ -1,7 +1,7 @@
-"""The periodic box of a deck: corners and tilts, wrapping with image flags.
+"""The periodic box of a deck: corners, tilts, and wrapping with image flags.
 
-Whether a bead on a face of the box or of a region lies inside is decided by the last bit.  So what is computed here is computed as LAMMPS
-does it: the same operations on the same numbers in the same order.
+Whether a bead on a face of the box or of a region counts as inside depends on the last bit, so everything here uses the same floating-point
+operations in the same order as LAMMPS.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from ...base.errors import ParameterError
 from ...base.geometry import reduced
 
-#: Boxes that wrapping takes off one after the other, as LAMMPS does; those beyond are taken off at once.
+#: Up to this many boxes are subtracted one at a time, as in LAMMPS; more are subtracted at once.
 _ONE_BY_ONE = 100
 
 
@@ -22,12 +22,12 @@ _ONE_BY_ONE = 100
 class Box:
     """A periodic box, orthogonal or tilted, in any unit of length."""
 
-    #: (3,) corners of the untilted box: ``xlo``, ``ylo``, ``zlo`` and ``xhi``, ``yhi``, ``zhi``.
+    #: (3,) corners of the box before it is tilted: ``xlo``, ``ylo``, ``zlo`` and ``xhi``, ``yhi``, ``zhi``.
     low: np.ndarray
     high: np.ndarray
     tilt: np.ndarray  #: (3,) ``xy``, ``xz``, ``yz``; zero for an orthogonal box
     triclinic: bool = False  #: Whether the box was defined with tilts, even if they are 0
-    periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box repeats; a box with others has no tilts
+    periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box is periodic; if any is not, the box has no tilts
 
     def __post_init__(self):
         for name in ("low", "high", "tilt"):
@@ -38,7 +38,7 @@ class Box:
 
     @property
     def edges(self) -> np.ndarray:
-        """``xhi - xlo`` and so on, all > 0."""
+        """``xhi - xlo``, ``yhi - ylo`` and ``zhi - zlo``, all > 0."""
         return self.high - self.low
 
     @property
@@ -49,8 +49,8 @@ class Box:
 
     @property
     def reduced_vectors(self) -> np.ndarray:
-        """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).  Along an axis that does not repeat the box is
-        followed by as much empty room, which no cutoff reaches through."""
+        """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).  Along a non-periodic axis the vector is twice
+        as long; no cutoff reaches across the empty half."""
         vectors = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
         return reduced(vectors) if self.tilt.any() else vectors
 
@@ -62,7 +62,7 @@ class Box:
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the smallest orthogonal box around the tilted one."""
+        """Corners of the smallest orthogonal box that contains this one."""
         xy, xz, yz = self.tilt
         low, high = self.low.copy(), self.high.copy()
         for axis, shift in ((0, xy), (0, xz), (1, yz)):
@@ -75,8 +75,8 @@ class Box:
         return replace(self, low=self.low * factor, high=self.high * factor, tilt=self.tilt * factor)
 
     def following(self, vectors: np.ndarray) -> Box:
-        """The box with the vectors (3, 3) that a simulation has now (reduced, same unit); its lower corner stays.  It is this box itself
-        unless they differ from its own by more than rounding."""
+        """The box with new vectors (3, 3) from a simulation (reduced form, same unit) and the same lower corner.  The box itself is
+        returned if the vectors differ from its own by rounding only."""
         own, rounding = self._own
         if (np.abs(vectors - own) <= rounding).all():
             return self
@@ -84,12 +84,12 @@ class Box:
 
     @cached_property
     def _own(self) -> tuple[np.ndarray, np.ndarray]:
-        """Its reduced vectors, and what of them is rounding."""
+        """The reduced vectors and their rounding errors."""
         own = self.reduced_vectors
         return own, 1e-9 * (self.edges.min() + np.abs(own))
 
     def turned(self, images: np.ndarray, before: Box, distance: float) -> np.ndarray:
-        """Image flags (N, 3) of ``before`` as those of this box, to which its images above have slid by a distance: less whole edges."""
+        """Image flags (N, 3) that belong to ``before``, converted to this box after its upper images have slid by ``distance``."""
         turns = round((before.tilt[0] + distance - self.tilt[0]) / self.edges[0])
         return images + images[:, [1]] * np.array([turns, 0, 0])
 
@@ -108,28 +108,29 @@ class Box:
         )
 
     def places(self, fractions: np.ndarray) -> np.ndarray:
-        """Positions of fractions of the box vectors."""
+        """Positions from fractions of the box vectors."""
         (x, y, z), (xy, xz, yz) = self.edges, self.tilt
         a, b, c = np.asarray(fractions, dtype=np.float64).T
         return np.stack([x * a + xy * b + xz * c, y * b + yz * c, z * c], axis=-1) + self.low
 
     def _coordinates(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates in which the box has the faces low and high along each axis: fractions if it is tilted."""
+        """Coordinates in which the faces of the box are planes, and the lower and upper faces: fractions for a tilted box, positions
+        otherwise."""
         if self.triclinic:
             return self.fractions(positions), np.zeros(3), np.ones(3)
         return np.array(positions, dtype=np.float64), self.low, self.high
 
     def holds(self, positions: np.ndarray, lower: float = 0.0, upper: float = 0.0) -> np.ndarray:
-        """Mask of the (N, 3) positions inside: on a lower face they are, on an upper one not.  ``lower`` and ``upper`` say by how much the
-        faces of periodic axes are moved down, in edges."""
+        """Mask of the (N, 3) positions inside the box, which includes its lower faces but not its upper ones.  ``lower`` and ``upper``
+        shift the faces of periodic axes down, in units of the edges."""
         coordinates, low, high = self._coordinates(positions)
         period = np.where(self.periodic, high - low, 0.0)
         return np.all((coordinates >= low - lower * period) & (coordinates < high - upper * period), axis=-1)
 
     def settle(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions moved into the box, and by how many boxes each was moved back ((N, 3) integers to be added to the image flags).  In a
-        tilted box all positions go through their fractions, as in LAMMPS at the beginning of a run.  ParameterError if a position is not
-        finite, or too far away for an image flag."""
+        """Positions wrapped into the box, and the number of boxes each was moved ((N, 3) integers to be added to the image flags).  In a
+        tilted box all positions are converted to fractions and back, as in LAMMPS at the beginning of a run.  ParameterError if a position
+        is not finite, or too far away for an image flag."""
         x, low, high = self._coordinates(positions)
         period = high - low
         boxes = np.floor((x - low) / period) * self.periodic
@@ -146,12 +147,13 @@ class Box:
         return self.places(x) if self.triclinic else x, shifts
 
     def wrap(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same, but positions that lie in the box already keep every bit."""
+        """Positions wrapped into the box and the number of boxes each was moved, as from :meth:`settle`, except that positions already
+        inside keep every bit."""
         inside, shifts = self.settle(positions)
         coordinates, low, high = self._coordinates(positions)
         kept = np.all((coordinates >= low) & (coordinates < high) | ~np.array(self.periodic), axis=1)
         return np.where(kept[:, None], positions, inside), shifts
 
     def unwrap(self, positions: np.ndarray, images: np.ndarray) -> np.ndarray:
-        """Positions in the box carried back to the images that the flags name."""
+        """Positions moved from the box to the periodic images given by the flags."""
         return positions + images @ self.vectors

@@ -1,4 +1,4 @@
-"""Everything a deck has said so far, as plain data."""
+"""The state of a deck as plain data."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ from .regions import Region
 
 
 def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, float]]:
-    """Names of :func:`openmm_dpd.simulation.fields.read_fields` -> the array of Atoms that holds the values, and its unit."""
+    """By name in :func:`openmm_dpd.simulation.fields.read_fields`: the array of Atoms that holds a field, and its unit."""
     return {
         **{name: (name, 1.0) for name in ("u_cond", "u_mech", "concentrations")},
         "theta": ("temperatures" if atom_style == "edpd" else "thetas", units.thermal_energy),
@@ -34,8 +34,8 @@ def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, floa
 
 @dataclass
 class DeckState:
-    """State of a deck between two commands.  Box, beads, lattice and regions hold the deck's own numbers, those that LAMMPS would have:
-    whether a bead lies on a face is a matter of the last bit.  Other numbers are in MD units (nm, Da, ps, kJ/mol) unless said otherwise."""
+    """State of a deck between two commands.  Box, beads, lattice and regions keep the deck's own numbers, since whether a bead lies on a
+    face depends on the last bit.  Other numbers are in MD units (nm, Da, ps, kJ/mol) unless stated otherwise."""
 
     path: Path
     units: UnitSystem = LJ
@@ -63,16 +63,16 @@ class DeckState:
     bond: BondedSetup = field(default_factory=BondedSetup)
     angle: BondedSetup = field(default_factory=BondedSetup)
     dihedral: BondedSetup = field(default_factory=BondedSetup)
-    #: Factors for 1-2, 1-3 and 1-4 neighbours; ``special_charges`` those of their charges.
+    #: Factors of pair terms between 1-2, 1-3 and 1-4 neighbours, and those of their charges.
     special: tuple[float, float, float] = (0.0, 0.0, 0.0)
     special_charges: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    kspace: KspaceSetup | None = None  #: What ``kspace_style`` said
-    dielectric: float = 1.0  #: Divisor of the Coulomb constant
+    kspace: KspaceSetup | None = None  #: Settings of ``kspace_style``
+    dielectric: float = 1.0  #: Relative permittivity: the Coulomb constant is divided by it
     fixes: dict[str, Fix] = field(default_factory=dict)
     computes: dict[str, Compute] = field(default_factory=dict)
-    #: The temperature of all beads, which exists without being defined.
+    #: The predefined compute of the temperature of all beads.
     thermo_temp: Compute = Compute("thermo_temp", "all", "temp", settings=Temperature())
-    #: Computes of pressure (``thermo_press`` is one) whose temperature ``thermo_modify temp`` has replaced, and the id of the new one.
+    #: By pressure compute (``thermo_press`` included): id of the temperature compute that ``thermo_modify temp`` has given it.
     pressure_temps: dict[str, str] = field(default_factory=dict)
     dumps: dict[str, Any] = field(default_factory=dict)
     thermo: ThermoSettings = field(default_factory=ThermoSettings)
@@ -80,67 +80,67 @@ class DeckState:
     step: int = 0
     time_origin: tuple[float, int] = (0.0, 0)
     variables: Variables = field(default_factory=Variables)
-    skips_jump: bool = False  #: Whether the next jump is skipped, because ``next`` has come to the end of a series
-    force_norm: str = "two"  #: By what ``minimize`` measures forces
-    min_style: str = "cg"  #: What ``min_style`` said
-    setup: list[tuple[str, list[str]]] = field(default_factory=list)  #: The commands about interactions until now, with their words
-    noise_counter: float = 0.0  #: Random numbers of pairs that runs have used: every run draws new ones
-    restarts: dict[int, RestartSettings] = field(default_factory=dict)  #: What ``restart`` said with one name, and with two
-    notes: list[str] = field(default_factory=list)  #: What was accepted without having a meaning here, each said once
+    skips_jump: bool = False  #: Whether the next jump is skipped because a ``next`` has exhausted its variables
+    force_norm: str = "two"  #: Force norm of ``minimize``
+    min_style: str = "cg"  #: The argument of ``min_style``
+    setup: list[tuple[str, list[str]]] = field(default_factory=list)  #: The commands about interactions so far, with their arguments
+    noise_counter: float = 0.0  #: Counter of the noise: each run draws new random numbers
+    restarts: dict[int, RestartSettings] = field(default_factory=dict)  #: Settings of ``restart``, by the number of file names
+    notes: list[str] = field(default_factory=list)  #: Remarks about the deck, such as options without effect
     runs: int = 0
-    reordered: bool = False  #: Whether LAMMPS would have sorted the beads by place: it does where a run begins, and a minimisation
+    reordered: bool = False  #: Whether LAMMPS would have sorted the beads by position, which it does at the start of a run or minimisation
     last_sample: DeckSample | None = None  #: The last row of the last run, for formulas evaluated between runs
     here: Line | None = None
     output: Path = field(default_factory=Path)
-    carried_out: bool = False  #: Whether runs are carried out, so that the files of fixes and dumps are made
+    carried_out: bool = False  #: Whether runs are carried out and output files are created
     first_run: Any = None  #: RunRequest of the first run, once it is reached
     finished: bool = False  #: Whether the rest of the deck is not read
-    scripts: list[Script] = field(default_factory=list)  #: The deck and the files whose include is being carried out, and the place in each
+    scripts: list[Script] = field(default_factory=list)  #: The deck and the open include files, with the position in each
     log: Callable[[str], None] = lambda _: None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
-    inputs: dict[str, str] = field(default_factory=dict)  #: Checksums of the files that it has read, as they were then
+    inputs: dict[str, str] = field(default_factory=dict)  #: Checksums of the files read, taken when they were read
 
     # -- questions -----------------------------------------------------------------------------------------------------------
     def require_box(self, command: str) -> Box:
-        """The box; ParameterError if it does not exist yet."""
+        """The box.  ParameterError if it does not exist yet."""
         if self.box is None:
             raise ParameterError(f"{command} needs a simulation box; use create_box or read_data before it")
         return self.box
 
     def refuse_box(self, command: str) -> None:
-        """ParameterError if the box exists already."""
+        """Raise ParameterError if the box already exists."""
         if self.box is not None:
             raise ParameterError(f"{command} must come before the simulation box is defined")
 
     def require_atom_style(self, style: str, what: str) -> None:
-        """ParameterError unless the deck has the atom style that something needs."""
+        """Raise ParameterError unless the deck has the atom style that ``what`` needs."""
         if self.atom_style != style:
             raise ParameterError(f"{what} needs atom_style {style}, but the deck has atom_style {self.atom_style}")
 
     def species(self, word: str, what: str) -> int:
-        """Index of a species from its number in the deck, which counts from 1."""
+        """Index of a species, from its number in the deck, which counts from 1."""
         number = read.integer(word, "the number of the species", 1)
         if number > self.n_species:
             raise ParameterError(f"{what}: there is no species {number}; atom_style tdpd has {self.n_species}")
         return number - 1
 
     def type_number(self, word: str) -> int:
-        """A type of beads."""
+        """The bead type that a word names."""
         kind = read.integer(word, "the atom type", 1)
         if kind > self.n_types:
             raise ParameterError(f"atom type {kind} is out of range: there are {self.n_types}")
         return kind
 
     def spacing(self, units: str) -> np.ndarray:
-        """What the options ``units box`` and ``units lattice`` mean along each axis."""
+        """The length along each axis that is meant by the option ``units box`` or ``units lattice``."""
         return np.ones(3) if read.choice(units, "units", ("box", "lattice")) == "box" else self.lattice.spacing
 
     def group(self, name: str) -> np.ndarray:
-        """Members of a group as a mask."""
+        """Mask of the members of a group."""
         return read.known(self.groups, name, "group")
 
     def region(self, name: str) -> Region:
-        """A region by its name."""
+        """The region with this name."""
         return read.known(self.regions, name, "region")
 
     def fixes_of(self, *styles: str) -> list[Fix]:
@@ -148,14 +148,14 @@ class DeckState:
         return [fix for fix in self.fixes.values() if fix.style in styles]
 
     def temperature_compute(self, name: str) -> Compute:
-        """The compute of temperature with this id; ParameterError if it is none."""
+        """The temperature compute with this id.  ParameterError if there is none."""
         found = self.thermo_temp if name == "thermo_temp" else self.computes.get(name)
         if found is None or not isinstance(found.settings, Temperature):
             raise ParameterError(f"'{name}' is not the id of a compute of style temp")
         return found
 
     def temperature_of_pressure(self, name: str) -> Compute:
-        """The compute that a compute of pressure takes its kinetic part from."""
+        """The compute that supplies the kinetic part of a pressure compute."""
         own = self.computes[name].arguments[0] if name in self.computes else "thermo_temp"
         return self.temperature_compute(self.pressure_temps.get(name, own))
 
@@ -168,19 +168,19 @@ class DeckState:
         return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
 
     def mass_average(self, vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """Average of (N, 3) vectors over the beads of a mask, each with its mass: centre of mass, or its velocity; 0 without any."""
+        """Mass-weighted average of (N, 3) vectors over the beads of a mask; 0 if there are none."""
         masses = self.bead_masses()[mask]
         return weighted_sum(masses, vectors[mask]) / masses.sum() if len(masses) else np.zeros(3)
 
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
-        """(N, 3) positions of a simulation (nm) in the deck's unit; where a bead has not moved, the deck's own numbers to the last bit.  It
-        has not where they differ by the rounding of coordinates as large as the box, which OpenMM's moves to and fro leave."""
+        """(N, 3) positions of a simulation (nm) in the deck's unit.  Beads that have not moved get back the deck's numbers, bit for bit;
+        differences up to the rounding of coordinates as large as the box do not count as motion."""
         mine, found = self.atoms.positions, positions / self.units.length
         return np.where(np.abs(found - mine) <= np.spacing(np.abs(self.require_box("a simulation").bounds).max()), mine, found)
 
     def folded(self, positions: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (deck units) folded into a box, and by how many boxes each bead was moved back.  As in LAMMPS a bead that has not moved
-        stays where it is: where the deck has put it, or a rounding error outside a tilted box."""
+        """Positions (deck units) wrapped into a box, and the number of boxes each bead was moved.  As in LAMMPS, a bead that has not moved
+        stays where the deck has put it, even if that is a rounding error outside a tilted box."""
         inside, shifts = box.wrap(positions)
         still = np.all(positions == self.atoms.positions, axis=1)[:, None]
         return np.where(still, positions, inside), np.where(still, 0, shifts)
@@ -191,7 +191,7 @@ class DeckState:
         return time + (step - origin) * self.timestep
 
     def find_file(self, name: str) -> Path:
-        """A file named in the deck: relative to the deck's folder, or else to the working directory."""
+        """A file named in the deck, looked up relative to the deck's folder, then to the working directory."""
         for candidate in (self.path.parent / name, Path(name)):
             if candidate.is_file():
                 self.inputs.setdefault(str(candidate.resolve()), digest(candidate))
@@ -199,20 +199,20 @@ class DeckState:
         raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
 
     def output_path(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
-        """Where a file that the deck writes goes: ``*`` becomes the step, by default the present one, unless the name stays ``as_it_is``.
-        Relative names are put into the output folder; absolute ones are taken as they are, and a note says so.  ParameterError if a
-        relative name leads out of the output folder."""
+        """Path of a file that the deck writes.  ``*`` is replaced by the step (by default the present one) unless ``as_it_is``.  Relative
+        names are put into the output folder; absolute ones are used as they are, with a note.  ParameterError if a relative name points
+        outside the output folder."""
         if Path(name).is_absolute():
-            self.note(f"{name} is an absolute name: it is written there, and not into the output folder {self.output}")
+            self.note(f"{name} is an absolute path: the file is not written to the output folder {self.output}")
         elif os.path.normpath(name).split(os.sep)[0] == os.pardir:
             raise ParameterError(
-                f"the file '{name}' would lie outside of the output folder {self.output}; "
-                "leave the '..' out and choose the folder (--out), or give an absolute name"
+                f"the file '{name}' would lie outside the output folder {self.output}; "
+                "remove the '..' and choose the folder (--out), or give an absolute path"
             )
         return self.output / (name if as_it_is else name.replace("*", str(self.step if step is None else step)))
 
     def output_file(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
-        """:meth:`output_path`, in a folder that is made; OutputError if it cannot be made."""
+        """Path of a file that the deck writes, as from :meth:`output_path`, after creating its folder.  OutputError if that fails."""
         path = self.output_path(name, step, as_it_is=as_it_is)
         with writing(path.parent, "the folder"):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -220,30 +220,30 @@ class DeckState:
 
     @property
     def sliding(self) -> float:
-        """How fast the images above the box slide along x by ``fix deform`` (nm/ps)."""
+        """Velocity (nm/ps) along x with which ``fix deform`` moves the images above the box."""
         height = self.require_box("fix deform").edges[1] * self.units.length
         return sum(fix.parameters["rate"] * height for fix in self.fixes_of("deform"))
 
     # -- changes -------------------------------------------------------------------------------------------------------------
     def note(self, text: str) -> None:
-        """Remember a remark, once."""
+        """Add a remark, unless it is already there."""
         if text not in self.notes:
             self.notes.append(text)
 
     def set_timestep(self, value: float) -> None:
-        """Change the time step; the time already simulated stays what it is."""
+        """Change the time step; the time simulated so far is kept."""
         self.time_origin = (self.time_at(self.step), self.step)
         self.timestep = value
 
     def add_atoms(self, new: Atoms) -> None:
-        """Append beads; of the groups, only ``all`` gets them."""
+        """Append beads; they join the group ``all`` only."""
         self.atoms.append(new)
         for name, mask in self.groups.items():
             self.groups[name] = np.concatenate([mask, np.full(len(new), name == "all")])
 
     def settle(self, command: str) -> None:
-        """Move beads into the box, as LAMMPS does where a run begins and where it writes a data file, and nowhere else.  ParameterError if
-        a bead is more than one box away, which LAMMPS loses."""
+        """Wrap beads into the box, which LAMMPS does only at the start of a run and when it writes a data file.  ParameterError if a bead
+        is more than one box away: LAMMPS would lose it."""
         box = self.require_box(command)
         inside, shifts = box.settle(self.atoms.positions)
         lost = np.any(np.abs(shifts) > 1, axis=1)
@@ -252,18 +252,20 @@ class DeckState:
         if lost.any():
             bead = int(np.argmax(lost))
             place = " ".join(f"{value:g}" for value in self.atoms.positions[bead])
-            raise ParameterError(f"{command}: bead {self.atoms.ids[bead]} lies at {place}, so far outside the box that LAMMPS loses it")
+            raise ParameterError(
+                f"{command}: bead {self.atoms.ids[bead]} lies at {place}, so far outside the box that LAMMPS would lose it"
+            )
         if command == "run":
             self.atoms.velocities = self.atoms.velocities - np.outer(shifts[:, 1], [self.sliding / self.units.velocity, 0.0, 0.0])
         if command in ("run", "minimize") and self.sorts:
             self.reordered = True
             if box.triclinic:
-                # LAMMPS sorts by place in between, for which it goes to coordinates and back to fractions
+                # in between LAMMPS sorts by position, for which it converts to coordinates and back to fractions
                 inside = box.places(box.fractions(inside))
         self.take_inside(inside, shifts)
 
     def take_inside(self, positions: np.ndarray, shifts: np.ndarray) -> None:
-        """Take over what :meth:`Box.settle` gives: positions in the box, and by how many boxes each was moved."""
+        """Store the result of :meth:`Box.settle`: positions in the box, and the number of boxes each was moved."""
         self.atoms.positions = positions
         self.atoms.images = self.atoms.images + shifts
 
@@ -275,16 +277,16 @@ class DeckState:
         fields: Mapping[str, np.ndarray] | None = None,
         slide: Slide = NO_SLIDE,
     ) -> None:
-        """Take over the result of a run: positions (nm), continuous with those of the scene it started from, and velocities (nm/ps).
-        ``box`` has new vectors, if they have changed (its lower corner stays), ``fields`` those of the beads, as
-        :func:`openmm_dpd.simulation.fields.read_fields` gives them, ``slide`` is that of the images above the box."""
+        """Store the result of a run: positions (nm), continuous with those of its scene, and velocities (nm/ps).  ``box`` has the new box
+        vectors if they have changed (the lower corner stays), ``fields`` the fields of the beads as from
+        :func:`openmm_dpd.simulation.fields.read_fields`, ``slide`` the displacement of the images above the box."""
         if box is not None:
             before = self.require_box("a run")
             self.box = before.following(np.asarray(box) / self.units.length)
             self.atoms.images = self.box.turned(self.atoms.images, before, slide.distance / self.units.length)
         own = self.require_box("a run")
         inside, shifts = self.folded(self.in_deck_units(positions), own)
-        # walls keep beads inside to the rounding of the platform; the next run wants them inside to the last bit
+        # walls keep beads inside up to the platform's rounding; the next run needs them exactly inside
         self.take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = (
             np.asarray(velocities, dtype=np.float64) - np.outer(shifts[:, 1], [slide.speed, 0.0, 0.0])

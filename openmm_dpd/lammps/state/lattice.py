@@ -12,10 +12,10 @@ from .box import Box
 _CUBE = np.eye(3)
 _HCP = np.diag([1.0, np.sqrt(3.0), np.sqrt(8.0 / 3.0)])
 _FCC = [[0, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5], [0, 0.5, 0.5]]
-# the order of the points is LAMMPS's, since it decides which bead gets which id
+# points are in LAMMPS's order, which determines the ids of the beads
 _DIAMOND = np.array([[x + s, y + s, z + s] for s in (0.0, 0.25) for x, y, z in ((0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0))])
 
-#: Lattice styles: rows of the unit cell in units of the lattice constant, and the basis in units of the cell.
+#: Lattice styles: vectors of the unit cell (rows) in units of the lattice constant, and the basis in fractions of the cell.
 CELLS: dict[str, tuple[np.ndarray, np.ndarray]] = {
     "sc": (_CUBE, np.zeros((1, 3))),
     "bcc": (_CUBE, np.array([[0, 0, 0], [0.5, 0.5, 0.5]])),
@@ -27,19 +27,19 @@ CELLS: dict[str, tuple[np.ndarray, np.ndarray]] = {
 
 @dataclass(frozen=True)
 class Lattice:
-    """A lattice: its points are ``rotation @ (scale * (primitive @ n)) + offset`` for n = whole numbers plus a point of the basis."""
+    """A lattice with the points ``rotation @ (scale * (primitive @ n)) + offset``, where n is a vector of integers plus a basis point."""
 
     style: str  #: A key of :data:`CELLS`, ``custom`` or ``none``
     primitive: np.ndarray  #: (3, 3) unit cell vectors as columns, in units of the lattice constant
     scale: float  #: The lattice constant, in the deck's unit of length
     rotation: np.ndarray  #: (3, 3) rotation matrix of ``orient``
     basis: np.ndarray  #: (B, 3) fractions of the unit cell; empty for ``none``
-    offset: np.ndarray  #: (3,) where the lattice's origin lies
-    spacing: np.ndarray  #: (3,) what one lattice spacing means for ``units lattice``
+    offset: np.ndarray  #: (3,) position of the lattice's origin
+    spacing: np.ndarray  #: (3,) the lattice spacing that ``units lattice`` refers to
 
     def points(self, box: Box) -> tuple[np.ndarray, np.ndarray]:
-        """Lattice points inside a box, and the number of the basis point (from 0) of each, x fastest.  A point on an upper face is left
-        out: it is the periodic image of one on the lower face."""
+        """Lattice points inside a box, x fastest, and the index of the basis point of each.  Points on an upper face are left out: they are
+        periodic images of points on the lower face."""
         inverse = np.linalg.inv(self.scale * (self.rotation @ self.primitive))
         reached = (_CORNERS @ box.vectors + box.low - self.offset) @ inverse.T
         low = np.floor(reached.min(axis=0)).astype(int) - 1
@@ -49,7 +49,7 @@ class Lattice:
         cells = np.stack([i, j, k], axis=-1).reshape(-1, 1, 3)
         points = _placed((cells + self.basis).reshape(-1, 3), self.primitive, self.scale, self.rotation) + self.offset
         numbers = np.tile(np.arange(len(self.basis)), len(cells))
-        # LAMMPS's way to have each point once: one a rounding error outside a lower face is in, its image at the upper one is not
+        # as in LAMMPS: a point a rounding error outside a lower face counts, its image at the upper face does not
         inside = box.holds(points, lower=1e-6, upper=2e-6)
         return points[inside], numbers[inside]
 
@@ -58,8 +58,8 @@ _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def _placed(cells: np.ndarray, primitive: np.ndarray, scale: float, rotation: np.ndarray) -> np.ndarray:
-    """(N, 3) coordinates, from the origin of the lattice, of what is given in units of the cell vectors.  The operations are LAMMPS's in
-    their order, so that points on faces of boxes and regions agree to the last bit."""
+    """(N, 3) coordinates relative to the lattice's origin, from fractions of the cell vectors.  The order of operations is LAMMPS's, so
+    that points on faces of boxes and regions agree to the last bit."""
     return _times(rotation, _times(primitive, cells) * scale)
 
 
@@ -69,12 +69,13 @@ def _times(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def no_lattice(spacing: float = 1.0) -> Lattice:
-    """Lattice without points; one unit of length is what ``units lattice`` means before any lattice command."""
+    """A lattice without points.  Before any lattice command, ``units lattice`` means one unit of length."""
     return Lattice("none", np.eye(3), 1.0, np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, spacing))
 
 
 def parse_lattice(args: list[str], reduced: bool) -> Lattice:
-    """Lattice of ``lattice style scale keyword values ...``; ``reduced``: scale is a reduced density (units lj), no lattice constant."""
+    """The lattice of ``lattice style scale keyword values ...``.  With ``reduced`` (units lj) the scale is a reduced density, otherwise a
+    lattice constant."""
     read.count(args, "lattice style scale ...", 2, None)
     style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
     scale = read.positive(args[1], "the scale of the lattice")
@@ -105,7 +106,7 @@ def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np
     (a, b, c), (u, v, w) = cell[1:]
     volume = float(cell[0, 0] * (b * w - c * v) + cell[0, 1] * (c * u - a * w) + cell[0, 2] * (a * v - b * u))
     if volume <= 0:
-        raise ParameterError("the lattice vectors a1, a2, a3 must be right-handed and not in one plane")
+        raise ParameterError("the lattice vectors a1, a2, a3 must be right-handed and not coplanar")
     for values, what in ((origin, "origin"), (basis, "basis")):
         if np.any((values < 0) | (values >= 1)):
             raise ParameterError(f"lattice {what}: every value must be at least 0 and below 1")
@@ -115,7 +116,7 @@ def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np
         raise ParameterError("the three orient vectors must be perpendicular and right-handed")
     constant = math.pow(len(basis) / volume / scale, 1.0 / 3.0) if reduced else scale
     primitive = cell.T.copy()
-    # where it is not given, what the cell spans along each axis
+    # by default the extent of the unit cell along each axis
     spacing = np.ptp(_placed(_CORNERS, primitive, constant, rotation), axis=0) if spacing is None else spacing * constant
     if np.any(spacing <= 0):
         raise ParameterError("lattice spacing: every value must be > 0")

@@ -1,4 +1,4 @@
-"""A deck at one moment: its state plus a measurement."""
+"""The values of a deck at one moment: its state plus a measurement."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from .records import NO_SLIDE, Compute, DeckSample, Slide
 
 @dataclass(frozen=True)
 class Window:
-    """First step of a run, and the steps between which its ramps go (``start`` and ``stop``)."""
+    """First step of a run, and the first and last step of its ramps (options ``start`` and ``stop``)."""
 
     first: int
     begin: int
@@ -24,9 +24,9 @@ class Window:
 
 
 class DeckMoment(ABC):
-    """A deck at one moment, with what was measured then: values in the deck's units.  The tables of words and computes take their values
-    from it.  Names (``c_id``, ``v_name``) lead back to these tables; :class:`~openmm_dpd.lammps.values.resolver.Resolver` looks them up.
-    Without a ``sample`` only words that need no forces or velocities have a value; ``window`` is that of the run in progress."""
+    """A deck at one moment, with a measurement: values in the deck's units, from which the tables of words and computes take theirs.  Names
+    (``c_id``, ``v_name``) are looked up by :class:`~openmm_dpd.lammps.values.resolver.Resolver`.  Without a ``sample`` only words that need
+    neither forces nor velocities have a value; ``window`` belongs to the run in progress."""
 
     def __init__(self, state: DeckState, sample: DeckSample | None = None, window: Window | None = None):
         self.state: DeckState = state
@@ -51,17 +51,17 @@ class DeckMoment(ABC):
 
     @property
     def measured(self) -> bool:
-        """Whether positions and velocities are those of a simulation; between runs they are the deck's."""
+        """Whether positions and velocities come from a simulation; between runs they are the deck's."""
         return self.window is not None or (self.sample is not None and self.sample.positions is not None)
 
     @property
     def positions(self) -> np.ndarray:
-        """(N, 3) positions in the deck's unit; those of a simulation are on continuous paths from where its run began."""
+        """(N, 3) positions in the deck's unit; during a run they are continuous from its start."""
         return self.state.in_deck_units(self.need("positions")) if self.measured else self.state.atoms.positions
 
     @cached_property
     def folded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions in the deck's box (deck units), and by how many boxes each bead was moved back."""
+        """Positions wrapped into the deck's box (deck units), and the number of boxes each bead was moved."""
         return self.state.folded(self.positions, self.box)
 
     @cached_property
@@ -71,17 +71,17 @@ class DeckMoment(ABC):
 
     @property
     def unwrapped(self) -> np.ndarray:
-        """Positions on continuous paths (deck units)."""
+        """Unwrapped positions (deck units)."""
         return self.box.unwrap(self.positions, self.images)
 
     @property
     def slide(self) -> Slide:
-        """Of the images above the box."""
+        """Displacement and velocity of the images above the box."""
         return NO_SLIDE if self.sample is None else self.sample.slide
 
     @property
     def velocities(self) -> np.ndarray:
-        """(N, 3) velocities in the deck's units: of beads in the box, not of their images."""
+        """(N, 3) velocities in the deck's units, of the beads in the box rather than of their images."""
         if not self.measured:
             return self.state.atoms.velocities
         found, speed = self.need("velocities") / self.units.velocity, self.slide.speed / self.units.velocity
@@ -89,23 +89,23 @@ class DeckMoment(ABC):
 
     @property
     def norm(self) -> float:
-        """What extensive values are divided by: the number of beads if thermo output normalises, 1 otherwise."""
+        """Divisor of extensive values: the number of beads if thermo output is normalised, 1 otherwise."""
         setting = self.state.thermo.norm
         normalize = self.units.normalize if setting is None else setting
         return float(max(len(self.state.atoms), 1)) if normalize else 1.0
 
     def need(self, name: str):
-        """Field of the sample; ParameterError if it was not measured."""
+        """A value of the sample.  ParameterError if it was not measured."""
         value = None if self.sample is None else self.sample.read(name)
         if value is None:
             if self.sample is None:
-                raise ParameterError("a value that needs a run (an energy, temperature or force) is used while no current one exists")
+                raise ParameterError("an energy, temperature or force is used before a run has measured it")
             raise ParameterError(f"the simulation did not measure {name.replace('_', ' ')}")
         return value
 
     def field(self, name: str) -> np.ndarray:
-        """A field of the beads, by its name in :func:`openmm_dpd.simulation.fields.read_fields` and in the same units.  It is that of the
-        deck where the simulation does not change it; ParameterError if it does, but was not asked."""
+        """A field of the beads, with the name and units of :func:`openmm_dpd.simulation.fields.read_fields`.  Fields that the simulation
+        does not change are the deck's.  ParameterError if it changes the field, but did not measure it."""
         fields = None if self.sample is None else self.sample.fields
         if fields is not None and name in fields:
             return fields[name]
@@ -115,11 +115,11 @@ class DeckMoment(ABC):
         return getattr(self.state.atoms, attribute) * unit
 
     def energy(self, name: str) -> float:
-        """Energy field of the sample in the deck's units."""
+        """An energy of the sample in the deck's units."""
         return self.need(name) / self.units.energy
 
     def freedom(self, compute: Compute) -> float:
-        """Degrees of freedom that a compute of temperature counts; ParameterError if it takes off more than there are."""
+        """Degrees of freedom counted by a temperature compute.  ParameterError if their number is negative."""
         n = int(self.state.group(compute.group).sum())
         found = compute.settings.freedom(n)
         if found < 0 and n:
@@ -127,7 +127,7 @@ class DeckMoment(ABC):
         return found
 
     def kinetic(self, compute: Compute) -> float:
-        """Kinetic energy (kJ/mol) that a compute of temperature counts: 0 where it counts no degree of freedom, as for one bead alone."""
+        """Kinetic energy (kJ/mol) counted by a temperature compute; 0 if it counts no degree of freedom, as for a single bead."""
         if self.freedom(compute) <= 0:
             return 0.0
         return self.need("kinetic") if compute.name == "thermo_temp" else self.kinetic_of(*self.thermal(compute)[:2])
@@ -137,7 +137,7 @@ class DeckMoment(ABC):
         return 0.5 * float(np.sum(masses[:, None] * velocities**2)) * self.units.velocity**2
 
     def thermal(self, compute: Compute) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Masses of the beads of a compute of temperature, what it counts of their velocities, and their bins, if these matter."""
+        """Masses of the beads of a temperature compute, their thermal velocities, and their bins if these matter."""
         mask, settings = self.state.group(compute.group), compute.settings
         masses, streams = self.state.bead_masses()[mask], any(settings.streaming)
         numbers = settings.numbers(self.box, self.folded[0][mask]) if streams else None
@@ -148,16 +148,16 @@ class DeckMoment(ABC):
         return masses, settings.thermal(velocities, masses, numbers), numbers
 
     def temperature(self, compute: Compute) -> float:
-        """Temperature by a compute."""
+        """Temperature of a temperature compute."""
         dof = self.freedom(compute)
         return 2 * self.kinetic(compute) / (dof * self.units.thermal_energy) if dof > 0 else 0.0
 
     def thermo_compute(self) -> Compute:
-        """The compute that thermo output takes its temperature from."""
+        """The temperature compute that thermo output uses."""
         return self.state.temperature_compute(self.state.thermo.temp)
 
     def pressure(self, virial: str = "virial") -> float:
-        """Pressure that thermo output prints."""
+        """Pressure printed by thermo output."""
         name = self.state.thermo.press
         if virial == "virial" and name != "thermo_press":
             return self.compute(name, None)
@@ -168,7 +168,7 @@ class DeckMoment(ABC):
         return (2 * kinetic + virial) / (3 * (self.box.volume * self.units.length**3)) / self.units.pressure
 
     def kinetic_tensor(self, compute: Compute) -> np.ndarray:
-        """(6,) sums of m v v (kJ/mol) over what a compute of temperature counts: xx, yy, zz, xy, xz, yz."""
+        """(6,) sums of m v v (kJ/mol), as counted by a temperature compute: xx, yy, zz, xy, xz, yz."""
         if compute.name == "thermo_temp":
             return self.need("kinetic_tensor")
         masses, thermal, _ = self.thermal(compute)
@@ -176,7 +176,7 @@ class DeckMoment(ABC):
         return symmetric_products(masses[:, None] * velocities, velocities)
 
     def pressure_tensor(self, name: str, kinetic: bool = True, virial: bool = True) -> np.ndarray:
-        """(6,) pressure tensor of a compute of pressure, of one or both parts: xx, yy, zz, xy, xz, yz."""
+        """(6,) pressure tensor of a pressure compute, with its kinetic and virial parts as asked for: xx, yy, zz, xy, xz, yz."""
         parts = np.zeros(6)
         if kinetic:
             parts += self.kinetic_tensor(self.state.temperature_of_pressure(name))
@@ -185,7 +185,7 @@ class DeckMoment(ABC):
         return parts / (self.box.volume * self.units.length**3) / self.units.pressure
 
     def pressure_component(self, index: int) -> float:
-        """Component (0 to 5) of the pressure tensor that thermo output prints."""
+        """Component (0 to 5) of the pressure tensor, as printed by thermo output."""
         name = self.state.thermo.press
         return self.compute(name, index + 1) if name != "thermo_press" else float(self._tensor[index])
 

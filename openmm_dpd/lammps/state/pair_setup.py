@@ -1,4 +1,4 @@
-"""The pair, bond, angle and dihedral styles of a deck and their coefficients, as data; what the styles are is in the folder ``styles``."""
+"""The pair, bond, angle and dihedral styles of a deck and their coefficients, as data; the folder ``styles`` defines the styles."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from ..language.lexer import Line, located
 
 @dataclass(frozen=True)
 class Coefficient:
-    """What one ``pair_coeff`` line says about one pair of types, in the deck's units."""
+    """Coefficients from one ``pair_coeff`` line for a pair of types, in the deck's units."""
 
-    values: dict  #: Values by name, in the order of the command, without the cutoff (unless the style has several; then all are here)
-    cutoff: float | None  #: The cutoff, if the line gives one; the style's otherwise
+    values: dict  #: Values by name, in the order of the command, without the cutoff (if the style has several, with all of them)
+    cutoff: float | None  #: The cutoff if the line gives one; None means the style's
     where: Line | None
 
 
@@ -25,15 +25,15 @@ class Coefficient:
 Values = tuple[dict, float | None]
 #: A term of the model, and a remark or None.
 Term = tuple[Any, str | None]
-#: From the name of a file in the deck to the file.
+#: Finds a file by its name in the deck.
 Find = Callable[[str], Path]
 
 
 @dataclass
 class PairStyle:
-    """One pair style as the deck set it up."""
+    """A pair style with its settings and coefficients."""
 
-    name: str  #: A key of :data:`~openmm_dpd.lammps.styles.pair_styles.PAIR_STYLES`, and ``spec`` what stands there
+    name: str  #: A key of :data:`~openmm_dpd.lammps.styles.pair_styles.PAIR_STYLES`; ``spec`` is its entry
     spec: Spec
     settings: dict  #: The style's own arguments: ``start`` and ``stop`` temperatures, ``cutoff``, ``seed``, ...; ``species`` of tdpd
     where: Line
@@ -46,11 +46,11 @@ class PairStyle:
         return located(self.where, f"pair style {self.name}: {message}")
 
     def cutoff(self, coefficient: Coefficient) -> float | None:
-        """Cutoff of a coefficient, the style's if it has none of its own."""
+        """Cutoff of a coefficient; the style's if it has none of its own."""
         return coefficient.cutoff if coefficient.cutoff is not None else self.settings.get("cutoff")
 
     def words(self, coefficient: Coefficient) -> list[str]:
-        """Words after the types on a ``pair_coeff`` line, in the deck's units, the cutoff included."""
+        """Words after the types on a ``pair_coeff`` line, in the deck's units and with the cutoff."""
         if self.spec.write is not None:
             return self.spec.write(self, coefficient)
         words: list[str] = []
@@ -63,22 +63,22 @@ class PairStyle:
 
 @dataclass(frozen=True)
 class Spec:
-    """How a style reads its arguments and what it builds."""
+    """How a pair style reads its arguments and what it builds."""
 
-    settings: Callable[[list[str]], dict]  #: From the words after the style's name to its settings
-    coefficient: Callable[[PairStyle, list[str], Find], Values]  #: From (style, words, folder of the deck) to (values, cutoff or None)
-    build: Callable[[PairStyle, Coefficient, UnitSystem], Term]  #: From (style, coefficient, units) to (pair term, remark or None)
-    #: From (style, coefficient) to the words that ``coefficient`` reads, where these are not its values and the cutoff.
+    settings: Callable[[list[str]], dict]  #: Settings from the words after the style's name
+    coefficient: Callable[[PairStyle, list[str], Find], Values]  #: Values, and a cutoff or None, from (style, words, find)
+    build: Callable[[PairStyle, Coefficient, UnitSystem], Term]  #: Pair term, and a remark or None, from (style, coefficient, units)
+    #: Inverse of ``coefficient``: its words from (style, coefficient); None if they are the values and the cutoff.
     write: Callable[[PairStyle, Coefficient], list[str]] | None = None
-    thermostat: bool = False  #: Whether the style has friction and noise, and so a temperature and a seed
-    #: From (style, coefficient of i, i, that of j, j) to that of i, j where it is not set.
+    thermostat: bool = False  #: Whether the style has friction and noise, hence a temperature and a seed
+    #: Mixed coefficient of i, j from (style, coefficient of i, i, coefficient of j, j); None if the style has no mixing.
     mixed: Callable[[PairStyle, Coefficient, Coefficient], Coefficient] | None = None
-    #: Whether re-issuing pair_style with the same style keeps the coefficients (cutoffs go back to the global one).
+    #: Whether repeating pair_style with the same style keeps the coefficients (their cutoffs are reset to the global one).
     keeps_coefficients: bool = True
-    atom_style: str | None = None  #: The only atom style it works with
-    own_cutoffs: bool = False  #: Whether cutoffs are ordinary coefficients, in the midst of the others
-    words: frozenset[str] = frozenset()  #: Words among its settings that are no numbers, for finding the next style of hybrid
-    of_bonds: bool = False  #: Whether it acts between bonds, not beads: it then needs hybrid, and builds no pair term
+    atom_style: str | None = None  #: The atom style it requires
+    own_cutoffs: bool = False  #: Whether cutoffs are ordinary coefficients, among the others
+    words: frozenset[str] = frozenset()  #: Words among its settings that are not numbers; hybrid must not take them for the next style
+    of_bonds: bool = False  #: Whether it acts between bonds rather than beads: it then needs hybrid and builds no pair term
 
 
 @dataclass
@@ -87,11 +87,11 @@ class PairSetup:
 
     mode: str = "none"  #: ``none``, ``single``, ``hybrid`` or ``hybrid/overlay``
     styles: list[PairStyle] = field(default_factory=list)  #: The styles, in the order of the pair_style line
-    excluded: set[tuple[int, int]] = field(default_factory=set)  #: Type pairs set to ``none``
+    excluded: set[tuple[int, int]] = field(default_factory=set)  #: Type pairs that are set to ``none``
     where: Line | None = None
 
     def resolve(self, n_types: int) -> tuple[list[dict[tuple[int, int], Coefficient]], list[tuple[int, int]]]:
-        """Coefficients of every style after mixing, and the type pairs that have none at all."""
+        """Coefficients of every style after mixing, and the type pairs without any."""
         tables = [dict(style.coefficients) for style in self.styles]
         missing = []
         for i in range(1, n_types + 1):
@@ -115,10 +115,10 @@ class PairSetup:
 
 @dataclass
 class BondedSetup:
-    """Style of the bonds, the angles or the dihedrals, and the coefficients of each type."""
+    """Style of the bonds, angles or dihedrals, and the coefficients of each type."""
 
     style: str = "none"  #: ``none``, the style, or ``hybrid``
     styles: tuple[str, ...] = ()  #: The styles of hybrid, or the one style
-    #: By type: the name of its style and the arguments of its class in MD units.
+    #: By type: the name of its style, and the arguments of the model's class in MD units.
     coefficients: dict[int, tuple[str, dict[str, float]]] = field(default_factory=dict)
     where: Line | None = None

@@ -1,4 +1,4 @@
-"""What single commands of a deck say, as plain data: fixes, computes, temperatures, pressure, minimisation, thermo output; and a sample."""
+"""The arguments of single commands as plain data (fixes, computes, temperatures, pressure, minimisation, thermo output), and samples."""
 
 import math
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from .box import Box
 
 @dataclass(frozen=True)
 class Fix:
-    """One fix: its id, group and style, its parameters and its place."""
+    """A fix: id, group, style, parameters, and the line that defines it."""
 
     name: str
     group: str
@@ -28,19 +28,19 @@ class Fix:
         return located(self.where, f"fix {self.name}: {message}")
 
 
-#: Fixes that change the forces on single beads; their parameter ``force`` has three formulas, or NULL.
+#: Fixes that change the forces on single beads; their parameter ``force`` has three formulas, some may be NULL.
 FORCE_FIXES = ("addforce", "setforce", "gravity")
-#: Those whose vector is the total force on their group before they act.
+#: Fixes whose vector is the total force on their group before they act.
 VECTOR_FIXES = ("addforce", "setforce")
 
 
 class Valued:
-    """A fix with values that formulas name."""
+    """A fix with values that formulas can use."""
 
     name: str
-    #: How many values ``f_id`` (no index), ``f_id[i]`` or ``f_id[i][j]`` has by each index; None where that may change.
+    #: Shape of the values of ``f_id`` (), ``f_id[i]`` (n) or ``f_id[i][j]`` (n, m); None where a size may change.
     shape: tuple[int | None, ...]
-    what: str  #: What they are, for errors
+    what: str  #: Description of the values for error messages
 
     @property
     def size(self) -> int:
@@ -48,11 +48,11 @@ class Valued:
         return (self.shape[0] or 0) if len(self.shape) == 1 else 0
 
     def is_extensive(self, *indices: int) -> bool:
-        """Whether thermo output divides such a value by the number of beads when it normalises."""
+        """Whether thermo output divides this value by the number of beads when it is normalised."""
         return False
 
     def check_index(self, *indices: int) -> None:
-        """ParameterError unless there is such a value."""
+        """Raise ParameterError unless the fix has a value with these indices."""
         if len(indices) != len(self.shape):
             usage = f"f_{self.name}" + ("", f"[1] to f_{self.name}[{self.size}]", "[row][column]")[len(self.shape)]
             raise ParameterError(f"f_{self.name}: {self.what}; use {usage}")
@@ -62,20 +62,20 @@ class Valued:
 
 @dataclass(frozen=True)
 class ForceVector(Valued):
-    """The vector of a fix addforce or setforce: the total force on its group before it acted."""
+    """The vector of a fix addforce or setforce: the total force on its group before the fix acts."""
 
     name: str
     shape = (3,)
-    what = "its values are the three components of the force before it acts"
+    what = "its values are the three components of the force before the fix acts"
 
     def is_extensive(self, *indices: int) -> bool:
-        """It is a sum over beads."""
+        """True: a total force is a sum over beads."""
         return True
 
 
 @dataclass(frozen=True)
 class Compute:
-    """One compute as the deck defines it: id, group, style, arguments, and what ``ComputeSpec.prepare`` made of them."""
+    """A compute: id, group, style, arguments, and the settings that ``ComputeSpec.prepare`` makes of them."""
 
     name: str
     group: str
@@ -86,7 +86,7 @@ class Compute:
 
 @dataclass(frozen=True)
 class KspaceSetup:
-    """What ``kspace_style`` and ``kspace_modify`` said: accuracy, gewald (1/nm), mesh, and the line."""
+    """Settings of ``kspace_style`` and ``kspace_modify``: accuracy, gewald (1/nm), mesh, and the line."""
 
     accuracy: float = 1e-4
     gewald: float | None = None
@@ -96,7 +96,7 @@ class KspaceSetup:
 
 @dataclass
 class RestartSettings:
-    """What ``restart`` said: interval, names of files, of which ``*`` becomes the step, and how many are written already."""
+    """Settings of ``restart``: interval, file names (``*`` is replaced by the step), and the number of files written so far."""
 
     every: int
     files: tuple[str, ...]
@@ -105,7 +105,7 @@ class RestartSettings:
 
 @dataclass
 class ThermoSettings:
-    """What thermo output looks like: columns, interval, normalisation, computes to use and formats."""
+    """Settings of thermo output: columns, interval, normalisation, computes and formats."""
 
     words: list[str] = field(default_factory=lambda: ["step", "temp", "epair", "emol", "etotal", "press"])
     every: int = 0
@@ -119,35 +119,35 @@ class ThermoSettings:
 
 @dataclass(frozen=True)
 class Slide:
-    """How far the images above the box have slid along x since a run began, and how fast they do: of a ``fix deform``, in MD units."""
+    """Displacement along x of the images above the box since the run began, and their velocity, due to ``fix deform``; in MD units."""
 
     distance: float
     speed: float
 
 
-#: Without a shear.
+#: Slide without a shear.
 NO_SLIDE = Slide(0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class DeckSample:
-    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; a thermo word that needs it then raises."""
+    """One measurement, in MD units (nm, Da, ps, kJ/mol).  None means not measured; words that need the value raise an error."""
 
     step: int  #: Number of the step, as the deck counts
     kinetic: float | None = None  #: Kinetic energy of all beads
     pair_energy: float | None = None  #: Conservative pair energy, charges included
-    #: Of it, the short-ranged part and the lattice sum of charges.
+    #: Energy of the charges within it: short-ranged part and lattice sum.
     short_energy: float | None = 0.0
     lattice_energy: float | None = 0.0
     #: Energy of the bonds, the angles and the dihedrals.
     bond_energy: float | None = 0.0
     angle_energy: float | None = 0.0
     dihedral_energy: float | None = 0.0
-    #: Sum of r.F over everything that LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the dissipative and
-    #: random parts as well.
+    #: Sum of r.F over what LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the dissipative and random
+    #: parts as well.
     virial: float | None = None
-    virial_full: float | None = None  #: The same, always with the dissipative and random parts
-    #: (6,) xx, yy, zz, xy, xz, yz of what ``virial`` counts, and of the sum of m v v over all beads.
+    virial_full: float | None = None  #: Sum of r.F that always includes the dissipative and random parts
+    #: (6,) xx, yy, zz, xy, xz, yz of the virial that ``virial`` counts, and of the sum of m v v over all beads.
     virial_tensor: np.ndarray | None = None
     kinetic_tensor: np.ndarray | None = None
     #: Euclidean norm of all force components, and the largest absolute one.
@@ -155,31 +155,31 @@ class DeckSample:
     force_max: float | None = None
     kT_conf: float | None = None  #: Configurational temperature as an energy
     box: np.ndarray | None = None  #: (3, 3) box vectors; the deck's box if None
-    slide: Slide = NO_SLIDE  #: Of the images above it
-    #: (N, 3), needed by computes on groups and of single beads only.
+    slide: Slide = NO_SLIDE  #: Slide of the images above the box
+    #: (N, 3) positions and velocities.
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
-    forces: np.ndarray | None = None  #: (N, 3) total forces, with friction and noise where they are forces (``mvv``)
-    before: Mapping[str, np.ndarray] | None = None  #: Total force on the group of each fix addforce and setforce before it acted
-    #: The beads' fields, as :func:`openmm_dpd.simulation.fields.read_fields` gives them; empty if there are none.
+    forces: np.ndarray | None = None  #: (N, 3) total forces; friction and noise are included where they are forces (``mvv``)
+    before: Mapping[str, np.ndarray] | None = None  #: By fix addforce or setforce: total force on its group before it acts
+    #: Fields of the beads, as from :func:`openmm_dpd.simulation.fields.read_fields`; empty if there are none.
     fields: Mapping[str, np.ndarray] | None = None
     cpu: float = 0.0  #: Seconds since the run began
 
     def read(self, name: str) -> Any:
-        """A value by its name; None if it was not measured."""
+        """The value with this name; None if it was not measured."""
         return getattr(self, name)
 
 
 @dataclass(frozen=True)
 class Temperature:
-    """Settings of a compute of temperature."""
+    """Settings of a temperature compute."""
 
-    counted: tuple[bool, bool, bool] = (True, True, True)  #: Components of the velocities that count
-    streaming: tuple[bool, bool, bool] = (False, False, False)  #: Components from which the mean of the bin, weighted by mass, is taken off
+    counted: tuple[bool, bool, bool] = (True, True, True)  #: Velocity components that are counted
+    streaming: tuple[bool, bool, bool] = (False, False, False)  #: Components from which the mass-weighted mean of the bin is subtracted
     bins: tuple[int, int, int] = (1, 1, 1)  #: Numbers of bins along x, y and z
-    deformed: bool = False  #: Whether the flow of a ``fix deform`` is taken off
+    deformed: bool = False  #: Whether the flow of a ``fix deform`` is subtracted
     table: bool = False  #: Whether the compute has a table of the bins (``out bin``) instead of a vector
-    extra: float = 3.0  #: Degrees of freedom of all beads together that do not count (``compute_modify extra/dof``)
+    extra: float = 3.0  #: Degrees of freedom to subtract in total (``compute_modify extra/dof``)
 
     @property
     def count(self) -> int:
@@ -192,14 +192,14 @@ class Temperature:
         return counted * n - counted / 3 * self.extra - sum(self.streaming) * self.count
 
     def numbers(self, box: Box, positions: np.ndarray) -> np.ndarray:
-        """(N,) bin of each bead, those along x one after the other; positions in the box."""
+        """(N,) bin of each bead, x fastest; positions are in the box."""
         low, edges = (0.0, 1.0) if box.triclinic else (box.low, box.edges)
         x = box.fractions(positions) if box.triclinic else positions
         cells = ((x - low) * (np.array(self.bins) / edges)).astype(np.int64)
         return np.clip(cells, 0, np.array(self.bins) - 1) @ np.array([1, self.bins[0], self.bins[0] * self.bins[1]])
 
     def thermal(self, velocities: np.ndarray, masses: np.ndarray, numbers: np.ndarray | None) -> np.ndarray:
-        """(N, 3) what counts of velocities; ``numbers`` are the bins, needed where something streams."""
+        """(N, 3) counted part of the velocities; ``numbers`` are the bins, needed if a streaming velocity is subtracted."""
         if numbers is not None and any(self.streaming):
             momentum = np.zeros((self.count, 3))
             np.add.at(momentum, numbers, masses[:, None] * velocities)
@@ -208,33 +208,33 @@ class Temperature:
         return velocities if all(self.counted) else np.where(self.counted, velocities, 0.0)
 
 
-#: What a force vector (N, 3) is measured by: its length, the longest force on a bead, the largest component.
+#: Norms of a force vector (N, 3): its length, the largest force on a bead, the largest component.
 NORMS = {
     "two": lambda force: float(np.linalg.norm(force)),
     "max": lambda force: float(np.linalg.norm(force, axis=1).max(initial=0.0)),
     "inf": lambda force: float(np.abs(force).max(initial=0.0)),
 }
 
-#: Values of min_style, and those whose motion begins at rest and ends there.
+#: Values of min_style, and those that start and end with beads at rest.
 MIN_STYLES = ("cg", "hftn", "sd", "quickmin", "fire", "fire/old")
 DAMPED = ("quickmin", "fire", "fire/old")
-#: LAMMPS adds it to the energies that a change is compared with.
+#: LAMMPS adds this to the energies when it computes a relative change.
 _LEAST_ENERGY = 1e-8
 
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """The four numbers of ``minimize``, in the deck's units, and the norm of ``min_modify``."""
+    """The four arguments of ``minimize``, in the deck's units, and the norm of ``min_modify``."""
 
-    energy: float  #: Largest change of the energy in an iteration, over its mean size
-    force: float  #: Largest norm of the forces
-    #: At most so many iterations; an iteration counts as one evaluation at least.
+    energy: float  #: Tolerance of the relative energy change in an iteration
+    force: float  #: Tolerance of the force norm
+    #: Maximum numbers of iterations and of force evaluations; an iteration counts as at least one evaluation.
     iterations: int
     evaluations: int
     norm: str = "two"
 
     def reached(self, iterations: int, before: float, energy: float, force: np.ndarray) -> str | None:
-        """Why it stops after an iteration that led from an energy to another one; None if it goes on."""
+        """Why the minimisation stops after an iteration from the energy ``before`` to ``energy``; None if it continues."""
         if abs(energy - before) < self.energy * 0.5 * (abs(energy) + abs(before) + _LEAST_ENERGY):
             return "energy tolerance"
         if NORMS[self.norm](force) < self.force:
@@ -245,7 +245,7 @@ class StoppingRule:
 
 
 def without_rotation(positions: np.ndarray, velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
-    """(N, 3) velocities without the rotation about the centre of mass; positions on continuous paths."""
+    """(N, 3) velocities without the rotation about the centre of mass; positions must be unwrapped."""
     x = positions - weighted_sum(masses, positions) / masses.sum()
     angular = np.sum(masses[:, None] * np.cross(x, velocities), axis=0)
     inertia = np.sum(masses * np.sum(x * x, axis=1)) * np.eye(3) - (masses[:, None] * x).T @ x
@@ -255,15 +255,15 @@ def without_rotation(positions: np.ndarray, velocities: np.ndarray, masses: np.n
 
 @dataclass(frozen=True)
 class MomentumRemoval:
-    """What ``fix momentum`` takes out."""
+    """What ``fix momentum`` removes."""
 
     every: int  #: Interval in steps
     linear: tuple[bool, bool, bool]  #: Components of the momentum
-    angular: bool  #: Whether the rotation about the centre of mass goes as well
-    rescale: bool  #: Whether the rest is scaled so that the kinetic energy stays
+    angular: bool  #: Whether the rotation about the centre of mass is removed as well
+    rescale: bool  #: Whether velocities are then rescaled to keep the kinetic energy
 
     def applied(self, positions: np.ndarray, velocities: np.ndarray, masses: np.ndarray) -> np.ndarray:
-        """(N, 3) velocities of the beads afterwards; positions on continuous paths."""
+        """(N, 3) velocities after the removal; positions must be unwrapped."""
         v = velocities - np.where(self.linear, weighted_sum(masses, velocities) / masses.sum(), 0.0)
         if self.angular:
             v = without_rotation(positions, v, masses)
@@ -276,16 +276,16 @@ Three = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PressureControl:
-    """The pressure that the box follows."""
+    """The pressure imposed on the box."""
 
     axes: tuple[bool, bool, bool]  #: Edges of the box that may change
-    coupled: bool  #: Whether all change by the same factor
-    #: Pressure along each axis at the beginning and at the end of the run, kJ/mol/nm^3 (0 for edges that stay).
+    coupled: bool  #: Whether all edges change by the same factor
+    #: Pressure along each axis at the start and end of the run, kJ/mol/nm^3 (0 for fixed edges).
     start: Three
     stop: Three
-    isothermal: bool = False  #: Whether a thermostat holds the temperature; otherwise the enthalpy is what stays
+    isothermal: bool = False  #: Whether a thermostat holds the temperature; otherwise the enthalpy is constant
 
     @property
     def constant(self) -> bool:
-        """Whether the pressure stays the same during the run."""
+        """Whether the pressure is constant during the run."""
         return self.start == self.stop

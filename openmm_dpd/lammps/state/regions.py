@@ -12,15 +12,15 @@ from .box import Box
 
 @dataclass(frozen=True)
 class Region:
-    """A region.  Points on its faces are inside; what is compared is what LAMMPS compares."""
+    """A region.  Points on its faces are inside; comparisons use the same operations as LAMMPS."""
 
     style: str  #: Its style, a key of :data:`REGION_STYLES`
-    contains: Callable[[np.ndarray], np.ndarray]  #: From (N, 3) points to a mask
-    bounds: tuple[np.ndarray, np.ndarray] | None = None  #: Corners of a box around it, with infinities for INF
-    box: Box | None = None  #: The box that ``create_box`` makes of it (block and prism)
-    #: Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere, if it is the inside of one.
+    contains: Callable[[np.ndarray], np.ndarray]  #: Mask of the (N, 3) points that are inside
+    bounds: tuple[np.ndarray, np.ndarray] | None = None  #: Corners of an enclosing box, infinite where the region is INF
+    box: Box | None = None  #: The box that ``create_box`` makes of it (block and prism only)
+    #: Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere; None for other regions.
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
-    parts: tuple[str, ...] = ()  #: Names of the regions that a union or intersection is made of
+    parts: tuple[str, ...] = ()  #: Names of the regions in a union or intersection
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
@@ -31,7 +31,7 @@ def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None)
         return np.inf if upper else -np.inf
     if word == "EDGE":
         assert box is not None
-        # of the box around a tilted one
+        # bounds of the box that encloses a tilted one
         return float(box.bounds[upper][axis])
     return read.number(word, what) * scale[axis]
 
@@ -68,7 +68,7 @@ def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
 
 
 def _distance(points: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """Distances in LAMMPS's order of operations: what lies on the surface is inside or not by the last bit."""
+    """Distances with LAMMPS's order of operations: whether a point on the surface is inside depends on the last bit."""
     return np.sqrt(sum((x - c) * (x - c) for x, c in zip(points.T, centre, strict=True)))
 
 
@@ -96,7 +96,7 @@ def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     return Region("cylinder", contains, (corner, opposite) if np.isfinite(high - low) else None)
 
 
-#: Region styles made of coordinates: name -> (number of coordinates, builder).
+#: Region styles given by coordinates: number of coordinates, and builder.
 REGION_STYLES: dict[str, tuple[int, Callable[[list[str], np.ndarray, Box | None], Region]]] = {
     "block": (6, _block),
     "prism": (9, _prism),
@@ -106,9 +106,9 @@ REGION_STYLES: dict[str, tuple[int, Callable[[list[str], np.ndarray, Box | None]
 
 
 def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: dict[str, Region]) -> Region:
-    """Region of ``region ID style values ... [side in|out] [units lattice|box]``, from its style on.  Coordinates are in lattice spacings
-    (``spacing``) unless ``units box`` is given; ``EDGE`` is that of ``box``; ``known`` are the regions defined so far, for ``union`` and
-    ``intersect``."""
+    """The region of ``region ID style values ... [side in|out] [units lattice|box]``; ``args`` begin with the style.  Coordinates are in
+    lattice spacings (``spacing``) unless ``units box`` is given; ``EDGE`` refers to ``box``; ``known`` are the regions that ``union`` and
+    ``intersect`` may name."""
     read.count(args, "region ID style values ...", 2, None)
     style = read.choice(args[0], "the region style", [*REGION_STYLES, "union", "intersect"])
     many = style not in REGION_STYLES

@@ -1,1 +1,1 @@
-"""Pair, bond and angle styles: their words, and the terms of the model that they become."""
+"""Pair, bond, angle and dihedral styles: their arguments, and the terms of the model that they become."""

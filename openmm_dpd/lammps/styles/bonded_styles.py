@@ -1,4 +1,4 @@
-"""Bond, angle and dihedral styles: what their coefficients are, and which term of the model they become."""
+"""Bond, angle and dihedral styles: their coefficients, and the terms of the model that they become."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -12,23 +12,24 @@ from ..files.atom_styles import JOINED
 from ..language import arguments as read
 from .words import Columns
 
-#: How numbers are read that have this bound.
+#: Parsers of numbers with a bound.
 _READERS = {"> 0": read.positive, ">= 0": read.non_negative}
 
 
 @dataclass(frozen=True)
 class BondedStyle:
-    """A bond, angle or dihedral style; its kind is None for a style without energy."""
+    """A bond, angle or dihedral style; ``kind`` is None for a style without energy."""
 
     kind: BondedKind | None
 
     @property
     def columns(self) -> Columns:
-        """Arguments of the class of the model, and their dimensions."""
+        """Arguments of the model's class, and their dimensions."""
         return Columns({} if self.kind is None else {name: dimension for name, (dimension, _) in self.kind.words.items()})
 
     def coefficient(self, words: list[str], usage: str, units: UnitSystem) -> dict[str, float]:
-        """Arguments of the class, in MD units, from the words of a coefficient command that begins as ``usage`` says."""
+        """Arguments of the model's class, in MD units, from the words of a coefficient command; ``usage`` is the beginning of that
+        command."""
         if self.kind is None:
             return {}
         labels = [label for _, label in self.kind.words.values()]
@@ -37,7 +38,7 @@ class BondedStyle:
         for name, label, word in zip(self.kind.words, labels, words, strict=True):
             values[name] = _READERS.get(self.kind.terms._DIMENSIONS[name][1], read.number)(word, label)
         values = self.columns.to_md(values, units)
-        self.build(np.arange(self.kind.width)[None, :], values)  # once now, so that a value out of bounds is reported with its line
+        self.build(np.arange(self.kind.width)[None, :], values)  # built once here, so that an invalid value is reported with its line
         return values
 
     def words(self, values: dict[str, float], units: UnitSystem) -> list[str]:
@@ -52,6 +53,6 @@ class BondedStyle:
 
 
 def bonded_styles(what: str) -> dict[str, BondedStyle]:
-    """Styles of bonds, angles or dihedrals, by their names: those of all kinds that are known, and ``zero``."""
+    """Styles of bonds, angles or dihedrals by name: those of all registered kinds, and ``zero``."""
     known = {kind.style: BondedStyle(kind) for kind in BONDED_KINDS.values() if kind.style and kind.width == JOINED[what][0]}
     return {**known, "zero": BondedStyle(None)}

@@ -1,4 +1,4 @@
-"""Pair styles with charges: their words, the commands of an export, and the charges of a scene."""
+"""Pair styles with charges: their arguments, the charges of a scene, and their export."""
 
 import math
 from itertools import combinations_with_replacement
@@ -22,7 +22,7 @@ QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645}
 
 
 def _dpd_slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
-    """``A gamma [yes|no] [cutoff]``."""
+    """Parse ``A gamma [yes|no] [cutoff]``."""
     read.count(words, "A gamma [yes|no] [cutoff]", 2, 4)
     values: dict = {key: read.number(word, key) for key, word in zip(("A", "gamma"), words, strict=False)}
     values["charged"] = "yes" if len(words) > 2 and read.switch(words[2], "whether the pair is charged") else "no"
@@ -35,7 +35,7 @@ def _slater_settings(words: list[str]) -> dict:
 
 
 def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
-    """No coefficients: ``pair_coeff * *``."""
+    """Check that ``pair_coeff * *`` has no coefficients."""
     read.count(words, "pair_coeff i j (coul/slater/long has no coefficients)", 0)
     return {}, None
 
@@ -43,7 +43,7 @@ def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
 _DPD_SLATER = settings("dpd/coul/slater/long", "T cut_dpd seed lambda cut_coul")
 
 STYLES = {
-    # its build makes the DPD part; charges are those of the beads
+    # build makes the DPD part; charges belong to the beads
     "dpd/coul/slater/long": Spec(_DPD_SLATER, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
     "coul/slater/long": Spec(_slater_settings, _slater_coefficient, no_force, own_cutoffs=True),
 }
@@ -51,18 +51,18 @@ STYLES = {
 
 # -- from a scene -------------------------------------------------------------------------------------------------------------
 def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: Differences) -> StyleUse | None:
-    """Pair style of the charges, or None; ParameterError for charges between walls: LAMMPS's sums need a periodic box."""
+    """Pair style for the charges, or None.  ParameterError for charges between walls, since LAMMPS's lattice sums need a periodic box."""
     charges = scene.electrostatics
     if charges is None:
         return None
     if scene.walls:
-        raise ParameterError("charges between walls cannot be exported: LAMMPS's sums over all images need a box that is periodic")
+        raise ParameterError("charges between walls cannot be exported: LAMMPS's lattice sums need a periodic box")
     width = _width(charges, differences)
     words = dict.fromkeys(combinations_with_replacement(types, 2), "")
     if scene.box is None:
-        # no cutoff in the scene, so one that no pair reaches
+        # the scene has no cutoff: take one that no pair reaches
         reach = 2.0 * float(np.linalg.norm(np.ptp(scene.positions, axis=0))) + 10 * width
-        differences.remark(f"charges interact up to a distance of {exact(reach / units.length)}, which should be beyond all pairs")
+        differences.remark(f"charges interact up to a distance of {exact(reach / units.length)}, which should exceed all distances")
         return StyleUse("coul/slater/cut", f"{exact(width / units.length)} {exact(reach / units.length)}", words, reach)
     assert scene.charges is not None
     reach = ewald_sum(charges, scene.box, int(np.count_nonzero(scene.charges))).cutoff
@@ -70,21 +70,21 @@ def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: D
 
 
 def _width(charges, differences: Differences) -> float:
-    """LAMMPS's lambda, nm."""
+    """The lambda (nm) of LAMMPS's Slater charges."""
     if isinstance(charges, SlaterCharges):
         return charges.lamda
     assert isinstance(charges, GaussianCharges)
     width = math.sqrt(math.pi) * charges.width
     differences.add(
         f"the Gaussian charges (width {charges.width:g}) are replaced by Slater charges with lambda = {width:g}, with the same energy "
-        "at contact; they reach further out"
+        "at contact but a longer range"
     )
     return width
 
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
 def electrostatics_of(state: DeckState) -> SlaterCharges | None:
-    """Smeared charges of the scene, None if no pair style has them; DeckError if styles, charges and box do not go together."""
+    """The smeared charges of the scene; None if no pair style has charges.  DeckError if styles, charges and box are inconsistent."""
     styles = [style for style in state.pair.styles if "cutoff_charges" in style.settings]
     if not styles:
         if state.kspace is not None:
@@ -92,13 +92,13 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
         return None
     style = styles[0]
     if len(styles) > 1:
-        raise located(style.where, f"two pair styles with charges, {style.name} and {styles[1].name}; a scene has one kind of charges")
+        raise located(style.where, f"there are two pair styles with charges, {style.name} and {styles[1].name}; use one")
     if state.kspace is None:
         raise located(style.where, f"pair style {style.name} needs a kspace_style, ewald or pppm")
     if state.atom_style not in CHARGED_STYLES:
-        raise located(style.where, f"pair style {style.name} needs charges; atom_style {state.atom_style} has none, charge and full do")
+        raise located(style.where, f"pair style {style.name} needs charges; atom_style {state.atom_style} has none; use charge or full")
     if not all(state.periodic):
-        raise located(style.where, f"pair style {style.name} needs periodic boundaries along all axes: its charges repeat along all three")
+        raise located(style.where, f"pair style {style.name} needs periodic boundaries along all axes")
     _check_flags(state, style)
     settings, units, kspace = style.settings, state.units, state.kspace
     constant = QQR2E[units.name] * units.energy * units.length / state.dielectric
@@ -115,7 +115,7 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
 
 
 def _check_flags(state: DeckState, style: PairStyle) -> None:
-    """Every pair of types with charges must be a charged one: the lattice sum holds all charges."""
+    """Check that every pair of types with charges is a charged pair, since the lattice sum includes all charges."""
     charged = sorted(np.unique(state.atoms.types[state.atoms.charges != 0]).tolist())
     counts = {kind: int(np.sum(state.atoms.types == kind)) for kind in charged}
     for k, i in enumerate(charged):
@@ -129,8 +129,8 @@ def _check_flags(state: DeckState, style: PairStyle) -> None:
             remedy = "say 'yes' on its pair_coeff line" if style.name.startswith("dpd") else "add a pair_coeff line of coul/slater/long"
             raise located(
                 where,
-                f"types {i} {j} both have charges, but pair style {style.name} does not count the pair as charged. The lattice sum "
-                f"holds all charges, and without the real-space part their interaction would be wrong; {remedy}",
+                f"types {i} {j} both have charges, but pair style {style.name} does not treat the pair as charged. The lattice sum "
+                f"includes all charges, so their interaction would be wrong without the real-space part; {remedy}",
             )
     if not charged:
         raise style.error("no bead has a charge; read charges from the data file, or use 'set type'")

@@ -1,4 +1,4 @@
-"""Pair styles of the DPD family: conservative force, friction and noise, and conduction between beads with internal energies."""
+"""Pair styles of the DPD family: conservative force, friction and noise, and heat conduction between beads with internal energies."""
 
 from collections.abc import Callable
 
@@ -76,9 +76,9 @@ def _export(export: PairExport, entries: dict[Pair, DPD]) -> list[StyleUse]:
         )
         if not any(A.values()):
             return [thermostat]
-        # dpd has no ramp: the repulsion is a style of its own, without friction and noise
+        # dpd has no ramp: the repulsion becomes a separate style without friction and noise
         return [use("dpd", f"{{start}} {reach} {{seed}}", lambda pair: f"{exact(A[pair])} 0.0", True), thermostat]
-    # some bonded neighbours interact in part
+    # whether pair terms of bonded neighbours are scaled
     scaled = bool(len(export.scene.bond_pairs)) and any(0 < factor < 1 for factor in export.scene.bonded_factors)
     if export.shardlow or (len(fixed) == len(entries) and not general and not scaled):
 

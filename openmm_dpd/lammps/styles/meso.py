@@ -1,4 +1,4 @@
-"""Pair styles of LAMMPS's package DPD-MESO: beads with temperatures (edpd), with species (tdpd), many-body DPD (mdpd, mdpd/rhosum)."""
+"""Pair styles of LAMMPS's DPD-MESO package: beads with temperatures (edpd), with species (tdpd), many-body DPD (mdpd, mdpd/rhosum)."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def _edpd_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
 def _edpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
     polynomials: dict = {name: values for name, values in found.values.items() if isinstance(values, tuple)}
     term = EDPD(**_EDPD.to_md(found.values, units), **polynomials)
-    remark = "pair edpd: forces and heat have different cutoffs, which LAMMPS does not compute correctly; here each has its own"
+    remark = "pair edpd: forces and heat have different cutoffs, which LAMMPS does not handle correctly; here each has its own"
     return term, remark if term.cutoff_T != term.cutoff else None
 
 
@@ -38,11 +38,11 @@ def _export_edpd(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse
         assert c.cutoff_T is not None  # filled by the coefficient
         if c.cutoff_T < c.cutoff:
             raise ParameterError(
-                f"types {pair}: the heat has a shorter range ({c.cutoff_T:g} nm) than the forces ({c.cutoff:g} nm), for which LAMMPS's "
-                "edpd adds stale values; give both one cutoff"
+                f"types {pair}: the heat has a shorter range ({c.cutoff_T:g} nm) than the forces ({c.cutoff:g} nm), where LAMMPS's "
+                "edpd adds stale values; use the same cutoff for both"
             )
         if c.cutoff_T > c.cutoff:
-            export.differences.add(f"types {pair}: LAMMPS's edpd ends the exchange of heat at the cutoff of the forces, {c.cutoff:g}")
+            export.differences.add(f"types {pair}: LAMMPS's edpd cuts off the exchange of heat at the cutoff of the forces, {c.cutoff:g}")
         words[pair] = exact(_EDPD.of(c, export.units))
         for keyword, polynomial in (("power", c.exponent_polynomial), ("kappa", c.kappa_polynomial)):
             if any(polynomial):
@@ -51,16 +51,16 @@ def _export_edpd(export: PairExport, entries: dict[Pair, EDPD]) -> list[StyleUse
     different = len(set(words.values())) > 1 or len(words) < n * (n + 1) // 2
     if different and any(any(c.exponent_polynomial) or any(c.kappa_polynomial) for c in entries.values()):
         raise ParameterError(
-            "EDPD: LAMMPS's edpd keeps the polynomials of the last pair_coeff line only, so with polynomials all type pairs must have the "
+            "EDPD: LAMMPS's edpd keeps only the polynomials of the last pair_coeff line, so with polynomials all type pairs must have the "
             "same coefficients"
         )
     if export.scene.compat != "lammps":
         export.differences.add(
-            "LAMMPS's edpd computes the heat of friction and noise in another way, which does not conserve energy "
+            "LAMMPS's edpd computes the heat of friction and noise in a different way, which does not conserve energy "
             "(this package does the same with compat='lammps')"
         )
     if len(set(export.scene.bead_masses.tolist())) > 1:
-        export.differences.add("LAMMPS's edpd takes the mass of one bead of a pair for both, which is wrong for beads of different masses")
+        export.differences.add("LAMMPS's edpd uses the mass of one bead for both beads of a pair, which is wrong if their masses differ")
     longest = max(c.cutoff for c in entries.values())
     return [StyleUse("edpd", f"{exact(longest)} {{seed}}", words, longest)]
 
@@ -84,7 +84,7 @@ def _tdpd_build(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term
         epsilon=tuple(e / units.time**0.5 for e in epsilon),
         exponent_c=exponents,
     )
-    remark = "pair tdpd: cutoff_c is longer than the cutoff, where LAMMPS ends the exchange; here it goes on to cutoff_c"
+    remark = "pair tdpd: cutoff_c is longer than the cutoff, where LAMMPS cuts off the exchange; here it extends to cutoff_c"
     return term, remark if term.cutoff_c > term.cutoff else None  # type: ignore[operator]
 
 
@@ -93,7 +93,9 @@ def _export_tdpd(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse
     words = {}
     for pair, c in entries.items():
         if c.cutoff_c > c.cutoff:  # type: ignore[operator]
-            export.differences.add(f"types {pair}: LAMMPS's tdpd ends the exchange of species at the cutoff of the forces, {c.cutoff:g}")
+            export.differences.add(
+                f"types {pair}: LAMMPS's tdpd cuts off the exchange of species at the cutoff of the forces, {c.cutoff:g}"
+            )
         species = np.column_stack([c.kappa, c.epsilon, c.exponent_c])
         words[pair] = f"{exact(_TDPD.of(c, export.units))} {exact(species)}"
     longest = max(c.cutoff for c in entries.values())
@@ -102,7 +104,7 @@ def _export_tdpd(export: PairExport, entries: dict[Pair, TDPD]) -> list[StyleUse
 
 # -- mdpd ---------------------------------------------------------------------------------------------------------------------
 _MDPD = Columns({"A": "force", "B": "force/density", "gamma": "friction", "cutoff": "length", "cutoff_B": "length"})
-#: What pair_styles.py adds to the coefficients, from those of mdpd/rhosum.
+#: The cutoff of mdpd/rhosum, which pair_styles.py adds to these coefficients.
 _DENSITY = Columns({"cutoff_density": "length"})
 
 
@@ -124,8 +126,8 @@ def _export_mdpd(export: PairExport, entries: dict[Pair, MDPD]) -> list[StyleUse
     export.require_reduced("MDPD")
     if any(c.kernel == "quadratic" for c in entries.values()):
         export.differences.add(
-            "LAMMPS has Lucy's kernel only for the densities of mdpd; the quadratic kernel of this scene is replaced by it, with the same "
-            "range (densities count masses, and the force has no potential)"
+            "LAMMPS only has Lucy's kernel for the densities of mdpd; it replaces the quadratic kernel of this scene, with the same "
+            "range (densities are of mass, and the force has no potential)"
         )
     forces = {pair: exact(_MDPD.of(c, export.units)) for pair, c in entries.items()}
     densities = {pair: exact(c.cutoff_density) for pair, c in entries.items()}

@@ -1,6 +1,6 @@
-"""Pair styles: each file says how its styles read and write their words, and which pair term of the model they are.
+"""All pair styles.  Each file defines how its styles read and write their arguments, and which pair term of the model they become.
 
-A style is one entry of the ``STYLES`` of its file; the commands in ``commands/interactions.py`` know none of them by name.
+A style is one entry of ``STYLES`` in its file; the commands in ``commands/interactions.py`` do not refer to any style by name.
 :func:`pair_tables` makes the tables of a scene.
 """
 
@@ -30,7 +30,7 @@ _FILES = (dpd, meso, radial, charges, srp)
 PAIR_STYLES: dict[str, Spec] = {name: spec for file in _FILES for name, spec in file.STYLES.items()} | {
     "zero": Spec(_zero_settings, lambda style, words, find: ({}, cutoff_of(words, 0)), no_force)
 }
-#: From the kind of a table of a scene to the styles that say the same.
+#: Export functions, by the kind of a scene's table.
 EXPORTS: Exports = {kind: export for file in _FILES for kind, export in getattr(file, "EXPORTS", {}).items()}
 
 
@@ -39,7 +39,7 @@ Table = dict[tuple[int, int], Coefficient]
 
 
 def pair_tables(state: DeckState) -> list[PairTable]:
-    """One table of pair terms per pair style; DeckError if a type pair is unset, a style unused, or a cutoff over half the box."""
+    """One table of pair terms per pair style.  DeckError if a type pair is unset, a style unused, or a cutoff longer than half the box."""
     setup = state.pair
     if setup.mode == "none":
         state.note("pair_style none: beads do not interact")
@@ -50,7 +50,7 @@ def pair_tables(state: DeckState) -> list[PairTable]:
         names = ", ".join(style.name for style in setup.styles)
         raise located(
             setup.where,
-            f"no pair coefficients for the type pair{'s' * (len(missing) > 1)} {listing} (pair style {names}); "
+            f"no pair coefficients for type pair{'s' * (len(missing) > 1)} {listing} (pair style {names}); "
             "add a pair_coeff line, or 'pair_coeff i j none' if they do not interact",
         )
     for style, table in zip(setup.styles, tables, strict=True):
@@ -63,7 +63,7 @@ def pair_tables(state: DeckState) -> list[PairTable]:
             between_bonds |= set(table)
             continue
         entries: dict = {}
-        # one pair_coeff line with wildcards is one coefficient of many pairs
+        # a pair_coeff line with wildcards gives one coefficient for many pairs
         terms: dict[int, object] = {}
         for (i, j), coefficient in sorted(table.items()):
             if id(coefficient) not in terms:
@@ -77,7 +77,7 @@ def pair_tables(state: DeckState) -> list[PairTable]:
 
 
 def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient: Coefficient) -> object:
-    """The pair term of a coefficient; DeckError if it is out of bounds or reaches too far."""
+    """The pair term of a coefficient.  DeckError if a value is invalid or the cutoff too long."""
     where = coefficient.where or style.where
     with errors_at(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: "):
         term, remark = style.spec.build(style, coefficient, state.units)
@@ -89,14 +89,14 @@ def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient
     if cutoff > half * (1 + 1e-12):
         raise located(
             where,
-            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} is over half the box, {half / length:g}; "
-            "a pair would meet two periodic images of one bead. Use a larger box or a smaller cutoff",
+            f"the cutoff {cutoff / length:g} of types {pair[0]} {pair[1]} exceeds half the box, {half / length:g}: "
+            "a bead would interact with two periodic images of another. Use a larger box or a smaller cutoff",
         )
     return term
 
 
 def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[PairStyle, Table]]:
-    """Styles and their tables, with mdpd/rhosum merged into mdpd: its cutoffs become those of the densities."""
+    """Styles and their tables, with mdpd/rhosum merged into mdpd: its cutoffs become the cutoffs of the densities."""
     sums = [k for k, style in enumerate(styles) if style.name == "mdpd/rhosum"]
     many = [k for k, style in enumerate(styles) if style.name == "mdpd"]
     if not sums and not many:
@@ -114,6 +114,6 @@ def _with_densities(styles: list[PairStyle], tables: list[Table]) -> list[tuple[
         alone = sorted(set(table) - set(partner))
         if alone:
             i, j = alone[0]
-            raise located(table[alone[0]].where, f"types {i} {j} have no coefficients of {lacking}; both styles need the same type pairs")
+            raise located(table[alone[0]].where, f"types {i} {j} have no {lacking} coefficients; both styles need the same type pairs")
     merged = {pair: replace(found, values=found.values | {"cutoff_density": densities[pair].cutoff}) for pair, found in forces.items()}
     return [(style, merged if k == many[0] else tables[k]) for k, style in enumerate(styles) if k != sums[0]]

@@ -1,4 +1,4 @@
-"""Pair styles without friction: lj/cut, with the mixing of its coefficients, and table, energies and forces of a file."""
+"""Pair styles without friction: lj/cut with its mixing rules, and table, which reads energies and forces from a file."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -53,7 +53,7 @@ def _export_lj(export: PairExport, entries: dict[Pair, LennardJones]) -> list[St
 
 
 # -- table --------------------------------------------------------------------------------------------------------------------
-#: Points of LAMMPS's own tables.
+#: Number of points in the tables that LAMMPS interpolates.
 _TABLE_POINTS = 100000
 
 
@@ -89,7 +89,7 @@ def _export_table(export: PairExport, entries: dict[Pair, TabulatedPair]) -> lis
             lines += _table_section(c, keyword, units)
         words[pair] = f"{file} {written[id(c)]} {exact(c.cutoff / units.length)}"  # type: ignore[operator]
         export.differences.remark(
-            f"LAMMPS stops where two beads of types {pair} are nearer than {exact(_rows(c)[0][0] / units.length)}, where the table begins"
+            f"LAMMPS stops if two beads of types {pair} come closer than {exact(_rows(c)[0][0] / units.length)}, where the table begins"
         )
     longest = max(float(c.cutoff) for c in entries.values())  # type: ignore[arg-type]
     return [StyleUse("table", f"spline {_TABLE_POINTS}", words, longest)]
@@ -99,7 +99,7 @@ def _rows(c: TabulatedPair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distances (> 0), energies and forces."""
     r = np.array(c.distances)
     if r[0] == 0:
-        r[0] = 1e-6 * r[1]  # LAMMPS has no table that begins at 0
+        r[0] = 1e-6 * r[1]  # LAMMPS's tables cannot begin at 0
     forces = c.forces if c.forces is not None else -CubicSpline(c.distances, c.energies).derivative()(c.distances)
     return r, c.energies, forces
 

@@ -1,4 +1,4 @@
-"""Pair style srp: segmental repulsion between bonds, which LAMMPS organises as pairs of placeholder particles of a type of their own."""
+"""Pair style srp: segmental repulsion between bonds, which LAMMPS represents by placeholder particles of an extra type."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ from ..state.deck_state import DeckState
 from ..state.pair_setup import Find, PairStyle, Spec, Values
 from .words import Differences, StyleUse, cutoff_of, exact, no_force
 
-#: Words of the style that are no numbers.
+#: Words of the style that are not numbers.
 _WORDS = frozenset(("*", *DISTANCES, "exclude", "bptype", "yes", "no"))
 
 
 def srp_settings(words: list[str]) -> dict:
-    """Settings of ``srp cutoff btype|* mid|min [exclude yes|no] [bptype N]``."""
+    """Parse the arguments of ``srp cutoff btype|* mid|min [exclude yes|no] [bptype N]``."""
     read.count(words, "srp cutoff bond-type|* mid|min [exclude yes|no] [bptype N]", 3, None)
     found = {
         "cutoff": read.positive(words[0], "the cutoff of srp"),
@@ -31,12 +31,12 @@ def srp_settings(words: list[str]) -> dict:
         else:
             found["bptype"] = read.integer(values[0], "bptype", 1)
     if found["distance"] == "min" and not found["exclude"]:
-        raise ParameterError("pair style srp: 'exclude no' goes with the distance mid only; bonds that share a bead are at the distance 0")
+        raise ParameterError("pair style srp: 'exclude no' requires the distance mid; bonds that share a bead have the distance 0")
     return found
 
 
 def _srp_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
-    """``A [cutoff]``."""
+    """Parse ``A [cutoff]``."""
     read.count(words, "A [cutoff]", 1, 2)
     return {"A": read.non_negative(words[0], "A")}, cutoff_of(words, 1)
 
@@ -46,8 +46,8 @@ STYLES = {"srp": Spec(srp_settings, _srp_coefficient, no_force, words=_WORDS, of
 
 # -- from a scene -------------------------------------------------------------------------------------------------------------
 def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int, differences: Differences) -> StyleUse | None:
-    """Pair style srp, or None; ``bonds`` has the type of each bond and its beads.  ParameterError if the segments are no bonds, or some
-    bonds of one type but not all."""
+    """Pair style srp, or None; ``bonds`` has the type and beads of each bond.  ParameterError if a segment is not a bond, or the segments
+    are some but not all bonds of one type."""
     segments = scene.segments
     if segments is None:
         return None
@@ -57,17 +57,19 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
         types = {tuple(sorted(row[1:])): row[0] for row in bonds.tolist()}
         lacking = sorted(wanted - set(types))
         if lacking:
-            raise ParameterError(f"the segment between beads {lacking[0]} is no bond; LAMMPS's srp acts between bonds, so it must be one")
+            raise ParameterError(f"the segment between beads {lacking[0]} is not a bond; LAMMPS's srp acts between bonds only")
         used = {types[pair] for pair in wanted}
         members = {pair for pair, number_ in types.items() if number_ in used}
         if wanted != set(types) and (len(used) > 1 or members != wanted):
             raise ParameterError(
-                "the segmental repulsion acts on some bonds; LAMMPS's srp takes all bonds or all of one type, so these, and no others, "
-                "must have the same coefficients"
+                "the segmental repulsion acts on some bonds only; LAMMPS's srp acts on all bonds or on all of one type, so these bonds, "
+                "and no others, must have the same coefficients"
             )
         kind = "*" if wanted == set(types) else str(used.pop())
     if segments.distance == "min" and scene.compat != "lammps":
-        differences.add("LAMMPS's srp limits the two nearest points one by one, which is not always the least distance (compat='lammps')")
+        differences.add(
+            "LAMMPS's srp clamps the two nearest points independently, which is not always the smallest distance (compat='lammps')"
+        )
     exclude = "yes" if segments.exclude_adjoining else "no"
     reach = exact(segments.cutoff / units.length)
     settings = f"{reach} {kind} {segments.distance} exclude {exclude} bptype {n_types + 1}"
@@ -76,27 +78,29 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
 def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
-    """The segmental repulsion of the deck, None if it has none.  DeckError if its bond type or bptype is out of range, its coefficient is
-    missing or is that of another type, or beads have its type."""
+    """The segmental repulsion of the deck; None without pair style srp.  DeckError if its bond type or bptype is out of range, its
+    coefficient is missing or set for another type, or beads have the type bptype."""
     styles = [style for style in state.pair.styles if style.name == "srp"]
     if not styles:
         return None
     style, settings = styles[0], styles[0].settings
     if len(styles) > 1:
-        raise style.error("it can be used once only")
+        raise style.error("it can be used only once")
     kind = state.n_types if settings["bptype"] is None else settings["bptype"]
     if kind > state.n_types:
         raise style.error(f"bptype {kind} is out of range: there are {state.n_types} atom types")
     wrong = sorted(pair for pair in style.coefficients if pair != (kind, kind))
     if wrong:
-        raise style.error(f"it has coefficients for types {wrong[0][0]} {wrong[0][1]}; they belong to {kind} {kind}, its bptype")
+        raise style.error(f"it has coefficients for types {wrong[0][0]} {wrong[0][1]}; give them for {kind} {kind}, its bptype")
     if not style.coefficients:
         raise style.error(f"there is no 'pair_coeff {kind} {kind} srp A [cutoff]'")
     for other in state.pair.styles:
         met = sorted(pair for pair in other.coefficients if other is not style and kind in pair)
         if met:
             i, j = met[0]
-            raise style.error(f"type {kind} is the type of bonds (bptype), but types {i} {j} have coefficients of {other.name}; use none")
+            raise style.error(
+                f"type {kind} is the type of bonds (bptype), but types {i} {j} have {other.name} coefficients; set them to none"
+            )
     if np.any(state.atoms.types == kind):
         count = int(np.sum(state.atoms.types == kind))
         raise style.error(f"type {kind} is the type of bonds (bptype), but {count} beads have it (LAMMPS would delete them)")
@@ -105,11 +109,11 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
     assert cutoff is not None
     if compat != "lammps" and settings["distance"] == "min":
         state.note(
-            "pair srp min: the nearest points of two bonds are used. LAMMPS moves each point to the end of its bond by itself, which gives "
+            "pair srp min: the nearest points of two bonds are used. LAMMPS clamps each point to its bond independently, which gives "
             "other points and smaller energies (--compat lammps does the same)"
         )
     if state.units.normalize if state.thermo.norm is None else state.thermo.norm:
-        state.note("pair srp: thermo output is not divided by the number of beads, as in LAMMPS with this style")
+        state.note("pair srp: as in LAMMPS, thermo output is not normalised with this style")
         state.thermo.norm = False
     units = state.units
     return SegmentalRepulsion(
@@ -118,7 +122,7 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
 
 
 def _segments(state: DeckState, style: PairStyle) -> np.ndarray:
-    """Bead indices of the bonds of one type, or of all."""
+    """Bead indices of all bonds, or of those of the style's bond type."""
     kind = style.settings["bond_type"]
     if kind is not None and kind > state.n_bond_types:
         raise style.error(f"bond type {kind} is out of range: there are {state.n_bond_types}")

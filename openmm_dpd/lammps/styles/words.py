@@ -1,5 +1,5 @@
-"""Words that several styles have: coefficients that are numbers, in both directions, and settings such as ``T cutoff seed``; what styles
-write, and what they say about it: groups, differences between a scene and LAMMPS."""
+"""Shared parts of styles: numeric coefficients in both directions, settings such as ``T cutoff seed``, and what exports need: groups,
+styles, and the differences between a scene and LAMMPS."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ from ...model.scene import Scene
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Term, Values
 
-#: MD units per unit of the deck, by dimension.
+#: Value of the deck's unit in MD units, by dimension.
 FACTORS: dict[str, Callable[[UnitSystem], float]] = {
     "1": lambda units: 1.0,
     "length": lambda units: units.length,
@@ -35,7 +35,7 @@ FACTORS: dict[str, Callable[[UnitSystem], float]] = {
 
 @dataclass(frozen=True)
 class Columns:
-    """Names of numbers, in the order of the command, and their dimensions (:data:`FACTORS`)."""
+    """Names of numeric coefficients, in the order of the command, and their dimensions (:data:`FACTORS`)."""
 
     dimensions: dict[str, str]
 
@@ -43,16 +43,16 @@ class Columns:
         return len(self.dimensions)
 
     def read(self, words: list[str]) -> dict[str, float]:
-        """Values from the words at the beginning of ``words``, in the deck's units."""
+        """Values from the first words, in the deck's units."""
         return {name: read.number(word, name) for name, word in zip(self.dimensions, words, strict=False)}
 
     def coefficient(self, style: PairStyle, words: list[str], find: Find) -> Values:
-        """Values from all ``words``, and the cutoff that may come behind them: ``Spec.coefficient`` of most styles."""
+        """Values from ``words``, and the optional cutoff after them; ``Spec.coefficient`` of most styles."""
         read.count(words, f"{' '.join(self.dimensions)} [cutoff]", len(self), len(self) + 1)
         return self.read(words), cutoff_of(words, len(self))
 
     def to_md(self, values: dict[str, Any], units: UnitSystem) -> dict[str, Any]:
-        """Those of the values that have a name here, in MD units."""
+        """The named values, in MD units."""
         return {name: values[name] * FACTORS[dimension](units) for name, dimension in self.dimensions.items() if name in values}
 
     def builder(self, kind: Callable[..., object]) -> Callable[[PairStyle, Coefficient, UnitSystem], Term]:
@@ -64,23 +64,23 @@ class Columns:
         return build
 
     def of(self, term: Any, units: UnitSystem) -> list:
-        """The same fields of a term of the model, in the deck's units."""
+        """The named attributes of a term of the model, in the deck's units."""
         return [getattr(term, name) / FACTORS[dimension](units) for name, dimension in self.dimensions.items()]
 
 
 def cutoff_of(words: list[str], at: int) -> float | None:
-    """The cutoff, if there is a word at this place."""
+    """The cutoff given by the word at this index; None if there is no such word."""
     if len(words) > at and read.number(words[at], "the cutoff") == 0:
-        raise ParameterError("the cutoff must be > 0, but is 0; types that do not interact have 'pair_coeff i j none'")
+        raise ParameterError("the cutoff must be > 0, but is 0; use 'pair_coeff i j none' for types that do not interact")
     return read.positive(words[at], "the cutoff") if len(words) > at else None
 
 
 def no_force(style: PairStyle, found: Coefficient, units: UnitSystem) -> Term:
-    """``Spec.build`` of a style that puts no force between pairs of beads."""
+    """``Spec.build`` of a style without forces between pairs of beads."""
     return NONE, None
 
 
-#: Words of pair_style commands: the settings that they give, how they are read, and what errors call them.
+#: Arguments of pair_style commands: the settings they define, their parser, and their name in error messages.
 _WORDS: dict[str, tuple[tuple[str, ...], Callable[[str, str], float], str]] = {
     "T": (("start", "stop"), read.non_negative, "the temperature"),
     "Tstart": (("start",), read.non_negative, "the temperature"),
@@ -94,7 +94,7 @@ _WORDS: dict[str, tuple[tuple[str, ...], Callable[[str, str], float], str]] = {
 
 
 def settings(name: str, usage: str) -> Callable[[list[str]], dict]:
-    """``Spec.settings`` of a style whose words are some of :data:`_WORDS`, such as ``T cutoff seed``."""
+    """``Spec.settings`` of a style whose arguments are entries of :data:`_WORDS`, such as ``T cutoff seed``."""
 
     def reader(words: list[str]) -> dict:
         read.count(words, f"{name} {usage}".strip(), len(usage.split()))
@@ -111,23 +111,23 @@ Pair = tuple[str, str]
 
 
 class ExportWarning(UserWarning):
-    """LAMMPS will do something else than the scene says; the message names the difference."""
+    """LAMMPS will behave differently from the scene; the message describes the difference."""
 
 
 @dataclass
 class Differences:
-    """What an exported deck does differently, in the order it came up; each becomes a warning and a comment of the deck."""
+    """Differences between an exported deck and its scene, in the order found; each becomes a warning and a comment in the deck."""
 
     found: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
     def add(self, text: str) -> None:
-        """Note that LAMMPS's averages may differ from the scene's."""
+        """Record a difference that may change LAMMPS's averages."""
         if text not in self.found:
             self.found.append(text)
 
     def remark(self, text: str) -> None:
-        """Note something the reader of the deck should know; no warning."""
+        """Record a comment for readers of the deck; it gives no warning."""
         if text not in self.remarks:
             self.remarks.append(text)
 
@@ -138,31 +138,31 @@ class Differences:
 
 
 def exact(values) -> str:
-    """A number, or several with spaces between them: the shortest texts that read back as the same doubles."""
+    """A number, or several separated by spaces, as the shortest text that reads back as the same double."""
     return " ".join(repr(value) for value in np.ravel(values).astype(float).tolist())
 
 
 # -- beads by their ids, and seeds ----------------------------------------------------------------------------------------------
-#: Words on one physical line of a deck.
+#: Maximum number of words on a physical line of a deck.
 _LINE = 16
-#: Words in one group command.
+#: Maximum number of words in a group command.
 _GROUP = 400
 
 
 def lammps_seed(seed: int, offset: int = 0) -> int:
-    """A seed that LAMMPS takes, 1 to 900000000."""
+    """A seed in LAMMPS's range, 1 to 900000000."""
     return (int(seed) + offset - 1) % 900_000_000 + 1
 
 
 def id_words(mask: np.ndarray) -> list[str]:
-    """Ids (counted from 1) of the True entries as words ``n`` and ``n:m``."""
+    """Ids (from 1) of the True entries, as words ``n`` and ``n:m``."""
     padded = np.concatenate([[False], np.asarray(mask, bool), [False]]).astype(np.int8)
     starts, ends = np.flatnonzero(np.diff(padded) == 1) + 1, np.flatnonzero(np.diff(padded) == -1)
     return [f"{first}" if first == last else f"{first}:{last}" for first, last in zip(starts.tolist(), ends.tolist(), strict=True)]
 
 
 def group_lines(name: str, mask: np.ndarray) -> Iterator[str]:
-    """Commands that put beads into a group, each on several lines if it is long."""
+    """Commands that put beads into a group; long ones are continued on further lines."""
     ids = id_words(mask)
     for k in range(0, len(ids), _GROUP):
         words = ["group", name, "id", *ids[k : k + _GROUP]]
@@ -172,19 +172,19 @@ def group_lines(name: str, mask: np.ndarray) -> Iterator[str]:
 # -- styles ---------------------------------------------------------------------------------------------------------------------
 @dataclass
 class StyleUse:
-    """One pair style and its coefficients."""
+    """A pair style of an export and its coefficients."""
 
     name: str
     settings: str  #: Words after the name, with ``{start}``, ``{stop}`` and ``{seed}`` where temperatures and seed go
-    coefficients: dict[Pair, str]  #: By pair of the scene's bead types
+    coefficients: dict[Pair, str]  #: Coefficients by pair of the scene's bead types
     cutoff: float  #: Largest range, nm
-    modify: str = ""  #: Words of a pair_modify command, if it needs one
-    constant: bool = False  #: Whether its temperature is 0 at any temperature of the scene (it has no friction)
+    modify: str = ""  #: Arguments of a pair_modify command, if one is needed
+    constant: bool = False  #: Whether its temperature is always 0, since it has no friction
 
 
 @dataclass
 class PairExport:
-    """What the translation of tables needs to know, and the files it makes."""
+    """Input of the translation of tables, and the files it makes."""
 
     scene: Scene
     units: UnitSystem
@@ -200,19 +200,19 @@ class PairExport:
         return not isinstance(kT, float) and kT.kT_start != kT.kT_end
 
     def require_reduced(self, what: str) -> None:
-        """ParameterError if LAMMPS has not this kind of terms with the units, or the temperature, of the scene."""
+        """Raise ParameterError if LAMMPS does not have such terms with the units, or the temperature ramp, of the scene."""
         if self.ramps and what != "EDPD":
-            raise ParameterError(f"{what} goes with one temperature in LAMMPS, but the scene has a ramp; LAMMPS has ramps for DPD only")
+            raise ParameterError(f"{what} has a constant temperature in LAMMPS, but the scene has a ramp; LAMMPS has ramps for DPD only")
         if self.units.name != "lj":
-            raise ParameterError(f"{what} goes with units lj only in LAMMPS, not with units {self.units.name}")
+            raise ParameterError(f"{what} requires units lj in LAMMPS, not units {self.units.name}")
 
 
 def plain_use(name: str, settings: str, columns: Columns, export: PairExport, entries: dict[Pair, Any], modify: str = "") -> StyleUse:
-    """Use of a style whose coefficients are some numbers and the cutoff; ``settings`` has ``{cutoff}`` where the longest one goes."""
+    """Use of a style whose coefficients are numbers and a cutoff; ``{cutoff}`` in ``settings`` is replaced by the longest cutoff."""
     units, longest = export.units, max(c.cutoff for c in entries.values())
     words = {pair: exact([*columns.of(c, units), c.cutoff / units.length]) for pair, c in entries.items()}
     return StyleUse(name, settings.replace("{cutoff}", exact(longest / units.length)), words, longest, modify)
 
 
-#: From the kind of a table of a scene to the styles that say the same.
+#: Export functions, by the kind of a scene's table.
 Exports = dict[type, Callable[[PairExport, dict[Pair, Any]], list[StyleUse]]]

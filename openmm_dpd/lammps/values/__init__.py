@@ -1,1 +1,1 @@
-"""What columns and formulas can name: thermo words, computes, variables."""
+"""Values that columns and formulas can name: thermo words, computes, variables."""

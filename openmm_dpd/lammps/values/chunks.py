@@ -17,29 +17,29 @@ _STYLES = {"bin/1d": 1, "bin/2d": 2, "bin/3d": 3}
 _USAGE = "compute ID group chunk/atom bin/1d|bin/2d|bin/3d x|y|z lower|center|upper|coordinate thickness ..."
 _ENDS = ("lower", "center", "upper")
 _SIZES = {"units": 1, "discard": 1, "bound": 3, "region": 1, "nchunk": 1, "ids": 1, "limit": 1, "compress": 1, "pbc": 1}
-#: More bins than that are a mistake.
+#: More bins than this are rejected as a mistake.
 _MOST = 10_000_000
 
 
 @dataclass(frozen=True)
 class Slicing:
-    """How one axis is cut; lengths in the deck's unit, or in fractions of the edge if ``reduced``."""
+    """How one axis is cut into slices; lengths are in the deck's unit, or fractions of the edge if ``reduced``."""
 
     axis: int  #: 0, 1 or 2
     origin: str | float  #: ``lower``, ``center``, ``upper``, or the coordinate of the face of some slice
     thickness: float
     reduced: bool = False
-    bound: tuple[float | None, float | None] = (None, None)  #: Ends that are not those of the box
+    bound: tuple[float | None, float | None] = (None, None)  #: Lower and upper end; None means the end of the box
 
     def slices(self, box: Box) -> tuple[float, int, float]:
-        """Where the first slice begins, how many there are in a box (deck units), and the part of its volume that each has."""
+        """Start of the first slice, number of slices in a box (deck units), and the fraction of its volume in each slice."""
         low, high = (0.0, 1.0) if self.reduced else (float(box.low[self.axis]), float(box.high[self.axis]))
         edge = high - low
         low, high = (end if end is not None else of_box for end, of_box in zip(self.bound, (low, high), strict=True))
         ends = {"lower": low, "center": 0.5 * (low + high), "upper": high}
         origin = ends[self.origin] if isinstance(self.origin, str) else self.origin
-        # faces are at origin + n*thickness; the outermost are those at the ends or just beyond, and a face a rounding error off an end
-        # counts as being there
+        # faces are at origin + n*thickness; the outermost ones are at the ends or just beyond, and a face within rounding of an end counts
+        # as being there
         first = np.floor((low - origin) / self.thickness + 1e-9)
         last = np.ceil((high - origin) / self.thickness - 1e-9)
         if not 1 <= last - first <= _MOST:
@@ -51,7 +51,7 @@ class Slicing:
 
 @dataclass(frozen=True)
 class Bins:
-    """Bins of one volume, those along the last axis one after the other: first face, thickness and number of slices of each axis."""
+    """Bins with the same volume, ordered with the last axis fastest: first face, thickness and number of slices of each axis."""
 
     starts: tuple[float, ...]
     thicknesses: tuple[float, ...]
@@ -65,7 +65,7 @@ class Bins:
 
     @property
     def centres(self) -> np.ndarray:
-        """(count, axes) coordinates of the middle of each bin."""
+        """(count, axes) coordinates of the centre of each bin."""
         axes = zip(self.starts, self.thicknesses, self.counts, strict=True)
         grids = np.meshgrid(*(start + (np.arange(count) + 0.5) * thickness for start, thickness, count in axes), indexing="ij")
         return np.stack([grid.ravel() for grid in grids], axis=1)
@@ -75,11 +75,11 @@ class Bins:
 class Binning:
     """Settings of a compute chunk/atom."""
 
-    axes: tuple[Slicing, ...]  #: The axes that are cut, the one that changes slowest first
-    #: What becomes of beads beyond the slices: ``no`` (they count in the last slice), ``yes`` (they are left out), ``mixed`` (left out only
-    #: where ``bound`` has put an end).
+    axes: tuple[Slicing, ...]  #: The axes that are cut, slowest first
+    #: Treatment of beads beyond the slices: ``no`` (counted in the outermost slice), ``yes`` (left out), ``mixed`` (left out only beyond an
+    #: end set by ``bound``).
     discard: str = "mixed"
-    region: str | None = None  #: Only beads in this region count
+    region: str | None = None  #: Region that beads must be in to be counted
 
     def bins(self, box: Box) -> Bins:
         """The bins in a box (deck units)."""
@@ -91,7 +91,7 @@ class Binning:
 
 
 def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
-    """Settings from the words after ``chunk/atom``.  ParameterError for styles and options not supported, values out of bounds."""
+    """Settings from the words after ``chunk/atom``.  ParameterError for unsupported styles and options, and values out of bounds."""
     read.count(words, _USAGE, 1, None)
     n = 3 * read.style(_STYLES, "compute chunk/atom", words[0])
     read.count(words, _USAGE, 1 + n, None)
@@ -105,7 +105,7 @@ def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
     axes = [_axis(state, words[k : k + 3], units) for k in range(1, 1 + n, 3)]
     used = ["xyz"[axis.axis] for axis in axes]
     if len(set(used)) < len(used):
-        raise ParameterError(f"compute chunk/atom {words[0]}: every axis can be cut once only, not {', '.join(used)}")
+        raise ParameterError(f"compute chunk/atom {words[0]}: each axis can be cut only once, not {', '.join(used)}")
     for keyword, values in given:
         if keyword == "bound":
             if values[0] not in used:
@@ -123,7 +123,7 @@ def _check_options(state: DeckState, options: dict[str, list[str]]) -> None:
         if options.get(keyword, [allowed])[0] != allowed:
             raise ParameterError(f"compute chunk/atom: {keyword} {options[keyword][0]} is not supported")
     if read.choice(options.get("nchunk", ["every"])[0], "nchunk", ("once", "every")) == "once":
-        state.note("compute chunk/atom: nchunk once has no meaning: bins follow the box if it changes")
+        state.note("compute chunk/atom: nchunk once has no effect: bins follow the box if it changes")
     if "region" in options and options["region"][0] not in state.regions:
         raise ParameterError(f"compute chunk/atom: there is no region '{options['region'][0]}'")
 
@@ -145,12 +145,12 @@ def _bound(words: list[str], scale: float) -> tuple[float | None, float | None]:
     low = None if words[1] == "lower" else read.number(words[1], "the lower bound") * scale
     high = None if words[2] == "upper" else read.number(words[2], "the upper bound") * scale
     if low is not None and high is not None and low >= high:
-        raise ParameterError(f"compute chunk/atom: the lower bound {words[1]} is not below the upper one, {words[2]}")
+        raise ParameterError(f"compute chunk/atom: the lower bound {words[1]} is not below the upper bound {words[2]}")
     return low, high
 
 
 def chunk_numbers(moment: DeckMoment, compute: Compute, bins: Bins) -> np.ndarray:
-    """(N,) number of the bin of each bead, from 0; -1 for beads that are in none, or not in the group of the compute."""
+    """(N,) bin of each bead, from 0; -1 for beads that are in no bin or not in the group of the compute."""
     binning: Binning = compute.settings
     positions, _ = moment.folded
     fractions = moment.box.fractions(positions) if binning.axes[0].reduced else positions
@@ -159,7 +159,7 @@ def chunk_numbers(moment: DeckMoment, compute: Compute, bins: Bins) -> np.ndarra
         counted = counted & moment.state.region(binning.region).contains(positions)
     total = np.zeros(len(positions), dtype=np.int64)
     for axis, start, count in zip(binning.axes, bins.starts, bins.counts, strict=True):
-        # times the inverse, as LAMMPS has it: a bead on a face belongs to one slice or the other by the last bit
+        # multiplied by the inverse, as in LAMMPS: the last bit decides to which slice a bead on a face belongs
         number = np.floor((fractions[:, axis.axis] - start) * (1 / axis.thickness)).astype(np.int64)
         beyond = (number < 0, number >= count)
         for outside, end in zip(beyond, axis.bound, strict=True):

@@ -17,7 +17,7 @@ from .per_bead import BEAD_WORDS, PER_BEAD, check_carried
 from .structure_computes import STRUCTURE
 from .temperature_computes import TEMPERATURES
 
-#: One word for several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
+#: A reference to several values: ``c_id[*]``, ``c_id[2*4]``, ``f_id[*]``.
 _WILD = re.compile(r"([cf])_(\w+)\[(\d*\*\d*)\]", re.ASCII)
 
 
@@ -40,12 +40,12 @@ def _check_pressure(state: DeckState, group: str, words: list[str]) -> None:
     _all_only("pressure", ("virial", "ke"))(state, group, words[1:])
 
 
-#: Parts of the potential energy that compute pe can be asked for.
+#: Parts of the potential energy that compute pe can select.
 _PARTS = ("pair", "bond", "angle", "dihedral")
 
 
 def potential_energy(moment: DeckMoment, parts: Sequence[str] = _PARTS) -> float:
-    """Sum of these parts of the potential energy, in the deck's units."""
+    """Sum of parts of the potential energy, in the deck's units."""
     return sum(moment.energy(f"{part}_energy") for part in parts)
 
 
@@ -82,7 +82,7 @@ def _dpd(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 # -- values of single beads, by name -------------------------------------------------------------------------------------------
 def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads") -> None:
-    """Raise ParameterError unless a word names a value that every bead has."""
+    """Raise ParameterError unless a word names a per-bead value."""
     if word.startswith("v_"):
         style = state.variables.get(word[2:]).style
         if style != "atom":
@@ -116,7 +116,7 @@ _MODES: dict[str, Callable[[np.ndarray], float]] = {
 }
 
 
-#: Of no beads at all, where that is not 0.
+#: Values for an empty group, where they are not 0.
 _OF_NONE = {"min": 1e20, "max": -1e20}
 
 
@@ -170,19 +170,19 @@ COMPUTES: dict[str, ComputeSpec] = {
 }
 
 
-#: Computes that exist without being defined, and the thermo word that a column of this name stands for.
+#: Predefined computes, and the thermo word equivalent to each.
 BUILT_IN = {"thermo_temp": "temp", "thermo_press": "press", "thermo_pe": "pe"}
 
 
 def _built_in(state: DeckState, name: str) -> Compute:
-    """What would define it: the temperature and potential energy of all beads, and their pressure with that temperature."""
+    """The definition of a predefined compute: temperature or potential energy of all beads, or their pressure with that temperature."""
     press, pe = Compute(name, "all", "pressure", ("thermo_temp",)), Compute(name, "all", "pe")
     return {"thermo_temp": state.thermo_temp, "thermo_press": press, "thermo_pe": pe}[name]
 
 
 # -- names of values -----------------------------------------------------------------------------------------------------------
 def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, ComputeSpec]:
-    """A compute of the deck and its style; ParameterError, which begins with ``word``, if there is none."""
+    """A compute of the deck and its style.  ParameterError, with ``word`` as prefix, if there is none."""
     if name not in state.computes and name not in BUILT_IN:
         known = [*BUILT_IN, *state.computes]
         raise ParameterError(
@@ -193,7 +193,7 @@ def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, Co
 
 
 def average_of(state: DeckState, name: str) -> Any:
-    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` or force fix of this name; ParameterError if there is none."""
+    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` or force fix with this name.  ParameterError if there is none."""
     average = None
     if name in state.fixes:
         force = ForceVector(name) if state.fixes[name].style in VECTOR_FIXES else None
@@ -207,7 +207,7 @@ def average_of(state: DeckState, name: str) -> Any:
 
 
 def is_extensive(state: DeckState, word: str) -> bool:
-    """Whether ``c_id``, ``f_id`` or ``v_name`` (with indices) is a sum over beads, which thermo output may divide by their number."""
+    """Whether the value of ``c_id``, ``f_id`` or ``v_name`` (with indices) is a sum over beads, which thermo output may normalise."""
     kind, name, indices = reference(word)
     if kind == "v":
         return False
@@ -220,7 +220,7 @@ def is_extensive(state: DeckState, word: str) -> bool:
 def check_value(
     state: DeckState, name: str, index: int | None = None, column: int | None = None, *, word: str = ""
 ) -> tuple[Compute, ComputeSpec]:
-    """The compute and its style; ParameterError unless ``c_name``, ``c_name[index]`` or ``c_name[index][column]`` may be a number."""
+    """The compute and its style.  ParameterError unless ``c_name``, ``c_name[index]`` or ``c_name[index][column]`` is a number."""
     compute, spec = compute_of(state, name, word)
     what = f"{word}{': ' if word else ''}compute {name} (style {compute.style})"
     if name in BUILT_IN and index is not None:
@@ -243,8 +243,8 @@ def check_value(
 
 
 def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tuple[str, ...]:
-    """The words with every ``*`` in an index written out; with ``tables`` only columns of the tables of computes.  ParameterError if a word
-    with a ``*`` names nothing that has several values, or a range has numbers that are not there."""
+    """The words with every ``*`` in an index expanded; with ``tables`` only columns of the tables of computes.  ParameterError if such a
+    word names nothing with several values, or a range is out of bounds."""
     found: list[str] = []
     for word in words:
         match = _WILD.fullmatch(word)
@@ -257,13 +257,13 @@ def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tu
             continue
         size = count_of(state, kind, name)
         if size == 0:
-            raise ParameterError(f"{word}: {'compute' if kind == 'c' else 'fix'} {name} has not several values")
+            raise ParameterError(f"{word}: {'compute' if kind == 'c' else 'fix'} {name} does not have several values")
         found += [f"{kind}_{name}[{k}]" for k in read.numeric_range(index, size, f"value of {kind}_{name}")]
     return tuple(found)
 
 
 def count_of(state: DeckState, kind: str, name: str) -> int:
-    """Number of values of the compute (kind ``c``) or fix (``f``) of this name: columns where every bead has some, 0 for a single one."""
+    """Number of values of a compute (kind ``c``) or fix (``f``): columns for per-bead values and tables, 0 for a single value."""
     if kind == "f":
         return average_of(state, name).size
     compute, spec = compute_of(state, name)

@@ -1,4 +1,4 @@
-"""Values of single beads: the words of ``compute property/atom`` and ``fix ave/chunk``, and the computes that have one value per bead."""
+"""Per-bead values: the words of ``compute property/atom`` and ``fix ave/chunk``, and the computes with per-bead values."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ from ..state.moment import DeckMoment
 from ..state.records import Compute
 from .compute_spec import ComputeSpec, no_arguments
 
-#: A value that every bead has: from a moment to (N,) in the deck's units.
+#: A per-bead value: (N,) in the deck's units at a moment.
 BeadWord = Callable[[DeckMoment], np.ndarray]
 
 
@@ -21,15 +21,15 @@ def _masses(moment: DeckMoment) -> np.ndarray:
     return moment.state.bead_masses() / moment.units.mass
 
 
-#: Words for what beads of some atom styles only have.
+#: Words that require one of these atom styles.
 _OF_STYLES = {"mol": BONDED_STYLES, "q": CHARGED_STYLES}
 
 
 def check_carried(state: DeckState, word: str) -> None:
-    """ParameterError if beads of the deck's atom style have no such value."""
+    """Raise ParameterError if the deck's atom style has no such value."""
     styles = _OF_STYLES.get(word)
     if styles is not None and state.atom_style not in styles:
-        raise ParameterError(f"beads of atom_style {state.atom_style} have no {word}; those of {', '.join(styles)} have")
+        raise ParameterError(f"atom_style {state.atom_style} has no {word}; use one of {', '.join(styles)}")
 
 
 def _carried(word: str, array: Callable[[Atoms], np.ndarray]) -> BeadWord:
@@ -67,7 +67,7 @@ def _words() -> dict[str, BeadWord]:
     return words
 
 
-#: Values that every bead has.
+#: Per-bead values by word.
 BEAD_WORDS = _words()
 
 
@@ -75,7 +75,7 @@ def _density(moment: DeckMoment) -> np.ndarray:
     return moment.field("density") * moment.units.length**3 / moment.units.mass
 
 
-#: What compute property/atom knows: on top of these the local density of mdpd.
+#: Words of compute property/atom: all of these, and the local density of mdpd.
 PROPERTIES = BEAD_WORDS | {"rho": _density}
 
 
@@ -117,7 +117,7 @@ def _species(state: DeckState, group: str, words: list[str]) -> int:
     return state.species(words[0], "compute tdpd/cc/atom")
 
 
-#: Computes with values of single beads.
+#: Computes with per-bead values.
 PER_BEAD: dict[str, ComputeSpec] = {
     "property/atom": ComputeSpec(
         _check_property,

@@ -1,4 +1,4 @@
-"""What the names in a formula or a column mean at one moment."""
+"""Values of the names in a formula or a column at one moment."""
 
 import math
 
@@ -18,7 +18,7 @@ from .words import WORDS
 
 
 class Resolver(DeckMoment):
-    """A moment at which names have values: those that :func:`~openmm_dpd.lammps.language.expressions.evaluate` asks for, and more."""
+    """A moment at which names have values, for :func:`~openmm_dpd.lammps.language.expressions.evaluate` and for output."""
 
     def formula(self, text: str) -> float:
         """Value of a formula."""
@@ -39,7 +39,7 @@ class Resolver(DeckMoment):
         return self.state.variables.operand(name, self.formula)
 
     def variable_alone(self, name: str) -> float:
-        """Value of ``v_name`` by itself."""
+        """Value of ``v_name`` outside formulas."""
         return self.state.variables.value(name, self.formula)
 
     def compute(self, name: str, index: int | None = None, column: int | None = None) -> float:
@@ -59,7 +59,7 @@ class Resolver(DeckMoment):
         return float(values[index - 1])
 
     def compute_vector(self, name: str, column: int | None = None) -> np.ndarray:
-        """All values of ``c_name``, or of ``c_name[column]`` of a table; ParameterError if the compute has no vector."""
+        """All values of ``c_name``, or the column ``c_name[column]`` of its table.  ParameterError if it has none."""
         compute, spec = compute_of(self.state, name)
         if spec.array is not None and spec.tabled(compute) and column is not None:
             return spec.array(self, compute)[:, column - 1]
@@ -68,22 +68,22 @@ class Resolver(DeckMoment):
         return spec.vector(self, compute)
 
     def bead_compute(self, name: str, column: int | None) -> np.ndarray:
-        """(N,) values of ``c_name`` or ``c_name[column]``, a compute with values of single beads."""
+        """(N,) values of ``c_name`` or ``c_name[column]``, a compute with per-bead values."""
         compute, spec = compute_of(self.state, name)
         if spec.per_bead is None:
             raise ParameterError(f"compute {name} (style {compute.style}) has no values of single beads")
         values = spec.per_bead(self, compute)
-        if column is not None and (values.ndim == 1 or column > values.shape[1]):  # it was defined anew
-            raise ParameterError(f"compute {name} (style {compute.style}) has no column {column} any more")
+        if column is not None and (values.ndim == 1 or column > values.shape[1]):  # it was redefined
+            raise ParameterError(f"compute {name} (style {compute.style}) no longer has a column {column}")
         return values if column is None else values[:, column - 1]
 
     def _of_bead(self, name: str, bead: int | None) -> float:
-        """Value of the bead with the id ``bead`` of a compute with one value per bead."""
+        """Value of a compute for the bead with the id ``bead``."""
         if bead is None:
             raise ParameterError(f"compute {name} has values of single beads; use c_{name}[id], compute reduce or fix ave/chunk")
         values = self.bead_compute(name, None)
         if values.ndim > 1:
-            raise ParameterError(f"compute {name} has {values.shape[1]} values per bead; only computes with one can be asked for a bead")
+            raise ParameterError(f"compute {name} has {values.shape[1]} values per bead; c_id[id] requires a compute with one")
         return float(values[self._bead(bead, f"c_{name}")])
 
     def _bead(self, identity: int, what: str) -> int:
@@ -94,14 +94,14 @@ class Resolver(DeckMoment):
             raise ParameterError(f"{what}[{identity}]: there is no bead with the id {identity}") from None
 
     def number(self, word: str) -> float:
-        """Value of ``c_id``, ``f_id`` or ``v_name``, perhaps with indices, by itself."""
+        """Value of ``c_id``, ``f_id`` or ``v_name``, possibly with indices, outside formulas."""
         kind, name, indices = reference(word)
         if kind == "v":
             return self.variable_alone(name)
         return self.fix(name, *indices) if kind == "f" else self.compute(name, *indices)
 
     def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
-        """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: that of the last average, 0 before the first."""
+        """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: the last average, 0 before the first."""
         found, indices = average_of(self.state, name), [k for k in (index, column) if k is not None]
         if isinstance(found, ForceVector):
             found.check_index(*indices)
@@ -109,12 +109,12 @@ class Resolver(DeckMoment):
         return found.value(*indices)
 
     def fix_vector(self, name: str) -> np.ndarray:
-        """All values of ``f_name``; ParameterError if it has no vector."""
+        """All values of ``f_name``.  ParameterError if it has no vector."""
         average = average_of(self.state, name)
         if isinstance(average, ForceVector):
             before = self.need("before")
             if name not in before:
-                raise ParameterError(f"f_{name}: the fix has not acted yet; it does in the next run")
+                raise ParameterError(f"f_{name}: the fix has not acted yet; it acts in the next run")
             return before[name] / self.units.force
         if not average.size:
             raise ParameterError(f"there is no fix '{name}' with a vector")
@@ -122,7 +122,7 @@ class Resolver(DeckMoment):
 
     # -- values of all beads ----------------------------------------------------------------------------
     def bead_values(self, word: str) -> np.ndarray:
-        """(N,) values of a word: one of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
+        """(N,) values of a word of :data:`BEAD_WORDS`, ``c_id``, ``c_id[column]``, or ``v_name`` of an atom-style variable."""
         if word.startswith("v_"):
             return np.asarray(self.bead_variable(word[2:]))
         if word.startswith("c_"):
@@ -131,17 +131,17 @@ class Resolver(DeckMoment):
         return BEAD_WORDS[word](self)
 
     def bead_variable(self, name: str) -> np.ndarray | float:
-        """Value of ``v_name``: one number, or (N,) values of an atom-style variable."""
+        """Value of ``v_name``: a number, or (N,) values if it is an atom-style variable."""
         if self.state.variables.get(name).style != "atom":
             return self.variable(name)
         return self.state.variables.bead_values(name, lambda text: evaluate_beads(text, self, len(self.state.atoms)))
 
     def is_bead_compute(self, name: str) -> bool:
-        """Whether a compute has values of single beads."""
+        """Whether a compute has per-bead values."""
         return name in self.state.computes and COMPUTES[self.state.computes[name].style].per_bead is not None
 
     def group(self, function: str, arguments: list[str]) -> float:
-        """Value of ``count(group)`` and its relatives."""
+        """Value of a group function such as ``count(group)``."""
         mask = self._members(function, arguments)
         if function == "count":
             return float(mask.sum())
@@ -152,7 +152,7 @@ class Resolver(DeckMoment):
         if function == "mass":
             return float(masses.sum()) / self.units.mass
         if not mask.any():
-            raise ParameterError(f"{function}({', '.join(arguments)}) asks for a group without beads")
+            raise ParameterError(f"{function}({', '.join(arguments)}): the group has no beads")
         if function == "ke":
             return self.kinetic_of(masses, self.velocities[mask]) / self.units.energy
         if function == "bound":
@@ -160,7 +160,7 @@ class Resolver(DeckMoment):
         return float(self.state.mass_average(self.velocities if function == "vcm" else self.unwrapped, mask)["xyz".index(arguments[1])])
 
     def _members(self, function: str, arguments: list[str]) -> np.ndarray:
-        """Beads that a group function is about, after a check of its arguments."""
+        """Mask of the beads that a group function uses, after a check of its arguments."""
         needed = 2 if function in ("xcm", "vcm", "bound") else 1
         if not needed <= len(arguments) <= needed + 1:
             raise ParameterError(f"{function} takes {needed} argument(s) and perhaps a region, not {len(arguments)}")
@@ -179,21 +179,21 @@ class Resolver(DeckMoment):
         return float(column.min() if word[1:] == "min" else column.max())
 
     def atom(self, quantity: str, bead: int) -> float:
-        """Value of one bead, by its id."""
+        """Value of the bead with this id."""
         atoms, index = self.state.atoms, self._bead(bead, quantity)
         integers = {"id": atoms.ids, "type": atoms.types}
         return float(integers[quantity][index] if quantity in integers else BEAD_WORDS[quantity](self)[index])
 
     def call(self, function: str, arguments: list[float]) -> float:
-        """Functions that depend on the step or on random numbers."""
+        """Value of a function that depends on the step or on random numbers."""
         if function in ("random", "normal"):
             if arguments[2] < 1 or arguments[2] != int(arguments[2]):
                 raise ParameterError(f"the seed of {function} must be a whole number of at least 1, not {arguments[2]:g}")
-            # one generator for all formulas, seeded by the first that draws, as in LAMMPS
+            # as in LAMMPS, all formulas share one generator, seeded by the first that draws
             generator = self.state.generators.setdefault("formulas", np.random.default_rng(int(arguments[2])))
             return float((generator.uniform if function == "random" else generator.normal)(arguments[0], arguments[1]))
         if self.window is None:
-            raise ParameterError(f"the function {function} has a value during a run only")
+            raise ParameterError(f"the function {function} can only be used during a run")
         if function == "ramp":
             length = self.window.end - self.window.begin
             done = (self.step - self.window.begin) / length if length else 0.0
@@ -206,21 +206,21 @@ class Resolver(DeckMoment):
 
 
 def present(state: DeckState) -> Resolver:
-    """A deck between two commands, with what was measured at its present step."""
+    """A deck between two commands, with the measurement of its present step if there is one."""
     sample = state.last_sample
     return Resolver(state, sample if sample is not None and sample.step == state.step else None)
 
 
-# -- formulas of beads
+# -- atom-style formulas ---------------------------------------------------------------------------------------------------------
 class _BeadFormula(Formula):
-    """One evaluation of a formula with a value for each bead."""
+    """A formula evaluated for every bead."""
 
     kind = "beads"
     resolver: Resolver
 
     def name(self, token: str):
         if token in ("random", "normal"):
-            self.fail(f"{token} is supported in equal-style variables only")
+            self.fail(f"{token} is only supported in equal-style variables")
         if token.startswith("v_"):
             return self.resolver.bead_variable(token[2:])
         if token.startswith("c_") and self.resolver.is_bead_compute(token[2:]):
@@ -243,8 +243,8 @@ class _BeadFormula(Formula):
 
 
 def evaluate_beads(text: str, resolver: Resolver, n: int) -> np.ndarray:
-    """(n,) values of an atom-style formula, such as ``0.5*mass*(vx^2+vy^2)``, one for each of n beads.  ParameterError as :func:`evaluate`,
-    for any of the beads."""
+    """(n,) values of an atom-style formula such as ``0.5*mass*(vx^2+vy^2)`` for n beads.  ParameterError for the same reasons as
+    :func:`evaluate`, for any of the beads."""
     formula = _BeadFormula(text, resolver)
     try:
         with np.errstate(divide="raise", invalid="raise", over="raise"):

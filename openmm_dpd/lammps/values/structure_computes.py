@@ -21,7 +21,8 @@ from .compute_spec import ComputeSpec, no_arguments
 # -- compute rdf --------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Distribution:
-    """Settings of a compute rdf: bins, the two sets of bead types of each g(r), and the largest distance (deck units) if it is given."""
+    """Settings of a compute rdf: number of bins, the two sets of bead types of each g(r), and the largest distance (deck units) if
+    given."""
 
     bins: int
     types: tuple[tuple[range, range], ...]
@@ -29,7 +30,7 @@ class Distribution:
 
 
 def parse_distribution(state: DeckState, group: str, words: list[str]) -> Distribution:
-    """Settings of ``rdf Nbin itype1 jtype1 itype2 jtype2 ... cutoff Rcut``."""
+    """Parse the arguments of ``rdf Nbin itype1 jtype1 itype2 jtype2 ... cutoff Rcut``."""
     usage = "compute ID group rdf Nbin itype1 jtype1 ... [cutoff Rcut]"
     read.count(words, usage, 1, None)
     if not all(state.periodic):
@@ -47,7 +48,7 @@ def parse_distribution(state: DeckState, group: str, words: list[str]) -> Distri
 
 
 def _longest_cutoff(moment: DeckMoment) -> float:
-    """Longest cutoff of the pair forces, in deck units; that of charges is one."""
+    """Longest cutoff of the pair forces, charges included, in deck units."""
     cutoffs = [
         getattr(entry, "cutoff", 0.0) / moment.units.length for table in pair_tables(moment.state) for entry in table.entries.values()
     ]
@@ -58,7 +59,7 @@ def _longest_cutoff(moment: DeckMoment) -> float:
 
 
 def _excluded(state: DeckState) -> np.ndarray:
-    """Bonded neighbours that the pair list leaves out, as i * N + j with i < j."""
+    """Bonded neighbours excluded from the pair list, as i * N + j with i < j."""
     n = len(state.atoms)
     if not len(state.bonds) or 0.0 not in state.special:
         return np.zeros(0, dtype=np.int64)
@@ -68,7 +69,7 @@ def _excluded(state: DeckState) -> np.ndarray:
 
 
 def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    """Middles of the bins, then g(r) and the number of neighbours up to r for each pair of sets of types."""
+    """Centres of the bins, then g(r) and the number of neighbours up to r for each pair of sets of types."""
     settings: Distribution = compute.settings
     state, box = moment.state, moment.box
     reach = settings.cutoff or _longest_cutoff(moment)
@@ -85,7 +86,7 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
     for first, second in settings.types:
         a, b = np.isin(types, first), np.isin(types, second)
         counts = np.bincount(np.concatenate([bins[a[i] & b[j]], bins[a[j] & b[i]]]), minlength=settings.bins)
-        # a bead is no neighbour of itself
+        # a bead is not its own neighbour
         pairs = a.sum() * b.sum() - (a & b).sum()
         columns.append(distribution_of_counts(counts, edges, float(pairs), box.volume) if pairs > 0 else np.zeros(settings.bins))
         columns.append(np.cumsum(counts) / a.sum() if pairs > 0 else np.zeros(settings.bins))
@@ -95,16 +96,16 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
 # -- compute msd --------------------------------------------------------------------------------------------------------------
 @dataclass
 class Displacements:
-    """Settings of a compute msd, and the positions it counts from."""
+    """Settings of a compute msd, and its reference positions."""
 
-    com: bool  #: Whether the motion of the centre of mass of the group is taken off
-    average: bool  #: Whether displacements are counted from the mean of all positions so far
-    origin: np.ndarray  #: (n, 3) positions of the group (deck units) that displacements are counted from
-    count: int = 1  #: Positions that ``origin`` is the mean of
+    com: bool  #: Whether the motion of the group's centre of mass is subtracted
+    average: bool  #: Whether displacements are relative to the mean of all positions so far
+    origin: np.ndarray  #: (n, 3) reference positions of the group (deck units)
+    count: int = 1  #: Number of positions in the mean ``origin``
     _seen: tuple[Window, int] | None = field(default=None, repr=False)
 
     def include(self, moment: DeckMoment, positions: np.ndarray) -> None:
-        """Take the positions of a step into the mean, once in a run."""
+        """Add the positions of a step to the mean, once per step of a run."""
         if not self.average or moment.window is None or (self._seen and self._seen[0] is moment.window and self._seen[1] == moment.step):
             return
         self._seen = (moment.window, moment.step)
@@ -113,7 +114,7 @@ class Displacements:
 
 
 def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
-    """Settings of ``msd [com yes|no] [average yes|no]``, with the present positions as origin."""
+    """Parse the arguments of ``msd [com yes|no] [average yes|no]``; the present positions become the reference."""
     options = read.single(words, "compute msd", com="no", average="no")
     com = read.switch(options["com"], "com")
     atoms = state.atoms
@@ -122,18 +123,18 @@ def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displ
 
 
 def _members(state: DeckState, unwrapped: np.ndarray, group: str, com: bool) -> np.ndarray:
-    """Positions of a group, of those of all beads on continuous paths: from its centre of mass or from the origin."""
+    """Unwrapped positions of a group, relative to its centre of mass if ``com``."""
     mask = state.group(group)
     return unwrapped[mask] - (state.mass_average(unwrapped, mask) if com and mask.any() else 0.0)
 
 
 def _displacements(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    """Mean squares along x, y, z, and their sum."""
+    """Mean squared displacements along x, y, z, and their sum."""
     settings: Displacements = compute.settings
     positions = _members(moment.state, moment.unwrapped, compute.group, settings.com)
     if len(positions) != len(settings.origin):
         raise ParameterError(
-            f"compute {compute.name} (style msd): its group has {len(positions)} beads, but had {len(settings.origin)} when it was defined"
+            f"compute {compute.name} (style msd): its group has {len(positions)} beads, but had {len(settings.origin)} at its definition"
         )
     if not len(positions):
         return np.zeros(4)
@@ -144,7 +145,7 @@ def _displacements(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 # -- compute gyration ---------------------------------------------------------------------------------------------------------
 def _gyration_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    """xx, yy, zz, xy, xz, yz of the gyration tensor of the group."""
+    """Gyration tensor of the group: xx, yy, zz, xy, xz, yz."""
     mask = moment.state.group(compute.group)
     if not mask.any():
         return np.zeros(6)

@@ -1,4 +1,4 @@
-"""Computes of temperature: ``temp``, ``temp/partial``, ``temp/deform`` and ``temp/profile``, and what ``compute_modify`` says of them."""
+"""Temperature computes: ``temp``, ``temp/partial``, ``temp/deform`` and ``temp/profile``."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from ..state.moment import DeckMoment
 from ..state.records import Compute, Temperature
 from .compute_spec import ComputeSpec
 
-#: Divisions of the box by the axes that are cut.
+#: Divisions of the box, by the axes that are cut.
 _CUTS = ("x", "y", "z", "xy", "yz", "xz", "xyz")
 
 
@@ -40,7 +40,7 @@ def _profile(state: DeckState, group: str, words: list[str]) -> Temperature:
     read.count(words, usage, 5, None)
     streaming = _flags(words[:3], "temp/profile")
     if not any(streaming):
-        raise ParameterError("compute temp/profile takes nothing off: one of its flags must be 1")
+        raise ParameterError("compute temp/profile subtracts nothing: at least one of its flags must be 1")
     axes = read.choice(words[3], "the division of compute temp/profile", _CUTS)
     read.count(words, usage, 4 + len(axes), None)
     bins = [1, 1, 1]
@@ -48,7 +48,7 @@ def _profile(state: DeckState, group: str, words: list[str]) -> Temperature:
         bins["xyz".index(axis)] = read.integer(word, f"the number of bins along {axis}", 1)
     options = read.single(words[4 + len(axes) :], "compute temp/profile", out="tensor")
     table = read.choice(options["out"], "out", ("tensor", "bin")) == "bin"
-    # the mean velocity of the whole is taken off with those of the bins
+    # the overall mean velocity is subtracted with those of the bins
     return Temperature(streaming=streaming, bins=(bins[0], bins[1], bins[2]), table=table, extra=3.0 - sum(streaming))
 
 
@@ -59,7 +59,7 @@ def _of_bins(moment: DeckMoment, compute: Compute) -> np.ndarray:
     assert numbers is not None
     counts = np.bincount(numbers, minlength=settings.count)
     sums = np.bincount(numbers, masses * np.sum((velocities * moment.units.velocity) ** 2, axis=1), settings.count)
-    # each bead has its share of what the compute does not count
+    # each bead has its share of the uncounted degrees of freedom
     freedom = counts * (3 - settings.extra / max(len(masses), 1)) - sum(settings.streaming)
     kT = np.divide(sums, freedom, out=np.zeros(settings.count), where=(freedom > 0) & (counts > 0))
     return np.column_stack([counts, kT / moment.units.thermal_energy])

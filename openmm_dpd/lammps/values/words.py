@@ -1,4 +1,4 @@
-"""The table of thermo words: each is a value of a :class:`~openmm_dpd.lammps.state.moment.DeckMoment` in the deck's units."""
+"""The table of thermo words; each is a value of a :class:`~openmm_dpd.lammps.state.moment.DeckMoment` in the deck's units."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ class Word:
     """A thermo word."""
 
     header: str  #: Title of its column
-    value: Callable[[DeckMoment], float]  #: From a moment to the value, normalised where LAMMPS normalises it
+    value: Callable[[DeckMoment], float]  #: Value at a moment, normalised where LAMMPS normalises it
     integer: bool = False  #: Whether it is a whole number
 
 
@@ -98,7 +98,7 @@ def _tensor_words() -> dict[str, Word]:
     return {f"p{name}": Word(f"P{name}", partial(DeckMoment.pressure_component, index=k)) for k, name in enumerate(names)}
 
 
-#: Thermo words.  The last two are not LAMMPS's.
+#: Thermo words.  The last two are additions to LAMMPS's.
 WORDS: dict[str, Word] = {
     "step": Word("Step", lambda c: c.step, integer=True),
     "elapsed": Word("Elapsed", _elapsed, integer=True),
