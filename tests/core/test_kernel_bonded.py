@@ -10,7 +10,7 @@ from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import RunError
-from openmm_dpd.kernels.angles import angle
+from openmm_dpd.kernels.bonded import angle
 from openmm_dpd.kernels.extras import _kernel, warm_up_extras
 from openmm_dpd.plan.kinds import bonded_forces
 from openmm_dpd.plan.pair_spec import extras

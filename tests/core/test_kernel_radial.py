@@ -11,8 +11,7 @@ from scenes import BOXES as MORE_BOXES, MASSES, beads, fluid
 
 import openmm_dpd as dpd
 from openmm_dpd.base.names import BODY_FORCE, PAIR_FORCE
-from openmm_dpd.kernels.angles import CosineAngleTerms
-from openmm_dpd.kernels.bonded import FENEBondTerms, HarmonicBondTerms
+from openmm_dpd.kernels.bonded import CosineAngleTerms, FENEBondTerms, HarmonicBondTerms
 from openmm_dpd.kernels.external import BodyTerms
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.radial import RadialTerms

@@ -22,9 +22,7 @@ from scenes import beads, stepped
 import openmm_dpd as dpd
 from openmm_dpd.advice.bonded_modes import bonded_modes
 from openmm_dpd.base import serialized
-from openmm_dpd.kernels.angles import AngleTerms
-from openmm_dpd.kernels.bonded import BondTerms
-from openmm_dpd.kernels.dihedrals import DihedralTerms
+from openmm_dpd.kernels.bonded import AngleTerms, BondTerms, DihedralTerms
 from openmm_dpd.lammps import deck_scene, export_lammps
 from openmm_dpd.measure.stress_parts import angle_sums, bond_sums, dihedral_sums, stress_parts
 from openmm_dpd.model.angles import Angles, Dihedrals

@@ -7,12 +7,10 @@ import openmm
 
 from ...base.errors import ParameterError
 from ...base.serialized import trust
-from ...kernels.angles import CosineAngleTerms, HarmonicAngleTerms
-from ...kernels.bonded import WCA_END, FENEBondTerms, HarmonicBondTerms, MorseBondTerms
-from ...kernels.dihedrals import HarmonicDihedralTerms, MultiHarmonicDihedralTerms, OPLSDihedralTerms
+from ...kernels import bonded as compiled
 from ...kernels.extras import BondedKernel
 from ...model.angles import CosineAngles, HarmonicAngles, HarmonicDihedrals, MultiHarmonicDihedrals, OPLSDihedrals
-from ...model.bonds import BondedTerms, FENEBonds, HarmonicBonds, MorseBonds
+from ...model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds
 from ..forces.bonded import Energy, bonded_force
 
 
@@ -23,8 +21,8 @@ class BondedKind:
     #: A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles` or
     #: :class:`~openmm_dpd.model.angles.Dihedrals`: coefficients with bounds, energy and two derivatives.
     terms: type[BondedTerms]
-    #: The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.angles.AngleTerms` or
-    #: :class:`~openmm_dpd.kernels.dihedrals.DihedralTerms` with a formula.
+    #: The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.bonded.AngleTerms` or
+    #: :class:`~openmm_dpd.kernels.bonded.DihedralTerms` with a formula.
     kernel: type[BondedKernel]
     #: The same terms as forces of OpenMM's.  The first one has the name of the kind, such as "harmonic bonds".
     energies: tuple[Energy, ...]
@@ -81,28 +79,28 @@ def bonded_forces(groups: Sequence[BondedTerms], periodic: bool) -> list[openmm.
 _KINDS = (
     BondedKind(
         terms=HarmonicAngles,
-        kernel=HarmonicAngleTerms,
+        kernel=compiled.HarmonicAngleTerms,
         energies=(Energy("harmonic angles", None),),
         style="harmonic",
         words={"k": ("energy", "K"), "theta0": ("degrees", "theta0")},
     ),
     BondedKind(
         terms=CosineAngles,
-        kernel=CosineAngleTerms,
+        kernel=compiled.CosineAngleTerms,
         energies=(Energy("cosine angles", "k*(1+cos(theta))"),),
         style="cosine",
         words={"k": ("energy", "K")},
     ),
     BondedKind(
         terms=HarmonicBonds,
-        kernel=HarmonicBondTerms,
+        kernel=compiled.HarmonicBondTerms,
         energies=(Energy("harmonic bonds", None),),
         style="harmonic",
         words={"k": ("energy/length^2", "K"), "r0": ("length", "r0")},
     ),
     BondedKind(
         terms=FENEBonds,
-        kernel=FENEBondTerms,
+        kernel=compiled.FENEBondTerms,
         # the repulsion is apart, for those that have one: at r = 0 it would give NaN even with epsilon = 0
         energies=(
             Energy("FENE bonds", "-0.5*k*R0^2*log(1-(r/R0)^2)"),
@@ -113,28 +111,28 @@ _KINDS = (
     ),
     BondedKind(
         terms=MorseBonds,
-        kernel=MorseBondTerms,
+        kernel=compiled.MorseBondTerms,
         energies=(Energy("Morse bonds", "D*(1-exp(-alpha*(r-r0)))^2"),),
         style="morse",
         words={"D": ("energy", "D"), "alpha": ("1/length", "alpha"), "r0": ("length", "r0")},
     ),
     BondedKind(
         terms=HarmonicDihedrals,
-        kernel=HarmonicDihedralTerms,
+        kernel=compiled.HarmonicDihedralTerms,
         energies=(Energy("harmonic dihedrals", "k*(1+d*cos(n*theta))"),),
         style="harmonic",
         words={"k": ("energy", "K"), "d": ("1", "d"), "n": ("1", "n")},
     ),
     BondedKind(
         terms=OPLSDihedrals,
-        kernel=OPLSDihedralTerms,
+        kernel=compiled.OPLSDihedralTerms,
         energies=(Energy("OPLS dihedrals", "0.5*(K1*(1+cos(theta))+K2*(1-cos(2*theta))+K3*(1+cos(3*theta))+K4*(1-cos(4*theta)))"),),
         style="opls",
         words={name: ("energy", name) for name in ("K1", "K2", "K3", "K4")},
     ),
     BondedKind(
         terms=MultiHarmonicDihedrals,
-        kernel=MultiHarmonicDihedralTerms,
+        kernel=compiled.MultiHarmonicDihedralTerms,
         energies=(Energy("multi-harmonic dihedrals", "A1+c*(A2+c*(A3+c*(A4+c*A5))); c=cos(theta)"),),
         style="multi/harmonic",
         words={name: ("energy", name) for name in ("A1", "A2", "A3", "A4", "A5")},
