@@ -12,19 +12,8 @@ import numpy as np
 from ..base.errors import ParameterError
 from ..base.geometry import AXES_OF_TENSOR, minimum_images
 from ..base.stats import Average, block_average
-from .frames import (
-    Beads,
-    Frame,
-    Trajectories,
-    bonds_of,
-    bonds_outwards,
-    chunks_of,
-    frames_of,
-    means_over,
-    molecule_labels,
-    selected,
-    weights_of,
-)
+from .frames import Beads, Frame, Trajectories, chunks_of, frames_of, selected, weights_of
+from .unwrapping import bonds_of, bonds_outwards, means_over, molecule_labels
 
 if TYPE_CHECKING:
     import mdtraj

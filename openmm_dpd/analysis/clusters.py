@@ -9,7 +9,8 @@ from ..base.errors import ParameterError, what_is
 from ..base.geometry import connected, pairs_within
 from ..base.stats import Average, ratio_average
 from ..base.units import whole_number
-from .frames import Beads, Trajectories, frames_of, molecule_labels, positive_number, selected
+from .frames import Beads, Trajectories, frames_of, positive_number, selected
+from .unwrapping import molecule_labels
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,8 @@ from ..base.errors import ParameterError
 from ..base.geometry import pairs_within
 from ..base.stats import block_average
 from ..base.units import whole_number
-from .frames import (
-    Beads,
-    Curve,
-    Frame,
-    Trajectories,
-    curve_of,
-    curve_of_averages,
-    frames_of,
-    molecule_labels,
-    positive_number,
-    two_selected,
-)
+from .frames import Beads, Curve, Frame, Trajectories, curve_of, curve_of_averages, frames_of, positive_number, two_selected
+from .unwrapping import molecule_labels
 
 
 def radial_distribution(

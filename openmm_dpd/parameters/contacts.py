@@ -3,7 +3,8 @@
 import numpy as np
 from openmm import app, unit
 
-from ..analysis.frames import Beads, Trajectories, frames_of, molecule_labels, of_types, two_selected
+from ..analysis.frames import Beads, Trajectories, frames_of, of_types, two_selected
+from ..analysis.unwrapping import molecule_labels
 from ..base.errors import ParameterError
 from ..base.geometry import connected, pairs_within
 from ..base.stats import Average, block_average
