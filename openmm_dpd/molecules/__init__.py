@@ -1,4 +1,4 @@
-"""Molecules as data, and boxes packed with them."""
+"""Molecules as data, and boxes packed with molecules."""
 
 from .builders import (
     Model as Model,

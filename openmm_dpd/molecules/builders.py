@@ -1,4 +1,4 @@
-"""Molecules of common shapes: chains, rings, stars, combs, block copolymers, surfactants, lipids; and published models, as data."""
+"""Molecules of common architectures: chains, rings, stars, combs, block copolymers, surfactants, lipids; and published models, as data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,30 +13,30 @@ from .terms import CosineBend, Spring
 
 
 def bead(type: str, *, charge=None, name: str = "") -> Molecule:
-    """A single bead: a solvent, an ion."""
+    """A single bead, such as a solvent bead or an ion, with a charge in elementary charges."""
     return Molecule((type,), name=name, charges=None if charge is None else (charge,))
 
 
 def linear(types: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
-    """A chain.
+    """A linear chain.
 
     Parameters
     ----------
     types : sequence of str, or text
         Types along the chain: ``["A"] * 6 + ["B"] * 4`` or ``"A6B4"`` (:func:`openmm_dpd.molecules.sequence`).
     spring, bend, twist : spring, bend and twist, or mappings from types to them
-        As for :func:`openmm_dpd.molecules.join`.
+        Bonds, angles and dihedrals of the chain, see :func:`openmm_dpd.molecules.join`.
     name : str, optional
         Name in topology files.
     charges : sequence, optional
-        Elementary charges of the beads.
+        Charges of the beads in elementary charges.
     """
     names = bead_types(types)
     return join(names, [(k, k + 1) for k in range(len(names) - 1)], spring, bend, twist=twist, name=name, charges=charges)
 
 
 def block_copolymer(blocks: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
-    """A chain of blocks, ``"A6B4"`` or ``"A3B6A3"``; at least two types must appear.  Parameters as for :func:`linear`."""
+    """A linear chain of blocks of at least two types, such as ``"A6B4"`` or ``"A3B6A3"``; :func:`linear` explains the parameters."""
     names = bead_types(blocks)
     if len(set(names)) < 2:
         raise ParameterError(f"a block copolymer has blocks of at least two types; {what_is(blocks)} has one (use `linear`)")
@@ -46,20 +46,20 @@ def block_copolymer(blocks: Types, spring: Springs, bend: Bends = None, *, twist
 def surfactant(
     head: Types, tail: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
 ) -> Molecule:
-    """A chain with the head first, so that :class:`openmm_dpd.molecules.Bilayer` knows which end points outwards.
+    """A linear chain with the head first, so that the head points outwards in a :class:`openmm_dpd.molecules.Bilayer`.
 
     Parameters
     ----------
     head, tail : sequence of str, or text
-        Types, such as ``"H2"`` and ``"T4"``.
+        Types of the beads, such as ``"H2"`` and ``"T4"``.
     spring, bend, twist, name, charges
-        As for :func:`linear`.
+        Bonded terms, name and charges of the whole chain, see :func:`linear`.
     """
     return linear(bead_types(head) + bead_types(tail), spring, bend, twist=twist, name=name, charges=charges)
 
 
 def ring(types: Types, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
-    """A closed chain of at least three beads; parameters as for :func:`linear`."""
+    """A closed chain of at least three beads; :func:`linear` explains the parameters."""
     names = bead_types(types)
     if len(names) < 3:
         raise ParameterError(f"a ring needs at least 3 beads, not {len(names)}")
@@ -83,18 +83,18 @@ def branched(
     backbone : sequence of str, or text
         Types along the backbone.
     branches : mapping
-        Index of a bead of the backbone to the types of its side chain, from the backbone outwards; a list of texts for several side
-        chains at one bead: ``{1: "T4", 2: ["T4", "T2"]}``.
+        From the index of a backbone bead to the types of its side chain, from the backbone outwards; a list for several side chains at one
+        bead: ``{1: "T4", 2: ["T4", "T2"]}``.
     spring, bend, twist : spring, bend and twist, or mappings from types to them
-        As for :func:`openmm_dpd.molecules.join`.  A single bend or twist leaves branching points free.
+        Bonded terms, see :func:`openmm_dpd.molecules.join`.  A single bend or twist does not act at branching points.
     name, charges : optional
-        Beads of the backbone come first, then the side chains in the order of ``branches``.
+        Name, and charges of the backbone's beads, followed by those of the side chains in the order of ``branches``.
     """
     names = list(bead_types(backbone))
     pairs = [(k, k + 1) for k in range(len(names) - 1)]
     stem = len(names)
     if not isinstance(branches, Mapping):
-        raise ParameterError(f"branches must map a bead of the backbone to its side chains, as {{1: 'T4'}}, not {what_is(branches)}")
+        raise ParameterError(f"branches must map a bead of the backbone to its side chains, such as {{1: 'T4'}}, not {what_is(branches)}")
     for place, given in branches.items():
         at = whole_number(place, "the place of a branch")
         if not 0 <= at < stem:
@@ -109,16 +109,16 @@ def branched(
 def star(
     core: str, arms: Sequence[Types], spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None
 ) -> Molecule:
-    """Chains that start from one bead.
+    """A star polymer: chains that start from one bead.
 
     Parameters
     ----------
     core : str
-        Type of the bead in the middle.
+        Type of the central bead.
     arms : list of texts or of sequences of str
         Types of each arm from the core outwards: ``["A8"] * 5``.
     spring, bend, twist, name, charges
-        As for :func:`branched`.
+        Bonded terms, name and charges (the core's first), see :func:`branched`.
     """
     if isinstance(arms, str) or not isinstance(arms, Sequence) or len(arms) < 3:
         raise ParameterError(f"a star needs a list of at least 3 arms, such as ['A8'] * 3, not {what_is(arms)}")
@@ -136,28 +136,28 @@ def lipid(
     name: str = "",
     charges=None,
 ) -> Molecule:
-    """A chain of head beads with tails.
+    """A lipid: a chain of head beads with tails.
 
     Parameters
     ----------
     head : sequence of str, or text
         Types of the head beads, from the outer end.
     tails : list of texts or of sequences of str
-        Types of each tail, ``["T4", "T4"]``.
+        Types of each tail, such as ``["T4", "T4"]``.
     spring, bend, twist : spring, bend and twist, or mappings from types to them
-        As for :func:`openmm_dpd.molecules.join`, usually ``bend={("H", "T", "T"): ..., ("T", "T", "T"): ...}``.
+        Bonded terms, see :func:`openmm_dpd.molecules.join`; usually ``bend={("H", "T", "T"): ..., ("T", "T", "T"): ...}``.
     tails_at : sequence of int, optional
         Head bead of each tail; by default one tail at each of the last head beads.
     name, charges : optional
-        As for :class:`Molecule`; head beads come first.
+        Name, and charges of the head beads, followed by those of the tails.
     """
     heads = bead_types(head)
     if isinstance(tails, str) or not isinstance(tails, Sequence) or not tails:
-        raise ParameterError(f"tails of a lipid are a list with one entry for each tail, such as ['T4', 'T4'], not {what_is(tails)}")
+        raise ParameterError(f"tails must be a list with one entry for each tail, such as ['T4', 'T4'], not {what_is(tails)}")
     if tails_at is None:
         tails_at = [max(0, len(heads) - len(tails) + k) for k in range(len(tails))]
     if not isinstance(tails_at, (Sequence, np.ndarray)) or len(tails_at) != len(tails):
-        raise ParameterError(f"{len(tails)} tails need as many entries of tails_at, such as {[0] * len(tails)}, not {what_is(tails_at)}")
+        raise ParameterError(f"{len(tails)} tails need as many entries in tails_at, such as {[0] * len(tails)}, not {what_is(tails_at)}")
     branches: dict[int, list] = {}
     for at, tail in zip(tails_at, tails, strict=True):
         branches.setdefault(at, []).append(tail)
@@ -165,25 +165,25 @@ def lipid(
 
 
 def _chains(given) -> list[tuple[str, ...]]:
-    """Side chains at one bead: text is one chain, a list holds one chain in each entry."""
+    """Types of each side chain at one bead: text is a single chain, a list has one chain per entry."""
     return [bead_types(chain) for chain in (given if isinstance(given, list) else [given])]
 
 
 @dataclass(frozen=True)
 class Model:
-    """A molecule and the repulsion between all types, in reduced units: r_c = 1 nm, kT = 1 kJ/mol, m = 1 Da.
+    """A published model: a molecule and the repulsion between all types, in reduced units (r_c = 1 nm, kT = 1 kJ/mol, m = 1 Da).
 
     Attributes
     ----------
     molecule : Molecule
     repulsion : mapping of (str, str) to float
-        a_ij, for every pair of types and the solvent.
+        a_ij for every pair of types, including the solvent.
     gamma : float
-        Friction.
+        Friction coefficient.
     density : float
         Beads per r_c^3.
     source : str
-        Where the numbers were published.
+        Publication.
     """
 
     molecule: Molecule
@@ -193,20 +193,20 @@ class Model:
     source: str
 
     def pairs(self, gamma: float | None = None) -> dict[tuple[str, str], DPD]:
-        """Pair coefficients for ``Scene(pairs=...)``, with another friction than the published one if given."""
+        """Pair coefficients for ``Scene(pairs=...)``, with the published friction or the given one."""
         friction = self.gamma if gamma is None else gamma
         return {pair: DPD(A=a, gamma=friction, cutoff=1.0) for pair, a in self.repulsion.items()}
 
 
 def grafmueller_2009(tail: int = 4) -> Model:
-    """H3(T_n)2 lipid with two stiff tails in water W; four tail beads make a lipid like DMPC.
+    """H3(T_n)2 lipid with two stiff tails in water W; four beads per tail represent a lipid like DMPC.
 
     Repulsion a_ij (kT/r_c) H-H 30, T-T 10, W-W 25, H-T 35, H-W 30, T-W 75; friction 4.5; density 3.  Bonds (1/2) k2 (r - l0)^2 with
     k2 = 128 and l0 = 0.5, that is ``Spring(k=64, r0=0.5)`` here.  Bends k3 (1 - cos phi), k3 = 15, phi = 0 for a straight tail, at every
-    H-T-T and T-T-T, that is ``CosineBend(15)``.  The second and the third of the three head beads in a row carry a tail each.
+    H-T-T and T-T-T, that is ``CosineBend(15)``.  The second and third of the three head beads carry a tail each.
 
-    Grafmueller, Shillcock and Lipowsky, Biophys. J. 96, 2658 (2009), with the numbers as they are in the bilayer that is distributed
-    with Osprey-DPD, the program of one of the authors.
+    Grafmueller, Shillcock and Lipowsky, Biophys. J. 96, 2658 (2009), with the parameters of the bilayer that is distributed with
+    Osprey-DPD, the program of one of the authors.
     """
     whole_number(tail, "the number of beads in a tail", least=1)
     bend = CosineBend(15.0)
@@ -216,14 +216,14 @@ def grafmueller_2009(tail: int = 4) -> Model:
 
 
 def like_repulsion(density: float = 3.0) -> float:
-    """a_ii = 75 kT/(rho r_c^4), in reduced units; Groot and Warren, J. Chem. Phys. 107, 4423 (1997)."""
+    """Repulsion of like beads, a_ii = 75 kT/(rho r_c^4), in reduced units; Groot and Warren, J. Chem. Phys. 107, 4423 (1997)."""
     return 75.0 / checked(density, "dimensionless", "density", positive=True)
 
 
 def unlike_repulsion(chi: float, density: float = 3.0) -> float:
-    """a_ij from a Flory-Huggins parameter: a_ii + chi/0.286 at density 3, a_ii + chi/0.689 at density 5; chi is per bead.
+    """Repulsion of unlike beads for a Flory-Huggins parameter per bead: a_ii + chi/0.286 at density 3, a_ii + chi/0.689 at density 5.
 
-    Groot and Warren, J. Chem. Phys. 107, 4423 (1997).  For single beads; chains: :func:`openmm_dpd.parameters.repulsion_from_chi`.
+    Groot and Warren, J. Chem. Phys. 107, 4423 (1997), for single beads; for chains see :func:`openmm_dpd.parameters.repulsion_from_chi`.
     """
     slopes = {3.0: 0.286, 5.0: 0.689}
     if density not in (3, 5):

@@ -1,4 +1,4 @@
-"""What was packed: beads, bonds, angles and dihedrals of many molecules, ready for a Scene."""
+"""Packed molecules: their beads, bonds, angles and dihedrals, ready for a Scene."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Mixture:
     Attributes
     ----------
     kinds : tuple of (Molecule, int)
-        Kinds of molecules and their numbers, in the order of their beads.
+        Kinds of molecules and the number of each, in the order of their beads.
     positions : (N, 3) array
-        nm; molecules are whole and may reach over the faces of the box.
+        Positions, nm; molecules are whole and may extend beyond the box.
     box : (3, 3) array
         Box vectors.
     seed : int
-        Seed it was made with.
+        Seed of the random numbers.
     """
 
     kinds: tuple[tuple[Molecule, int], ...]
@@ -46,9 +46,9 @@ class Mixture:
 
     @classmethod
     def of(cls, groups: Sequence[tuple[Molecule, np.ndarray]], box: np.ndarray, seed: int) -> Mixture:
-        """From the beads of each kind, (count, n, 3)."""
+        """Mixture from the positions of the molecules of each kind, (count, n, 3)."""
         if not groups:
-            raise ParameterError("there is nothing to pack: no molecules, and no solvent")
+            raise ParameterError("there is nothing to pack: give molecules or a solvent")
         kinds = tuple((molecule, len(beads)) for molecule, beads in groups)
         positions = np.concatenate([beads.reshape(-1, 3) for _, beads in groups])
         return cls(kinds, positions, box, seed)
@@ -71,14 +71,14 @@ class Mixture:
 
     @property
     def charges(self) -> np.ndarray | None:
-        """Charge of each bead, (N,); None if no molecule has any."""
+        """Charge of each bead in elementary charges, (N,); None if no molecule has charges."""
         if all(molecule.charges is None for molecule, _ in self.kinds):
             return None
         return np.concatenate([np.tile(molecule.charges or (0.0,) * molecule.n_beads, count) for molecule, count in self.kinds])
 
     @property
     def molecules(self) -> np.ndarray:
-        """Number of the molecule of each bead, counted from 1, (N,)."""
+        """Number of the molecule that each bead is in, from 1, (N,)."""
         sizes = [molecule.n_beads for molecule, count in self.kinds for _ in range(count)]
         return np.repeat(np.arange(1, len(sizes) + 1), sizes)
 
@@ -88,11 +88,11 @@ class Mixture:
         return [name for molecule, count in self.kinds for name in [molecule.name] * (molecule.n_beads * count)]
 
     def count(self, molecule: Molecule | str) -> int:
-        """How many molecules of this kind, or of this name, there are."""
+        """Number of molecules of this kind or name."""
         return len(self.beads(molecule))
 
     def beads(self, molecule: Molecule | str) -> np.ndarray:
-        """Bead indices of all molecules of this kind, or of this name, (count, n)."""
+        """Bead indices of all molecules of this kind or name, (count, n)."""
         start, found, meant = 0, [], set()
         for kind, count in self.kinds:
             if molecule in (kind, kind.name):
@@ -101,7 +101,7 @@ class Mixture:
             start += count * kind.n_beads
         if len(meant) > 1:
             raise ParameterError(
-                f"{len(meant)} kinds of molecules are called {what_is(molecule)}; give the molecule itself, or other names"
+                f"{len(meant)} kinds of molecules have the name {what_is(molecule)}; give the molecule itself, or rename them"
             )
         if found:
             return np.concatenate(found)
@@ -111,32 +111,32 @@ class Mixture:
     # -- bonds, angles and dihedrals -------------------------------------------------------------------------------------------
     @property
     def bonds(self) -> list[Bonds]:
-        """Bonds of all molecules, for a Scene: one object for each kind of spring."""
+        """Bonds of all molecules for a Scene, one object for each kind of spring."""
         return self._terms("bonds", 2)
 
     @property
     def angles(self) -> list[Angles]:
-        """Angles of all molecules, for a Scene: one object for each kind of bend."""
+        """Angles of all molecules for a Scene, one object for each kind of bend."""
         return self._terms("angles", 3)
 
     @property
     def dihedrals(self) -> list[Dihedrals]:
-        """Dihedrals of all molecules, for a Scene: one object for each kind of twist."""
+        """Dihedrals of all molecules for a Scene, one object for each kind of twist."""
         return self._terms("dihedrals", 4)
 
     @property
     def bond_pairs(self) -> np.ndarray:
-        """All bonds as a (B, 2) array."""
+        """Bead indices of all bonds, (B, 2)."""
         return np.concatenate([group.pairs for group in self.bonds] or [np.zeros((0, 2), dtype=np.int64)])
 
     @property
     def angle_triples(self) -> np.ndarray:
-        """All angles as a (K, 3) array."""
+        """Bead indices of all angles, (K, 3)."""
         return np.concatenate([group.triples for group in self.angles] or [np.zeros((0, 3), dtype=np.int64)])
 
     @property
     def dihedral_quads(self) -> np.ndarray:
-        """All dihedrals as a (K, 4) array."""
+        """Bead indices of all dihedrals, (K, 4)."""
         return np.concatenate([group.quads for group in self.dihedrals] or [np.zeros((0, 4), dtype=np.int64)])
 
     def _terms(self, what: str, width: int) -> list:
@@ -151,17 +151,17 @@ class Mixture:
 
     # -- out -------------------------------------------------------------------------------------------------------------------
     def scene(self, *, pairs, kT, masses: float | Mapping[str, float] = 1.0, **options) -> Scene:
-        """A Scene of this mixture.
+        """Scene of this mixture.
 
         Parameters
         ----------
         pairs, kT
-            As for :class:`openmm_dpd.Scene`.
+            Pair coefficients and thermal energy, see :class:`openmm_dpd.Scene`.
         masses : mass, or mapping of types to masses
             One mass for all types, or the mass of each type.
         **options
-            Other arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ...  There is a warning if
-            beads are charged and there is no ``electrostatics``.
+            Further arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ...  There is a warning if
+            beads are charged and ``electrostatics`` is missing.
         """
         types, charges = self.types, self.charges
         if charges is not None and charges.any() and options.get("electrostatics") is None:
@@ -185,7 +185,7 @@ class Mixture:
         )
 
     def write_psf(self, path: str | os.PathLike, masses=1.0) -> None:
-        """Write a topology file: names, masses, charges, molecules as residues, bonds, angles and dihedrals.
+        """Write a PSF topology file: names, masses, charges, molecules as residues, bonds, angles and dihedrals.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""A molecule as a value: types of its beads, bonds, angles and dihedrals between them."""
+"""Molecules as values: types of the beads, and bonds, angles and dihedrals between them."""
 
 import reprlib
 from collections import Counter
@@ -13,7 +13,7 @@ from ..base.units import known_under, to_md, whole_number
 from .piercings import neighbours_of
 from .terms import AnyBend, AnySpring, AnyTwist
 
-#: Types of beads, one by one or as text.
+#: Types of beads, as a sequence or as text.
 Types = Sequence[str] | str
 #: A spring for every bond, or springs by the types of the two beads (``"*"`` for any type).
 Springs = object | Mapping[tuple[str, str], object]
@@ -25,29 +25,29 @@ Twists = object | Mapping[tuple[str, str, str, str], object] | None
 
 @dataclass(frozen=True)
 class Molecule:
-    """A kind of molecule.  Equal molecules are the same key of a mapping, as :func:`openmm_dpd.molecules.pack` takes it.
+    """A kind of molecule.  Molecules are compared by value, and are keys in :func:`openmm_dpd.molecules.pack`.
 
     Parameters
     ----------
     types : sequence of n str
         Type of each bead.
     bonds : sequence of (int, int, spring)
-        Beads, counted from 0, and the spring between them (:class:`Spring`, :class:`FENESpring`, :class:`MorseSpring`).
-        Every bead must be reached from bead 0.
+        Bead indices from 0, and the spring between them (:class:`Spring`, :class:`FENESpring`, :class:`MorseSpring`).
+        Bonds must connect every bead to bead 0.
     angles : sequence of (int, int, int, bend)
-        Beads, the vertex in the middle, and the bend (:class:`Bend`, :class:`CosineBend`).
+        Bead indices, with the vertex in the middle, and the bend (:class:`Bend`, :class:`CosineBend`).
     name : str, optional
         Name in topology files, without blanks; by default the formula of the types, such as ``H3T8``.
     charges : sequence of n charges, optional
-        Elementary charges.
+        In elementary charges.
     dihedrals : sequence of (int, int, int, int, twist)
-        Beads along three bonds, and the twist (:class:`Twist`, :class:`OPLSTwist`, :class:`MultiHarmonicTwist`); several on the same
-        beads add up.
+        Bead indices along three bonds, and the twist (:class:`Twist`, :class:`OPLSTwist`, :class:`MultiHarmonicTwist`); several twists
+        of the same beads add up.
 
     Raises
     ------
     ParameterError
-        If a bead does not exist, a bond or angle is listed twice, or the molecule falls into parts.
+        If a bead does not exist, a bond or angle is listed twice, or the molecule is not connected.
     """
 
     types: tuple[str, ...]
@@ -77,7 +77,7 @@ class Molecule:
             put("charges", tuple(charges.tolist()))
         lost = sorted(set(range(self.n_beads)) - {bead for bead, _ in self.tree()})
         if lost:
-            raise ParameterError(f"{name} falls into parts: no chain of bonds leads from bead 0 to bead {lost[0]}")
+            raise ParameterError(f"{name} is not connected: no chain of bonds leads from bead 0 to bead {lost[0]}")
 
     def __repr__(self) -> str:
         twists = f", {len(self.dihedrals)} dihedrals" if self.dihedrals else ""
@@ -97,17 +97,17 @@ class Molecule:
 
     @property
     def bond_pairs(self) -> np.ndarray:
-        """Bonds as a (B, 2) array of bead indices."""
+        """Bead indices of the bonds, (B, 2)."""
         return np.array([bond[:2] for bond in self.bonds], dtype=np.int64).reshape(-1, 2)
 
     @property
     def angle_triples(self) -> np.ndarray:
-        """Angles as a (K, 3) array of bead indices."""
+        """Bead indices of the angles, (K, 3)."""
         return np.array([angle[:3] for angle in self.angles], dtype=np.int64).reshape(-1, 3)
 
     @property
     def dihedral_quads(self) -> np.ndarray:
-        """Dihedrals as a (K, 4) array of bead indices."""
+        """Bead indices of the dihedrals, (K, 4)."""
         return np.array([dihedral[:4] for dihedral in self.dihedrals], dtype=np.int64).reshape(-1, 4)
 
     def beads(self, *types: str) -> list[int]:
@@ -115,7 +115,7 @@ class Molecule:
         return [bead for bead, name in enumerate(self.types) if name in types]
 
     def tree(self) -> list[tuple[int, int | None]]:
-        """Beads in the order in which they are reached from bead 0, each with the neighbour it is reached from."""
+        """Beads in the order in which bonds reach them from bead 0, each with the neighbour before it (None for bead 0)."""
         neighbours = neighbours_of(self.bond_pairs, self.n_beads)
         order: list[tuple[int, int | None]] = [(0, None)]
         seen = {0}
@@ -144,18 +144,18 @@ class Molecule:
         return tuple(terms)
 
 
-#: A longer molecule is a slip of the keyboard.
+#: A longer molecule is a typing error.
 MOST_BEADS = 10_000_000
 
 
 def formula(types: Sequence[str]) -> str:
-    """Types in their order with the lengths of their runs, ``H3T8``."""
+    """Types in order with the lengths of their runs, such as ``H3T8``."""
     runs = [(name, len(list(run))) for name, run in groupby(types)]
     return "".join(name if count == 1 else f"{name}{count}" for name, count in runs)
 
 
 def bead_types(types: Types) -> tuple[str, ...]:
-    """Types of beads: a sequence of names as it is, text such as ``"A6B4"`` or ``"(A2B)3"`` read by :func:`sequence`."""
+    """Types of beads as a tuple, from a sequence of names, or from text such as ``"A6B4"`` or ``"(A2B)3"`` (:func:`sequence`)."""
     if isinstance(types, str):
         return sequence(types)
     try:
@@ -164,14 +164,14 @@ def bead_types(types: Types) -> tuple[str, ...]:
         names = ()
     bad = [name for name in names if not isinstance(name, str) or name in ("", "*")]
     if not names or bad:
-        raise ParameterError(f"a molecule needs the type of each bead, as ['A', 'A', 'B'] or 'A2B', not {what_is(types)}")
+        raise ParameterError(f"types must have the type of each bead, such as ['A', 'A', 'B'] or 'A2B', not {what_is(types)}")
     return names
 
 
 def sequence(text: str) -> tuple[str, ...]:
-    """Bead types from text: names, numbers that repeat what comes before them, parentheses.
+    """Bead types from text: names, parentheses, and numbers that repeat the name or parenthesis before them.
 
-    A name is a capital letter with the small letters after it.
+    A name is an upper-case letter and the lower-case letters after it.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def sequence(text: str) -> tuple[str, ...]:
     Raises
     ------
     ParameterError
-        If it cannot be read; the message says where.
+        If the text cannot be read; the message says where.
     """
     text, at = str(text), 0
     open_groups: list[list[str]] = [[]]
@@ -217,24 +217,24 @@ def sequence(text: str) -> tuple[str, ...]:
 
 
 def join(types, pairs, spring: Springs, bend: Bends = None, *, twist: Twists = None, name: str = "", charges=None) -> Molecule:
-    """A molecule from its graph.
+    """Molecule from its graph of bonds.
 
     Parameters
     ----------
     types : sequence of str, or text
         Types of the beads; text is read by :func:`sequence`.
     pairs : (B, 2) array of int
-        Which beads are bonded.
+        Indices of bonded beads.
     spring : spring, or mapping from two types to one
-        Of all bonds, or by types: ``{("*", "*"): Spring(...), ("A", "B"): Spring(...)}``, later entries before earlier ones.
+        Spring of all bonds, or by types: ``{("*", "*"): Spring(...), ("A", "B"): Spring(...)}``; later entries take precedence.
     bend : bend, or mapping from three types to one, optional
-        A bend acts at every bead with exactly two neighbours.  A mapping acts at every two bonds that meet and whose three types it
-        names, at branching points too: ``{("H", "T", "T"): CosineBend(15)}``, in either direction.
+        A bend acts at every bead with exactly two neighbours.  A mapping acts wherever two bonds meet and it has the three types (in either
+        direction), also at branching points: ``{("H", "T", "T"): CosineBend(15)}``.
     twist : twist, or mapping from four types to one, optional
-        A twist acts along three bonds in a row if both beads in the middle have exactly two neighbours.  A mapping acts wherever it names
-        the four types, as that of bends.
+        A twist acts along three successive bonds if both middle beads have exactly two neighbours.  A mapping acts wherever it has the
+        four types (in either direction).
     name, charges : optional
-        As for :class:`Molecule`.
+        Name and elementary charges of the :class:`Molecule`.
     """
     names = bead_types(types)
     pairs = _checked_pairs(pairs)
@@ -254,7 +254,7 @@ def join(types, pairs, spring: Springs, bend: Bends = None, *, twist: Twists = N
 
 
 def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[tuple[int, int, int, object]]:
-    """Angles between bonds (B, 2): the three beads, the vertex in the middle, and the bend, of those that :func:`join` takes."""
+    """Angles between bonds (B, 2), by the rules of :func:`join`: three beads, with the vertex in the middle, and the bend."""
     angles: list[tuple[int, int, int, object]] = []
     for vertex, around in enumerate(neighbours_of(pairs, len(types))):
         if isinstance(bend, AnyBend) and len(around) != 2:
@@ -267,7 +267,7 @@ def bends_between(types: Sequence[str], pairs: np.ndarray, bend: Bends) -> list[
 
 
 def twists_between(types: Sequence[str], pairs: np.ndarray, twist: Twists) -> list[tuple[int, int, int, int, object]]:
-    """Dihedrals along three bonds in a row: the four beads, and the twist; parameters as for :func:`bends_between`."""
+    """Dihedrals along three successive bonds (B, 2), by the rules of :func:`join`: four beads and the twist."""
     dihedrals: list[tuple[int, int, int, int, object]] = []
     around = neighbours_of(pairs, len(types))
     for j, k in pairs.tolist():
@@ -285,7 +285,7 @@ def _checked_pairs(pairs) -> list[tuple[int, int]]:
     try:
         rows = [tuple(row) for row in pairs]
     except TypeError:
-        raise ParameterError(f"the bonds of a molecule are pairs of bead numbers, such as [(0, 1), (1, 2)], not {what_is(pairs)}") from None
+        raise ParameterError(f"the bonds of a molecule must be pairs of beads, such as [(0, 1), (1, 2)], not {what_is(pairs)}") from None
     wrong = [row for row in rows if len(row) != 2]
     if wrong:
         raise ParameterError(f"a bond joins two beads, as (0, 1); one of the bonds is {what_is(wrong[0])}")
@@ -293,7 +293,7 @@ def _checked_pairs(pairs) -> list[tuple[int, int]]:
 
 
 def by_types(given, types: tuple[str, ...], kind: type, what: str):
-    """The spring, bend or twist for these types, or None."""
+    """The spring, bend or twist for these types, or None if a mapping has none."""
     if isinstance(given, kind):
         return given
     if not isinstance(given, Mapping):

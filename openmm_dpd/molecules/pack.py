@@ -1,4 +1,4 @@
-"""Molecules in a box: where their beads are at the start."""
+"""Initial positions of molecules in a box."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True)
 class Scattered:
-    """So many molecules at random places.
+    """A number of molecules at random places.
 
     Parameters
     ----------
     count : int
         Number of molecules, >= 0.
     region : Block or Sphere, optional
-        Where their centres are; the whole box by default.  (Beads of a molecule at the border reach out of it.)
+        Region of their centres; the whole box by default.  (Beads of molecules at its border lie outside.)
     """
 
     count: int
@@ -37,23 +37,23 @@ class Scattered:
     def __post_init__(self):
         object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
         if self.region is not None and not isinstance(self.region, (Block, Sphere)):
-            raise ParameterError(f"the region of molecules must be a Block or a Sphere, not {what_is(self.region)}")
+            raise ParameterError(f"region must be a Block or a Sphere, not {what_is(self.region)}")
 
 
 @dataclass(frozen=True)
 class Bilayer:
-    """So many molecules in two leaflets, bead 0 outwards.  Arrangements with the same normal and centre share the leaflets.
+    """A number of molecules in two leaflets, with bead 0 outwards.  Arrangements with the same normal and centre share the leaflets.
 
     Parameters
     ----------
     count : int
         Number of molecules in both leaflets, >= 0.
     normal : {"z", "y", "x"}
-        Axis across the bilayer.
+        Axis normal to the bilayer.
     centre : length, optional
-        Place of its middle plane on that axis; the middle of the box by default.
+        Position of the midplane along this axis; the middle of the box by default.
     upper : int, optional
-        How many of them are in the leaflet on the positive side; half of them by default.
+        Number of molecules in the leaflet on the positive side; half of them by default.
     """
 
     count: int
@@ -64,7 +64,7 @@ class Bilayer:
     def __post_init__(self):
         object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
         if not isinstance(self.normal, str) or self.normal not in AXES:
-            raise ParameterError(f"the normal of a bilayer must be 'x', 'y' or 'z', not {what_is(self.normal)}")
+            raise ParameterError(f"normal must be 'x', 'y' or 'z', not {what_is(self.normal)}")
         if self.centre is not None:
             object.__setattr__(self, "centre", checked(self.centre, "length", "the centre of a bilayer", signed=True))
         upper = (self.count + 1) // 2 if self.upper is None else whole_number(self.upper, "the number in the upper leaflet", least=0)
@@ -82,32 +82,31 @@ def pack(
     seed: int | None = None,
     kT=1.0,
 ) -> Mixture:
-    """Put molecules into a periodic box and fill it up with solvent.
+    """Place molecules in a periodic box and fill it with solvent.
 
-    Molecules are random walks with every bond at its length, whole (beads reach over the faces of the box), at random places; DPD is so
-    soft that overlaps do not matter once :func:`openmm_dpd.molecules.relax` has been at work.  The solvent fills the box to exactly
-    round(density * volume) beads.
+    Molecules are random walks with every bond at its rest length, at random places; they are whole, so beads may lie beyond the box.  As
+    DPD is soft, :func:`openmm_dpd.molecules.relax` removes overlaps.  The solvent fills the box to exactly round(density * volume) beads.
 
     Parameters
     ----------
     molecules : mapping
-        Each kind of molecule to its number, or to an arrangement: :class:`Scattered` with a region, :class:`Bilayer`, :class:`Vesicle`.
+        From each kind of molecule to its number, or to an arrangement: :class:`Scattered` in a region, :class:`Bilayer`, :class:`Vesicle`.
     box : (3,) or (3, 3) array of lengths, optional
-        Edges or box vectors, nm.  Without solvent it may be left out: a cube of the given density.
+        Edges or box vectors, nm.  Optional without solvent: the box is then a cube of the given density.
     density : 1/volume, default 3
-        Beads per nm^3.  Without solvent and with a box it has no meaning.
+        Beads per nm^3.  Not used with a box and no solvent.
     solvent : str, Molecule or None
-        Type of the solvent beads; a molecule of several beads fills as far as whole molecules go.  None: no solvent.
+        Type of the solvent beads, or a solvent molecule, of which only whole ones are added.  None: no solvent.
     seed : int, optional
-        Same seed, same mixture.  By default one is drawn, and recorded in the mixture.
+        Seed of the random numbers; the same seed gives the same mixture.  By default it is drawn and recorded in the mixture.
     kT : energy or temperature
-        Thermal energy at which bend angles are drawn; 0 for those of least energy.
+        Thermal energy for the distribution of bend angles; with 0 they have the least energy.
 
     Raises
     ------
     ParameterError
-        If the molecules do not fit, a bilayer or a vesicle is thicker than the box, membranes overlap, a region is empty, or a value is
-        out of bounds.
+        If the molecules do not fit, a bilayer or vesicle is larger than the box, membranes overlap, a region is empty, or a value is out
+        of bounds.
 
     Examples
     --------
@@ -146,7 +145,7 @@ def pack(
 
 def _arrangements(molecules) -> list[tuple[Molecule, Scattered | Bilayer | Vesicle]]:
     if not isinstance(molecules, Mapping):
-        raise ParameterError(f"molecules must map each kind of molecule to its number, as {{chain: 20}}, not {what_is(molecules)}")
+        raise ParameterError(f"molecules must map each kind of molecule to its number, such as {{chain: 20}}, not {what_is(molecules)}")
     wanted = []
     for molecule, given in molecules.items():
         if not isinstance(molecule, Molecule):
@@ -175,7 +174,7 @@ def _box(box, rho: float, beads: int, filler: Molecule | None) -> np.ndarray:
 
 
 def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | None) -> int:
-    """Number of solvent molecules."""
+    """Number of solvent molecules that fill the box; ParameterError if the other molecules are too many."""
     if filler is None:
         return 0
     if not isinstance(filler, Molecule):
@@ -184,15 +183,15 @@ def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | Non
     total = round(rho * volume)
     if beads > total:
         raise ParameterError(
-            f"the molecules have {beads} beads, but a density of {rho:g} in a volume of {volume:g} nm^3 is {total}; "
-            "take fewer molecules or a larger box (or solvent=None, which leaves the density open)"
+            f"the molecules have {beads} beads, but a density of {rho:g} in a volume of {volume:g} nm^3 allows {total}; "
+            "take fewer molecules or a larger box (or solvent=None for any density)"
         )
     return (total - beads) // filler.n_beads
 
 
 @dataclass(frozen=True, eq=False)
 class _Slab:
-    """The room of a bilayer in a periodic box."""
+    """Space of a bilayer in a periodic box."""
 
     name: str
     axis: int
@@ -201,7 +200,7 @@ class _Slab:
     edge: float
 
     def distances(self, points: np.ndarray) -> np.ndarray:
-        """From the nearest image of the middle plane."""
+        """Distances (N,) of points from the nearest image of the midplane."""
         return np.abs(((points - self.centre)[:, self.axis] + self.edge / 2) % self.edge - self.edge / 2)
 
     def outside(self, points: np.ndarray) -> np.ndarray:
@@ -211,7 +210,7 @@ class _Slab:
 
 @dataclass(frozen=True, eq=False)
 class _Free:
-    """The room that membranes leave, which are apart."""
+    """Space outside of all membranes; ParameterError if membranes overlap."""
 
     vectors: np.ndarray
     slabs: list[_Slab]
@@ -226,16 +225,16 @@ class _Free:
                 raise ParameterError(f"{one.name} and {other.name} {how}; give them other centres or normals, or a larger box")
 
     def outside(self, points: np.ndarray) -> np.ndarray:
-        """Mask of the points out of all bilayers and vesicles."""
+        """Mask of the points outside of all bilayers and vesicles."""
         masks = [slab.outside(points) for slab in self.slabs] + [shell.outside(points) for shell in self.shells]
         return np.all(masks, axis=0) if masks else np.ones(len(points), bool)
 
     def anywhere(self, points: np.ndarray) -> np.ndarray:
-        """Mask of the points out of all membranes, the insides of vesicles included."""
+        """Mask of the points outside of all membranes, including those inside vesicles."""
         return np.any([self.outside(points), *(shell.inside(points) for shell in self.shells)], axis=0)
 
     def solvent(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Places of the solvent, (count, 3): each vesicle holds its share by volume."""
+        """Positions of the solvent, (count, 3): each vesicle contains its share by volume."""
         box = float(np.prod(np.diag(self.vectors)))
         slabs = sum(2 * slab.outer / slab.edge for slab in self.slabs) * box
         volume = box - slabs - sum(shell.ball - shell.lumen for shell in self.shells)
@@ -249,7 +248,7 @@ class _Free:
 
 
 def _places(count: int, vectors: np.ndarray, allowed: Callable[[np.ndarray], np.ndarray], where, rng: np.random.Generator) -> np.ndarray:
-    """Random points of the box where they are allowed, (count, 3)."""
+    """Random points in the allowed part of the box, (count, 3); ParameterError if this has next to no volume."""
     found: list[np.ndarray] = []
     missing, tries = count, 0
     while missing > 0:
@@ -258,12 +257,12 @@ def _places(count: int, vectors: np.ndarray, allowed: Callable[[np.ndarray], np.
         missing -= len(found[-1])
         tries += len(points)
         if tries > 1000 * (count + 1000):
-            raise ParameterError(f"no room: {where} has next to no volume in the box")
+            raise ParameterError(f"there is no room: {where} has next to no volume in the box")
     return np.concatenate(found) if found else np.zeros((0, 3))
 
 
 def _vesicles(wanted, vectors: np.ndarray, spacing: float, placed: dict[int, np.ndarray], rng: np.random.Generator) -> list[Shell]:
-    """Shells of the vesicles, whose molecules are added to ``placed``."""
+    """Shells of the vesicles; the positions of their molecules are added to ``placed``."""
     shells = []
     for number, (molecule, arrangement) in enumerate(wanted):
         if isinstance(arrangement, Vesicle):
@@ -273,7 +272,7 @@ def _vesicles(wanted, vectors: np.ndarray, spacing: float, placed: dict[int, np.
 
 
 def _leaflets(wanted, vectors: np.ndarray, spacing: float, rng: np.random.Generator) -> tuple[list[_Slab], dict[int, np.ndarray]]:
-    """The room of each bilayer, and the beads of its molecules by the number of their kind."""
+    """Slab of each bilayer, and the positions of its molecules by the number of their kind."""
     planes: dict[tuple[int, float], list[int]] = {}
     for number, (_, arrangement) in enumerate(wanted):
         if isinstance(arrangement, Bilayer):
@@ -307,11 +306,11 @@ def _in_leaflet(arrangement: Bilayer, sign: int) -> int:
 
 
 def _sites(count: int, edges: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Places in a leaflet, spread evenly, (count, 2)."""
+    """Evenly spread sites in a leaflet, (count, 2)."""
     if not count:
         return np.zeros((0, 2))
     columns = max(1, round(np.sqrt(count * edges[0] / edges[1])))
-    # as many in every column, but for one
+    # columns hold equal numbers, give or take one
     per_column = np.full(columns, count // columns)
     per_column[: count % columns] += 1
     sites = [((column + 0.5) / columns, (row + rng.random()) / n) for column, n in enumerate(per_column) for row in range(n)]
@@ -319,7 +318,7 @@ def _sites(count: int, edges: np.ndarray, rng: np.random.Generator) -> np.ndarra
 
 
 def _stand(shape: np.ndarray, site: np.ndarray, sign: int, axis: int, centre: float, rng: np.random.Generator) -> np.ndarray:
-    """An upright shape turned by a random angle about the normal, on its site."""
+    """An upright shape on its site, rotated by a random angle about the normal."""
     phi = 2 * np.pi * rng.random()
     across = shape[:, :2] @ np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]]) + site
     return np.insert(across, axis, centre + sign * shape[:, 2], axis=1)

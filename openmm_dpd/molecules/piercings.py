@@ -1,5 +1,5 @@
-"""Small rings in a graph of bonds, and rings with a bond through them: a state that no minimisation leaves, because a bond would have to
-pass through another one."""
+"""Small rings in a graph of bonds, and rings pierced by a bond, which no minimisation frees because one bond would have to pass through
+another."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from ..model.scene import box_vectors
 
 
 def neighbours_of(bonds: np.ndarray, n: int) -> list[list[int]]:
-    """Bonded neighbours of each of n atoms; ``bonds`` is (B, 2)."""
+    """Bonded neighbours of each of n atoms, from bonds (B, 2)."""
     found: list[list[int]] = [[] for _ in range(n)]
     for i, j in bonds.tolist():
         found[i].append(j)
@@ -23,11 +23,11 @@ def neighbours_of(bonds: np.ndarray, n: int) -> list[list[int]]:
 
 
 def small_rings(bonds: np.ndarray, n: int, largest: int) -> list[tuple[int, ...]]:
-    """The smallest rings through each bond, of up to ``largest`` atoms: the atoms of each in the order of its bonds, each ring once.  The
-    two rings of a fused pair are both found, the outline around them is not: each of its bonds is in a smaller ring."""
+    """Smallest rings of up to ``largest`` atoms through each bond: the atoms of each ring in the order of its bonds, each ring once.  Both
+    rings of a fused pair are found, but not their outline, whose bonds are in smaller rings."""
     neighbours = [set(found) for found in neighbours_of(bonds, n)]
     ends = deque(atom for atom in range(n) if len(neighbours[atom]) == 1)
-    while ends:  # what hangs on a ring is in none: chains and most solvents are gone after this
+    while ends:  # strips side chains, linear molecules and most solvents, which are in no ring
         atom = ends.popleft()
         for other in neighbours[atom]:
             neighbours[other].discard(atom)
@@ -44,7 +44,7 @@ def small_rings(bonds: np.ndarray, n: int, largest: int) -> list[tuple[int, ...]
 
 
 def _ways_around(neighbours: list[set[int]], start: int, end: int, largest: int) -> list[tuple[int, ...]]:
-    """Shortest paths of at most ``largest`` atoms between two bonded atoms that do not take the bond itself."""
+    """Shortest paths of at most ``largest`` atoms between two bonded atoms, other than the bond itself."""
     paths: list[tuple[int, ...]] = [(start,)]
     seen = {start}
     for _ in range(largest - 1):
@@ -58,7 +58,7 @@ def _ways_around(neighbours: list[set[int]], start: int, end: int, largest: int)
 
 
 def within_bonds(neighbours: list[list[int]], atoms: tuple[int, ...], reach: int) -> dict[int, int]:
-    """Atoms that are at most so many bonds from one of these, and how many."""
+    """Atoms at most ``reach`` bonds from one of the given atoms, and the number of bonds."""
     distance = dict.fromkeys(atoms, 0)
     queue = deque(atoms)
     while queue:
@@ -71,24 +71,24 @@ def within_bonds(neighbours: list[list[int]], atoms: tuple[int, ...], reach: int
     return distance
 
 
-#: How far beyond the edge of a ring a bond is pushed that was in it, nm: about the radius of a carbon atom.
+#: Distance to push a bond beyond the edge of a ring that it pierced, nm: about the radius of a carbon atom.
 BEYOND = 0.15
-#: Atoms so many bonds away from a bond that is pushed go with it, each bond away a smaller part of the way.
+#: Number of bonds from a pushed bond over which atoms move with it, less with every bond.
 REACH = 4
 
 
 @dataclass(frozen=True)
 class Piercing:
-    """A bond through a ring.
+    """A bond that passes through a ring.
 
     Attributes
     ----------
     ring : tuple of int
         Atoms of the ring, in the order of its bonds.
     bond : (int, int)
-        The atoms of the bond.
+        Atoms of the bond.
     text : str
-        Both in words: chains, residues and atoms.
+        Description with chains, residues and atoms.
     """
 
     ring: tuple[int, ...]
@@ -102,18 +102,18 @@ class Piercing:
 def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int = 8) -> list[Piercing]:
     """Bonds that pass through rings.
 
-    The surface of a ring is the fan of triangles from its centroid to its bonds.  A bond that has no atom in the ring and crosses one of
-    the triangles pierces it.  All distances are minimum images, so molecules may be whole or wrapped.
+    The surface of a ring is the fan of triangles between its centroid and its bonds.  A bond pierces the ring if it crosses a triangle and
+    has no atom in the ring.  All distances are minimum images, so molecules may be whole or wrapped.
 
     Parameters
     ----------
     topology : openmm.app.Topology
-        Its bonds are the ones that are looked at.
+        Topology with bonds.
     positions : (N, 3) array of lengths
     box : (3,) or (3, 3) array of lengths, optional
-        Edges or box vectors; by default those of the topology, if it has any.
+        Edges or box vectors; by default those of the topology, if any.
     max_ring : int, default 8
-        Atoms of the largest rings.  Of rings that share bonds the smallest through each bond count.
+        Number of atoms in the largest rings.  Of rings that share a bond, only the smallest is considered.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int
     Raises
     ------
     ParameterError
-        If the topology has no bonds, positions have another shape or are not finite, or a ring or bond is too long for minimum images
+        If the topology has no bonds, positions have the wrong shape or are not finite, or a ring or bond is too long for minimum images
         in this box.
 
     Examples
@@ -144,7 +144,7 @@ def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int
     """
     bonds = bonds_of_topology(topology)
     if not len(bonds):
-        raise ParameterError("the Topology has no bonds, so nothing is known of its rings; createStandardBonds() makes some")
+        raise ParameterError("the Topology has no bonds, so its rings are unknown; topology.createStandardBonds() adds bonds")
     x = position_array(positions, topology.getNumAtoms(), "the topology says")
     vectors = box_vectors(topology.getPeriodicBoxVectors() if box is None else box)
     rings = small_rings(bonds, len(x), whole_number(max_ring, "max_ring", least=3))
@@ -152,7 +152,7 @@ def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int
 
 
 def bonds_of_topology(topology: app.Topology) -> np.ndarray:
-    """Pairs of atoms, (B, 2)."""
+    """Bonds of a topology as pairs of atom indices, (B, 2)."""
     if not isinstance(topology, app.Topology):
         raise ParameterError(f"expected an openmm.app.Topology, not {what_is(topology)}")
     return np.array([(bond[0].index, bond[1].index) for bond in topology.bonds()], dtype=np.int64).reshape(-1, 2)
@@ -161,7 +161,7 @@ def bonds_of_topology(topology: app.Topology) -> np.ndarray:
 def crossings(
     rings: list[tuple[int, ...]], bonds: np.ndarray, x: np.ndarray, box: np.ndarray | None
 ) -> list[tuple[tuple[int, ...], tuple[int, int]]]:
-    """Rings and the bonds through them."""
+    """Pairs of a ring and a bond that passes through it; ParameterError if one is too long for minimum images."""
     if not rings:
         return []
     along = minimum_images(x[bonds[:, 1]] - x[bonds[:, 0]], box)
@@ -172,7 +172,7 @@ def crossings(
     if box is not None and reach > 0.5 * widths(box).min():
         raise ParameterError(
             f"the longest bond and the largest ring reach {reach:.3g} nm, more than half the smallest width of the box, "
-            f"{widths(box).min():.3g} nm: minimum images do not say where they are"
+            f"{widths(box).min():.3g} nm, so minimum images are ambiguous; take a larger box"
         )
     found = []
     near, which, _ = pairs_within(centres, x[bonds[:, 0]] + 0.5 * along, box, reach)
@@ -187,7 +187,7 @@ def crossings(
 
 
 def _around(ring: tuple[int, ...], x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Atoms of a ring in one piece."""
+    """Positions of a ring's atoms in one piece, (n, 3)."""
     atoms = list(ring)
     steps = minimum_images(np.diff(x[atoms], axis=0), box)
     return x[atoms[0]] + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
@@ -203,7 +203,7 @@ def _crosses(corners: np.ndarray, start: np.ndarray, along: np.ndarray) -> bool:
         q = np.cross(start, a)
         v = (q @ along) / det
         t = np.einsum("kd,kd->k", b, q) / det
-        # NaN where the segment lies in the plane of a triangle: such a bond goes beside the ring's plane, not through it
+        # NaN if the segment lies in the plane of a triangle: such a bond does not pass through the ring
         return bool(np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)))
 
 
@@ -216,9 +216,9 @@ def pushed_out(
     *,
     turn: int = 0,
 ) -> np.ndarray:
-    """Positions with pierced rings and bonds, as :func:`crossings` gives them, moved apart in the plane of the ring, over one of its
-    edges.  The bond goes past the edge that is the ``turn``-th nearest; atoms up to four bonds from it go a part of the way, so that the
-    chain is bent and not torn.  If the bond cannot move (``mobile`` (N,) says which atoms may), the ring does, the other way."""
+    """Positions (N, 3) with pierced rings and bonds, from :func:`crossings`, moved apart in the plane of the ring, over one of its edges.
+    The bond moves past the ``turn``-th nearest edge; atoms up to four bonds away follow part of the way, which bends the chain but does
+    not tear it.  If the bond cannot move (``mobile`` (N,) marks atoms that can), the ring moves the other way."""
     x = x.copy()
     neighbours = neighbours_of(bonds, len(x))
     for ring, bond in found:
@@ -231,7 +231,7 @@ def pushed_out(
         rise = float(along @ normal)
         point = start + along * np.clip(-float(start @ normal) / rise if rise else 0.5, 0, 1)
         point -= (point @ normal) * normal
-        ways = 0.5 * (corners + np.roll(corners, -1, axis=0)) - point  # to the middles of the edges
+        ways = 0.5 * (corners + np.roll(corners, -1, axis=0)) - point  # to the midpoints of the edges
         ways -= np.outer(ways @ normal, normal)
         length = np.linalg.norm(ways, axis=1)
         edge = np.argsort(length)[turn % len(ring)]
@@ -249,7 +249,7 @@ def _words(topology: app.Topology, ring: tuple[int, ...], bond: tuple[int, int])
 
 
 def _named(atoms: list[app.topology.Atom], between: str) -> str:
-    """Atoms with their residues, and chains where the topology has several."""
+    """Names of atoms with their residues, and with their chain if the topology has several."""
     residues = list(dict.fromkeys(atom.residue for atom in atoms))
     chains, own = list(residues[0].chain.topology.chains()), residues[0].chain
     chain = f" of chain {own.id.strip() or own.index + 1}" if len(chains) > 1 else ""

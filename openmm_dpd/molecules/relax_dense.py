@@ -1,4 +1,4 @@
-"""A soft start for molecules of a force field: from overlapping places to positions that can be minimised and run."""
+"""Soft start for molecules of a force field: from overlapping positions to positions that can be minimised and run."""
 
 import time
 import warnings
@@ -22,7 +22,7 @@ from .soft_system import STRENGTH, atom_diameters, excluded_pairs, largest_overl
 
 
 class PiercingWarning(UserWarning):
-    """Bonds still pass through rings; the text names them."""
+    """Warning that bonds still pass through rings; its text names them."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class Stage:
     Attributes
     ----------
     strength : float
-        Energy of two atoms at one place, kJ/mol.
+        Energy of two atoms at the same place, kJ/mol.
     steps : int
-        Steps of the dynamics.
+        Number of steps.
     dt : float
-        Their size, ps.
+        Step size, ps.
     temperature : float
         Kinetic temperature at the end, K.
     halvings : int
-        How often the step was halved because the stage flew apart, or got too hot, with a longer one.
+        Number of times that the step size was halved because the stage blew up or got too hot.
     """
 
     strength: float
@@ -52,25 +52,25 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class DenseStart:
-    """Positions after a soft start, and what was done.
+    """Positions after a soft start, and a record of what was done.
 
     Attributes
     ----------
     positions : (N, 3) Quantity
-        Of all particles, virtual sites too; constraints hold, molecules are in one piece.
+        Positions of all particles, including virtual sites; constraints hold, and molecules are whole.
     stages : tuple of Stage
-        Stages of the dynamics in their order; those after a ring was freed follow the ramp.
+        Stages of the dynamics in order; those after a ring was freed follow the ramp.
     overlap_before, overlap_after : float
-        Largest overlap 1 - r/sigma_ij of two atoms that the force field lets repel each other, 0 if none are closer than the mean
-        sigma_ij of their van der Waals diameters.
+        Largest overlap 1 - r/sigma_ij of two atoms that repel each other in the force field, with sigma_ij the mean of their van der Waals
+        diameters; 0 if none are closer.
     energy_before, energy_after : Quantity
-        Potential energy of the force field itself (infinite where it is not a number).
+        Potential energy of the force field itself (infinite if it is not a number).
     resolved : tuple of Piercing
-        Bonds that went through rings, at the start or on the way, and do no longer.
+        Bonds that passed through rings, at the start or in between, and were freed.
     unresolved : tuple of Piercing
-        Those that still do.
+        Bonds that still pass through rings.
     replaced : tuple of str
-        Classes of the forces that soft repulsion replaced.
+        Classes of the forces that the soft repulsion replaced.
     seconds : float
         Wall time.
     """
@@ -104,21 +104,21 @@ class DenseStart:
         return fact_table("DenseStart", self._facts())
 
 
-#: Energies of two atoms at one place, kJ/mol: from a few kT, where molecules pass through each other, to what keeps them apart.
+#: Energies of two atoms at the same place, kJ/mol, from a few kT, where molecules pass through each other, to enough to separate them.
 STRENGTHS = tuple(float(e) for e in np.geomspace(10, 1000, 9))
 #: Range of the repulsion in van der Waals diameters, about the minimum of a Lennard-Jones potential.
 REACH = 1.1
-#: Friction, Da/ps: atoms in a liquid lose their heat in some ten femtoseconds, which exact pair updates do at any step.
+#: Friction, Da/ps: atoms in a liquid lose excess heat within some ten femtoseconds; exact pair updates allow this at any step size.
 FRICTION = 500.0
-#: The first step size, ps; the stiffest bonds between atoms of 12 Da have periods of 20 fs and more.
+#: Initial step size, ps; the stiffest bonds between atoms of 12 Da have periods of at least 20 fs.
 STEP = 0.002
-#: A stage that ends so many times too hot has flown apart.
+#: A stage that ends this many times too hot has blown up.
 HOT = 5.0
-#: Halvings of the step, and attempts to free rings.
+#: Most halvings of the step size, and attempts to free rings.
 HALVINGS, ATTEMPTS = 5, 6
-#: Piercings that a warning names; all are in the result.
+#: Most piercings named in the warning; the result has all.
 NAMED = 5
-#: Random displacement of all atoms at the start, nm: between two at one place no force has a direction.
+#: Random displacement of all atoms at the start, nm: the force between two atoms at the same place has no direction.
 SHAKE = 1e-4
 #: Iterations of the minimiser before, between and after the dynamics.
 ITERATIONS = 100
@@ -137,59 +137,59 @@ def relax_dense(
     platform: str | None = None,
     seed: int = 1,
 ) -> DenseStart:
-    r"""Positions that can be minimised, from molecules that overlap or were placed at random.
+    r"""Find positions that can be minimised for molecules that overlap or were placed at random.
 
-    On a copy of the System, nonbonded forces are replaced by the soft repulsion of DPD,
+    In a copy of the System, the soft repulsion of DPD replaces nonbonded forces,
 
     .. math:: U(r) = \frac{E}{2} \left(1 - \frac{r}{r_c}\right)^2 \quad (r < r_c = 1.1\,\sigma_{ij}),
 
     between all pairs that the force field does not exclude, with :math:`\sigma_{ij}` the mean of their van der Waals diameters.
-    Bonded forces, external forces, virtual sites and frozen atoms stay.  Molecules move with pairwise friction and noise (exact pair
-    updates) while E rises in nine stages from 10 to 1000 kJ/mol; first they pass through each other, in the end they are apart.  A
-    stage that flies apart is repeated with half the step.  The repulsion drives bonds out of rings of up to about ten atoms by itself;
-    where one is still in a ring afterwards, it is pushed out over an edge of the ring, and the system is relaxed again.
+    Bonded forces, external forces, virtual sites and frozen atoms are kept.  Molecules move with pairwise friction and noise (exact pair
+    updates) while E rises in nine stages from 10 to 1000 kJ/mol: at first they pass through each other, at the end they are separate.  A
+    stage that blows up is repeated with half the step size.  The repulsion itself drives bonds out of rings of up to about ten atoms; a
+    bond that is left in a ring is pushed out over an edge of the ring, and the system is relaxed again.
 
     Parameters
     ----------
     system : openmm.System
-        Made by ``openmm.app.ForceField``, say; stays as it is.  Its charges, custom nonbonded forces and implicit solvent do not act
-        here; barostats, thermostats and motion removers neither.  Constraints act as stiff bonds and hold exactly in the result.
+        A System such as from ``openmm.app.ForceField``; it is not changed.  Its charges, custom nonbonded forces, implicit solvent,
+        barostats, thermostats and motion removers do not act here.  Constraints act as stiff bonds and hold exactly in the result.
     topology : openmm.app.Topology
-        Its bonds say where rings are.
+        Topology whose bonds define the rings.
     positions : (N, 3) array of lengths
-        Molecules in one piece, anywhere.  Nothing else is asked of them: atoms may be at one place.
+        Positions in which molecules are whole.  Molecules may overlap in any way, and atoms may be at the same place.
     temperature : temperature
-        Of the soft dynamics; bare numbers are kelvin.
+        Temperature of the soft dynamics; a bare number is in kelvin.
     steps : int, default 200
-        Steps of each stage, 2 fs long with all atoms as heavy as carbon.  Take more for chains that should come close to a melt of soft
-        chains in equilibrium.
+        Steps of each stage, 2 fs each, with all atoms as heavy as carbon.  Take more for chains that should come close to an equilibrated
+        melt of soft chains.
     diameters : (N,) array of lengths, optional
-        Van der Waals diameters; 0 for particles that repel nothing.  By default sigma of the NonbondedForce where it has a well depth;
-        where not, 0 for virtual sites, 0.1 nm for hydrogens, the element's radius for other atoms.
+        Van der Waals diameters; 0 for particles without repulsion.  By default sigma of the NonbondedForce if it has a well depth; if not,
+        0 for virtual sites, 0.1 nm for hydrogens, and twice the element's radius for other atoms.
     fixed : sequence of int
-        Atoms that stay where they are, beside those of mass 0: a folded protein, say, which loses some of its shape otherwise (no
-        charges hold it).  Constraints to other atoms may move them by some picometers in the end.
+        Atoms that stay in place, besides those of mass 0, such as a folded protein, which would lose some of its shape without charges.
+        Constraints to other atoms may move them by some picometres at the end.
     max_ring : int, default 8
-        Largest rings that are looked at; see :func:`find_piercings`.
+        Number of atoms in the largest rings to consider, see :func:`find_piercings`.
     platform : str, optional
-        Name of a platform of OpenMM; the fastest by default.
+        Name of an OpenMM platform; the fastest by default.
     seed : int
-        Of velocities and noise.
+        Seed of velocities and noise.
 
     Returns
     -------
     DenseStart
-        ``simulation.context.setPositions(result.positions)``, ``simulation.minimizeEnergy()``, and constant pressure can follow.
+        Result; next are ``simulation.context.setPositions(result.positions)``, ``simulation.minimizeEnergy()``, and constant pressure.
 
     Raises
     ------
     ParameterError
-        If sizes do not fit, positions are not finite, a molecule is cut by the box, topology and System disagree about the box, the box
-        is smaller than two ranges of the repulsion, or the size of an atom is unknown.
+        If sizes do not match, positions are not finite, the box cuts a molecule, topology and System have different boxes, the box is
+        smaller than two ranges of the repulsion, or the size of an atom is unknown.
     PlanError
         If the System has no NonbondedForce, several of them, or a force that can neither stay nor be replaced.
     RunError
-        If a stage flies apart at the shortest step too.
+        If a stage blows up even with the smallest step size.
 
     Warns
     -----
@@ -206,7 +206,7 @@ def relax_dense(
     >>> modeller.addSolvent(field, boxSize=openmm.Vec3(2, 2, 2) * unit.nanometer)
     >>> system = field.createSystem(modeller.topology, nonbondedMethod=app.PME, nonbondedCutoff=0.9 * unit.nanometer)
     >>> x = np.array(modeller.positions.value_in_unit(unit.nanometer)).reshape(-1, 3, 3)
-    >>> scattered = x - x[:, :1] + 2 * np.random.default_rng(1).random((len(x), 1, 3))  # every molecule somewhere else
+    >>> scattered = x - x[:, :1] + 2 * np.random.default_rng(1).random((len(x), 1, 3))  # scatters the molecules
     >>> done = relax_dense(system, modeller.topology, scattered.reshape(-1, 3), steps=50)
     >>> done.overlap_before > 0.9, done.overlap_after < 0.3
     (True, True)
@@ -235,7 +235,7 @@ def relax_dense(
         left = work.piercings(x, max_ring)
     if left:
         named = "; ".join([*map(str, left[:NAMED]), *(["..."] if len(left) > NAMED else [])])
-        warnings.warn(f"rings that bonds still pass through: {len(left)}: {named}", PiercingWarning, stacklevel=2)
+        warnings.warn(f"bonds still pass through {len(left)} rings: {named}", PiercingWarning, stacklevel=2)
     after, x = work.force_field(x, exact=True)
     return DenseStart(
         positions=x * unit.nanometer,
@@ -252,7 +252,7 @@ def relax_dense(
 
 
 class _Work:
-    """The checked System, its soft copy, and what is done with both."""
+    """The checked System and its soft copy, with the operations on both."""
 
     def __init__(self, system, topology, positions, given, fixed, temperature, platform, seed):
         if not isinstance(system, openmm.System):
@@ -268,7 +268,7 @@ class _Work:
         self.mobile = (masses_of(system) > 0) & ~marked(fixed, n)
         self.sizes, self.excluded = atom_diameters(system, topology, given), excluded_pairs(system)
         if not np.any(self.sizes[self.mobile] > 0):
-            raise ParameterError("no atom that moves has a van der Waals diameter, so nothing would repel anything")
+            raise ParameterError("no mobile atom has a van der Waals diameter, so nothing would repel; give diameters")
         reach = REACH * float(self.sizes.max())
         if self.box is not None and reach > 0.5 * widths(self.box).min():
             raise ParameterError(
@@ -284,7 +284,7 @@ class _Work:
         self.freedom = degrees_of_freedom(soft)
 
     def shaken(self) -> np.ndarray:
-        """The positions at the start, a tenth of a picometer off."""
+        """The initial positions with random displacements of a tenth of a picometre."""
         away = np.random.default_rng(self.seed).normal(0.0, SHAKE, self.start.shape)
         return self.start + np.where(self.mobile[:, None], away, 0.0)
 
@@ -298,14 +298,14 @@ class _Work:
         return np.array(found, dtype=np.float64)
 
     def minimised(self, x: np.ndarray, strength: float) -> np.ndarray:
-        """Positions after some iterations downhill in the soft System, with new velocities."""
+        """Positions after a few iterations of the minimiser in the soft System, which gets new velocities."""
         self._place(x, strength)
         self.simulation.minimizeEnergy(maxIterations=ITERATIONS)
         self.context.setVelocitiesToTemperature(self.temperature, self.seed)
         return self._places()
 
     def stage(self, x: np.ndarray, strength: float, steps: int) -> tuple[np.ndarray, Stage]:
-        """Positions after a stage, which is repeated with half the step where it fails."""
+        """Positions after a stage, which is repeated with half the step size if it fails, and its record."""
         reason = ""
         for halvings in range(HALVINGS + 1):
             dt = self.integrator.getStepSize().value_in_unit(unit.picosecond)
@@ -317,21 +317,21 @@ class _Work:
                 hotness = 2 * kinetic / (self.freedom * BOLTZMANN)
                 if hotness <= HOT * self.temperature:
                     return self._places(), Stage(strength, steps, dt, hotness, halvings)
-                reason = f"it was {hotness:.3g} K hot at the end"
+                reason = f"its temperature was {hotness:.3g} K at the end"
             except (RunError, openmm.OpenMMException) as error:
                 reason = str(error)
             self.integrator.setStepSize(0.5 * dt)
             self.context.setVelocitiesToTemperature(self.temperature, self.seed)
         raise RunError(
-            f"the stage with a repulsion of {strength:.3g} kJ/mol flies apart even with a step of {dt:.3g} ps: {reason}; "
-            "is a bond or angle far from its place at the start?"
+            f"the stage with a repulsion of {strength:.3g} kJ/mol blows up even with a step of {dt:.3g} ps: {reason}; "
+            "check for bonds and angles that are far from equilibrium at the start"
         )
 
     def piercings(self, x: np.ndarray, max_ring: int) -> list[Piercing]:
         return find_piercings(self.topology, x, self.box, max_ring=max_ring) if len(self.bonds) else []
 
     def force_field(self, x: np.ndarray, exact: bool = False) -> tuple[float, np.ndarray]:
-        """Energy of the force field itself, with the positions; ``exact`` puts constraints right."""
+        """Energy of the force field itself, and the positions; ``exact`` applies constraints first."""
         context = openmm.Context(self.system, openmm.VerletIntegrator(0.001), self.context.getPlatform())
         context.setPositions(x * unit.nanometer)
         if exact:
@@ -344,7 +344,7 @@ class _Work:
 
 
 def marked(fixed, n: int) -> np.ndarray:
-    """Which of n particles are fixed."""
+    """Mask of the fixed particles among n, (n,)."""
     atoms = np.asarray(fixed)
     if atoms.size and (atoms.ndim != 1 or atoms.dtype.kind not in "iu" or atoms.min() < 0 or atoms.max() >= n):
         raise ParameterError(f"fixed must hold indices of atoms from 0 to {n - 1}, not {what_is(fixed)}")
@@ -354,12 +354,12 @@ def marked(fixed, n: int) -> np.ndarray:
 
 
 def common_box(system: openmm.System, topology: app.Topology, periodic: bool) -> np.ndarray | None:
-    """Box vectors of the System, on which the topology has to agree; None without a box."""
+    """Box vectors of the System, or None; ParameterError if the topology has another box."""
     named = topology.getPeriodicBoxVectors()
     if not periodic:
         if named is not None:
             raise ParameterError(
-                "the Topology has a periodic box, but the NonbondedForce is not periodic; make the System with nonbondedMethod=PME, or "
+                "the Topology has a periodic box, but the NonbondedForce is not periodic; create the System with nonbondedMethod=PME, or "
                 "call topology.setPeriodicBoxVectors(None)"
             )
         return None
@@ -372,11 +372,11 @@ def common_box(system: openmm.System, topology: app.Topology, periodic: bool) ->
 
 
 def whole_bonds(system: openmm.System, topology: app.Topology, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Bonds of the topology, which must not be cut by the box where bonded forces do not reach across it."""
+    """Bonds of the topology, (B, 2); ParameterError if the box cuts a bond that does not reach across it by minimum image."""
     bonds = bonds_of_topology(topology)
     bonded = [force for force in system.getForces() if isinstance(force, LISTED)]
     if not len(bonds) and (system.getNumConstraints() or any(isinstance(f, openmm.HarmonicBondForce) and f.getNumBonds() for f in bonded)):
-        raise ParameterError("the System has bonds, but the Topology has none, so that pierced rings could not be found; give it the bonds")
+        raise ParameterError("the System has bonds, but the Topology has none, so pierced rings cannot be found; add bonds to the Topology")
     if box is None or not len(bonds) or any(force.usesPeriodicBoundaryConditions() for force in bonded):
         return bonds
     along = x[bonds[:, 1]] - x[bonds[:, 0]]
@@ -386,6 +386,6 @@ def whole_bonds(system: openmm.System, topology: app.Topology, x: np.ndarray, bo
         names = " and ".join(f"{a.name} of {a.residue.name} {a.residue.id}" for a in topology.atoms() if a.index in bonds[worst])
         raise ParameterError(
             f"the bond of {names} is {long[worst]:.3g} nm long, and {short[worst]:.3g} nm to the nearest image: the box cuts the molecule; "
-            "give molecules in one piece"
+            "give positions with whole molecules"
         )
     return bonds

@@ -1,4 +1,4 @@
-"""A System of a force field with soft repulsion in the place of its nonbonded forces."""
+"""Copy of a force field's System with soft repulsion in place of its nonbonded forces."""
 
 import copy
 
@@ -13,26 +13,26 @@ from ..plan.made import BAROSTATS, LISTED
 
 #: Context parameter with the energy (kJ/mol) of a pair at distance 0.
 STRENGTH = "soft_strength"
-#: Forces between all atoms, which soft repulsion replaces.
+#: Forces between all atoms, which the soft repulsion replaces.
 REPLACED = (openmm.NonbondedForce, openmm.CustomNonbondedForce, openmm.GBSAOBCForce, openmm.CustomGBForce, openmm.CustomHbondForce)
-#: What has no place in a relaxation: box and momentum stay, and the temperature is held by friction.
+#: Forces to leave out in a relaxation: box and momentum are kept, and friction controls the temperature.
 LEFT_OUT = (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat)
-#: Mass of every atom that moves, Da: light hydrogens would need short steps.
+#: Mass of every mobile atom, Da: light hydrogens would need short steps.
 MASS = 12.0
-#: Force constant of bonds in the place of constraints, kJ/mol/nm^2: a bit less than force fields give to bonds to hydrogen.
+#: Force constant of bonds in place of constraints, kJ/mol/nm^2: a bit less than that of bonds to hydrogen in force fields.
 BOND = 2.5e5
-#: The van der Waals diameter of hydrogens without one of their own, nm: they keep off the charge of others.
+#: Van der Waals diameter of hydrogens that have none in the force field, nm; it keeps them from charges of other atoms.
 HYDROGEN = 0.1
-#: Radius of what repels nothing: negative together with any other one.
+#: Radius of particles without repulsion, so negative that its sum with any other radius is, too.
 NONE = -1e3
 
 
 def atom_diameters(system: openmm.System, topology: app.Topology, given=None) -> np.ndarray:
-    """Van der Waals diameters, (N,) in nm, those that are given or else; 0 for particles that repel nothing.
+    """Van der Waals diameters, (N,) in nm, as given or by default; 0 for particles without repulsion.
 
-    They are the sigma of the NonbondedForce where it has a well depth.  Where it has none, virtual sites get 0, hydrogens 0.1 nm, and
-    other atoms (CHARMM's, whose Lennard-Jones terms are in a CustomNonbondedForce) twice the van der Waals radius of their element in
-    mdtraj's table; ParameterError if there is no element either.
+    The default is sigma of the NonbondedForce if it has a well depth.  If not, it is 0 for virtual sites, 0.1 nm for hydrogens, and twice
+    the van der Waals radius of the element in mdtraj's table for other atoms (such as CHARMM's, whose Lennard-Jones terms are in a
+    CustomNonbondedForce); ParameterError without an element.
     """
     n = system.getNumParticles()
     if given is not None:
@@ -54,7 +54,7 @@ def atom_diameters(system: openmm.System, topology: app.Topology, given=None) ->
             found[k] = HYDROGEN
         elif atom.element is None:
             raise ParameterError(
-                f"nothing says how large atom {atom.name} of {atom.residue.name} {atom.residue.id} is: it has no Lennard-Jones well in "
+                f"the size of atom {atom.name} of {atom.residue.name} {atom.residue.id} is unknown: it has no Lennard-Jones well in "
                 "the NonbondedForce and no element; give diameters"
             )
         else:
@@ -63,42 +63,42 @@ def atom_diameters(system: openmm.System, topology: app.Topology, given=None) ->
 
 
 def nonbonded_of(system: openmm.System) -> openmm.NonbondedForce:
-    """The NonbondedForce; PlanError if there is not just one."""
+    """The System's NonbondedForce; PlanError if there is none or more than one."""
     found = [force for force in system.getForces() if isinstance(force, openmm.NonbondedForce)]
     if len(found) != 1:
         raise PlanError(
-            f"the System has {len(found)} NonbondedForces; one is needed, for the pairs that do not repel each other (its exceptions) "
-            "and the sizes of the atoms"
+            f"the System has {len(found)} NonbondedForces; exactly one is needed, for excluded pairs (its exceptions) and the sizes of the "
+            "atoms"
         )
     return found[0]
 
 
 def excluded_pairs(system: openmm.System) -> np.ndarray:
-    """Pairs with an exception in the NonbondedForce, (E, 2), sorted: neighbours over up to three bonds, as a rule.  Other forces between
-    all atoms exclude the same pairs, which the CPU and GPU platforms ask of them."""
+    """Pairs with an exception in the NonbondedForce, (E, 2), sorted: as a rule, atoms up to three bonds apart.  Other forces between all
+    atoms exclude the same pairs, as the CPU and GPU platforms require."""
     force = nonbonded_of(system)
     pairs = sorted(tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions()))
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def replaced_forces(system: openmm.System) -> list[str]:
-    """Names of the classes of forces that soft repulsion stands for; PlanError if there is one that can neither stay nor be replaced."""
+    """Class names of the forces that the soft repulsion replaces; PlanError for a force that can neither be kept nor replaced."""
     for force in system.getForces():
         if not isinstance(force, (*LISTED, *REPLACED, *LEFT_OUT)):
             raise PlanError(
-                f"the System has a {type(force).__name__}, and a soft start does not know whether that may stay; relax a System without it"
+                f"the System has a {type(force).__name__}, which a soft start can neither keep nor replace; relax a System without it"
             )
     return sorted({type(force).__name__ for force in system.getForces() if isinstance(force, REPLACED)})
 
 
 def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, mobile: np.ndarray, periodic: bool) -> openmm.System:
-    r"""A copy with bonded forces and virtual sites as they were, and soft repulsion
+    r"""Copy of a System with its bonded forces and virtual sites, and the soft repulsion
 
     .. math:: U(r) = \frac{E}{2} \left(1 - \frac{r}{r_c}\right)^2 \quad (r < r_c), \qquad r_c = c\,\frac{\sigma_i + \sigma_j}{2},
 
-    that of DPD with A = E/r_c (R. D. Groot and P. B. Warren, J. Chem. Phys. 107, 4423 (1997)), between all pairs that the force field does
-    not exclude, with ``sizes`` sigma (nm; 0 for none) and the factor c = ``reach``.  E is the Context parameter ``soft_strength``.
-    Constraints become stiff bonds, and every atom that moves by itself (``mobile``) has the same mass.
+    of DPD with A = E/r_c (R. D. Groot and P. B. Warren, J. Chem. Phys. 107, 4423 (1997)), between all pairs that the force field does not
+    exclude, with ``sizes`` sigma (nm; 0 for none) and the factor c = ``reach``.  E is the Context parameter ``soft_strength``.
+    Constraints become stiff bonds, and all atoms that move by themselves (``mobile``) have equal masses.
     """
     soft = copy.deepcopy(system)
     for k in reversed(range(system.getNumForces())):
@@ -106,7 +106,7 @@ def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, mobil
             soft.getForce(k).setForceGroup(0)
         else:
             soft.removeForce(k)
-    bonds = openmm.HarmonicBondForce()  # as constraints, without minimum images
+    bonds = openmm.HarmonicBondForce()  # like constraints, without minimum images
     for k in reversed(range(system.getNumConstraints())):
         bonds.addBond(*system.getConstraintParameters(k), BOND)
         soft.removeConstraint(k)
@@ -127,7 +127,7 @@ def soft_system(system: openmm.System, sizes: np.ndarray, reach: float, *, mobil
 
 
 def largest_overlap(x: np.ndarray, sizes: np.ndarray, excluded: np.ndarray, box: np.ndarray | None) -> float:
-    """Largest 1 - r/sigma_ij of the pairs that are not excluded, sigma_ij the mean of their diameters; 0 if none is closer than that."""
+    """Largest 1 - r/sigma_ij over pairs that are not excluded, with sigma_ij the mean of their diameters; 0 if none is positive."""
     seen = np.flatnonzero(sizes > 0)
     i, j, r = pairs_within(x[seen], None, box, float(sizes.max()))
     i, j = np.minimum(seen[i], seen[j]), np.maximum(seen[i], seen[j])

@@ -1,4 +1,4 @@
-"""Springs, bends and twists: one bond, angle or dihedral of a molecule, as a value."""
+"""Springs, bends and twists: the bonds, angles and dihedrals of molecules, as values."""
 
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
@@ -11,7 +11,7 @@ from ..model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseB
 
 @dataclass(frozen=True)
 class _Term:
-    """One bond, angle or dihedral: checked, and turned into MD units, by the class of the model that holds many of them."""
+    """One bond, angle or dihedral: the model's class for many of them checks it and converts its units."""
 
     KIND: ClassVar[Any]
     _BEADS: ClassVar[tuple[int, ...]]
@@ -22,24 +22,24 @@ class _Term:
             object.__setattr__(self, field.name, float(getattr(checked, field.name)[0]))
 
     def coefficients(self) -> dict[str, float]:
-        """Coefficients by name."""
+        """Coefficients by name, in MD units."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def many(cls, beads: np.ndarray, terms: list) -> BondedTerms:
-        """The bonds, angles or dihedrals of a scene between these beads, one row each, with the coefficients of these terms."""
+        """Bonds, angles or dihedrals of a scene between these beads, one row each, with the coefficients of these terms."""
         names = [field.name for field in fields(cls)]
         return cls.KIND(beads, **{name: np.array([getattr(term, name) for term in terms]) for name in names})
 
 
 @dataclass(frozen=True)
 class AnySpring(_Term):
-    """A bond.  A kind is a frozen dataclass under it with the coefficients of its class of the model, ``KIND``."""
+    """Base of springs.  Each kind is a frozen dataclass with the coefficients of ``KIND``, its class in the model."""
 
     _BEADS = (0, 1)
 
     def length(self, spacing: float) -> float:
-        """Length (nm) at which a builder places the bond: its rest length, or ``spacing`` where that is 0 or there is none."""
+        """Initial length of the bond, nm: its rest length, or ``spacing`` if that is 0 or does not exist."""
         return getattr(self, "r0", 0.0) or spacing
 
 
@@ -52,9 +52,9 @@ class Spring(AnySpring):
     Parameters
     ----------
     k : energy/length^2
-        kJ/mol/nm^2, >= 0.
+        Force constant, kJ/mol/nm^2, >= 0.
     r0 : length
-        Rest length in nm, >= 0.
+        Rest length, nm, >= 0.
     """
 
     k: float
@@ -69,11 +69,11 @@ class FENESpring(AnySpring):
     Parameters
     ----------
     k : energy/length^2
-        kJ/mol/nm^2, >= 0.
+        Force constant, kJ/mol/nm^2, >= 0.
     R0 : length
-        Largest length in nm, > 0.
+        Maximum length, nm, > 0.
     epsilon : energy, default 0
-        Repulsion of the two beads, kJ/mol.
+        Strength of the repulsion between the two beads, kJ/mol.
     sigma : length, default 1
         Range of the repulsion, nm.
     """
@@ -85,7 +85,7 @@ class FENESpring(AnySpring):
     KIND = FENEBonds
 
     def length(self, spacing: float) -> float:
-        """Where the repulsion begins, or ``spacing``, but at most 0.7 R0."""
+        """Initial length of the bond, nm: the range of the repulsion, or ``spacing`` without one, but at most 0.7 R0."""
         return min(WCA_END * self.sigma if self.epsilon > 0 else spacing, 0.7 * self.R0)
 
 
@@ -100,7 +100,7 @@ class MorseSpring(AnySpring):
     alpha : 1/length
         Inverse width of the well, 1/nm.
     r0 : length
-        Rest length in nm.
+        Rest length, nm.
     """
 
     D: float
@@ -111,12 +111,12 @@ class MorseSpring(AnySpring):
 
 @dataclass(frozen=True)
 class AnyBend(_Term):
-    """An angle, as :class:`AnySpring` is a bond."""
+    """Base of bends.  Each kind is a frozen dataclass with the coefficients of ``KIND``, its class in the model."""
 
     _BEADS = (0, 1, 2)
 
     def angles(self, count: int, rng: np.random.Generator, kT: float) -> np.ndarray:
-        """Angles (radians) with the density sin(theta) exp(-U/kT); those of least energy for kT = 0, (count,)."""
+        """Random angles (rad) with the density sin(theta) exp(-U/kT), (count,); those of least energy for kT = 0."""
         grid = np.linspace(0.0, np.pi, 2001)
         energy = self.KIND([self._BEADS], **self.coefficients()).curve(grid)[0]
         if kT == 0:
@@ -133,9 +133,9 @@ class Bend(AnyBend):
     Parameters
     ----------
     k : energy/angle^2
-        kJ/mol/rad^2, >= 0.
+        Force constant, kJ/mol/rad^2, >= 0.
     theta0 : angle
-        Rest angle; bare numbers are radians.  pi is a straight chain.
+        Rest angle; a bare number is in radians, and pi is a straight chain.
     """
 
     k: float
@@ -145,14 +145,14 @@ class Bend(AnyBend):
 
 @dataclass(frozen=True)
 class CosineBend(AnyBend):
-    """Bending stiffness, U = k (1 + cos theta), least for a straight chain (:class:`openmm_dpd.CosineAngles`).
+    """Bending stiffness, U = k (1 + cos theta), with its minimum for a straight chain (:class:`openmm_dpd.CosineAngles`).
 
-    The literature on DPD lipids writes k (1 - cos phi), with phi = 0 for a straight chain: the same k.
+    The literature on DPD lipids writes k (1 - cos phi), with phi = 0 for a straight chain; k is the same.
 
     Parameters
     ----------
     k : energy
-        kJ/mol, >= 0.
+        Stiffness, kJ/mol, >= 0.
     """
 
     k: float
@@ -161,23 +161,23 @@ class CosineBend(AnyBend):
 
 @dataclass(frozen=True)
 class AnyTwist(_Term):
-    """A dihedral, as :class:`AnySpring` is a bond."""
+    """Base of twists.  Each kind is a frozen dataclass with the coefficients of ``KIND``, its class in the model."""
 
     _BEADS = (0, 1, 2, 3)
 
 
 @dataclass(frozen=True)
 class Twist(AnyTwist):
-    """One wave, U = k [1 + d cos(n phi)], phi = pi for trans (:class:`openmm_dpd.HarmonicDihedrals`).
+    """Cosine dihedral, U = k [1 + d cos(n phi)], with phi = pi for trans (:class:`openmm_dpd.HarmonicDihedrals`).
 
     Parameters
     ----------
     k : energy
-        kJ/mol.
+        Force constant, kJ/mol.
     d : 1 or -1
-        Sign: with 1 the energy is highest where n phi = 0.
+        Sign: with 1 the energy is highest at n phi = 0.
     n : int
-        Waves in a turn.
+        Periodicity.
     """
 
     k: float
@@ -189,13 +189,13 @@ class Twist(AnyTwist):
 
 @dataclass(frozen=True)
 class OPLSTwist(AnyTwist):
-    """Four waves, U = 1/2 {K1 [1 + cos phi] + K2 [1 - cos 2 phi] + K3 [1 + cos 3 phi] + K4 [1 - cos 4 phi]}
+    """OPLS dihedral, U = 1/2 {K1 [1 + cos phi] + K2 [1 - cos 2 phi] + K3 [1 + cos 3 phi] + K4 [1 - cos 4 phi]}
     (:class:`openmm_dpd.OPLSDihedrals`).
 
     Parameters
     ----------
     K1, K2, K3, K4 : energy
-        kJ/mol.
+        Coefficients, kJ/mol.
     """
 
     K1: float
@@ -208,12 +208,12 @@ class OPLSTwist(AnyTwist):
 
 @dataclass(frozen=True)
 class MultiHarmonicTwist(AnyTwist):
-    """U = A1 + A2 cos phi + A3 cos^2 phi + A4 cos^3 phi + A5 cos^4 phi (:class:`openmm_dpd.MultiHarmonicDihedrals`).
+    """Dihedral U = A1 + A2 cos phi + A3 cos^2 phi + A4 cos^3 phi + A5 cos^4 phi (:class:`openmm_dpd.MultiHarmonicDihedrals`).
 
     Parameters
     ----------
     A1, A2, A3, A4, A5 : energy
-        kJ/mol.
+        Coefficients, kJ/mol.
     """
 
     A1: float
@@ -226,7 +226,7 @@ class MultiHarmonicTwist(AnyTwist):
 
 
 def many_terms(beads: np.ndarray, terms: list) -> list:
-    """Bonds, angles or dihedrals of a scene, one object for each kind, from the beads of each term, one row each, and the terms."""
+    """Bonds, angles or dihedrals of a scene, one object for each kind, from terms and their beads, one row each."""
     found = []
     kinds: list[Any] = list(dict.fromkeys(map(type, terms)))
     for kind in kinds:

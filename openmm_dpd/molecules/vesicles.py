@@ -1,4 +1,4 @@
-"""Conformations of molecules, random or upright, and vesicles: molecules in two leaflets around a sphere, and where the solvent is."""
+"""Random and upright conformations of molecules, and vesicles: molecules in two leaflets around a sphere."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from ..base.units import to_md
 from ..model.pairs import checked
 from .molecule import Molecule
 
-#: Clear distance between the middle of a bilayer and the innermost beads of its leaflets, in units of the distance between beads.
+#: Distance between the middle of a bilayer and the innermost beads of its leaflets, in units of the distance between beads.
 GAP = 0.5
 
 
 def random_shapes(molecule: Molecule, count: int, rng: np.random.Generator, *, spacing: float, kT: float) -> np.ndarray:
-    """Random walks along the bonds, centred: (count, n, 3) in nm.  Every bond has the length that its spring gives it
-    (:meth:`Spring.length`).  Directions are isotropic; where a bend acts, angles are drawn with its Boltzmann weight at kT; dihedrals are
-    drawn evenly, whether a twist acts or not.  Molecules with rings are closed by moving beads until every bond has its length within 2 per
-    cent; their bends are left to the minimiser."""
+    """Random walks along the bonds, centred, (count, n, 3), nm.  Every bond has its initial length (:meth:`Spring.length`).  Directions are
+    isotropic; angles with a bend have its Boltzmann distribution at kT; dihedrals are uniform even with a twist.  In molecules with rings,
+    beads are moved until every bond has its length within 2 per cent; bends are left to the minimiser."""
     lengths, bends = _lengths(molecule, spacing), _bends(molecule)
     if len(molecule.bonds) >= molecule.n_beads:
         return _closed_shapes(molecule, count, rng, lengths)
@@ -43,9 +42,9 @@ def random_shapes(molecule: Molecule, count: int, rng: np.random.Generator, *, s
 
 
 def upright_shape(molecule: Molecule, spacing: float) -> np.ndarray:
-    """The molecule upright on its tails, bead 0 on top, the lowest bead at height 0: (n, 3) in nm; all bonds at their lengths."""
+    """The molecule upright on its tails, (n, 3), nm: bead 0 on top, the lowest bead at height 0, all bonds at their initial lengths."""
     if len(molecule.bonds) >= molecule.n_beads:
-        raise ParameterError(f"{molecule.name} has a ring; only molecules without one can be in a layer")
+        raise ParameterError(f"{molecule.name} has a ring; only molecules without rings can be in a bilayer or vesicle")
     lengths, tree = _lengths(molecule, spacing), molecule.tree()
     children: dict[int | None, list[int]] = {}
     for bead, parent in tree:
@@ -53,7 +52,7 @@ def upright_shape(molecule: Molecule, spacing: float) -> np.ndarray:
     x = np.zeros((molecule.n_beads, 3))
     for bead, parent in tree[1:]:
         siblings = children[parent]
-        # chains that part spread by 40 degrees to either side
+        # branches spread by 40 degrees to either side
         tilt = np.linspace(-0.7, 0.7, len(siblings))[siblings.index(bead)] if len(siblings) > 1 else 0.0
         x[bead] = x[parent] + lengths[frozenset((bead, parent))] * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
     x[:, :2] -= x[:, :2].mean(axis=0)
@@ -71,13 +70,13 @@ def _bends(molecule: Molecule) -> dict[tuple, Any]:
 
 
 def _directions(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Isotropic unit vectors, (count, 3)."""
+    """Random unit vectors with an isotropic distribution, (count, 3)."""
     vectors = rng.normal(size=(count, 3))
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def _closed_shapes(molecule: Molecule, count: int, rng: np.random.Generator, lengths: dict[frozenset, float]) -> np.ndarray:
-    """Shapes of a molecule with rings, centred, (count, n, 3): along a single ring a walk that returns, else a small heap, then closed."""
+    """Shapes of a molecule with rings, centred, (count, n, 3): a closed walk for a single ring, else a small heap, with bonds corrected."""
     n, pairs = molecule.n_beads, molecule.bond_pairs
     if np.all(np.bincount(pairs.ravel(), minlength=n) == 2):
         steps = _directions(count * n, rng).reshape(count, n, 3) * np.mean(list(lengths.values()))
@@ -95,10 +94,10 @@ def _closed_shapes(molecule: Molecule, count: int, rng: np.random.Generator, len
 
 
 def _close(x: np.ndarray, molecule: Molecule, lengths: dict[frozenset, float]) -> None:
-    """Move beads until bonds that close rings have their lengths too."""
+    """Move beads of shapes (count, n, 3), in place, until all bonds have their lengths; ParameterError if this fails."""
     pairs = molecule.bond_pairs
     targets = np.array([lengths[frozenset(pair)] for pair in pairs.tolist()])
-    # every bead follows the mean of what its bonds ask for
+    # every bead moves by the mean of the corrections of its bonds
     share = 1.0 / np.bincount(pairs.ravel(), minlength=molecule.n_beads)
     for _ in range(200 * molecule.n_beads):
         d = x[:, pairs[:, 0]] - x[:, pairs[:, 1]]
@@ -109,36 +108,36 @@ def _close(x: np.ndarray, molecule: Molecule, lengths: dict[frozenset, float]) -
         for side, sign in ((0, 1.0), (1, -1.0)):
             move = sign * correction * share[pairs[:, side]][None, :, None]
             np.add.at(x.swapaxes(0, 1), pairs[:, side], move.swapaxes(0, 1))
-    raise ParameterError(f"the bonds of {molecule.name} cannot all have their lengths in any shape that was found")
+    raise ParameterError(f"no shape of {molecule.name} was found in which all bonds have their lengths; check its rings")
 
 
-#: Turn from one site of a leaflet to the next, which spreads them evenly.
+#: Rotation from one site of a leaflet to the next (the golden angle), which spreads them evenly.
 _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 
 
 @dataclass(frozen=True)
 class Vesicle:
-    r"""A closed bilayer of one kind of molecules, bead 0 of each towards the solvent.
+    r"""A closed bilayer of one kind of molecule, with bead 0 of each towards the solvent.
 
-    A leaflet has :math:`4 \pi (R \pm D/4)^2/a` molecules, whose area a counts in the middle of the leaflet.  The solvent begins
-    at :math:`R \pm D/2` and is as dense inside as outside, so nothing blows the vesicle up or sucks it empty.
+    A leaflet has :math:`4 \pi (R \pm D/4)^2/a` molecules of area a at its middle surface.  The solvent begins at :math:`R \pm D/2` and has
+    the same density inside and outside, so that the vesicle is neither inflated nor deflated.
 
     Parameters
     ----------
     radius : length
-        R of the middle surface.
+        Radius R of the middle surface.
     area_per_lipid : area, or two of them
-        a, or that of the inner and of the outer leaflet: :func:`openmm_dpd.analysis.area_per_lipid` of a flat bilayer without tension.
+        Area a, or those of the inner and outer leaflet: :func:`openmm_dpd.analysis.area_per_lipid` of a flat bilayer without tension.
     thickness : length
-        D, the room that the solvent leaves to the membrane.  In a flat bilayer of N_w solvent beads in a box L_x x L_y x L_z, where the
-        solvent far from it has the density rho_w, that is L_z - N_w/(rho_w L_x L_y).
+        Thickness D of the membrane, which excludes solvent.  For a flat bilayer with N_w solvent beads in a box L_x x L_y x L_z, and the
+        solvent density rho_w far from it, this is L_z - N_w/(rho_w L_x L_y).
     centre : three lengths, optional
-        The middle of the box by default.
+        Centre; the middle of the box by default.
 
     Raises
     ------
     ParameterError
-        If a value is not positive, or the radius leaves no room inside.
+        If a value is not positive, or the vesicle has no inside.
     """
 
     radius: float
@@ -150,7 +149,7 @@ class Vesicle:
         for name, what in (("radius", "the radius of a vesicle"), ("thickness", "the thickness of its membrane")):
             object.__setattr__(self, name, checked(getattr(self, name), "length", what, positive=True))
         if self.radius <= self.thickness / 2:
-            raise ParameterError(f"a vesicle of radius {self.radius:g} with a membrane of {self.thickness:g} has no inside")
+            raise ParameterError(f"a vesicle of radius {self.radius:g} with a membrane of {self.thickness:g} has no inside; enlarge it")
         areas = np.atleast_1d(to_md(self.area_per_lipid, "area", "the area per lipid"))
         if areas.shape not in ((1,), (2,)) or np.any(areas <= 0):
             raise ParameterError(f"area_per_lipid must be one area > 0, or an inner and an outer one, not {what_is(self.area_per_lipid)}")
@@ -178,7 +177,7 @@ class Vesicle:
 
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """The room of a vesicle's membrane in a periodic box: between two radii around a centre."""
+    """Space of a vesicle's membrane in a periodic box: between two radii around a centre."""
 
     name: str
     centre: np.ndarray
@@ -188,7 +187,7 @@ class Shell:
 
     @classmethod
     def of(cls, vesicle: Vesicle, name: str, vectors: np.ndarray) -> Shell:
-        """ParameterError if the vesicle meets its own image."""
+        """Shell of a vesicle; ParameterError if it overlaps its own image."""
         centre = vectors.sum(axis=0) / 2 if vesicle.centre is None else np.array(vesicle.centre)
         inner, outer = vesicle.radius - vesicle.thickness / 2, vesicle.radius + vesicle.thickness / 2
         width = float((1 / np.linalg.norm(np.linalg.inv(vectors), axis=0)).min())
@@ -197,12 +196,12 @@ class Shell:
         return cls(f"the vesicle of {name}", centre, inner, outer, vectors)
 
     def distances(self, points: np.ndarray) -> np.ndarray:
-        """From the nearest image of the centre, right up to the outer radius."""
+        """Distances (N,) from the nearest image of the centre, correct up to the outer radius."""
         fractions = (points - self.centre) @ np.linalg.inv(self.vectors)
         return np.linalg.norm((fractions - np.round(fractions)) @ self.vectors, axis=1)
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        """Mask of the points that the membrane encloses."""
+        """Mask of the points enclosed by the membrane."""
         return self.distances(points) < self.inner
 
     def outside(self, points: np.ndarray) -> np.ndarray:
@@ -211,25 +210,24 @@ class Shell:
 
     @property
     def lumen(self) -> float:
-        """Volume inside."""
+        """Volume enclosed by the membrane, nm^3."""
         return 4 / 3 * np.pi * self.inner**3
 
     @property
     def ball(self) -> float:
-        """Volume of all that is not outside."""
+        """Volume of membrane and inside, nm^3."""
         return 4 / 3 * np.pi * self.outer**3
 
 
 def vesicle_beads(molecule: Molecule, vesicle: Vesicle, shell: Shell, spacing: float, rng: np.random.Generator) -> np.ndarray:
-    """Beads of the molecules of a vesicle, inner leaflet first, (count, n, 3).  All bonds have their lengths.  Molecules that are longer
-    than half of the membrane is thick are tilted, so that their ends are at the solvent and near the middle surface; each leans in a
-    direction of its own."""
+    """Positions of the molecules of a vesicle, inner leaflet first, (count, n, 3), with all bonds at their lengths.  Molecules longer than
+    half the membrane's thickness are tilted in random directions, so that their ends are at the solvent and near the middle surface."""
     shape = upright_shape(molecule, spacing)
     length, room = shape[:, 2].max(), vesicle.thickness / 2 - GAP * spacing
     if not 0 < room <= length:
         most = 2 * (length + GAP * spacing)
         raise ParameterError(
-            f"two layers of {molecule.name} make a membrane of {2 * GAP * spacing:g} to {most:g} nm, not of {vesicle.thickness:g} nm"
+            f"two leaflets of {molecule.name} make a membrane of {2 * GAP * spacing:g} to {most:g} nm, not of {vesicle.thickness:g} nm"
         )
     # upright shapes are flat, with y = 0
     lean = np.arccos(room / length)
@@ -251,7 +249,7 @@ def vesicle_beads(molecule: Molecule, vesicle: Vesicle, shell: Shell, spacing: f
 
 
 def even_directions(count: int) -> np.ndarray:
-    """Unit vectors spread evenly, (count, 3): a spiral from pole to pole with steps of equal area."""
+    """Evenly spread unit vectors, (count, 3): a spiral from pole to pole with steps of equal area."""
     k = np.arange(count)
     z = 1 - (2 * k + 1) / max(count, 1)
     r = np.sqrt(1 - z**2)
@@ -259,7 +257,7 @@ def even_directions(count: int) -> np.ndarray:
 
 
 def _random_rotation(rng: np.random.Generator) -> np.ndarray:
-    """A rotation matrix, uniform."""
+    """A random rotation matrix, (3, 3), uniformly distributed."""
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))
     return q * np.linalg.det(q)

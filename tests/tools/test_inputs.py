@@ -186,7 +186,7 @@ MISTAKES = [
     ({"bonds": {"T-T": Spring(1, 1)}}, "the topology has no names of bond types"),
     ({"bonds": {("T", "T"): 5.0}}, "a mapping of springs needs keys of 2 types and springs as values"),
     ({"angles": CosineBend(1)}, "lists no angles, and no two of its bonds meet"),
-    ({"leave_out": ["bonds"]}, "bonds are given, and leave_out names them"),
+    ({"leave_out": ["bonds"]}, "bonds are both given and in leave_out"),
     ({"dihedrals": Twist(1, 1, 1)}, "lists no dihedrals, and no three of its bonds meet"),
     ({"dihedrals": {"x": Twist(1, 1, 1)}}, "has no names of dihedral types; the keys of dihedrals must be four bead types"),
     ({"leave_out": ["impropers"]}, "leave_out names impropers; what can be left out of the topology is bonds, angles, dihedrals$"),
@@ -215,7 +215,7 @@ def test_no_box_and_no_masses():
     raises(dpd.ParameterError, "the topology has no masses; give masses", lambda: scene_from_topology(topology, **given, box=[3, 3, 3]))
     raises(dpd.ParameterError, "the topology has no periodic box; give box=", lambda: scene_from_topology(topology, **given, masses=1.0))
     assert scene_from_topology(topology, **given, masses=1.0, periodic=False).box is None
-    with pytest.raises(dpd.ParameterError, match="has no bonds that the given bonds could act on; a sequence of bonds"):
+    with pytest.raises(dpd.ParameterError, match="has no bonds for the given bonds to act on; give a sequence of bonds"):
         scene_from_topology(topology, **given, masses=1.0, periodic=False, bonds=Spring(1, 1))
     ready = [dpd.HarmonicBonds([(0, 1)], k=1.0, r0=0.5)]
     assert scene_from_topology(topology, **given, masses=1.0, periodic=False, bonds=ready).bond_pairs.tolist() == [[0, 1]]
@@ -240,10 +240,10 @@ def test_psf_of_another_program(tmp_path):
         lines[start + k] = " ".join(words)
     (tmp_path / "other.psf").write_text("\n".join(lines), encoding="utf-8")
     given = {"pairs": {("*", "*"): dpd.NONE}, "kT": 1.0, "box": scene.box}
-    with pytest.raises(dpd.ParameterError, match="has 1 impropers, which a Scene cannot hold; leave_out=.'impropers',. goes on without"):
+    with pytest.raises(dpd.ParameterError, match="has 1 impropers, which a Scene does not support; leave_out=.'impropers',. ignores"):
         scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: "X", **given, bonds=Spring(1, 1))
     given["leave_out"] = ("impropers", "angles")
-    with pytest.raises(dpd.ParameterError, match=r"has 2 dihedrals, the first one .* leave_out=.'dihedrals',. leaves them out"):
+    with pytest.raises(dpd.ParameterError, match=r"has 2 dihedrals, the first one .* leave_out=.'dihedrals',. to ignore them"):
         scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
     given["leave_out"] += ("dihedrals",)
     found = scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))

@@ -203,11 +203,11 @@ def test_units():
     (lambda: lipid("H3", ["T4"], SPRING, tails_at=1), "as many"),
     (lambda: linear("A3", SPRING, charges=1.0), "3 beads"),
     (lambda: linear("A(A1000)1000000", SPRING), "more than 10000000 beads"),
-    (lambda: join("A3", None, SPRING), "pairs of bead numbers"),
+    (lambda: join("A3", None, SPRING), "must be pairs of beads"),
     (lambda: join("A3", [(0, 1, 2)], SPRING), "joins two beads"),
     (lambda: join("A3", [(0, 1), (1.5, 2)], SPRING), "whole number"),
     (lambda: lipid("H3", ["T4"], SPRING, tails_at=[0, 1]), "as many"),
-    (lambda: Molecule(("A", "A")), "falls into parts"),
+    (lambda: Molecule(("A", "A")), "is not connected"),
     (lambda: Molecule(("A", "A"), ((0, 2, SPRING),)), "different beads of 0 to 1"),
     (lambda: Molecule(("A", "A"), ((0, 0, SPRING),)), "different beads"),
     (lambda: Molecule(("A", "A"), ((0, 1, SPRING), (1, 0, SPRING))), "twice"),
@@ -373,7 +373,7 @@ def test_solvent_of_several_beads():
 
 @cases(
     "make, message",
-    (lambda c: pack({c: 100}, box=[4.0] * 3), "400 beads, but a density of 3 in a volume of 64 nm.3 is 192"),
+    (lambda c: pack({c: 100}, box=[4.0] * 3), "400 beads, but a density of 3 in a volume of 64 nm.3 allows 192"),
     (lambda c: pack({c: 10}), "must be given"),
     (lambda c: pack({}, solvent=None), "nothing to pack"),
     (lambda c: pack({}, solvent=None, box=[4.0] * 3), "nothing to pack"),
@@ -431,7 +431,7 @@ def test_names_and_masses_that_are_not_clear():
     short, long = linear("A2", SPRING, name="chain"), linear("A4", SPRING, name="chain")
     mixture = pack({short: 2, long: 3}, box=[4, 4, 4], seed=1)
     assert mixture.beads(long).shape == (3, 4)
-    raises(dpd.ParameterError, "2 kinds of molecules are called 'chain'", lambda: mixture.beads("chain"))
+    raises(dpd.ParameterError, "2 kinds of molecules have the name 'chain'", lambda: mixture.beads("chain"))
     # the same molecule as solvent: all of them
     assert pack({short: 2}, solvent=short, box=[2, 2, 2], seed=1).count(short) == 12
     raises(dpd.ParameterError, "no mass of the bead type 'W'", lambda: mixture.write_psf("never_written.psf", masses={"A": 1.0}))
@@ -503,7 +503,7 @@ def test_relax_keeps_fixed_beads():
 
 def test_relax_says_what_is_wrong():
     mixture = pack({linear("A4", SPRING): 1}, box=[4.0] * 3, seed=1)
-    raises(dpd.ParameterError, "relax wants a Scene", lambda: relax(mixture))
+    raises(dpd.ParameterError, "scene must be a Scene", lambda: relax(mixture))
     raises(dpd.ParameterError, "step size", lambda: relax(mixture.scene(pairs=PAIRS, kT=1.0), steps=10))
     hard = pack({linear("A4", Spring(1e6, 0.7)): 20}, box=[4.0] * 3, seed=1).scene(pairs=PAIRS, kT=1.0)
     raises(dpd.RunError, "smaller dt than 10", lambda: relax(hard, steps=400, dt=10.0, platform="Reference"))

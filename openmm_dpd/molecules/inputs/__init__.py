@@ -1,1 +1,1 @@
-"""What other programs write as arrays of beads, and scenes made of them; :mod:`openmm_dpd.inputs` has all of it."""
+"""Scenes from files and topologies of other programs; the public module is :mod:`openmm_dpd.inputs`."""

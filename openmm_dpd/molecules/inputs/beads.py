@@ -1,4 +1,4 @@
-"""Beads of any source as arrays, what joins them, and the one way from them to a Scene."""
+"""Beads of any source as arrays, their bonded terms, and their conversion to a Scene."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from ..terms import AnyBend, AnySpring, AnyTwist, many_terms
 
 @dataclass(frozen=True, eq=False)
 class BeadArrays:
-    """N beads as a file or another program has them; nm, Da, ps, elementary charges.
+    """N beads from a file or another program; nm, Da, ps, elementary charges.
 
     Attributes
     ----------
@@ -24,9 +24,9 @@ class BeadArrays:
         Type of each bead.
     positions : (N, 3) array or None
     source : str
-        What they were read from, for errors.
+        Name of the source in errors.
     masses : (N,) array, mapping of types to masses, or None
-        Masses of the beads, or of the types.
+        Masses of the beads or of the types.
     box : (3, 3) array or None
         Box vectors.
     velocities : (N, 3) array or None
@@ -38,19 +38,19 @@ class BeadArrays:
     bonds : (B, 2) array of int
         Bead indices from 0.
     bond_names : list of B str or None
-        Type of each bond, where the source has such names.
+        Type name of each bond, if the source has such names.
     angles : (K, 3) array of int
-        Bead indices from 0, the vertex in the middle.
+        Bead indices from 0, with the vertex in the middle.
     angle_names : list of K str or None
-        Type of each angle, where the source has such names.
+        Type name of each angle, if the source has such names.
     dihedrals : (D, 4) array of int
         Bead indices from 0, along three bonds.
     dihedral_names : list of D str or None
-        Type of each dihedral, where the source has such names.
+        Type name of each dihedral, if the source has such names.
     type_names : list of str or None
-        All types in their order, which may be more than there are beads of; by default in the order of the beads.
+        All types in order, including those without beads; by default in the order of the beads.
     beyond : mapping of str to int
-        What the source has and a Scene has not (impropers, rigid bodies, ...), and how many.
+        Features of the source that a Scene does not support (impropers, rigid bodies, ...), and their numbers.
     """
 
     types: list[str]
@@ -73,9 +73,8 @@ class BeadArrays:
 
 
 def named_types(atoms: Iterable, typing, source: str) -> list[str]:
-    """Type of each atom (with ``name``, ``index``, ``residue.name``) of an OpenMM or mdtraj topology.  ``typing`` is None: the names of the
-    atoms; a mapping that has names of atoms, names of residues, or pairs ``(residue, atom)``, which come first; or a function of the atom.
-    ParameterError if an atom gets no type, two different ones, or one that is no text."""
+    """Bead type of each atom of a topology: its name (``typing`` None), a function of the atom, or a mapping from atom names, residue names
+    or, with precedence, pairs ``(residue, atom)``.  ParameterError if an atom gets no type, two different ones, or no string."""
     if typing is not None and not isinstance(typing, Mapping) and not callable(typing):
         raise ParameterError(
             f"typing must be a function from an atom to a bead type, or a mapping from names to types, not {what_is(typing)}"
@@ -99,13 +98,14 @@ def named_types(atoms: Iterable, typing, source: str) -> list[str]:
 
 
 def _mapped(typing: Mapping, residue: str, atom: str, source: str) -> object:
+    """Type of an atom in a mapping; ParameterError if there is none, or atom and residue have different ones."""
     if (residue, atom) in typing:
         return typing[residue, atom]
     found = {typing[name] for name in (atom, residue) if name in typing}
     if len(found) > 1:
         raise ParameterError(
             f"{source}: typing has {typing[atom]!r} for atoms {atom!r} and {typing[residue]!r} for residues {residue!r}; "
-            f"say which with the key {(residue, atom)!r}"
+            f"add the key {(residue, atom)!r} to choose"
         )
     if not found:
         raise ParameterError(f"{source}: typing has no bead type for atom {atom!r} of residue {residue!r}")
@@ -129,51 +129,50 @@ def scene_from_beads(
     leave_out: Sequence[str] = (),
     **options,
 ) -> Scene:
-    """A Scene of beads that were read from somewhere: what all functions of this module end in.
+    """Scene from beads of any source; all other functions of this module call it.
 
     Parameters
     ----------
     beads : BeadArrays
-        The beads.
+        Beads of the source.
     pairs, kT
-        As for :class:`openmm_dpd.Scene`; no file has them.
+        Pair coefficients and thermal energy, see :class:`openmm_dpd.Scene`; files do not have them.
     masses : mass, or mapping of types to masses, optional
         One mass for all types, or the mass of each type; by default those of the source.
     bonds : spring or mapping, optional
-        What the bonds of the source are: one spring for all (:class:`~openmm_dpd.molecules.Spring`,
-        :class:`~openmm_dpd.molecules.FENESpring`, :class:`~openmm_dpd.molecules.MorseSpring`), springs by the types of two beads,
-        ``{("*", "*"): Spring(...), ("A", "B"): Spring(...)}`` with later entries before earlier ones, or, where the source names types of
-        bonds (GSD and data files), springs by these names, ``{"A-B": Spring(...)}``.  A sequence of :class:`openmm_dpd.HarmonicBonds` and
-        its neighbours takes the place of the bonds of the source.
+        Springs of the source's bonds: one for all, such as :class:`~openmm_dpd.molecules.Spring`; a mapping from the types of two beads,
+        ``{("*", "*"): Spring(...), ("A", "B"): Spring(...)}``, in which later entries take precedence; or, if the source names bond types
+        (GSD and data files), a mapping from these names, ``{"A-B": Spring(...)}``.  A sequence of :class:`openmm_dpd.HarmonicBonds` and
+        the like replaces the bonds of the source.
     angles : bend or mapping, optional
-        What the angles are, likewise with three types or with names.  Where the source lists angles, each of these needs a bend; where it
-        lists none, bends act between bonds as in :func:`openmm_dpd.molecules.join`.
+        Bends of the source's angles: one, or a mapping from three types or from names.  If the source lists angles, each needs a bend; if
+        not, bends act between bonds as in :func:`openmm_dpd.molecules.join`.
     dihedrals : twist or mapping, optional
-        What the dihedrals are, as for angles, with four types or with names.
+        Twists of the source's dihedrals: one, or a mapping from four types or from names.  If it lists none, twists act along bonds.
     positions, velocities, charges : arrays, optional
-        In the place of those of the source, with units or in nm, nm/ps and e.
+        Replacements of the source's arrays, with units or in nm, nm/ps and e.
     box : (3,) or (3, 3) array of lengths, optional
-        In the place of that of the source.
+        Replacement of the source's box.
     periodic : bool, default True
         False: no periodic box, even if the source has one.
     leave_out : sequence of str, optional
-        What is not to be taken over: ``"bonds"``, ``"angles"``, ``"dihedrals"``, and what a Scene cannot hold, by the name that the
-        error has for it.
+        What to leave out: ``"bonds"``, ``"angles"``, ``"dihedrals"``, and features that a Scene does not support, by their names in the
+        error message.
     **options
         Further arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ``molecules``, ...
 
     Raises
     ------
     ParameterError
-        If something is missing (a mass, the spring of two types, a box, positions), the source has what a Scene cannot hold, a table names
-        types that there are not, or the Scene refuses a value.
+        If something is missing (a mass, the spring of two types, a box, positions), the source has features that a Scene does not support,
+        a mapping has an unknown type, or the Scene refuses a value.
     """
     if not len(beads.types):
         raise ParameterError(f"{beads.source} has no beads")
     left_out = _left_out(beads, leave_out)
     for name, given in (("bonds", bonds), ("angles", angles), ("dihedrals", dihedrals)):
         if name in left_out and given is not None:
-            raise ParameterError(f"{name} are given, and leave_out names them; one of these is too much")
+            raise ParameterError(f"{name} are both given and in leave_out; drop one of the two")
     types = list(dict.fromkeys(beads.types))
     by_type, single = _masses(beads, types, masses)
     springs: Sequence = () if "bonds" in left_out else scene_terms(beads, bonds, "bond")
@@ -197,6 +196,7 @@ def scene_from_beads(
 
 
 def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
+    """Names in ``leave_out``; ParameterError if one is unknown, or a feature that a Scene does not support is missing there."""
     if isinstance(leave_out, str) or not isinstance(leave_out, Iterable):
         raise ParameterError(f"leave_out must be a sequence of names, such as ('angles',), not {what_is(leave_out)}")
     left = set(leave_out)
@@ -206,9 +206,7 @@ def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
         raise ParameterError(f"leave_out names {', '.join(unknown)}; what can be left out of {beads.source} is {there}")
     for name, count in beads.beyond.items():
         if name not in left:
-            raise ParameterError(
-                f"{beads.source} has {count} {name}, which a Scene cannot hold; leave_out=({name!r},) goes on without them"
-            )
+            raise ParameterError(f"{beads.source} has {count} {name}, which a Scene does not support; leave_out=({name!r},) ignores them")
     return left
 
 
@@ -229,7 +227,7 @@ def _box(beads: BeadArrays, box, periodic: bool):
 
 
 def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any], Any]:
-    """Masses by type, and of the single beads where those of one type differ."""
+    """Masses by type, and the masses of all beads if those of one type differ, else None."""
     order = list(dict.fromkeys([*(beads.type_names or ()), *types]))
     if masses is None and isinstance(beads.masses, Mapping):
         masses = beads.masses
@@ -257,8 +255,8 @@ def _masses(beads: BeadArrays, types: list[str], masses) -> tuple[dict[str, Any]
 
 
 def scene_terms(beads: BeadArrays, given, what: str, bonds: Sequence = ()) -> Sequence:
-    """Bonds, angles or dihedrals (``what``: one of them) of a Scene: those of the source, with the given springs, bends or twists; the
-    given ones; or angles and dihedrals along bonds (of the Scene), where the source has none."""
+    """Bonds, angles or dihedrals (``what``, in the singular) of a Scene: the given ones; those of the source, with the given springs, bends
+    or twists; or, if the source has no angles or dihedrals, those between the bonds of the Scene."""
     if isinstance(given, Sequence) and not isinstance(given, str):
         return given
     rows = getattr(beads, f"{what}s")
@@ -267,7 +265,7 @@ def scene_terms(beads: BeadArrays, given, what: str, bonds: Sequence = ()) -> Se
     return _along_bonds(beads, bonds, given, what)
 
 
-#: What a term is called, the class of all of its kinds, and how many beads it has.
+#: Name of a bonded term, base class of its kinds, and number of beads.
 _KINDS: dict[str, tuple[str, type, int]] = {
     "bond": ("spring", AnySpring, 2),
     "angle": ("bend", AnyBend, 3),
@@ -276,7 +274,7 @@ _KINDS: dict[str, tuple[str, type, int]] = {
 
 
 def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, what: str) -> list:
-    """Bonds, angles or dihedrals of a Scene: one object for each kind of spring, bend or twist."""
+    """Bonds, angles or dihedrals of a Scene, one object for each kind of spring, bend or twist."""
     term, kind, width = _KINDS[what]
     rows = checked_bonds(rows, len(beads.types), width)
     if names is not None and len(names) != len(rows):
@@ -287,12 +285,10 @@ def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, 
         called = _called(beads, rows[0], names, 0)
         raise ParameterError(
             f"{beads.source} has {len(rows)} {what}s, the first one between {called}, but no {what}s are given: "
-            f"{what}s={{...}} says what they are, leave_out=({what + 's'!r},) leaves them out"
+            f"give {what}s={{...}}, or leave_out=({what + 's'!r},) to ignore them"
         )
     if not len(rows):
-        raise ParameterError(
-            f"{beads.source} has no {what}s that the given {what}s could act on; a sequence of {what}s says where they are"
-        )
+        raise ParameterError(f"{beads.source} has no {what}s for the given {what}s to act on; give a sequence of {what}s with their beads")
     by_name = isinstance(given, Mapping) and bool(given) and all(isinstance(key, str) for key in given)
     if by_name and names is None:
         raise ParameterError(f"{beads.source} has no names of {what} types; the keys of {what}s must be bead types, such as ('A', 'B')")
@@ -317,7 +313,7 @@ def _named(given: Mapping, key: str, kind: type, term: str):
 
 
 def _check_keys(given: Mapping, known: set[str], source: str, what: str) -> None:
-    """Raise ParameterError if a table names types that there are not, which would not act."""
+    """Raise ParameterError if a mapping has an unknown type, since its entry would have no effect."""
     for key in given:
         for name in (key,) if isinstance(key, str) else key if isinstance(key, tuple) else ():
             if name not in known:
@@ -331,7 +327,7 @@ def _called(beads: BeadArrays, row, names: list[str] | None, k: int) -> str:
 
 
 def _along_bonds(beads: BeadArrays, springs: Sequence, given, what: str) -> list:
-    """Angles where two bonds meet, or dihedrals along three, as molecules have them."""
+    """Angles between two bonds that meet, or dihedrals along three, by the rules of :func:`openmm_dpd.molecules.join`."""
     between, width, meet = (bends_between, "three", "two") if what == "angle" else (twists_between, "four", "three")
     bonded = np.concatenate([np.zeros((0, 2), dtype=np.int64), *(bonds.pairs for bonds in springs)])
     if isinstance(given, Mapping):

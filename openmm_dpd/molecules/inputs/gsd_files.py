@@ -1,4 +1,4 @@
-"""Scenes from GSD files and frames in HOOMD's schema."""
+"""Scenes from GSD files and frames in HOOMD-blue's schema."""
 
 import os
 from copy import deepcopy
@@ -14,31 +14,31 @@ from .beads import BeadArrays, scene_from_beads
 
 
 def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **choices) -> Scene:
-    """A Scene from a GSD file of HOOMD-blue, or of :func:`openmm_dpd.outputs.write_gsd`.
+    """Scene from a GSD file of HOOMD-blue, or of :func:`openmm_dpd.outputs.write_gsd`.
 
-    Types, masses, charges, bonds, angles, dihedrals, box with tilts, and velocities are taken over, positions are carried to their images,
-    and the corner of the box becomes the origin (in HOOMD its middle is).  In the format zeros may be what nobody set: velocities, or
-    charges, that are all 0 count as none.  Diameters and shapes of types, which are for pictures, are not looked at.
+    Types, masses, charges, bonds, angles, dihedrals, the box with its tilt, and velocities are read; positions are unwrapped by their
+    images, and the origin moves from the centre of the box to its corner.  In this format zeros may be defaults: velocities or charges that
+    are all 0 are ignored.  So are diameters and shapes of types, which are for display.
 
     Parameters
     ----------
     source : path-like, or gsd.hoomd.Frame
         A file, or a frame of one.
     pairs, kT
-        As for :class:`openmm_dpd.Scene`.
+        Pair coefficients and thermal energy, see :class:`openmm_dpd.Scene`.
     frame : int, default -1
-        Which frame of a file; the last one by default.
+        Number of the frame in the file; the last one by default.
     units : {"lj", "real", "metal"}
-        Units of the file.  Charges are elementary charges with all of them; HOOMD's reduced ones need ``charges``.
+        Units of the file.  Charges are always in elementary charges; for HOOMD-blue's reduced charges give ``charges``.
     **choices
-        As for :func:`scene_from_beads`; in ``bonds``, ``angles`` and ``dihedrals`` types may be named as in the file,
-        ``{"A-B": Spring(...)}``.  What GSD files have and a Scene has not is called ``impropers``, ``constraints``, ``special pairs``,
+        Further arguments of :func:`scene_from_beads`; keys of ``bonds``, ``angles`` and ``dihedrals`` may be type names of the file,
+        ``{"A-B": Spring(...)}``.  ``leave_out`` accepts ``impropers``, ``constraints``, ``special pairs``,
         ``particles of rigid bodies`` and ``particles that rotate``.
 
     Raises
     ------
     ParameterError
-        As :func:`scene_from_beads`, if the file cannot be read, there is no such frame, or it has two dimensions.
+        If the file cannot be read, there is no such frame, it is two-dimensional, or :func:`scene_from_beads` refuses something.
     """
     system = unit_system(units)
     name, found = _frame(source, frame)
@@ -75,7 +75,7 @@ def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **c
 
 
 def _frame(source, frame: int):
-    """Name for errors, and a frame of which nothing is missing."""
+    """Name of the source in errors, and its frame with all properties set."""
     hoomd = optional_package("gsd.hoomd", "gsd", "GSD files need")
     at = whole_number(frame, "the number of a frame")
     if isinstance(source, hoomd.Frame):
@@ -92,7 +92,7 @@ def _frame(source, frame: int):
 
 
 def _complete(frame):
-    """The frame, with GSD's defaults where somebody who made it in Python has set nothing."""
+    """The frame, with GSD's defaults for properties that were not set (of frames made in Python)."""
     frame.validate()
     for part in (frame.configuration, frame.particles, frame.bonds, frame.angles, frame.dihedrals):
         for name, default in part._default_value.items():

@@ -15,35 +15,34 @@ from .beads import BeadArrays, named_types, scene_from_beads
 
 
 def scene_from_psf(path: str | os.PathLike, positions, typing=None, *, pairs, kT, frame: int = -1, **choices) -> Scene:
-    """A Scene from a PSF file, which has names, masses, charges, molecules, bonds and angles, and positions from elsewhere.
+    """Scene from a PSF file, with names, masses, charges, molecules, bonds and angles, and positions from another source.
 
     Parameters
     ----------
     path : path-like
         PSF file whose columns are separated by blanks.
     positions : (N, 3) array of lengths, or path-like
-        An array, or a trajectory or structure that mdtraj reads: DCD, XTC, PDB, ...  The box is that of the file.
+        An array, or a trajectory or structure that mdtraj reads (DCD, XTC, PDB, ...), which also has the box.
     typing : function, mapping, or None
-        As for :func:`scene_from_topology`; None: the names of the atoms, as :func:`openmm_dpd.io.trajectory.write_psf` has them.
+        Bead type of each atom, see :func:`scene_from_topology`; None: the atom names, as in files of :func:`.write_psf`.
     pairs, kT
-        As for :class:`openmm_dpd.Scene`.
+        Pair coefficients and thermal energy, see :class:`openmm_dpd.Scene`.
     frame : int, default -1
-        Which frame of a file; the last one by default.
+        Number of the frame in the file; the last one by default.
     **choices
-        As for :func:`scene_from_beads`.  What PSF files have and a Scene has not is called ``impropers``, ``cross-terms`` and
-        ``lone pairs``.
+        Further arguments of :func:`scene_from_beads`, whose ``leave_out`` accepts ``impropers``, ``cross-terms`` and ``lone pairs``.
 
     Raises
     ------
     ParameterError
-        As :func:`scene_from_beads`, if a file cannot be read, or if the numbers of beads differ.
+        If a file cannot be read, the numbers of beads differ, or :func:`scene_from_beads` refuses something.
     """
     found = read_psf(path)
     placed, box = _placed(positions, len(found.names), frame, path)
     topology = mdtraj_topology(found) if typing is not None else None
     segments = list(dict.fromkeys(found.segments))
     molecules = found.molecules
-    if len(segments) > 1:  # every segment counts its residues from 1
+    if len(segments) > 1:  # residues are numbered from 1 in every segment
         numbers: dict[tuple[str, int], int] = {}
         keys = zip(found.segments, found.molecules.tolist(), strict=True)
         molecules = np.array([numbers.setdefault(key, len(numbers) + 1) for key in keys], dtype=np.int64)
@@ -65,11 +64,11 @@ def scene_from_psf(path: str | os.PathLike, positions, typing=None, *, pairs, kT
 
 
 def _placed(positions, count: int, frame: int, path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Positions (nm), and the box of the file they are from."""
+    """Positions (N, 3), nm, and the box of their file, or None; ParameterError if they are not for ``count`` beads."""
     at = whole_number(frame, "the number of a frame")
     if not isinstance(positions, (str, os.PathLike)):
         if at != -1:
-            raise ParameterError(f"frame={frame} has no effect: positions are no file of frames")
+            raise ParameterError(f"frame={frame} has no effect: positions are not a file; drop it")
         placed, box, what = np.asarray(to_md(positions, "length", "positions")), None, "positions"
     else:
         placed, box = _read_frame(Path(positions), at, count)
@@ -80,6 +79,7 @@ def _placed(positions, count: int, frame: int, path) -> tuple[np.ndarray, np.nda
 
 
 def _read_frame(path: Path, frame: int, count: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Positions and box of one frame of a file that mdtraj reads; ParameterError if it cannot be read."""
     import mdtraj
 
     try:

@@ -1,4 +1,4 @@
-"""Scenes from topologies of OpenMM and trajectories of mdtraj."""
+"""Scenes from OpenMM topologies and mdtraj trajectories."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ if TYPE_CHECKING:
 
 
 def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs, kT, molecules="residues", **choices) -> Scene:
-    """A Scene from an OpenMM topology: of a PDB or mmCIF file, of a builder, of ``built.topology``.
+    """Scene from an OpenMM topology, such as that of a PDB or mmCIF file, of a builder, or ``built.topology``.
 
-    Masses are those of the elements where all atoms have one, bonds those of the topology, the box its periodic box.
+    Masses are those of the elements if all atoms have one; bonds and the periodic box are those of the topology.
 
     Parameters
     ----------
     topology : openmm.app.Topology
         One bead for each of its N atoms.
     positions : (N, 3) array of lengths
-        Such as ``pdb.positions``; bare numbers are nm.
+        Positions such as ``pdb.positions``; bare numbers are in nm.
     typing : function, mapping, or None
-        Bead type of each atom: a function of the atom, ``lambda atom: atom.name[0]``, a mapping from names of atoms, names of residues, or
-        pairs ``(residue, atom)``, or None, if the names of the atoms are the bead types.
+        Bead type of each atom: a function of the atom, ``lambda atom: atom.name[0]``; a mapping from atom names, residue names, or pairs
+        ``(residue, atom)``; or None if the atom names are the bead types.
     pairs, kT
-        As for :class:`openmm_dpd.Scene`.
+        Pair coefficients and thermal energy, see :class:`openmm_dpd.Scene`.
     molecules : {"residues", "chains", "bonds"} or (N,) array of int
-        What a molecule is; ``"bonds"``: beads that bonds join.  The names of molecules are those of residues.
+        What a molecule is; ``"bonds"``: beads connected by bonds.  Molecules have the names of their residues.
     **choices
-        ``masses``, ``bonds``, ``angles``, ``dihedrals``, ``box``, ``periodic``, ``velocities``, ``charges``, ``leave_out`` and the other
-        arguments of :class:`openmm_dpd.Scene`, as for :func:`scene_from_beads`.
+        Further arguments of :func:`scene_from_beads`: ``masses``, ``bonds``, ``angles``, ``dihedrals``, ``box``, ``periodic``,
+        ``velocities``, ``charges``, ``leave_out``, and those of :class:`openmm_dpd.Scene`.
 
     Raises
     ------
     ParameterError
-        As :func:`scene_from_beads`, and if an atom gets no type.
+        If an atom gets no type, or :func:`scene_from_beads` refuses something.
 
     Examples
     --------
@@ -85,28 +85,28 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
 
 
 def scene_from_mdtraj(trajectory: mdtraj.Trajectory, typing=None, *, pairs, kT, frame: int = -1, molecules="residues", **choices) -> Scene:
-    """A Scene from a frame of an mdtraj trajectory: of any file that mdtraj reads.
+    """Scene from a frame of an mdtraj trajectory, and so from any file that mdtraj reads.
 
-    Masses are those of the topology's elements: real ones with :func:`openmm_dpd.io.trajectory.load_topology`, but guessed from names
-    with a PDB or GRO file of beads, for which ``masses`` has to be given.
+    Masses are those of the topology's elements.  These are right with :func:`openmm_dpd.io.trajectory.load_topology`, but guessed from
+    names with a PDB or GRO file of beads; give ``masses`` then.
 
     Parameters
     ----------
     trajectory : mdtraj.Trajectory
         One bead for each atom, nm.
     typing : function, mapping, or None
-        As for :func:`scene_from_topology`.
+        Bead type of each atom, see :func:`scene_from_topology`.
     pairs, kT
-        As for :class:`openmm_dpd.Scene`.
+        Pair coefficients and thermal energy, see :class:`openmm_dpd.Scene`.
     frame : int, default -1
-        Which frame; the last one by default.
+        Number of the frame; the last one by default.
     molecules, **choices
-        As for :func:`scene_from_topology`.
+        Further arguments of :func:`scene_from_topology`.
 
     Raises
     ------
     ParameterError
-        As :func:`scene_from_topology`, and if there is no such frame.
+        If there is no such frame, an atom gets no type, or :func:`scene_from_beads` refuses something.
     """
     import mdtraj
 
@@ -134,14 +134,14 @@ def scene_from_mdtraj(trajectory: mdtraj.Trajectory, typing=None, *, pairs, kT, 
 
 
 def _once(bonds) -> np.ndarray:
-    """Bonds without repetitions, which topologies of files have, in their order."""
+    """Bonds in their order, without the duplicates in topologies of files."""
     bonds = [(bond[0].index, bond[1].index) for bond in bonds]
     seen = {tuple(sorted(pair)): pair for pair in reversed(bonds)}
     return np.array(list(seen.values())[::-1], dtype=np.int64).reshape(-1, 2)
 
 
 def _molecules(atoms: list, molecules) -> np.ndarray | None:
-    """Molecule numbers from 1, or None for those of the bonds."""
+    """Molecule number of each atom from 1, or None if bonds define the molecules."""
     if not isinstance(molecules, str):
         return molecules
     if molecules == "bonds":
