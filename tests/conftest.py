@@ -20,6 +20,8 @@ import numba
 import pytest
 from devices import DEVICES, MARKS, Device, available
 
+from openmm_dpd.base.files import write_whole
+from openmm_dpd.io import pictures
 from openmm_dpd.plan import device as device_engine
 from openmm_dpd.runtime import threads
 from openmm_dpd.runtime.threads import set_threads
@@ -57,6 +59,13 @@ def host(request) -> Device:
 def engine_of_the_host(monkeypatch) -> None:
     """engine="auto" is the host's on GPUs too: the plugin has tests of its own (plugin/tests/on_the_device.py asks for it here)."""
     monkeypatch.setattr(device_engine, "is_gpu", lambda platform: False)
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch) -> None:
+    """Pictures of runs have no content: to draw one takes longer than a short run.  Tests of pictures have a fixture of this name that does nothing."""
+    blank = b"\x89PNG" + bytes(100_000)
+    monkeypatch.setattr(pictures, "write_picture", lambda path, figure: write_whole(path, blank, "the picture"))
 
 
 @pytest.fixture(autouse=True)

@@ -1,5 +1,7 @@
 """Energy-conserving DPD: force form and sweeps against the oracle, conservation, and the distribution the exact updates sample."""
 
+from dataclasses import replace
+
 import numpy as np
 import oracle_energy as oracle
 import pytest
@@ -101,25 +103,31 @@ def test_small_steps_of_both_forms_agree():
 
 
 # -- what the exact update samples -----------------------------------------------------------------------------------------------------
-def cluster(eos, n=6, kappa=0.5, **options):
-    """Beads of two masses, all within reach of each other and at rest in space: only the sweep acts."""
-    x = np.random.default_rng(3).uniform(0, 0.5, (n, 3))
+COPIES = 20
+
+
+def cluster(eos, n=6, kappa=0.5, theta=1.0, copies=COPIES, **options):
+    """Beads of two masses, all within reach of each other and at rest in space: only the sweep acts.  Far apart there are as many again, and again."""
+    x = np.random.default_rng(3).uniform(0, 0.5, (n, 3)) + 10.0 * np.arange(copies)[:, None, None] * [1, 0, 0]
     table = {("*", "*"): EnergyDPD(sigma=2.0, kappa=kappa, cutoff=1.5)}
-    beads = {"internal": InternalEnergy(eos, 1.0), "velocities": np.zeros((n, 3))}
-    return dpd.Scene(MASSES, ["A", "B"] * (n // 2), x, table, 1.0, **beads, **options)
+    beads = {"internal": InternalEnergy(eos, theta), "velocities": np.zeros((n * copies, 3))}
+    return dpd.Scene(MASSES, ["A", "B"] * (n // 2 * copies), x.reshape(-1, 3), table, 1.0, **beads, **options)
 
 
 def sampled(scene, scheme, dt, sweeps, thin):
-    """Energy of bead 0 and kinetic energy after every ``thin`` sweeps."""
+    """Energy of bead 0 and kinetic energy after every ``thin`` sweeps, one cluster after the other; the energy of a cluster."""
     engine = prepared(scene, scheme, dt)
     u, v = scene.internal.energies(scene.type_ids, scene.type_names), scene.velocities.copy()
-    rows = []
-    for k in range(sweeps):
+    rows, sums = [], np.arange(0, len(u), len(u) // COPIES)
+    kinetic = lambda: np.add.reduceat(0.5 * scene.bead_masses * np.sum(v**2, axis=1), sums)  # noqa: E731
+    for k in range(20 * thin + sweeps // COPIES):
         v += engine.sweep(v, 1.0, dt, SEED, k, u)
         u = u + engine.increments
         if k % thin == 0 and k > 20 * thin:
-            rows.append((u[0].sum(), 0.5 * scene.bead_masses @ np.sum(v**2, axis=1)))
-    return np.array(rows).T, u.sum() + 0.5 * scene.bead_masses @ np.sum(v**2, axis=1)
+            rows.append((u[sums].sum(axis=1), kinetic()))
+    energy = np.add.reduceat(u.sum(axis=1), sums) + kinetic()
+    assert energy == pytest.approx(energy[0], rel=1e-10) or scene.mobile is not None
+    return np.array(rows).transpose(1, 2, 0).reshape(2, -1), energy[0]
 
 
 @pytest.mark.parametrize("dt", [0.1, 5.0])
@@ -221,12 +229,8 @@ def test_factors_act_on_forces_and_their_heat():
 # -- walls and errors ---------------------------------------------------------------------------------------------------------------------
 def test_a_wall_is_a_reservoir():
     """Beads in contact with immobile ones of theta = 2 get that temperature: u of a bead follows the gamma distribution of theta = 2."""
-    scene = cluster(ConstantHeatCapacity(6.0), mobile=np.arange(6) < 1)
-    theta = np.where(np.arange(6) < 1, 1.0, 2.0)
-    scene = dpd.Scene(
-        MASSES, list(scene.types), scene.positions, scene.tables[0], 1.0, internal=InternalEnergy(ConstantHeatCapacity(6.0), theta),
-        velocities=scene.velocities, mobile=scene.mobile,
-    )  # fmt: skip
+    mobile = np.arange(6 * COPIES) % 6 < 1
+    scene = cluster(ConstantHeatCapacity(6.0), theta=np.where(mobile, 1.0, 2.0), mobile=mobile)
     (u, kinetic), _ = sampled(scene, "middle", 0.5, 60_000, 10)
     assert stats.kstest(u[::4], stats.gamma(7.0, scale=2.0).cdf).pvalue > 6e-5
     assert stats.kstest(kinetic[::4], stats.gamma(1.5, scale=2.0).cdf).pvalue > 6e-5
@@ -235,8 +239,7 @@ def test_a_wall_is_a_reservoir():
 def test_energy_out_of_range_names_the_bead():
     """Euler conduction overshoots at large steps; the run stops there."""
     table = {("*", "*"): EnergyDPD(sigma=2.0, kappa=500.0, cutoff=1.5)}
-    scene = cluster(ConstantHeatCapacity(2.0))
-    scene = dpd.Scene(MASSES, list(scene.types), scene.positions, table, 1.0, internal=scene.internal, velocities=scene.velocities)
+    scene = replace(cluster(ConstantHeatCapacity(2.0), copies=1), pairs=table)
     engine = prepared(scene, "shardlow", 5.0)
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     with pytest.raises(dpd.RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"):

@@ -18,6 +18,11 @@ def rows(count: int) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture
+def undrawn():
+    """Pictures are drawn here."""
+
+
+@pytest.fixture
 def drawn(monkeypatch):
     """Figures that are saved while the test runs."""
     figures = []

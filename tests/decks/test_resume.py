@@ -123,8 +123,7 @@ def deck(tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("platform", ["Reference", "CPU"])
-def test_three_interruptions_of_one_run_change_nothing(deck, platform, monkeypatch):
-    monkeypatch.setattr("openmm_dpd.lammps.run.main.thermo_picture", lambda *_, **__: None)  # most of the time
+def test_three_interruptions_of_one_run_change_nothing(deck, platform):
     interrupt_again_and_again(deck, platform, 3, "--checkpoint", "10", seed=1)
 
 
@@ -243,9 +242,8 @@ def test_what_is_damaged_is_refused_or_the_checkpoint_before_is_used(deck, caplo
     assert contents(out) == contents(deck.parent / "whole")
 
 
-def test_an_interruption_near_the_end_can_be_resumed_or_changes_nothing(tmp_path, monkeypatch):
+def test_an_interruption_near_the_end_can_be_resumed_or_changes_nothing(tmp_path):
     """Ctrl-C at any of the last calls: 130 with a checkpoint that leads to the end, or 0 with all that belongs there, and nothing else."""
-    monkeypatch.setattr("openmm_dpd.lammps.run.main.thermo_picture", lambda *_, **__: None)  # most of the time
     deck, whole, found = put(tmp_path / "in.tiny", f"{TINY.partition('compute m')[0]}run 4\n"), tmp_path / "whole", set[int]()
     with signal_at(0, 0) as calls:
         assert main(arguments(deck, whole, "Reference")) == 0

@@ -63,7 +63,6 @@ def folder(tmp_path, monkeypatch) -> Path:
     (tmp_path / "in.deck").write_text(DECK, encoding="utf-8")
     (tmp_path / "else").mkdir()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("openmm_dpd.lammps.run.main.thermo_picture", lambda *_, **__: None)  # most of the time
     return tmp_path
 
 
