@@ -95,7 +95,7 @@ def main() -> None:
 
 def text(chains: dict) -> str:
     """The table of the page."""
-    columns = [f"{what}, {cores} core(s)" for cores in (1, 2) for what in ("ms per step", "LAMMPS", "times less wall time")]
+    columns = [f"{what}, {page.cores_text(cores)}" for cores in (1, 2) for what in ("ms per step", "LAMMPS", "speed-up")]
     rows = [
         [row["name"], f"`{row['scheme']}` {row['dt']:.3g}", f"{row['theirs']:.2g}"]
         + [cell for c in ("1", "2") for cell in (*(f"{ms:.2f}" for ms in row["ms"][c]), f"{row['ratios'][c]:.1f}")]

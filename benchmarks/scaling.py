@@ -208,8 +208,8 @@ def draw(data: dict, file: Path) -> None:
 def text(data: dict) -> str:
     """The table of the page."""
     names = {name: f"`{name}`" for name in SCHEMES} | {name: name.partition(",")[0] for name in PEERS}
-    header = ["beads", *(f"{n}, {c} core(s)" for n in names.values() for c in data["threads"]),
-              *(f"ratio to {names[n]}, {c} core(s)" for n in PEERS for c in data["threads"]), "memory, `middle`", "building, `middle`"]  # fmt: skip
+    header = ["beads", *(f"{n}, {page.cores_text(c)}" for n in names.values() for c in data["threads"]),
+              *(f"ratio to {names[n]}, {page.cores_text(c)}" for n in PEERS for c in data["threads"]), "memory, `middle`", "building, `middle`"]  # fmt: skip
     cells = []
     for row in data["rows"]:
         times = [f"{row['ns'][n][str(c)]:.0f}" for n in names for c in data["threads"]]

@@ -125,7 +125,7 @@ def line(table: dict, scheme: str, name: str, gamma: float) -> list[tuple[float,
 def blocks(table: dict) -> dict[str, str]:
     """Blocks of the page: what was run, and the plane as a table."""
     m = table["machine"]
-    about = f"{table['date']}, {m['processor']}; {len(table['points'])} points; standard errors of the steps are beside them."
+    about = f"{table['date']}, {m['processor']}; {len(table['points'])} points; steps with standard errors."
     found = {"stability-about": about}
     for kind in KINDS:
         rows = []

@@ -94,12 +94,16 @@ def _targets(atlas: dict) -> str:
         )
     if not rows:
         return "Nothing was timed yet."
-    return table(["fluid", "beside", "cores", "aimed at", "scheme", "times less wall time", "reached"], rows)
+    return table(["fluid", "compared with", "cores", "goal", "scheme", "speed-up", "reached"], rows)
 
 
 def error_text(sem: float) -> str:
     """± and an error, in one digit below 10."""
     return f" ± {sem:.1g}" if 0.0 < sem < 9.5 else f" ± {sem:.0f}" if sem else ""
+
+
+def cores_text(number: int | str) -> str:
+    return "1 core" if int(number) == 1 else f"{number} cores"
 
 
 def word_of(bound: str) -> str:
@@ -122,7 +126,7 @@ def _limits(name: str, fluid: dict) -> str:
     header = [
         "method",
         *(f"dt, {MEASURES[m]}" for m in measures),
-        *(f"s per time, {c} core(s), {MEASURES[m]}" for c in cores for m in main),
+        *(f"s per time, {cores_text(c)}, {MEASURES[m]}" for c in cores for m in main),
     ]
     rows = []
     for method, entry in fluid["methods"].items():
