@@ -1,4 +1,4 @@
-"""What the user means, as frozen data: pair coefficients and tables of them, bonds, charges, walls, fields, the scene, words of schemes.
+"""The input as frozen data: pair coefficients and tables, bonds, charges, walls, fields, the scene, words of schemes.
 
-Everything is checked here and kept as read-only copies.  No OpenMM force, kernel or program.
+All input is checked here and stored as read-only copies.  There are no OpenMM forces, kernels or programs in this room.
 """

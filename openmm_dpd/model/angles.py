@@ -1,4 +1,4 @@
-"""Angles between two bonds, and dihedral angles about the middle one of three."""
+"""Angles between two bonds, and dihedral angles about the middle of three bonds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from .bonds import BondedTerms, check_members
 
 
 class Angles(BondedTerms):
-    """Angles of any kind."""
+    """Base of all kinds of angles."""
 
     triples: np.ndarray
     _BEADS = ("triples", 3, "angle")
 
     def arms(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Angles (radians) at positions x (N, 3), and the lengths (nm) of their arms; (K,) each, by minimum image."""
+        """Angles (rad) and lengths (nm) of their two arms at positions x (N, 3), (K,) each, by minimum image."""
         i, j, k = self.triples.T
         a, b = minimum_images(x[i] - x[j], box), minimum_images(x[k] - x[j], box)
         theta = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
@@ -36,11 +36,11 @@ class HarmonicAngles(Angles):
     Parameters
     ----------
     triples : (K, 3) array of int
-        Bead indices, counted from 0, the vertex in the middle.
+        Bead indices from 0, with the vertex in the middle.
     k : energy/angle^2, or (K,) array
-        kJ/mol/rad^2, >= 0.
+        Force constant, kJ/mol/rad^2, >= 0.
     theta0 : angle, or (K,) array
-        Rest angle; bare numbers are radians.
+        Rest angle; a bare number is in radians.
 
     Raises
     ------
@@ -59,14 +59,14 @@ class HarmonicAngles(Angles):
 
 @dataclass(frozen=True, eq=False)
 class CosineAngles(Angles):
-    """Bending stiffness, U = k (1 + cos theta): least where the two bonds are in line (LAMMPS: ``angle_style cosine``).
+    """Bending stiffness, U = k (1 + cos theta), with its minimum for collinear bonds (LAMMPS: ``angle_style cosine``).
 
     Parameters
     ----------
     triples : (K, 3) array of int
-        Bead indices, counted from 0, the vertex in the middle.
+        Bead indices from 0, with the vertex in the middle.
     k : energy, or (K,) array
-        kJ/mol, >= 0.
+        Stiffness, kJ/mol, >= 0.
 
     Raises
     ------
@@ -89,20 +89,20 @@ def check_angles(groups: Sequence[Angles], n_beads: int) -> None:
     check_members(triples, n_beads, "an angle", "the angle of")
 
 
-#: Least square of the sine between two bonds that the slope of a dihedral is divided by: in line they have no plane.
+#: Smallest squared sine between two bonds to divide by in the gradient of a dihedral: collinear bonds define no plane.
 LEAST_SINE2 = 1e-12
 
 
 class Dihedrals(BondedTerms):
-    """Dihedrals of any kind.  The angle of the beads i, j, k, l is pi where i and l are on opposite sides of j-k (trans), and is positive
-    where l, seen along j-k, is clockwise of i."""
+    """Base of all kinds of dihedrals.  The angle of beads i, j, k, l is pi if i and l are on opposite sides of j-k (trans), and positive if
+    l, seen along j-k, is clockwise of i."""
 
     quads: np.ndarray
     _BEADS = ("quads", 4, "dihedral")
 
     def gradients(self, x: np.ndarray, box: np.ndarray | None, least: float = LEAST_SINE2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Angles (K,) at positions x (N, 3) in (-pi, pi], their gradients (K, 4, 3), and the vectors from the second bead to all four
-        (K, 4, 3), by minimum image; ``least`` is the least square of the sine between two bonds."""
+        """Angles (K,) in (-pi, pi] at positions x (N, 3), their gradients (K, 4, 3), and the vectors from the second bead to all four
+        (K, 4, 3), by minimum image; ``least`` is a lower bound of the squared sine between two bonds."""
         i, j, k, m = self.quads.T
         f, g, h = minimum_images(x[i] - x[j], box), minimum_images(x[j] - x[k], box), minimum_images(x[m] - x[k], box)
         a, b, gg = np.cross(f, g), np.cross(h, g), np.sum(g * g, axis=1)
@@ -118,7 +118,7 @@ class Dihedrals(BondedTerms):
         return phi, found, np.stack([f, np.zeros_like(f), -g, h - g], axis=1)
 
     def in_line(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-        """Numbers of the dihedrals with three beads in a row in line, which have no plane."""
+        """Numbers of the dihedrals with three successive beads on a line, which define no plane."""
         arms = self.gradients(x, box)[2]
         f, g, h = arms[:, 0], arms[:, 2], arms[:, 3] - arms[:, 2]
         square = [np.sum(np.cross(arm, g) ** 2, axis=1) - LEAST_SINE2 * np.sum(arm * arm, axis=1) * np.sum(g * g, axis=1) for arm in (f, h)]
@@ -133,18 +133,18 @@ class Dihedrals(BondedTerms):
 
 @dataclass(frozen=True, eq=False)
 class HarmonicDihedrals(Dihedrals):
-    """One wave, U = k [1 + d cos(n phi)] (LAMMPS: ``dihedral_style harmonic``).  Several on the same beads add up.
+    """Cosine dihedrals, U = k [1 + d cos(n phi)] (LAMMPS: ``dihedral_style harmonic``).  Several on the same beads add up.
 
     Parameters
     ----------
     quads : (K, 4) array of int
-        Bead indices along the three bonds, counted from 0.
+        Bead indices from 0 along the three bonds.
     k : energy, or (K,) array
-        kJ/mol.
+        Force constant, kJ/mol.
     d : 1 or -1, or (K,) array
-        Sign: with 1 the energy is highest where n phi = 0.
+        Sign: with 1 the energy is highest at n phi = 0.
     n : whole number, or (K,) array
-        Waves in a turn, >= 0.
+        Periodicity, >= 0.
 
     Raises
     ------
@@ -170,9 +170,9 @@ class OPLSDihedrals(Dihedrals):
     Parameters
     ----------
     quads : (K, 4) array of int
-        Bead indices along the three bonds, counted from 0.
+        Bead indices from 0 along the three bonds.
     K1, K2, K3, K4 : energy, or (K,) array
-        kJ/mol.
+        Coefficients, kJ/mol.
 
     Raises
     ------
@@ -197,14 +197,14 @@ class OPLSDihedrals(Dihedrals):
 class MultiHarmonicDihedrals(Dihedrals):
     r"""U = A1 + A2 cos phi + A3 cos^2 phi + A4 cos^3 phi + A5 cos^4 phi (LAMMPS: ``dihedral_style multi/harmonic``).
 
-    The Ryckaert-Bellemans function counts its angle from trans: :math:`A_n = (-1)^{n-1} C_{n-1}`.
+    The Ryckaert-Bellemans function measures its angle from trans: :math:`A_n = (-1)^{n-1} C_{n-1}`.
 
     Parameters
     ----------
     quads : (K, 4) array of int
-        Bead indices along the three bonds, counted from 0.
+        Bead indices from 0 along the three bonds.
     A1, A2, A3, A4, A5 : energy, or (K,) array
-        kJ/mol.
+        Coefficients, kJ/mol.
 
     Raises
     ------
@@ -228,6 +228,6 @@ class MultiHarmonicDihedrals(Dihedrals):
 
 
 def check_dihedrals(groups: Sequence[Dihedrals], n_beads: int) -> None:
-    """Raise ParameterError if a dihedral names a bead that does not exist.  Several may be about the same beads: their waves add up."""
+    """Raise ParameterError if a dihedral names a bead that does not exist.  Several dihedrals of the same beads add up."""
     for dihedrals in groups:
         check_members(dihedrals.quads, n_beads, "a dihedral")

@@ -10,9 +10,9 @@ from ..base.errors import ParameterError, bead_names, either, in_length, overstr
 from ..base.geometry import minimum_images, widths
 from ..base.units import keep, to_md
 
-#: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
+#: r/sigma at which the repulsion of a FENE bond ends: the minimum of the Lennard-Jones potential.
 WCA_END = 2.0 ** (1.0 / 6.0)
-#: What coefficients may be, in words.
+#: Bounds of coefficients, by their text in messages.
 BOUNDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "": lambda x: np.ones(len(x), bool),
     ">= 0": lambda x: x >= 0,
@@ -24,7 +24,7 @@ BOUNDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def bead_indices(value, width: int, what: str) -> np.ndarray:
-    """(K, width) array of bead indices, all >= 0 and different in each row, else ParameterError; ``what`` is their name in messages."""
+    """Bead indices as a (K, width) array; ParameterError, in which ``what`` names them, if one is < 0 or repeated within a row."""
     try:
         array = np.asarray(value)
     except ValueError:
@@ -45,8 +45,8 @@ def bead_indices(value, width: int, what: str) -> np.ndarray:
 def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
     """Coefficients of ``count`` bonded terms, attributes of ``term``, as (count,) arrays in MD units.
 
-    ``dimensions`` has for the name of each its dimension, and its bound, one of :data:`BOUNDS`; ``what`` is "bond", "angle" or "dihedral",
-    for messages.  ParameterError if a shape is wrong or a value out of bounds.
+    ``dimensions`` maps the name of each to its dimension and its bound, one of :data:`BOUNDS`; ``what`` is "bond", "angle" or "dihedral" in
+    messages.  ParameterError if a shape is wrong or a value out of bounds.
     """
     values = {}
     for name, (dimension, bound) in dimensions.items():
@@ -64,8 +64,8 @@ def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: 
 
 
 def check_members(beads: np.ndarray, n_beads: int, what: str, which: str | None = None) -> None:
-    """Raise ParameterError if a row of beads names one that does not exist, or stands there twice, unless there may be several terms of the
-    same beads; ``which`` is what joins them."""
+    """Raise ParameterError if a row of beads names one that does not exist, or is listed twice.  ``which`` describes a repeated row; None
+    allows several terms of the same beads."""
     if beads.size and beads.max() >= n_beads:
         raise ParameterError(f"{what} names bead {beads.max()}, but there are only {n_beads} beads, counted from 0")
     different, counts = np.unique(beads, axis=0, return_counts=True)
@@ -77,11 +77,11 @@ _Terms = TypeVar("_Terms", bound="BondedTerms")
 
 
 class BondedTerms:
-    """What all kinds of bonds, angles and dihedrals have in common: beads, and coefficients for each.  A kind is a frozen dataclass with a
-    field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order. Its record
-    (:mod:`openmm_dpd.plan.kinds.bonded`) says how it is computed."""
+    """Base of all kinds of bonds, angles and dihedrals: beads, and coefficients of each term.  A kind is a frozen dataclass with a field
+    for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.  Its record
+    (:mod:`openmm_dpd.plan.kinds.bonded`) defines how it is computed."""
 
-    #: Name of the beads, how many a term has, and what a term is called.
+    #: Name of the field with the beads, number of beads per term, and name of a term.
     _BEADS: ClassVar[tuple[str, int, str]]
     _DIMENSIONS: ClassVar[dict[str, tuple[str, str]]] = {}
 
@@ -92,42 +92,42 @@ class BondedTerms:
 
     @property
     def beads(self) -> np.ndarray:
-        """Beads of each term."""
+        """Bead indices of each term, (K, 2), (K, 3) or (K, 4)."""
         return getattr(self, self._BEADS[0])
 
     def shifted(self: _Terms, by: int) -> _Terms:
-        """The same terms between beads that many numbers on."""
+        """A copy of the terms with all bead indices increased by ``by``."""
         terms: Any = self
         return replace(terms, **{self._BEADS[0]: self.beads + by})
 
     @property
     def coefficients(self) -> np.ndarray:
-        """(K, n) coefficients of each term, in the order of the class."""
+        """(K, n) coefficients of each term, in the order of the class, MD units."""
         return np.stack([getattr(self, name) for name in self._DIMENSIONS], axis=1)
 
     def curve(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy of each bond at these lengths, or of each angle or dihedral at these angles, its first and its second derivative."""
+        """Energy, first and second derivative of each term, (K,) each, at these lengths of bonds, or angles of angles and dihedrals."""
         raise NotImplementedError
 
     def reach(self, kT: float) -> np.ndarray:
-        """Length of each bond, or each angle or dihedral, up to which it is met in equilibrium."""
+        """Largest length of each bond, or angle of each angle or dihedral, (K,), that occurs at equilibrium."""
         raise NotImplementedError
 
     def density(self, x: np.ndarray) -> np.ndarray:
-        """Space there is at these lengths, or angles, in arbitrary units."""
+        """Density of states at these lengths or angles without an energy, (K,), in arbitrary units."""
         raise NotImplementedError
 
 
 class Bonds(BondedTerms):
-    """Bonds of any kind."""
+    """Base of all kinds of bonds."""
 
     pairs: np.ndarray
     _BEADS = ("pairs", 2, "bond")
-    #: Whether there are lengths that a bond cannot have.
+    #: Whether there is a length that a bond cannot exceed.
     limited: ClassVar[bool] = False
 
     def check_box(self, box: np.ndarray | None) -> None:
-        """Raise ParameterError if a rest length is over half the box, which a bond of nearest images never has."""
+        """Raise ParameterError if a rest length is over half the box, which a bond between nearest images cannot have."""
         rest, half = getattr(self, "r0", np.zeros(0)), np.inf if box is None else 0.5 * widths(box).min()
         if np.any(rest > half):
             (i, j), r0 = self.pairs[rest > half][0], rest[rest > half][0]
@@ -137,15 +137,15 @@ class Bonds(BondedTerms):
             )
 
     def overstretched(self, x: np.ndarray, box: np.ndarray | None) -> str | None:
-        """What is wrong with the first bond that has no finite energy at positions x, or None."""
+        """Error message about the first bond without a finite energy at positions x (N, 3), or None."""
         return None
 
     def longest(self) -> np.ndarray:
-        """(B,) lengths (nm) that bonds have at rest, or at most."""
+        """(B,) rest length, or largest length, of each bond, nm."""
         return getattr(self, "r0", np.zeros(len(self.pairs)))
 
     def lengths(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-        """(B,) lengths (nm) at positions x (N, 3), by minimum image."""
+        """(B,) length of each bond at positions x (N, 3), by minimum image, nm."""
         return np.linalg.norm(minimum_images(x[self.pairs[:, 0]] - x[self.pairs[:, 1]], box), axis=1)
 
     def density(self, r: np.ndarray) -> np.ndarray:
@@ -159,11 +159,11 @@ class HarmonicBonds(Bonds):
     Parameters
     ----------
     pairs : (B, 2) array of int
-        Bead indices, counted from 0.
+        Bead indices from 0.
     k : energy/length^2, or (B,) array
-        kJ/mol/nm^2, >= 0.
+        Force constant, kJ/mol/nm^2, >= 0.
     r0 : length, or (B,) array
-        Rest length in nm, >= 0.
+        Rest length, nm, >= 0.
 
     Raises
     ------
@@ -187,21 +187,21 @@ class HarmonicBonds(Bonds):
 class FENEBonds(Bonds):
     r"""Finitely extensible bonds (LAMMPS: ``bond_style fene``).
 
-    U = -1/2 k R0^2 ln(1 - (r/R0)^2) + 4 epsilon [(sigma/r)^12 - (sigma/r)^6] + epsilon, the part with epsilon for
-    r < 2^(1/6) sigma only (Kremer and Grest, J. Chem. Phys. 92, 5057 (1990)).  A bond can never be longer than R0.
+    U = -1/2 k R0^2 ln(1 - (r/R0)^2) + 4 epsilon [(sigma/r)^12 - (sigma/r)^6] + epsilon, with the epsilon terms for
+    r < 2^(1/6) sigma only (Kremer and Grest, J. Chem. Phys. 92, 5057 (1990)).  A bond is always shorter than R0.
 
     Parameters
     ----------
     pairs : (B, 2) array of int
-        Bead indices, counted from 0.
+        Bead indices from 0.
     k : energy/length^2, or (B,) array
-        kJ/mol/nm^2, >= 0.
+        Force constant, kJ/mol/nm^2, >= 0.
     R0 : length, or (B,) array
-        Largest length in nm, > 0.
+        Maximum length, nm, > 0.
     epsilon : energy, or (B,) array, default 0
-        Repulsion of the two beads, kJ/mol, >= 0; 0 where another term keeps them apart.
+        Strength of the repulsion between the two beads, kJ/mol, >= 0; 0 if another term keeps them apart.
     sigma : length, or (B,) array, default 1
-        Range of the repulsion, nm; > 0 where epsilon is.
+        Range of the repulsion, nm; > 0 where epsilon is > 0.
 
     Raises
     ------
@@ -220,7 +220,7 @@ class FENEBonds(Bonds):
     def __post_init__(self):
         super().__post_init__()
         if np.any((self.sigma == 0) & (self.epsilon > 0)):
-            raise ParameterError("bond sigma must be > 0 where epsilon is")
+            raise ParameterError("bond sigma must be > 0 where epsilon is > 0")
 
     def overstretched(self, x: np.ndarray, box: np.ndarray | None) -> str | None:
         r = self.lengths(x, box)
@@ -253,13 +253,13 @@ class MorseBonds(Bonds):
     Parameters
     ----------
     pairs : (B, 2) array of int
-        Bead indices, counted from 0.
+        Bead indices from 0.
     D : energy, or (B,) array
         Depth of the well, kJ/mol, >= 0.
     alpha : 1/length, or (B,) array
         Inverse width of the well, 1/nm, >= 0.
     r0 : length, or (B,) array
-        Rest length in nm, >= 0.
+        Rest length, nm, >= 0.
 
     Raises
     ------
@@ -282,8 +282,8 @@ class MorseBonds(Bonds):
 
 
 def bonded_neighbours(pairs: np.ndarray, n_beads: int) -> dict[int, set[tuple[int, int]]]:
-    """Pairs (i < j) that are one, two or three bonds apart: {1: 1-2 pairs, 2: 1-3 pairs, 3: 1-4 pairs}.  A pair counts for the shortest
-    path between its beads, so that rings come out right."""
+    """Pairs (i < j) that are one, two or three bonds apart: {1: 1-2 pairs, 2: 1-3 pairs, 3: 1-4 pairs}, by the shortest path between the
+    beads, which is right for rings too."""
     neighbours: list[set[int]] = [set() for _ in range(n_beads)]
     for i, j in np.asarray(pairs).tolist():
         neighbours[i].add(j)

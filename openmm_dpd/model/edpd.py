@@ -9,7 +9,7 @@ from .pairs import PairCoefficient
 
 
 def four_coefficients(value, name: str) -> tuple[float, float, float, float]:
-    """Four coefficients of T - 1, its square, cube and fourth power."""
+    """Coefficients of T - 1, (T - 1)^2, (T - 1)^3 and (T - 1)^4 as floats; ParameterError if they are not four numbers."""
     coefficients = tuple(to_md(c, "dimensionless", name) for c in value)
     if len(coefficients) != 4 or not all(isinstance(c, float) for c in coefficients):
         raise ParameterError(f"{name} must be four coefficients, of T-1, (T-1)^2, (T-1)^3 and (T-1)^4, not {what_is(value)}")
@@ -30,12 +30,12 @@ class EDPD(PairCoefficient):
         q_V = {w^s [gamma (e.v)^2 - sigma^2 (1/m_i + 1/m_j)/2] - sigma w^(s/2) (e.v) xi/sqrt(dt)}/2   to i and to j
         C_i dT_i/dt = q_i
 
-    Schemes that sweep over pairs exchange heat exactly: energy is kept to rounding, temperatures stay positive at any step, and beads have
-    the weight T^C (:mod:`openmm_dpd.kernels.edpd`).  ``mvv`` takes the rates above.
+    Schemes with sweeps exchange heat exactly: energy is conserved to rounding, temperatures stay positive at any step size, and beads have
+    the weight T^C (:mod:`openmm_dpd.kernels.edpd`).  ``mvv`` uses the rates above.
 
     xi_T is independent of xi and clamped to [-5, 5], as in LAMMPS's manual.  LAMMPS's code differs: it uses the clamped xi for xi_T,
-    divides q_V by C_i + C_j instead of 2, leaves 1/sqrt(dt) out of its last term and takes sigma^2/m_i, so that its energy is not
-    conserved.  A scene with ``compat="lammps"`` computes exactly that, with ``mvv``.
+    divides q_V by C_i + C_j instead of 2, omits 1/sqrt(dt) in its last term and takes sigma^2/m_i, so that it does not conserve energy.
+    A scene with ``compat="lammps"`` computes exactly this, with ``mvv``.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ class EDPD(PairCoefficient):
     exponent_T : float, default 2
         Exponent of the conduction weight (LAMMPS: power_T).
     cutoff_T : length, optional
-        Range of the conduction; ``cutoff`` by default.  Longer or shorter than ``cutoff`` are both right here (LAMMPS truncates the first
-        and adds stale values to the second).
+        Range of the conduction; ``cutoff`` by default.  It may be longer or shorter than ``cutoff`` (LAMMPS truncates a longer one, and
+        adds stale values with a shorter one).
     exponent_polynomial, kappa_polynomial : four floats
         c1 to c4 and d1 to d4.
 

@@ -12,14 +12,14 @@ from ..base.errors import ParameterError, in_length, in_units, what_is
 from ..base.units import COULOMB, keep, whole_number
 from .pairs import checked
 
-#: A larger PME grid is a mistake: 512^3 points, 2 GB on the Reference platform.
+#: Most points of a PME grid, 512^3 (2 GB on the Reference platform); more are a mistake.
 MOST_GRID_POINTS = 512**3
-#: What is said of charged beads between which no forces act.
+#: Warning about charged beads without electrostatics.
 NO_ELECTROSTATICS = "{} charged beads, but the scene has no `electrostatics`: their charges exert no forces (SlaterCharges(...) makes them)"
 
 
 def special_factors(value, name: str) -> tuple[float, float, float]:
-    """Three factors between 0 and 1."""
+    """Factors of 1-2, 1-3 and 1-4 pairs as floats; ParameterError if they are not three numbers from 0 to 1."""
     try:
         factors = tuple(float(factor) for factor in value)
     except (TypeError, ValueError):
@@ -31,7 +31,7 @@ def special_factors(value, name: str) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class SmearedCharges:
-    """What all kinds of smeared charges have in common; see :class:`SlaterCharges`."""
+    """Base of all kinds of smeared charges; :class:`SlaterCharges` explains the parameters."""
 
     permittivity: float | None = None
     bjerrum_length: float | None = None
@@ -40,7 +40,7 @@ class SmearedCharges:
     alpha: float | None = None
     grid: tuple[int, int, int] | None = None
     bonded_factors: tuple[float, float, float] | None = None
-    #: Name of the width of the clouds.
+    #: Name of the parameter with the width of the clouds.
     _WIDTH: ClassVar[str]
 
     def __post_init__(self):
@@ -65,38 +65,38 @@ class SmearedCharges:
                 raise ParameterError(f"grid {what} must be three numbers of points, not {what_is(self.grid)}")
             keep(self, grid=tuple(whole_number(n, f"a number of grid points {what}", 6) for n in self.grid))
 
-    # -- of each kind ----------------------------------------------------------------------------------------------------------
+    # -- defined by each kind --------------------------------------------------------------------------------------------------
     @property
     def steepness(self) -> float:
-        """Inverse length (1/nm) on which the potential flattens at small distances."""
+        """Inverse length, 1/nm, over which the potential flattens at small distances."""
         raise NotImplementedError
 
     def series(self, scale: float) -> np.ndarray:
-        """Coefficients of the potential in powers of r/scale; scale is at most 1/steepness."""
+        """Coefficients of the potential in powers of r/scale, with scale at most 1/steepness."""
         raise NotImplementedError
 
     def potential(self, r):
-        """Energy of two unit charges over the Coulomb constant, 1/r at large distances; finite at r = 0."""
+        """Energy of two unit charges over the Coulomb constant, 1/nm: finite at r = 0, 1/r at large distances."""
         raise NotImplementedError
 
     def tail(self, r: float) -> float:
-        """Relative difference of the force from that of point charges at the distance r > 0."""
+        """Relative difference from the force between point charges at a distance r > 0, nm."""
         raise NotImplementedError
 
     def describe(self) -> str:
-        """Kind and width, for the plan."""
+        """Kind and width of the clouds, for the plan."""
         raise NotImplementedError
 
-    # -- of all ----------------------------------------------------------------------------------------------------------------
+    # -- common to all kinds ---------------------------------------------------------------------------------------------------
     def coulomb(self, kT: float) -> float:
-        """Coulomb constant e^2/(4 pi eps0 eps_r) in kJ/mol nm; kT belongs to the Bjerrum length."""
+        """Coulomb constant e^2/(4 pi eps0 eps_r), kJ/mol nm; kT (kJ/mol) is that of the Bjerrum length, if given."""
         if self.permittivity is not None:
             return COULOMB / self.permittivity
         assert self.bjerrum_length is not None
         return kT * self.bjerrum_length
 
     def reach(self, tolerance: float) -> float:
-        """Distance (nm) from which the force is that of point charges to a relative tolerance."""
+        """Distance, nm, beyond which the force is that of point charges to a relative tolerance."""
         low, high = 0.0, 1.0 / self.steepness
         while self.tail(high) > tolerance:
             low, high = high, 2 * high
@@ -107,12 +107,12 @@ class SmearedCharges:
 
 
 def without_last_digits(value: float) -> float:
-    """A setting to ten digits: the further ones are those of the C library's functions, which are not everywhere the same."""
+    """A setting rounded to ten digits, since further digits depend on the C library."""
     return float(f"{value:.10g}")
 
 
 def _direct(r, scale: float, coefficients: np.ndarray, outer) -> np.ndarray:
-    """A function of the distance from its series below ``scale`` and a formula above."""
+    """A function of the distance, from its series below ``scale`` and the formula ``outer`` above."""
     r = np.asarray(r, dtype=float)
     near = np.polynomial.polynomial.polyval(np.minimum(r, scale) / scale, coefficients)
     return np.where(r < scale, near, outer(np.maximum(r, scale)))
@@ -125,37 +125,37 @@ class SlaterCharges(SmearedCharges):
     .. math:: U = \frac{q_i q_j}{4\pi\epsilon_0\epsilon_r r} \left[1 - \left(1 + \frac{r}{\lambda}\right) e^{-2r/\lambda}\right]
 
     with lambda = ``lamda`` (beta = 1/lamda in other papers).  At r = 0 the energy is q_i q_j/(4 pi eps0 eps_r lamda) and the force 0, so
-    that opposite charges do not collapse onto each other.
+    opposite charges do not collapse onto each other.
 
-    In a periodic box the interaction with all images is summed: a CustomNonbondedForce up to the cutoff, and OpenMM's PME for the rest.
-    Beyond the cutoff charges act as point charges.  There the energy of a pair has a step, of the part (1 + r/lamda) exp(-2 r/lamda) of q_i
-    q_j/(4 pi eps0 eps_r r), and it is not shifted, as in LAMMPS.  The default cutoff is long enough to make the relative error of the force
-    there, (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), at most the tolerance.  Without a box there is no cutoff and no lattice sum.
+    In a periodic box the interaction with all images is summed: by a CustomNonbondedForce up to the cutoff, and by OpenMM's PME for the
+    rest.  Beyond the cutoff charges act as point charges.  The pair energy has a step there, (1 + r/lamda) exp(-2 r/lamda) of q_i q_j/(4 pi
+    eps0 eps_r r), and is not shifted, as in LAMMPS.  By default the cutoff is so long that the relative error of the force there,
+    (1 + 2 r/lamda + 2 (r/lamda)^2) exp(-2 r/lamda), is at most the tolerance.  Without a box there is no cutoff and no lattice sum.
 
-    Bonded neighbours with a factor f in ``bonded_factors`` have f times the smeared energy, all of it: what the lattice sum holds of the
-    pair is taken out exactly, at any distance.  LAMMPS does the same up to the cutoff only, and releases before mid 2022 took out the
-    energy of point charges.
+    Bonded neighbours with a factor f in ``bonded_factors`` have f times the full smeared energy: the lattice sum's share of the pair is
+    subtracted exactly, at any distance.  LAMMPS does so up to the cutoff only, and releases before mid 2022 subtracted the energy of
+    point charges.
 
     Parameters
     ----------
     lamda : length
-        Width of the clouds, > 0; as LAMMPS's lambda.  Papers that write exp(-2 beta* r/R) have lamda = R/beta*.
+        Width of the clouds, > 0, LAMMPS's lambda.  Papers that write exp(-2 beta* r/R) have lamda = R/beta*.
     permittivity : float, optional
-        Relative permittivity eps_r; this or the Bjerrum length.
+        Relative permittivity eps_r; give this or the Bjerrum length.
     bjerrum_length : length, optional
-        Distance at which two unit point charges have the energy kT, with the scene's kT at the first step.  When the temperature changes
-        later on, the permittivity stays.
+        Distance at which two unit point charges have the energy kT, with the scene's kT at the first step.  If the temperature changes
+        later, the permittivity is kept.
     cutoff : length, optional
-        Of the real-space part, nm; at most half the box.  By default as long as the tolerance asks for, and long enough for some 40 charges
-        in its range, so that the grid does not become too fine.
+        Cutoff of the real-space part, nm, at most half the box.  By default it follows from the tolerance, and has some 40 charges within
+        its range, so that the grid is not too fine.
     tolerance : float, default 1e-4
-        Bound of the root mean square error of the forces of charges over their root mean square; sets the cutoff, alpha and the grid.
+        Bound of the relative root mean square error of the forces between charges; it determines the cutoff, alpha and the grid.
     alpha : inverse length, optional
-        Splitting parameter of the Ewald sum; from the tolerance by default.
+        Splitting parameter of the Ewald sum; by default from the tolerance.
     grid : three int, optional
-        Points of the PME grid; from the tolerance by default.
+        Points of the PME grid; by default from the tolerance.
     bonded_factors : three floats, optional
-        Factors of the charges' interaction for pairs one, two and three bonds apart; those of the scene by default.
+        Factors of the charges' interaction for pairs one, two and three bonds apart; by default those of the scene.
 
     Raises
     ------
@@ -193,15 +193,15 @@ class GaussianCharges(SmearedCharges):
 
     .. math:: U = \frac{q_i q_j}{4\pi\epsilon_0\epsilon_r r}\, \mathrm{erf}\left(\frac{r}{2 w}\right)
 
-    for clouds with the standard deviation w (density proportional to exp(-r^2/(2 w^2))) in every direction.  At r = 0 the energy is
-    q_i q_j/(4 pi eps0 eps_r w sqrt(pi)), the force 0.  Everything else is as in :class:`SlaterCharges`.
+    for clouds of standard deviation w (density proportional to exp(-r^2/(2 w^2))) in every direction.  At r = 0 the energy is
+    q_i q_j/(4 pi eps0 eps_r w sqrt(pi)) and the force 0.  :class:`SlaterCharges` explains lattice sum and bonded neighbours.
 
     Parameters
     ----------
     width : length
         Standard deviation w of a cloud, > 0.
     permittivity, bjerrum_length, cutoff, tolerance, alpha, grid, bonded_factors
-        As in :class:`SlaterCharges`.
+        Interaction and settings of the lattice sum, see :class:`SlaterCharges`.
 
     Raises
     ------
@@ -240,13 +240,13 @@ def erf_series(steepness: float, scale: float) -> np.ndarray:
 
 
 def short_series(charges: SmearedCharges, alpha: float, scale: float) -> np.ndarray:
-    """Coefficients of s(r) - erf(alpha r)/r in powers of r/scale, with s the potential of the charges."""
+    """Coefficients of s(r) - erf(alpha r)/r in powers of r/scale, with s(r) the potential of the charges."""
     return np.polynomial.polynomial.polysub(charges.series(scale), erf_series(alpha, scale))
 
 
 @dataclass(frozen=True)
 class EwaldSum:
-    """Settings of the lattice sum: cutoff (nm), splitting parameter (1/nm) and grid."""
+    """Settings of the lattice sum: cutoff (nm), splitting parameter (1/nm) and grid points."""
 
     cutoff: float
     alpha: float
@@ -254,8 +254,8 @@ class EwaldSum:
 
 
 def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> EwaldSum:
-    """Cutoff, alpha and grid that make the forces as exact as the tolerance says.  ParameterError if the cutoff is over half the box,
-    whether given or needed, or cutoff, alpha and grid do not go together."""
+    """Cutoff, alpha and grid for forces within the tolerance.  ParameterError if the cutoff, given or required, is over half the box, or
+    cutoff, alpha and grid do not match."""
     half = 0.5 * float(np.diag(box).min())
     cutoff = charges.cutoff
     if cutoff is None:
@@ -266,7 +266,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
                 f"half the box ({in_length(half, 4)}); use a larger box, narrower charges or a larger tolerance, or set a cutoff and "
                 "accept its error"
             )
-        # narrow charges would do with a short cutoff, which would make the grid fine: some 40 charges in range are a good balance
+        # narrow charges need a short cutoff only, which would need a fine grid; some 40 charges in range are a good balance
         balanced = (3 * 40 * float(np.prod(np.diag(box))) / (4 * math.pi * n_charges)) ** (1 / 3)
         cutoff = min(half, max(cutoff, without_last_digits(balanced)))
     elif cutoff > half * (1 + 1e-12):
@@ -274,7 +274,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
             f"the cutoff {in_length(cutoff)} of {type(charges).__name__} is over half the box, whose smallest width is "
             f"{in_length(2 * half)}"
         )
-    # the factors were found by comparison with exact sums, see tests/core/test_electrostatics.py
+    # factors fitted to exact sums, see tests/core/test_electrostatics.py
     alpha = charges.alpha or without_last_digits(math.sqrt(-math.log(0.3 * charges.tolerance)) / cutoff)
     grid = charges.grid
     if grid is None:
@@ -285,7 +285,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
 
 
 def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple[int, int, int], box: np.ndarray) -> None:
-    """Settings whose sum would be wrong by a tenth and more, or whose grid does not fit into memory (OpenMM would crash)."""
+    """Raise ParameterError for settings whose sum is wrong by a tenth or more, or whose grid exceeds memory (OpenMM would crash)."""
     name, width = type(charges).__name__, f"alpha = {in_units(alpha, 'inverse_length', 4)}"
     if math.erfc(alpha * cutoff) > 0.1:
         raise ParameterError(
@@ -308,8 +308,8 @@ def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple
 
 
 def checked_ewald(charges: SmearedCharges | None, q: np.ndarray | None, box: np.ndarray | None, kT: float) -> EwaldSum | None:
-    """Settings of the lattice sum of a scene, None without charges that interact in a box.  ParameterError if the scene cannot have this
-    electrostatics; a warning if it is not neutral."""
+    """Settings of the lattice sum of a scene, or None without interacting charges in a box.  ParameterError if charges, box or kT do not
+    allow this electrostatics; a warning if the scene is not neutral."""
     if charges is None:
         return None
     name = type(charges).__name__
@@ -333,8 +333,8 @@ def checked_ewald(charges: SmearedCharges | None, q: np.ndarray | None, box: np.
     total = float(q.sum())
     if abs(total) > 1e-6 * max(1.0, float(np.abs(q).sum())):
         warnings.warn(
-            f"the charges add up to {total:g} e; in a periodic box a uniform background makes up for them, "
-            "which changes the energy and the pressure. Add counterions if this is not meant",
+            f"the charges add up to {total:g} e; in a periodic box a uniform background neutralises them, "
+            "which changes the energy and the pressure. Add counterions if this is not intended",
             UserWarning,
             stacklevel=4,
         )

@@ -1,4 +1,4 @@
-"""DPD with conserved energy (LAMMPS: dpd/fdt/energy)."""
+"""Energy-conserving DPD (LAMMPS: dpd/fdt/energy)."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from .pairs import SoftRepulsion
 class EnergyDPD(SoftRepulsion):
     r"""Energy-conserving dissipative particle dynamics: friction heats the beads, and beads exchange heat.
 
-    With w = 1 - r/cutoff, theta_i the internal temperature of bead i (as a thermal energy) and their harmonic mean
+    With w = 1 - r/cutoff, theta_i the internal temperature of bead i (as a thermal energy), and the harmonic mean Theta of the two,
     1/Theta = (1/theta_i + 1/theta_j)/2::
 
         F        = A w - gamma w^2 (e.v_ij) + sigma w xi/sqrt(dt),    gamma = sigma^2/(2 Theta),    U = A cutoff w^2/2
         du_mech  = [gamma w^2 (e.v_ij)^2 - sigma^2 w^2 (1/m_i + 1/m_j)/2 - sigma w (e.v_ij) xi/sqrt(dt)]/2    to i and to j
         du_cond  = kappa (1/theta_i - 1/theta_j) w^2 + alpha w xi_q/sqrt(dt),    alpha^2 = 2 kappa            to i, minus it to j
 
-    (rates; xi in du_mech is that of F).  sigma is constant and gamma follows the temperature, which makes exp(S/k_B) the invariant
-    weight with no further drift.  LAMMPS prints the sign of the first term of du_mech wrongly in its manual; its code has it as here.
+    (rates; xi in du_mech is that of F).  sigma is constant and gamma follows the temperature, so that exp(S/k_B) is the invariant weight
+    without a drift term.  LAMMPS's manual has a wrong sign in the first term of du_mech; its code agrees with the above.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Equations of state: the internal energy u of a bead and its internal temperature theta.
 
-theta is k_B times the internal temperature, a thermal energy in kJ/mol.  Heat capacities are in units of k_B, so that u = C theta has no
-constants in it.  The entropy (in units of k_B) follows from both, S(u) = integral du/theta(u).
+theta is k_B times the internal temperature, a thermal energy in kJ/mol.  Heat capacities are in units of k_B, so u = C theta needs no
+constants.  The entropy, in units of k_B, is S(u) = integral du/theta(u).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from ..base.units import BOLTZMANN, keep, thermal_energies, to_md
 
 
 def heat_capacity(value, name: str):
-    """Heat capacity in units of k_B from a bare number or from a Quantity (energy/temperature)."""
+    """Heat capacity in units of k_B, from a bare number or a Quantity (energy/temperature)."""
     if unit.is_quantity(value) and not value.unit.is_compatible(unit.dimensionless):
         per_kelvin = unit.kilojoule_per_mole / unit.kelvin
         if not value.unit.is_compatible(per_kelvin):
-            raise ParameterError(f"{name} has the unit {value.unit}, which is no heat capacity; expected something like {per_kelvin}")
+            raise ParameterError(f"{name} has the unit {value.unit}, which is not a heat capacity; expected a unit such as {per_kelvin}")
         value = value.value_in_unit(per_kelvin) / BOLTZMANN
     return to_md(value, "dimensionless", name)
 
@@ -39,7 +39,7 @@ class ConstantHeatCapacity:
     Raises
     ------
     ParameterError
-        If it is not a number > 0.
+        If the heat capacity is not a number > 0.
     """
 
     capacity: float
@@ -51,11 +51,11 @@ class ConstantHeatCapacity:
         keep(self, capacity=capacity)
 
     def energy(self, theta):
-        """Internal energy at theta."""
+        """Internal energy at internal temperature theta, kJ/mol."""
         return self.capacity * np.asarray(theta)
 
     def theta(self, u):
-        """Theta at the internal energy u."""
+        """Internal temperature theta at internal energy u, kJ/mol."""
         return np.asarray(u) / self.capacity
 
     def __str__(self) -> str:
@@ -66,22 +66,22 @@ class ConstantHeatCapacity:
 class TabulatedEOS:
     r"""Equation of state through given points (theta_k, u_k) (LAMMPS: ``fix eos/table``).
 
-    The interpolated function is 1/theta of u, by a monotone cubic (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 238 (1980); scipy's
-    ``PchipInterpolator``).  So theta(u) runs through the points and increases between them, and the entropy S = integral du/theta is
-    exactly the integral of the interpolant, which the exact schemes need.  LAMMPS resamples a table twice
-    (through a spline with end slopes of zero) and interpolates linearly; both agree at the points of the table.
+    1/theta is interpolated as a function of u by a monotone cubic (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 238 (1980); scipy's
+    ``PchipInterpolator``).  So theta(u) passes through the points and increases between them, and the entropy S = integral du/theta is
+    exactly the integral of the interpolant, as the exact schemes need it.  LAMMPS resamples a table twice (through a spline with end
+    slopes of zero) and interpolates linearly; the two agree at the points of the table.
 
     Parameters
     ----------
     thetas : (K,) array
         Internal temperatures theta, kJ/mol (or a Quantity in kelvin), > 0, increasing; K >= 2.
     energies : (K,) array of energies
-        Internal energy of a bead at these thetas, kJ/mol, increasing.
+        Internal energies of a bead at these thetas, kJ/mol, increasing.
 
     Raises
     ------
     ParameterError
-        If lengths differ, or a column does not increase (the entry is named).
+        If lengths differ, or a column does not increase; the message names the entry.
     """
 
     thetas: np.ndarray
@@ -108,18 +108,18 @@ class TabulatedEOS:
     def from_functions(
         cls, energy: Callable, thetas: tuple[float, float], inverse: Callable | None = None, points: int = 2001
     ) -> TabulatedEOS:
-        """Table of a function u(theta) between two thetas.
+        """Tabulate a function u(theta) between two thetas.
 
         Parameters
         ----------
         energy : callable
-            u(theta), for arrays; kJ/mol from thermal energies in kJ/mol.
+            u(theta) for arrays of thermal energies, in and out in kJ/mol.
         thetas : (low, high)
-            Range, > 0, kJ/mol or a Quantity in kelvin; beads that leave it stop the run.
+            Range of theta, > 0, kJ/mol or a Quantity in kelvin; a bead outside of it stops the run.
         inverse : callable, optional
-            theta(u), only checked: it must invert ``energy`` to 1e-6.
+            theta(u), for a check only: it must invert ``energy`` to 1e-6.
         points : int, default 2001
-            Entries of the table, evenly spaced in 1/theta, which is what is interpolated.
+            Number of entries, evenly spaced in 1/theta, the interpolated quantity.
         """
         low, high = (float(np.asarray(thermal_energies(value, "thetas"))) for value in thetas)
         if not 0 < low < high:
@@ -131,8 +131,7 @@ class TabulatedEOS:
             worst = int(np.argmax(np.abs(back / theta - 1)))
             if not np.allclose(back, theta, rtol=1e-6, atol=0):
                 raise ParameterError(
-                    f"the two functions contradict each other: theta = {theta[worst]:g} has u = {u[worst]:g}, "
-                    f"which has theta = {back[worst]:g}"
+                    f"inverse does not invert energy: theta = {theta[worst]:g} has u = {u[worst]:g}, which has theta = {back[worst]:g}"
                 )
         return cls(theta, u)
 
@@ -142,20 +141,20 @@ class TabulatedEOS:
         return scipy.interpolate.PchipInterpolator(self.energies, 1.0 / self.thetas, extrapolate=False)
 
     def theta(self, u):
-        """Theta at the internal energy u; NaN out of range."""
+        """Internal temperature theta at internal energy u, kJ/mol; NaN out of range."""
         return 1.0 / self.inverse_temperature(u)
 
     def energy(self, theta):
-        """Internal energy at theta; NaN out of range."""
+        """Internal energy at internal temperature theta, kJ/mol; NaN out of range."""
         theta = np.asarray(theta, dtype=np.float64)
         flat = np.atleast_1d(theta)
         curve = self.inverse_temperature
         low, high = np.full(flat.shape, self.energies[0]), np.full(flat.shape, self.energies[-1])
-        for _ in range(200):  # bisection to the last bit: done once per bead and run
+        for _ in range(200):  # bisection to the last bit, once per bead and run
             middle = 0.5 * (low + high)
             below = curve(middle) > 1.0 / flat
             low, high = np.where(below, middle, low), np.where(below, high, middle)
-        # the points of the table give back their own energies
+        # points of the table return exactly their energies
         exact = np.searchsorted(self.thetas, flat).clip(0, len(self.thetas) - 1)
         found = np.where(self.thetas[exact] == flat, self.energies[exact], 0.5 * (low + high))
         return np.where((flat < self.thetas[0]) | (flat > self.thetas[-1]), np.nan, found).reshape(theta.shape)

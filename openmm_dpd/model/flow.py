@@ -14,17 +14,17 @@ from .pairs import checked
 from .sources import point
 
 AXES = ("x", "y", "z")
-#: How a body force varies along its axis.
+#: Variation of a body force along its axis.
 PATTERNS = ("uniform", "halves", "sine")
-#: What happens to the velocity of a bead that a wall reflects; "mixed": some axes of each kind.
+#: Kinds of reflection at walls; "mixed": axes with walls of different kinds.
 SPECULAR, BOUNCE_BACK, MIXED = "specular", "bounce-back", "mixed"
 KINDS = (SPECULAR, BOUNCE_BACK)
-#: A wall that is not there; far more than any position, and still exact to subtract 0 times.
+#: Position of a missing wall: far beyond any bead, and finite, so that 0 times it is 0.
 NOWHERE = 1e30
 
 
 class _OnBeads:
-    """What forces on single beads have in common: bead types (a name or several) and a mask; None means all."""
+    """Base of forces on single beads, selected by bead types (one or more names) and a mask; None means all."""
 
     types: str | Sequence[str] | None
     beads: np.ndarray | None
@@ -45,7 +45,7 @@ class _OnBeads:
         keep(self, types=types, beads=beads)
 
     def mask(self, scene_types: np.ndarray, type_names: list[str]) -> np.ndarray:
-        """(N,) bool: beads it acts on; ParameterError for unknown types and masks of another length."""
+        """(N,) mask of the beads it acts on; ParameterError for an unknown type, a mask of the wrong length, or if it acts on no bead."""
         what, chosen = self._WHAT, np.ones(len(scene_types), bool)
         if self.types is not None:
             unknown = [name for name in self.types if name not in type_names]
@@ -57,7 +57,7 @@ class _OnBeads:
                 raise ParameterError(f"{what}: beads must have one entry per bead, {len(chosen)}, not shape {self.beads.shape}")
             chosen &= self.beads
         if not chosen.any():
-            raise ParameterError(f"{what} acts on no bead")
+            raise ParameterError(f"{what} acts on no bead; check its types and beads")
         return chosen
 
 
@@ -68,7 +68,7 @@ def _axis(value, what: str) -> int:
 
 
 def require_plain_axis(box: np.ndarray | None, axis: str, what: str) -> float | None:
-    """Period along an axis, None without a box; ParameterError if box vectors other than the axis' own point along it."""
+    """Period along an axis, nm, or None without a box; ParameterError if another box vector has a component along the axis."""
     if box is None:
         return None
     k = AXES.index(axis)
@@ -79,30 +79,30 @@ def require_plain_axis(box: np.ndarray | None, axis: str, what: str) -> float | 
 
 @dataclass(frozen=True, eq=False)
 class BodyForce(_OnBeads):
-    r"""A force on every bead of a kind, the same everywhere or with a sign that follows the position.
+    r"""A force on selected beads, uniform or with a sign or sine along an axis.
 
     .. math:: \mathbf F_i = s(r_i)\,\mathbf f_i
 
     with s = 1 (``uniform``), s = +1 in the lower and -1 in the upper half of the box along ``axis`` (``halves``: reverse Poiseuille flow),
-    or s = sin(2 pi (r - origin)/L) (``sine``).  Positions are folded into the box for that.
+    or s = sin(2 pi (r - origin)/L) (``sine``), where positions r are wrapped into the box.
 
-    The box is that of the scene: a pattern does not follow a barostat.  In a periodic box the force has no potential energy that would
-    mean anything, and none is reported; without a box it counts.  The total force is zero, and so momentum stays what it is, as
-    far as the halves hold equally many beads: they do on average, and the momentum fluctuates with the difference.
+    The box is that of the scene: a pattern does not follow a barostat.  In a periodic box the force has no meaningful potential energy,
+    and none is reported; without a box it has one.  With ``halves`` momentum is conserved on average, since the total force is zero if
+    both halves contain equal numbers of beads; it fluctuates with the difference.
 
     Parameters
     ----------
     force : (3,) or (N, 3) array of forces
-        kJ/mol/nm; one vector, or one for each bead of the scene.
+        Force, kJ/mol/nm: one vector, or one for each bead of the scene.
     types : str or sequence of str, optional
         Bead types it acts on; all by default.
     beads : (N,) array of bool, optional
         Beads it acts on; all by default.
     pattern : {"uniform", "halves", "sine"}
     axis : {"x", "y", "z"}, optional
-        Needed for a pattern other than uniform, which also needs a box.
+        Axis of the pattern; required, like a box, unless the force is uniform.
     origin : length, default 0
-        Where the first half begins.
+        Start of the first half, or of the sine.
     """
 
     force: np.ndarray
@@ -122,13 +122,13 @@ class BodyForce(_OnBeads):
         if self.pattern not in PATTERNS:
             raise ParameterError(f"the pattern of a body force must be one of {', '.join(PATTERNS)}, not {what_is(self.pattern)}")
         if self.pattern == "uniform" and self.axis is not None:
-            raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow say pattern='halves'")
+            raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow use pattern='halves'")
         if self.pattern != "uniform":
             _axis(self.axis, f"a body force with the pattern {what_is(self.pattern)}")
         keep(self, origin=checked(self.origin, "length", "the origin of a body force", signed=True))
 
     def vectors(self, type_ids: np.ndarray, type_names: list[str], box: np.ndarray | None) -> np.ndarray:
-        """(N, 3) force of each bead before the pattern; ParameterError if it does not fit the scene."""
+        """(N, 3) force of each bead without the pattern, kJ/mol/nm; ParameterError if it does not fit the scene."""
         chosen = self.mask(type_ids, type_names)
         if self.force.ndim == 2 and len(self.force) != len(type_ids):
             raise ParameterError(f"a body force has {len(self.force)} vectors, but the scene has {len(type_ids)} beads")
@@ -147,9 +147,9 @@ class BodyForce(_OnBeads):
 
 @dataclass(frozen=True, eq=False)
 class PositionForce(_OnBeads):
-    """A force on single beads, given as a formula of the position wrapped into the box.
+    """A force on single beads, given as formulas of the position wrapped into the box.
 
-    It has no potential energy, and none is reported.
+    No potential energy is reported for it.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class PositionForce(_OnBeads):
         ``("0.1*sin(z)", "0", "0")``.
     types, beads : as in :class:`BodyForce`
     corner : three lengths, default (0, 0, 0)
-        Lower corner of the box that positions are folded into.
+        Lower corner of the box that positions are wrapped into.
     """
 
     formulas: tuple[str, str, str]
@@ -182,7 +182,7 @@ class PositionForce(_OnBeads):
         keep(self, corner=point(self.corner, "the corner of a position force"))
 
     def check_values(self, x: np.ndarray, members: np.ndarray, box: np.ndarray | None) -> None:
-        """Raise ParameterError if the force on one of these beads is not finite at its place."""
+        """Raise ParameterError if the force on one of these beads is not finite at its position x."""
         variables = dict(zip(AXES, (folded(x - self.corner, box) + self.corner).T, strict=True))
         for text in self.formulas:
             found = np.broadcast_to(values(read_formula(text, AXES, "a position force"), variables), len(x))
@@ -200,43 +200,43 @@ class PositionForce(_OnBeads):
 
 @dataclass(frozen=True)
 class Wall:
-    """A plane that beads do not pass.
+    """A plane that reflects beads.
 
-    After each drift a bead beyond the plane is put back by reflection, and its velocity is turned round: its component along the axis
-    (``specular``: the wall transmits no shear), or all of it (``bounce-back``: a fluid does not slip).  Both leave the Maxwell distribution
-    and a uniform density as they are.  A wall takes momentum from the fluid; a plain one exerts no force, and none a virial.
+    After each drift, a bead beyond the plane is reflected, and its velocity reversed: the component along the axis (``specular``: no shear
+    is transmitted), or the full vector (``bounce-back``: no slip).  Both preserve the Maxwell distribution and a uniform density.  A wall
+    takes momentum from the fluid; a plain wall exerts no force, and no wall has a virial.
 
     Parameters
     ----------
     axis : {"x", "y", "z"}
+        Normal of the plane.
     position : length
-        Where the plane is, nm.
+        Position of the plane along the axis, nm.
     side : {"above", "below"}
-        Where the beads are: above, at larger coordinates than the plane, or below.
+        Side of the beads: above, at larger coordinates than the plane, or below.
     kind : {"specular", "bounce-back"}
-        Walls on one axis are of one kind.
+        Kind of reflection; all walls on one axis are of one kind.
     velocity : three velocities, optional
-        Of a wall with bounce-back, along its plane, nm/ps: the fluid next to it has this velocity.  (0, 0, 0) is a wall at rest.  If any
-        wall of a scene has a velocity, or something behind it, impulses on all of them are recorded.
+        Velocity, nm/ps, of a bounce-back wall in its plane, and so of the fluid next to it.  (0, 0, 0) is a wall at rest.  If any wall of a
+        scene has a velocity, or a continuum behind it, the impulses on all walls are recorded.
     period : time, optional
-        The velocity is multiplied by cos(2 pi t/period), t the time of the Context in the middle of a step.
+        The velocity is multiplied by cos(2 pi t/period), with t the Context's time in the middle of a step.
     behind : str, optional
-        Bead type of a fluid that the solid behind the wall seems to consist of: its mean repulsion, and friction with noise, act on beads
-        nearer than the cutoff (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.
+        Bead type of a continuum behind the wall: its mean repulsion, and friction with noise, act on beads closer than the cutoff
+        (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.
     density : float, optional
-        Its beads per nm^3.
+        Density of the continuum, beads per nm^3.
 
     Raises
     ------
     ParameterError
-        If a value is out of bounds, a specular wall has a velocity or something behind it, a velocity points out of the plane, or one of
-        ``behind`` and ``density`` lacks the other.
+        If a value is out of bounds, a specular wall has a velocity or a continuum, a velocity points out of the plane, or only one of
+        ``behind`` and ``density`` is given.
 
     Notes
     -----
-    In a periodic box walls come in pairs, one with the beads above and one with the beads below; what is between the second and the next
-    image of the first is solid.  Where forces should not reach through the solid it has to be as thick as the cutoff; frozen beads
-    in it make the fluid feel a wall of its own kind.
+    In a periodic box walls come in pairs, one with the beads above and one with the beads below; the space between the second and the next
+    image of the first is solid.  It must be as thick as the cutoff if forces should not reach through it, and may hold immobile beads.
     """
 
     axis: str
@@ -252,17 +252,17 @@ class Wall:
         _axis(self.axis, "a wall")
         keep(self, position=checked(self.position, "length", "the position of a wall", signed=True))
         if self.side not in ("above", "below"):
-            raise ParameterError(f"the side of a wall is where the beads are, 'above' or 'below', not {what_is(self.side)}")
+            raise ParameterError(f"the side of a wall, where the beads are, must be 'above' or 'below', not {what_is(self.side)}")
         if self.kind not in KINDS:
             raise ParameterError(f"the kind of a wall must be one of {', '.join(KINDS)}, not {what_is(self.kind)}")
         if self.driven and self.kind != BOUNCE_BACK:
-            raise ParameterError("a specular wall transmits no shear, so it has no velocity and nothing behind it; take kind='bounce-back'")
+            raise ParameterError("a specular wall transmits no shear, so it has no velocity and nothing behind it; use kind='bounce-back'")
         self._keep_velocity()
         if (self.behind is None) != (self.density is None):
-            raise ParameterError("what is behind a wall is a bead type with its density: give both `behind` and `density`, or neither")
+            raise ParameterError("behind a wall is a bead type with its density: give both `behind` and `density`, or neither")
         if self.behind is not None:
             if not isinstance(self.behind, str):
-                raise ParameterError(f"what is behind a wall must be the name of a bead type, not {what_is(self.behind)}")
+                raise ParameterError(f"`behind` of a wall must be the name of a bead type, not {what_is(self.behind)}")
             keep(self, density=checked(self.density, "number_density", "the density behind a wall", positive=True))
 
     def _keep_velocity(self) -> None:
@@ -281,12 +281,12 @@ class Wall:
 
     @property
     def driven(self) -> bool:
-        """Whether it has a velocity or something behind it."""
+        """Whether the wall has a velocity or a continuum behind it."""
         return self.velocity is not None or self.behind is not None
 
 
 class Gap(NamedTuple):
-    """The room between the walls of one axis: limits, kind, period (None if it is not periodic), and the walls by the side of the beads."""
+    """The space between the walls of one axis: limits, kind, period (None if not periodic), and the walls by the side of the beads."""
 
     low: float
     high: float
@@ -295,15 +295,15 @@ class Gap(NamedTuple):
     sides: dict[str, Wall]
 
     def fold(self, coordinate: np.ndarray) -> np.ndarray:
-        """Coordinates in the period around the middle of the gap."""
+        """Coordinates wrapped into the period around the middle of the gap."""
         if self.period is None:
             return coordinate
         return coordinate - self.period * np.floor((coordinate - 0.5 * (self.low + self.high - self.period)) / self.period)
 
 
 def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
-    """Axis number -> gap between its walls.  ParameterError if two walls have the same axis and side, kinds differ on one axis, a periodic
-    axis has a single wall, or nothing solid is left between the images."""
+    """Gap between the walls of each axis, by the number of the axis.  ParameterError if two walls have the same axis and side, kinds differ
+    on one axis, a periodic axis has a single wall, or there is no solid between the images."""
     if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
         raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {what_is(walls)}")
     found: dict[int, Gap] = {}
@@ -312,11 +312,11 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
         sides = {wall.side: wall for wall in mine}
         if len(sides) < len(mine):
             raise ParameterError(
-                f"there are two walls along {name} with the beads on the same side; one room between two walls is possible"
+                f"there are two walls along {name} with the beads on the same side; an axis can have one above and one below the beads"
             )
         kinds = {wall.kind for wall in mine}
         if len(kinds) > 1:
-            raise ParameterError(f"the walls along {name} are of different kinds, {' and '.join(sorted(kinds))}; they must be of one")
+            raise ParameterError(f"the walls along {name} are of different kinds, {' and '.join(sorted(kinds))}; they must be of one kind")
         low = sides["above"].position if "above" in sides else -NOWHERE
         high = sides["below"].position if "below" in sides else NOWHERE
         period = require_plain_axis(box, name, "a wall")
@@ -324,13 +324,13 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
             if len(sides) < 2:
                 missing = "below" if "above" in sides else "above"
                 raise ParameterError(
-                    f"the box is periodic along {name}: beads would come round to the back of the only wall there; "
+                    f"the box is periodic along {name}: beads would reach the back of the only wall there; "
                     f"add one with the beads {what_is(missing)}"
                 )
             high -= period * np.ceil((high - low) / period - 1.0)
             if not high - low < period * (1 - 1e-9):
                 raise ParameterError(
-                    f"the walls along {name} leave nothing solid between the periodic images; make the box longer than the gap of "
+                    f"the walls along {name} leave no solid between the periodic images; make the box longer than the gap of "
                     f"{in_length(high - low)}, by the cutoff if forces should not reach through"
                 )
         if low >= high:
@@ -340,13 +340,13 @@ def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
 
 
 def kind_of(found: Mapping[int, Gap]) -> str:
-    """Kind of the walls, for programs; "" if there are none."""
+    """Kind of all walls, or "mixed", for programs; "" without walls."""
     kinds = {gap.kind for gap in found.values()}
     return MIXED if len(kinds) > 1 else kinds.pop() if kinds else ""
 
 
 def check_inside(found: Mapping[int, Gap], x: np.ndarray, mobile: np.ndarray) -> None:
-    """Raise ParameterError if a bead that moves starts beyond a wall."""
+    """Raise ParameterError if a mobile bead starts beyond a wall."""
     for axis, gap in found.items():
         folded = gap.fold(x[:, axis])
         beyond = np.flatnonzero(mobile & ((folded < gap.low) | (folded > gap.high)))
@@ -354,6 +354,6 @@ def check_inside(found: Mapping[int, Gap], x: np.ndarray, mobile: np.ndarray) ->
             bead = int(beyond[0])
             raise ParameterError(
                 f"bead {bead_number(bead)} starts at {AXES[axis]} = {in_length(x[bead, axis])}, beyond a wall ({len(beyond)} such beads); "
-                f"the room is from {in_length(gap.low)} to {in_length(gap.high)}. Beads of the wall itself are frozen "
+                f"the gap is from {in_length(gap.low)} to {in_length(gap.high)}. Beads of the wall itself are frozen "
                 + either("with `mobile`", "where no fix moves them: leave them out of its group")
             )

@@ -1,7 +1,7 @@
 """Formulas of the position, checked before OpenMM reads them.
 
-OpenMM reports a syntax error together with the whole expression, never reports a value that is not finite, and does not come
-back from a formula whose constants give NaN, such as ``sqrt(-1)*x``: its optimiser compares until two results agree.
+OpenMM reports syntax errors with the full expression only, never reports values that are not finite, and hangs on formulas whose constants
+give NaN, such as ``sqrt(-1)*x``, because its optimiser iterates until two results are equal.
 """
 
 import ast
@@ -13,7 +13,7 @@ import scipy
 
 from ..base.errors import ParameterError
 
-#: OpenMM's functions: number of arguments, and the same in numpy.
+#: OpenMM's functions: number of arguments, and the equivalent in numpy.
 FUNCTIONS: dict[str, tuple[int, Callable]] = {
     **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "floor", "ceil")},
     **{name: (1, getattr(np, f"arc{name[1:]}")) for name in ("asin", "acos", "atan")},
@@ -34,8 +34,8 @@ _OPERATORS: dict[type, Callable] = {ast.Add: operator.add, ast.Sub: operator.sub
 
 
 def read_formula(text: str, names: tuple[str, ...], what: str) -> ast.expr:
-    """Syntax tree of a formula in OpenMM's expression language.  ParameterError if it cannot be read, names something other than ``names``
-    and OpenMM's functions, calls a function with another number of arguments, or one of its constant parts has no finite value."""
+    """Syntax tree of a formula in OpenMM's expression language.  ParameterError if it cannot be read, has other names than ``names`` and
+    OpenMM's functions, a function has the wrong number of arguments, or a constant part has no finite value."""
     if ";" in text or "=" in text:
         raise ParameterError(f"the formula '{text}' of {what} must be one expression")
     bad = next((sign for sign in ("**", "//") if sign in text), None)
@@ -50,13 +50,13 @@ def read_formula(text: str, names: tuple[str, ...], what: str) -> ast.expr:
 
 
 def values(tree: ast.expr, variables: Mapping[str, np.ndarray]):
-    """Value of a formula that :func:`read_formula` has read."""
+    """Value of a formula from :func:`read_formula` for these variables."""
     with np.errstate(all="ignore"):
         return _value(tree, variables)
 
 
 def _check(node: ast.expr, text: str, names: tuple[str, ...], what: str) -> bool:
-    """Whether a part of a formula is constant; its value is finite then."""
+    """Whether a part of a formula is constant; ParameterError if it is not valid, or constant but not finite."""
 
     def wrong(reason: str) -> ParameterError:
         return ParameterError(f"the formula '{text}' of {what} {reason}")
@@ -80,7 +80,7 @@ def _check(node: ast.expr, text: str, names: tuple[str, ...], what: str) -> bool
         parts = node.args
     else:
         raise wrong("cannot be read; write it as OpenMM does, such as 0.1*sin(2*x)^2")
-    # a list, not a generator: every part is looked at
+    # a list, not a generator, so that every part is checked
     constant = all([_check(part, text, names, what) for part in parts])
     if constant and not np.isfinite(values(node, {})):
         raise wrong(f"has a part without a finite value: {ast.unparse(node).replace('**', '^')}")

@@ -1,7 +1,7 @@
 """Per-bead fields: internal energies, temperatures, or concentrations.
 
-During a run they are state of the Context (per-DOF variables of the integrator, see :mod:`openmm_dpd.simulation.fields`).  The classes of
-this file hold the values at the start.
+During a run they are part of the Context's state (per-DOF variables of the integrator, see :mod:`openmm_dpd.simulation.fields`).  The
+classes in this file hold the initial values.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,21 +36,21 @@ def _positive(array: np.ndarray, name: str, dimension: str = "") -> np.ndarray:
 class InternalEnergy:
     """Internal energies of beads with an equation of state, for :class:`~openmm_dpd.model.energy_dpd.EnergyDPD`.
 
-    A bead has u = u_cond + u_mech, the energies from conduction and from friction and noise; theta follows from the sum.
+    The internal energy u = u_cond + u_mech of a bead has parts from conduction and from friction and noise; theta follows from the sum.
 
     Parameters
     ----------
     eos : ConstantHeatCapacity, TabulatedEOS, or mapping of bead type to one
-        Equation of state.
+        Equation of state of all beads, or of each type.
     thetas : thermal energy, or (N,) array
-        Internal temperatures theta at the start, kJ/mol (or a Quantity in kelvin), > 0.
+        Initial internal temperatures theta, kJ/mol (or a Quantity in kelvin), > 0.
     conductive : (N,) array of energies, optional
-        u_cond at the start, 0 by default; u_mech is the rest.
+        Initial u_cond, kJ/mol, 0 by default; u_mech is the rest.
 
     Raises
     ------
     ParameterError
-        If a temperature is not > 0 or outside its equation of state (the bead is named), or an equation of state is missing.
+        If a temperature is not > 0 or outside the range of its equation of state, or a type has no equation of state.
     """
 
     eos: EquationOfState | Mapping[str, EquationOfState]
@@ -65,7 +65,7 @@ class InternalEnergy:
             keep(self, conductive=to_md(self.conductive, "energy", "conductive"))
 
     def by_type(self, names: list[str]) -> list[EquationOfState]:
-        """Equation of state of each bead type."""
+        """Equation of state of each bead type in ``names``; ParameterError if one is missing."""
         if isinstance(self.eos, (ConstantHeatCapacity, TabulatedEOS)):
             return [self.eos] * len(names)
         if not isinstance(self.eos, Mapping):
@@ -76,7 +76,7 @@ class InternalEnergy:
         return [self.eos[name] for name in names]
 
     def energies(self, type_ids: np.ndarray, names: list[str]) -> np.ndarray:
-        """(N, 2) conductive and mechanical energies at the start, kJ/mol."""
+        """(N, 2) initial conductive and mechanical energies, kJ/mol."""
         n = len(type_ids)
         theta = _positive(_per_bead(self.thetas, n, "thetas"), "the internal temperature", "thermal_energy")
         eos = self.by_type(names)
@@ -94,19 +94,19 @@ class InternalEnergy:
         return np.column_stack([np.broadcast_to(conductive, (n,)), total - conductive])
 
     def check(self, type_ids: np.ndarray, names: list[str], tables: Sequence) -> int:
-        """Raise ParameterError if a value does not fit the beads; returns how many values a source can act on."""
+        """Number of values that a source can act on, 0; ParameterError if a value does not fit the beads."""
         self.energies(type_ids, names)
         return 0
 
 
 @dataclass(frozen=True, eq=False)
 class BeadTemperatures:
-    """Temperatures of beads with a constant heat capacity each, for :class:`~openmm_dpd.model.edpd.EDPD`.
+    """Temperatures of beads with constant heat capacities, for :class:`~openmm_dpd.model.edpd.EDPD`.
 
     Parameters
     ----------
     thetas : thermal energy, or (N,) array
-        Temperatures at the start, kJ/mol (or a Quantity in kelvin), > 0.  The polynomials of eDPD are in T - 1: use reduced units.
+        Initial temperatures, kJ/mol (or a Quantity in kelvin), > 0.  Use reduced units, since eDPD's polynomials are in T - 1.
     capacities : float, or (N,) array
         Heat capacity of each bead in units of k_B, > 0.
     """
@@ -119,15 +119,15 @@ class BeadTemperatures:
         keep(self, capacities=heat_capacity(self.capacities, "capacities"))
 
     def values(self, n: int) -> np.ndarray:
-        """(N, 1) temperatures, kJ/mol."""
+        """(N, 1) initial temperatures, kJ/mol."""
         return _positive(_per_bead(self.thetas, n, "thetas"), "the temperature", "thermal_energy")[:, None]
 
     def heat_capacities(self, n: int) -> np.ndarray:
-        """(N,) heat capacities."""
+        """(N,) heat capacities in units of k_B."""
         return _positive(_per_bead(self.capacities, n, "capacities"), "the heat capacity")
 
     def check(self, type_ids: np.ndarray, names: list[str], tables: Sequence) -> int:
-        """Raise ParameterError if a value does not fit the beads; returns how many values a source can act on."""
+        """Number of values that a source can act on, 1; ParameterError if a value does not fit the beads."""
         self.values(len(type_ids))
         self.heat_capacities(len(type_ids))
         return 1
@@ -140,7 +140,7 @@ class Concentrations:
     Parameters
     ----------
     values : (N, K) array, or (N,) for one species
-        Any unit the user likes; not limited to values >= 0 (as in LAMMPS).  Pairs with a negative one have no noise in pair updates.
+        Initial concentrations, in any unit; they may be negative (as in LAMMPS).  Pairs with a negative one have no noise in pair updates.
     """
 
     values: np.ndarray
@@ -159,7 +159,7 @@ class Concentrations:
         return self.values.shape[1]
 
     def check(self, type_ids: np.ndarray, names: list[str], tables: Sequence) -> int:
-        """Raise ParameterError if beads or coefficients have other numbers of values; returns how many values a source can act on."""
+        """Number of species, on which a source can act; ParameterError if beads or coefficients have other numbers of values."""
         n, species = len(type_ids), self.n_species
         if len(self.values) != n:
             raise ParameterError(f"concentrations are given for {len(self.values)} beads, but there are {n}")
@@ -181,11 +181,11 @@ def check_internal(
     type_names: list[str],
     box: np.ndarray | None,
 ) -> None:
-    """Raise ParameterError unless the per-bead fields, the pair terms and the sources fit each other."""
+    """Raise ParameterError if the per-bead fields, the pair terms and the sources do not match."""
     kinds = {table.kind for table in tables if table.kind is not None and table.kind.internal is not None}
     if len(kinds) > 1:
         names = " and ".join(sorted(kind.__name__ for kind in kinds))
-        raise ParameterError(f"{names} cannot be combined in one scene: its beads have one kind of per-bead fields")
+        raise ParameterError(f"{names} cannot be combined in one scene, whose beads have one kind of per-bead fields")
     if not kinds:
         if internal is not None or sources:
             what = type(internal).__name__ if internal is not None else "sources"

@@ -7,7 +7,7 @@ from ..base.errors import ParameterError, bead_names, what_is
 from ..base.units import keep
 from .pairs import NONE, PairCoefficient
 
-#: Weight functions of the local density, normalised in three dimensions; h is the cutoff of the density.
+#: Weight functions of the local density, normalised in three dimensions; h is the range of the density.
 DENSITY_KERNELS = {"lucy": "105/(16 pi h^3) (1 + 3 r/h) (1 - r/h)^3", "quadratic": "15/(2 pi h^3) (1 - r/h)^2"}
 
 
@@ -19,25 +19,25 @@ class MDPD(PairCoefficient):
 
         F = A w_c + B (rho_i + rho_j) w_d - gamma w_c^2 (e.v) + sigma w_c xi/sqrt(dt),    sigma^2 = 2 kT gamma
 
-    - ``kernel="lucy"``, LAMMPS's: W = 105/(16 pi h^3) (1 + 3 r/h)(1 - r/h)^3 with h = cutoff_density.  The many-body force then
-      derives from no
-      potential.  The energy reported is LAMMPS's, A cutoff w_c^2/2 + B cutoff_B (rho_i + rho_j) w_d^2/2 per pair, in which the densities
-      count as frozen: it is no conserved quantity.
-    - ``kernel="quadratic"``, Warren's: W = 15/(2 pi h^3) (1 - r/h)^2 with h = cutoff_B.  The many-body force is minus the gradient of
-      sum over i of pi B h^4 rho_i^2/30, which is the energy reported.  Here rho counts beads, regardless of their masses.
+    - ``kernel="lucy"`` (LAMMPS): W = 105/(16 pi h^3) (1 + 3 r/h)(1 - r/h)^3 with h = cutoff_density.  The many-body force has no
+      potential.  The reported energy is LAMMPS's, A cutoff w_c^2/2 + B cutoff_B (rho_i + rho_j) w_d^2/2 per pair, in which densities are
+      treated as constants; it is not conserved.
+    - ``kernel="quadratic"`` (Warren): W = 15/(2 pi h^3) (1 - r/h)^2 with h = cutoff_B.  The many-body force is minus the gradient of
+      sum over i of pi B h^4 rho_i^2/30, which is the reported energy.  Here rho counts beads, regardless of their masses.
 
     Parameters
     ----------
     A : force
-        Usually negative: attraction.
+        Attraction, kJ/mol/nm, usually negative.
     B : force/density
-        kJ/mol/nm * nm^3.  With the quadratic kernel it must be the same for all type pairs (Warren's no-go theorem, Phys. Rev. E 87,
-        045303 (2013)); with Lucy's it should be.
+        Many-body repulsion, kJ/mol/nm * nm^3.  With the quadratic kernel it must be equal for all type pairs (Warren's no-go theorem,
+        Phys. Rev. E 87, 045303 (2013)); with Lucy's it should be.
     gamma : mass/time
+        Friction, Da/ps.
     cutoff, cutoff_B : length
-        Ranges of the attraction (and of the friction) and of the repulsion; cutoff >= cutoff_B.
+        Ranges of the attraction (and friction) and of the repulsion, nm; cutoff >= cutoff_B.
     cutoff_density : length, optional
-        Range of the density; ``cutoff_B`` by default, and that with the quadratic kernel.
+        Range of the density, nm; ``cutoff_B`` by default, and always with the quadratic kernel.
     kernel : {"quadratic", "lucy"}
 
     References
@@ -77,12 +77,10 @@ class MDPD(PairCoefficient):
 
 
 def check_many_body(table: Mapping) -> MDPD:
-    """Check that the coefficients {(type, type): MDPD or NONE} of one table go together; returns one of them.
+    """One of the coefficients {(type, type): MDPD or NONE} of a table; ParameterError, which names the types, if they do not match.
 
-    All must have one kernel.  With the quadratic kernel B and cutoff_B must be the same for all pairs that interact: else the forces derive
-    from no potential (Warren, Phys. Rev. E 87, 045303 (2013)).  NONE is no obstacle: such beads do not count in each other's density.
-
-    ParameterError if they differ; it names the types.
+    All must have the same kernel.  With the quadratic kernel, B and cutoff_B must be equal for all interacting pairs, or the forces have no
+    potential (Warren, Phys. Rev. E 87, 045303 (2013)).  Types with NONE do not contribute to each other's density, which is consistent.
     """
     entries = [(pair, c) for pair, c in table.items() if c is not NONE]
     if not entries:
@@ -104,8 +102,8 @@ def check_many_body(table: Mapping) -> MDPD:
 
 
 def why_no_openmm_force(table: Mapping, exceptions: dict[tuple[int, int], float], coincident: list[tuple[int, int]]) -> str | None:
-    """Why only the pair kernel can compute the conservative force, or None, from a table, factors of bonded neighbours, and beads at one
-    point.  At r = 0 every platform returns NaN or nonsense from a CustomGBForce, even for excluded pairs."""
+    """Why only the pair kernel can compute the conservative force, or None; from a table, factors of bonded neighbours, and beads at the
+    same point.  At r = 0 a CustomGBForce returns NaN or nonsense on every platform, even for excluded pairs."""
     if check_many_body(table).kernel != "quadratic":
         return "the force of MDPD with the Lucy kernel derives from no potential"
     scaled = next((pair for pair, factor in exceptions.items() if factor not in (0.0, 1.0)), None)

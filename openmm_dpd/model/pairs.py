@@ -1,4 +1,4 @@
-"""Pair coefficients, and the symmetric table type x type -> coefficient."""
+"""Pair coefficients, and symmetric tables of them over pairs of types."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -13,7 +13,7 @@ from ..base.units import checked as checked, keep, to_md
 
 
 class _NoInteraction:
-    """The explicit statement that a type pair does not interact (LAMMPS: ``pair_coeff i j none``)."""
+    """Entry for a type pair that does not interact (LAMMPS: ``pair_coeff i j none``)."""
 
     cutoff = 0.0
 
@@ -28,12 +28,12 @@ NONE = _NoInteraction()
 
 
 class PairCoefficient:
-    """Base of all kinds of pair coefficients.  A kind is a frozen dataclass that has at least a ``cutoff`` (nm).  The pair kernel or an
-    OpenMM force evaluates it, as its record in :mod:`openmm_dpd.plan.kinds` says."""
+    """Base of all kinds of pair coefficients.  A kind is a frozen dataclass with at least a ``cutoff`` (nm).  The pair kernel or an OpenMM
+    force evaluates it; its record in :mod:`openmm_dpd.plan.kinds` determines which."""
 
-    #: Its per-bead fields: a class of :mod:`openmm_dpd.model.internal`.
+    #: Class in :mod:`openmm_dpd.model.internal` of the per-bead fields that the kind needs, or None.
     internal: ClassVar[type | None] = None
-    #: Coefficients that are one number: dimension, and bound, ``">= 0"``, ``"> 0"`` or ``""``.  None is left where it is the default.
+    #: Scalar coefficients: dimension and bound (``">= 0"``, ``"> 0"`` or ``""``).  None is kept if it is the default.
     _DIMENSIONS: ClassVar[dict[str, tuple[str, str]]] = {}
 
     def __post_init__(self):
@@ -57,7 +57,7 @@ class PairCoefficient:
 
 
 class SoftRepulsion(PairCoefficient):
-    """Kinds whose conservative term is A w alone."""
+    """Base of kinds whose conservative term is A w."""
 
     A: float
     cutoff: float
@@ -79,22 +79,22 @@ class DPD(SoftRepulsion):
 
         sigma^2 = 2 kT gamma,  sigma_perp^2 = 2 kT gamma_perp                   fluctuation-dissipation
 
-    This one class is LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and ``dpd/fdt`` (A,
-    sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag goes as w^(2 exponent).  For bonded neighbours with a
-    factor f (see ``Scene.bonded_factors``) conservative and dissipative parts are multiplied by f and the noise by sqrt(f), so that the
-    temperature stays right (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and its fix shardlow ignores the factor).
+    This class covers LAMMPS's ``dpd`` (A, gamma), ``dpd/tstat`` (gamma), ``dpd/ext`` and ``dpd/ext/tstat`` (all) and ``dpd/fdt`` (A,
+    sigma).  The exponent is that of the *noise* weight, as in ``dpd/ext``; the drag has w^(2 exponent).  For bonded neighbours with a
+    factor f (see ``Scene.bonded_factors``) conservative and dissipative forces are multiplied by f and the noise by sqrt(f), which keeps
+    the temperature (LAMMPS's ``dpd/fdt`` multiplies the noise by f too, and its fix shardlow ignores the factor).
 
     Parameters
     ----------
     A : force, default 0
         Repulsion at full overlap, kJ/mol/nm.  May be negative (attraction).
     gamma : mass/time, optional
-        Radial friction, Da/ps (force per velocity), >= 0.  Kept fixed when the temperature changes.
+        Radial friction, Da/ps (force per velocity), >= 0.  It is kept when the temperature changes.
     sigma : force*time^(1/2), optional
-        Radial noise amplitude, kJ/mol/nm ps^(1/2), >= 0.  If given alone it is kept fixed and gamma = sigma^2/(2 kT) follows the
-        temperature (``dpd/fdt``).  If both are given they must agree with the scene's temperature.
+        Radial noise amplitude, kJ/mol/nm ps^(1/2), >= 0.  If given alone it is kept, and gamma = sigma^2/(2 kT) follows the temperature
+        (``dpd/fdt``).  If both are given they must agree at the scene's temperature.
     gamma_perp : mass/time, default 0
-        Transverse friction.  Anything above 0 gives up conservation of angular momentum.
+        Transverse friction, Da/ps, >= 0.  If > 0, angular momentum is not conserved.
     exponent, exponent_perp : float, default 1
         Exponents of the noise weights, >= 0.
     cutoff : length
@@ -144,13 +144,13 @@ class DPD(SoftRepulsion):
                 )
         if self.sigma and self.gamma is None and kT == 0.0:
             raise ParameterError(
-                f"sigma = {in_number(self.sigma, 'noise')} with a temperature of 0 asks for infinite friction; give gamma instead"
+                f"sigma = {in_number(self.sigma, 'noise')} with a temperature of 0 means infinite friction; give gamma instead"
             )
 
 
 @dataclass(frozen=True)
 class LennardJones(PairCoefficient):
-    """Lennard-Jones, U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) for r < cutoff.
+    """Lennard-Jones potential, U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) for r < cutoff.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class LennardJones(PairCoefficient):
     cutoff : length
         Range, nm, > 0.
     shift : bool, default False
-        Shift the energy to zero at the cutoff (LAMMPS: ``pair_modify shift yes``).  Forces are the same either way.
+        Shift the energy to zero at the cutoff (LAMMPS: ``pair_modify shift yes``).  Forces do not change.
     """
 
     epsilon: float
@@ -178,26 +178,26 @@ class LennardJones(PairCoefficient):
 
 @dataclass(frozen=True, eq=False)
 class TabulatedPair(PairCoefficient):
-    """A radial pair potential given as a table, interpolated by a cubic spline through the energies and forces.
+    """Tabulated radial pair potential, interpolated by a cubic spline through the energies and forces.
 
-    Below the first distance of the table the pair keeps the table's first force (LAMMPS stops there with an error).
+    Below the first distance of the table the force is constant (LAMMPS stops with an error).
 
     Parameters
     ----------
     distances : (K,) array of lengths
-        Increasing, evenly spaced, nm.
+        Distances, nm, increasing and evenly spaced.
     energies : (K,) array of energies
-        kJ/mol.
+        Energies, kJ/mol.
     forces : (K,) array of forces, optional
-        -dU/dr: the slopes of the spline.  Integrated from the table's end they must give the energies, to 5 % of their range beyond
-        the first tenth.
+        -dU/dr, the slopes of the spline, kJ/mol/nm.  Integrated from the end of the table they must give the energies, to 5 % of their
+        range beyond the first tenth.
     cutoff : length, optional
-        Range, nm; the table's end by default, and not beyond it.
+        Range, nm, up to the end of the table, which is the default.
 
     Raises
     ------
     ParameterError
-        If distances do not increase evenly, lengths differ, or forces are not minus the slope of the energies.
+        If distances do not increase evenly, lengths differ, or forces are not minus the derivative of the energies.
     """
 
     distances: np.ndarray
@@ -230,7 +230,7 @@ class TabulatedPair(PairCoefficient):
         forces = np.atleast_1d(to_md(self.forces, "force", "forces"))
         if forces.shape != energies.shape:
             raise ParameterError(f"a tabulated pair has {len(energies)} energies but {len(forces)} forces")
-        # compared as energies, since tables from coarse-graining have forces with kinks; the steep first tenth is left out
+        # energies are compared, since forces from coarse-graining have kinks; the steep first tenth is left out
         work = scipy.interpolate.CubicSpline(distances, forces).antiderivative()
         expected = energies[-1] + work(distances[-1]) - work(distances)
         tail = slice(len(forces) // 10, None)
@@ -246,7 +246,7 @@ class TabulatedPair(PairCoefficient):
 
 
 def describe(coefficient) -> str:
-    """One line that names the values of a coefficient, for explain()."""
+    """One line with the values of a coefficient, for explain()."""
     if coefficient is NONE:
         return "no interaction"
     parts, dimensions = [], {name: dimension for name, (dimension, _) in coefficient._DIMENSIONS.items()}
@@ -263,19 +263,19 @@ def describe(coefficient) -> str:
 
 
 class PairTable:
-    """Pair coefficients of one kind, for unordered pairs of bead types; tables of different kinds add up.
+    """Pair coefficients of one kind for unordered pairs of bead types.  Tables of a scene add up.
 
     Parameters
     ----------
     entries : mapping of (str, str) to a pair coefficient
-        Keys name two bead types in any order; ``"*"`` is every type.  Later entries overwrite earlier ones, as in LAMMPS, so put
-        wildcards first; but two keys that differ in the order of their types only must agree.  The value
-        :data:`~openmm_dpd.model.pairs.NONE` says that a pair does not interact.
+        From two bead types in any order, where ``"*"`` is every type.  Later entries overwrite earlier ones, as in LAMMPS, so put
+        wildcards first; keys that differ only in the order of their types must have equal values.  The value
+        :data:`~openmm_dpd.model.pairs.NONE` is for pairs that do not interact.
 
     Raises
     ------
     ParameterError
-        If it is no mapping, a key is not a pair of names, a key and its reverse contradict each other, or the values are of several kinds.
+        If this is no mapping, a key is not a pair of names, a key and its reverse contradict each other, or values are of several kinds.
 
     Examples
     --------
@@ -314,7 +314,7 @@ class PairTable:
         return f"PairTable({self.entries!r})"
 
     def resolve(self, names: list[str]) -> dict[tuple[str, str], object]:
-        """Coefficient of every unordered pair of ``names`` that has one, keyed in the order of ``names``.
+        """Coefficients of all unordered pairs of ``names`` that have one; keys are in the order of ``names``.
 
         Raises
         ------
@@ -336,7 +336,7 @@ class PairTable:
 
 
 def require_complete(tables: list[PairTable], names: list[str]) -> None:
-    """Raise ParameterError if some pair of ``names`` appears in no table (there is no mixing and no silent default)."""
+    """Raise ParameterError if a pair of ``names`` is in no table (there are no mixing rules and no silent defaults)."""
     resolved = [table.resolve(names) for table in tables]
     missing = [pair for pair in combinations_with_replacement(names, 2) if not any(pair in table for table in resolved)]
     if missing:

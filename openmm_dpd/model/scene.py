@@ -1,4 +1,4 @@
-"""The whole input as one value."""
+"""The scene: the full input as one value."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from .temperature import TemperatureRamp
 
 
 def box_vectors(box) -> np.ndarray | None:
-    """Box as a (3, 3) array of rows a, b, c in OpenMM's reduced lower-triangular form, or None.  ParameterError if it is neither three
+    """Box vectors a, b, c as rows (3, 3), in OpenMM's reduced lower-triangular form, or None.  ParameterError if the box is neither three
     edges nor three vectors, an edge is not positive, or the vectors are not in reduced form."""
     if box is None:
         return None
@@ -34,60 +34,60 @@ def box_vectors(box) -> np.ndarray | None:
     if np.any(np.abs(np.triu(array, 1)) > 0):
         raise ParameterError("box vectors must be lower triangular: a along x, b in the xy plane")
     a, b, c = array
-    # the tolerance lets tilt factors of exactly half an edge through, which LAMMPS allows
+    # the tolerance admits tilt factors of exactly half an edge, which LAMMPS allows
     slack = 1 + 1e-9
     if 2 * abs(b[0]) > a[0] * slack or 2 * abs(c[0]) > a[0] * slack or 2 * abs(c[1]) > b[1] * slack:
         raise ParameterError(
             "box vectors must be in OpenMM's reduced form (|b_x| <= a_x/2, |c_x| <= a_x/2, |c_y| <= b_y/2); "
-            "openmm.app.internal.unitcell.reducePeriodicBoxVectors makes them so"
+            "openmm.app.internal.unitcell.reducePeriodicBoxVectors converts them"
         )
     return array
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything that defines a DPD system: beads, box, pair coefficients, bonds and temperature.
+    """A DPD system: beads, box, pair coefficients, bonds and temperature.
 
-    Bare numbers are in OpenMM's MD units (nm, Da, ps, kJ/mol), Quantities are accepted everywhere.  A scene in reduced units is
-    written with bare numbers: 1 nm, 1 Da, 1 ps, and kT = 1 meaning 1 kJ/mol.
+    Bare numbers are in OpenMM's MD units (nm, Da, ps, kJ/mol), and Quantities are accepted everywhere.  For reduced units use bare
+    numbers: the units are then 1 nm, 1 Da, 1 ps, and kT = 1 is 1 kJ/mol.
 
     Parameters
     ----------
     masses : mapping of str to mass
-        Bead types and their masses (Da), > 0, in the order that fixes the type numbers.
+        Masses (Da), > 0, of the bead types; their order defines the type numbers.
     types : sequence of N type names
         Type of each bead.
     positions : (N, 3) array of lengths
-        May lie outside the box.
+        Positions, nm, which may be outside the box.
     pairs : PairTable, mapping accepted by it, or a sequence of tables
-        Tables of different kinds, or several of one kind, add up.  Every pair of types must appear in one of them.
+        Pair coefficients.  Tables of the same or different kinds add up; every pair of types must be in one of them.
     kT : energy, temperature or TemperatureRamp
         Thermal energy; a Quantity in kelvin is multiplied by the gas constant.  0 switches the noise off.
     box : (3,) or (3, 3) array of lengths, optional
-        Edges or box vectors.  None: no periodic box.
+        Edges or box vectors, nm.  None: no periodic box.
     velocities : (N, 3) array, optional
-        nm/ps.  Drawn from the Maxwell distribution if absent (see :func:`openmm_dpd.simulation.build.build`).
+        Velocities, nm/ps; by default from the Maxwell distribution (see :func:`openmm_dpd.simulation.build.build`).
     bead_masses : (N,) array, optional
-        Masses of the single beads where they differ from those of their types.
+        Masses of the beads, Da, if they differ from those of their types.
     charges : (N,) array, optional
-        Elementary charges, also written into topologies.  Forces follow from them if there is an ``electrostatics``.
+        Elementary charges, also written into topologies.  They exert forces if ``electrostatics`` is given.
     bonds : sequence of HarmonicBonds, FENEBonds, MorseBonds, ...
         Bonds.
     bonded_factors : three floats, default (1, 1, 1)
-        Factors in [0, 1] for pairs that are one, two and three bonds apart: conservative and dissipative forces are multiplied by f,
-        the noise by sqrt(f).  LAMMPS's default is (0, 0, 0), which takes friction and repulsion away from bonded beads.
+        Factors f in [0, 1] for pairs one, two and three bonds apart: conservative and dissipative forces are multiplied by f, the noise by
+        sqrt(f).  LAMMPS's default is (0, 0, 0), which removes friction and repulsion between bonded beads.
     mobile : (N,) array of bool, optional
-        False: the bead stays where it is (mass 0 for OpenMM), and moves *as seen by the friction* with the velocity given in
-        ``velocities`` (a moving wall).  It is left out of every temperature.
+        False: the bead is immobile (mass 0 for OpenMM), but has the velocity in ``velocities`` in the friction, as in a moving wall.  No
+        temperature includes it.
     molecules : (N,) array of int, optional
         Molecule numbers, for the topology.
     internal : InternalEnergy, BeadTemperatures or Concentrations, optional
-        Per-bead fields, for the pair terms EnergyDPD, EDPD and TDPD in this order.
+        Per-bead fields of the pair terms EnergyDPD, EDPD or TDPD, respectively.
     sources : sequence of Source
         Sources of heat (EDPD) or of a species (TDPD).
     compat : {"consistent", "lammps"}
-        ``"lammps"`` computes the heat of EDPD as LAMMPS does, which does not conserve energy, and takes LAMMPS's points for the
-        nearest ones of two segments.
+        ``"lammps"`` computes the heat of EDPD as LAMMPS does, which does not conserve energy, and the nearest points of two segments as
+        LAMMPS does.
     angles : sequence of HarmonicAngles, CosineAngles, ...
         Angles between bonds.
     segments : SegmentalRepulsion, optional
@@ -95,23 +95,23 @@ class Scene:
     body_forces : sequence of BodyForce and PositionForce
         Forces on single beads, which drive a flow.
     walls : sequence of Wall
-        Planes that beads are reflected at.
+        Planes that reflect beads.
     residues : sequence of N str, optional
         Name of the molecule of each bead, for the topology.
     electrostatics : SlaterCharges or GaussianCharges, optional
-        How ``charges`` interact; the factors of ``bonded_factors`` hold for them as well.  None: they do not.
+        Interaction of the ``charges``, to which ``bonded_factors`` apply as well.  None: no interaction.
     interacting : (N, 3) array of bool, optional
-        False: along this axis only ``body_forces`` act on the bead; its pairs, bonds and charges do not, friction and noise included
-        (LAMMPS: ``fix setforce``).  The beads around it feel it all the same, so momentum is not conserved.  Needs ``scheme="mvv"``.
+        False: along this axis only ``body_forces`` act on the bead, but no pair terms (including friction and noise), bonds or charges
+        (LAMMPS: ``fix setforce``).  The bead still acts on its neighbours, so momentum is not conserved.  Requires ``scheme="mvv"``.
     dihedrals : sequence of HarmonicDihedrals, OPLSDihedrals, MultiHarmonicDihedrals, ...
-        Angles between the planes of three bonds in a row.  Which pairs ``bonded_factors`` act on is up to the bonds alone.
+        Dihedrals along three successive bonds.  They do not affect ``bonded_factors``, which follow from the bonds.
     shear : LeesEdwards, optional
         Shear by sliding images.  ``velocities``, if given, include the flow.
 
     Raises
     ------
     ParameterError
-        For anything missing, misshapen, out of bounds, not finite, or contradictory; the message names it.
+        If input is missing, out of bounds, not finite, contradictory, or has the wrong shape; the message names it.
     """
 
     masses: Mapping[str, float]
@@ -141,8 +141,8 @@ class Scene:
     shear: LeesEdwards | None = None
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
-    gaps: Mapping[int, Gap] = field(init=False, repr=False)  #: By the number of the axis, between the walls
-    ewald: EwaldSum | None = field(init=False, repr=False)  #: Settings of the lattice sum of charges, where they interact in a box
+    gaps: Mapping[int, Gap] = field(init=False, repr=False)  #: Gap between the walls, by the number of the axis
+    ewald: EwaldSum | None = field(init=False, repr=False)  #: Settings of the lattice sum, if charges interact in a box
 
     def __post_init__(self):
         def put(name, value):
@@ -153,7 +153,7 @@ class Scene:
         number = {name: index for index, name in enumerate(self.masses)}
         put("type_ids", np.fromiter((number[name] for name in self.types), dtype=np.int32, count=len(self.types)))
         x = self._per_bead("positions", "length", (3,))
-        # OpenMM's Reference neighbour list loses pairs of beads at coordinates such as -3e-19, as lattices give
+        # OpenMM's Reference neighbour list loses pairs of beads at coordinates such as -3e-19, which occur on lattices
         assert x is not None
         put("positions", np.where(np.abs(x) < 1e-12, 0.0, x))
         put("velocities", self._per_bead("velocities", "velocity", (3,)))
@@ -187,7 +187,7 @@ class Scene:
 
     @property
     def immobile(self) -> np.ndarray:
-        """(N,) whether a bead stays where it is."""
+        """(N,) mask of the immobile beads."""
         return np.zeros(self.n_beads, bool) if self.mobile is None else ~self.mobile
 
     def __repr__(self) -> str:
@@ -199,7 +199,7 @@ class Scene:
         return fact_table("Scene", self.facts())
 
     def facts(self) -> dict[str, object]:
-        """The main facts by name, None for what the scene does not have."""
+        """Main properties of the scene by name; None for those it does not have."""
         counts = np.bincount(self.type_ids, minlength=len(self.masses)).tolist()
         named = ", ".join(f"{name} {count}" for name, count in zip(self.masses, counts, strict=True))
         ramp = self.kT if isinstance(self.kT, TemperatureRamp) else None
@@ -212,14 +212,14 @@ class Scene:
             "pair terms": ", ".join(table.kind.__name__ for table in self.tables if table.kind is not None) or None,
             "bonds": len(self.bond_pairs) or None,
             "charges": None if self.charges is None else np.count_nonzero(self.charges),
-            "beads that do not move": int(self.immobile.sum()) or None,
+            "immobile beads": int(self.immobile.sum()) or None,
             "shear": None if self.shear is None else str(self.shear),
         }
 
     # -- derived ---------------------------------------------------------------------------------------------------------------
     @property
     def kept_momenta(self) -> int:
-        """How many components of the total momentum nothing takes up: neither immobile beads, nor walls, nor forces of places."""
+        """Number of conserved components of momentum; immobile beads, walls and position forces take up momentum."""
         if self.immobile.any() or self.interacting is not None or any(wall.kind == "bounce-back" for wall in self.walls):
             return 0
         places = [force.formulas for force in self.body_forces if isinstance(force, PositionForce)]
@@ -243,17 +243,17 @@ class Scene:
 
     @property
     def bond_pairs(self) -> np.ndarray:
-        """All bonds as one (B, 2) array of bead indices."""
+        """Bead indices of all bonds, (B, 2)."""
         return np.concatenate([bonds.pairs for bonds in self.bonds]) if self.bonds else np.zeros((0, 2), dtype=np.int64)
 
     @property
     def bonded(self) -> tuple[BondedTerms, ...]:
-        """All groups of bonds, angles and dihedrals."""
+        """All objects with bonds, angles and dihedrals."""
         return (*self.bonds, *self.angles, *self.dihedrals)
 
     @property
     def segment_pairs(self) -> np.ndarray:
-        """The bonds between which there is segmental repulsion, (S, 2) bead indices."""
+        """Bead indices of the bonds that repel each other by ``segments``, (S, 2)."""
         if self.segments is None:
             return np.zeros((0, 2), dtype=np.int64)
         return self.bond_pairs if self.segments.bonds is None else self.segments.bonds
@@ -294,7 +294,7 @@ class Scene:
         return names
 
     def _flags(self, name: str, kind: type, what: str) -> np.ndarray | None:
-        """One truth value or whole number per bead."""
+        """An attribute with one bool or whole number per bead, (N,), or None."""
         if getattr(self, name) is None:
             return None
         array = np.asarray(getattr(self, name))

@@ -1,8 +1,7 @@
-"""Schemes: the substeps of a step, as the word that papers print.
+"""Schemes: the substeps of a step, as a word like those in papers.
 
-``A`` drift, ``B`` kick, ``O`` sweep of exact pair updates, ``S`` sweep of Shardlow's, each over a part of the step: ``3B/5`` is a kick over
-three fifths of it.  To add a scheme: one entry of :data:`SCHEMES`.
-"""
+``A`` is a drift, ``B`` a kick, ``O`` a sweep of exact pair updates, ``S`` one of Shardlow's, each over a part of the step: ``3B/5`` is a
+kick over three fifths of it.  To add a scheme, add an entry to :data:`SCHEMES`."""
 
 import re
 from dataclasses import dataclass
@@ -12,36 +11,36 @@ from functools import cached_property
 from ..base.errors import ParameterError, what_is
 
 _TOKEN = re.compile(r"(\d*)([A-Z])(?:/(\d+))?")
-#: Letters of a word, and what they do.
+#: Letters of a word, and their meaning.
 LETTERS = {"A": "drift", "B": "kick", "O": "sweep of exact pair updates", "S": "sweep of Shardlow's pair updates"}
-#: Those of friction and noise.
+#: Letters of friction and noise.
 SWEEPS = ("O", "S")
-#: One letter of a word and its part of the step.
+#: A letter of a word and its part of the step.
 Letter = tuple[str, Fraction]
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """A way to step."""
+    """A scheme: the substeps of one time step."""
 
-    name: str  #: Its name, or the word itself
-    letters: tuple[Letter, ...]  #: Empty for schemes that are no words
-    reference: str  #: Where it comes from
-    what: str  #: What it does, in a line
-    # {"sweep", "force", "openmm"}: Whether friction and noise are pair updates, forces of a predicted velocity, or those of OpenMM's own
+    name: str  #: Name, or the word itself
+    letters: tuple[Letter, ...]  #: Empty for schemes that are not words
+    reference: str  #: Origin of the scheme
+    what: str  #: Description in one line
+    # {"sweep", "force", "openmm"}: whether friction and noise are pair updates, forces for a predicted velocity, or those of OpenMM's
     # DPDIntegrator
     friction: str = "sweep"
-    # Whether it keeps constraints and virtual sites right: other words evaluate forces at positions that are not constrained yet
+    # whether constraints and virtual sites are supported: other words evaluate forces at positions before constraints are applied
     constraints: bool = False
-    in_lammps: bool = False  #: Whether LAMMPS has it
-    measured: bool = True  #: Whether the accuracy of its steps is in the table of :func:`openmm_dpd.recommend`
+    in_lammps: bool = False  #: Whether LAMMPS has the scheme
+    measured: bool = True  #: Whether :func:`openmm_dpd.recommend` has its accuracy
 
     def __str__(self) -> str:
         return self.name
 
     @property
     def word(self) -> str:
-        """The word, empty if there is none."""
+        """The word of the scheme, or "" if it is not a word."""
         return " ".join(spelt(letter) for letter in self.letters)
 
     @property
@@ -51,25 +50,25 @@ class Scheme:
 
     @property
     def predicts(self) -> bool:
-        """Whether friction is a force of a velocity that is predicted with a weight (``lam``)."""
+        """Whether friction is a force for a velocity predicted with a weight (``lam``)."""
         return self.friction == "force"
 
     @property
     def native(self) -> bool:
-        """Whether OpenMM's own DPDIntegrator steps."""
+        """Whether OpenMM's own DPDIntegrator carries out the steps."""
         return self.friction == "openmm"
 
     @property
     def shardlow(self) -> bool:
-        """Whether its pair updates are Shardlow's."""
+        """Whether pair updates are Shardlow's."""
         return any(letter == "S" for letter, _ in self.letters)
 
     @cached_property
     def lag(self) -> float:
-        """The part of a step's kick by which velocities, read at whole steps, are behind positions.
+        """Part of a step's kick by which velocities at whole steps lag behind positions.
 
-        Each kick counts with the drift that follows it, less half a step in all: where kicks come evenly between the drifts that is half
-        of what the kick before the first drift has more than the one after the last.
+        It is the sum over kicks of the kick times all drifts after it, less 1/2.  For kicks placed evenly between drifts, it is half the
+        difference between the kick before the first drift and that after the last.
         """
         left, behind = Fraction(1), Fraction(-1, 2)
         for letter, part in self.motion:
@@ -80,24 +79,24 @@ class Scheme:
         return float(behind)
 
     def on_step(self, v, force, inv_mass, dt: float):
-        """Velocities (N, 3) of the same moment as the positions, from those at a whole step and the force there."""
+        """Velocities (N, 3) at the time of the positions, from those at a whole step and the force there."""
         return v + self.lag * dt * inv_mass[:, None] * force if self.lag else v
 
     @property
     def motion(self) -> tuple[Letter, ...]:
-        """The letters of a step, also of the schemes that are no words."""
+        """Letters of a step, also for schemes that are not words."""
         return self.letters or (_MIDDLE if self.native else _VERLET)
 
     def steps(self, thermostat: bool = True) -> tuple[Letter, ...]:
-        """The letters; drifts or kicks that follow each other are put together, and without friction and noise sweeps are left out.
+        """Letters of a step: successive drifts or kicks are merged, and sweeps are left out if there is no ``thermostat``.
 
-        What is no word is velocity Verlet then.
+        Schemes that are not words have the letters of velocity Verlet.
         """
         kept: list[Letter] = []
         for letter, part in self.motion:
             if letter in SWEEPS and not thermostat:
                 continue
-            if kept and kept[-1][0] == letter and letter not in SWEEPS:  # two sweeps are not one of their length
+            if kept and kept[-1][0] == letter and letter not in SWEEPS:  # two sweeps are not one sweep over both parts
                 kept[-1] = (letter, kept[-1][1] + part)
             else:
                 kept.append((letter, part))
@@ -105,13 +104,13 @@ class Scheme:
 
 
 def spelt(letter: Letter) -> str:
-    """A letter as written in a word."""
+    """A letter and its part as text in a word, such as ``3B/5``."""
     name, part = letter
     return ("" if part.numerator == 1 else str(part.numerator)) + name + ("" if part.denominator == 1 else f"/{part.denominator}")
 
 
 def read_word(text: str) -> tuple[Letter, ...]:
-    """The letters of a word; ParameterError if it is no consistent step."""
+    """Letters of a word; ParameterError if they are not a full step."""
     letters: list[Letter] = []
     for token in text.split():
         found = _TOKEN.fullmatch(token)
@@ -129,7 +128,7 @@ def read_word(text: str) -> tuple[Letter, ...]:
 
 
 _VERLET = (("B", Fraction(1, 2)), ("A", Fraction(1)), ("B", Fraction(1, 2)))
-_MIDDLE = read_word("B A/2 O A/2")  # that of OpenMM's DPDIntegrator
+_MIDDLE = read_word("B A/2 O A/2")  # the order of OpenMM's DPDIntegrator
 
 
 def _word(name: str, word: str, reference: str, what: str, **properties) -> Scheme:
@@ -193,12 +192,12 @@ _ALL = (
     Scheme("native", (), "OpenMM", "OpenMM's own DPDIntegrator", friction="openmm"),
 )
 
-#: The schemes that have a name.
+#: Schemes with a name.
 SCHEMES: dict[str, Scheme] = {scheme.name: scheme for scheme in _ALL}
 
 
 def scheme_of(text: str | Scheme) -> Scheme:
-    """The scheme of a name or of a word; the word of a named scheme is that scheme.  ParameterError if it is neither."""
+    """Scheme of a name or word (the word of a named scheme is that scheme); ParameterError for anything else."""
     if isinstance(text, Scheme):
         return text
     if not isinstance(text, str) or not text.strip():

@@ -1,4 +1,4 @@
-"""Segmental repulsion: bonds that do not pass through each other."""
+"""Segmental repulsion, which keeps bonds from passing through each other."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from ..base.units import keep
 from .bonds import bead_indices
 from .pairs import checked
 
-#: What the distance of two segments is.
+#: Definitions of the distance between two segments.
 DISTANCES = ("mid", "min")
 
 
@@ -18,8 +18,8 @@ DISTANCES = ("mid", "min")
 class SegmentalRepulsion:
     r"""Repulsion between bonds, which keeps soft chains from crossing (LAMMPS: ``pair_style srp``).
 
-    F = A (1 - d/cutoff) along d, and U = 1/2 A cutoff (1 - d/cutoff)^2, with d the distance of the midpoints of two bonds
-    (``"mid"``) or of their nearest points (``"min"``).  The force is handed to the ends of each bond by the lever rule.
+    F = A (1 - d/cutoff) along d, and U = 1/2 A cutoff (1 - d/cutoff)^2, with d the distance between the midpoints of two bonds
+    (``"mid"``) or between their nearest points (``"min"``).  The lever rule distributes the force to the ends of each bond.
     Sirk, Slizoberg, Brennan, Lisal and Andzelm, J. Chem. Phys. 136, 134903 (2012), doi:10.1063/1.3698476.
 
     Parameters
@@ -27,13 +27,13 @@ class SegmentalRepulsion:
     A : force
         Repulsion at d = 0, kJ/mol/nm, >= 0.
     cutoff : length, default 1
-        nm, > 0.
+        Range, nm, > 0.
     distance : {"mid", "min"}
-        Which points of two bonds repel each other.
+        Points of two bonds that repel each other: midpoints or nearest points.
     bonds : (S, 2) array of int, optional
-        Pairs of beads that are the segments; all bonds of the scene by default.
+        Bead pairs of the segments; by default all bonds of the scene.
     exclude_adjoining : bool, default True
-        Whether two bonds that share a bead leave each other alone; ``False`` only goes with ``"mid"``.
+        Exclude pairs of bonds that share a bead; ``False`` is possible only with ``"mid"``.
 
     Raises
     ------
@@ -64,12 +64,12 @@ class SegmentalRepulsion:
             keep(self, bonds=pairs)
 
     def reach(self, longest: float) -> float:
-        """Distance of midpoints (nm) up to which two bonds of at most this length can meet."""
+        """Largest distance of midpoints, nm, at which two bonds of at most this length can interact."""
         return self.cutoff + (longest if self.distance == "min" else 0.0)
 
 
 def check_segments(segments: SegmentalRepulsion, pairs: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
-    """Raise ParameterError if there are no such bonds, or if two of them could meet more than one image of each other at positions x."""
+    """Raise ParameterError if there are no segments, or if at positions x two of them could interact with more than one image."""
     if not len(pairs):
         raise ParameterError("the segmental repulsion acts between bonds, but there are none; list them in `bonds`")
     if pairs.max() >= len(x):

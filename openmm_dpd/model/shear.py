@@ -1,4 +1,4 @@
-"""Homogeneous shear by the periodic images alone: Lees-Edwards boundaries."""
+"""Homogeneous shear by Lees-Edwards boundary conditions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +12,11 @@ from .pairs import checked
 
 @dataclass(frozen=True)
 class LeesEdwards:
-    r"""Shear along x that grows with y: the images of a box slide over each other, and the fluid follows them.
+    r"""Shear along x with a gradient along y: periodic images slide over each other, and the fluid follows.
 
-    The mean velocity is :math:`v_x = \dot\gamma y`, everywhere and without walls (Lees and Edwards, J. Phys. C 5, 1921 (1972)).  A box
-    that is tilted along x goes on from there.  The shear is one of three kinds: of a constant ``rate``; of a rate that grows linearly from
-    ``rate`` to ``end_rate`` within ``ramp_time`` and stays there; or oscillating, with the strain :math:`\gamma_0 \sin\omega t` of
+    The mean velocity is :math:`v_x = \dot\gamma y`, without walls (Lees and Edwards, J. Phys. C 5, 1921 (1972)).  In a box that is tilted
+    along x the shear starts from this tilt.  There are three kinds: a constant ``rate``; a rate that changes linearly from ``rate`` to
+    ``end_rate`` within ``ramp_time`` and then stays constant; or an oscillation with the strain :math:`\gamma_0 \sin\omega t` of
     ``amplitude`` and ``frequency``.
 
     Parameters
@@ -24,18 +24,18 @@ class LeesEdwards:
     rate : inverse time, optional
         Shear rate, 1/ps, of either sign.
     end_rate : inverse time, optional
-        The rate at the end of a ramp.
+        Rate at the end of a ramp, 1/ps.
     ramp_time : time, optional
-        How long a ramp takes, ps.
+        Duration of a ramp, ps.
     amplitude : float, optional
-        Largest strain.
+        Strain amplitude.
     frequency : inverse time, optional
         Angular frequency, 1/ps: 2 pi over the period.
 
     Raises
     ------
     ParameterError
-        If a number is out of bounds, or they do not make one of the three kinds.
+        If a number is out of bounds, or the parameters are not those of one kind.
     """
 
     rate: float | None = None
@@ -59,7 +59,7 @@ class LeesEdwards:
 
     @property
     def constant(self) -> bool:
-        """Whether the rate never changes."""
+        """Whether the rate is constant."""
         return self.amplitude is None and self.ramp_time is None
 
     def __str__(self) -> str:

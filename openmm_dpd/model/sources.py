@@ -13,7 +13,7 @@ from .pairs import checked
 
 
 def point(value, name: str) -> np.ndarray:
-    """Three lengths, nm."""
+    """A point as an array (3,), nm; ParameterError if it is not three lengths."""
     array = np.asarray(to_md(value, "length", name))
     if array.shape != (3,):
         raise ParameterError(f"{name} must be three lengths, not an array of shape {array.shape}")
@@ -27,7 +27,7 @@ class Block:
     Parameters
     ----------
     low, high : three lengths
-        Corners, nm; infinite where the block has no face.
+        Corners, nm; infinite where the block is unbounded.
     """
 
     low: np.ndarray
@@ -35,7 +35,7 @@ class Block:
 
     def __post_init__(self):
         for name in ("low", "high"):
-            # faces at infinity are legal, everything else is not
+            # infinite faces are allowed, other values that are not finite are not
             values = np.array(
                 [np.sign(v) * np.inf if isinstance(v, float) and np.isinf(v) else to_md(v, "length", name) for v in getattr(self, name)]
             )
@@ -47,7 +47,7 @@ class Block:
 
     @classmethod
     def centred(cls, centre, edges) -> Block:
-        """The block with this centre and these edges."""
+        """Block with this centre and these edges, nm."""
         centre, edges = point(centre, "centre"), point(edges, "edges")
         return cls(centre - edges / 2, centre + edges / 2)
 
@@ -62,7 +62,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """The ball |x - centre| < radius.  (LAMMPS's source fixes compare the squared distance with radius^3; this is a sphere.)
+    """The ball |x - centre| < radius.  (LAMMPS's source fixes compare the squared distance with radius^3.)
 
     Parameters
     ----------
@@ -87,18 +87,18 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A constant rate added to every bead that is in a place: dT/dt for eDPD, dC/dt for one species of tDPD.
+    """A constant rate added to every bead in a region: dT/dt in eDPD, dC/dt of one species in tDPD.
 
-    Positions are folded into the box whose lower corner is ``corner`` before the place is tested.  A region that reaches beyond the box
-    acts in the box only (it is not continued periodically).
+    Positions are first wrapped into the box whose lower corner is ``corner``.  A region that extends beyond the box acts only within it
+    (it is not periodic).
 
     Parameters
     ----------
     region : Block or Sphere
     rate : float
-        Change per time: kJ/mol/ps of thermal energy (eDPD: the heat put in is C times that), or concentration per ps.
+        Rate of thermal energy, kJ/mol/ps (eDPD; the heat is C times this), or of concentration, per ps.
     species : int, default 0
-        Which species (tDPD), counted from 0.
+        Number of the species (tDPD), from 0.
     beads : (N,) array of bool, optional
         Beads it acts on; all by default.
     corner : three lengths, default (0, 0, 0)
@@ -116,12 +116,12 @@ class Source:
             raise ParameterError(f"the region of a source must be a Block or a Sphere, not {what_is(self.region)}")
         keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=point(self.corner, "corner"))
         if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
-            raise ParameterError(f"the species of a source must be a number counted from 0, not {what_is(self.species)}")
+            raise ParameterError(f"the species of a source must be a whole number >= 0, not {what_is(self.species)}")
         if self.beads is not None:
             keep(self, beads=np.asarray(self.beads, dtype=bool))
 
     def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
-        """Add the rate to ``rates`` (N, K) of the beads in the region at positions x (N, 3)."""
+        """Add the rate to ``rates`` (N, K), in place, for beads with positions x (N, 3) in the region."""
         inside = self.region.contains(folded(x - self.corner, box) + self.corner)
         rates[inside if self.beads is None else inside & self.beads, self.species] += self.rate
 

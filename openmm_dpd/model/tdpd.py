@@ -19,15 +19,15 @@ def _per_species(value, name: str) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class TDPD(SoftRepulsion):
-    r"""tDPD of Li et al.: an isothermal DPD fluid whose beads have concentrations that diffuse.
+    r"""tDPD of Li et al.: an isothermal DPD fluid whose beads have diffusing concentrations.
 
     With w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, and for every species k::
 
         F    = A w - gamma w^exponent (e.v) + sigma w^(exponent/2) xi/sqrt(dt),   sigma^2 = 2 kT gamma,   U = A cutoff w^2/2
         dC_i = -kappa_k w_c^p_k (C_i - C_j) + epsilon_k w_c^(p_k/2) (C_i + C_j) xi_k/sqrt(dt),   dC_j = -dC_i     (rates; p = exponent_c)
 
-    Schemes that sweep over pairs exchange species exactly: concentrations >= 0 stay so at any step (:mod:`openmm_dpd.kernels.tdpd`).
-    ``mvv`` takes the rates above, with xi_k clamped to [-5, 5].  Here ``exponent`` is that of the *drag*.  Both as in LAMMPS's ``tdpd``.
+    Schemes with sweeps exchange species exactly: concentrations stay >= 0 at any step size (:mod:`openmm_dpd.kernels.tdpd`).  ``mvv``
+    uses the rates above, with xi_k clamped to [-5, 5].  As in LAMMPS's ``tdpd``, ``exponent`` is that of the *drag*.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Thermal energies: single ones, and those that change during a run."""
+"""Thermal energies that change during a run."""
 
 from dataclasses import dataclass
 
@@ -8,17 +8,17 @@ from ..base.units import keep, thermal_energy, whole_number
 
 @dataclass(frozen=True)
 class TemperatureRamp:
-    """Thermal energy that changes linearly with the number k of the step.
+    """Thermal energy that changes linearly with the step number k.
 
-    kT(k) = kT_start + (kT_end - kT_start) (k - first_step)/(last_step - first_step) between the two steps, ``kT_start`` before them and
-    ``kT_end`` after them.  LAMMPS: the two temperatures of ``dpd/tstat`` with ``run ... start ... stop``.
+    kT(k) = kT_start + (kT_end - kT_start) (k - first_step)/(last_step - first_step) between the two steps, ``kT_start`` before and
+    ``kT_end`` after.  LAMMPS: the two temperatures of ``dpd/tstat`` with ``run ... start ... stop``.
 
     Parameters
     ----------
     kT_start, kT_end : energy
-        kT in kJ/mol (or a temperature as a Quantity in kelvin), >= 0.
+        kT in kJ/mol (or a Quantity in kelvin), >= 0.
     first_step, last_step : int
-        Counted from the first step of the integrator; ``first_step`` may be negative.
+        Step numbers, from the first step of the integrator; ``first_step`` may be negative.
 
     Raises
     ------

@@ -146,7 +146,7 @@ BAD_WALLS = {
     "not a list": (lambda: beads(walls=PAIR[0], positions=INSIDE), "sequence of Wall"),
     "same side": (lambda: beads(walls=[*PAIR, PAIR[0]], positions=INSIDE), "on the same side"),
     "kinds": (lambda: beads(walls=[PAIR[0], dpd.Wall("z", 2, "below", "specular")], positions=INSIDE), "different kinds"),
-    "no solid": (lambda: beads(walls=[dpd.Wall("z", 0, "above"), dpd.Wall("z", 3, "below")]), "nothing solid"),
+    "no solid": (lambda: beads(walls=[dpd.Wall("z", 0, "above"), dpd.Wall("z", 3, "below")]), "no solid"),
     "beyond": (lambda: beads(walls=PAIR), "beyond a wall"),
     "crossed": (lambda: beads(box=None, walls=[dpd.Wall("z", 2, "above"), dpd.Wall("z", 1, "below")]), "not below the upper one"),
     "tilted": (lambda: beads(box=TILTED, walls=[dpd.Wall("x", 1, "above"), dpd.Wall("x", 2, "below")]), "tilted"),

@@ -36,7 +36,7 @@ WRONG = {
     ),
     "wall": (
         dict(boundary="p p f", text="fix 1 all nve\nfix 2 all wall/reflect zlo 2 zhi EDGE units box\nrun 1\n"),
-        "bead 3 starts at z = 1, beyond a wall (2 such beads); the room is from 2 to 6. Beads of the wall itself are frozen where no fix",
+        "bead 3 starts at z = 1, beyond a wall (2 such beads); the gap is from 2 to 6. Beads of the wall itself are frozen where no fix",
     ),
     "runaway": (
         dict(text="group one id 5\nvelocity one set 900 0 0\nfix 1 all nve\nrun 1\n", units="metal", cutoff=0.5),
