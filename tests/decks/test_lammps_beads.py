@@ -133,7 +133,7 @@ RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
 
 @cases(
     "text, message",
-    (RUN + "reset_atoms id\n", "reset_atoms id: the new ids that LAMMPS gives after a run depend on how it has sorted"),
+    (RUN + "reset_atoms id\n", "reset_atoms id: the new ids in LAMMPS depend on how it sorted"),
     (RUN + "group few id 1\ndelete_atoms group few\n", "keep the ids with 'compress no'"),
     ("reset_atoms id sort yes\n", "sort yes is not supported"),
     ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
@@ -232,7 +232,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
 
 @cases(
     "text, message",
-    ("boundary p p s", "boundaries are periodic .p. or, behind fix wall/reflect, fixed .f., not .p p s."),
+    ("boundary p p s", "boundaries must be periodic .p. or, with fix wall/reflect, fixed .f., not .p p s."),
     ("dimension 2", "only three dimensions"),
     ("units si", "units must be one of lj, real, metal, not 'si'"),
     ("atom_style sphere", "the atom style must be one of atomic,"),
@@ -260,7 +260,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
     (TWENTY + "group g cluster 1", "group style 'cluster' is not supported"),
     (TWENTY + "group g type x", "expected a whole number for an atom type, not 'x'"),
     (TWENTY + "group g union h", "there is no group 'h'; defined so far: all"),
-    (TWENTY + "group all type 1", "group all is fixed"),
+    (TWENTY + "group all type 1", "group all always contains all beads"),
     (TWENTY + "set atom 1 mass 2", "has one mass per type; use the mass command"),
     (TWENTY + "set atom 1 charge 2", "atom_style atomic has no charges"),
     (TWENTY + "set atom 1 type 4", "atom type 4 is out of range"),
@@ -273,7 +273,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
         TWENTY + "mass * 1\ndelete_atoms group all\ncreate_atoms 1 single 0 0 0\nset atom 1 x 1\ncreate_atoms 1 random 2147483648 5 NULL",
         "create_atoms random: 2147483648 beads are too many",
     ),
-    (TWENTY + "velocity all scale 1.0", "cannot be scaled to a temperature: it is 0"),
+    (TWENTY + "velocity all scale 1.0", "cannot be scaled: its temperature is 0"),
     (TWENTY + "velocity none create 1.0 5", "there is no group 'none'"),
     (TWENTY + "units real", "units must come before the simulation box"),
     (
@@ -281,8 +281,8 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
         "no mass is set for atom type 1",
     ),
     ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
-    (TWENTY + "group a id 1\nneigh_modify every 1 include a", "neigh_modify include is not supported but for all"),
-    (TWENTY + "group a id 1\ncomm_modify group a vel yes", "comm_modify group is not supported but for all"),
+    (TWENTY + "group a id 1\nneigh_modify every 1 include a", "neigh_modify include must be all"),
+    (TWENTY + "group a id 1\ncomm_modify group a vel yes", "comm_modify group must be all"),
     ("run_style respa 2 2", "only run_style verlet"),
     ("atom_modify id no", "atom_modify id is not supported"),
     ("restart 100", r"expected 'restart N file \[file\]'"),

@@ -81,7 +81,7 @@ def test_delete_atoms_takes_angles_along(tmp_path):
     text = "bond_style zero\ngroup first id 1:5\ndelete_atoms group first bond yes compress no\n" + PAIR
     state = state_of(tmp_path, text)
     assert len(state.bonds) == 12 and len(state.angles) == 9
-    with pytest.raises(DeckError, match="4 bonds and 3 angles would lose a bead; delete them too with 'bond yes'"):
+    with pytest.raises(DeckError, match="4 bonds and 3 angles would lose a bead; add 'bond yes' to delete them"):
         state_of(tmp_path, text.replace("bond yes", ""))
 
 
@@ -90,8 +90,8 @@ ERRORS = {
     "style arguments": ("bond_style fene 3\n", "the argument of bond_style fene"),
     "hybrid of nothing": ("bond_style hybrid\n", "expected 'bond_style hybrid style style ...'"),
     "hybrid of unknown": ("bond_style hybrid harmonic quartic\n", "a style of bond_style hybrid must be one of"),
-    "hybrid twice": ("bond_style hybrid morse morse\n", "bond_style hybrid names morse twice"),
-    "no style": ("angle_coeff 1 2\n", "angle_coeff needs an angle_style before it, such as 'angle_style cosine'"),
+    "hybrid twice": ("bond_style hybrid morse morse\n", "bond_style hybrid gives morse twice"),
+    "no style": ("angle_coeff 1 2\n", "angle_coeff needs a preceding angle_style, such as 'angle_style cosine'"),
     "few": ("bond_style fene\nbond_coeff 1 30 1.5\n", "expected 'bond_coeff type K R0 epsilon sigma', but found 2 arguments"),
     "few in hybrid": ("bond_style hybrid fene\nbond_coeff 1 fene 30\n", "expected 'bond_coeff type fene K R0 epsilon sigma'"),
     "no style in hybrid": (

@@ -151,7 +151,7 @@ def test_report_has_the_last_averages_of_each_run(tmp_path):
     ("variable a atom v_a\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "refers to itself"),
     ("variable a atom c_q[3]\ncompute q all property/atom x y\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "has 2 values per bead"),
     ("variable a equal 1\nfix f all ave/chunk 1 1 1 ch v_a\n", "variable a is equal-style; only atom-style ones"),
-    ("variable a atom vx\nfix f all ave/time 1 1 1 v_a\n", "variable a is atom-style; only equal-style ones"),
+    ("variable a atom vx\nfix f all ave/time 1 1 1 v_a\n", "variable a is atom-style; only equal-style variables"),
     ("variable a atom vx\nprint ${{a}}\n", "atom-style: it has a value for every bead"),
     ("variable a atom random(0,1,5)\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "random is only supported in equal-style"),
     ("compute k all ke\nfix f all ave/time 1 1 1 c_k[*]\n", "compute k does not have several values"),

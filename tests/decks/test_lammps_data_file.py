@@ -239,7 +239,7 @@ def test_what_beads_have_is_in_bounds(tmp_path, style, old, new, message):
 
 def test_a_different_style_hint_is_noted(tmp_path):
     write(tmp_path, GOOD.replace("Atoms", "Atoms # charge"))
-    assert any("says 'charge'" in note for note in deck(tmp_path, "read_data data").notes)
+    assert any("is marked 'charge'" in note for note in deck(tmp_path, "read_data data").notes)
 
 
 def energy(r):

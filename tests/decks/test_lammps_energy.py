@@ -193,7 +193,7 @@ fix 5 all tdpd/source 1 sphere 0 0 0 2 0.4
     assert sphere.region.radius == 2
     assert all(np.array_equal(source.corner, [-3, -3, -3]) for source in scene.sources)
     notes = state_of(tmp_path, TDPD_BOX + TRANSPORT + text).notes
-    assert any("radius 2; LAMMPS compares r^2 with R^3, its radius is 2.82843" in note for note in notes)
+    assert any("radius of the sphere is 2; LAMMPS compares r^2 with R^3, so its radius is 2.82843" in note for note in notes)
 
 
 def test_constant_pressure(tmp_path):
@@ -247,18 +247,18 @@ ERRORS = [
     (MDPD_BOX + "pair_style mdpd/rhosum\npair_coeff * * 0.7\n", r"in.deck:7: pair style mdpd/rhosum needs one mdpd beside it"),
     (MDPD_BOX + MANY.replace("* * mdpd/r", "1 1 mdpd/r"), r"in.deck:9: types 1 2 have no mdpd/rhosum coefficients"),
     (METAL + ENERGY + "fix 1 all nve\n" + EOS, r"in.deck:9: pair style dpd/fdt/energy needs fix dpd/energy .* or fix shardlow"),
-    (METAL + ENERGY + SHARDLOW + "fix 4 all dpd/energy\n", r"in.deck:14: fix 4: dpd/energy beside shardlow \(fix 1\)"),
+    (METAL + ENERGY + SHARDLOW + "fix 4 all dpd/energy\n", r"in.deck:14: fix 4: dpd/energy and shardlow \(fix 1\)"),
     (METAL + _NO_STYLE, r"in.deck:10: fix 1: dpd/energy needs pair style dpd/fdt/energy; the deck has none"),
     (METAL + ENERGY + SHARDLOW.rpartition("fix")[0], r"in.deck:9: .* needs a fix eos/cv or eos/table for every bead; bead 1 has none"),
-    (METAL + ENERGY + SHARDLOW + EOS, r"in.deck:14: fix 8: bead 1 has an equation of state from fix 3 already"),
-    (METAL + ENERGY + _PARTS, r"in.deck:16: fix 8: beads of type 1 have another equation of state by fix 3"),
+    (METAL + ENERGY + SHARDLOW + EOS, r"in.deck:14: fix 8: bead 1 already has an equation of state from fix 3"),
+    (METAL + ENERGY + _PARTS, r"in.deck:16: fix 8: beads of type 1 have a different equation of state from fix 3"),
     (METAL.rpartition("set")[0] + ENERGY + SHARDLOW, r"in.deck:\d+: the internal temperature of bead 1 is 0; it must be > 0"),
     (METAL + "fix 1 all eos/cv 0\n", r"in.deck:9: the heat capacity must be > 0"),
     (METAL + "fix 1 all eos/table spline f 10 A\n", r"in.deck:9: the style of eos/table must be one of linear"),
     (METAL + "fix 1 all eos/table linear f 10 A\n", r"in.deck:9: there is no file 'f'"),
     (BOX + "fix 1 all eos/cv 1\n", r"in.deck:6: fix eos/cv needs atom_style dpd, but the deck has atom_style atomic"),
-    (EDPD_BOX + HEAT + "fix 1 all nve\n", r"in.deck:9: fix 1: with pair style edpd beads are moved by fix mvv/edpd"),
-    (TDPD_BOX + TRANSPORT + "fix 1 all mvv/dpd\n", r"in.deck:9: fix 1: with pair style tdpd beads are moved by fix mvv/tdpd"),
+    (EDPD_BOX + HEAT + "fix 1 all nve\n", r"in.deck:9: fix 1: with pair style edpd, use fix mvv/edpd to move beads"),
+    (TDPD_BOX + TRANSPORT + "fix 1 all mvv/dpd\n", r"in.deck:9: fix 1: with pair style tdpd, use fix mvv/tdpd to move beads"),
     (MDPD_BOX + MANY + "fix 1 all mvv/edpd\n", r"in.deck:10: fix 1: mvv/edpd needs pair style edpd; the deck has mdpd/rhosum, mdpd"),
     (EDPD_BOX + HEAT + "fix 1 all mvv/edpd 1.5\n", r"in.deck:9: lambda must be between 0 and 1"),
     (EDPD_BOX + "fix 1 all edpd/source cube 1\n", r"in.deck:7: the region of fix edpd/source must be one of sphere, cuboid, region"),
@@ -272,8 +272,8 @@ ERRORS = [
     (METAL + "fix 1 all nph\n", r"in.deck:9: expected 'fix ID group nph .* but no pressure is given"),
     (METAL + "fix 1 all nph iso 0 0 0\n", r"in.deck:9: the damping time of the box must be > 0"),
     (METAL + "fix 1 all nph tri 0 0 1\n", r"in.deck:9: fix nph has no option 'tri' here"),
-    (METAL + "fix 1 all nph x 0 0 1 y 1 1 1 couple xyz\n", r"in.deck:9: fix nph: edges that change together"),
-    (METAL + ENERGY + _TWO + EOS, r"in.deck:14: fix 2: there is a fix nph already \(1\)"),
+    (METAL + "fix 1 all nph x 0 0 1 y 1 1 1 couple xyz\n", r"in.deck:9: fix nph: coupled edges"),
+    (METAL + ENERGY + _TWO + EOS, r"in.deck:14: fix 2: there already is a fix nph \(1\)"),
 ]
 
 

@@ -253,7 +253,7 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
     ("compute x all reduce sum c_ch\nthermo_style custom c_ch\n", "compute ch .style chunk/atom. has values of single beads"),
     ("fix f all ave/chunk 1 1 1 zz vx\n", "'zz' is not the id of a compute chunk/atom; defined are ch"),
     ("fix f all ave/chunk 1 1 1 ch x\n", "expected vx, vy, vz, fx, fy, fz, mass, density/number, density/mass, temp"),
-    ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor an option"),
+    ("fix f all ave/chunk 1 1 1 ch vx y\n", "'y' is neither a value nor a supported option"),
     ("fix f all ave/chunk 10 10 50 ch vx\n", "Nfreq must be a multiple of Nevery, at least Nrepeat.Nevery"),
     ("fix f all ave/chunk 3 1 10 ch vx\n", "Nfreq must be a multiple of Nevery"),
     ("fix f all ave/chunk 1 1 1 ch vx ave window\n", "needs 2 values"),

@@ -114,16 +114,16 @@ REFUSED = {
         "p p p",
         "fix 2: fix shardlow moves beads regardless of their force",
     ),
-    "setforce beside nph": ("fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n", "p p p", "fix 2: beside fix nph"),
+    "setforce beside nph": ("fix 1 all nph iso 0 0 1\nfix 2 low setforce NULL NULL 0\nrun 1\n", "p p p", "fix 2: with fix nph"),
     "periodic wall": (NVE + "fix 2 all wall/reflect zlo EDGE\n", "p p p", "boundary p p f"),
-    "moving wall": ("variable p equal 2\n" + NVE + "fix 2 all wall/reflect zlo v_p\n", "p p f", "walls that move"),
+    "moving wall": ("variable p equal 2\n" + NVE + "fix 2 all wall/reflect zlo v_p\n", "p p f", "moving walls are not supported"),
     "outside": (NVE + "fix 2 all wall/reflect zlo 0.5 units box\n", "p p f", "outside the box"),
     "open": (NVE + "fix 2 all wall/reflect zlo EDGE\nrun 1\n", "p p f", "wall/reflect zhi EDGE"),
     "open 2": (NVE + "run 1\n", "p f p", "wall/reflect ylo EDGE yhi EDGE"),
-    "group": (NVE + "fix 2 low wall/reflect zlo EDGE zhi EDGE\nrun 1\n", "p p f", "outside group low"),
+    "group": (NVE + "fix 2 low wall/reflect zlo EDGE zhi EDGE\nrun 1\n", "p p f", "are not in group low"),
     "beyond": (NVE + "fix 2 all wall/reflect zlo 4.5 zhi EDGE units box\nrun 1\n", "p p f", "beyond a wall"),
     "lj wall": (NVE + "fix 2 all wall/lj93 zlo EDGE 1 1 2.5\n", "p p f", "fix style 'wall/lj93' is not supported"),
-    "shrink": ("", "p p s", "boundaries are periodic"),
+    "shrink": ("", "p p s", "boundaries must be periodic"),
 }
 
 

@@ -127,8 +127,8 @@ WRONG = {
     "min_style lbfgs\n": "the style of min_style must be one of",
     "min_modify norm three\n": "norm must be one of",
     "fix a all addforce 1 0 0\nminimize 0 0 1 1\n": "beside fix addforce",
-    "fix a all setforce 0 NULL 0\nminimize 0 0 1 1\n": "holds whole beads here, not single components",
-    "fix a all setforce 0 0 1\nminimize 0 0 1 1\n": "forces other than 0",
+    "fix a all setforce 0 NULL 0\nminimize 0 0 1 1\n": "can only hold whole beads, not single components",
+    "fix a all setforce 0 0 1\nminimize 0 0 1 1\n": "a set force other than 0",
     "minimize 0 1 1 1\n": "has no run command",
 }
 

@@ -116,14 +116,14 @@ FEW += "pair_coeff 1 1 25 4.5\n"
 WRONG = {
     "fix 1 all nve\nfix p all print 1 x\nfix m all momentum 1 linear 1 1 1\nrun 1\n": "it comes after fix p",
     "fix 1 some nve\nfix m all momentum 1 angular\nrun 1\n": "has beads that no fix moves",
-    "fix m all momentum 1\n": "takes nothing out",
+    "fix m all momentum 1\n": "removes nothing",
     "fix m all momentum 1 linear 2 0 0\n": "a flag of linear must be one of 0, 1",
     "fix p all print 0 x\n": "at least 1",
     "fix p all print 1 '$(nothing)'\nfix 1 all nve\nrun 1\n": "there is no thermo word 'nothing'",
     "displace_atoms all rotate 0 0 0 0 0 0 5\n": "the axis is zero",
     "displace_atoms all move 1 2\n": "needs 3 values",
     "displace_atoms all ramp x 0 1 y 2 1\n": "must increase",
-    "compute d all msd\nreplicate 2 1 1\n": "remembers where the beads were",
+    "compute d all msd\nreplicate 2 1 1\n": "stores the positions of beads",
     "replicate 0 1 1\n": "at least 1",
 }
 

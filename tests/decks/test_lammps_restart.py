@@ -87,7 +87,7 @@ def test_files_of_each_step_beside_two_in_turn(tmp_path):
 WRONG = {
     "read_restart text\n": "is not a restart file of this package",
     "read_restart theirs\n": "is a restart file of LAMMPS",
-    "read_restart r.*\n": "name one file",
+    "read_restart r.*\n": "give the name of one file",
     "read_restart nothing\n": "there is no file 'nothing'",
     "region b block 0 4 0 4 0 4\ncreate_box 1 b\nread_restart text\n": "must come before the simulation box",
     "write_restart r\n": "needs a simulation box",

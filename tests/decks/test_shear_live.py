@@ -174,15 +174,15 @@ def test_stress_of_sheared_chains_is_that_of_lammps(seed, tmp_path):
 
 
 REFUSED = {
-    "deform 1 x final 0 1": "fix deform x is not supported: the box keeps its edges; expected 'fix ID all deform 1 xy erate R remap v'",
+    "deform 1 x final 0 1": "fix deform x is not supported: the edges of the box are fixed; expected 'fix ID all deform 1 xy erate R remap v'",
     "deform 1 xz erate 1 remap v": "the flow is along x, its gradient along y",
-    "deform 1 xy wiggle 1 5 remap v": "fix deform xy wiggle: the images slide at a constant rate",
-    "deform 1 xy erate 1": "remap x .* write 'remap v' beside fix nve",
+    "deform 1 xy wiggle 1 5 remap v": "fix deform xy wiggle is not supported: the strain rate must be constant",
+    "deform 1 xy erate 1": "remap x .* use 'remap v' with fix nve",
     "deform 1 xy erate 1 remap v flip no": "leave it out",
     "deform 1 remap v": "changes nothing",
     "nvt/sllod temp 1 1 1": "the thermostat is the pair style: fix nve, and fix deform 1 xy erate R remap v",
-    "deform 1 xy erate 1 remap v\nfix 3 all momentum 1 linear 1 1 1": "in.deck:{line}: fix 3: momentum is not possible beside fix deform",
-    "deform 1 xy erate 1 remap v\nfix 3 all deform 1 xy erate 1 remap v": "deform is not possible beside fix deform",
+    "deform 1 xy erate 1 remap v\nfix 3 all momentum 1 linear 1 1 1": "in.deck:{line}: fix 3: momentum cannot be combined with fix deform",
+    "deform 1 xy erate 1 remap v\nfix 3 all deform 1 xy erate 1 remap v": "deform cannot be combined with fix deform",
     "deform 1 xy erate 1 remap v\ngroup few id 1\nunfix 1\nfix 1 few nve": "do not move stand still",
 }
 
@@ -199,5 +199,5 @@ def test_a_box_that_cannot_be_tilted_is_refused(tmp_path):
     (tmp_path / "in.deck").write_text(
         "region b block 0 4 0 4 0 4\ncreate_box 1 b\nfix 2 all deform 1 xy erate 1 remap v\n", encoding="utf-8"
     )
-    with pytest.raises(DeckError, match="in.deck:3: fix deform xy needs a triclinic box: a region prism"):
+    with pytest.raises(DeckError, match="in.deck:3: fix deform xy needs a triclinic box: use a region prism"):
         deck_scene(tmp_path / "in.deck")

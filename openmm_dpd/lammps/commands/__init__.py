@@ -1,1 +1,1 @@
-"""Commands: each a function of the deck's state and the words after its name, entered in the table of ``setup.py`` by :func:`command`."""
+"""Commands: functions of the deck's state and the words after the command's name, registered by :func:`command` in ``setup.py``."""

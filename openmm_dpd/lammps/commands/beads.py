@@ -1,4 +1,4 @@
-"""Commands on beads that exist: mass, group, set."""
+"""Commands on existing beads: mass, group, set."""
 
 from collections.abc import Callable
 
@@ -24,7 +24,7 @@ _COMPARE = {"<": np.less, ">": np.greater, "<=": np.less_equal, ">=": np.greater
 
 
 def _matching(values: np.ndarray, words: list[str], what: str) -> np.ndarray:
-    """Beads whose value is in a list of numbers and n:m ranges, or compares as ``< 5`` or ``<> 3 7`` says."""
+    """Mask of the values that are in a list of numbers and n:m ranges, or fulfil a comparison such as ``< 5`` or ``<> 3 7``."""
     read.count(words, f"{what} values", 1, None)
     if words[0] == "<>":
         read.count(words, "<> low high", 3)
@@ -49,7 +49,7 @@ def _combined(state: DeckState, words: list[str], name: str, combine: np.ufunc, 
     return combine.reduce([state.group(word) for word in words])
 
 
-#: Group styles: from (state, words) to the beads that are added.
+#: Group styles: masks of the beads to add, from (state, words).
 GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
     "type": lambda state, words: _matching(state.atoms.types, words, "an atom type"),
     "id": lambda state, words: _matching(state.atoms.ids, words, "an atom id"),
@@ -63,16 +63,16 @@ GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
 
 @command("group ID style values ...", 2, None, box=True)
 def group(state: DeckState, args: list[str]) -> None:
-    """``group ID style values ...``: the beads are added to those that the group has already."""
+    """``group ID style values ...``: adds beads to a group."""
     name, style, *words = args
     read.identifier(name, "the name of a group")
     if name == "all":
-        raise ParameterError("group all is fixed: it always holds every bead")
+        raise ParameterError("group all always contains all beads and cannot be changed")
     if style == "delete":
         state.group(name)
         users = [fix.name for fix in state.fixes.values() if fix.group == name]
         if users:
-            raise ParameterError(f"group {name} is in use by fix {', '.join(users)}")
+            raise ParameterError(f"group {name} is used by fix {', '.join(users)}")
         del state.groups[name]
         return
     if style == "clear":
@@ -80,13 +80,13 @@ def group(state: DeckState, args: list[str]) -> None:
         return
     if style != "subtract":
         read.style(GROUP_STYLES, "group", style, "subtract", "clear", "delete")
-    # it exists from here on, without beads, and may name itself
+    # the group exists from here on, so that it may name itself
     present = state.groups.setdefault(name, np.zeros(len(state.atoms), dtype=bool))
     if style == "subtract":
         read.count(words, "subtract group group ...", 2, None)
         state.groups[name] = present | state.group(words[0])
         for other in words[1:]:
-            # beads that the group had before are taken out as well
+            # beads that were in the group before are removed as well
             state.groups[name] = state.groups[name] & ~state.group(other)
     else:
         state.groups[name] = present | GROUP_STYLES[style](state, words)
@@ -109,12 +109,12 @@ def _selected(state: DeckState, style: str, word: str) -> np.ndarray:
 
 
 def _numbers(state: DeckState, mask: np.ndarray, word: str, what: str) -> np.ndarray:
-    """(n,) values of the beads of a mask: a number, or those of a variable (``v_name``)."""
+    """(n,) values for the beads of a mask, from a number or a variable (``v_name``)."""
     return values_of_variable(state, word, "set")[mask] if word.startswith("v_") else np.full(mask.sum(), read.number(word, what))
 
 
 def _integers(state: DeckState, mask: np.ndarray, word: str, what: str, minimum: int | None = None) -> np.ndarray:
-    """The same as whole numbers; values of variables lose their fraction, as in LAMMPS."""
+    """(n,) whole numbers for the beads of a mask, from a number or a variable, whose values are truncated as in LAMMPS."""
     if not word.startswith("v_"):
         read.integer(word, what, minimum)
     values = _numbers(state, mask, word, what).astype(np.int64)
@@ -148,24 +148,24 @@ def _set_subset(state: DeckState, mask: np.ndarray, words: list[str], ratio: boo
 
 
 def subset(beads: np.ndarray, words: list[str], ratio: bool) -> np.ndarray:
-    """A fraction of the beads, or a number of them, drawn at random; the words are this and a seed."""
+    """Random selection of beads; the words are a fraction (``ratio``) or number of beads, and a seed."""
     amount, seed = words
     wanted = int(_fraction(amount) * len(beads)) if ratio else read.integer(amount, "the number of beads", 0)
     if wanted > len(beads):
-        raise ParameterError(f"{wanted} of {len(beads)} beads cannot be chosen")
+        raise ParameterError(f"cannot choose {wanted} of {len(beads)} beads")
     return np.random.default_rng(read.integer(seed, "the seed", 1)).choice(beads, wanted, replace=False)
 
 
 def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     state.require_atom_style("dpd", "set dpd/theta")
     values = np.full(mask.sum(), -1.0) if words[0] == "NULL" else _numbers(state, mask, words[0], "dpd/theta")
-    # as in LAMMPS a variable below 0 says NULL
+    # as in LAMMPS, a negative value of a variable means NULL
     own = (values < 0) & (words[0] == "NULL" or words[0].startswith("v_"))
     speed2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
     values = np.where(own, state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy), values)
     if np.any(own & (values <= 0)):
         bead = int(state.atoms.ids[mask][np.argmin(values)])
-        raise ParameterError(f"set dpd/theta NULL takes the temperature from the velocity of each bead, but bead {bead} is at rest")
+        raise ParameterError(f"set dpd/theta NULL uses the velocity of each bead, but bead {bead} is at rest")
     state.atoms.thetas[mask] = _positive(values, "dpd/theta")
 
 
@@ -203,7 +203,7 @@ def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
 
 def _set_vector(array: str, axis: int, what: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        # a position outside the box stays there until the next run begins, for regions and ramps too
+        # a position outside the box stays there until the next run, also for regions and ramps
         getattr(state.atoms, array)[mask, axis] = _numbers(state, mask, words[0], what)
 
     return handler
@@ -214,7 +214,7 @@ def _set_image(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
         if word != "NULL":
             flags = _integers(state, mask, word, "the image flag")
             if np.any(flags) and not state.periodic[axis]:
-                raise ParameterError(f"set image: the box does not repeat along {'xyz'[axis]}, so the image flag there is 0, not {word}")
+                raise ParameterError(f"set image: the box is not periodic along {'xyz'[axis]}, so its image flag must be 0, not {word}")
             state.atoms.images[mask, axis] = flags
 
 
@@ -222,7 +222,7 @@ def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     raise ParameterError(f"atom_style {state.atom_style} has one mass per type; use the mass command, or another type")
 
 
-#: Properties that ``set`` changes: name -> (number of values, handler).
+#: Properties that ``set`` changes: number of values, and handler.
 SETTERS: dict[str, tuple[int, Setter]] = {
     "type": (1, _set_type),
     "type/fraction": (3, _set_fraction),
@@ -242,7 +242,7 @@ SETTERS: dict[str, tuple[int, Setter]] = {
 def set_(state: DeckState, args: list[str]) -> None:
     """``set atom|type|mol|group|region ID property values ...``."""
     if not len(state.atoms):
-        raise ParameterError("set needs beads; create or read them before")
+        raise ParameterError("set needs beads; create or read them first")
     mask = _selected(state, read.choice(args[0], "the style of set", ("atom", "type", "mol", "group", "region")), args[1]).copy()
     for name, words in read.options(args[2:], {name: size for name, (size, _) in SETTERS.items()}, "set"):
         SETTERS[name][1](state, mask, words)

@@ -1,4 +1,4 @@
-"""Commands that make the box and the beads: lattice, region, create_box, create_atoms, read_data, delete_atoms."""
+"""Commands that create or delete the box and beads: lattice, region, create_box, create_atoms, read_data, delete_atoms, reset_atoms."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,15 +36,15 @@ def region(state: DeckState, args: list[str]) -> None:
         state.region(name)
         users = [other for other, found in state.regions.items() if name in found.parts]
         if users:
-            raise ParameterError(f"region {name} is a part of region {', '.join(users)}; delete that first")
+            raise ParameterError(f"region {name} is part of region {', '.join(users)}; delete that first")
         del state.regions[name]
         return
     if name in state.regions:
-        raise ParameterError(f"there is a region '{name}' already; delete it first")
+        raise ParameterError(f"there already is a region '{name}'; delete it first")
     state.regions[name] = parse_region(args[1:], state.lattice.spacing, state.box, state.regions)
 
 
-#: How much room LAMMPS reserves, which is of no interest here.
+#: Options for memory that LAMMPS reserves; ignored.
 _ROOM = (*(f"extra/{what}/per/atom" for what in (*JOINED, "improper", "special")), "extra/improper/types")
 
 
@@ -67,7 +67,7 @@ def create_box(state: DeckState, args: list[str]) -> None:
 
 def _set_box(state: DeckState, box: Box) -> None:
     if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()):
-        state.note("the box is tilted by more than half an edge; OpenMM gets the equivalent box with smaller tilts")
+        state.note("the box is tilted by more than half an edge; OpenMM uses the equivalent box with smaller tilts")
     if not all(state.periodic):
         if np.any(box.tilt):
             raise ParameterError("a tilted box must be periodic along all axes (boundary p p p)")
@@ -97,7 +97,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
         points = np.array([[read.number(word, "a coordinate") for word in words]]) * scale
         types = np.full(1, kind)
         if not state.require_box("create_atoms").holds(points).all():
-            state.note(f"create_atoms single: the point {' '.join(words)} lies outside the box, no bead is created there")
+            state.note(f"create_atoms single: the point {' '.join(words)} is outside the box, so no bead is created")
             points, types = points[:0], types[:0]
     else:
         points, types = _lattice_points(state, kind, basis, words, options)
@@ -107,7 +107,7 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
 
 def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: list[str], options: dict[str, list[str]]):
     if not len(state.lattice.basis):
-        raise ParameterError("create_atoms box and region need a lattice; use the lattice command before")
+        raise ParameterError("create_atoms box and region need a lattice; use the lattice command first")
     points, numbers = state.lattice.points(state.require_box("create_atoms"))
     if words:
         inside = state.region(words[0]).contains(points)
@@ -115,7 +115,9 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
     types = np.full(len(points), kind)
     for number, other in basis.items():
         if number > len(state.lattice.basis) or other > state.n_types:
-            raise ParameterError(f"basis {number} {other} is out of range: {len(state.lattice.basis)} basis atoms, {state.n_types} types")
+            raise ParameterError(
+                f"basis {number} {other} is out of range: there are {len(state.lattice.basis)} basis atoms and {state.n_types} types"
+            )
         types[numbers == number - 1] = other
     for keyword in ("ratio", "subset"):
         if keyword in options:
@@ -168,7 +170,7 @@ def _closest(points: np.ndarray, point: np.ndarray, box: Box) -> float:
 def read_data(state: DeckState, args: list[str]) -> None:
     """``read_data file [nocoeff] [extra/atom/types N] [extra/bond|angle|dihedral/types N] [group ID]``."""
     if state.box is not None:
-        raise ParameterError("read_data must come before any other box is defined (read_data add is not supported)")
+        raise ParameterError("read_data must come before the box is defined (read_data add is not supported)")
     path = state.find_file(args[0])
     data = read_data_file(path, state.atom_style, state.n_species)
     more = {"extra/atom/types": "n_types", **{f"extra/{what}/types": f"n_{what}_types" for what in JOINED}}
@@ -179,7 +181,7 @@ def read_data(state: DeckState, args: list[str]) -> None:
         raise DeckError("the header announces no atom types", str(path))
     hint = data.hints.get("Atoms", "")
     if hint and hint.split()[0] != state.atom_style:
-        state.note(f"{path.name}: the Atoms section says '{hint}', but is read as atom_style {state.atom_style}")
+        state.note(f"{path.name}: the Atoms section is marked '{hint}', but read as atom_style {state.atom_style}")
     _set_box(state, data.box)
     _take_atoms(state, data, path)
     if "group" in chosen:
@@ -194,7 +196,7 @@ def _take_atoms(state: DeckState, data: DataFile, path: Path) -> None:
     inside, shifts = state.require_box("read_data").settle(data.positions)
     atoms = Atoms.new(data.columns["id"][order], data.columns["type"][order], inside[order], state.n_species)
     if np.any(data.images[:, ~np.array(state.periodic)]):
-        state.note(f"{path.name}: image flags along axes that do not repeat count as 0")
+        state.note(f"{path.name}: image flags along non-periodic axes are set to 0")
     atoms.images = (np.where(state.periodic, data.images, 0) + shifts)[order]
     atoms.velocities = data.velocities[order]
     atoms.slots = order
@@ -223,7 +225,7 @@ def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
 
 
 def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> None:
-    """Raise ParameterError if beads that stay would be no bonded neighbours any more: in LAMMPS they stay so."""
+    """Raise ParameterError if remaining beads would no longer be bonded neighbours: in LAMMPS they remain so."""
     largest = int(state.atoms.ids.max()) + 1 if len(state.bonds) else 0
     before, after = (bonded_neighbours(terms[:, 1:], largest) for terms in (state.bonds, bonds))
     for shell, factor, factor_of_charges in zip((1, 2, 3), state.special, state.special_charges, strict=True):
@@ -231,8 +233,8 @@ def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> Non
         if cut and (factor, factor_of_charges) != (1, 1):
             i, j = min(cut)
             raise ParameterError(
-                f"delete_atoms: beads {i} and {j} were bonded neighbours through a bead that goes, and stay so in LAMMPS, "
-                "which is not supported; delete whole molecules, or set the factors to 1"
+                f"delete_atoms: beads {i} and {j} are bonded neighbours through a deleted bead, and remain so in LAMMPS, "
+                "which is not supported; delete whole molecules, or set the special_bonds factors to 1"
             )
 
 
@@ -250,11 +252,11 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     lost = {name: len(getattr(state, name)) - len(terms) for name, terms in kept_terms.items()}
     if any(lost.values()) and not read.switch(options["bond"], "bond"):
         broken = " and ".join(f"{count} {name}" for name, count in lost.items() if count)
-        raise ParameterError(f"{broken} would lose a bead; delete them too with 'bond yes'")
+        raise ParameterError(f"{broken} would lose a bead; add 'bond yes' to delete them, too")
     _check_special(state, gone, kept_terms["bonds"])
     for name, terms in kept_terms.items():
         setattr(state, name, terms)
-    # LAMMPS hands out new ids only in atom styles without molecules, in the order in which beads are in its memory
+    # LAMMPS assigns new ids only in atom styles without molecules, in the order of beads in its memory
     compress = read.switch(options["compress"], "compress") and state.atom_style not in BONDED_STYLES
     if compress:
         _check_standing(state, "delete_atoms", "keep the ids with 'compress no'")
@@ -269,25 +271,25 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
 
 
 def _check_standing(state: DeckState, command: str, remedy: str) -> None:
-    """ParameterError unless it is known in which order LAMMPS has the beads in its memory."""
+    """Raise ParameterError unless the order of beads in LAMMPS's memory is known."""
     if state.reordered:
         raise ParameterError(
-            f"{command}: the new ids that LAMMPS gives after a run depend on how it has sorted the beads by place; {remedy}, "
-            "or have it sort none by 'atom_modify sort 0 0.0' before the first run"
+            f"{command}: the new ids in LAMMPS depend on how it sorted the beads by position during a run; {remedy}, "
+            "or turn sorting off with 'atom_modify sort 0 0.0' before the first run"
         )
 
 
 @command("reset_atoms id [sort no]", 1, None)
 def reset_atoms(state: DeckState, args: list[str]) -> None:
-    """``reset_atoms id [sort no]``: ids from 1 on without gaps, in the order in which LAMMPS has the beads in its memory."""
+    """``reset_atoms id [sort no]``: renumbers the ids from 1 without gaps, in the order of beads in LAMMPS's memory."""
     if args[0] in ("mol", "image"):
         raise ParameterError(f"reset_atoms {args[0]} is not supported; only reset_atoms id is")
     read.choice(args[0], "the property of reset_atoms", ("id",))
     if read.switch(read.single(args[1:], "reset_atoms id", sort="no")["sort"], "sort"):
-        raise ParameterError("reset_atoms id sort yes is not supported: ids would follow LAMMPS's bins of space; say sort no")
+        raise ParameterError("reset_atoms id sort yes is not supported: ids would depend on LAMMPS's spatial bins; use sort no")
     _check_standing(state, "reset_atoms id", "leave it out")
     if any(compute.style == "msd" for compute in state.computes.values()):
-        raise ParameterError("reset_atoms id: a compute msd remembers where each bead was; define it afterwards")
+        raise ParameterError("reset_atoms id: a compute msd stores the positions of beads; define it afterwards")
     state.settle("reset_atoms id")
     order = np.argsort(state.atoms.slots)
     fresh = np.empty(len(order), dtype=np.int64)
@@ -301,7 +303,7 @@ def reset_atoms(state: DeckState, args: list[str]) -> None:
 
 @command("reset_ids", 0, None)
 def reset_ids(state: DeckState, args: list[str]) -> None:
-    """``reset_ids``, ``reset_atom_ids``: older spellings of ``reset_atoms id``."""
+    """``reset_ids`` and ``reset_atom_ids``: older names of ``reset_atoms id``."""
     reset_atoms(state, ["id", *args])
 
 

@@ -1,4 +1,4 @@
-"""Fixes by their styles: fields of beads (equations of state, sources), pressure, and what drives, confines and stops a flow."""
+"""Fix styles: equations of state, sources, pressure, body forces, walls, momentum, shear, and the integrators."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.records import MomentumRemoval, PressureControl
 
-#: From (state, group, words) to the parameters of a fix.
+#: Parser of a fix: its parameters from (state, group, words).
 FixReader = Callable[[DeckState, str, list[str]], dict]
 
 
@@ -22,7 +22,7 @@ FixReader = Callable[[DeckState, str, list[str]], dict]
 def _eos_cv(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group eos/cv cv", 1)
     state.require_atom_style("dpd", "fix eos/cv")
-    # heat capacities of the model are in units of k_B
+    # the model's heat capacities are in units of k_B
     capacity = read.positive(words[0], "the heat capacity") / state.units.boltzmann
     return {"eos": ConstantHeatCapacity(capacity), "source": capacity}
 
@@ -34,7 +34,7 @@ def _eos_table(state: DeckState, group: str, words: list[str]) -> dict:
     read.integer(words[2], "the size of the table", 2)
     path = state.find_file(words[1])
     temperatures, energies = read_eos(path, words[3])
-    state.note("fix eos/table: a monotone curve through the points of the file is used, however many table points are asked for")
+    state.note("fix eos/table: a monotone curve through the points of the file is used, regardless of the number of table points")
     table = TabulatedEOS(temperatures * state.units.thermal_energy, energies * state.units.energy)
     return {"eos": table, "source": (path.resolve(), words[3])}
 
@@ -44,7 +44,7 @@ _PLACES = {"sphere": "cx cy cz R", "cuboid": "cx cy cz Lx Ly Lz", "region": "ID"
 
 
 def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphere, float]:
-    """Region and rate of ``sphere|cuboid|region ... value``."""
+    """Region and rate from ``sphere|cuboid|region ... value``."""
     usage = " | ".join(f"{name} {values} value" for name, values in _PLACES.items())
     read.count(words, usage, 1, None)
     kind = read.choice(words[0], f"the region of fix {style}", list(_PLACES))
@@ -53,7 +53,7 @@ def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphe
     if kind == "region":
         region = state.region(words[1])
         if region.shape is None:
-            raise ParameterError(f"fix {style}: region '{words[1]}' must be the inside of a block or a sphere")
+            raise ParameterError(f"fix {style}: region '{words[1]}' must be the inside of a block or sphere")
         first, second = region.shape
         if region.style == "block":
             return Block(first * length, np.asarray(second) * length), rate
@@ -63,7 +63,7 @@ def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphe
         return Block.centred(values[:3] * length, values[3:] * length), rate
     if values[3] != 1:
         state.note(
-            f"fix {style}: the sphere has the radius {values[3]:g}; LAMMPS compares r^2 with R^3, its radius is {values[3] ** 1.5:g}"
+            f"fix {style}: the radius of the sphere is {values[3]:g}; LAMMPS compares r^2 with R^3, so its radius is {values[3] ** 1.5:g}"
         )
     return Sphere(values[:3] * length, float(values[3] * length)), rate
 
@@ -83,7 +83,7 @@ def _tdpd_source(state: DeckState, group: str, words: list[str]) -> dict:
 
 
 # -- constant pressure --------------------------------------------------------------------------------------------------------
-#: Options of fix nph that are about LAMMPS's own equations of motion for the box: number of values.
+#: Options of fix nph about LAMMPS's equations of motion of the box: number of values.
 _DYNAMICS = {"drag": 1, "pchain": 1, "ploop": 1, "nreset": 1, "mtk": 1, "ptemp": 1, "flip": 1, "update": 1, "fixedpoint": 3}
 _DYNAMICS |= {"scalexy": 1, "scalexz": 1, "scaleyz": 1}
 
@@ -113,9 +113,9 @@ def _nph(state: DeckState, group: str, words: list[str]) -> dict:
     if not any(axes):
         raise ParameterError("expected 'fix ID group nph iso|aniso|x|y|z Pstart Pstop Pdamp ...', but no pressure is given")
     if coupled and not (all(axes) and len(set(low)) == len(set(high)) == 1):
-        raise ParameterError("fix nph: edges that change together (couple xyz) need the same pressure along x, y and z")
+        raise ParameterError("fix nph: coupled edges (couple xyz) need the same pressure along x, y and z")
     if unused:
-        state.note(f"fix nph: {', '.join(unused)} (LAMMPS's motion of the box) has no meaning here and is ignored")
+        state.note(f"fix nph: {', '.join(unused)} (LAMMPS's motion of the box) has no effect here and is ignored")
     return {"lambda": 0.5, "pressure": PressureControl(axes, coupled, low, high)}  # type: ignore[arg-type]
 
 
@@ -124,12 +124,12 @@ _FACES = tuple(f"{axis}{end}" for axis in AXES for end in ("lo", "hi"))
 
 
 def _component(state: DeckState, word: str, fix: str, styles: tuple[str, ...] = FORMULAS) -> str:
-    """A number or a variable that exists as a formula; ``0`` for no force."""
+    """A force component: a number, or a variable with a formula; ``0`` for no force."""
     if word.startswith("v_"):
         variable = state.variables.get(word[2:])
         if variable.style not in styles:
             raise ParameterError(
-                f"fix {fix}: variable {word[2:]} is {variable.style}-style; an {'- or '.join(styles)}-style one is expected"
+                f"fix {fix}: variable {word[2:]} is {variable.style}-style; expected an {'- or '.join(styles)}-style variable"
             )
         return word
     number = read.number(word, f"a component of fix {fix}")
@@ -153,7 +153,7 @@ def _setforce(state: DeckState, group: str, words: list[str]) -> dict:
     return {"force": [word if word == "NULL" else _component(state, word, "setforce") for word in words[:3]]}
 
 
-#: Directions of fix gravity as formulas, by style: how many words they have, and what they make of them.
+#: Directions of fix gravity by style: number of words, and formulas of the three components.
 _DIRECTIONS: dict[str, tuple[int, tuple[str, str, str]]] = {
     "vector": (3, ("{0}/sqrt({0}^2+{1}^2+{2}^2)", "{1}/sqrt({0}^2+{1}^2+{2}^2)", "{2}/sqrt({0}^2+{1}^2+{2}^2)")),
     "chute": (1, ("sin(PI*{0}/180)", "0", "-cos(PI*{0}/180)")),
@@ -179,7 +179,7 @@ def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
         if keyword == "units":
             scale = state.spacing(values[0])
         elif keyword in faces:
-            raise ParameterError(f"fix wall/reflect names {keyword} twice")
+            raise ParameterError(f"fix wall/reflect gives {keyword} twice")
         else:
             faces[keyword] = values[0]
     found = {}
@@ -187,9 +187,9 @@ def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
         k = AXES.index(face[0])
         if box.periodic[k]:
             remedy = f"'boundary {' '.join('f' if axis == k or not box.periodic[axis] else 'p' for axis in range(3))}'"
-            raise ParameterError(f"fix wall/reflect {face}: the box is periodic along {face[0]}; say {remedy}")
+            raise ParameterError(f"fix wall/reflect {face}: the box is periodic along {face[0]}; use {remedy}")
         if word.startswith("v_"):
-            raise ParameterError(f"fix wall/reflect {face} {word}: walls that move are not supported; give EDGE or a number")
+            raise ParameterError(f"fix wall/reflect {face} {word}: moving walls are not supported; give EDGE or a number")
         low, high = float(box.low[k]), float(box.high[k])
         place = (low if face.endswith("lo") else high) if word == "EDGE" else read.number(word, f"the position of {face}") * float(scale[k])
         if not low <= place <= high:
@@ -210,13 +210,16 @@ def _momentum(state: DeckState, group: str, words: list[str]) -> dict:
         read.choice(flag, "a flag of linear", ("0", "1"))
     x, y, z = (flag == "1" for flag in flags)
     if not (x or y or z or "angular" in found):
-        raise ParameterError(f"fix momentum takes nothing out; expected '{usage}' with a flag of linear that is 1, or angular")
+        raise ParameterError(f"fix momentum removes nothing; expected '{usage}' with a linear flag of 1, or angular")
     return {"momentum": MomentumRemoval(every, (x, y, z), "angular" in found, "rescale" in found)}
 
 
-#: Options of fix deform, and what comes of those that are not supported.
-_DEFORM = {**dict.fromkeys("xyz", "the box keeps its edges"), **dict.fromkeys(("xz", "yz"), "the flow is along x, its gradient along y")}
-_DEFORM |= {"flip": "the box is tilted by half an edge at most, leave it out", "vol": "the box keeps its volume"}
+#: Unsupported options of fix deform, and why.
+_DEFORM = {
+    **dict.fromkeys("xyz", "the edges of the box are fixed"),
+    **dict.fromkeys(("xz", "yz"), "the flow is along x, its gradient along y"),
+}
+_DEFORM |= {"flip": "the box is tilted by at most half an edge; remove it", "vol": "the volume of the box is fixed"}
 
 
 def _deform(state: DeckState, group: str, words: list[str]) -> dict:
@@ -228,7 +231,7 @@ def _deform(state: DeckState, group: str, words: list[str]) -> dict:
         if keyword == "xy":
             style, *rest = rest or [""]
             if style != "erate":
-                raise ParameterError(f"fix deform xy {style}: the images slide at a constant rate here, '{usage}'")
+                raise ParameterError(f"fix deform xy {style} is not supported: the strain rate must be constant, '{usage}'")
         elif keyword not in ("remap", "units", "flip"):
             reason = _DEFORM.get(keyword, "there is no such option here")
             raise ParameterError(f"fix deform {keyword} is not supported: {reason}; expected '{usage}'")
@@ -239,26 +242,24 @@ def _deform(state: DeckState, group: str, words: list[str]) -> dict:
     if "xy" not in found:
         raise ParameterError(f"fix deform changes nothing; expected '{usage}'")
     if found["remap"] != "v":
-        raise ParameterError(
-            f"fix deform remap {found['remap']} (x by default) moves beads without friction; write 'remap v' beside fix nve"
-        )
+        raise ParameterError(f"fix deform remap {found['remap']} (x by default) moves beads without friction; use 'remap v' with fix nve")
     if group != "all":
-        raise ParameterError("fix deform shears all beads; its group is all")
+        raise ParameterError("fix deform shears all beads; its group must be all")
     box = state.require_box("fix deform")
     if not box.triclinic:
         raise ParameterError(
-            "fix deform xy needs a triclinic box: a region prism with the tilts 0 0 0, or a data file with the line xy xz yz"
+            "fix deform xy needs a triclinic box: use a region prism with tilts 0 0 0, or a data file with a line xy xz yz"
         )
     if not all(box.periodic) or box.tilt[1:].any():
-        raise ParameterError("fix deform xy needs a box that is periodic along all axes and has no tilts xz and yz")
+        raise ParameterError("fix deform xy needs a box that is periodic along all axes, without tilts xz and yz")
     if every > 1:
-        state.note(f"fix deform: the images slide at every step, not at every {every}th")
+        state.note(f"fix deform: the images move at every step, not only every {every} steps")
     return {"rate": read.number(found["xy"], "the rate of fix deform") / state.units.time}
 
 
 # -- motion --------------------------------------------------------------------------------------------------------------------
 def _moving(style: str, most: int) -> FixReader:
-    """A fix that moves beads, with lambda if it takes an argument."""
+    """Parser of a fix that moves beads, with an optional lambda if ``most`` is 1."""
 
     def reader(state: DeckState, group: str, words: list[str]) -> dict:
         read.count(words, f"fix ID group {style}{' [lambda]' * most}", 0, most)
@@ -271,7 +272,7 @@ def _moving(style: str, most: int) -> FixReader:
 
 
 def _of_all(style: str, atom_style: str | None = None) -> FixReader:
-    """A fix without arguments that acts on all beads."""
+    """Parser of a fix without arguments that acts on all beads."""
 
     def reader(state: DeckState, group: str, words: list[str]) -> dict:
         read.count(words, f"fix ID group {style}", 0)
@@ -284,7 +285,7 @@ def _of_all(style: str, atom_style: str | None = None) -> FixReader:
     return reader
 
 
-#: Fix styles: from (state, group, words) to the fix's parameters.
+#: Parsers of fixes, by style.
 FIX_STYLES: dict[str, FixReader] = {
     "nve": _moving("nve", 0),
     **{style: _moving(style, 1) for style in ("mvv/dpd", "mvv/edpd", "mvv/tdpd")},

@@ -1,4 +1,4 @@
-"""Commands about runs: fix, unfix, timestep, reset_timestep, and restart files: write_restart, read_restart, restart."""
+"""Commands about fixes, time steps and restart files: fix, unfix, timestep, reset_timestep, write_restart, read_restart, restart."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ from ..state.records import Fix, RestartSettings
 from .fix_styles import FIX_STYLES
 from .setup import REMEMBERED, command
 
-#: Fixes that average: from (state, id, group, words) to the average.
+#: Averaging fixes: constructors with the arguments (state, id, group, words).
 AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {
     "ave/time": TimeAverage,
     "ave/chunk": ChunkAverage,
@@ -22,20 +22,20 @@ AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = 
 
 
 def all_styles() -> dict[str, Callable]:
-    """Styles of fixes, by name; those that average or print know their id."""
+    """Fix styles by name, including the averaging fixes and print."""
     return {**FIX_STYLES, **AVERAGES, "print": PrintFix}
 
 
 @command("fix ID group style ...", 3, None, box=True)
 def fix(state: DeckState, args: list[str]) -> None:
-    """``fix ID group style ...``; a fix of the same id and style is replaced."""
+    """``fix ID group style ...``; replaces a fix with the same id and style."""
     name, group, style, *words = args
     read.identifier(name, "the id of a fix")
     state.group(group)
     read.style(all_styles(), "fix", style)
     old = state.fixes.get(name)
     if old is not None and old.style != style:
-        raise ParameterError(f"there is a fix {name} of style {old.style} already; unfix it first, or use another id")
+        raise ParameterError(f"there already is a fix {name} of style {old.style}; unfix it first, or use another id")
     assert state.here is not None
     parameters: dict
     if style in AVERAGES:
@@ -65,9 +65,9 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
     time = read.single(args[1:], "reset_timestep", time="")["time"]
     averages = [found.name for found in state.fixes_of(*AVERAGES)]
     if averages and step != state.step:
-        raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it before")
+        raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it first")
     if step < state.step:
-        state.time_origin = (0.0, step)  # going back sets the clock to 0, going forward advances it
+        state.time_origin = (0.0, step)  # going back resets the clock to 0, going forward advances it
     state.step = step
     if time:
         state.time_origin = (read.number(time, "the time") * state.units.time, step)
@@ -77,28 +77,28 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
 
 @command("write_restart file", 1)
 def write_restart(state: DeckState, args: list[str]) -> None:
-    """``write_restart file``; a ``*`` becomes the step."""
+    """``write_restart file``; ``*`` stands for the step."""
     write_whole(state.output_file(args[0]), restart_bytes(state), "the restart file")
 
 
 @command("read_restart file", 1, box=False)
 def read_restart(state: DeckState, args: list[str]) -> None:
-    """``read_restart file``: as if the commands that made the system were here."""
+    """``read_restart file``: restores the system as if the commands that made it were part of this deck."""
     if "*" in args[0]:
-        raise ParameterError(f"read_restart '{args[0]}': name one file")
+        raise ParameterError(f"read_restart '{args[0]}': give the name of one file")
     for name, words in load_restart(state, state.find_file(args[0])):
         REMEMBERED[name](state, words)
 
 
 @command("restart N file [file]", 1, 3)
 def restart(state: DeckState, args: list[str]) -> None:
-    """``restart 0``, ``restart N root``, or ``restart N file file``, which are written in turn; the last two go side by side."""
+    """``restart 0``, ``restart N root``, or ``restart N file file`` (written alternately); the last two forms can be active together."""
     every = read.integer(args[0], "the interval of restart", 0)
     if every == 0:
         state.restarts = {}
         return
     read.count(args, "restart N file [file]", 2, 3)
     for name in args[1:]:
-        state.output_path(name)  # what is wrong with it is the mistake of this line
+        state.output_path(name)  # a wrong name is reported for this line
     names = (f"{args[1]}.*",) if len(args) == 2 and "*" not in args[1] else tuple(args[1:])
     state.restarts = {**state.restarts, len(names): RestartSettings(every, names)}

@@ -1,5 +1,5 @@
-"""Commands about interactions: pair_*, special_bonds, bond_*, angle_* and dihedral_*, and the sum over charges: kspace_style,
-kspace_modify, dielectric."""
+"""Commands about interactions: pair_*, special_bonds, bond_*, angle_* and dihedral_*, and charges: kspace_style, kspace_modify,
+dielectric."""
 
 from dataclasses import replace
 from functools import partial
@@ -32,20 +32,20 @@ def pair_style(state: DeckState, args: list[str]) -> None:
     else:
         style = _style(state, name, words)
         if style.spec.of_bonds:
-            raise ParameterError(f"pair style {name} acts between bonds; use it in pair_style hybrid, beside what acts between beads")
+            raise ParameterError(f"pair style {name} acts between bonds; use it in pair_style hybrid, together with a style for beads")
         old = state.pair.styles[0] if state.pair.mode == "single" else None
         excluded: set[tuple[int, int]] = set()
         if old is not None and old.name == name and style.spec.keeps_coefficients:
-            # LAMMPS keeps the coefficients of a style that is set up again, but resets every cutoff to the new global one
+            # LAMMPS keeps the coefficients if the same style is set again, but resets all cutoffs to the new global one
             style.coefficients = {key: replace(found, cutoff=None) for key, found in old.coefficients.items()}
             style.mix, style.shift, excluded = old.mix, old.shift, state.pair.excluded
         state.pair = PairSetup("single", [style], excluded, state.here)
     if any("table" == style.name for style in state.pair.styles):
-        state.note("pair_style table: a cubic spline through the energies of the file is used, however many table points are asked for")
+        state.note("pair_style table: a cubic spline through the energies of the file is used, regardless of the number of table points")
 
 
 def _parts(name: str, words: list[str]) -> list[list[str]]:
-    """Arguments of hybrid split at the names of styles."""
+    """Arguments of hybrid, split before the name of each style."""
     if not words:
         raise ParameterError(f"pair_style {name} needs at least one style")
     parts: list[list[str]] = []
@@ -84,14 +84,14 @@ def pair_coeff(state: DeckState, args: list[str]) -> None:
     """``pair_coeff i j [style [n]] values ...``, or ``pair_coeff i j none``."""
     setup = state.pair
     if setup.mode == "none":
-        raise ParameterError("pair_coeff needs a pair_style before it")
+        raise ParameterError("pair_coeff needs a preceding pair_style")
     first, second = (read.numeric_range(word, state.n_types, "atom type") for word in args[:2])
-    # a range is about pairs i <= j; single numbers in the other order mean the same pair
+    # ranges select pairs i <= j; single numbers may be in either order
     pairs = [(i, j) for i in first for j in second if i <= j]
     if not pairs and "*" not in args[0] + args[1]:
         pairs = [(second[0], first[0])]
     if not pairs:
-        raise ParameterError(f"'{args[0]} {args[1]}' names no pair of types with i <= j")
+        raise ParameterError(f"'{args[0]} {args[1]}' contains no pair of types with i <= j")
     words = args[2:]
     if words == ["none"]:
         setup.excluded.update(pairs)
@@ -103,7 +103,7 @@ def pair_coeff(state: DeckState, args: list[str]) -> None:
     values, cutoff = style.spec.coefficient(style, words, state.find_file)
     coefficient = Coefficient(values, cutoff, state.here)
     try:
-        # built once now, so that a value out of bounds is reported with its line
+        # built once here, so that an invalid value is reported with its line
         style.spec.build(style, coefficient, state.units)
     except ParameterError as error:
         raise ParameterError(f"pair style {style.name}, types {args[0]} {args[1]}: {error}") from None
@@ -116,7 +116,7 @@ def pair_coeff(state: DeckState, args: list[str]) -> None:
 
 
 def _chosen(setup: PairSetup, words: list[str]) -> tuple[PairStyle, list[str]]:
-    """Style that a pair_coeff line of hybrid names, and the words after the name."""
+    """The style named by a pair_coeff line of hybrid, and the words after the name."""
     names = [style.name for style in setup.styles]
     if not words or words[0] not in names:
         raise ParameterError(f"expected one of the styles {', '.join(dict.fromkeys(names))} or none, not '{' '.join(words[:1])}'")
@@ -124,7 +124,7 @@ def _chosen(setup: PairSetup, words: list[str]) -> tuple[PairStyle, list[str]]:
     if len(same) == 1:
         return same[0], words[1:]
     if len(words) < 2:
-        raise ParameterError(f"style {words[0]} is used {len(same)} times; say which one after its name")
+        raise ParameterError(f"style {words[0]} is used {len(same)} times; give its number after the name")
     number = read.integer(words[1], f"which of the {len(same)} styles {words[0]} is meant", 1)
     if number > len(same):
         raise ParameterError(f"style {words[0]} is used {len(same)} times; there is no number {number}")
@@ -135,7 +135,7 @@ def _chosen(setup: PairSetup, words: list[str]) -> tuple[PairStyle, list[str]]:
 def pair_modify(state: DeckState, args: list[str]) -> None:
     """``pair_modify [pair style] mix|shift|tail|... value``."""
     if state.pair.mode == "none":
-        raise ParameterError("pair_modify needs a pair_style before it")
+        raise ParameterError("pair_modify needs a preceding pair_style")
     styles = state.pair.styles
     words = list(args)
     if words[:1] == ["pair"]:
@@ -157,7 +157,7 @@ def pair_modify(state: DeckState, args: list[str]) -> None:
             raise ParameterError("pair_modify compute no is not supported; use 'pair_coeff i j none'")
 
 
-#: Presets of special_bonds: factors of all pair terms, and of charges.
+#: Presets of special_bonds: factors of pair terms and of charges.
 _SPECIAL_PRESETS = {
     "amber": ((0.0, 0.0, 0.5), (0.0, 0.0, 5.0 / 6.0)),
     "charmm": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
@@ -168,7 +168,7 @@ _SPECIAL_PRESETS = {
 
 @command("special_bonds keyword values ...", 1, None, remembered=True)
 def special_bonds(state: DeckState, args: list[str]) -> None:
-    """``special_bonds lj/coul|lj|coul f2 f3 f4``, or a preset; keywords that are left out go back to their defaults."""
+    """``special_bonds lj/coul|lj|coul f2 f3 f4``, or a preset; omitted keywords are reset to their defaults."""
     factors = charges = (0.0, 0.0, 0.0)
     sizes = {"lj": 3, "coul": 3, "lj/coul": 3, "angle": 1, "dihedral": 1, **dict.fromkeys(_SPECIAL_PRESETS, 0)}
     for keyword, values in read.options(args, sizes, "special_bonds"):
@@ -185,16 +185,16 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
     state.special, state.special_charges = factors, charges
 
 
-#: Styles of kspace_style: all of them mean OpenMM's PME here.
+#: Styles of kspace_style; all of them use OpenMM's PME.
 KSPACE_STYLES = ("ewald", "pppm", "pppm/cg")
-#: Keywords of kspace_modify that say how LAMMPS computes the sum, and their numbers of values.
+#: Keywords of kspace_modify about how LAMMPS computes the sum: number of values.
 _MANNERS = dict.fromkeys("collective diff fftbench minorder mix/disp order overlap pressure/scalar cutoff/adjust".split(), 1)
 _MANNERS["kmax/ewald"] = 3
 
 
 @command("kspace_style style accuracy", 1, 2, remembered=True)
 def kspace_style(state: DeckState, args: list[str]) -> None:
-    """``kspace_style ewald|pppm accuracy``, or ``none``: the lattice sum is OpenMM's PME, to that accuracy."""
+    """``kspace_style ewald|pppm accuracy``, or ``none``; OpenMM's PME computes the lattice sum to this accuracy."""
     if args[0] == "none":
         read.count(args, "kspace_style none", 1)
         state.kspace = None
@@ -209,9 +209,9 @@ def kspace_style(state: DeckState, args: list[str]) -> None:
 
 @command("kspace_modify", 0, None, remembered=True)
 def kspace_modify(state: DeckState, args: list[str]) -> None:
-    """``kspace_modify gewald|mesh ...``; what would change the sum (``slab``, ``compute no``, ...) is an error."""
+    """``kspace_modify gewald|mesh ...``; options that would change the sum (``slab``, ``compute no``, ...) are errors."""
     if state.kspace is None:
-        raise ParameterError("kspace_modify needs a kspace_style before it")
+        raise ParameterError("kspace_modify needs a preceding kspace_style")
     sizes = {"gewald": 1, "mesh": 3, "compute": 1, "slab": 1, "force": 1, **_MANNERS}
     for keyword, values in read.options(args, sizes, "kspace_modify"):
         if keyword == "gewald":
@@ -224,23 +224,23 @@ def kspace_modify(state: DeckState, args: list[str]) -> None:
             state.kspace = replace(state.kspace, mesh=mesh if any(mesh) else None)
         elif keyword == "compute":
             if not read.switch(values[0], "compute"):
-                raise ParameterError("kspace_modify compute no is not supported: the real-space part alone is no physical interaction")
+                raise ParameterError("kspace_modify compute no is not supported: the real-space part alone is not physical")
         elif keyword == "slab":
-            raise ParameterError("kspace_modify slab is not supported: charges repeat in all three dimensions here")
+            raise ParameterError("kspace_modify slab is not supported: charges are periodic in three dimensions")
         elif keyword == "force":
-            raise ParameterError("kspace_modify force is not supported: the accuracy here is relative, that of kspace_style")
+            raise ParameterError("kspace_modify force is not supported: use the relative accuracy of kspace_style")
         else:
-            state.note(f"kspace_modify {keyword} has no meaning here and is ignored: the sum is OpenMM's PME")
+            state.note(f"kspace_modify {keyword} has no effect here and is ignored: OpenMM's PME computes the sum")
 
 
 @command("dielectric value", 1, remembered=True)
 def dielectric(state: DeckState, args: list[str]) -> None:
-    """``dielectric value``: the Coulomb constant of the unit style is divided by it."""
+    """``dielectric value``: divides the Coulomb constant of the units."""
     state.dielectric = read.positive(args[0], "the dielectric constant")
 
 
 def _bonded_style(state: DeckState, args: list[str], what: str) -> None:
-    """``bond_style``, ``angle_style`` or ``dihedral_style``: none, zero, a style that is known, or ``hybrid`` with several of them."""
+    """``bond_style``, ``angle_style`` or ``dihedral_style``: none, zero, a registered style, or ``hybrid`` with several."""
     known, old = bonded_styles(what), getattr(state, what)
     style = read.choice(args[0], f"the {what} style", ("none", *known, "hybrid"))
     setup = BondedSetup(style, where=state.here)
@@ -251,7 +251,7 @@ def _bonded_style(state: DeckState, args: list[str], what: str) -> None:
         for k, name in enumerate(args[1:], start=1):
             read.choice(name, f"a style of {what}_style hybrid", tuple(known))
             if name in args[1:k]:
-                raise ParameterError(f"{what}_style hybrid names {name} twice")
+                raise ParameterError(f"{what}_style hybrid gives {name} twice")
         setup.styles = tuple(args[1:])
     else:
         read.choice(" ".join(args[1:]), f"the argument of {what}_style {style}", ("", "nocoeff") if style == "zero" else ("",))
@@ -265,7 +265,7 @@ def _coeff(state: DeckState, args: list[str], what: str) -> None:
     state.require_box(command)
     if setup.style == "none":
         others = "cosine" if what == "angle" else "harmonic"
-        raise ParameterError(f"{command} needs a{'n' * (what == 'angle')} {what}_style before it, such as '{what}_style {others}'")
+        raise ParameterError(f"{command} needs a preceding {what}_style, such as '{what}_style {others}'")
     read.count(args, f"{command} type values ...", 1, None)
     if types == 0:
         raise ParameterError(f"{command}: there are no {what} types")

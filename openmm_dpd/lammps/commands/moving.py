@@ -1,4 +1,4 @@
-"""Commands that move or copy the beads that are there, or set them in motion: displace_atoms, replicate, velocity."""
+"""Commands that move or copy existing beads or set their velocities: displace_atoms, replicate, velocity."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,16 +27,14 @@ def displace_atoms(state: DeckState, args: list[str]) -> None:
     options = read.single(rest, "displace_atoms", units="lattice")
     positions = np.array(state.atoms.positions)
     if style == "rotate":
-        # on continuous paths: molecules stay whole
+        # unwrapped, so that molecules stay whole
         positions[mask] = box.unwrap(positions, state.atoms.images)[mask]
         state.atoms.images = np.where(mask[:, None], 0, state.atoms.images)
     positions[mask] = handler(state, mask, positions[mask], words, state.spacing(options["units"]))
     inside, shifts = box.settle(positions)
     lost = ~box.holds(inside) if not all(box.periodic) else np.zeros(len(inside), dtype=bool)
     if lost.any():
-        raise ParameterError(
-            f"displace_atoms: bead {state.atoms.ids[np.argmax(lost)]} would lie outside the box, along an axis that does not repeat"
-        )
+        raise ParameterError(f"displace_atoms: bead {state.atoms.ids[np.argmax(lost)]} would lie outside the box along a non-periodic axis")
     state.take_inside(inside, shifts)
 
 
@@ -44,7 +42,7 @@ def _move(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], s
     moved = x.copy()
     for k, word in enumerate(words):
         if word.startswith("v_"):
-            # as in LAMMPS a variable sees beads that have moved along the axes before
+            # as in LAMMPS, a variable sees beads already moved along the previous axes
             state.atoms.positions = np.array(state.atoms.positions)
             state.atoms.positions[mask] = moved
             moved[:, k] += scale[k] * values_of_variable(state, word, "displace_atoms")[mask]
@@ -57,7 +55,7 @@ def values_of_variable(state: DeckState, word: str, command: str) -> np.ndarray:
     """(N,) values of an equal- or atom-style variable (``v_name``) in a command."""
     style = state.variables.get(word[2:]).style
     if style not in ("equal", "atom"):
-        raise ParameterError(f"{command}: variable {word[2:]} is {style}-style; an equal- or atom-style one is expected")
+        raise ParameterError(f"{command}: variable {word[2:]} is {style}-style; expected an equal- or atom-style variable")
     moment = present(state)
     return np.broadcast_to(moment.bead_values(word) if style == "atom" else moment.variable_alone(word[2:]), (len(state.atoms),))
 
@@ -72,7 +70,7 @@ def _ramp(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], s
 def _random(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], scale: np.ndarray) -> np.ndarray:
     most = np.array([read.number(word, "a displacement") for word in words[:3]]) * scale
     generator = np.random.default_rng(read.integer(words[3], "the seed", 1))
-    # numbers for all beads, so that those of one bead do not depend on the group
+    # drawn for all beads, so that the numbers of a bead do not depend on the group
     return x + most * (2.0 * generator.random(state.atoms.positions.shape) - 1.0)[mask]
 
 
@@ -100,15 +98,15 @@ _STYLES: dict[str, tuple[int, Callable[[DeckState, np.ndarray, np.ndarray, list[
 # -- replicate ----------------------------------------------------------------------------------------------------------------
 @command("replicate nx ny nz", 3)
 def replicate(state: DeckState, args: list[str]) -> None:
-    """``replicate nx ny nz``: the box and its beads side by side; copies belong to the groups of their beads."""
+    """``replicate nx ny nz``: copies the box and its beads side by side; copies belong to the groups of their originals."""
     counts = np.array([read.integer(word, "a number of copies", 1) for word in args])
     box, atoms = state.require_box("replicate"), state.atoms
     if any(compute.style == "msd" for compute in state.computes.values()):
-        raise ParameterError("replicate: a compute msd remembers where the beads were; define it afterwards")
+        raise ParameterError("replicate: a compute msd stores the positions of beads; define it afterwards")
     if any(count > 1 and not periodic for count, periodic in zip(counts, box.periodic, strict=True)):
-        raise ParameterError("replicate: the box does not repeat along an axis that is copied")
+        raise ParameterError("replicate: the box is not periodic along a replicated axis")
     nx, ny, nz = counts.tolist()
-    # in the order of the ids of the copies, x fastest
+    # in the order of the copies' ids, x fastest
     cells = np.array([(i, j, k) for k in range(nz) for j in range(ny) for i in range(nx)])
     n, most, molecules = len(atoms), int(atoms.ids.max(initial=0)), int(atoms.molecules.max(initial=0))
     copy = np.repeat(np.arange(len(cells)), n)
@@ -116,7 +114,7 @@ def replicate(state: DeckState, args: list[str]) -> None:
     atoms.take(np.tile(np.arange(n), len(cells)))
     atoms.ids = atoms.ids + most * copy
     atoms.molecules = np.where(atoms.molecules > 0, atoms.molecules + molecules * copy, 0)
-    # beads are in LAMMPS's memory with z fastest
+    # in LAMMPS's memory the copies are ordered with z fastest
     i, j, k = cells.T
     atoms.slots = np.tile(slots, len(cells)) + n * np.repeat((i * ny + j) * nz + k, n)
     state.groups = {name: np.tile(mask, len(cells)) for name, mask in state.groups.items()}
@@ -130,7 +128,7 @@ def replicate(state: DeckState, args: list[str]) -> None:
 
 
 def _copied(terms: np.ndarray, most: int, copies: int) -> np.ndarray:
-    """Bonds, angles or dihedrals of all copies: type and ids."""
+    """Type and ids of the bonds, angles or dihedrals of all copies."""
     shift = np.repeat(np.arange(copies), len(terms))[:, None] * most
     found = np.tile(terms, (copies, 1))
     found[:, 1:] += shift
@@ -141,7 +139,7 @@ def _copied(terms: np.ndarray, most: int, copies: int) -> np.ndarray:
 def velocity(state: DeckState, args: list[str]) -> None:
     """``velocity group create|set|scale|ramp|zero values ...``."""
     if not len(state.atoms):
-        raise ParameterError("velocity needs beads; create or read them before")
+        raise ParameterError("velocity needs beads; create or read them first")
     mask, style = state.group(args[0]), args[1]
     size, handler = read.style(_VELOCITY_STYLES, "velocity", style)
     words, rest = read.taken(args[2:], size, f"velocity {style}")
@@ -153,12 +151,12 @@ def velocity(state: DeckState, args: list[str]) -> None:
 
 
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
-    # of the group, or of the compute that the option names
+    # the temperature of the group, or of the compute that the option names
     compute = state.temperature_compute(options["temp"]) if options["temp"] else Compute("", group, "temp", settings=Temperature())
-    # of the beads as they are now: nothing has been measured of them
+    # of the present velocities, since nothing has been measured
     current = Resolver(state).temperature(replace(compute, name="velocity"))
     if current <= 0:
-        raise ParameterError(f"the velocities of group {group} cannot be scaled to a temperature: it is 0 (too few beads, or all at rest)")
+        raise ParameterError(f"the velocities of group {group} cannot be scaled: its temperature is 0 (too few beads, or all at rest)")
     state.atoms.velocities[mask] *= np.sqrt(target / current)
 
 
@@ -168,7 +166,7 @@ def _zero_linear(state: DeckState, mask: np.ndarray) -> None:
 
 
 def _zero_angular(state: DeckState, mask: np.ndarray) -> None:
-    """Take the rotation about the centre of mass out (positions carried to their images)."""
+    """Remove the rotation about the centre of mass, computed from unwrapped positions."""
     if not mask.any():
         return
     atoms = state.atoms
@@ -185,7 +183,7 @@ def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], op
     before = atoms.velocities.copy()
     drawn = _by_position(atoms.positions, seed) if loop == "geom" else _by_id(atoms.ids, seed)
     if dist == "gaussian":
-        # polar form of two uniform numbers each
+        # Box-Muller transform of two uniform numbers each
         drawn = without_last_bits(np.sqrt(-2 * np.log(1 - drawn[:, :3])) * np.cos(2 * np.pi * drawn[:, 3:]), 32)
     else:
         drawn = drawn[:, :3] - 0.5
@@ -203,20 +201,22 @@ def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], op
 
 
 def _by_id(ids: np.ndarray, seed: int) -> np.ndarray:
-    """(N, 6) uniform numbers that depend on the id and the seed only."""
+    """(N, 6) uniform numbers that depend only on the ids and the seed."""
     if ids.max() > 100 * len(ids) + 1_000_000:
-        raise ParameterError(f"velocity create: {len(ids)} beads have ids up to {ids.max()}, with a number drawn for each; use 'loop geom'")
+        raise ParameterError(
+            f"velocity create: {len(ids)} beads have ids up to {ids.max()}, and numbers are drawn for each id; use 'loop geom'"
+        )
     return np.random.default_rng(seed).random((int(ids.max()), 6))[ids - 1]
 
 
 def _by_position(positions: np.ndarray, seed: int) -> np.ndarray:
-    """(N, 6) uniform numbers that depend on the coordinates and the seed only, not on the ids."""
+    """(N, 6) uniform numbers that depend only on the coordinates and the seed."""
     word = np.full(len(positions), np.uint64(seed))
     for axis in range(3):
-        # adding 0.0 makes -0.0 and 0.0 the same bits
+        # adding 0.0 turns -0.0 into 0.0
         word = mix(word ^ (positions[:, axis] + 0.0).view(np.uint64))
     steps = np.arange(1, 7, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    # 53 bits, so that 1 is never reached
+    # 53 bits, so that the result is below 1
     return (mix(word[:, None] + steps) >> np.uint64(11)).astype(np.float64) / 2.0**53
 
 
@@ -227,7 +227,7 @@ def _set(state: DeckState, group: str, mask: np.ndarray, words: list[str], optio
         if word == "NULL":
             continue
         if word.startswith("v_"):
-            # as in LAMMPS it sees the velocities of before, for any axis, and its values have no lattice units
+            # as in LAMMPS, it sees the old velocities of all axes, and its values are not in lattice units
             value = values_of_variable(state, word, "velocity set")[mask]
         else:
             value = read.number(word, f"the velocity along {'xyz'[axis]}") * scale[axis]

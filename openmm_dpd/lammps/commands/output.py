@@ -1,4 +1,4 @@
-"""Commands about output and variables: thermo*, compute, dump*, write_data, variable, print, include."""
+"""Commands about output and variables: thermo*, compute*, dump*, write_dump, write_data, variable, print."""
 
 import re
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ from .setup import command
 
 
 def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[str]:
-    """Lines of a data file with the deck's present state.  ``pair`` says whose coefficients: ``ii`` of like types, ``ij`` of all pairs,
-    None of none.  Those of hybrid styles and tables do not fit into a data file and are left out."""
+    """Lines of a data file with the present state.  ``pair`` selects the pair coefficients: ``ii`` for like types, ``ij`` for all pairs,
+    None for no coefficients at all.  Those of hybrid styles and tables do not fit into a data file and are left out."""
     box, atoms = state.require_box("write_data"), state.atoms
     arrays = {column: getattr(atoms, name) for column, name in ARRAYS.items()}
     data = DataFile(
@@ -88,7 +88,7 @@ def thermo(state: DeckState, args: list[str]) -> None:
 
 @command("thermo_style style ...", 1, None)
 def thermo_style(state: DeckState, args: list[str]) -> None:
-    """``thermo_style one|multi|yaml|custom words ...``; resets what thermo_modify has set, as in LAMMPS."""
+    """``thermo_style one|multi|yaml|custom words ...``; as in LAMMPS, resets the settings of thermo_modify."""
     style = read.choice(args[0], "the thermo style", [*THERMO_STYLES, "custom"])
     words = list(expanded(state, args[1:]) if style == "custom" else THERMO_STYLES[style])
     if style == "custom":
@@ -109,7 +109,7 @@ def thermo_modify(state: DeckState, args: list[str]) -> None:
         elif keyword == "temp":
             state.temperature_compute(word)
             settings.temp = word
-            # the pressure that is printed takes it over
+            # the printed pressure uses it, too
             state.pressure_temps[settings.press] = word
         elif keyword == "press":
             if word != "thermo_press" and (word not in state.computes or state.computes[word].style != "pressure"):
@@ -131,14 +131,14 @@ def _column(state: DeckState, word: str, others: tuple[str, ...] = ()) -> str | 
     if word in others:
         return word
     if word in state.thermo.words:
-        return columns - state.thermo.words[::-1].index(word)  # of two alike the last one, as in LAMMPS
+        return columns - state.thermo.words[::-1].index(word)  # the last of duplicates, as in LAMMPS
     number = read.integer(word, "the column (a number or a thermo word)")
     if not (1 <= number <= columns or -columns <= number <= -1):
         raise ParameterError(f"column {word} is out of range: there are {columns}")
     return number if number > 0 else columns + 1 + number
 
 
-#: The last ones do nothing: output is always flushed, and no bead is ever lost in a periodic box.
+#: Options of thermo_modify: number of values.  The last row has options without effect.
 THERMO_OPTIONS = {
     **dict.fromkeys(("norm", "temp", "press", "line"), 1),
     **dict.fromkeys(("format", "colname"), 2),
@@ -154,20 +154,20 @@ def compute(state: DeckState, args: list[str]) -> None:
     state.group(group)
     spec = read.style(COMPUTES, "compute", style)
     if name in state.computes or name in BUILT_IN:
-        raise ParameterError(f"there is a compute {name} already")
+        raise ParameterError(f"there already is a compute {name}")
     words = list(expanded(state, words))
     state.computes[name] = Compute(name, group, style, tuple(words), spec.prepare(state, group, words))
 
 
 @command("compute_modify ID keyword value ...", 3, None)
 def compute_modify(state: DeckState, args: list[str]) -> None:
-    """``compute_modify ID keyword value ...``: degrees of freedom of a temperature."""
+    """``compute_modify ID keyword value ...``: changes the degrees of freedom of a temperature compute."""
     found = state.temperature_compute(args[0])
     for keyword, values in read.options(args[1:], {"extra/dof": 1, "dynamic/dof": 1}, "compute_modify"):
         if keyword == "extra/dof":
             found = replace(found, settings=replace(found.settings, extra=read.number(values[0], keyword)))
         else:
-            read.switch(values[0], keyword)  # beads are counted each time
+            read.switch(values[0], keyword)  # degrees of freedom are always recounted
     if found.name == "thermo_temp":
         state.thermo_temp = found
     else:
@@ -187,7 +187,7 @@ def dump(state: DeckState, args: list[str]) -> None:
     """``dump ID group atom|custom|dcd|xtc|xyz N file [columns ...]``."""
     name, group, style, interval, file, *words = args
     if name in state.dumps:
-        raise ParameterError(f"there is a dump {name} already; undump it first")
+        raise ParameterError(f"there already is a dump {name}; undump it first")
     state.dumps[name] = found = _new_dump(state, name, group, style, read.integer(interval, "the interval of the dump", 1), file, words)
     if style in BINARY:
         found.begin(state)
@@ -195,14 +195,14 @@ def dump(state: DeckState, args: list[str]) -> None:
 
 @command("write_dump group style file ...", 3, None)
 def write_dump(state: DeckState, args: list[str]) -> None:
-    """``write_dump group style file [columns ...] [modify keyword value ...]``: one frame of the beads as they are."""
+    """``write_dump group style file [columns ...] [modify keyword value ...]``: writes one frame."""
     at = args.index("modify") if "modify" in args else len(args)
     group, style, file, *words = args[:at]
     found = _new_dump(state, "write_dump", group, style, max(state.step, 1), file, words)
     _modify_dump(state, found, args[at + 1 :])
     moment = present(state)
     if found.pbc:
-        # also those that a command has put outside
+        # including beads that a command has moved outside
         moment.folded = moment.box.wrap(moment.positions)
     found.write(moment)
     found.close()
@@ -221,10 +221,10 @@ def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, f
     if file.endswith((".gz", ".bz2", ".zst", ".bin")):
         raise ParameterError(f"dump file '{file}': compressed and binary files are not supported")
     if "%" in file:
-        raise ParameterError(f"dump file '{file}': a file for each processor (%) is not supported")
+        raise ParameterError(f"dump file '{file}': one file per processor (%) is not supported")
     if style in BINARY and "*" in file:
-        raise ParameterError(f"dump {style} '{file}': all frames go into one file, leave the * out")
-    state.output_path(file)  # what is wrong with its name is the mistake of this line
+        raise ParameterError(f"dump {style} '{file}': all frames go into one file; remove the *")
+    state.output_path(file)  # a wrong name is reported for this line
     return Dump(name, group, style, every, file, {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words)}.get(style, ()))
 
 
@@ -265,15 +265,15 @@ def _modify_dump(state: DeckState, found: Dump, args: list[str]) -> None:
         elif keyword == "sort" and word == "off" and found.style in BINARY:
             raise ParameterError(f"dump_modify sort off: dump {found.style} is sorted by id")
         elif keyword == "sort" and word not in ("id", "off"):
-            raise ParameterError("dump_modify sort: beads are written in the order of their ids; only 'sort id' is supported")
+            raise ParameterError("dump_modify sort: beads are always sorted by id; only 'sort id' is supported")
     if found.append and found.style in BINARY:
-        raise ParameterError(f"dump_modify append is for dump styles in text: LAMMPS writes a new {found.style} file in spite of it")
+        raise ParameterError(f"dump_modify append is for text styles only: LAMMPS overwrites {found.style} files regardless")
 
 
-#: What dump_modify precision may be.
+#: Allowed values of dump_modify precision.
 _PRECISIONS = tuple(10**k for k in range(1, 7))
 
-#: Keywords of dump_modify that some styles have.
+#: Keywords of dump_modify that are limited to some styles.
 _OF_STYLES = {
     **{"unwrap": BINARY, "scale": ("atom",), "image": ("atom",), "format": ("atom", "custom", "xyz"), "element": ("xyz",)},
     **dict.fromkeys(("precision", "sfactor", "tfactor"), ("xtc",)),
@@ -283,7 +283,7 @@ _OF_STYLES = {
 def _dump_format(found: Dump, word: str, form: str) -> None:
     if found.style == "xyz":
         if word != "line" or not re.fullmatch(r"[^%]*%-?\d*s" + 3 * r"[^%]*%[-+ #0]*\d*(?:\.\d+)?[eEfFgG]" + "[^%]*", form):
-            raise ParameterError(f"dump_modify format: style xyz has a line such as '%s %g %g %g', not '{word} {form}'")
+            raise ParameterError(f"dump_modify format: style xyz expects a line such as '%s %g %g %g', not '{word} {form}'")
     elif word not in ("int", "float", *found.columns):
         raise ParameterError(f"dump_modify format: expected int, float or a column, not '{word}'")
     else:

@@ -1,4 +1,4 @@
-"""The table of commands, and those that come before the beads: units, dimension, boundary, atom_style, and what has no meaning here."""
+"""The table of commands; the commands that come before the beads (units, dimension, boundary, atom_style); and those without effect."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -14,18 +14,18 @@ from ..state.deck_state import DeckState
 from ..state.records import MIN_STYLES, NORMS
 
 Handler = Callable[[Any, list[str]], Iterator[Any] | None]
-#: Every command of a deck: from the state and the words after its name.  Another command is another function with :func:`command`; one that
-#: begins runs yields their requests (:class:`openmm_dpd.lammps.run.request.RunRequest`).
+#: All commands of decks, by name; :func:`command` adds one.  A command that starts runs yields their requests
+#: (:class:`openmm_dpd.lammps.run.request.RunRequest`).
 COMMANDS: dict[str, Handler] = {}
-#: Those about interactions, which ``DeckState.setup`` remembers once they are carried out; restart files repeat them.
+#: Commands about interactions: ``DeckState.setup`` records them, and restart files repeat them.
 REMEMBERED: dict[str, Handler] = {}
 
 
 def command(
     usage: str, least: int, most: int | None = -1, *, box: bool | None = None, remembered: bool = False
 ) -> Callable[[Handler], Handler]:
-    """Enter a function as the command that ``usage`` begins with, which takes so many words (see :func:`read.count`).  ``box`` says whether
-    there must be a simulation box, or must not be one yet."""
+    """Register a function as the command that ``usage`` begins with; it takes ``least`` to ``most`` words (see :func:`read.count`).
+    ``box`` says whether a simulation box must exist (True) or must not exist yet (False)."""
     name = usage.split()[0]
 
     def enter(handler: Handler) -> Handler:
@@ -47,7 +47,7 @@ def command(
     return enter
 
 
-#: Atom styles whose models are written in reduced units.
+#: Atom styles that require reduced units.
 REDUCED = ("edpd", "tdpd", "mdpd")
 
 
@@ -68,9 +68,9 @@ def dimension(state: DeckState, args: list[str]) -> None:
 
 @command("boundary p p p", 3, box=False)
 def boundary(state: DeckState, args: list[str]) -> None:
-    """``boundary p p p``, with f for axes that walls close (see :mod:`openmm_dpd.lammps.scene.flow`)."""
+    """``boundary p p p``, with f for axes closed by walls (see :mod:`openmm_dpd.lammps.scene.flow`)."""
     if any(word not in ("p", "pp", "f", "ff") for word in args):
-        raise ParameterError(f"boundaries are periodic (p) or, behind fix wall/reflect, fixed (f), not '{' '.join(args)}'")
+        raise ParameterError(f"boundaries must be periodic (p) or, with fix wall/reflect, fixed (f), not '{' '.join(args)}'")
     x, y, z = (word in ("p", "pp") for word in args)
     state.periodic = x, y, z
 
@@ -89,7 +89,7 @@ def atom_style(state: DeckState, args: list[str]) -> None:
 
 @command("neigh_modify", 0, None)
 def neigh_modify(state: DeckState, args: list[str]) -> None:
-    """``neigh_modify``: lists are managed elsewhere, but ``exclude`` and ``include`` would change the forces."""
+    """``neigh_modify``: ignored, except for ``exclude`` and ``include``, which would change the forces."""
     if "exclude" in args:
         raise ParameterError("neigh_modify exclude is not supported; use 'pair_coeff i j none' or special_bonds")
     _only_all("neigh_modify", "include", args)
@@ -98,14 +98,14 @@ def neigh_modify(state: DeckState, args: list[str]) -> None:
 
 @command("comm_modify", 0, None)
 def comm_modify(state: DeckState, args: list[str]) -> None:
-    """``comm_modify``: nothing is communicated, but beads outside of its ``group`` would have no forces across faces."""
+    """``comm_modify``: ignored, except for ``group``, since other beads would have no forces across faces."""
     _only_all("comm_modify", "group", args)
     _ignored("comm_modify")(state, args)
 
 
 def _only_all(command: str, word: str, args: list[str]) -> None:
     if word in args and args[args.index(word) + 1 :][:1] != ["all"]:
-        raise ParameterError(f"{command} {word} is not supported but for all: other beads would miss forces; set their pair_coeff to none")
+        raise ParameterError(f"{command} {word} must be all: other beads would lack forces; set their pair_coeff to none")
 
 
 @command("run_style", 0, None)
@@ -117,7 +117,7 @@ def run_style(state: DeckState, args: list[str]) -> None:
 
 @command("atom_modify", 0, None)
 def atom_modify(state: DeckState, args: list[str]) -> None:
-    """``atom_modify``: how beads are stored."""
+    """``atom_modify``: storage of beads; only ``sort`` matters."""
     for word, values in read.options(args, {"map": 1, "sort": 2, "id": 1, "first": 1}, "atom_modify"):
         if word == "id":
             raise ParameterError("atom_modify id is not supported: beads always have ids")
@@ -128,9 +128,9 @@ def atom_modify(state: DeckState, args: list[str]) -> None:
 
 @command("min_style style", 1, None)
 def min_style(state: DeckState, args: list[str]) -> None:
-    """``min_style style``: there is one minimiser."""
+    """``min_style style``; all styles use the same minimiser."""
     state.min_style = read.choice(args[0], "the style of min_style", MIN_STYLES)
-    state.note(f"min_style {' '.join(args)}: one minimiser (L-BFGS) goes down for all styles")
+    state.note(f"min_style {' '.join(args)}: the minimiser is L-BFGS for all styles")
 
 
 _MIN_OPTIONS = (
@@ -140,12 +140,12 @@ _MIN_OPTIONS = (
 
 @command("min_modify", 0, None)
 def min_modify(state: DeckState, args: list[str]) -> None:
-    """``min_modify norm two|max|inf``; what is about steps of LAMMPS's minimisers has no meaning."""
+    """``min_modify norm two|max|inf``; options of LAMMPS's minimisers are ignored."""
     for keyword, values in read.options(args, dict.fromkeys(_MIN_OPTIONS, 1), "min_modify"):
         if keyword == "norm":
             state.force_norm = read.choice(values[0], "norm", list(NORMS))
         else:
-            state.note(f"min_modify {keyword} has no meaning here and is ignored")
+            state.note(f"min_modify {keyword} has no effect here and is ignored")
 
 
 def _ignored(command: str) -> Handler:
@@ -155,7 +155,7 @@ def _ignored(command: str) -> Handler:
     return handler
 
 
-#: Commands about how LAMMPS organises its work: read, said once, ignored.
+#: Commands about LAMMPS's internals: ignored with a note.
 IGNORED = tuple("comm_style echo info log neighbor newton package processors suffix timer".split())
 
 COMMANDS |= {name: _ignored(name) for name in IGNORED}

@@ -1,1 +1,1 @@
-"""What a deck prints and writes: thermo output, averages, dumps, data files."""
+"""Output of a deck: thermo output, averages and dumps."""

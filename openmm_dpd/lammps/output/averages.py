@@ -1,4 +1,4 @@
-"""What fixes that average have in common: LAMMPS's windows of steps, how they combine, and the files; and ``fix print``."""
+"""Shared parts of averaging fixes: schedules, windows, files; and ``fix print``."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -16,9 +16,9 @@ from .thermo import check_format, check_word
 
 
 class Schedule:
-    """Steps at which a value is taken: the last ``repeat`` multiples of ``every`` up to each multiple of ``freq``, that step included.  A
-    window that has begun already at the present ``step`` is left out, and none ends before ``start``; but a single sample that is due at
-    the present step is taken."""
+    """Steps at which samples are taken: the last ``repeat`` multiples of ``every`` up to each multiple of ``freq``, inclusive.  A window
+    that would have begun before the present ``step`` is skipped, and none ends before ``start``; but a single sample due at the present
+    step is taken."""
 
     def __init__(self, every: int, repeat: int, freq: int, step: int, start: int = 0):
         self.every, self.repeat, self.freq, self.start = every, repeat, freq, start
@@ -32,7 +32,7 @@ class Schedule:
         return first if first >= step else first + self.freq
 
     def begin(self, step: int) -> bool:
-        """Prepare for a run from ``step`` on; True if a window that was open is lost, since steps of it were passed over."""
+        """Prepare for a run that starts at ``step``.  Return True if an open window is dropped because some of its steps were skipped."""
         if self.next >= step:
             return False
         lost = self.taken > 0
@@ -40,7 +40,7 @@ class Schedule:
         return lost
 
     def advance(self) -> bool:
-        """Count one sample; True if it was the last of its window."""
+        """Count one sample.  Return True if it completes a window."""
         self.taken += 1
         if self.taken < self.repeat:
             self.next += self.every
@@ -51,20 +51,20 @@ class Schedule:
 
 
 class Every(Schedule):
-    """Every multiple of ``every``, each of them a window."""
+    """Steps at every multiple of ``every``; each sample is a window."""
 
     def _first(self, step: int) -> int:
         return -(-max(step, self.start) // self.every) * self.every
 
     def advance(self) -> bool:
-        """Count one sample."""
+        """Count one sample, which is a complete window."""
         self.taken += 1
         self.next += self.every
         return True
 
 
 def intervals(style: str, words: Sequence[str]) -> tuple[int, int, int]:
-    """``Nevery Nrepeat Nfreq``."""
+    """Parse ``Nevery Nrepeat Nfreq``."""
     names = ("Nevery", "Nrepeat", "Nfreq")
     every, repeat, freq = (read.integer(word, f"{name} of fix {style}", 1) for name, word in zip(names, words, strict=True))
     if freq % every or repeat * every > freq:
@@ -75,7 +75,7 @@ def intervals(style: str, words: Sequence[str]) -> tuple[int, int, int]:
 
 
 class Windows:
-    """Combines the averages of single windows: ``ave one``, ``ave running`` or ``ave window M``."""
+    """Combines the averages of windows: ``ave one``, ``ave running`` or ``ave window M``."""
 
     def __init__(self, words: Sequence[str] = ("one",)):
         mode = read.choice(words[0], "ave", ("one", "running", "window"))
@@ -85,17 +85,17 @@ class Windows:
 
     @property
     def count(self) -> int:
-        """Number of windows in the present average."""
+        """Number of windows in the current average."""
         return self._count if self._running else len(self._kept)
 
     def add(self, values: np.ndarray) -> np.ndarray:
-        """The average with one more window."""
+        """Add a window and return the new average."""
         if self._running:
             self._sum = values.copy() if not self._count else self._sum + values
             self._count += 1
             return self._sum / self._count
         if self._kept and self._kept[0].shape != values.shape:
-            self._kept.clear()  # the box has changed, and with it the number of slices
+            self._kept.clear()  # the number of slices has changed with the box
         self._kept.append(values)
         return np.mean(self._kept, axis=0)
 
@@ -104,16 +104,16 @@ _WHAT = "the file of averages"
 
 
 class AverageFile:
-    """Text file of a fix, of the name that the option ``file`` or ``append`` says, if there is one: its header, and blocks behind it."""
+    """Output file of a fix, if the option ``file`` or ``append`` names one: a header followed by blocks."""
 
     def __init__(self, state: DeckState, options: Mapping[str, list[str]], header: list[str]):
         if "file" in options and "append" in options:
-            raise ParameterError("the options file and append exclude each other")
+            raise ParameterError("the options file and append cannot be combined")
         self._name, self._header = options.get("file", options.get("append", [None]))[0], header
         self._append, self._overwrite = "append" in options, "overwrite" in options
         self._begun = False
         if self._name is not None:
-            state.output_path(self._name, as_it_is=True)  # what is wrong with it is the mistake of this line
+            state.output_path(self._name, as_it_is=True)  # a wrong name is reported for this line
             if state.carried_out:
                 self._start(state, self._name)
 
@@ -122,12 +122,12 @@ class AverageFile:
         append_block(state.output_file(name, as_it_is=True), _lines(self._header), _WHAT, anew=not self._append)
 
     def write(self, state: DeckState, lines: list[str]) -> None:
-        """Add a block, or put it in the place of the last one; OutputError if it cannot be written, and what is there stays."""
+        """Append a block, or replace the last one (``overwrite``).  OutputError if this fails; the file is then unchanged."""
         if self._name is None:
             return
         if not self._begun:
             self._start(state, self._name)
-        path = state.output_file(self._name, as_it_is=True)  # a run that goes on may have its folder at another place
+        path = state.output_file(self._name, as_it_is=True)  # a resumed run may have been moved to another folder
         if self._overwrite:
             write_whole(path, _lines([*self._header, *lines]), _WHAT)
         else:
@@ -139,11 +139,11 @@ def _lines(lines: Sequence[str]) -> str:
 
 
 class AveragingFix(Valued, ABC):
-    """A fix that averages."""
+    """A fix that computes averages."""
 
     words: tuple[str, ...]  #: What it averages
-    values: np.ndarray  #: The last average that was complete, as its indices go
-    report: dict | None = None  #: The last average that was complete, for the file of results: ``step``, and by word a number or a list
+    values: np.ndarray  #: The last complete average, with the shape of the fix's values
+    report: dict | None = None  #: The last complete average for the JSON results: ``step``, and a number or list by word
 
     def __init__(self, state: DeckState, name: str, schedule: Schedule, options: dict[str, list[str]], header: list[str]):
         titles = [options.get(f"title{k}", [line])[0] for k, line in enumerate(header, start=1)]
@@ -154,57 +154,57 @@ class AveragingFix(Valued, ABC):
 
     @property
     def next_due(self) -> int:
-        """The next step at which it takes a sample."""
+        """The next step at which a sample is due."""
         return self._schedule.next
 
     def begin(self, state: DeckState, step: int) -> None:
         """Prepare for a run."""
         if self._schedule.begin(step):
             self.forget()
-            state.note(f"fix {self.name}: an average that was not complete is dropped, since steps of it were passed over")
+            state.note(f"fix {self.name}: an incomplete average is dropped, since some of its steps were skipped")
 
     def take(self, moment: Resolver) -> None:
-        """Take a sample; the moment is that of a step at which it is due."""
+        """Take a sample at a step at which it is due."""
         self.sample(moment)
         if self._schedule.advance():
             self.close_window(moment)
 
     @abstractmethod
     def forget(self) -> None:
-        """Drop the samples of the window that is open."""
+        """Drop the samples of the open window."""
 
     @abstractmethod
     def sample(self, moment: Resolver) -> None:
-        """Add the present values to the window."""
+        """Add the present values to the open window."""
 
     @abstractmethod
     def close_window(self, moment: Resolver) -> None:
-        """Average, write, and begin anew."""
+        """Compute and write the average, and start a new window."""
 
     def value(self, *indices: int) -> float:
-        """Value of ``f_name``, ``f_name[index]`` or ``f_name[row][column]``: 0 where there is no average yet, as in LAMMPS."""
+        """Value of ``f_name``, ``f_name[index]`` or ``f_name[row][column]``; as in LAMMPS, 0 before the first average."""
         self.check_index(*indices)
         there = all(index <= size for index, size in zip(indices, self.values.shape, strict=True))
         return float(self.values[tuple(index - 1 for index in indices)]) if there else 0.0
 
 
 # -- arguments ------------------------------------------------------------------------------------------------------------------
-#: Options that all of these fixes have.
+#: Options of all averaging fixes.
 _SIZES = {"file": 1, "overwrite": 0, "title1": 1, "title2": 1, "title3": 1}
 
 
 def split_values(args: list[str], starts: tuple[str, ...], own: dict[str, int], style: str) -> tuple[tuple[str, ...], dict[str, list[str]]]:
-    """Words at the beginning that are values (by how they start), and the options after them; ``own`` are those of the style."""
+    """Split arguments into the leading values, recognised by how they start, and the options; ``own`` has the options of the style."""
     n, sizes = 0, _SIZES | own
     while n < len(args) and args[n].startswith(starts):
         n += 1
     rest = args[n:]
     if n and rest and rest[0] not in {*sizes, "ave"}:
-        raise ParameterError(f"fix {style}: '{rest[0]}' is neither a value nor an option that is supported here")
+        raise ParameterError(f"fix {style}: '{rest[0]}' is neither a value nor a supported option")
     found: dict[str, list[str]] = {}
     if n:
         at = rest.index("ave") if "ave" in rest else len(rest)
-        # ave has one word after it, or two
+        # ave takes one value or, with window, two
         size = 2 if rest[at + 1 : at + 2] == ["window"] else 1
         for keyword, values in read.options(rest, {**sizes, "ave": size}, f"fix {style}"):
             found[keyword] = found.get("off", []) + values if keyword == "off" else values
@@ -212,7 +212,7 @@ def split_values(args: list[str], starts: tuple[str, ...], own: dict[str, int], 
 
 
 def check_words(state: DeckState, words: tuple[str, ...], style: str, first: str) -> tuple[str, ...]:
-    """The words, if there are some and each names a number; ``first`` is what is in their place."""
+    """The words.  ParameterError if there are none (``first`` is what stands in their place), or one is not a number."""
     if not words:
         raise ParameterError(f"fix {style}: expected c_id, c_id[i], f_id or v_name, not '{first}'")
     for word in words:
@@ -221,7 +221,8 @@ def check_words(state: DeckState, words: tuple[str, ...], style: str, first: str
 
 
 class PrintFix:
-    """``fix ID group print N text [file|append name] [screen yes|no] [title text]``: prints its text also at the first step of a run."""
+    """``fix ID group print N text [file|append name] [screen yes|no] [title text]``: prints at multiples of N, including the first step of
+    a run."""
 
     def __init__(self, state: DeckState, name: str, args: list[str]):
         read.count(args, "fix ID group print N text ...", 2, None)
@@ -232,11 +233,11 @@ class PrintFix:
         self._file = AverageFile(state, options, title)
 
     def begin(self, state: DeckState, step: int) -> None:
-        """Prepare for a run from ``step`` on."""
+        """Prepare for a run that starts at ``step``."""
         self.next_due = -(-step // self.every) * self.every
 
     def take(self, moment: Resolver) -> None:
-        """Print; the moment is that of a step at which it is due."""
+        """Print the text at a step at which it is due."""
         text = moment.substituted(self.text)
         if self._show:
             moment.state.log(text)

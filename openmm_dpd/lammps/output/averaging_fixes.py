@@ -1,5 +1,5 @@
-"""``fix ave/time``: averages over steps of computes, variables and other averages; ``fix ave/correlate``: products of two steps;
-``fix ave/chunk``: averages over steps of values of beads, in bins of the box."""
+"""``fix ave/time`` (averages of computes, variables and other averages), ``fix ave/correlate`` (time correlations) and ``fix ave/chunk``
+(averages of per-bead values in bins of the box)."""
 
 from collections import deque
 
@@ -20,8 +20,8 @@ from .thermo import check_word
 
 
 class TimeAverage(AveragingFix):
-    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``.  Single numbers (mode scalar), or whole vectors
-    side by side (mode vector)."""
+    """``fix ID group ave/time Nevery Nrepeat Nfreq value value ... keyword values ...``, of single numbers (mode scalar) or of whole
+    vectors side by side (mode vector)."""
 
     def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
         read.count(args, "fix ID group ave/time Nevery Nrepeat Nfreq value value ...", 4, None)
@@ -41,7 +41,7 @@ class TimeAverage(AveragingFix):
         if vector:
             header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
         size = rows.pop()
-        # for each word, and for each value of its vector: as in LAMMPS, what they are sums over is settled here, once for all
+        # by word and row; as in LAMMPS this is decided once, when the fix is defined
         self._extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
         super().__init__(state, name, Schedule(*intervals("ave/time", args[:3]), state.step, start), options, header)
         self.words, self._off, self._vector, n = words, off, vector, len(words)
@@ -67,7 +67,7 @@ class TimeAverage(AveragingFix):
 
     def close_window(self, moment: Resolver) -> None:
         values = self._window.add(self._sum / self._count)
-        # values that are not averaged: those of this step
+        # values given by off are not averaged: take those of this step
         values[..., self._off] = self._latest
         self.values = values.reshape(self.values.shape)
         self.report = {"step": moment.step}
@@ -90,12 +90,12 @@ class TimeAverage(AveragingFix):
 
 
 def _places(word: str, rows: int | None) -> list[str]:
-    """The single values that a word means; columns of tables are all alike."""
+    """References to the single values of a word; the columns of a table all have the same properties."""
     return [word] if rows is None else [word if "[" in word else f"{word}[{k}]" for k in range(1, rows + 1)]
 
 
 def _rows(state: DeckState, word: str) -> int:
-    """Length of the vector that a word names; ParameterError if it is none."""
+    """Length of the vector that a word names.  ParameterError if it names none."""
     kind, name, indices = reference(word)
     if kind == "f":
         average = average_of(state, name)
@@ -105,7 +105,7 @@ def _rows(state: DeckState, word: str) -> int:
     if kind == "c" and len(indices) < 2 and name in state.computes:
         compute, spec = compute_of(state, name)
         if spec.tabled(compute) and indices:
-            # a column of a table
+            # a column of its table
             check_place(compute, spec, 1, indices[0])
             return spec.rows(compute)
     if kind == "v" or indices:
@@ -114,7 +114,7 @@ def _rows(state: DeckState, word: str) -> int:
     return count_of(state, "c", name)
 
 
-#: Which pairs of n values are correlated, the earlier one first, by type.
+#: Pairs (earlier, later) of n values that are correlated, by type.
 _PAIRS = {
     "auto": lambda n: [(i, i) for i in range(n)],
     "upper": lambda n: [(i, j) for i in range(n) for j in range(i + 1, n)],
@@ -136,10 +136,10 @@ class Correlation(AveragingFix):
         words = check_words(state, expanded(state, words), "ave/correlate", args[3])
         pairs = _PAIRS[read.choice(options.get("type", ["auto"])[0], "type", tuple(_PAIRS))](len(words))
         if not pairs:
-            raise ParameterError(f"fix ave/correlate: type {options['type'][0]} of one value leaves no pair")
+            raise ParameterError(f"fix ave/correlate: type {options['type'][0]} has no pairs for a single value")
         running = read.choice(options.get("ave", ["one"])[0], "ave", ("one", "running")) == "running"
         if "overwrite" in options and not running:
-            raise ParameterError("fix ave/correlate: overwrite goes with 'ave running', as in LAMMPS")
+            raise ParameterError("fix ave/correlate: overwrite requires 'ave running', as in LAMMPS")
         prefactor = read.number(options.get("prefactor", ["1"])[0], "prefactor")
         start = read.integer(options.get("start", ["0"])[0], "start", 0)
         titles = [f"{words[i]}*{words[j]}" for i, j in pairs]
@@ -149,7 +149,7 @@ class Correlation(AveragingFix):
         self.words, self._freq, self._prefactor, self._running = words, freq, prefactor, running
         self._early, self._late = ([pair[k] for pair in pairs] for k in (0, 1))
         self._titles, self._delays = titles, np.arange(windows) * every
-        # delays, how many products each is a mean of, and the means
+        # columns: delay, number of products, means
         self.values = np.column_stack([self._delays, np.zeros((windows, 1 + len(pairs)))])
         self.shape, self.what = self.values.shape, f"the fix has {windows} rows and {2 + len(pairs)} columns"
         self.forget()
@@ -186,14 +186,14 @@ class Correlation(AveragingFix):
             self._add(latest)
 
 
-#: Values of ``fix ave/chunk`` that are more than a mean over beads.
+#: Values of ``fix ave/chunk`` that are not plain means over beads.
 _OWN = ("density/number", "density/mass", "temp")
 _COMPONENTS = ("vx", "vy", "vz", "fx", "fy", "fz", "mass")
 
 
 class ChunkAverage(AveragingFix):
-    """``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``.  ``profile`` has the last block that was
-    complete: ``coord`` (``coord1``, ``coord2`` and so on where several axes are cut), ``ncount`` and the values by name."""
+    """``fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ... keyword values ...``.  ``profile`` is the last complete block:
+    ``coord`` (``coord1``, ``coord2`` and so on if several axes are cut), ``ncount``, and the values by name."""
 
     def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
         read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)
@@ -248,7 +248,7 @@ class ChunkAverage(AveragingFix):
 
     @staticmethod
     def _of_beads(moment: Resolver, word: str, number: np.ndarray, kept: np.ndarray, count: int) -> np.ndarray:
-        """Sum over the beads of each bin; for ``temp`` that of m v^2."""
+        """Sum over the beads of each bin; for ``temp`` the sum of m v^2."""
         if word == "density/number":
             values = np.ones(len(number))
         elif word == "density/mass":
@@ -261,7 +261,7 @@ class ChunkAverage(AveragingFix):
         return sums_in_slices(number, values, count)
 
     def _normalised(self, moment: Resolver, word: str, sums: np.ndarray, counts: np.ndarray, samples: int) -> np.ndarray:
-        """Sums over the beads of ``samples`` samples, divided by what belongs to the value; 0 for bins without beads."""
+        """Sums over the beads of ``samples`` samples, divided by the normalisation of the value; 0 for bins without beads."""
         assert self._bins is not None
         if word.startswith("density/"):
             unit = moment.units.density if word == "density/mass" else 1.0
@@ -290,7 +290,7 @@ class ChunkAverage(AveragingFix):
         self.profile |= {word: row.tolist() for word, row in zip(self.words, table[1:], strict=True)}
 
     def _write(self, moment: Resolver, centres: np.ndarray, table: np.ndarray) -> None:
-        # LAMMPS divides everything but this number by the number of windows
+        # LAMMPS divides everything except this number by the number of windows
         lines = [f"{moment.step} {table.shape[1]} {table[0].sum() * self._window.count:.15g}"]
         for k, (centre, column) in enumerate(zip(centres, table.T, strict=True), start=1):
             place = " ".join(f"{coordinate:g}" for coordinate in centre)

@@ -14,7 +14,7 @@ from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of
 from ..values.resolver import Resolver
 
 STYLES = ("atom", "custom", "dcd", "xtc", "xyz")
-#: Those with all frames in one file that is no text.
+#: Binary styles, with all frames in one file.
 BINARY = ("dcd", "xtc")
 
 
@@ -26,7 +26,7 @@ def _field(name: str, unit: str) -> BeadWord:
     return lambda moment: moment.field(name) / getattr(moment.units, unit)
 
 
-#: Columns of ``dump custom``.  ``c_id``, ``c_id[2]`` and ``v_name`` come on top.
+#: Columns of ``dump custom``, besides ``c_id``, ``c_id[2]`` and ``v_name``.
 COLUMNS = BEAD_WORDS | {
     **{f"{axis}u": axis_of(_unwrapped, k) for k, axis in enumerate("xyz")},
     **{f"{axis}su": axis_of(lambda m: m.box.fractions(_unwrapped(m)), k) for k, axis in enumerate("xyz")},
@@ -35,54 +35,53 @@ COLUMNS = BEAD_WORDS | {
     "dpdTheta": _field("theta", "thermal_energy"),
 }
 
-#: Those that are whole numbers.
+#: Columns of whole numbers.
 _WHOLE = ("id", "type", "mol", "ix", "iy", "iz")
 
 
 @dataclass
 class Dump:
-    """One dump."""
+    """A dump."""
 
-    #: Its id, group and style.
+    #: Id, group and style.
     name: str
     group: str
     style: str
     every: int  #: Interval in steps
-    file: str  #: File name; a ``*`` makes one file per configuration, named after the step
+    file: str  #: File name; ``*`` stands for the step and makes one file per configuration
     columns: tuple[str, ...] = ()  #: Columns of the text styles
-    #: Settings of dump_modify, and ``formats`` by column.
+    #: Settings of dump_modify; ``formats`` is by column.
     append: bool = False
     first: bool = False
     unwrap: bool = False
     pbc: bool = False
     formats: dict[str, str] = field(default_factory=dict)
-    elements: tuple[str, ...] = ()  #: Names of the types in style xyz; their numbers without any
-    #: What ``sfactor`` and ``tfactor`` say: factors of lengths and times of style xtc.
+    elements: tuple[str, ...] = ()  #: Names of the types in style xyz; empty means their numbers
+    #: Factors ``sfactor`` and ``tfactor`` of lengths and times in style xtc.
     factors: dict[str, float] = field(default_factory=dict)
-    precision: int = 1000  #: Parts of a nm (units lj: of the unit of length) that style xtc rounds to
+    precision: int = 1000  #: Style xtc rounds to this fraction of a nm (units lj: of the unit of length)
     last_step: int | None = None  #: Step of the last configuration that was written
-    opened: BlockFile | DCDWriter | XTCWriter | None = field(default=None, repr=False)  #: The file, once something is in it
-    begun: bool = False  #: Whether something was in it before a run that is resumed now, which goes on with it
+    opened: BlockFile | DCDWriter | XTCWriter | None = field(default=None, repr=False)  #: The file, once it has content
+    begun: bool = False  #: Whether a resumed run continues a file with content
 
     def __getstate__(self) -> dict:
         return vars(self) | {"opened": None, "begun": self.begun or self.opened is not None}
 
     def due(self, step: int) -> bool:
-        """Whether a configuration is written at this step (never twice at one step)."""
+        """Whether a configuration is due at this step (never twice at the same step)."""
         return step != self.last_step and (step % self.every == 0 or (self.first and self.last_step is None))
 
     def next_due(self, step: int) -> int:
-        """The first step after ``step`` at which a configuration is written."""
+        """The first step after ``step`` at which a configuration is due."""
         return (step // self.every + 1) * self.every
 
     def begin(self, state: DeckState) -> None:
-        """Make the file, as LAMMPS does where a run begins, and of the binary styles at once: it stays empty without a frame."""
+        """Create the empty file: LAMMPS does so at the start of a run, and for binary styles at once."""
         if state.carried_out and "*" not in self.file and self.opened is None and not self.begun:
             BlockFile(state.output_file(self.file), self._what, append=self.append).close()
 
     def write(self, moment: Resolver) -> None:
-        """Write the configuration of a moment, whose sample has what is asked for.  OutputError if it cannot be written; the configurations
-        before it stay readable."""
+        """Write the configuration of a moment.  OutputError if this fails; earlier configurations stay readable."""
         if self.style in BINARY:
             self._write_frame(moment)
         else:
@@ -140,7 +139,7 @@ class Dump:
         return "\n".join([str(len(rows)), f" Atoms. Timestep: {moment.step}", *rows]) + "\n"
 
     def _write_frame(self, moment: Resolver) -> None:
-        """A frame of the binary styles."""
+        """Write a frame in a binary style."""
         state, mask = moment.state, moment.state.group(self.group)
         x, box = (_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors
         if self.opened is None:
@@ -160,5 +159,5 @@ class Dump:
 
 
 def xtc_factors(units: UnitSystem) -> dict[str, float]:
-    """Factors of lengths and times of dump xtc where dump_modify says nothing: to nm and ps, but for units lj."""
+    """Default factors of lengths and times of dump xtc: conversion to nm and ps, except for units lj."""
     return {"sfactor": 1.0, "tfactor": 1.0} if units.name == "lj" else {"sfactor": units.length, "tfactor": units.time}

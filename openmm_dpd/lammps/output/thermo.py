@@ -1,4 +1,4 @@
-"""Thermo output: which columns, when, their values and how they are printed."""
+"""Thermo output: columns, steps, values and their formats."""
 
 import math
 import re
@@ -15,16 +15,16 @@ from ..values.computes import BUILT_IN, average_of, check_value, is_extensive
 from ..values.resolver import Resolver
 from ..values.words import WORDS
 
-#: Columns of the styles that are not ``custom``.
+#: Columns of the styles other than ``custom``.
 STYLES = {
     "one": ("step", "temp", "epair", "emol", "etotal", "press"),
     "multi": ("etotal", "ke", "temp", "pe", "ebond", "eangle", "edihed", "eimp", "evdwl", "ecoul", "elong", "press"),
     "yaml": ("step", "temp", "ke", "pe", "ebond", "eangle", "edihed", "eimp", "evdwl", "ecoul", "elong", "press"),
 }
 
-#: Formats of whole numbers and of others, by layout.
+#: Formats of whole and of real numbers, by layout.
 _FORMATS = {"one": ("%10d ", "% -14.8g"), "multi": ("%14d", "%14.4f"), "yaml": ("%d", "%.15g")}
-#: Averages that are wanted whether or not the deck prints them.
+#: Words that are averaged even if the deck does not print them.
 ALWAYS = ("temp", "press", "press_full", "pe", "ke", "etotal", "temp_conf")
 _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 
@@ -34,7 +34,7 @@ def check_word(state: DeckState, word: str) -> None:
     if word.startswith("v_"):
         variable = state.variables.get(word[2:])
         if variable.style != "equal":
-            raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style ones can be printed")
+            raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style variables can be printed")
         return
     if word.startswith("c_"):
         _, name, indices = reference(word)
@@ -55,13 +55,13 @@ class Thermo:
     """Thermo output of one run."""
 
     state: DeckState
-    window: Window  #: First step and limits of the ramps of the run
+    window: Window  #: First step of the run, and limits of its ramps
     last: int  #: Last step of the run
     words: tuple[str, ...]
     every: int  #: Interval of output; 0 means the first and last step only
 
     def due(self, step: int) -> bool:
-        """Whether a row is printed at this step: first, last, and every multiple of the interval."""
+        """Whether a row is printed at this step: the first, the last, or a multiple of the interval."""
         return step in (self.window.first, self.last) or (self.every > 0 and step % self.every == 0)
 
     def next_due(self, step: int) -> int:
@@ -69,8 +69,8 @@ class Thermo:
         return min((step // self.every + 1) * self.every if self.every > 0 else self.last, self.last)
 
     def values(self, sample: DeckSample, words: tuple[str, ...] | None = None) -> dict[str, float]:
-        """Value of each column (or of each of ``words``), in the deck's units and normalised as LAMMPS prints it.  DeckError if a formula
-        cannot be evaluated."""
+        """Value of each column (or of each of ``words``), in the deck's units and normalised as in LAMMPS. DeckError if a formula cannot be
+        evaluated."""
         moment = Resolver(self.state, sample, self.window)
         result = {}
         for word in self.words if words is None else words:
@@ -87,7 +87,7 @@ class Thermo:
         kind, name, indices = reference(word)
         own = BUILT_IN.get(name) if kind == "c" else None
         if own is not None and not indices:
-            # it may stand for another compute (thermo_modify temp and press); so do components of the pressure
+            # thermo_modify temp and press may replace the compute, also for components of the pressure
             return moment.thermo(own)
         value = moment.pressure_component(indices[0] - 1) if own == "press" else moment.number(word)
         return value / moment.norm if is_extensive(moment.state, word) else value
@@ -103,7 +103,7 @@ class Thermo:
         return " ".join(f"{title:^{11 if self._is_whole(word) else 14}}" for title, word in zip(titles, self.words, strict=True))
 
     def footer(self) -> str:
-        """The line behind the last row: yaml needs one to separate the documents of several runs."""
+        """The line after the last row; in yaml it separates the documents of several runs."""
         return "..." if self.state.thermo.layout == "yaml" else ""
 
     def row(self, values: dict[str, float], sample: DeckSample) -> str:
@@ -143,15 +143,16 @@ class Thermo:
 
 
 def _whole(form: str) -> bool:
-    """Whether a format is one of whole numbers."""
+    """Whether a format prints a whole number."""
     return _FORMAT.findall(form)[0][-1] in "dioxX"
 
 
 def check_format(text: str, columns: int | None = None, *, of: str | None = None) -> None:
-    """Raise ParameterError unless ``text`` holds one numeric conversion (or one per column), ``of`` an int or a float if it says so."""
+    """Raise ParameterError unless ``text`` holds one numeric conversion (or one per column), of the kind ``of`` (``int`` or ``float``) if
+    given."""
     found = _FORMAT.findall(text)
     if found and of is not None and (found[0][-1] in "dioxX") != (of == "int"):
-        raise ParameterError(f"'{text}' prints no {of}; expected one such as {'%8d' if of == 'int' else '%12.6f'}")
+        raise ParameterError(f"'{text}' is not a format for {of}; expected one such as {'%8d' if of == 'int' else '%12.6f'}")
     if columns is None and len(found) != 1:
         raise ParameterError(f"expected a format such as %12.6f, not '{text}'")
     if columns is not None and len(found) != columns:

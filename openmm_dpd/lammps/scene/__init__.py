@@ -1,1 +1,1 @@
-"""From the state of a deck to a Scene."""
+"""Scenes from the state of a deck."""

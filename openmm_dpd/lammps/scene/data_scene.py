@@ -14,16 +14,16 @@ from ..files.data_file import DataFile, read_data_file
 from ..language.lexer import read_text
 from ..styles.bonded_styles import bonded_styles
 
-#: Atom styles whose beads carry nothing that a Scene has elsewhere.
+#: Supported atom styles: those without bead fields.
 _STYLES = ("atomic", "charge", "bond", "angle", "molecular", "full")
 
 
 def scene_from_lammps_data(
     path: str | os.PathLike, types=None, *, pairs, kT, units: str = "lj", atom_style: str | None = None, **choices
 ) -> Scene:
-    """A Scene from a LAMMPS data file: what its deck says of pairs, temperature and units is said in Python.
+    """A Scene from a LAMMPS data file; pairs, temperature and units, which a deck would define, are arguments.
 
-    Bead k is the one with the k-th smallest id.  Positions are carried to their images.  Coefficients of bonds, angles and dihedrals are
+    Bead k has the k-th smallest id.  Positions are unwrapped.  Coefficients of bonds, angles and dihedrals are
     those of the file, where their sections say the style (``Bond Coeffs # harmonic``, as ``write_data`` writes it) and ``bonds``,
     ``angles`` or ``dihedrals`` does not say otherwise; sections with pair coefficients are not used.  For a deck there is
     :func:`openmm_dpd.lammps.deck_scene`.
@@ -39,7 +39,7 @@ def scene_from_lammps_data(
     units : {"lj", "real", "metal"}
         Units of the file.
     atom_style : str, optional
-        One of ``atomic``, ``charge``, ``bond``, ``angle``, ``molecular``, ``full``; by default what follows ``Atoms #``.
+        One of ``atomic``, ``charge``, ``bond``, ``angle``, ``molecular``, ``full``; by default the comment after ``Atoms #``.
     **choices
         As for :func:`scene_from_beads`; in ``bonds``, ``angles`` and ``dihedrals`` types may be named by their numbers,
         ``{"1": Spring(...)}``.
@@ -94,8 +94,8 @@ def _style(path: Path, given: str | None) -> str:
     if style in _STYLES:
         return style
     if not style:
-        raise ParameterError(f"{path} does not say its atom style behind 'Atoms #'; give atom_style, one of {', '.join(_STYLES)}")
-    reason = "its beads carry more than a Scene takes from here; read it through a deck" if style in ATOM_STYLES else "it is unknown"
+        raise ParameterError(f"{path} does not state its atom style after 'Atoms #'; give atom_style, one of {', '.join(_STYLES)}")
+    reason = "its beads have fields; read it with a deck" if style in ATOM_STYLES else "unknown"
     raise ParameterError(f"{path}: atom_style {style} cannot be taken ({reason}); it must be one of {', '.join(_STYLES)}")
 
 
@@ -112,7 +112,7 @@ def _names(types, count: int, path: Path) -> dict[int, str]:
 
 
 def _terms_of_file(path: Path, data: DataFile, what: str, ids: np.ndarray, units: UnitSystem) -> list | None:
-    """Bonds, angles or dihedrals with the coefficients of the file; None if it does not say them, or not of which style."""
+    """Bonds, angles or dihedrals with the coefficients of the file; None if it has none, or does not state their style."""
     section, known = f"{what[:-1].capitalize()} Coeffs", bonded_styles(what[:-1])
     style = data.hints.get(section, "")
     if style not in ("hybrid", *known):

@@ -1,4 +1,4 @@
-"""What a deck's ``fix addforce``, ``gravity``, ``setforce`` and ``wall/reflect`` mean for the scene."""
+"""Body forces and walls of a scene, from ``fix addforce``, ``gravity``, ``setforce`` and ``wall/reflect``."""
 
 from dataclasses import dataclass
 
@@ -16,25 +16,25 @@ from ..state.records import FORCE_FIXES, Fix
 # -- addforce and setforce ----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Driving:
-    """What the fixes addforce, gravity and setforce of a deck add up to."""
+    """Combined effect of the fixes addforce, gravity and setforce of a deck."""
 
-    pushes: list[tuple[Fix, np.ndarray]]  #: Fixes, and the components of beads on which their forces act after all of them
-    interacting: np.ndarray  #: (N, 3) components on which other forces act as well
+    pushes: list[tuple[Fix, np.ndarray]]  #: Fixes, and the (N, 3) components on which their forces act once all fixes are combined
+    interacting: np.ndarray  #: (N, 3) components on which other forces act, too
 
     @property
     def still(self) -> np.ndarray:
-        """(N,) beads on which no force acts at all."""
+        """Mask (N,) of the beads on which no force acts."""
         pushed = [mask & np.array([word not in ("NULL", "0") for word in words(fix)]) for fix, mask in self.pushes]
         return ~np.logical_or.reduce([self.interacting, *pushed]).any(axis=1)
 
 
 def words(fix: Fix) -> list[str]:
-    """The three formulas of an addforce, a gravity or a setforce; no force is ``0``."""
+    """The three formulas of an addforce, gravity or setforce; ``0`` means no force."""
     return fix.parameters["force"]
 
 
 def driving(state: DeckState) -> Driving:
-    """These fixes, one after the other as in LAMMPS: a setforce takes away what the fixes before it have added."""
+    """Combine these fixes in order, as LAMMPS does: a setforce removes what earlier fixes have added."""
     pushes: list[tuple[Fix, np.ndarray]] = []
     interacting = np.ones((len(state.atoms), 3), dtype=bool)
     for fix in state.fixes_of(*FORCE_FIXES):
@@ -47,7 +47,7 @@ def driving(state: DeckState) -> Driving:
 
 
 def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
-    """Forces of all these fixes; those of a variable are translated into formulas of the position."""
+    """Forces of all these fixes; variables are translated into formulas of the position."""
     found: list[BodyForce | PositionForce] = []
     for fix, mask in driving(state).pushes:
         with errors_at(fix.where, f"fix {fix.name}: "):
@@ -61,8 +61,8 @@ def _added(state: DeckState, components: list[str], members: np.ndarray) -> list
     texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in components]
     box, follows = state.require_box("a force on single beads"), any(depends_on(text, state.variables, set(AXES)) for text in texts)
     if follows and np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):
-        raise ParameterError("a force that follows the position needs a box that is tilted by half an edge at most")
-    # type and mass are constants of a formula, so there is one force for each type
+        raise ParameterError("a position-dependent force needs a box tilted by at most half an edge")
+    # type and mass are constants in a formula, hence one force per type
     by_type = any(depends_on(text, state.variables, set(BEAD_CONSTANTS)) for text in texts)
     result: list[BodyForce | PositionForce] = []
     for kind in range(1, state.n_types + 1) if by_type else [0]:
@@ -86,55 +86,55 @@ def _known(state: DeckState, kind: int) -> Known:
 
 
 def held_beads(state: DeckState) -> np.ndarray:
-    """(N,) beads that ``fix setforce`` holds while the potential energy is minimised; DeckError if one says something else than 0 0 0."""
+    """Mask (N,) of the beads that ``fix setforce`` holds during a minimisation.  DeckError if a setforce is not ``0 0 0``."""
     held = np.zeros(len(state.atoms), dtype=bool)
     for fix in state.fixes_of("setforce"):
         if "NULL" in words(fix):
-            raise fix.error("minimize holds whole beads here, not single components of their forces; say 0 0 0")
+            raise fix.error("minimize can only hold whole beads, not single components; use setforce 0 0 0")
         if any(word != "0" for word in words(fix)):
-            raise fix.error("minimize is not possible with forces other than 0, which are no slope of an energy")
+            raise fix.error("minimize is not possible with a set force other than 0, which has no energy")
         held |= state.group(fix.group)
     return held
 
 
 def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
-    """(N,) beads at rest that no force acts on: they stay where they are.  DeckError if fix shardlow would change velocities of beads whose
-    forces a setforce takes away."""
+    """Mask of the beads at rest on which no force acts: they stay in place.  DeckError if fix shardlow would change velocities of beads
+    whose forces a setforce removes."""
     found = driving(state)
     taken = mobile & ~found.interacting.all(axis=1)
     for fix in state.fixes_of("setforce"):
         for other in state.fixes_of("shardlow", "nph") if np.any(taken & state.group(fix.group)) else ():
             if other.style == "shardlow":
                 raise fix.error("fix shardlow moves beads regardless of their force; leave them out of the integrating fix instead")
-            raise fix.error("beside fix nph forces cannot be taken from beads that move, since there is no ensemble of such beads")
+            raise fix.error("with fix nph, setforce cannot act on beads that move: they would have no ensemble")
     return mobile & found.still & ~state.atoms.velocities.any(axis=1)
 
 
 def interacting_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray | None:
-    """(N, 3) components of beads on which not only body forces act, those that do not move included; None if they are all."""
+    """Mask (N, 3) of the components on which not only body forces act; immobile beads count as interacting.  None if all do."""
     found = driving(state).interacting | ~mobile[:, None]
     return None if found.all() else found
 
 
 # -- walls --------------------------------------------------------------------------------------------------------------------
 def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
-    """Walls of all ``fix wall/reflect``.  DeckError if an axis with ``boundary f`` is not closed by walls at both ends, or beads that move
-    are not in the group."""
+    """Walls of all ``fix wall/reflect``.  DeckError if an axis with ``boundary f`` lacks a wall at one end, or mobile beads are not in the
+    group."""
     walls: list[Wall] = []
     closed: dict[str, str] = {}
     for fix in state.fixes_of("wall/reflect"):
         if np.any(mobile & ~state.group(fix.group)):
-            raise fix.error(f"there are beads that move outside group {fix.group}; walls reflect all of them here")
+            raise fix.error(f"some mobile beads are not in group {fix.group}; here, walls reflect all of them")
         for face, position in fix.parameters["faces"].items():
             if face in closed:
-                raise fix.error(f"there is a wall at {face} already (fix {closed[face]})")
+                raise fix.error(f"there already is a wall at {face} (fix {closed[face]})")
             closed[face] = fix.name
             walls.append(Wall(face[0], position, "above" if face.endswith("lo") else "below", SPECULAR))
     for axis, periodic in zip(AXES, state.periodic, strict=True):
         missing = [face for face in (f"{axis}lo", f"{axis}hi") if face not in closed]
         if missing and not periodic:
             raise ParameterError(
-                f"boundary f along {axis}: beads that leave the box are lost in LAMMPS; close it with "
+                f"boundary f along {axis}: LAMMPS loses beads that leave the box; close it with "
                 f"'fix ID all wall/reflect {' '.join(f'{face} EDGE' for face in missing)}'"
             )
     return walls

@@ -1,4 +1,4 @@
-"""Which beads the deck's fixes move, and by which scheme."""
+"""Which beads the fixes of a deck move, and with which scheme."""
 
 from dataclasses import dataclass, replace
 
@@ -11,25 +11,25 @@ from .flow import still_beads
 
 #: Fixes that move beads.
 INTEGRATORS = ("nve", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph")
-#: Pair styles that fix shardlow takes over.
+#: Pair styles whose friction and noise fix shardlow applies.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
-#: Pair styles with a field of the beads that only one fix advances.
+#: Pair styles with a bead field that only one fix advances: that fix, and the field.
 ADVANCED_BY = {"edpd": ("mvv/edpd", "temperatures"), "tdpd": ("mvv/tdpd", "concentrations")}
 
 
 @dataclass(frozen=True)
 class Integration:
-    """What the fixes add up to."""
+    """Combined effect of the integrating fixes."""
 
     scheme: str  #: ``mvv`` or ``shardlow``
     lambda_: float  #: Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet
-    mobile: np.ndarray  #: (N,) beads that some fix moves
+    mobile: np.ndarray  #: (N,) mask of the beads that some fix moves
     barostat: PressureControl | None = None  #: The pressure of ``fix nph``
 
 
 def integration(state: DeckState) -> Integration:
-    """Scheme and mobile beads of the deck's present fixes.  DeckError if two fixes move one bead, two schemes are mixed, a fix lacks its
-    pair style, or a pair style its fix."""
+    """Scheme and mobile beads from the present fixes.  DeckError if two fixes move the same bead, schemes are mixed, or a fix lacks its
+    pair style or a pair style its fix."""
     mobile = np.zeros(len(state.atoms), dtype=bool)
     owners: list[Fix] = []
     for fix in state.fixes_of(*INTEGRATORS):
@@ -44,7 +44,7 @@ def integration(state: DeckState) -> Integration:
     if len(weights) > 1:
         raise owners[-1].error(f"fixes with different lambda ({', '.join(f'{w:g}' for w in sorted(weights))}) cannot be combined")
     if not owners:
-        state.note("no fix integrates any bead: nothing will move")
+        state.note("no fix moves any beads")
     shardlow = state.fixes_of("shardlow")
     if shardlow:
         _check_shardlow(state, shardlow, owners)
@@ -55,13 +55,13 @@ def integration(state: DeckState) -> Integration:
 
 
 def _check_energy(state: DeckState, shardlow: list[Fix]) -> None:
-    """Internal energies are advanced by fix dpd/energy or by fix shardlow, not by both and not by neither."""
+    """Check that internal energies are advanced by exactly one of fix dpd/energy and fix shardlow."""
     heat = state.fixes_of("dpd/energy")
     styles = [style for style in state.pair.styles if style.name == "dpd/fdt/energy"]
     if len(heat) > 1:
-        raise heat[1].error(f"there is a fix dpd/energy already ({heat[0].name})")
+        raise heat[1].error(f"there already is a fix dpd/energy ({heat[0].name})")
     if heat and shardlow:
-        raise heat[0].error(f"dpd/energy beside shardlow (fix {shardlow[0].name}) would do its work twice; use one of them")
+        raise heat[0].error(f"dpd/energy and shardlow (fix {shardlow[0].name}) both advance the internal energies; use only one of them")
     if heat and not styles:
         names = ", ".join(style.name for style in state.pair.styles) or "none"
         raise heat[0].error(f"dpd/energy needs pair style dpd/fdt/energy; the deck has {names}")
@@ -74,27 +74,29 @@ def _check_energy(state: DeckState, shardlow: list[Fix]) -> None:
 
 
 def _check_advanced(state: DeckState, owners: list[Fix]) -> None:
-    """Temperatures of edpd and concentrations of tdpd are advanced by the fix that moves the beads."""
+    """Check that temperatures of edpd and concentrations of tdpd are advanced by the fix that moves the beads."""
     styles = {style.name: style for style in state.pair.styles}
     for pair, (fix_style, what) in ADVANCED_BY.items():
         for owner in owners:
             if owner.style == fix_style and pair not in styles:
                 raise owner.error(f"{fix_style} needs pair style {pair}; the deck has {', '.join(styles) or 'none'}")
             if owner.style != fix_style and pair in styles:
-                message = f"with pair style {pair} beads are moved by fix {fix_style}; {owner.style} would leave their {what} as they are"
+                message = f"with pair style {pair}, use fix {fix_style} to move beads; {owner.style} would not change their {what}"
                 raise owner.error(message)
 
 
 def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
-    """The pressure of fix nph, and whether something holds the temperature."""
+    """The pressure of fix nph, and whether a thermostat holds the temperature."""
     fixes = [fix for fix in owners if fix.style == "nph"]
     if not fixes:
         return None
     if not all(state.periodic):
         raise fixes[0].error("constant pressure needs a box that is periodic along all axes")
     if len(fixes) > 1:
-        raise fixes[1].error(f"there is a fix nph already ({fixes[0].name}); a box follows one pressure")
-    state.note("fix nph: Monte Carlo moves of the volume replace LAMMPS's motion of the box; averages compare, the path does not")
+        raise fixes[1].error(f"there already is a fix nph ({fixes[0].name}); use only one")
+    state.note(
+        "fix nph: Monte Carlo volume moves replace LAMMPS's equations of motion of the box; averages are comparable, trajectories are not"
+    )
     isothermal = any("start" in style.settings for style in state.pair.styles if style.spec.thermostat)
     return replace(fixes[0].parameters["pressure"], isothermal=isothermal)
 
@@ -102,13 +104,13 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
 def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) -> None:
     fix = shardlow[0]
     if len(shardlow) > 1:
-        raise shardlow[1].error(f"there is a fix shardlow already ({fix.name})")
+        raise shardlow[1].error(f"there already is a fix shardlow ({fix.name})")
     names = [style.name for style in state.pair.styles]
     if not set(names) & set(SHARDLOW_PAIRS):
         raise fix.error(f"fix shardlow needs pair style dpd/fdt or dpd/fdt/energy; the deck has {', '.join(names) or 'none'}")
     others = [style.name for style in state.pair.styles if style.spec.thermostat and style.name not in SHARDLOW_PAIRS]
     if others:
-        raise fix.error(f"pair style {others[0]} beside fix shardlow is not supported: it would act as a force there")
+        raise fix.error(f"pair style {others[0]} with fix shardlow is not supported: its friction would act as a force")
     order = list(state.fixes)
     late = [owner for owner in owners if order.index(owner.name) < order.index(fix.name)]
     if late:
@@ -117,4 +119,4 @@ def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) ->
         raise fix.error("fix shardlow needs a fix nve after it")
     for owner in owners:
         if owner.style not in ("nve", "nph"):
-            raise owner.error("beside fix shardlow beads are moved by fix nve or nph")
+            raise owner.error("with fix shardlow, use fix nve or nph to move beads")

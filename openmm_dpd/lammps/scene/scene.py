@@ -1,4 +1,4 @@
-"""From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`, with the fields of its beads and their sources."""
+"""From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`, including bead fields and sources."""
 
 import numpy as np
 
@@ -24,22 +24,24 @@ from .integration import integration
 def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", mobile: np.ndarray | None = None) -> Scene:
     """The scene that the deck describes at this point; it must have a box, beads and pair coefficients.
 
-    Temperature ramps go between the steps of ``window``, and start now without it; ``compat`` says how the heat of edpd is computed,
-    ``mobile`` which beads move: by default those of the integrating fixes.  DeckError, with file and line, if something is missing or
-    cannot be expressed: unset type pairs, unset masses, different temperatures, a cutoff over half the box ...
+    Temperature ramps extend over the steps of ``window``; without it the temperature is that of the start.  ``compat`` selects the heat of
+    edpd, ``mobile`` the beads that move: by default those of the integrating fixes.  DeckError, with file and line, if something is missing
+    or cannot be expressed: unset type pairs or masses, different temperatures, a cutoff longer than half the box ...
     """
     box = state.require_box("a run")
     if not len(state.atoms):
         raise located(state.here, "there are no beads")
     masses = state.bead_masses()
     if state.bond.style == "none" and len(state.bonds):
-        state.note("there are bonds but no bond_style: they have no energy, only special_bonds acts on them")
+        state.note("there are bonds but no bond_style: they have no energy and only count for special_bonds")
     if (
         len(state.bonds)
         and any(0 < f < 1 for f in state.special)
         and any(style.name in ("dpd/fdt", "dpd/fdt/energy") for style in state.pair.styles)
     ):
-        state.note("dpd/fdt: the noise of bonded neighbours goes with the root of the special_bonds factor (LAMMPS: with the factor)")
+        state.note(
+            "dpd/fdt: the noise of bonded neighbours scales with the square root of the special_bonds factor (LAMMPS: with the factor)"
+        )
     mobile = integration(state).mobile if mobile is None else mobile
     atoms, units = state.atoms, state.units
     vectors, shear = box.reduced_vectors * units.length, shear_of(state)
@@ -73,13 +75,13 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
 
 
 def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
-    """The one temperature (or ramp) of all thermostatting pair styles, as an energy; 0 if there is none.  Where beads have internal
-    temperatures and no style sets another, it is the mean of these (the scale of a trial step).  DeckError if two styles have different
+    """The temperature (or ramp) common to all pair styles with a thermostat, as an energy; 0 if there is none.  If beads have internal
+    temperatures and no style sets another, it is their mean, which scales the trial drift.  DeckError if two styles have different
     temperatures."""
     styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:
         return internal_scale(state)
-    # without friction, along the line between two beads or across it, there is no noise, and so no temperature, unless no style has any
+    # styles without friction have no noise and no temperature; if no style has any, the first one counts
     frictions = ("gamma", "gamma_perp", "sigma")
     active = [any(found.values.get(name) for found in style.coefficients.values() for name in frictions) for style in styles]
     styles = [style for style, has in zip(styles, active, strict=True) if has] or styles[:1]
@@ -98,7 +100,8 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
 
 
 def _bonded_terms(state: DeckState, what: str) -> list:
-    """Bonds, angles or dihedrals by type; bonds of a style without energy still count for special_bonds, other terms are left out."""
+    """Bonds, angles or dihedrals by type.  Bonds without energy are kept, since they count for special_bonds; other terms without energy
+    are left out."""
     terms, setup, known, found = getattr(state, f"{what}s"), getattr(state, what), bonded_styles(what), []
     for kind in np.unique(terms[:, 0]).tolist():
         style: str = "none"
@@ -117,11 +120,11 @@ def _bonded_terms(state: DeckState, what: str) -> list:
 
 
 def shear_of(state: DeckState) -> LeesEdwards | None:
-    """What ``fix deform`` does; DeckError beside what it is not the same physics with."""
+    """The shear of ``fix deform``, or None.  DeckError if it is combined with an incompatible fix."""
     fixes = state.fixes_of("deform")
     for other in (*fixes[1:], *state.fixes_of("nph", "momentum", "addforce", "gravity", "setforce", "wall/reflect", *SOURCE_FIXES)):
         if fixes:
-            raise other.error(f"{other.style} is not possible beside fix deform ({fixes[0].name}); leave one of them out")
+            raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
     if not fixes or not fixes[0].parameters["rate"]:
         return None
     return LeesEdwards(rate=fixes[0].parameters["rate"])
@@ -132,21 +135,21 @@ SOURCE_FIXES = {"edpd/source": "edpd", "tdpd/source": "tdpd"}
 
 
 def internal_of(state: DeckState) -> Internal | None:
-    """Internal energies (dpd/fdt/energy), temperatures (edpd) or concentrations (tdpd) at the beginning of a run.  As in LAMMPS every run
-    begins with all internal energy booked as mechanical; the sum is what it was."""
+    """Internal energies (dpd/fdt/energy), temperatures (edpd) or concentrations (tdpd) at the start of a run.  As in LAMMPS, each run
+    starts with all internal energy counted as mechanical; the sum is unchanged."""
     names = [style.name for style in state.pair.styles]
     atoms, units = state.atoms, state.units
     if "dpd/fdt/energy" in names:
         return InternalEnergy(equations_of_state(state), atoms.thetas * units.thermal_energy)
     for fix in state.fixes_of(*EOS_FIXES):
-        state.note(f"fix {fix.name} ({fix.style}) has no effect: without pair style dpd/fdt/energy internal energies do not change")
+        state.note(f"fix {fix.name} ({fix.style}) has no effect: internal energies only change with pair style dpd/fdt/energy")
     if "edpd" in names:
         return BeadTemperatures(atoms.temperatures * units.thermal_energy, atoms.capacities)
     return Concentrations(atoms.concentrations) if "tdpd" in names else None
 
 
 def internal_scale(state: DeckState) -> float:
-    """Mean internal temperature as an energy (kJ/mol), 0 if beads have none: the scale of kT where no thermostat sets one."""
+    """Mean internal temperature as an energy (kJ/mol), or 0: the scale of kT if no thermostat sets one."""
     names = [style.name for style in state.pair.styles]
     for name, values in (("dpd/fdt/energy", state.atoms.thetas), ("edpd", state.atoms.temperatures)):
         if name in names and len(values):
@@ -155,7 +158,7 @@ def internal_scale(state: DeckState) -> float:
 
 
 def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
-    """Equation of state of each bead type; DeckError if a bead has none or two, or beads of one type have different ones."""
+    """Equation of state of each bead type.  DeckError if a bead has none or two, or beads of one type have different ones."""
     fixes = state.fixes_of(*EOS_FIXES)
     owner = np.full(len(state.atoms), -1)
     for k, fix in enumerate(fixes):
@@ -164,7 +167,7 @@ def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
         if twice.any():
             bead = int(np.argmax(twice))
             other = fixes[owner[bead]].name
-            raise fix.error(f"bead {state.atoms.ids[bead]} has an equation of state from fix {other} already; it can have one only")
+            raise fix.error(f"bead {state.atoms.ids[bead]} already has an equation of state from fix {other}; it can have only one")
         owner[members] = k
     if np.any(owner < 0):
         bead = int(state.atoms.ids[np.argmax(owner < 0)])
@@ -176,13 +179,13 @@ def equations_of_state(state: DeckState) -> dict[str, EquationOfState]:
         used = [fixes[k] for k in np.unique(owner[state.atoms.types == kind]).tolist()]
         for fix in used[1:]:
             if fix.parameters["source"] != used[0].parameters["source"]:
-                raise fix.error(f"beads of type {kind} have another equation of state by fix {used[0].name}; give them types of their own")
+                raise fix.error(f"beads of type {kind} have a different equation of state from fix {used[0].name}; use separate types")
         by_type[str(kind)] = (used or fixes)[0].parameters["eos"]
     return by_type
 
 
 def sources_of(state: DeckState, box: np.ndarray) -> list[Source]:
-    """Sources of heat or species; places are in the deck's coordinates, ``box`` has the scene's vectors (nm)."""
+    """Sources of heat or species, placed in the deck's coordinates; ``box`` has the scene's vectors (nm)."""
     names = [style.name for style in state.pair.styles]
     found = []
     for fix in state.fixes_of(*SOURCE_FIXES):
