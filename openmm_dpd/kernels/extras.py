@@ -163,10 +163,7 @@ _width = 0
 def _kernel(kind: Any) -> Kernel:
     """Kernel of a class of terms."""
     names = {"_formula": inlined(kind.formula)}
-    part = {
-        "_part": helper(renamed(kind.part, f"{kind.__name__}_part", names), bare=False),
-        "_width": len(kind.sample),
-    }
+    part = {"_part": helper(renamed(kind.part, f"{kind.__name__}_part", names), bare=False), "_width": len(kind.sample)}
     return Kernel(renamed(_terms, f"{kind.__name__}_terms", part), bare=False)
 
 

@@ -60,10 +60,7 @@ LEVELS: tuple[dict[str, Operation], ...] = (
         ">": Operation(lambda a, b: float(a > b), _truth(np.greater), lambda a, b: f"(1-step({b}-{a}))"),
         ">=": Operation(lambda a, b: float(a >= b), _truth(np.greater_equal), lambda a, b: f"step({a}-{b})"),
     },
-    {
-        "+": Operation(operator.add, np.add, lambda a, b: f"({a}+{b})"),
-        "-": Operation(operator.sub, np.subtract, lambda a, b: f"({a}-{b})"),
-    },
+    {"+": Operation(operator.add, np.add, lambda a, b: f"({a}+{b})"), "-": Operation(operator.sub, np.subtract, lambda a, b: f"({a}-{b})")},
     {
         "*": Operation(operator.mul, np.multiply, lambda a, b: f"({a}*{b})"),
         "/": Operation(operator.truediv, np.divide, lambda a, b: f"({a}/{b})"),

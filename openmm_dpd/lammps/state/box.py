@@ -99,12 +99,7 @@ class Box:
         (x, y, z), (xy, xz, yz) = self.edges, self.tilt
         dx, dy, dz = (np.asarray(positions, dtype=np.float64) - self.low).T
         return np.stack(
-            [
-                1 / x * dx + -xy / (x * y) * dy + (xy * yz - y * xz) / (x * y * z) * dz,
-                1 / y * dy + -yz / (y * z) * dz,
-                1 / z * dz,
-            ],
-            axis=-1,
+            [1 / x * dx + -xy / (x * y) * dy + (xy * yz - y * xz) / (x * y * z) * dz, 1 / y * dy + -yz / (y * z) * dz, 1 / z * dz], axis=-1
         )
 
     def places(self, fractions: np.ndarray) -> np.ndarray:

@@ -157,9 +157,7 @@ COMPUTES: dict[str, ComputeSpec] = {
     "pe": ComputeSpec(_all_only("pe", _PARTS), lambda m, c: potential_energy(m, c.arguments or _PARTS), extensive=True),
     "pressure": ComputeSpec(_check_pressure, _pressure, _pressure_tensor, size=lambda compute: 6),
     "com": ComputeSpec(
-        no_arguments("com"),
-        vector=lambda m, c: m.state.mass_average(m.unwrapped, m.state.group(c.group)),
-        size=lambda compute: 3,
+        no_arguments("com"), vector=lambda m, c: m.state.mass_average(m.unwrapped, m.state.group(c.group)), size=lambda compute: 3
     ),
     "momentum": ComputeSpec(no_arguments("momentum"), vector=_momentum, extensive=True, size=lambda compute: 3),
     "dpd": ComputeSpec(no_arguments("dpd", "dpd"), vector=_dpd, size=lambda compute: 5),

@@ -120,9 +120,7 @@ def _species(state: DeckState, group: str, words: list[str]) -> int:
 #: Computes with per-bead values.
 PER_BEAD: dict[str, ComputeSpec] = {
     "property/atom": ComputeSpec(
-        _check_property,
-        per_bead=_property,
-        columns=lambda compute: len(compute.arguments) if len(compute.arguments) > 1 else 0,
+        _check_property, per_bead=_property, columns=lambda compute: len(compute.arguments) if len(compute.arguments) > 1 else 0
     ),
     "ke/atom": ComputeSpec(no_arguments("ke/atom"), per_bead=_kinetic),
     "dpd/atom": ComputeSpec(no_arguments("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4),
