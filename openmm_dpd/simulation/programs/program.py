@@ -11,29 +11,8 @@ from dataclasses import dataclass, field
 
 import openmm
 
+from ...base import names as shared
 from ...base.errors import ProgramError
-from ...base.names import (
-    AHEAD,
-    ALONE,
-    COUNTER,
-    DT,
-    EXTERNAL_GROUP,
-    FIELD,
-    FIRST,
-    KT,
-    LAST,
-    LEFT,
-    PARAMETERS,
-    PHASE,
-    PORTABLE,
-    RAMP_STEP,
-    SEEN_KT,
-    SEEN_TEMPERATURE,
-    STAMP,
-    TAU,
-    TEMPERATURE,
-    Phase,
-)
 from ...base.units import BOLTZMANN
 from ...plan.program_options import ProgramOptions
 from ..integrators import AGREE, PairIntegrator
@@ -112,27 +91,27 @@ class Program:
         """Assign to a global variable the sum over all degrees of freedom."""
         self.steps.append(Step("sum", target, expression, why))
 
-    def phase(self, phase: Phase, block: int = 0) -> None:
+    def phase(self, phase: shared.Phase, block: int = 0) -> None:
         """Set what the next evaluation of the pair force computes."""
-        self.set(PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= Phase.SWEEP_SEEN else ""))
+        self.set(shared.PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= shared.Phase.SWEEP_SEEN else ""))
 
     def begin(self) -> None:
         """What every step starts with: barostats, then the present dt for the kernel, and which temperature holds."""
         if self.options.kernel:
             # an error within a step leaves another phase behind, and barostats ask for energies
-            self.phase(Phase.IDLE)
+            self.phase(shared.Phase.IDLE)
         if self.options.execution.steps != "device":
             self.update("barostats and other updates of the Context's state")
         if self.options.execution.looped:
-            self.declare(AHEAD, 0.0, "steps that are done already: only barostats still act in them")
-            self.steps.append(Step("if", expression=f"{AHEAD} < 1", why="is this step still to be done?"))
+            self.declare(shared.AHEAD, 0.0, "steps that are done already: only barostats still act in them")
+            self.steps.append(Step("if", expression=f"{shared.AHEAD} < 1", why="is this step still to be done?"))
         if self.options.kernel:
-            self.set(DT, "dt", "so that setStepSize works")
+            self.set(shared.DT, "dt", "so that setStepSize works")
         if self.options.settable:
             kelvin = self.options.kT / BOLTZMANN
-            self.declare(TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
-            self.declare(SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
-            self.declare(SEEN_KT, self.options.kT, "what dpd_kT was then")
+            self.declare(shared.TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
+            self.declare(shared.SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
+            self.declare(shared.SEEN_KT, self.options.kT, "what dpd_kT was then")
             self.steps += [Step(*line) for line in AGREE]
 
     def update(self, why: str) -> None:
@@ -142,45 +121,45 @@ class Program:
     def finish(self) -> None:
         """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
         if self.options.kernel:
-            self.phase(Phase.IDLE)
+            self.phase(shared.Phase.IDLE)
         if self.options.kernel and not self.options.execution.on_device and (self.options.field_blocks or self.options.predicting):
-            self.declare(STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
-            self.set(STAMP, "0")
+            self.declare(shared.STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
+            self.set(shared.STAMP, "0")
         if self.options.execution.looped:
-            self.set(AHEAD, "1")
+            self.set(shared.AHEAD, "1")
             self.steps.append(Step("end"))
-            self.set(AHEAD, f"{AHEAD}-1")
+            self.set(shared.AHEAD, f"{shared.AHEAD}-1")
 
     def show_by(self, tau: str) -> None:
         """Say which drift shows the velocities."""
-        self.set(TAU, tau, "the drift that shows the velocities")
+        self.set(shared.TAU, tau, "the drift that shows the velocities")
 
     def next_noise(self, tau: str) -> None:
         """Advance the noise counter and say which drift shows the velocities."""
         self.show_by(tau)
-        self.set(COUNTER, f"{COUNTER}+1", "new noise")
+        self.set(shared.COUNTER, f"{shared.COUNTER}+1", "new noise")
 
     def next_temperature(self) -> None:
         """Advance the temperature ramp, if there is one."""
         ramp = self.options.ramp
         if ramp is None or not self.options.kernel:
             return
-        self.declare(RAMP_STEP, 0.0, "steps done, for the temperature ramp")
-        self.set(RAMP_STEP, f"{RAMP_STEP}+1")
-        self.set(KT, ramp_expression(ramp, RAMP_STEP), "kT of this step")
+        self.declare(shared.RAMP_STEP, 0.0, "steps done, for the temperature ramp")
+        self.set(shared.RAMP_STEP, f"{shared.RAMP_STEP}+1")
+        self.set(shared.KT, ramp_expression(ramp, shared.RAMP_STEP), "kT of this step")
 
     def store_fingerprint(self, left: list[str] | tuple = ()) -> None:
         """Have the pair force store the present positions, and give a fingerprint of them, and of velocities or fields that were left."""
         self.declare("fingerprint", 0.0, "fingerprint of the present positions and parameters")
         if left:
-            self.declare(FIRST, 1.0, "whether this step is the first one of a call")
+            self.declare(shared.FIRST, 1.0, "whether this step is the first one of a call")
             self.declare("changed", 0.0, "how many velocities and fields are not what the call before left")
-            with self.when(f"{FIRST} > 0", "may somebody have changed them?"):
-                self.total("changed", f"{len(left)}-{'-'.join(f'delta({name}-{LEFT}{name})' for name in left)}")
-        self.phase(Phase.FINGERPRINT)
-        self.set("fingerprint", f"{self.pair_energy}{f'+{FIRST}*changed' if left else ''}", "the pair force stores x")
+            with self.when(f"{shared.FIRST} > 0", "may somebody have changed them?"):
+                self.total("changed", f"{len(left)}-{'-'.join(f'delta({name}-{shared.LEFT}{name})' for name in left)}")
+        self.phase(shared.Phase.FINGERPRINT)
+        self.set("fingerprint", f"{self.pair_energy}{f'+{shared.FIRST}*changed' if left else ''}", "the pair force stores x")
 
-    def evaluate_pair_force(self, phase: Phase, why: str, block: int = 0) -> None:
+    def evaluate_pair_force(self, phase: shared.Phase, why: str, block: int = 0) -> None:
         """Evaluate the pair force for its side effect: it stores or reads something, and the energy that it returns is not used."""
         self.declare("unused", 0.0, "energy of evaluations that are made for their side effect")
         self.phase(phase, block)
@@ -188,15 +167,15 @@ class Program:
 
     def store(self) -> None:
         """Have the pair force store the present positions, without a fingerprint."""
-        self.evaluate_pair_force(Phase.STORE, "the pair force stores x")
+        self.evaluate_pair_force(shared.Phase.STORE, "the pair force stores x")
 
     def show(self, velocity: str) -> None:
         """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
-        self.each("x", f"xs+{TAU}*{velocity}", "trial drift: shows this velocity")
+        self.each("x", f"xs+{shared.TAU}*{velocity}", "trial drift: shows this velocity")
 
     def fields(self) -> list[str]:
         """Names of the per-DOF variables with internal energies, temperatures or concentrations; declares them."""
-        names = [f"{FIELD}{k}" for k in range(self.options.field_blocks)]
+        names = [f"{shared.FIELD}{k}" for k in range(self.options.field_blocks)]
         for name in names:
             self.declare_per_dof(name, self.options.field_names)
         return names
@@ -209,9 +188,9 @@ class Program:
         for block, variable in enumerate(variables):
             self.declare("size", 0.0, "sum of squares of what the pair force reads next")
             self.total("size", f"{variable}*{variable}")
-            self.set(TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
-            self.each("x", f"xs+{TAU}*{variable}", "shows these values")
-            self.evaluate_pair_force(Phase.READ, "the pair force reads them", block)
+            self.set(shared.TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
+            self.each("x", f"xs+{shared.TAU}*{variable}", "shows these values")
+            self.evaluate_pair_force(shared.Phase.READ, "the pair force reads them", block)
 
     def read_at_rest(self) -> None:
         """Have the pair force read the fields, and put the positions back, which it has stored."""
@@ -230,26 +209,26 @@ class Program:
         self.store_fingerprint()
         with self.if_changed():
             if self.options.execution.pushes:
-                self.phase(Phase.CONSERVE)
+                self.phase(shared.Phase.CONSERVE)
             self.each("acc", f"{self.kicking}/m", "conservative acceleration")
             self.leave_to_body_forces()
 
     def leave_to_body_forces(self) -> None:
         """Where only body forces act, the acceleration that was computed last becomes theirs."""
         if self.options.partial:
-            self.declare_per_dof(ALONE, "1 where only body forces act, 0 elsewhere")
-            self.each("acc", f"(1-{ALONE})*acc+{ALONE}*f{EXTERNAL_GROUP}/m", "only body forces act on some beads")
+            self.declare_per_dof(shared.ALONE, "1 where only body forces act, 0 elsewhere")
+            self.each("acc", f"(1-{shared.ALONE})*acc+{shared.ALONE}*f{shared.EXTERNAL_GROUP}/m", "only body forces act on some beads")
 
     def acceleration_is_kept(self, left: list[str] | tuple = ()) -> None:
         """Say that the last acceleration of a step serves the next one, if that finds velocities or fields of these names as they are."""
         self.store_fingerprint()
         self.set("valid_for", "fingerprint", "acc is valid for this")
         if left:
-            self.declare(LAST, 1.0, "whether this step is the last one of a call")
-            with self.when(f"{LAST} > 0", "may somebody change them before the next step?"):
+            self.declare(shared.LAST, 1.0, "whether this step is the last one of a call")
+            with self.when(f"{shared.LAST} > 0", "may somebody change them before the next step?"):
                 for name in left:
-                    self.declare_per_dof(LEFT + name, "what the last step of a call left")
-                    self.each(LEFT + name, name)
+                    self.declare_per_dof(shared.LEFT + name, "what the last step of a call left")
+                    self.each(shared.LEFT + name, name)
 
     def after_sweep(self, fields: list[str]) -> None:
         """Take over what a sweep did to the fields; to internal energies, where velocities are not double precision, by what these really
@@ -262,11 +241,11 @@ class Program:
             return
         if not self.options.compensated:
             for block, name in enumerate(fields):
-                self.phase(Phase.CHANGE, block)
+                self.phase(shared.Phase.CHANGE, block)
                 self.each(name, f"{name}+{self.field_change}", "what the beads got")
             return
         (u,) = fields
-        self.phase(Phase.CHANGE)
+        self.phase(shared.Phase.CHANGE)
         for name, why in (("du", "change of the energies"), ("un", "energies before rounding is made good")):
             self.declare_per_dof(name, why)
         self.each("du", f"{self.field_change}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion")
@@ -304,10 +283,10 @@ class Program:
     # -- checking and building ---------------------------------------------------------------------------------------------------
     def check(self) -> None:
         """Raise ProgramError for an unknown name, a shadowed one, or a step with two kinds of force."""
-        context = set(PARAMETERS) if self.options.kernel else set()
+        context = set(shared.PARAMETERS) if self.options.kernel else set()
         everywhere = set(self.globals_) | context | _RESERVED
         for name in [*self.globals_, *self.per_dof]:
-            if name in _RESERVED or name in _FUNCTIONS or name in PARAMETERS:
+            if name in _RESERVED or name in _FUNCTIONS or name in shared.PARAMETERS:
                 raise ProgramError(f"{self.name}: the variable {name!r} shadows a reserved name")
         targets = {"global": set(self.globals_) | context, "sum": set(self.globals_), "per_dof": set(self.per_dof) | {"x", "v"}}
         depth = 0
@@ -336,7 +315,7 @@ class Program:
         integrator = PairIntegrator(self.options.dt)
         # barostats draw from a generator of the whole process, which a new Context seeds with this number last
         openmm.CustomIntegrator.setRandomNumberSeed(integrator, self.options.openmm_seed)
-        portable = dict.fromkeys(PORTABLE if self.options.kernel else (), (0.0, ""))
+        portable = dict.fromkeys(shared.PORTABLE if self.options.kernel else (), (0.0, ""))
         # in an order that does not depend on the way of a step: a checkpoint has no names
         for name, (value, _) in sorted((portable | self.globals_).items()):
             integrator.addGlobalVariable(name, value)
