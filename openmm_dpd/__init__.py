@@ -2,10 +2,9 @@
 
 import sys
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
 
 from .advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
+from .base import stats as stats, units as units
 from .base.errors import (
     DeckError as DeckError,
     DPDError as DPDError,
@@ -17,6 +16,7 @@ from .base.errors import (
 )
 from .base.platforms import fastest_platform as fastest_platform
 from .base.serialized import load_xml as load_xml
+from .io import trajectory as trajectory, view as view
 from .measure import (
     DPDReporter as DPDReporter,
     Observer as Observer,
@@ -62,32 +62,11 @@ from .simulation.thermostat import add_thermostat as add_thermostat
 __version__ = "0.2.0"
 
 #: Modules that scripts import by a name of their own, and where they are.
-PUBLIC_MODULES = {
-    "inputs": "inputs",
-    "outputs": "outputs",
-    "stats": "base.stats",
-    "trajectory": "io.trajectory",
-    "units": "base.units",
-    "view": "io.view",
-}
-
-
-class _PublicModules(MetaPathFinder, Loader):
-    """Finds :data:`PUBLIC_MODULES` by both names, as one module, when they are first imported."""
-
-    def find_spec(self, fullname, path=None, target=None):
-        package, _, name = fullname.rpartition(".")
-        return ModuleSpec(fullname, self) if package == __name__ and name in PUBLIC_MODULES else None
-
-    def exec_module(self, module):
-        name = module.__name__.rpartition(".")[2]
-        sys.modules[module.__name__] = import_module(f"{__name__}.{PUBLIC_MODULES[name]}")
-
-
-sys.meta_path.append(_PublicModules())
+PUBLIC_MODULES = {"stats": stats, "trajectory": trajectory, "units": units, "view": view}
+sys.modules.update({f"{__name__}.{name}": module for name, module in PUBLIC_MODULES.items()})
 
 
 def __getattr__(name):
-    if name in PUBLIC_MODULES:
+    if name in ("inputs", "outputs"):
         return import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

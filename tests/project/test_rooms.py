@@ -80,8 +80,9 @@ def test_wings_keep_their_budgets(wing):
 
 
 def test_public_modules_are_found_by_both_names():
-    for name, place in openmm_dpd.PUBLIC_MODULES.items():
-        assert __import__(f"openmm_dpd.{name}", fromlist=["_"]) is __import__(f"openmm_dpd.{place}", fromlist=["_"])
+    for name, module in openmm_dpd.PUBLIC_MODULES.items():
+        assert __import__(f"openmm_dpd.{name}", fromlist=["_"]) is getattr(openmm_dpd, name) is module
+    assert openmm_dpd.inputs.scene_from_psf and openmm_dpd.outputs.write_pdb
     with pytest.raises(ModuleNotFoundError):
         __import__("openmm_dpd.nothing")
 
