@@ -260,7 +260,8 @@ def condition_holds(text: str) -> bool:
     """Whether the condition of an ``if`` command is true; variables must already be substituted.  ParameterError if it is malformed,
     compares a string with a number, or is a single string.
 
-    >>> condition_holds("2 < 3 && north != south") True
+    >>> condition_holds("2 < 3 && north != south")
+    True
     """
     condition = _Condition(text)
     value: Value = condition.value()
