@@ -159,6 +159,10 @@ class PairEngine(Engine):
         """See :meth:`.interface.Engine.densities`."""
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
+    def another(self) -> "PairEngine":
+        """See :meth:`.interface.Engine.another`."""
+        return type(self)(self.spec)
+
     @property
     def repeats(self) -> bool:
         """See :class:`.interface.Engine`."""

@@ -58,6 +58,10 @@ class Engine(Protocol):
         """
         ...
 
+    def another(self) -> "Engine":
+        """A new engine for the same pair terms; only where it repeats."""
+        raise NotImplementedError
+
     @property
     def repeats(self) -> bool:
         """Whether all that a step asks for is done by kernels on arrays that stay, so that it can be played again (:mod:`.tape`)."""

@@ -1,5 +1,6 @@
 """What a step is, and what it begins with: what loops over steps have in common, whichever engine they use."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -51,6 +52,30 @@ class StepSpec:
     def foresees(self) -> bool:
         """Whether a kick by slow forces before a step is not just what they add to that prediction; impulses are taken as they are."""
         return self.lam != 0.5 and self.slow_every == 1
+
+
+@dataclass(frozen=True, eq=False)
+class Masses:
+    """1/masses, as passes over beads and over components read them."""
+
+    inverse: np.ndarray  #: (N,) of beads; 0 for those that do not move
+    components: np.ndarray  #: (3 N,) of components, or (1,) if all are alike
+    slowest: float  #: Square root of 1/mass of the heaviest bead that moves; 0 if none does
+    some_rest: bool  #: Whether there are beads that do not move
+
+    @classmethod
+    def of(cls, inverse: np.ndarray) -> "Masses":
+        """Those of beads with these 1/masses (N,)."""
+        moving, alike = inverse[inverse > 0.0], bool(np.all(inverse == inverse[:1]))
+        slowest = math.sqrt(moving.min()) if len(moving) else 0.0
+        return cls(inverse.copy(), inverse[:1].copy() if alike else np.repeat(inverse, 3), slowest, len(moving) < len(inverse))
+
+    def seat(self, given: np.ndarray, names: np.ndarray) -> None:
+        """Put beads in another order: ``given`` (N,) are 1/masses by the numbers of beads, ``names`` (N,) the number of the bead in each
+        row."""
+        if len(self.components) > 1:  # they are unlike
+            np.take(given, names, out=self.inverse)
+            self.components.reshape(-1, 3)[...] = self.inverse[:, None]
 
 
 @dataclass(eq=False)
@@ -106,9 +131,9 @@ class Stepper(Protocol):
     """Does whole steps with one engine, and keeps what it has computed in the last one."""
 
     spec: StepSpec
-    tensor: bool  #: Whether the forces of last steps are to be summed with their stress tensor, where friction is a force
-    moment: Moment | None  #: After the last step, None where there is none
-    parted: bool  #: Whether their conservative forces are to be had apart too, from engines that can
+    #: Where friction is a force, what the last step of a run sums beside its forces: STRESS, and LAPLACIAN, with conservative forces apart,
+    #: from engines that can
+    more: int
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """Do n steps; ``slow`` are forces of others (N, 3), at the positions of the moment, that kick before and after.  RunError if a step
@@ -126,6 +151,9 @@ class Stepper(Protocol):
     def last(self) -> "LastStep | None":
         """Where friction is a force: what the last step computed, if the engine is still there."""
         ...
+
+    def forget(self) -> None:
+        """Let go of the moment after the last step and its arrays."""
 
 
 class LastStep(NamedTuple):

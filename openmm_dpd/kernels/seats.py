@@ -26,8 +26,7 @@ class Seats:
         self._before: dict[str, np.ndarray] = {}
         self._spare = np.empty_like(loop.force)
         #: the bead in each seat, the seat of each bead, and how many steps they have done there
-        self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(len(loop.inv_mass), np.uint32), 0
-        loop.inv_mass = loop.inv_mass.copy()
+        self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(len(loop.force), np.uint32), 0
 
     def run(self, m: Moment, n: int, main: Any, given: bool) -> tuple[int, bool]:
         """Do n steps for the loop of a run, ``main``, whose engine has seen its beads; ``given``: its force is that at the positions of the
@@ -53,14 +52,14 @@ class Seats:
             there, done, has_force = kept, done_then, False
         if there.acc is not None and m.acc is None:
             m.acc = np.empty_like(there.acc)
-        main.forced = -1
+        main.valid.lose_force()
         _take(there, m, self._places, (loop.force, main.force) if has_force else None)
         m.counter, m.time, m.slow_step, m.ramped, m.kT = there.counter, there.time, there.slow_step, there.ramped, there.kT
         return done, has_force
 
     def _longest(self, m: Moment) -> int:
         """For so many steps beads keep their seats."""
-        going = m.dt * self.loop.slowest * math.sqrt(m.kT)
+        going = m.dt * self.loop.masses.slowest * math.sqrt(m.kT)
         return int(min(max(SOONEST, RESEATED * self.loop.reach / going), LATEST)) if going else LATEST
 
     def _change(self, m: Moment, has_force: bool) -> Moment:
@@ -77,10 +76,9 @@ class Seats:
         loop = self.loop
         self._places[names] = np.arange(len(names), dtype=names.dtype)
         loop.engine.seat(names, self._places)
-        if len(loop.inv_masses) > 1:  # they are unlike
-            np.take(loop.engine.spec.inv_mass, names, out=loop.inv_mass)
-            loop.inv_masses.reshape(-1, 3)[...] = loop.inv_mass[:, None]
-        loop.forced, self._names, self._steps = -1, names, 0
+        loop.masses.seat(loop.engine.spec.inv_mass, names)
+        loop.valid.lose_force()
+        self._names, self._steps = names, 0
 
 
 def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:

@@ -17,12 +17,13 @@ from . import motion
 from .columns import Totals
 from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
-from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
-from .moment import FASTEST, LastStep, Moment, SlowForces, StepSpec, Watch, ramped_energy
+from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM
+from .moment import FASTEST, LastStep, Masses, Moment, SlowForces, StepSpec, Watch, ramped_energy
 from .noise import key_again
 from .seats import Seats
 from .shear import AFTER, BEFORE, change_flow, join_flow, leave_flow, slide
 from .sweeps import EXACT, SHARDLOW
+from .validity import Recorded, Validity
 
 #: Pair updates of the letters that sweep.
 UPDATES = {"O": EXACT, "S": SHARDLOW}
@@ -40,40 +41,27 @@ class StepLoop:
     force: np.ndarray = field(init=False)
 
     def __post_init__(self):
-        pairs = self.engine.spec
-        self.inv_mass, alike = pairs.inv_mass, bool(np.all(pairs.inv_mass == pairs.inv_mass[:1]))
-        #: as passes over components have it
-        self.inv_masses = self.inv_mass[:1].copy() if alike else np.repeat(pairs.inv_mass, 3)
-        self.still = np.flatnonzero(self.inv_mass == 0.0)
-        #: square root of 1/mass of the heaviest bead that moves
-        self.slowest = math.sqrt(self.inv_mass[self.inv_mass > 0.0].min(initial=np.inf)) if len(self.still) < len(self.inv_mass) else 0.0
-        self.force = np.zeros((len(pairs.types), 3))
-        #: which list of the engine the force and its sums belong to: the conservative one, or all where friction is a force
-        self.forced, self._summed, self.totals = -1, 0, Totals(0.0, 0.0, 0.0)
-        #: the moment after the last step, None where there is none; whether the forces of last steps are summed with their stress tensor
-        self.moment: Moment | None = None
-        self.tensor = self.parted = False
-        self._last, self._held = False, np.zeros((0, 3))
-        #: in a shear: velocities relative to the flow
-        self._relative = np.zeros((0 if self.spec.shear is None else len(pairs.types), 3))
+        n = len(self.engine.spec.types)
+        self.masses = Masses.of(self.engine.spec.inv_mass)
+        self.force = np.zeros((n, 3))
+        self.valid = Validity(self.engine)
+        self.more = 0
+        #: in a shear: velocities relative to the flow, and what the friction of the last step has passed on
+        #: (:meth:`.interface.Engine.passed`)
+        self._relative = np.zeros((0 if self.spec.shear is None else n, 3))
+        self.passed: np.ndarray | float = 0.0
+        #: conservative forces of a last step, where they are summed apart
+        self._held = np.zeros((0, 3))
         #: does steps with beads in another order
         self._seats: Seats | None = None
-        #: a step that can be played again, what was known before it, and its conditions
-        self._recorded: tuple[Recording, tuple, tuple] | None = None
-        #: whether conservative forces depend on fields, which may change where positions do not
-        self._acting = pairs.fields is not None and pairs.fields.acts
-        #: in a shear: what the friction of the last step has passed on, see :meth:`.interface.Engine.passed`
-        self.passed: np.ndarray | float = 0.0
-        #: whether lists of the engine are those of the moment's positions; whether the force is, though there are no lists
-        self.placed = self._given = False
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
         done, given = 0, False
         if threads_for(len(moment.x)) > 1 and self.engine.number and self.spec.driven is None and self._repeats(moment, slow, n):
             if self._seats is None:
-                self._seats = Seats(StepLoop(self.spec, type(self.engine)(self.engine.spec), self.watch, self.reach, parts=True))  # type: ignore[call-arg]
-            self.placed = self.engine.holds(moment.x, moment.box)
+                self._seats = Seats(StepLoop(self.spec, self.engine.another(), self.watch, self.reach, parts=True))
+            self.valid.begin(moment.x, moment.box, False)
             given = self.has_force
             if n > 3:
                 done, given = self._seats.run(moment, n - 1, self, given)
@@ -87,9 +75,8 @@ class StepLoop:
         # the last step of a run is done here, so that all that belongs to it is there
         done, last = 0, n if self.parts else n - 1
         try:
-            self.moment, self._given = None, given
-            self.placed = self.engine.holds(moment.x, moment.box)
-            if self.placed:  # what is recorded reads the array that beads move in
+            self.valid.begin(moment.x, moment.box, given)
+            if self.valid.placed:  # what is recorded reads the array that beads move in
                 self.engine.resume(moment.x, moment.box)
             force = None
             while done < n:
@@ -98,27 +85,28 @@ class StepLoop:
                 if repeats and done < last and (played := self._play(moment, last - done)):
                     done += played
                     continue
-                begun, counter, tape = self._known(moment), moment.counter, Tape(key_again) if repeats else None
-                self._recorded = None
+                begun, counter, tape = self.valid.computed(moment), moment.counter, Tape(key_again) if repeats else None
+                self.valid.take()
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
                     if self.spec.predicts and (moment.acc is None or self.spec.foresees):
                         moment.unkicked = moment.v.copy()
                     self._move(moment, force, before * moment.dt)
-                self._last = done + 1 == n
+                self.valid.final = done + 1 == n
                 with nullcontext() if tape is None else tape.recording():
                     step(moment)
-                if tape is not None and tape.smooth and begun == self._known(moment):
-                    self._record(moment, tape, counter)
+                if tape is not None and tape.smooth and begun == self.valid.computed(moment):
+                    recording = Recording(tape, counter, moment.counter - counter, moment.state, self.engine.tables)
+                    self.valid.record(Recorded(recording, begun, self._conditions(moment)))
                 self._count(moment, 1)
                 done += 1
                 if slow is not None and moment.slow_step == 0:
                     force = slow(moment, done) if after or done < n else None
                     if after and force is not None:
                         self._move(moment, force, after * moment.dt)
-            if self.placed and not self.parts:
+            if self.valid.placed and not self.parts:
                 self.engine.keep()
-            self.moment = moment
+            self.valid.end(moment)
         except RunError as error:
             error.steps_done = already + min(done, n - 1)  # type: ignore[attr-defined]
             raise
@@ -134,10 +122,6 @@ class StepLoop:
         plain = slow is None and m.box is not None and (spec.driven is None or spec.driven.steady and not self._heats(m))
         return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
-    def _known(self, m: Moment) -> tuple[bool, ...]:
-        """What a step need not do, since it has been done."""
-        return self.placed, self.placed and self.forced == self.engine.number, m.acc is None, self._given
-
     def _conditions(self, m: Moment) -> tuple:
         """What a recorded step depends on beside the arrays it begins with."""
         box = m.box if m.box is None or m.flow is None else m.box.diagonal()  # what slides is in the state
@@ -150,56 +134,53 @@ class StepLoop:
             threads_for(len(m.x)),
         )
 
-    def _record(self, m: Moment, tape: Tape, counter: int) -> None:
-        """Keep a step that can be repeated."""
-        recording = Recording(tape, counter, m.counter - counter, m.state, self.engine.tables)
-        self._recorded = recording, self._known(m), self._conditions(m)
-
     def _play(self, m: Moment, steps: int) -> int:
         """Repeat the recorded step for a while, if there is one that fits; returns how many steps were done."""
-        recorded, self._recorded = self._recorded, None  # it is kept if all goes well
-        if recorded is None:
+        recorded = self.valid.take()  # it is kept if all goes well
+        if recorded is None or not recorded.step.begins_with(*m.state) or recorded.conditions != self._conditions(m):
             return 0
-        recording, known, conditions = recorded
-        if not recording.begins_with(*m.state) or conditions != self._conditions(m):
-            return 0
-        steps, again = min(steps, recording.at_once), Tape(key_again)
+        before, again = recorded.before, Tape(key_again)
+        steps = min(steps, recorded.step.at_once)
         with again.recording():  # what was known before the recorded step, and is used in it
-            if known[0] and self.spec.looks_first:
+            if before.placed and self.spec.looks_first:
                 self._place(m)
-            if known[1] and not self.spec.predicts:
+            if before.forced and not self.spec.predicts:
                 self._conserve(m)
         if not again.smooth:  # there are other arrays now
             return 0
         heats = None
         if self._heats(m):
             heats = np.array([ramped_energy(self.spec.ramp, m.ramped + 1.0 + k) for k in range(steps)])  # type: ignore[operator]
-        played, sound = recording.play(m.counter, steps, heats)
-        m.counter += recording.counted * played
+        played, sound = recorded.step.play(m.counter, steps, heats)
+        m.counter += recorded.step.counted * played
         self._count(m, played)
         if heats is not None and played:
             m.ramped, m.kT = m.ramped + played, float(heats[played - 1])  # type: ignore[operator]
-        if played:
-            self.placed, self.forced, self._given = known[0], self.engine.number if known[1] else -1, False
-        if sound is not None:  # the one that is not to be done has other lists
-            self.placed, self.forced, self._given = False, -1, False
+        if played or sound is not None:
+            self.valid.played(before if sound is None else None)  # a step that is not to be done has other lists
         if sound or played == steps:
-            self._recorded = recorded
+            self.valid.record(recorded)
         if sound:
             played += self._play(m, sound)
-            self._recorded = None
+            self.valid.take()
         return played
 
     @property
     def has_force(self) -> bool:
         """Whether the force is all of that at the positions of the moment, whatever happens to velocities and fields."""
-        return self.placed and self.forced == self.engine.number and not self.spec.predicts and not self._acting
+        return self.valid.placed and self.valid.forced and not self.spec.predicts and not self._acting
+
+    @property
+    def _acting(self) -> bool:
+        """Whether conservative forces depend on fields, which may change where positions do not."""
+        fields = self.engine.spec.fields
+        return fields is not None and fields.acts
 
     def _place(self, m: Moment) -> None:
         """List the pairs at x, unless they are listed."""
-        if not self.placed:
+        if not self.valid.placed:
             self.engine.place(m.x, m.box)
-            self.placed = True
+            self.valid.listed()
 
     # -- words -------------------------------------------------------------------------------------------------------------------
     def _word(self, m: Moment) -> None:
@@ -239,8 +220,8 @@ class StepLoop:
     def _move(self, m: Moment, force: np.ndarray, kick: float, time: float = 0.0) -> int:
         """Kick and drift; returns how many beads are to be watched (in a shear :meth:`_look` finds most of them)."""
         if time:
-            self.placed = self._given = False
-        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.inv_masses
+            self.valid.drift()
+        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.masses.components
         if time:
             self._slide(m, time, BEFORE, m.v)
         found = motion.move(*flat, kick, time, self._limit(m) if m.flow is None else np.inf)
@@ -252,7 +233,7 @@ class StepLoop:
         """No bead runs away without a component of the velocity above this one."""
         ramp = self.spec.ramp
         kT = m.kT if ramp is None else min(m.kT, ramp.kT_start, ramp.kT_end)  # the same one as long as it acts
-        return max(self.reach / m.dt, FASTEST * self.slowest * math.sqrt(kT / 3.0))
+        return max(self.reach / m.dt, FASTEST * self.masses.slowest * math.sqrt(kT / 3.0))
 
     def _slide(self, m: Moment, time: float, which: int, *velocities: np.ndarray) -> None:
         """In a shear slide the images for a time, if there is one, and give beads that follow the flow what it changes by."""
@@ -272,46 +253,51 @@ class StepLoop:
         """Watch beads, where some are fast."""
         v, found = self._seen(m, v, self._limit(m))
         if fast or found:
-            self.watch(v, self.inv_mass, m)
+            self.watch(v, self.masses.inverse, m)
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
         walls, driven = self.spec.walls, self.spec.driven
         if driven is not None:
             speeds, taken = driven.velocities(m.time + 0.5 * m.dt), np.zeros((3, 2, 3))
             for k, v in enumerate(velocities):
-                reflect_driven(m.x, v, self.inv_mass, *walls, speeds, k == len(velocities) - 1, taken, m.impulses)  # type: ignore[misc]
+                reflect_driven(m.x, v, self.masses.inverse, *walls, speeds, k == len(velocities) - 1, taken, m.impulses)  # type: ignore[misc]
         elif walls is not None:
             # the last one puts the positions back
             for k, v in enumerate(velocities):
-                motion.reflect_beads(m.x, v, self.inv_mass, *walls, k == len(velocities) - 1)
+                motion.reflect_beads(m.x, v, self.masses.inverse, *walls, k == len(velocities) - 1)
 
     def _conserve(self, m: Moment) -> None:
         """Conservative force at x, unless it is there already."""
-        if not self._given:
+        if not self.valid.given:
             self._place(m)
             self.conserve(m.values)
 
     def swept(self, counter: int) -> np.ndarray | None:
         """See :class:`Stepper`."""
-        there = self.moment is not None and self.moment.counter == counter and self.engine.holds(self.moment.x, self.moment.box)
+        m = self.valid.moment
+        there = m is not None and m.counter == counter and self.engine.holds(m.x, m.box)
         return self.passed if there and isinstance(self.passed, np.ndarray) else None
 
     def last(self) -> LastStep | None:
         """See :class:`Stepper`."""
-        if not self.spec.predicts or self.forced != self.engine.number or self.moment is None:
+        moment, totals = self.valid.moment, self.valid.totals
+        if not self.spec.predicts or not self.valid.forced or moment is None:
             return None
-        return LastStep(self.moment, self.force, self.totals, None if self.totals.conservative is None else self._held)
+        return LastStep(moment, self.force, totals, None if totals.conservative is None else self._held)
+
+    def forget(self) -> None:
+        """See :class:`Stepper`."""
+        self.valid.end(None)
 
     def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
         """See :class:`Stepper`; what is there already is not computed again, unless it depends on fields."""
-        if self._acting or self.forced != self.engine.number or more & ~self._summed:
+        if self._acting or not self.valid.has(more):
             self._sum(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, values)
-        return self.force, self.totals
+        return self.force, self.valid.totals
 
     def _sum(self, which: int, v, kT: float, dt: float, seed: int, counter: int, values: np.ndarray | None, **apart) -> None:
-        self.forced = -1  # until all of it is there
-        self.totals = self.engine.sums(which, v, kT, dt, seed, counter, values, self.force, **apart)
-        self.forced, self._summed = self.engine.number, which
+        self.valid.lose_force()  # until all of it is there
+        self.valid.summed(which, self.engine.sums(which, v, kT, dt, seed, counter, values, self.force, **apart))
 
     def _sweep(self, m: Moment, part: float, update: int) -> None:
         self._place(m)
@@ -321,15 +307,15 @@ class StepLoop:
         if m.flow is not None:
             join_flow(m.v, m.x, m.flow, v)
             self.passed = self.passed + self.engine.passed()
-        if len(self.still):
-            motion.hold(m.v, self.inv_mass)
+        if self.masses.some_rest:
+            motion.hold(m.v, self.masses.inverse)
         driven = self.spec.driven
         if driven is not None and driven.continuum is not None:
             assert m.impulses is not None
             speeds = driven.velocities(m.time + 0.5 * m.dt)
             drag_by_walls(driven.continuum, m.x, m.v, speeds, part * m.dt, m.kT, m.seed, m.counter, m.impulses)
         if m.values is not None:
-            motion.add_to_moving(m.values, self.engine.increments, self.inv_mass)
+            motion.add_to_moving(m.values, self.engine.increments, self.masses.inverse)
 
     def _warm(self, m: Moment) -> None:
         """The thermal energy of this step."""
@@ -356,8 +342,8 @@ class StepLoop:
             if self.spec.field_lam != 0.5:
                 seen = m.values + self.spec.field_lam * dt * m.rates  # type: ignore[operator]  # where there are values
             motion.advance(m.values, m.rates, 0.5 * dt)
-        self.placed = self._given = False
-        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.inv_masses
+        self.valid.drift()
+        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.masses.components
         moving = (m.v,) if predicted is None else (predicted, m.v)
         self._slide(m, dt, BEFORE, *moving)
         fast = motion.move_accelerated(*flat, 0.5 * dt, dt, self._limit(m) if m.flow is None else np.inf)
@@ -382,12 +368,14 @@ class StepLoop:
         """Acceleration and rates at x, friction and noise included, and a kick of that duration."""
         assert m.acc is not None
         self._place(m)
-        which, apart = CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS * (self.tensor and self._last), {}
-        if self.parted and self._last and self.engine.parts_forces:
-            which |= LAPLACIAN
+        more, apart = self.more if self.valid.final else 0, {}
+        if not self.engine.parts_forces:
+            more &= ~LAPLACIAN
+        if more & LAPLACIAN:
             self._held = self._held if len(self._held) else np.empty_like(self.force)
             apart = {"held": self._held}
+        which = CONSERVATIVE | DISSIPATIVE | RANDOM | more
         self._sum(which, self._seen(m, v)[0], m.kT, m.dt, m.seed, m.counter, values, **apart)
-        motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.inv_masses, kick)
+        motion.accelerate(m.acc.ravel(), m.v.ravel(), self.force.ravel(), self.masses.components, kick)
         if values is not None:
-            motion.take_moving(m.rates, self.engine.rates, self.inv_mass)
+            motion.take_moving(m.rates, self.engine.rates, self.masses.inverse)

@@ -19,7 +19,7 @@ from ..kernels.charges import ChargeEvaluator
 from ..kernels.columns import Totals
 from ..kernels.fields import TEMPERATURE
 from ..kernels.interface import Engine
-from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
+from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from ..kernels.moment import LastStep, Stepper
 from ..kernels.shear import add_flow, rate_at
 from ..plan.made import acting, groups_of, masses_of
@@ -151,7 +151,7 @@ class Present:
         pairs, force = Totals(0.0, 0.0, 0.0), np.zeros_like(self.x) if engine is None else np.empty_like(self.x)
         last = None if more & STRESS else self._last_step
         if loop is not None:
-            loop.parted = True
+            loop.more |= LAPLACIAN
         if loop is not None and not loop.spec.predicts:
             force[...], pairs = loop.conserve(self.values, more)
         elif last is not None and last.held is not None:
@@ -253,7 +253,7 @@ class Present:
     def _of_all_forces(self, engine: Engine) -> Totals:
         loop, last = self._loop, self._last_step
         if loop is not None:
-            loop.tensor = True
+            loop.more |= STRESS
         if last is not None and last.totals.stress is not None:
             return last.totals
         which = CONSERVATIVE | DISSIPATIVE | RANDOM | STRESS

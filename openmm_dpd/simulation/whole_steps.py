@@ -61,7 +61,7 @@ class WholeSteps:
             loop = own.loop
             assert loop is not None
             # what is not needed any more is let go at once: each of these arrays has 24 bytes per bead
-            loop.moment = None
+            loop.forget()
             x, box = self.function.positions(state), self.function.box(state)
             del state
             moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, dt, own)

@@ -1,0 +1,121 @@
+"""What a loop over steps has already computed for the present positions, and until when it holds: every such rule is a method here.
+
+=====================  ====================================================  ===========================================================
+what                   is there after                                        until
+=====================  ====================================================  ===========================================================
+lists of pairs         ``begin``, if the engine holds them; ``listed``       ``drift``
+force and its sums     ``summed``                                            the engine lists pairs anew, ``lose_force``
+force without lists    ``begin``, if it is given                             ``drift``
+moment                 ``end``                                               ``begin``
+recorded step          ``record``                                            ``take``
+=====================  ====================================================  ===========================================================
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..runtime import Recording
+from .columns import Totals
+from .interface import Engine
+from .moment import Moment
+
+_NONE = -1
+
+
+class Computed(NamedTuple):
+    """What is there before a step, so that the step need not compute it."""
+
+    placed: bool  #: Lists of pairs
+    forced: bool  #: The force, with lists of pairs
+    accelerated: bool  #: The acceleration, where friction is a force
+    given: bool  #: The force, without lists of pairs
+
+
+class Recorded(NamedTuple):
+    """A step that can be played again where the same is known before it, under the same conditions."""
+
+    step: Recording
+    before: Computed
+    conditions: tuple
+
+
+class Validity:
+    """What one loop over steps has computed with its engine.
+
+    Attributes
+    ----------
+    placed : bool
+        Whether the lists of the engine are those of the present positions.
+    given : bool
+        Whether the force is that at the present positions although there are no lists.
+    final : bool
+        Whether the step that is being done is the last one of its run.
+    moment : Moment or None
+        The moment after the last step of a run; None during a run.
+    totals : Totals
+        Sums that belong to the force.
+    """
+
+    def __init__(self, engine: Engine):
+        self._engine = engine
+        self.placed = self.given = self.final = False
+        self.moment: Moment | None = None
+        self.totals = Totals(0.0, 0.0, 0.0)
+        self._number, self._which = _NONE, 0
+        self._recorded: Recorded | None = None
+
+    # -- a run -------------------------------------------------------------------------------------------------------------------
+    def begin(self, x: np.ndarray, box: np.ndarray | None, given: bool) -> None:
+        """A run begins at these positions; ``given`` says whether the force is that at them."""
+        self.moment, self.given = None, given
+        self.placed = self._engine.holds(x, box)
+
+    def end(self, moment: Moment | None) -> None:
+        """A run has ended at this moment; None: it is not needed any more."""
+        self.moment = moment
+
+    def drift(self) -> None:
+        """The beads move: their pairs have to be listed anew.  The force stays that of the lists it was summed over."""
+        self.placed = self.given = False
+
+    def listed(self) -> None:
+        """The engine has listed the pairs at the present positions."""
+        self.placed = True
+
+    # -- the force ---------------------------------------------------------------------------------------------------------------
+    @property
+    def forced(self) -> bool:
+        """Whether the force was summed over the lists that the engine has."""
+        return self._number == self._engine.number
+
+    def has(self, which: int) -> bool:
+        """Whether the force was summed over the lists that the engine has, with all of these terms and sums."""
+        return self.forced and not which & ~self._which
+
+    def lose_force(self) -> None:
+        """There is no force: another one is being summed, or the array is that of other beads."""
+        self._number = _NONE
+
+    def summed(self, which: int, totals: Totals) -> None:
+        """The force of these terms has been summed over the lists that the engine has."""
+        self.totals, self._which, self._number = totals, which, self._engine.number
+
+    # -- steps that are played ---------------------------------------------------------------------------------------------------
+    def computed(self, m: Moment) -> Computed:
+        """What is there before a step from this moment."""
+        return Computed(self.placed, self.placed and self.forced, m.acc is not None, self.given)
+
+    def record(self, recorded: Recorded) -> None:
+        """Keep a step that can be played again."""
+        self._recorded = recorded
+
+    def take(self) -> Recorded | None:
+        """Take the recorded step out: it is there once, so that a step that fails is not played again."""
+        recorded, self._recorded = self._recorded, None
+        return recorded
+
+    def played(self, before: Computed | None) -> None:
+        """Steps have been played: what was known before the recorded one is known again; nothing, where None was completed."""
+        self.placed, self.given = before is not None and before.placed, False
+        self._number = self._engine.number if before is not None and before.forced else _NONE
