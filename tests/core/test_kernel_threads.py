@@ -98,9 +98,9 @@ def test_threads_share_a_kernel(together):
 
     kernel = Kernel(shared, kept=False)
     for parts in (1, 2, 3):
-        numbers = np.zeros(1000, np.int64)
-        assert kernel(numbers, 1000, parts=parts) == 7
-        assert np.array_equal(numbers, np.arange(1, 1001))  # each from the one before it, which another thread wrote
+        numbers = np.zeros(100, np.int64)
+        assert kernel(numbers, 100, parts=parts) == 7
+        assert np.array_equal(numbers, np.arange(1, 101))  # each from the one before it, which another thread wrote
 
 
 def test_arguments_are_read_as_they_are_written():
@@ -164,7 +164,7 @@ def test_a_child_process_works_whatever_its_parents_threads_do(together, tmp_pat
     """They are not there: not those of the team, not the one that has it work, and not those that compile, draw or keep signals waiting."""
 
     def shared(numbers, part, parts, team):
-        for _ in range(1000):
+        for _ in range(50):
             numbers[part] += 1
             meet(team, parts)
         return 0
@@ -183,14 +183,14 @@ def test_a_child_process_works_whatever_its_parents_threads_do(together, tmp_pat
     def fork() -> None:
         child = os.fork()
         if child == 0:
-            signal.alarm(20)  # which ends it, if it waits
+            signal.alarm(60)  # which ends it, if it waits
             try:
                 numbers = np.zeros(2, np.int64)
                 kernel(numbers, parts=2)
                 Kernel(small, kept=False)(numbers)
                 write_picture(tmp_path / "child.png", new_figure(3, 2))
                 _TEAMS[0].stop()
-                worked = numbers.tolist() == [1000, 1000] and gc.isenabled()
+                worked = numbers.tolist() == [50, 50] and gc.isenabled()
                 os.kill(os.getpid(), signal.SIGINT)
             except KeyboardInterrupt:
                 os._exit(0 if worked else 1)

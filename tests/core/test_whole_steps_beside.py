@@ -308,8 +308,13 @@ CHANGES = {  # Name -> what is done, and with which kinds.
 }
 
 
-@pytest.mark.parametrize(("name", "kind"), [(name, kind) for name, (_, kinds) in CHANGES.items() for kind in kinds])
-@SCHEME
+#: The first kind with all schemes, the others with two of them each in turn.
+OTHERS = [(name, kind) for name, (_, kinds) in CHANGES.items() for kind in kinds[1:]]
+CHANGED = [(name, kinds[0], scheme) for name, (_, kinds) in CHANGES.items() for scheme in SCHEMES]
+CHANGED += [(*row, SCHEMES[(2 * n + k) % len(SCHEMES)]) for n, row in enumerate(OTHERS) for k in range(2)]
+
+
+@pytest.mark.parametrize("name, kind, scheme", CHANGED)
 def test_after_a_change_the_run_is_as_a_fresh_one(scheme, name, kind):
     """Bit for bit, in the loop, in the program and in one that nobody watches; so is one with another history that loads the state."""
     ends, change = [], CHANGES[name][0]
