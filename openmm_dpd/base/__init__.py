@@ -1,4 +1,4 @@
-"""What every room may use: errors and their wording, units, names of context parameters, geometry, files that are whole, averages.
+"""Used by every room: errors and their wording, units, names of context parameters, geometry, files written whole, averages.
 
 It imports from no other room.
 """

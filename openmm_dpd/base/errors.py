@@ -1,6 +1,6 @@
-"""The errors this package raises, all of them ``ValueError``: what is wrong, where, and what would be right.
+"""Errors of this package, all of them ``ValueError``: what is wrong, where, and what to do.
 
-Messages name quantities and beads in OpenMM's units and counted from 0 for a script, and as the deck does where one is carried out.
+In scripts, messages use OpenMM's units and bead numbers from 0; while a deck runs, they use its units and ids.
 """
 
 import reprlib
@@ -16,7 +16,7 @@ import numpy as np
 
 
 class _Short(reprlib.Repr):
-    """Values as they are typed, shortened: numbers of numpy as plain ones, arrays as lists, quantities with their unit."""
+    """Short representations of values: numpy's numbers as plain ones, arrays as lists, Quantities with their unit."""
 
     def repr_instance(self, x, level):
         if isinstance(x, (np.generic, np.ndarray)):
@@ -32,11 +32,11 @@ _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlist, _SHORT.maxtuple = 60, 40, 4, 
 
 
 class DPDError(ValueError):
-    """Base class of every error that openmm_dpd raises on purpose."""
+    """Base class of all errors of openmm_dpd."""
 
 
 class ParameterError(DPDError):
-    """A value given by the user is missing, out of range, of the wrong shape or contradicts another one."""
+    """An input value is missing, out of bounds, of the wrong shape, or contradicts another one."""
 
 
 class PlanError(DPDError):
@@ -44,28 +44,28 @@ class PlanError(DPDError):
 
 
 class ProgramError(DPDError):
-    """An integrator program uses a name it never declared, or breaks a rule that OpenMM would not report."""
+    """An integrator program uses an undeclared name, or breaks a rule that OpenMM does not check."""
 
 
 class RunError(DPDError):
-    """Something went wrong while stepping (a NaN, a bead that left the box, a temperature out of bounds)."""
+    """A run failed while stepping (a NaN, a bead that left the box, a temperature out of bounds)."""
 
 
 class OutputError(DPDError):
-    """A file of results cannot be written; what could be is kept."""
+    """A file of results cannot be written; what was written before is kept."""
 
 
 class DeckError(DPDError):
-    """A LAMMPS deck or data file cannot be read or asks for something that is not supported.
+    """A LAMMPS deck or data file cannot be read, or needs something that is not supported.
 
     Parameters
     ----------
     message : str
         What is wrong.
     file : str, optional
-        The file that has it.
+        File with the error.
     line : int, optional
-        Line number, counted from 1.
+        Line number, from 1.
     """
 
     def __init__(self, message: str, file: str | None = None, line: int | None = None):
@@ -78,9 +78,9 @@ class DeckError(DPDError):
 
 
 def what_is(value) -> str:
-    """What a wrong argument is, in a few words: numbers, text, arrays and collections themselves, if short, of everything else the type.
+    """A wrong argument in a few words, for messages: numbers, text, arrays and short collections themselves, of everything else the type.
 
-    A whole scene or system in a message would be thousands of lines.
+    A scene or System written out would be thousands of lines.
     """
     kind, name = type(value).__name__, getattr(value, "__name__", None)
     if value is None or kind == "Quantity" or isinstance(value, (int, float, str, bytes, list, tuple, dict, set, np.generic, np.ndarray)):
@@ -93,8 +93,8 @@ def what_is(value) -> str:
 
 
 def optional_package(name: str, extra: str, what: str) -> ModuleType:
-    """The module of a name, such as ``gsd.hoomd``; ParameterError, which says what needs it and which extra installs it, if it is not
-    there."""
+    """Import and return a module such as ``gsd.hoomd``; if it is missing, ParameterError names what needs it and the extra that installs
+    it."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -104,17 +104,17 @@ def optional_package(name: str, extra: str, what: str) -> ModuleType:
         ) from None
 
 
-#: The deck whose author reads: something with ``units`` (:class:`openmm_dpd.base.units.UnitSystem`) and ``atoms``, whose ``ids`` are the
-#: beads'.
+#: The deck that is running, if any: an object with ``units`` (:class:`openmm_dpd.base.units.UnitSystem`) and ``atoms``, whose ``ids`` are
+#: those of the beads.
 _DECK: ContextVar[Any] = ContextVar("deck", default=None)
-#: What scripts read.
+#: Default for scripts.
 _NAMES = {"length": "nm", "time": "ps", "energy": "kJ/mol", "force": "kJ/mol/nm", "inverse_length": "/nm", "rate": "/ps"}
 _NAMES["thermal_energy"] = "kJ/mol"
 
 
 @contextmanager
 def read_by(deck: Any) -> Iterator[None]:
-    """A block whose messages are for the author of a deck."""
+    """A block in which messages are for the author of a deck."""
     token = _DECK.set(deck)
     try:
         yield
@@ -123,51 +123,51 @@ def read_by(deck: Any) -> Iterator[None]:
 
 
 def either(script: str, deck: str) -> str:
-    """Words for the author of a script, or others for that of a deck."""
+    """One of two texts: for the author of a script, or while a deck runs for that of the deck."""
     return script if _DECK.get() is None else deck
 
 
 def in_units(value: float, dimension: str, digits: int = 6) -> str:
-    """A number in MD units with its unit, or the same in the deck's, where reduced units have no name."""
+    """A number in MD units as text with its unit, or in the deck's units, which have no name if reduced."""
     return f"{in_number(value, dimension, digits)} {unit_name(dimension)}".rstrip()
 
 
 def in_number(value: float, dimension: str, digits: int = 6) -> str:
-    """The number without its unit."""
+    """A number in MD units as text, converted to the deck's units while one runs, without its unit."""
     deck = _DECK.get()
     return f"{value if deck is None else value / getattr(deck.units, dimension, 1.0):.{digits}g}"
 
 
 def unit_name(dimension: str) -> str:
-    """The unit, as in ``nm``; nothing for reduced units."""
+    """Name of the unit of a dimension, such as ``nm``; empty for reduced units."""
     deck = _DECK.get()
     return _NAMES[dimension] if deck is None else deck.units.unit_names.get(dimension, "")
 
 
 def in_length(value: float, digits: int = 6) -> str:
-    """A length in nm with its unit, or in the deck's."""
+    """A length in nm as text with its unit, or in the deck's unit while one runs."""
     return in_units(value, "length", digits)
 
 
 def thermal(kT: float) -> str:
-    """A thermal energy in kJ/mol, or the deck's temperature."""
+    """A thermal energy in kJ/mol as text, or the deck's temperature while one runs."""
     return f"{either('kT =', 'temperature')} {in_units(kT, 'thermal_energy')}"
 
 
 def bead_number(bead) -> int:
-    """The number of a bead, from 0, or its id in the deck."""
+    """Number of a bead, from 0, or its id in the deck while one runs."""
     deck = _DECK.get()
     return int(bead if deck is None else deck.atoms.ids[bead])
 
 
 def bead_names(*indices: int) -> str:
-    """Beads by their numbers from 0, which is said, or by their ids in the deck."""
+    """Beads as text: their numbers "(counted from 0)", or their ids in the deck while one runs."""
     *first, last = (str(bead_number(index)) for index in indices)
     return f"beads {', '.join(first)} and {last}" + either(" (counted from 0)", "")
 
 
 def overstretched(pairs: np.ndarray, r: np.ndarray, longest: np.ndarray, epsilon: np.ndarray) -> str | None:
-    """What is wrong with the first FENE bond (of ``pairs``, of the length r) that has no finite energy, or None."""
+    """Error message about the first FENE bond (of ``pairs``, with lengths r) without a finite energy, or None."""
     bad = np.flatnonzero(~(r < longest))
     if len(bad):
         limit = f"its R0 of {in_length(longest[bad[0]])}"
@@ -177,6 +177,6 @@ def overstretched(pairs: np.ndarray, r: np.ndarray, longest: np.ndarray, epsilon
 
 
 def fact_table(title: str, facts: Mapping[str, object]) -> str:
-    """An HTML table of names and values; None leaves a row out."""
+    """An HTML table of names and values; rows with the value None are left out."""
     rows = (f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in facts.items() if value is not None)
     return f"<table><caption>{escape(title)}</caption>{''.join(rows)}</table>"

@@ -1,4 +1,4 @@
-"""Which files a run has written, and how long they were at a checkpoint: so that a run that is resumed finds them as they were then."""
+"""Files that a run has written, and their lengths at a checkpoint, so that a resumed run finds them as they were then."""
 
 import hashlib
 import json
@@ -13,17 +13,17 @@ from typing import Any
 
 from .errors import OutputError, ParameterError
 
-#: Name and number of the layout of what a restart reads, the first words of each such file.
+#: Name and version of the layout of restart files, which begin with it.
 LAYOUT = b"openmm-dpd checkpoint 3"
 
 
 def sealed(content: bytes) -> bytes:
-    """Content behind a line with the layout and its checksum, for :func:`unsealed`."""
+    """The content after a line with the layout and a checksum, to be read by :func:`unsealed`."""
     return LAYOUT + b" " + hashlib.sha256(content).hexdigest().encode() + b"\n" + content
 
 
 def unsealed(path: Path) -> bytes:
-    """The content of a file; ParameterError if a bit of it is not what was written, or another version has written it."""
+    """Content of a file from :func:`sealed`; ParameterError if it is damaged, missing, or of another version."""
     whole = b""
     with suppress(OSError):
         whole = path.read_bytes()
@@ -32,14 +32,14 @@ def unsealed(path: Path) -> bytes:
         layout = re.findall(rb"openmm-dpd checkpoint \d+", whole[:99])
         other = layout and layout[0] != LAYOUT and f"was written by another version ({layout[0].decode()}, not {LAYOUT[-1:].decode()})"
         wrong = other or "is missing, damaged or no checkpoint"
-        raise ParameterError(f"--restart: {path} {wrong}; put back what was written, or begin anew without --restart")
+        raise ParameterError(f"--restart: {path} {wrong}; put back the original file, or start anew without --restart")
     return content
 
 
 @dataclass
 class _Entry:
-    """One file: whether it grows (or is written whole), how often it was begun, its length before the first time, where the part at its end
-    begins that the next block overwrites, and the length of what is known to be on the disk."""
+    """One file: whether it grows (or is written whole), how often it was started, its length before the first time, the start of the part
+    at its end that the next block overwrites, and the length that is known to be on the disk."""
 
     grows: bool
     begun: int
@@ -49,12 +49,12 @@ class _Entry:
 
 
 class FileLedger:
-    """The files of a run.  Everything in :mod:`openmm_dpd.base.files` reports to the ledger that is in use.
+    """The files of a run.  All functions in :mod:`openmm_dpd.base.files` report to the ledger in use.
 
-    Files that grow are cut back to a checkpoint; files that are written whole, and those that were begun anew since, will be written
-    again.  What is touched for the first time is noted on disk before, in ``journal``, so that this holds after a run was killed as well.
-    Names of files in ``root``, the folder of the results, are kept relative to it; other files of the journal's folder are none of the run.
-    While ``replaying``, a run is on its way to where it was interrupted: nothing is written, what comes there is in the files already.
+    At a restart, growing files are truncated to the checkpoint; files that are written whole, or were started anew since, are written
+    again.  A file is noted in ``journal`` on disk before it is first written, so that this works after a run was killed, too.  Files in
+    ``root``, the folder of the results, are named relative to it; other files in the journal's folder do not belong to the run.  While
+    ``replaying``, up to the point of interruption, nothing is written, since the files have it already.
     """
 
     def __init__(self, root: Path, journal: Path):
@@ -64,7 +64,7 @@ class FileLedger:
 
     @contextmanager
     def in_use(self) -> Iterator[None]:
-        """Take the reports of all files that are written within."""
+        """Record all files that are written within the block."""
         before = _LEDGER.set(self)
         try:
             yield
@@ -73,7 +73,7 @@ class FileLedger:
 
     # -- reports ------------------------------------------------------------------------------------------------------------------
     def touch(self, path: str | os.PathLike, *, grows: bool, anew: bool) -> None:
-        """Take note of a file that will be written."""
+        """Note a file that will be written: whether it grows, or is started anew."""
         if self.replaying or (os.path.exists(path) and not os.path.isfile(path)):  # a device or a pipe has nothing to keep
             return
         name = self._name(path)
@@ -90,7 +90,7 @@ class FileLedger:
         self._note({name: entry})
 
     def tail(self, path: str | os.PathLike, start: int) -> None:
-        """Take note of where the part at the end of a growing file begins that the next block overwrites."""
+        """Note the start of the part at the end of a growing file that the next block overwrites."""
         entry = self._entries.get(self._name(path))
         if entry is not None:
             entry.tail = start
@@ -109,7 +109,7 @@ class FileLedger:
 
     # -- checkpoints --------------------------------------------------------------------------------------------------------------
     def lengths(self) -> dict[str, dict[str, Any]]:
-        """What :meth:`put_back` needs to know of the present files, which are safe from a power cut then."""
+        """State of the present files for :meth:`put_back`, after flushing them to the disk."""
         found: dict[str, dict[str, Any]] = {}
         for name, entry in self._entries.items():
             path = self.root / name
@@ -117,7 +117,7 @@ class FileLedger:
             if entry.grows and path.is_file():
                 with open(path, "rb") as stream:
                     length = stream.seek(0, os.SEEK_END)
-                    if length != entry.safe and os.name != "nt":  # Windows wants files open for writing
+                    if length != entry.safe and os.name != "nt":  # Windows needs files open for writing
                         os.fsync(stream.fileno())
                     entry.safe = length
                     stream.seek(length if entry.tail is None else entry.tail)
@@ -125,19 +125,19 @@ class FileLedger:
         return found
 
     def put_back(self, lengths: dict[str, dict[str, Any]]) -> None:
-        """Make the files what they were when :meth:`lengths` was asked, and go on from there.  OutputError if a file has gone, or is
-        shorter than it was; ParameterError if the journal is damaged."""
+        """Restore the files to their state at :meth:`lengths`, and continue from there.  OutputError if a file is missing or shorter than
+        it was; ParameterError if the journal is damaged."""
         now = self._read_journal()
         for name, was in lengths.items():
             path, present = self.root / name, now.get(name, (True, was["begun"]))[:2]
             tail = was["length"] - len(was["tail"]) if was.get("tail") else None
             self._entries[name] = _Entry(was["grows"], present[1], was["before"], tail)
             if not was["grows"] or "length" not in was or present != (True, was["begun"]):
-                continue  # it will be written anew, also if the run is killed before that
+                continue  # it will be written anew, even if the run is killed before
             size = path.stat().st_size if path.is_file() else 0
             if size < was["length"]:
                 raise OutputError(
-                    f"{path} has {size} bytes, and had {was['length']} at the checkpoint: the run cannot go on with it; put the file back"
+                    f"{path} has {size} bytes, but had {was['length']} at the checkpoint: the run cannot continue; put the file back"
                 )
             with open(path, "r+b") as stream:
                 stream.truncate(was["length"])
@@ -155,7 +155,7 @@ class FileLedger:
         self._note(self._entries)
 
     def _read_journal(self) -> dict[str, tuple[bool, int, int | None]]:
-        """For each file whether it grows, how often it was begun, and its length before the first time."""
+        """For each file: whether it grows, how often it was started, and its length before the first time."""
         found: dict[str, tuple[bool, int, int | None]] = {}
         for name, grows, begun, before in map(json.loads, unsealed(self.journal).splitlines()):
             found[name] = (grows, begun, found[name][2] if name in found else before)
@@ -166,5 +166,5 @@ _LEDGER: ContextVar[FileLedger | None] = ContextVar("ledger", default=None)
 
 
 def ledger_in_use() -> FileLedger | None:
-    """The ledger that takes reports now."""
+    """The ledger in use, or None."""
     return _LEDGER.get()

@@ -1,4 +1,4 @@
-"""Writing files so that a full disk destroys nothing: whole files, or whole blocks, or one clear error."""
+"""Writing files so that a full disk destroys nothing: whole files, whole blocks, or a clear error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from .errors import OutputError
 from .file_ledger import ledger_in_use
 
-#: What helps, by the kind of error; writing elsewhere helps against all others.
+#: Remedies by the kind of error; for all others, writing elsewhere.
 _REMEDIES = {
     errno.ENOSPC: "free some space there, or write elsewhere",
     errno.EDQUOT: "free some of your quota there, or write elsewhere",
@@ -23,7 +23,7 @@ _REMEDIES = {
 
 @contextmanager
 def writing(path: str | os.PathLike, what: str) -> Iterator[None]:
-    """Make an OSError inside an OutputError that says what could not be written, where, why, and what helps."""
+    """Turn an OSError in the block into an OutputError with what could not be written, where, why, and what to do."""
     try:
         yield
     except OSError as error:
@@ -32,14 +32,14 @@ def writing(path: str | os.PathLike, what: str) -> Iterator[None]:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file, empty if it cannot be read."""
+    """SHA-256 of a file in hexadecimal digits; empty if it cannot be read."""
     with suppress(OSError):
         return hashlib.sha256(path.read_bytes()).hexdigest()
     return ""
 
 
 def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> None:
-    """Write a file, in the place of one that is there, or leave that one as it is.
+    """Write a file whole, replacing an existing one, or leave that as it is.
 
     Parameters
     ----------
@@ -47,18 +47,18 @@ def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> Non
     content : str or bytes
         Text is written in UTF-8.
     what : str
-        What it is, for the error, such as ``the report``.
+        Name of the content in the error, such as ``the report``.
 
     Raises
     ------
     OutputError
-        If it cannot be written; nothing is left behind then.
+        If the file cannot be written; nothing is left behind.
     """
     data = content.encode() if isinstance(content, str) else content
     ledger = ledger_in_use()
     if ledger is not None and ledger.replaying:
-        return  # the file is there already
-    # a link stays one
+        return  # the file exists already
+    # a link remains a link
     target = Path(os.path.realpath(path))
     with writing(path, what):
         if ledger is not None:
@@ -79,20 +79,20 @@ def write_whole(path: str | os.PathLike, content: str | bytes, what: str) -> Non
 
 
 class BlockFile:
-    """A file that grows by whole blocks: one that cannot be written to its end leaves the file as it was before.
+    """A file that grows by whole blocks: if a block cannot be written to its end, the file is left as before.
 
     Parameters
     ----------
     path : path-like
     what : str
-        What it is, for errors.
+        Name of the content in errors.
     append : bool, default False
-        Go on with what is there.
+        Append to an existing file.
 
     Raises
     ------
     OutputError
-        If the file cannot be opened, and from all methods, if something cannot be written.
+        If the file cannot be opened; raised by all methods if they cannot write.
     """
 
     def __init__(self, path: str | os.PathLike, what: str, append: bool = False):
@@ -113,7 +113,7 @@ class BlockFile:
         self.close()
 
     def write(self, block: str | bytes) -> None:
-        """Add a block at the end."""
+        """Append a block."""
         if self._replaying:
             return
         stream = self._stream
@@ -127,7 +127,7 @@ class BlockFile:
                 raise
 
     def replace(self, start: int, part: bytes) -> None:
-        """Write over bytes that are there."""
+        """Overwrite existing bytes from ``start`` on."""
         if self._replaying:
             return
         with writing(self.path, self._what):
@@ -141,19 +141,19 @@ class BlockFile:
 
 
 def _opener(keeping: bool):
-    """How a file is opened to be written anywhere: with what it holds, or empty."""
+    """Opener for writing anywhere in a file: keeping its content, or truncated."""
     flags = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | (0 if keeping else os.O_TRUNC)
     return lambda path, _: os.open(path, flags, 0o666)
 
 
 def append_block(path: str | os.PathLike, block: str, what: str, *, anew: bool = False) -> None:
-    """Open a file, add a block at its end (or begin it anew), and close it; OutputError if that fails."""
+    """Append a block to a file (or to a new one if ``anew``), opening and closing it; OutputError if this fails."""
     with BlockFile(path, what, append=not anew) as file:
         file.write(block)
 
 
 def _write_all(stream, data: bytes) -> None:
-    """Write to an unbuffered file, which takes a part at a time where space is short."""
+    """Write all data to an unbuffered file, which may take only parts at a time."""
     rest = memoryview(data)
     while rest:
         rest = rest[stream.write(rest) :]

@@ -1,4 +1,4 @@
-"""Work that makes many objects which stay."""
+"""Garbage collection, switched off while many permanent objects are made."""
 
 import gc
 import os
@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import get_ident
 
-#: Threads that have switched it off.
+#: Number of threads that have switched garbage collection off.
 _QUIET: set[int] = set()
 
 
 @contextmanager
 def nothing_collected() -> Iterator[None]:
-    """A block in which Python does not look for garbage, if it did before: it would look at all that stays, again and again."""
+    """A block without Python's garbage collection, which would scan all permanent objects again and again."""
     collecting = gc.isenabled()
     try:
         if collecting:
@@ -26,7 +26,7 @@ def nothing_collected() -> Iterator[None]:
 
 
 def _begin_anew() -> None:
-    """A child process has none of its parent's other threads to switch it on again."""
+    """Switch collection on in a forked child, which lacks the parent's threads that would do so."""
     if _QUIET - {get_ident()}:
         gc.enable()
 

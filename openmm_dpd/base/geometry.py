@@ -1,12 +1,12 @@
-"""Vectors in a box of reduced (lower triangular) vectors, pairs of beads within a distance there and what they connect; and symmetric
-tensors as six numbers: xx, yy, zz, xy, xz, yz."""
+"""Geometry in a box of reduced (lower triangular) vectors: minimum images, pairs within a distance and what they connect; and symmetric
+tensors as six numbers, xx, yy, zz, xy, xz, yz."""
 
 import numpy as np
 import scipy
 
 from .errors import ParameterError
 
-#: The two axes of each number of a tensor.
+#: The two axes of each component of a symmetric tensor.
 AXES_OF_TENSOR = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _FIRST, _SECOND = map(list, zip(*AXES_OF_TENSOR, strict=True))
 
@@ -17,15 +17,15 @@ def widths(box: np.ndarray) -> np.ndarray:
 
 
 def most_tilted(box: np.ndarray) -> np.ndarray:
-    """Box vectors of which the second one is tilted along x as far as any that are reduced."""
+    """Box vectors with the second one tilted along x as far as reduced vectors can be."""
     tilted = box.copy()
     tilted[1, 0] = 0.5 * box[0, 0]
     return tilted
 
 
 def reduced(vectors) -> np.ndarray:
-    """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge), from vectors with a along x and b in the xy
-    plane.  A tilt a rounding error above half an edge becomes that half."""
+    """Box vectors of the lattice in OpenMM's reduced form (no tilt above half an edge), from vectors with a along x and b in the xy plane.
+    A tilt that exceeds half an edge by a rounding error becomes half an edge."""
     vectors = np.tril(np.asarray(vectors, dtype=np.float64))
     for row, column in ((2, 1), (2, 0), (1, 0)):
         half = 0.5 * vectors[column, column]
@@ -36,12 +36,12 @@ def reduced(vectors) -> np.ndarray:
 
 
 def minimum_images(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Distance vectors (K, 3) by minimum image; as they are without a box."""
+    """Minimum images of distance vectors (K, 3); unchanged without a box."""
     return _shifted(d, box, np.rint)
 
 
 def folded(x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Positions (N, 3) folded into the box whose lower corner is the origin; as they are without a box."""
+    """Positions (N, 3) wrapped into the box whose lower corner is the origin; unchanged without a box."""
     return _shifted(x, box, np.floor)
 
 
@@ -55,25 +55,25 @@ def _shifted(d: np.ndarray, box: np.ndarray | None, turns) -> np.ndarray:
 
 
 def weighted_sum(weights: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Sum over rows, each times its weight; one after the other on every machine, which a product of matrices is not."""
+    """Weighted sum over rows, one after the other, so that all machines have the same bits (unlike with a matrix product)."""
     return np.sum(weights[:, None] * rows, axis=0)
 
 
 def symmetric_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(6,) sums over rows of the symmetrized products of two (N, 3) arrays: xx, yy, zz, xy, xz, yz."""
+    """(6,) sums over rows of the symmetrised products of two (N, 3) arrays: xx, yy, zz, xy, xz, yz."""
     return 0.5 * (np.sum(a[:, _FIRST] * b[:, _SECOND], axis=0) + np.sum(a[:, _SECOND] * b[:, _FIRST], axis=0))
 
 
 def pairs_within(
     x: np.ndarray, other: np.ndarray | None, box: np.ndarray | None, distance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of beads of x (N, 3) not further apart than a distance, by minimum image: indices i and j, and distances, (P,) each.
+    """Pairs of beads within a distance, by minimum image: indices i and j, and distances, (P,) each.
 
-    With ``other`` (M, 3), j are indices into that; else each pair is there once, with i < j.  ParameterError if the distance is more than
-    half the smallest width of the box.
+    i are indices of x (N, 3); j are indices of ``other`` (M, 3), or of x, with i < j and each pair once.  ParameterError if the distance is
+    more than half the smallest width of the box.
 
-    scipy's trees are as fast as ``freud``'s here (24,000 beads with 42 neighbours each: 0.2 s on one core for both), work in double
-    precision, and are there anyway.
+    scipy's trees are as fast as ``freud``'s here (24,000 beads with 42 neighbours each: 0.2 s on one core for both), in double precision
+    and without a further dependency.
     """
     if box is not None and distance > 0.5 * widths(box).min() * (1 + 1e-6):
         raise ParameterError(
@@ -82,41 +82,41 @@ def pairs_within(
     i, j, r = _among(x if other is None else np.concatenate([x, other]), box, distance)
     if other is None:
         return i, j, r
-    # trees of two sets are an order of magnitude slower than one tree of both
+    # two trees are an order of magnitude slower than one tree of both sets
     mixed = (i < len(x)) & (j >= len(x))
     return i[mixed], j[mixed] - len(x), r[mixed]
 
 
 def graph(bonds: np.ndarray, count: int) -> "scipy.sparse.coo_array":
-    """Bonds (B, 2) between ``count`` beads as scipy has them."""
+    """Bonds (B, 2) between ``count`` beads as a sparse matrix of scipy."""
     return scipy.sparse.coo_array((np.ones(len(bonds), dtype=np.int8), (bonds[:, 0], bonds[:, 1])), shape=(count, count))
 
 
 def connected(bonds: np.ndarray, count: int) -> np.ndarray:
-    """Number of the connected part that each bead is in, from 0."""
+    """Number of the connected component that each bead is in, (count,), from 0."""
     return scipy.sparse.csgraph.connected_components(graph(bonds, count), directed=False)[1]
 
 
 def coincident_pairs(x: np.ndarray, box: np.ndarray | None, distance: float) -> list[tuple[int, int]]:
-    """Pairs (i < j) of beads closer than a (very short) distance, through the periodic box."""
+    """Pairs (i < j) of beads closer than a very short distance, by minimum image."""
     i, j, _ = pairs_within(x, None, box, distance)
     return sorted(zip(i.tolist(), j.tolist(), strict=True))
 
 
 def _among(x: np.ndarray, box: np.ndarray | None, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs among beads, i < j."""
+    """Pairs (i < j) of beads of x within a distance, by minimum image: i, j and distances, (P,) each."""
     if box is None:
         return _listed(x, None, distance)
     s = (x @ np.linalg.inv(box)) % 1.0 % 1.0
     if np.count_nonzero(box - np.diag(np.diagonal(box))) == 0:
         edges = np.diagonal(box)
-        # a rounding error may put a coordinate onto the upper face
+        # a rounding error may move a coordinate to the upper face
         return _listed(np.minimum(s * edges, np.nextafter(edges, 0)), edges, distance)
-    # scipy knows no tilted boxes: the images near the faces are put beside the beads
+    # scipy has no tilted boxes, so images near the faces are added to the beads
     images, owner = _images(s, distance / widths(box))
     i, k, r = _listed(images @ box, None, distance)
     j = owner[k]
-    # of a pair across a face each bead meets the image of the other
+    # in a pair across a face, each bead finds the image of the other
     kept = (i < len(x)) & ((k < len(x)) | (i < j))
     return i[kept], j[kept], r[kept]
 
@@ -131,7 +131,7 @@ def _listed(x: np.ndarray, edges: np.ndarray | None, distance: float) -> tuple[n
 
 
 def _images(s: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fractional positions of beads and of those of their images that are within ``reach`` of the box, and the beads they belong to."""
+    """Fractional positions of beads and of their images within ``reach`` of the box, and the index of the bead of each."""
     points, owner = s, np.arange(len(s))
     for axis in range(3):
         low, high = points[:, axis] < reach[axis], points[:, axis] > 1 - reach[axis]

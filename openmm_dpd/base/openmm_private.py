@@ -1,6 +1,6 @@
-"""What this package takes from inside OpenMM's Python layer, which may change with any release: nothing else does.
+"""Private parts of OpenMM's Python layer, which may change with any release; all uses are in this file.
 
-``tests/core/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
+``tests/core/test_private_interfaces.py`` tries each part, and prints what to do if one has changed:
 
 - ``bare``: ``quantity.value_in_unit_system(openmm.unit.md_unit_system)`` is the same, as a copy.
 - ``vectors``: ``np.array(state.getPositions(asNumpy=True).value_in_unit(openmm.unit.nanometer))`` is the same, velocities alike.
@@ -19,21 +19,21 @@ from openmm.app.internal.xtc_utils import xtc_write_frame
 
 
 def bare(quantity: Any) -> Any:
-    """What a Quantity in OpenMM's own units holds, not copied: that would take longer than the arithmetic of some steps."""
+    """Value of a Quantity in OpenMM's own units, not copied, since a copy takes longer than the arithmetic of some steps."""
     return quantity._value
 
 
 def vectors(state: openmm.State, kind: int) -> np.ndarray:
-    """(N, 3) positions or velocities of a State, in MD units, as an array that is the caller's; faster than those with units."""
+    """(N, 3) positions or velocities of a State, in MD units, as an array that the caller owns; faster than those with units."""
     found = np.empty((state._getNumParticles(), 3))
     state._getVectorAsNumpy(kind, found)
     return found
 
 
 def hear_calls(kind: type, name: str, listener: Callable[[openmm.Context], None]) -> None:
-    """Have a function called with the Context that a method of a class of OpenMM's is given, at its end: ``__init__`` of Contexts, which
-    subclasses carry out too, tells of each that is made from now on.  OpenMM has no way from an integrator to its Context, and to search
-    what Python knows breaks what other threads build."""
+    """Call ``listener`` with the Context at the end of a method of an OpenMM class: with ``__init__`` of Context, which subclasses call
+    too, for each Context made from now on.  OpenMM has no way from an integrator to its Context, and a search of Python's objects breaks
+    what other threads are building."""
     method = getattr(kind, name)
 
     @wraps(method)

@@ -1,4 +1,4 @@
-"""Platforms of OpenMM: the fastest one here, and whether OpenCL is a GPU."""
+"""OpenMM's platforms: the fastest one here, and whether OpenCL runs on a GPU."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -9,7 +9,7 @@ from .errors import ParameterError, what_is
 
 
 def platform_here(platform: openmm.Platform | str | None) -> str:
-    """Name of a platform, the fastest one for None; ParameterError if there is none of that name here."""
+    """Name of a platform, the fastest one for None; ParameterError if it does not exist here."""
     name = platform.getName() if isinstance(platform, openmm.Platform) else platform or fastest_platform()
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if name not in known:
@@ -19,9 +19,9 @@ def platform_here(platform: openmm.Platform | str | None) -> str:
 
 @lru_cache(maxsize=1)
 def fastest_platform() -> str:
-    """Name of the fastest platform here."""
+    """Name of the fastest platform on this machine."""
     platforms = [openmm.Platform.getPlatform(k) for k in range(openmm.Platform.getNumPlatforms())]
-    # OpenCL on a CPU (PoCL) claims the speed of a GPU; the CPU platform is faster there
+    # OpenCL on a CPU (PoCL) reports the speed of a GPU, but the CPU platform is faster
     speeds = {p.getName(): p.getSpeed() for p in platforms if p.getName() != "OpenCL" or opencl_is_a_gpu(p)}
     return max(speeds, key=lambda name: speeds[name])
 

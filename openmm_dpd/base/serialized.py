@@ -1,7 +1,7 @@
-"""Reading what OpenMM's XmlSerializer wrote, without running other people's code in it.
+"""Reading files of OpenMM's XmlSerializer without running foreign code.
 
-A PythonForce is written as a pickled Python object, and to unpickle is to run: OpenMM's own ``XmlSerializer.deserialize`` carries out
-even if a file of unknown origin asks for it.
+A PythonForce is written as a pickled Python object, and unpickling can run any code: OpenMM's own ``XmlSerializer.deserialize`` does so
+even for a file of unknown origin.
 """
 
 import importlib
@@ -17,7 +17,7 @@ import openmm
 
 from .errors import ParameterError
 
-#: What arrays are made of, in NumPy 1 and 2.
+#: Functions and classes that rebuild arrays, in NumPy 1 and 2.
 ARRAYS = {
     ("numpy", "ndarray"),
     ("numpy", "dtype"),
@@ -26,18 +26,18 @@ ARRAYS = {
 }
 
 
-#: Modules of kinds of pair terms, bonds or angles that were registered.
+#: Modules of registered kinds of pair terms, bonds or angles.
 _REGISTERED: set[str] = set()
 
 
 def trust(*modules: str) -> None:
-    """Accept classes of these modules in files: whoever has registered a kind of theirs runs their code anyway."""
+    """Accept classes of these modules in files: registering a kind of theirs runs their code anyway."""
     _REGISTERED.update(modules)
 
 
 class DataUnpickler(pickle.Unpickler):
-    """Accepts plain values, ``others``, and classes (not functions) of ``packages``, by default those of forces, and of ``registered``
-    modules."""
+    """Unpickler that accepts plain values, ``others``, and classes (not functions) of ``packages``, by default those of forces, and of
+    ``registered`` modules."""
 
     packages: tuple[str, ...] = ("openmm_dpd.plan.forces.", "openmm_dpd.kernels.", "openmm_dpd.model.")
     registered: Container[str] = _REGISTERED
@@ -58,27 +58,27 @@ class DataUnpickler(pickle.Unpickler):
 
 
 def checked_xml(text: str) -> ElementTree.Element:
-    """The elements of an XML text, after a check of all Python objects in it.  ParameterError if it is no XML, or one of its PythonForces
-    is not of this package; nothing of it has been run then."""
+    """Elements of an XML text whose Python objects were checked.  ParameterError, before any code has run, if it is not XML, or one of its
+    PythonForces is not of this package."""
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
-        raise ParameterError(f"this is no file that OpenMM's XmlSerializer wrote: {error}") from None
+        raise ParameterError(f"this is not a file of OpenMM's XmlSerializer: {error}") from None
     for node in root.iter():
         if node.get("type") != "PythonForce":
             continue
         try:
             DataUnpickler(io.BytesIO(bytes.fromhex(node.get("function", "")))).load()
-        except Exception as error:  # what is pickled badly can fail in any way
+        except Exception as error:  # a broken pickle can fail in any way
             raise ParameterError(
-                f"the file holds a Python object that is not a force of this package ({error}): another version wrote it, or to "
-                "read it would be to run it; build the System anew, or, if you trust the file, use openmm.XmlSerializer.deserialize"
+                f"the file holds a Python object that is not a force of this package ({error}): another version wrote it, or reading "
+                "it would run foreign code; build the System anew, or, if you trust the file, use openmm.XmlSerializer.deserialize"
             ) from None
     return root
 
 
 def load_xml(file: str | os.PathLike | TextIO) -> Any:
-    """Read a System, integrator or State that ``openmm.XmlSerializer.serialize`` wrote, if it holds no Python code but this package's.
+    """Read a System, integrator or State written by ``openmm.XmlSerializer.serialize``, if its Python objects are of this package.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def load_xml(file: str | os.PathLike | TextIO) -> Any:
     Raises
     ------
     ParameterError
-        If it is no such file, or a PythonForce in it is not one of this package; nothing of it has been run then.
+        If this is not such a file, or a PythonForce in it is not of this package; none of its code has run.
 
     Examples
     --------
@@ -105,12 +105,12 @@ def load_xml(file: str | os.PathLike | TextIO) -> Any:
 
 
 def read_file(file: str | os.PathLike | TextIO) -> str:
-    """Text of a file by its name, or of an open one."""
+    """Text of a file, given its path or an open file."""
     return Path(file).read_text(encoding="utf-8") if isinstance(file, (str, os.PathLike)) else file.read()
 
 
 def deserialized(root: ElementTree.Element) -> Any:
-    """The object of elements that were looked at; they are written anew, so that OpenMM reads exactly what was checked."""
+    """The object of checked elements, which are written anew, so that OpenMM reads exactly what was checked."""
     try:
         return openmm.XmlSerializer.deserialize(ElementTree.tostring(root, encoding="unicode"))
     except (openmm.OpenMMException, ValueError) as error:

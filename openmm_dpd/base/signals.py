@@ -1,7 +1,7 @@
-"""SIGINT and SIGTERM (from a batch system, for example): steps are taken whole or not, and a run ends without losing results.
+"""SIGINT and SIGTERM (from a batch system, for example): steps are completed or not done, and a run ends without losing results.
 
-Python carries a handler out before any next line, in what OpenMM calls too.  Of an exception that is raised there OpenMM makes
-an error without a text, or one of Python's own inside.  So a signal that comes in steps is noted, and acts between two of them.
+Python runs a handler before any next line, also in functions that OpenMM calls.  OpenMM turns an exception raised there into an error
+without a text, or an internal one of Python.  So a signal that comes within a step is noted, and acts between two steps.
 """
 
 import signal
@@ -9,15 +9,15 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-try:  # the functions of signal without its enumerations, which take ten times as long
+try:  # the functions of signal without its enumerations, which import ten times as slowly
     import _signal as handlers  # type: ignore[import-not-found]
 except ImportError:
     handlers = signal
 
 
 class Signals(threading.local):
-    """Makes a KeyboardInterrupt of a signal: at once, or within :meth:`later` where the run says; ``seen`` are the signals that have come.
-    Signals go to the main thread; in others none is ever seen."""
+    """Turns a signal into a KeyboardInterrupt: at once, or within :meth:`later` at a :meth:`check`; ``seen`` are the signals received.
+    Signals go to the main thread; other threads never see one."""
 
     def __init__(self) -> None:
         self.seen: list[int] = []
@@ -25,7 +25,7 @@ class Signals(threading.local):
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """Take the signals over (nothing happens in threads other than the main one)."""
+        """Handle signals within the block (in the main thread only)."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -37,16 +37,16 @@ class Signals(threading.local):
                 handlers.signal(number, handler)
 
     def take(self, number: int, frame: object) -> None:
-        """The handler."""
+        """Handler of a signal: note it, and raise KeyboardInterrupt unless it has to wait."""
         self.seen.append(number)
-        if len(self.seen) > 1:  # whoever asks twice does not want to wait, and once more even less
+        if len(self.seen) > 1:  # a second signal does not wait; a third goes to Python
             handlers.signal(number, signal.default_int_handler)
         if not self._patient or len(self.seen) > 1:
             raise KeyboardInterrupt
 
     @contextmanager
     def later(self) -> Iterator[None]:
-        """Within, the first signal waits for :meth:`check`."""
+        """A block in which the first signal waits for :meth:`check`."""
         before, self._patient = self._patient, True
         try:
             yield
@@ -54,40 +54,40 @@ class Signals(threading.local):
             self._patient = before
 
     def end(self) -> None:
-        """From now on the first signal changes nothing: all is done."""
+        """Ignore a first signal from now on, as all work is done."""
         self._patient = True
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if a signal has come."""
+        """Raise KeyboardInterrupt if a signal was received."""
         if self.seen:
             raise KeyboardInterrupt
 
     @property
     def name(self) -> str:
-        """Name of the first signal that came: ``SIGINT`` where it was not caught here."""
+        """Name of the first signal received; ``SIGINT`` if it was not caught here."""
         return signal.Signals(self.status - 128).name
 
     @property
     def status(self) -> int:
-        """Its exit status."""
+        """Exit status for the first signal received."""
         return 128 + (self.seen[0] if self.seen else int(signal.SIGINT))
 
 
-#: Ctrl-C in steps that a script takes.
+#: Ctrl-C during steps of a script.
 CTRL_C = Signals()
 
 
 @contextmanager
 def unbroken() -> Iterator[None]:
-    """Within, Ctrl-C waits for ``CTRL_C.check()``, and comes out as a KeyboardInterrupt, even where OpenMM has made another error of it.
-    Only Python's own handler is replaced: those of decks and of others act as they do."""
+    """A block in which Ctrl-C waits for ``CTRL_C.check()``, and always leaves it as a KeyboardInterrupt, even if OpenMM turned it into
+    another error.  Only Python's own handler is replaced, not those of decks and others."""
     ours = handlers.getsignal(signal.SIGINT) in (signal.default_int_handler, CTRL_C.take)
     if not ours or threading.current_thread() is not threading.main_thread():
         yield
         return
     try:
         handlers.signal(signal.SIGINT, CTRL_C.take)
-        with CTRL_C.later():  # of this thread: another one may fork a process
+        with CTRL_C.later():  # of this thread, since another one may fork a process
             yield
     finally:
         handlers.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,4 +1,4 @@
-"""Averages of correlated series, with standard errors from blocks whose length is chosen from the data; where averages may begin."""
+"""Averages of correlated series, with standard errors from blocks whose length follows from the data; and the end of equilibration."""
 
 from dataclasses import dataclass
 
@@ -6,30 +6,30 @@ import numpy as np
 
 from .errors import ParameterError
 
-#: Fewest blocks a standard error is taken from; with fewer rows than this there is none.
+#: Fewest blocks for a standard error; with fewer rows there is none.
 MIN_BLOCKS = 5
 #: Correlation times after which a series is long enough.
 LONG = 200
-#: Where a series reaches equilibrium is judged by the means of about so many batches.
+#: Approximate number of batches, from whose means the end of equilibration is found.
 BATCHES = 50
 
 
 @dataclass(frozen=True)
 class Average:
-    """Mean of a series and what is known about its uncertainty.
+    """Mean of a series, and its uncertainty.
 
     Attributes
     ----------
     mean : float or None
-        Mean over all rows; None if there is no row.
+        Mean over all rows; None without rows.
     sem : float or None
-        Standard error of the mean; None if there are too few rows.
+        Standard error of the mean; None with too few rows.
     n_blocks : int
-        Number of blocks the error was taken from (0 if there is none).
+        Number of blocks used for the error (0 without an error).
     tau : float or None
-        Integrated correlation time in rows, 1/2 for independent rows; None if it is not known.
+        Integrated correlation time in rows, 1/2 for independent rows; None if unknown.
     converged : bool
-        Whether the series is at least 200 correlation times long.  If False, ``sem`` tends to be too small, and varies.
+        Whether the series is at least 200 correlation times long.  If not, ``sem`` tends to be too small, and scatters.
     """
 
     mean: float | None
@@ -49,33 +49,33 @@ def block_average(values, *, min_blocks: int = MIN_BLOCKS, name: str = "the seri
         s(B) = B\,\mathrm{var}(\text{block means}) / \mathrm{var}(\text{rows}), \qquad
         \mathrm{sem}^2 = s\,\mathrm{var}(\text{rows})/n,
 
-    which grows with B until the blocks are independent.  B is taken no longer than the first length with B^3 > 2 n s^2, where the
-    systematic error (blocks too short) falls below the statistical one (too few blocks), and the largest s up to there counts.  So an
-    anticorrelated series gets the error of independent rows, which is on the safe side.
+    which grows with B until the blocks are independent.  The largest s up to the first length with B^3 > 2 n s^2 is used, where the
+    systematic error (blocks too short) falls below the statistical one (too few blocks).  So an anticorrelated series gets the larger
+    error of independent rows.
 
-    How long a series has to be is asked in correlation times, as for Markov chains (Sokal; Foreman-Mackey et al.).  The time that a series
-    of 50 of them shows is too short by half in one of 15, so those of less than 200 times what they show do not count as ``converged``.  In
-    AR(1) series the errors are 6 to 20 % too small on average at 25 to 50 times, right within 5 % from 100 on; at 200 half of the series
-    converge, with errors 11 % too small, at 400 all.  A slow part that is small beside fast noise hides from any such criterion.
+    The required length of a series is measured in correlation times, as for Markov chains (Sokal; Foreman-Mackey et al.).  In a series of
+    50 times, the time found is too short by half in one case of 15, so ``converged`` asks for 200 of the times found.  For AR(1) series,
+    errors are 6 to 20 % too small on average at 25 to 50 times, and right within 5 % from 100 on; at 200 times half of the series are
+    converged, with errors 11 % too small, at 400 all.  A slow part that is small compared with fast noise escapes any such criterion.
 
     Parameters
     ----------
     values : (n,) array_like
-        One value per row, in order of time.  Rows left over by whole blocks are the first ones; they count in the mean only.
+        One value per row, in order of time.  The first rows, if not part of a whole block, count in the mean only.
     min_blocks : int, default 5
-        Fewest blocks to take an error from, >= 2.
+        Fewest blocks for an error, >= 2.
     name : str
-        What the series is, for error messages.
+        Name of the series in error messages.
 
     Returns
     -------
     Average
-        With no row: mean and sem None.  With fewer than ``min_blocks`` rows: the mean, sem None.  A constant series: sem 0, tau None.
+        Without rows, mean and sem are None; with fewer than ``min_blocks`` rows, sem is None; for a constant series, sem is 0, tau None.
 
     Raises
     ------
     ParameterError
-        If a value is NaN or infinite (the row is named), or ``values`` is not one-dimensional.
+        If a value is NaN or infinite (the message names the row), or ``values`` is not one-dimensional.
 
     References
     ----------
@@ -90,7 +90,7 @@ def block_average(values, *, min_blocks: int = MIN_BLOCKS, name: str = "the seri
     mean = _mean(array)
     if n < min_blocks:
         return Average(mean, None, 0, None)
-    # the first row is taken off so that a constant series has exactly no variance
+    # the first row is subtracted, so that a constant series has exactly no variance
     shifted = array - array[0]
     length, inefficiency = _block_length(shifted, min_blocks)
     variance = shifted.var(ddof=1)
@@ -101,15 +101,15 @@ def block_average(values, *, min_blocks: int = MIN_BLOCKS, name: str = "the seri
 
 
 def long_enough(rows: int, tau: float) -> bool:
-    """Whether the error of an average over so many rows can be relied on, with their correlation time."""
+    """Whether the error of an average over this number of rows is reliable, given their correlation time in rows."""
     return rows >= LONG * tau
 
 
 def ratio_average(numerator, denominator, *, min_blocks: int = MIN_BLOCKS, name: str = "the series") -> Average:
     r"""Ratio of two means, R = <a>/<b>, with a jackknife error over blocks.
 
-    The mean of the ratios a/b is something else, and biased.  Block length as in :func:`block_average`, for the series
-    (a - R b)/<b> whose mean is the error of R to first order; the error is
+    The mean of the ratios a/b is another, biased quantity.  The block length is that of :func:`block_average` for the series
+    (a - R b)/<b>, whose mean is the error of R to first order; the error is
 
     .. math:: \mathrm{sem}^2 = \frac{m-1}{m} \sum_k (R_k - \bar R)^2,
 
@@ -118,17 +118,17 @@ def ratio_average(numerator, denominator, *, min_blocks: int = MIN_BLOCKS, name:
     Parameters
     ----------
     numerator, denominator : (n,) array_like
-        The two series a and b, row by row from the same times.
+        The two series a and b, with rows of the same times.
     min_blocks : int, default 5
-        As in :func:`block_average`.
+        Fewest blocks for an error, >= 2.
     name : str
-        What the ratio is, for error messages.
+        Name of the ratio in error messages.
 
     Returns
     -------
     Average
-        ``mean`` is the ratio; all else as in :func:`block_average`.  ``sem`` is None also if the denominator is zero in all blocks but one:
-        the ratio is then not defined without that one.
+        ``mean`` is the ratio.  ``sem`` is None with fewer than ``min_blocks`` rows, or if the denominator is zero in all blocks but one, so
+        that the ratio is not defined without it.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def ratio_average(numerator, denominator, *, min_blocks: int = MIN_BLOCKS, name:
     above = _checked(numerator, f"the numerator of {name}", min_blocks)
     below = _checked(denominator, f"the denominator of {name}", min_blocks)
     if len(above) != len(below):
-        raise ParameterError(f"numerator and denominator of {name} must be equally long; they have {len(above)} and {len(below)} rows")
+        raise ParameterError(f"numerator and denominator of {name} must have equal lengths; they have {len(above)} and {len(below)} rows")
     n = len(above)
     if n == 0:
         return Average(None, None, 0, None)
@@ -159,33 +159,33 @@ def ratio_average(numerator, denominator, *, min_blocks: int = MIN_BLOCKS, name:
         return Average(ratio, None, 0, None)
     left_out = without[0] / without[1]
     variance = (blocks - 1) / blocks * np.sum((left_out - left_out.mean()) ** 2)
-    # the blocks hold length*blocks rows of the n that the ratio was taken from
+    # the blocks hold length*blocks of the n rows of the ratio
     return Average(ratio, float(np.sqrt(variance * length * blocks / n)), blocks, inefficiency / 2, long_enough(n, inefficiency / 2))
 
 
 def equilibrated(values, *, name: str = "the series") -> int:
-    r"""First row from which on a series is taken to be in equilibrium, by the marginal standard error rule (MSER).
+    r"""First row from which a series counts as equilibrated, by the marginal standard error rule (MSER).
 
-    The rows left out are those d for which the mean of the others would have the smallest error, were the rows independent,
+    The number d of rows to leave out is the one for which the mean of the others would have the smallest error if rows were independent,
 
     .. math:: z(d) = \frac{1}{(n-d)^2} \sum_{k \ge d} (y_k - \bar y_d)^2,
 
     where y are the n means of batches of a fiftieth of the rows (of single rows, if there are fewer than 100).  At most half of the rows
-    are left out.  With batches of a fixed length, such as the five rows of MSER-5, the error of a long series would be less than what is
-    left of the start.
+    are left out.  With batches of fixed length, such as the five rows of MSER-5, the error of a long series would be smaller than the
+    remaining effect of the start.
 
     Parameters
     ----------
     values : (n,) array_like
         One value per row, in order of time.
     name : str
-        What the series is, for error messages.
+        Name of the series in error messages.
 
     Returns
     -------
     int
-        Number of rows to leave out.  0 with fewer than ten rows, and about 3 % of the rows of a series in equilibrium.
-        Where it is half of the rows, the series still changes there: it is too short, or has no equilibrium.
+        Number of rows to leave out: 0 with fewer than ten rows, and about 3 % of the rows of an equilibrated series.  If it is half of the
+        rows, the series is too short, or does not equilibrate.
 
     Raises
     ------
@@ -207,18 +207,18 @@ def equilibrated(values, *, name: str = "the series") -> int:
     batches = len(rows) // size
     if len(rows) < 2 * MIN_BLOCKS:
         return 0
-    # from the end on, so that sums over all d are running sums; relative to the last batch, which makes a constant series exactly constant
+    # from the end, so that sums for all d are running sums; relative to the last batch, so that a constant series is exactly constant
     means = rows[len(rows) - batches * size :].reshape(batches, size).mean(axis=1)[::-1]
     shifted, count = means - means[0], np.arange(1, batches + 1)
     spread = (np.cumsum(shifted**2) - np.cumsum(shifted) ** 2 / count) / count**2
     fewest = -(-len(rows) // (2 * size))
-    # of equal ones the longest
+    # of equal errors, the longest series
     kept = batches - int(np.argmin(spread[fewest - 1 :][::-1]))
     return 0 if kept == batches else len(rows) - kept * size
 
 
 def _checked(values, name: str, min_blocks: int) -> np.ndarray:
-    """Values as a finite float64 vector."""
+    """Values as a float64 vector; ParameterError if it is not one-dimensional and finite, or ``min_blocks`` is < 2."""
     if min_blocks < 2:
         raise ParameterError(f"an error needs at least 2 blocks; min_blocks is {min_blocks}")
     try:
@@ -234,7 +234,7 @@ def _checked(values, name: str, min_blocks: int) -> np.ndarray:
 
 
 def _mean(array: np.ndarray) -> float:
-    """Mean relative to the first row, which is exact for a constant series."""
+    """Mean, computed relative to the first row, which is exact for a constant series."""
     return float(array[0] + (array - array[0]).mean())
 
 
@@ -245,7 +245,7 @@ def _block_means(array: np.ndarray, length: int) -> np.ndarray:
 
 
 def _block_length(array: np.ndarray, min_blocks: int) -> tuple[int, float]:
-    """Length of the blocks to take the error from, and the statistical inefficiency they give."""
+    """Length of the blocks for the error, and their statistical inefficiency."""
     n, variance = len(array), array.var(ddof=1)
     best, inefficiency, length = 1, 1.0, 1
     while variance > 0 and n // length >= min_blocks:

@@ -1,12 +1,12 @@
-"""Units: what enters is turned into OpenMM's MD units (nm, Da, ps, kJ/mol) once, at the border, and kept as it was then.
+"""Units: input is converted to OpenMM's MD units (nm, Da, ps, kJ/mol) once, when it enters.
 
-Nothing else converts:
+All conversions are here:
 
 - :func:`to_md` takes a bare number (already in MD units, as everywhere in OpenMM) or an ``openmm.unit.Quantity``;
 - :func:`thermal_energy` takes an energy or a temperature for kT;
-- :class:`UnitSystem` holds the LAMMPS unit styles *lj*, *real* and *metal*.  A reduced scene is run with 1 nm, 1 Da,
-  1 ps and an energy unit of 1 kJ/mol, so that kT = 1 is 1 kJ/mol (a kinetic temperature of 120.27 K for OpenMM's own
-  reporters) and a reduced pressure of 1 is 16.605 bar.
+- :class:`UnitSystem` has the LAMMPS unit styles *lj*, *real* and *metal*.  The units of a reduced scene are 1 nm, 1 Da, 1 ps and
+  1 kJ/mol, so kT = 1 is 1 kJ/mol (a kinetic temperature of 120.27 K in OpenMM's own reporters), and a reduced pressure of 1 is
+  16.605 bar.
 """
 
 import math
@@ -26,7 +26,7 @@ BAR_PER_MD_PRESSURE = 1.0e25 / 6.02214076e23
 COULOMB = 138.93545764438198
 _E, _L, _T, _M = unit.kilojoule_per_mole, unit.nanometer, unit.picosecond, unit.dalton
 
-#: Quantities by name: the MD unit of each.
+#: MD unit of each dimension, by name.
 DIMENSIONS = {
     "length": _L,
     "area": _L**2,
@@ -55,32 +55,32 @@ DIMENSIONS = {
 
 
 def to_md(value, dimension: str, name: str):
-    """Value in MD units, as a float or a float64 array.
+    """Convert a value to MD units, as a float or a float64 array.
 
     Parameters
     ----------
     value : number, array_like or openmm.unit.Quantity
-        Bare numbers are taken to be in MD units.
+        A bare number is in MD units.
     dimension : str
         A key of :data:`DIMENSIONS`.
     name : str
-        What the value is, for the error message.
+        Name of the value in error messages.
 
     Raises
     ------
     ParameterError
-        If the unit does not fit, the value is no real number or array of them, Quantities and bare numbers are mixed, or a value is NaN,
+        If the unit does not fit, the value is not a real number or array of them, Quantities and bare numbers are mixed, or a value is NaN,
         infinite, masked or in units of another library.
     """
     if type(value) is float and math.isfinite(value):
-        return value  # as most are, of half a million coefficients
+        return value  # the most frequent case, with half a million coefficients
     if unit.is_quantity(value):
         if not value.unit.is_compatible(DIMENSIONS[dimension]):
             raise ParameterError(
-                f"{name} has the unit {value.unit}, which is no {dimension}; expected something like {DIMENSIONS[dimension]}"
+                f"{name} has the unit {value.unit}, which is no {dimension}; expected a unit such as {DIMENSIONS[dimension]}"
             )
         value = value.value_in_unit(DIMENSIONS[dimension])
-    if np.ma.is_masked(value) or hasattr(value, "units") or hasattr(value, "unit"):  # NumPy reads below the mask, and drops units
+    if np.ma.is_masked(value) or hasattr(value, "units") or hasattr(value, "unit"):  # NumPy ignores masks, and drops units
         raise ParameterError(f"{name} has masked entries or units that are not openmm.unit's; expected numbers or its Quantities")
     result = None if _lists_quantities(value) else _real_numbers(value)
     if result is None:
@@ -93,12 +93,12 @@ def to_md(value, dimension: str, name: str):
 
 
 def _lists_quantities(value) -> bool:
-    """Whether a Quantity is somewhere in a list; NumPy would drop the units of Quantities of arrays without a word."""
+    """Whether a list contains a Quantity; NumPy would silently drop the units of Quantities of arrays."""
     return isinstance(value, (list, tuple)) and any(unit.is_quantity(entry) or _lists_quantities(entry) for entry in value)
 
 
 def _real_numbers(value) -> np.ndarray | None:
-    """Value as float64, or None if it is anything but real numbers: NumPy would turn text, truth values and None into numbers."""
+    """Value as float64, or None if it is not real numbers: NumPy would convert text, bools and None to numbers."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):
@@ -107,7 +107,7 @@ def _real_numbers(value) -> np.ndarray | None:
 
 
 def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
-    """Lists of Quantities (such as a list of Vec3 with units); anything else that is no array of numbers is an error that names it."""
+    """Array in MD units from lists of Quantities (such as a list of Vec3 with units); ParameterError for anything else."""
     if not isinstance(value, (list, tuple)) and not (isinstance(value, np.ndarray) and value.ndim):
         raise ParameterError(f"{name} must be a number or an array of numbers, not {what_is(value)}")
     bare = [k for k, entry in enumerate(value) if not unit.is_quantity(entry)]
@@ -121,7 +121,7 @@ def _entry_by_entry(value, dimension: str, name: str) -> np.ndarray:
 
 
 def position_array(positions, count: int, what: str) -> np.ndarray:
-    """Positions as an array (count, 3) of nm; ParameterError that says ``what`` there are so many of."""
+    """Positions as an array (count, 3), nm; ParameterError for another shape, where ``what`` gives the reason for ``count``."""
     x = np.asarray(to_md(positions, "length", "positions"), dtype=np.float64)
     if x.shape != (count, 3):
         raise ParameterError(f"positions must have shape ({count}, 3), as {what}, not {x.shape}")
@@ -129,7 +129,7 @@ def position_array(positions, count: int, what: str) -> np.ndarray:
 
 
 def whole_number(value, name: str, least: int | None = None) -> int:
-    """An integer, of at least so much; ParameterError for anything else: a float (1e5 is one), a truth value, a Quantity."""
+    """The value as an int >= ``least``; ParameterError for anything else, such as a float (1e5 is one), a bool, a Quantity."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise ParameterError(f"{name} must be a whole number, not {what_is(value)}")
     if least is not None and value < least:
@@ -138,7 +138,7 @@ def whole_number(value, name: str, least: int | None = None) -> int:
 
 
 def thermal_energy(value, name: str = "kT") -> float:
-    """Thermal energy in kJ/mol from an energy (bare numbers: kJ/mol) or from a temperature given as a Quantity."""
+    """Thermal energy, kJ/mol, from an energy (a bare number is in kJ/mol) or a temperature as a Quantity; ParameterError if < 0."""
     kT = thermal_energies(value, name)
     if not isinstance(kT, float) or kT < 0:
         raise ParameterError(f"{name} must be a single number >= 0, but is {what_is(value)}")
@@ -146,46 +146,46 @@ def thermal_energy(value, name: str = "kT") -> float:
 
 
 def thermal_energy_of(temperature) -> float:
-    """Thermal energy in kJ/mol of a temperature (bare numbers: kelvin), or of an energy given as a Quantity."""
+    """Thermal energy, kJ/mol, from a temperature (a bare number is in kelvin) or an energy as a Quantity."""
     if not unit.is_quantity(temperature):
         temperature = to_md(temperature, "temperature", "temperature") * unit.kelvin
     return thermal_energy(temperature, "temperature")
 
 
 def thermal_energies(value, name: str):
-    """Thermal energies in kJ/mol from energies (bare numbers: kJ/mol) or from temperatures given as a Quantity."""
+    """Thermal energies, kJ/mol, from energies (bare numbers are in kJ/mol) or temperatures as a Quantity."""
     if unit.is_quantity(value) and value.unit.is_compatible(unit.kelvin):
         return to_md(value, "temperature", name) * BOLTZMANN
     return to_md(value, "energy", name)
 
 
 def md_pressure(value) -> float:
-    """Pressure in kJ/mol/nm^3 from a bare number or from a Quantity (bar, atmosphere, pascal, or energy/volume)."""
+    """Pressure, kJ/mol/nm^3, from a bare number or a Quantity (bar, atmosphere, pascal, or energy/volume)."""
     return _molar(value, unit.bar, unit.kilojoule_per_mole / unit.nanometer**3, "the pressure")
 
 
 def md_tension(value) -> float:
-    """Surface tension in kJ/mol/nm^2 from a bare number or from a Quantity (bar*nm, mN/m, or energy/area)."""
+    """Surface tension, kJ/mol/nm^2, from a bare number or a Quantity (bar*nm, mN/m, or energy/area)."""
     return _molar(value, unit.bar * unit.nanometer, unit.kilojoule_per_mole / unit.nanometer**2, "the surface tension")
 
 
 def _molar(value, plain: unit.Unit, molar: unit.Unit, name: str) -> float:
-    """A number in ``molar`` units; ``plain`` is made of bar and nm, which OpenMM's units distinguish from an energy per mole."""
+    """A value in ``molar`` units; ``plain`` is the unit in bar and nm, which OpenMM distinguishes from an energy per mole."""
     if unit.is_quantity(value) and value.unit.is_compatible(plain):
         value = value.value_in_unit(plain) / BAR_PER_MD_PRESSURE
     elif unit.is_quantity(value):
         if not value.unit.is_compatible(molar):
-            raise ParameterError(f"{name} has the unit {value.unit}; expected something like {plain} or {molar}")
+            raise ParameterError(f"{name} has the unit {value.unit}; expected a unit such as {plain} or {molar}")
         value = value.value_in_unit(molar)
     return checked(value, "dimensionless", name, signed=True)
 
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """A LAMMPS unit style, as factors *to* MD units: multiply a deck's number to get OpenMM's.
+    """A LAMMPS unit style, as factors *to* MD units: a deck's number times the factor is in OpenMM's units.
 
-    The energy factor follows from LAMMPS's own ``mvv2e`` (mass*velocity^2 to energy), so that trajectories agree to all
-    digits with LAMMPS's even though its constants are older than today's CODATA values.
+    The energy factor follows from LAMMPS's own ``mvv2e`` (mass*velocity^2 to energy), so that trajectories agree with LAMMPS's to all
+    digits, although its constants are older than today's CODATA values.
     """
 
     name: str  #: ``lj``, ``real`` or ``metal``
@@ -202,7 +202,7 @@ class UnitSystem:
 
     @property
     def unit_names(self) -> dict[str, str]:
-        """Names of the units by dimension; reduced ones have none."""
+        """Names of the units by dimension; empty for reduced units."""
         return _UNIT_NAMES[self.name]
 
     velocity = property(lambda self: self.length / self.time, doc="nm/ps per velocity unit.")
@@ -239,14 +239,14 @@ UNIT_SYSTEMS = {system.name: system for system in (LJ, REAL, METAL)}
 
 
 def unit_system(name: str) -> UnitSystem:
-    """The unit style of this name; ParameterError if there is none."""
+    """LAMMPS unit style of this name; ParameterError if there is none."""
     if name not in UNIT_SYSTEMS:
         raise ParameterError(f"unknown units {what_is(name)}; they must be one of {', '.join(UNIT_SYSTEMS)}")
     return UNIT_SYSTEMS[name]
 
 
 def checked(value, dimension: str, name: str, *, positive: bool = False, signed: bool = False) -> float:
-    """One finite number >= 0 (or > 0, or of either sign) in MD units."""
+    """A finite number >= 0 (or > 0, or of either sign) in MD units; ParameterError for anything else."""
     number = to_md(value, dimension, name)
     if not isinstance(number, float):
         raise ParameterError(f"{name} must be a single number, not an array of shape {number.shape}")
@@ -256,19 +256,19 @@ def checked(value, dimension: str, name: str, *, positive: bool = False, signed:
 
 
 def owned(array, dtype=None) -> np.ndarray:
-    """A read-only copy: it is changed neither through the array it was made from nor by itself."""
+    """A read-only copy of an array, which changes of the original do not affect."""
     copy = np.array(array, dtype=dtype, order="C")
     copy.flags.writeable = False
     return copy
 
 
 def keep(instance, **values) -> None:
-    """Set attributes of a frozen instance; arrays are kept as read-only copies.  A caller goes on to change the mask or the positions it
-    has handed over, and what was checked must stay what it was."""
+    """Set attributes of a frozen instance.  Arrays are kept as read-only copies, since callers may change their arrays later, and what was
+    checked must not change."""
     for name, value in values.items():
         object.__setattr__(instance, name, owned(value) if isinstance(value, np.ndarray) else value)
 
 
 def known_under(kind: Any) -> list[str]:
-    """Names of the classes under one that stand in its own file; anybody may have added others."""
+    """Names of the subclasses of a class that are in its own file, since others may have been added elsewhere."""
     return [under.__name__ for under in kind.__subclasses__() if under.__module__ == kind.__module__]

@@ -149,7 +149,7 @@ def test_files_that_lack_what_they_had_are_refused(tmp_path):
         append_block(tmp_path / "grows", "one\n", "x")
     lengths = ledger.lengths()
     (tmp_path / "grows").write_text("o", encoding="utf-8")
-    raises(OutputError, "grows has 1 bytes, and had 4 at the checkpoint", lambda: ledger_of(tmp_path).put_back(lengths))
+    raises(OutputError, "grows has 1 bytes, but had 4 at the checkpoint", lambda: ledger_of(tmp_path).put_back(lengths))
     (tmp_path / "grows").unlink()
     raises(OutputError, "has 0 bytes", lambda: ledger_of(tmp_path).put_back(lengths))
 

@@ -84,7 +84,7 @@ def test_edges_change_as_the_modes_say(xymode, zmode):
     ({"pressure": 20.0, "surface_tension": None, "xymode": "anisotropic"}, "xymode and zmode go with a surface_tension alone"),
     ({"pressure": 20.0, "surface_tension": None, "zmode": "fixed"}, "xymode and zmode go with a surface_tension alone"),
     ({"surface_tension": None}, "a barostat needs a pressure"),
-    ({"pressure": 20.0, "surface_tension": 1 * unit.bar}, "the surface tension has the unit bar; expected something like"),
+    ({"pressure": 20.0, "surface_tension": 1 * unit.bar}, "the surface tension has the unit bar; expected a unit such as"),
     ({"pressure": 20.0, "surface_tension": float("nan")}, "the surface tension holds nan"),
     ({"pressure": 20.0, "surface_tension": [0.0, 0.0]}, "the surface tension must be a single number"),
 )

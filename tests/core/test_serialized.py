@@ -103,8 +103,8 @@ def test_a_state_is_a_state(tmp_path):
     for name, text, message in (
         ("planted.xml", system_with(Planted(opened, tmp_path / "witness")), "not a force of this package"),
         ("system.xml", openmm.XmlSerializer.serialize(openmm.System()), "no State: the file holds 'System'"),
-        ("text.xml", "once upon a time", "no file that OpenMM's XmlSerializer wrote"),
-        ("short.xml", (tmp_path / "state.xml").read_text()[:900], "no file that OpenMM's XmlSerializer wrote"),
+        ("text.xml", "once upon a time", "not a file of OpenMM's XmlSerializer"),
+        ("short.xml", (tmp_path / "state.xml").read_text()[:900], "not a file of OpenMM's XmlSerializer"),
         ("other.xml", "<State type='Stale'/>", "OpenMM cannot read this file"),
     ):
         with pytest.raises(dpd.ParameterError, match=message):

@@ -196,7 +196,7 @@ def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     put(deck, TINY)
     log = (out / "log.txt").read_bytes()
     (out / "log.txt").write_bytes(log[:-1])
-    assert "at the checkpoint: the run cannot go on with it; put the file back" in error_of(capsys, *again)
+    assert "at the checkpoint: the run cannot continue; put the file back" in error_of(capsys, *again)
     (out / "log.txt").write_bytes(log)
     (deck.parent / "older" / "checkpoint").mkdir(parents=True)
     (deck.parent / "older" / "checkpoint" / "latest").write_bytes(pickle.dumps({"format": "openmm-dpd checkpoint 2"}))
