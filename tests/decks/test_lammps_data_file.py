@@ -12,8 +12,7 @@ from openmm_dpd import NONE
 from openmm_dpd.base.errors import DeckError, ParameterError
 from openmm_dpd.inputs import scene_from_lammps_data
 from openmm_dpd.lammps import read_deck
-from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES
-from openmm_dpd.lammps.files.data_file import read_data_file
+from openmm_dpd.lammps.files.data_file import ATOM_STYLES, read_data_file
 from openmm_dpd.lammps.files.table_file import read_table, tabulated_pair
 from openmm_dpd.lammps.state.box import Box
 from openmm_dpd.units import LJ, REAL

@@ -8,12 +8,11 @@ import pytest
 from cases import cases
 
 import openmm_dpd as dpd
-from openmm_dpd.lammps.files.atom_styles import JOINED
+from openmm_dpd.lammps.files.data_file import JOINED
 from openmm_dpd.lammps.language.lexer import Line
 from openmm_dpd.lammps.state.pair_setup import Coefficient, PairStyle
-from openmm_dpd.lammps.styles.bonded_styles import bonded_styles
 from openmm_dpd.lammps.styles.pair_styles import EXPORTS, PAIR_STYLES
-from openmm_dpd.lammps.styles.words import Differences, PairExport
+from openmm_dpd.lammps.styles.words import Differences, PairExport, bonded_styles
 from openmm_dpd.units import UNIT_SYSTEMS
 
 HERE = Line("", "in.deck", 1)

@@ -17,11 +17,11 @@ from openmm_dpd.base.names import Phase
 from openmm_dpd.lammps.commands.beads import GROUP_STYLES, SETTERS
 from openmm_dpd.lammps.commands.interactions import HYBRID
 from openmm_dpd.lammps.commands.output import THERMO_OPTIONS
-from openmm_dpd.lammps.files.atom_styles import ATOM_STYLES, JOINED
+from openmm_dpd.lammps.files.data_file import ATOM_STYLES, JOINED
 from openmm_dpd.lammps.state.lattice import CELLS
 from openmm_dpd.lammps.state.regions import REGION_STYLES
-from openmm_dpd.lammps.styles.bonded_styles import bonded_styles
 from openmm_dpd.lammps.styles.pair_styles import PAIR_STYLES
+from openmm_dpd.lammps.styles.words import bonded_styles
 from openmm_dpd.lammps.values.words import WORDS
 from openmm_dpd.model.schemes import SCHEMES
 from openmm_dpd.units import UNIT_SYSTEMS

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...base.errors import ParameterError
-from ..files.atom_styles import BONDED_STYLES, CHARGED_STYLES
+from ..files.data_file import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from .moving import values_of_variable

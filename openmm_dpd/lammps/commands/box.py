@@ -9,8 +9,7 @@ import numpy as np
 
 from ...base.errors import DeckError, ParameterError
 from ...model.bonds import bonded_neighbours
-from ..files.atom_styles import ARRAYS, BONDED_STYLES, JOINED
-from ..files.data_file import DataFile, read_data_file
+from ..files.data_file import ARRAYS, BONDED_STYLES, JOINED, DataFile, read_data_file
 from ..language import arguments as read
 from ..language.lexer import Line, errors_at
 from ..state.atoms import Atoms

@@ -5,15 +5,15 @@ from dataclasses import replace
 from functools import partial
 
 from ...base.errors import ParameterError
-from ..files.atom_styles import JOINED
+from ..files.data_file import JOINED
 from ..files.table_file import MODES
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import BondedSetup, Coefficient, PairSetup, PairStyle
 from ..state.records import KspaceSetup
-from ..styles.bonded_styles import bonded_styles
 from ..styles.pair_styles import PAIR_STYLES
 from ..styles.radial import MIXING
+from ..styles.words import bonded_styles
 from .setup import command
 
 HYBRID = ("hybrid", "hybrid/overlay")

@@ -8,7 +8,7 @@ import numpy as np
 from ...base.errors import ParameterError
 from ...kernels.elementary import without_last_bits
 from ...kernels.noise import mix
-from ..files.atom_styles import JOINED
+from ..files.data_file import JOINED
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import Compute, Temperature, without_rotation

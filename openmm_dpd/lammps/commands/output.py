@@ -6,14 +6,13 @@ from dataclasses import replace
 
 from ...base.errors import ParameterError
 from ...base.files import append_block, write_whole
-from ..files.atom_styles import ARRAYS, JOINED
-from ..files.data_file import DataFile, data_lines
+from ..files.data_file import ARRAYS, JOINED, DataFile, data_lines
 from ..language import arguments as read
 from ..output.dumps import BINARY, COLUMNS, STYLES as DUMP_STYLES, Dump
 from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
 from ..state.deck_state import DeckState
 from ..state.records import Compute, ThermoSettings
-from ..styles.bonded_styles import bonded_styles
+from ..styles.words import bonded_styles
 from ..values.computes import BUILT_IN, COMPUTES, check_bead_word, expanded
 from ..values.resolver import present
 from .setup import command

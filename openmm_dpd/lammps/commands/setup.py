@@ -7,7 +7,7 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.units import UNIT_SYSTEMS
-from ..files.atom_styles import ATOM_STYLES
+from ..files.data_file import ATOM_STYLES
 from ..language import arguments as read
 from ..language.arguments import INSTEAD
 from ..state.deck_state import DeckState

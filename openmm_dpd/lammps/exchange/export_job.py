@@ -17,8 +17,7 @@ from ...model.schemes import scheme_of
 from ...model.temperature import TemperatureRamp
 from ...plan.choices import checked_seed
 from ...simulation.build import initial_velocities
-from ..files.atom_styles import JOINED
-from ..files.data_file import data_lines
+from ..files.data_file import JOINED, data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
 from ..styles.words import Differences, PairExport, StyleUse, exact, group_lines

@@ -13,13 +13,11 @@ from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...plan.kinds import bonded_kind, kind_for
-from ..files.atom_styles import JOINED
-from ..files.data_file import DataFile
+from ..files.data_file import JOINED, DataFile
 from ..state.box import Box
-from ..styles.bonded_styles import bonded_styles
 from ..styles.charges import QQR2E
 from ..styles.pair_styles import EXPORTS
-from ..styles.words import Differences, Pair, PairExport, StyleUse, exact, lammps_seed
+from ..styles.words import Differences, Pair, PairExport, StyleUse, bonded_styles, exact, lammps_seed
 
 #: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
 HEAVY = 1e15

@@ -16,8 +16,7 @@ from ...base.units import UnitSystem, to_md, unit_system
 from ...io.trajectory import load_topology
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
-from ..files.atom_styles import ATOM_STYLES
-from ..files.data_file import DataReader
+from ..files.data_file import ATOM_STYLES, DataReader
 from ..run.trajectory import write_topology
 from .export_scene import atom_styles, lammps_types, species_of
 

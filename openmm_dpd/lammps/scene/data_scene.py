@@ -9,10 +9,9 @@ from ...base.errors import DeckError, ParameterError, what_is
 from ...base.units import UnitSystem, unit_system
 from ...model.scene import Scene
 from ...molecules.inputs.beads import BeadArrays, scene_from_beads
-from ..files.atom_styles import ATOM_STYLES, JOINED
-from ..files.data_file import DataFile, read_data_file
+from ..files.data_file import ATOM_STYLES, JOINED, DataFile, read_data_file
 from ..language.lexer import read_text
-from ..styles.bonded_styles import bonded_styles
+from ..styles.words import bonded_styles
 
 #: Supported atom styles: those without bead fields.
 _STYLES = ("atomic", "charge", "bond", "angle", "molecular", "full")

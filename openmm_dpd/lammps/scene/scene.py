@@ -13,10 +13,10 @@ from ...model.temperature import TemperatureRamp
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..styles.bonded_styles import bonded_styles
 from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
+from ..styles.words import bonded_styles
 from .flow import body_forces_of, interacting_beads, walls_of
 from .integration import integration
 

@@ -9,7 +9,7 @@ from ...base.errors import ParameterError
 from ...base.units import COULOMB, UnitSystem
 from ...model.electrostatics import GaussianCharges, SlaterCharges, ewald_sum
 from ...model.scene import Scene
-from ..files.atom_styles import CHARGED_STYLES
+from ..files.data_file import CHARGED_STYLES
 from ..language import arguments as read
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
