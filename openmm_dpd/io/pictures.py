@@ -103,8 +103,9 @@ if hasattr(os, "register_at_fork"):
 
 def new_figure(width: float, height: float) -> Any:
     """A matplotlib figure of this size in inches, outside of matplotlib's global state."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with _DRAWING:  # a child forked while a module is imported would wait for it forever
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
