@@ -1,1 +1,1 @@
-"""Advice on scheme and step: the measured map of fluids, vibrations of bonds and angles under any word."""
+"""Advice on scheme and step size, from measured tables of fluids and from vibrations of bonds and angles under any word."""

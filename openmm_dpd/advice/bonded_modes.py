@@ -1,6 +1,6 @@
-"""Vibrations of bonds, angles and dihedrals of a scene: their frequencies, and the steps that a scheme can take with them.
+"""Vibrations of bonds, angles and dihedrals of a scene: their frequencies, and the step sizes that a scheme allows.
 
-What a scheme does to a harmonic vibration is known exactly, from a two by two matrix, for every word.
+The effect of any word on a harmonic vibration is known exactly, from a two by two matrix.
 """
 
 from dataclasses import dataclass, fields
@@ -18,19 +18,19 @@ from ..model.bonds import BondedTerms
 from ..model.scene import Scene
 from ..model.schemes import SWEEPS, Scheme
 
-#: Friction of the mode times the step, for the sweep: what a symmetric word does to a mode does not depend on it.
+#: Friction of the mode times the step, in sweeps; errors of symmetric words do not depend on it.
 _FRICTION = 0.02
-#: omega dt at which errors are tabulated; no word with ten forces a step is stable beyond.
+#: omega dt at which errors are tabulated; no word with up to ten forces per step is stable beyond.
 _GRID = np.linspace(0.0, 20.0, 20001)[1:]
 
 
 def mode_errors(scheme: Scheme, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     r"""Relative errors of the temperatures of a harmonic mode.
 
-    A step maps the state (omega x, v) by a matrix M and adds noise with the covariance C, both products of what the letters do: A adds
-    ``part theta v`` to the first, B takes ``part theta omega x`` from the second, O and S multiply the second by q and add noise with the
-    variance 1 - q^2.  What is sampled has the covariance S = M S M^T + C, so that S_00 - 1 is the error of the configurational
-    temperature and S_11 - 1 that of the kinetic one.  Schemes that are no words count as velocity Verlet with a sweep behind it.
+    A step maps the state (omega x, v) by a matrix M and adds noise of covariance C.  Both are composed of the letters: A adds ``part theta
+    v`` to the first component, B subtracts ``part theta omega x`` from the second, O and S multiply the second by q and add noise of
+    variance 1 - q^2.  The sampled covariance is S = M S M^T + C; S_00 - 1 is the error of the configurational temperature, S_11 - 1 that of
+    the kinetic one.  Schemes that are not words are treated as velocity Verlet followed by a sweep.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def mode_errors(scheme: Scheme, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
     Returns
     -------
     configurational, kinetic : (n,) arrays
-        Infinite where the step is unstable.
+        Relative errors, infinite where the step is unstable.
     """
     letters = [*scheme.motion]
     if not any(letter in SWEEPS for letter, _ in letters):
@@ -67,7 +67,7 @@ def mode_errors(scheme: Scheme, theta: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 @lru_cache
 def _table(scheme: Scheme) -> tuple[np.ndarray, np.ndarray, float]:
-    """Errors on the grid up to the first unstable omega dt, and that."""
+    """Errors on the grid below the first unstable omega dt, and this omega dt."""
     conf, kin = mode_errors(scheme, _GRID)
     unstable = np.flatnonzero(~np.isfinite(conf))
     end = unstable[0] if len(unstable) else len(_GRID)
@@ -75,58 +75,58 @@ def _table(scheme: Scheme) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def largest_stable(scheme: Scheme) -> float:
-    """omega dt below which a scheme is stable."""
+    """Largest omega dt at which a scheme is stable for a harmonic mode."""
     return _table(scheme)[2]
 
 
 def exact_for_springs(scheme: Scheme) -> bool:
-    """Whether a scheme samples harmonic modes without an error, as far as it is stable."""
+    """Whether a scheme has no temperature error for harmonic modes wherever it is stable."""
     conf, kin, _ = _table(scheme)
     return bool(np.abs(conf).max() < 1e-6 and np.abs(kin).max() < 1e-6)
 
 
 def tabulated_errors(scheme: Scheme, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """:func:`mode_errors`, interpolated from a table: for very many values."""
+    """Relative errors of :func:`mode_errors`, (n,) each, interpolated from a table, which is fast for many values."""
     conf, kin, end = _table(scheme)
     at = np.concatenate([[0.0], _GRID])[: len(conf)]
     return np.where(theta > end, np.inf, np.interp(theta, at, conf)), np.where(theta > end, np.inf, np.interp(theta, at, kin))
 
 
-#: Terms around the stiffest one whose vibrations are looked at.
+#: Number of terms around the stiffest one whose vibrations are considered.
 _MOST = 300
-#: Points of a thermal distribution; part of it beyond which a curvature is never met.
+#: Points of a thermal distribution, and the fraction of it with the largest curvatures, which is neglected.
 _POINTS, _RARE = 2001, 1e-3
-#: Part of the largest stable step, which is known exactly, and for the stiffest point of the thermal range.
+#: Largest allowed fraction of the stable step, which is known exactly, at the stiffest point of the thermal range.
 _MARGIN = 0.85
-#: The same for a scheme that has no error with springs, and which nothing else would limit: for springs, and for other terms.  Measured for
-#: ``middle``, which is 5 % off with stiff angles and 3 % with FENE bonds at 0.7, and 2 and 0.6 % at half of that.
+#: Largest allowed fraction of the stable step for schemes that are exact for springs, and so have no other limit: for springs, and for
+#: other terms.  Measured for ``middle``: 5 % off with stiff angles and 3 % with FENE bonds at 0.7, 2 and 0.6 % at half of that.
 _EXACT, _UNKNOWN = 0.7, 0.4
 
-#: Energy, kT, that keeps an angle from being straight: with less than this the forces of dihedrals beside it are too large for any step now
-#: and then.  Measured: chains with 8 kT stop, and those with 15, 21, 31 and 77 have the error that is promised.
+#: Least energy, kT, that must keep an angle from being straight: with less, forces of dihedrals next to it are occasionally too large for
+#: any step.  Measured: chains with 8 kT blow up; those with 15, 21, 31 and 77 kT have the predicted error.
 _APART = 20.0
 
-#: Parts of a thermal distribution that errors are averaged over.
+#: Number of parts of a thermal distribution over which errors are averaged.
 _PARTS = 25
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Vibrations of one kind of bonded terms, near the stiffest of them."""
+    """Vibrations of one kind of bonded terms around the stiffest one."""
 
     what: str  #: "bonds", "angles", "dihedrals" or "charges"
-    omega: np.ndarray  #: (n,) frequencies, rad/ps, with the thermal mean of each curvature
-    #: (m,) curvatures of the stiffest term over its thermal range, in equal parts, beside their mean; (1,) for a harmonic term.
+    omega: np.ndarray  #: (n,) frequencies, rad/ps, from the thermal mean of each curvature
+    #: (m,) curvatures of the stiffest term in equal parts of its thermal range, relative to their mean; (1,) for a harmonic term.
     fluctuation: np.ndarray
-    fastest: float  #: Frequency where the stiffest term is at the stiffest point of its thermal range, rad/ps
-    #: Part of omega^2 that does not fluctuate with the terms, 1/ps^2: that of the surroundings for dihedrals, which may be weak beside it.
+    fastest: float  #: Frequency with the stiffest term at the stiffest point of its thermal range, rad/ps
+    #: Part of omega^2, 1/ps^2, that does not fluctuate with the terms: that of the surroundings, for dihedrals, which may be weaker.
     steady: float = 0.0
 
     def errors(self, scheme: Scheme, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        r"""Errors of configurational and kinetic temperature at the steps dt (k,), ps; infinite over :meth:`longest`.
+        r"""Relative errors of configurational and kinetic temperature at step sizes dt (k,), ps; infinite above :meth:`longest`.
 
-        Configurational temperatures weigh modes by omega^2, their share of the Laplacian; a term that is not harmonic is taken for harmonic
-        ones, as stiff as it is at the points of its thermal range.
+        Modes count in the configurational temperature by omega^2, their share of the Laplacian.  An anharmonic term is treated as harmonic
+        ones with the curvatures of its thermal range.
         """
         squares = np.outer(self.fluctuation, self.omega**2 - self.steady).ravel() + self.steady
         squares = squares[squares > 0]
@@ -136,13 +136,13 @@ class Modes:
         return np.where(beyond, np.inf, conf), np.where(beyond, np.inf, kin)
 
     def longest(self, scheme: Scheme) -> float:
-        """Longest step that is stable by a margin, ps; a larger one for terms about which a word that is exact for springs says nothing."""
+        """Longest step, ps, that is stable by a margin; the margin is wider for schemes that are exact for springs."""
         springs = self.what == "bonds" and len(self.fluctuation) == 1
         part = (_EXACT if springs else _UNKNOWN) if exact_for_springs(scheme) else _MARGIN
         return part * largest_stable(scheme) / self.fastest
 
     def step(self, scheme: Scheme, error: float, kinetic: bool = True) -> float:
-        """Longest step at which, and below which, temperatures are within an error, ps; the kinetic one only if it counts."""
+        """Longest step, ps, up to which temperatures are within an error; ``kinetic`` includes the kinetic temperature."""
         steps = self.longest(scheme) * np.geomspace(1e-3, 1.0, 600)
         conf, kin = self.errors(scheme, steps)
         within = np.maximum(np.abs(conf), np.abs(kin) if kinetic else 0.0) <= error
@@ -150,15 +150,14 @@ class Modes:
 
 
 def bonded_modes(scene: Scene, around: float = 0.0) -> list[Modes]:
-    """Vibrations of the bonds, of the angles and of the dihedrals; what there is none of, or without stiffness, is left
-    out, and so are dihedrals that no step is short enough for (:func:`why_no_step`).
+    """Vibrations of the bonds, angles and dihedrals of a scene, without kinds that are missing or have no stiffness, and without dihedrals
+    for which no step is short enough (:func:`why_no_step`).
 
     Parameters
     ----------
     scene : Scene
     around : float
-        omega^2 that the surroundings of a bead add to each vibration, 1/ps^2
-        (:func:`openmm_dpd.advice.scene_groups.surroundings`).
+        omega^2 that the surroundings of a bead add to each vibration, 1/ps^2 (:func:`openmm_dpd.advice.scene_groups.surroundings`).
     """
     bonds = [_terms(group, scene.initial_kT) for group in scene.bonds if len(group.pairs)]
     angles = [_terms(group, scene.initial_kT) for group in scene.angles if len(group.triples)]
@@ -176,7 +175,7 @@ def bonded_modes(scene: Scene, around: float = 0.0) -> list[Modes]:
 
 @dataclass(frozen=True, eq=False)
 class _Terms:
-    """Bonds, angles or dihedrals of one group, each an entry: beads; mean and largest curvature; thermal length; parts of the range."""
+    """Bonds, angles or dihedrals of one object, one entry each: beads, mean and largest curvature, thermal length, parts of the range."""
 
     beads: np.ndarray
     mean: np.ndarray
@@ -186,7 +185,7 @@ class _Terms:
 
 
 def _different(group: BondedTerms) -> tuple[Any, np.ndarray]:
-    """The different terms of a group, and which of them each one is."""
+    """The distinct terms of a group, and the number of the distinct term that each one is."""
     values = np.column_stack([getattr(group, name) for name in group._DIMENSIONS])
     different, which = np.unique(values, axis=0, return_inverse=True)
     kind: Any = type(group)
@@ -194,9 +193,9 @@ def _different(group: BondedTerms) -> tuple[Any, np.ndarray]:
 
 
 def _thermal(group: BondedTerms, kT: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The thermal range of the different terms of a group: points (P, D), their weights and curvatures U'', and which term each one is.
+    """Thermal range of the D distinct terms of a group: points (P, D), their weights and curvatures U'', and the number of each term.
 
-    The density is exp(-U/kT) times r^2 for the length r of a bond, and sin(theta) for an angle, that of a term alone.
+    The density is that of an isolated term: exp(-U/kT) times r^2 for the length r of a bond, or sin(theta) for an angle.
     """
     one, which = _different(group)
     x = one.reach(kT) * ((np.arange(_POINTS) + 0.5) / _POINTS)[:, None]
@@ -207,7 +206,7 @@ def _thermal(group: BondedTerms, kT: float) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _below(values: np.ndarray, weight: np.ndarray, fractions: np.ndarray) -> np.ndarray:
-    """Values below which these fractions of the distributions lie, (D, fractions)."""
+    """Quantiles of D weighted distributions at the given fractions, (D, fractions)."""
     order = np.argsort(values, axis=0)
     rising, below = (np.take_along_axis(part, order, axis=0) for part in (values, weight))
     ranks = [np.minimum(np.searchsorted(part, fractions), _POINTS - 1) for part in np.cumsum(below, axis=0).T]
@@ -215,9 +214,9 @@ def _below(values: np.ndarray, weight: np.ndarray, fractions: np.ndarray) -> np.
 
 
 def _terms(group: BondedTerms, kT: float) -> _Terms:
-    r"""Curvatures U'' of terms over their thermal range: mean, largest, and those of equal parts of it beside the mean.
+    r"""Terms of a group with curvatures U'' over their thermal range: mean, largest, and those of equal parts relative to the mean.
 
-    The length is that for which 1/r^2 has its mean.
+    The thermal length r is that for which 1/r^2 is the mean of 1/r^2.
     """
     x, weight, curvature, which = _thermal(group, kT)
     mean = np.maximum(np.sum(weight * curvature, axis=0), 0.0)
@@ -229,7 +228,7 @@ def _terms(group: BondedTerms, kT: float) -> _Terms:
 
 
 def _bent(group: Angles, kT: float) -> np.ndarray:
-    """1/sin^2 of angles, (K, 2): the mean over the thermal range without its rare part, and the largest."""
+    """1/sin^2 of angles, (K, 2): mean over the thermal range without its rare part, and largest value."""
     x, weight, _, which = _thermal(group, kT)
     inverse = np.broadcast_to(np.sin(x) ** -2, weight.shape)
     largest = _below(inverse, weight, np.array([1 - _RARE]))[:, 0]
@@ -237,7 +236,7 @@ def _bent(group: Angles, kT: float) -> np.ndarray:
 
 
 def why_no_step(scene: Scene) -> str | None:
-    """Why no step is known to be short enough for the dihedrals of a scene, or None."""
+    """Why there may be no step short enough for the dihedrals of a scene, or None."""
     kT, held = scene.initial_kT, set()
     for group in scene.angles:
         one, which = _different(group)
@@ -249,14 +248,14 @@ def why_no_step(scene: Scene) -> str | None:
             for at in (1, 2):
                 if (row[at], frozenset((row[at - 1], row[at + 1]))) not in held:
                     three = bead_names(*row[at - 1 : at + 2])
-                    return f"no angle keeps the {three} of a dihedral out of line, where its forces have no bound"
+                    return f"no angle keeps the {three} of a dihedral from a line, where its forces are unbounded"
     return None
 
 
 def _twists(bonds: list[_Terms], scene: Scene) -> tuple[_Terms, np.ndarray]:
-    """All dihedrals, with the sizes of their slopes, and signs as in a chain that is trans, or cis where the mean cosine is that.
+    """All dihedrals, and their slopes, with the signs of a trans chain, or of a cis one if the mean cosine is positive.
 
-    Slopes go with 1/sin of the angles at both beads in the middle.
+    Slopes scale with 1/sin of the angles at the two middle beads.
     """
     kT, known, groups = scene.initial_kT, {}, [group for group in scene.dihedrals if len(group.quads)]
     for group in (group for group in scene.angles if len(group.triples)):
@@ -271,7 +270,7 @@ def _twists(bonds: list[_Terms], scene: Scene) -> tuple[_Terms, np.ndarray]:
     inverse, most = bent[:, :, 0], bent[:, :, 1]
     (first, middle), (_, last) = (_arms(beads[:, part], bonds, scene) for part in (slice(3), slice(1, 4)))
     outer = np.sqrt(inverse) / np.stack([first, last], axis=1)
-    along = np.sqrt(inverse - 1.0) / middle[:, None]  # of a bead in the middle, by either plane; angles are taken for obtuse ones
+    along = np.sqrt(inverse - 1.0) / middle[:, None]  # of a middle bead, by either plane; angles count as obtuse
     own, other = outer + along, along[:, ::-1]
     inner, side = np.sqrt(own**2 + other**2 + 2.0 * own * other * turn), np.where(turn[:, 0] > 0, -1.0, 1.0)
     slopes = np.stack([outer[:, 0], -inner[:, 0], -side * inner[:, 1], side * outer[:, 1]], axis=1)
@@ -279,7 +278,7 @@ def _twists(bonds: list[_Terms], scene: Scene) -> tuple[_Terms, np.ndarray]:
 
 
 def _arms(triples: np.ndarray, bonds: list[_Terms], scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths of both arms of angles: those of the bonds, or as they lie where there is none."""
+    """Lengths of both arms of angles: thermal lengths of the bonds, or distances at the start where there is no bond."""
     known = {frozenset(pair): length for terms in bonds for pair, length in zip(terms.beads.tolist(), terms.length, strict=True)}
     arms = []
     for end in (0, 2):
@@ -291,9 +290,9 @@ def _arms(triples: np.ndarray, bonds: list[_Terms], scene: Scene) -> tuple[np.nd
 
 
 def _modes(what: str, terms: list[_Terms], slopes: np.ndarray, scene: Scene, around: float) -> Modes | None:
-    r"""Frequencies by Wilson's method: eigenvalues of F^1/2 G F^1/2, G = J M^-1 J^T, with the curvatures F and the slopes J of all terms.
-    The slopes are those of a straight chain, in which neighbours count most.  (Springs of rest length 0 are such chains in each direction.)
-    """
+    r"""Modes by Wilson's method: eigenvalues of F^1/2 G F^1/2, G = J M^-1 J^T, with the curvatures F and the slopes J of all terms; None if
+    none is stiff.  Slopes are those of a straight chain, in which neighbours couple most.  (Springs of rest length 0 are such chains along
+    each axis.)"""
     beads, mean, largest = (np.concatenate([getattr(one, name) for one in terms]) for name in ("beads", "mean", "largest"))
     count, width = beads.shape
     inverse = np.where(scene.immobile, 0.0, 1.0 / np.where(scene.immobile, 1.0, scene.bead_masses))
@@ -301,7 +300,7 @@ def _modes(what: str, terms: list[_Terms], slopes: np.ndarray, scene: Scene, aro
     matrix = scipy.sparse.csr_array((entries.ravel(), (np.repeat(np.arange(count), width), beads.ravel())), shape=(count, scene.n_beads))
     squares = matrix @ matrix.T
     alone, with_others = squares.diagonal(), abs(squares).sum(axis=1)
-    # where the stiffest term is as stiff as it gets, its neighbours are as stiff as they are in the mean
+    # when the stiffest term has its largest curvature, its neighbours have their mean curvatures
     ratio = np.divide(largest, mean, out=np.zeros(count), where=mean > 0)
     fastest = alone * ratio + (with_others - alone) * np.sqrt(ratio)
     stiffest = int(np.argmax(fastest))

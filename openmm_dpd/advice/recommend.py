@@ -1,5 +1,5 @@
-"""Which scheme and which step: from the measured table of :mod:`openmm_dpd.advice.stability_table`.  Nothing here changes a
-scene or a run."""
+"""Recommended scheme and step size, from the measured table of :mod:`openmm_dpd.advice.stability_table`.  Nothing here changes a scene
+or a run."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,11 @@ from .bonded_modes import Modes, bonded_modes, why_no_step
 from .scene_groups import charge_frequency, groups, is_many_body, steps_table, surroundings
 from .stability_table import LEVELS, MEASURED, SAFE, Groups, MeasuredStep, StabilityTable, shipped_transport
 
-#: Smallest error that may be asked for; below, no table could have measured it.
+#: Smallest error that may be asked for; smaller ones cannot be measured.
 SMALLEST = 1e-4
-#: What may be asked to be right, beside both temperatures ("temperature"): positions alone, or a quantity of the motion as well.
+#: Quantities to bound: both temperatures, positions only, or both temperatures and a transport coefficient.
 QUANTITIES = ("temperature", "structure", *MEASURED)
-#: Error of diffusion and viscosity that is told where only temperatures were asked for.
+#: Error of diffusion and viscosity above which there is a note if only temperatures were asked for.
 _MOTION = 0.03
 #: Errors at which :func:`advice` compares schemes.
 _COMPARED = (0.003, 0.05)
@@ -27,18 +27,18 @@ _COMPARED = (0.003, 0.05)
 
 @dataclass(frozen=True)
 class Choice:
-    """What one scheme needs.
+    """Step and cost of one scheme.
 
     Attributes
     ----------
     scheme : str
     dt, dt_error : float
-        Step at which the error is reached, and the standard error of the measurement it comes from (0 if it is calculated), ps.
+        Step size at which the error is reached, ps, and its standard error from the measurement (0 if it is calculated).
     relative_cost : float
-        Time for the same simulated time and the same error, beside ``mvv``, or the first scheme that has a step.
+        Computing time for the same simulated time and error, relative to ``mvv``, or to the first scheme that has a step.
     limit : str
-        What limits the step: "configurational temperature", "kinetic temperature", "diffusion", "viscosity", "stability", "bonds",
-        "angles", "dihedrals" or "charges".
+        Limit of the step: "configurational temperature", "kinetic temperature", "diffusion", "viscosity", "stability", "bonds", "angles",
+        "dihedrals" or "charges".
     """
 
     scheme: str
@@ -54,22 +54,22 @@ class Choice:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The scheme that costs least, and all others.
+    """The scheme with the lowest cost, and all others.
 
     Attributes
     ----------
     scheme : str or None
-        None if the table says nothing about the scene; ``notes`` say why.
+        Recommended scheme; None if the table does not cover the scene (``notes`` have the reason).
     dt : float or None
-        Step, ps.
+        Step size, ps.
     relative_cost : float or None
-        Time for the same simulated time beside ``mvv`` at the same error.
+        Computing time for the same simulated time and error, relative to ``mvv``.
     error : float
-        Relative error that was asked for.
+        Requested relative error.
     quantity : str
-        Of what.
+        Quantity with this error.
     choices : tuple of Choice
-        All schemes, the cheapest first.
+        All schemes, in the order of their cost.
     notes : tuple of str
         What is outside of the table, or not covered by it.
     """
@@ -96,39 +96,38 @@ class Recommendation:
 
 
 def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature", table: StabilityTable | None = None) -> Recommendation:
-    """Scheme, step and relative cost for an error.
+    """Recommend a scheme and step size for a given error.
 
     Parameters
     ----------
     scene : Scene
     error : float, default 0.01
-        Relative error that is accepted, from 0.0001 to 0.1.
+        Accepted relative error, from 0.0001 to 0.1.
     quantity : {"temperature", "structure", "diffusion", "viscosity"}
-        What has to be right: kinetic and configurational temperature; only the latter, where nothing is read from velocities; both, and
-        the coefficient of diffusion or the viscosity of a fluid of this friction (measured at density 3 and repulsion 25).
+        Quantity with this error: kinetic and configurational temperature; only the latter, if velocities are not used; or both, and the
+        diffusion coefficient or viscosity of a fluid with this friction (measured at density 3 and repulsion 25).
     table : StabilityTable, optional
-        Another table than the one that comes with the package.
+        Table of steps; by default the one that comes with the package.
 
     Raises
     ------
     ParameterError
-        If the error is out of bounds, the quantity unknown, or it is no Scene.
+        If the error is out of bounds, the quantity unknown, or ``scene`` is not a Scene.
 
     Notes
     -----
-    The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.advice.scene_groups.groups` combines layers and
-    pairs of types.  A many-body liquid with the quadratic kernel has a table of its own
-    (:func:`openmm_dpd.advice.scene_groups.many_body_groups`).  Bonds, angles and dihedrals limit the step by what each scheme
-    does to their vibrations (:mod:`openmm_dpd.advice.bonded_modes`), charges by that of two opposite ones on top of each other.
-    There is no recommendation for walls, segmental repulsion, mixtures of many-body beads, other potentials between beads or an
-    attraction, without friction, and where the beads of a dihedral may come into line; ``notes`` say so.  The steps of ``native`` were
-    measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates all pairs at once, and gets too hot at shorter steps.
-    Beads beside atoms
-    (:func:`openmm_dpd.create_mixed_system`) take the step of the atoms and are refused.
+    The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.advice.scene_groups.groups` combines layers and pairs of
+    types.  Many-body liquids with the quadratic kernel have their own table (:func:`openmm_dpd.advice.scene_groups.many_body_groups`).
+    Bonds, angles and dihedrals limit the step by the errors of their vibrations under each scheme (:mod:`openmm_dpd.advice.bonded_modes`),
+    charges by that of two opposite charges at the same point.  There is no recommendation with walls, segmental repulsion, mixtures of
+    many-body beads, other potentials between beads or attraction, without friction, or if the beads of a dihedral may become collinear;
+    ``notes`` have the reason.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates
+    all pairs at once, and is too hot at shorter steps.  Beads beside atoms (:func:`openmm_dpd.create_mixed_system`) need the step of the
+    atoms and are refused.
     """
     if isinstance(scene, MixedSystem):
         raise ParameterError(
-            "atoms and beads in one System take the step and scheme of the atoms (docs/howto/mixed.md), not one of the table"
+            "atoms and beads in one System need the step and scheme of the atoms (docs/howto/mixed.md), not one of the table"
         )
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
@@ -163,7 +162,7 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
 
 
 def _motion_notes(choice: Choice, pairs: list[Groups]) -> list[str]:
-    """What else goes wrong at a step that is right for temperatures."""
+    """Notes about errors of diffusion and viscosity at a step that is right for temperatures."""
     motion, found = shipped_transport(), []
     for quantity in MEASURED if choice.scheme in motion.schemes else ():
         errors = [motion.error(choice.scheme, at, choice.dt / at.unit_time, quantity) for at in pairs if motion.covers(at)]
@@ -174,19 +173,19 @@ def _motion_notes(choice: Choice, pairs: list[Groups]) -> list[str]:
 
 
 def _modes(scene: Scene, pairs: list[Groups]) -> list[Modes]:
-    """Vibrations of bonded terms, and of two opposite charges."""
+    """Vibrations of bonded terms, and of two opposite charges at the same point."""
     around, frequency = surroundings(pairs), charge_frequency(scene)
     charges = [Modes("charges", np.array([frequency]), np.ones(1), frequency)] if frequency else []
     return [*bonded_modes(scene, around), *charges]
 
 
 def _runs(scene: Scene, scheme: str) -> bool:
-    """Whether a scheme of the table can run a scene: all of this package can."""
+    """Whether a scheme of the table can run a scene; only ``native`` may not."""
     if not SCHEMES[scheme].native:
         return True
     try:
         make_plan(scene, dt=0.01, scheme=scheme, platform="CPU", seed=1)
-    except DPDError:  # perhaps no scheme can, but the table may still speak of the fluid
+    except DPDError:  # perhaps no scheme can run it, but the table may cover the fluid
         return False
     return True
 
@@ -194,7 +193,7 @@ def _runs(scene: Scene, scheme: str) -> bool:
 def _step(
     table: StabilityTable, scheme: str, modes: list[Modes], pairs: list[Groups], error: float, quantity: str
 ) -> tuple[MeasuredStep, str]:
-    """Smallest of all limits, ps, and which one it is."""
+    """Smallest of all limits of the step, ps, with its standard error, and the name of this limit."""
     temperatures = {"conf": "configurational temperature"} | ({} if quantity == "structure" else {"kin": "kinetic temperature"})
     limits = []
     for at in pairs:
@@ -212,8 +211,8 @@ def _step(
 
 
 def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> tuple[float, str] | None:
-    """Relative error of the worst temperature at a step (ps), signed, and which one; infinite over 10 %, None where the table ends.  Bonds,
-    angles and dihedrals count by themselves (:mod:`openmm_dpd.advice.bonded_modes`)."""
+    """Signed relative error of the worst temperature at a step size (ps), and which one it is; infinite above 10 %, None outside of the
+    table.  Bonds, angles and dihedrals are included (:mod:`openmm_dpd.advice.bonded_modes`)."""
     word = scheme_of(scheme)
     scheme, table = word.name, table or steps_table(scene)
     pairs, _ = groups(scene)
@@ -232,7 +231,7 @@ def predicted_error(scene: Scene, scheme: str, dt: float, *, table: StabilityTab
 
 
 def advice(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None = None) -> str:
-    """What the table says about a scheme and a step (ps), in a sentence with what it leaves out."""
+    """Advice from the table about a scheme and step size (ps), as a sentence, with what the table does not cover."""
     table = table or steps_table(scene)
     scheme = scheme_of(scheme).name
     found = predicted_error(scene, scheme, dt, table=table)
@@ -266,7 +265,7 @@ def _sentence(scene: Scene, scheme: str, dt: float, table: StabilityTable, found
 
 
 def _part(fraction: float) -> str:
-    """A fraction in words where it is near one that has a name."""
+    """A fraction in words, if it is close to one that has a name."""
     names = {"three quarters": 0.75, "two thirds": 2 / 3, "half": 0.5, "a third": 1 / 3, "a quarter": 0.25, "a fifth": 0.2, "a tenth": 0.1}
     near = min(names, key=lambda name: abs(np.log(fraction / names[name])))
     return near if abs(fraction / names[near] - 1) < 0.1 else f"{100 * fraction:.0f} %"

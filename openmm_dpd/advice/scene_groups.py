@@ -1,5 +1,5 @@
-"""A scene in the dimensionless groups of a table of steps: friction and repulsion of all its layers together, charges; for many-body
-liquids friction, and stiffness at the density that they choose."""
+"""Dimensionless groups of a scene for a table of steps: total friction and repulsion of its layers, and charges; for many-body liquids
+friction, and stiffness at their own density."""
 
 import json
 from functools import lru_cache
@@ -15,30 +15,30 @@ from ..model.scene import Scene
 from ..plan.kinds import kind_for
 from .stability_table import Groups, StabilityTable, drag, shipped_table
 
-#: What measures a scene that is not in the table.
+#: How to measure a scene that is not in the table.
 _SCRIPT = "benchmarks/recommended_steps.py measures the temperatures of scenes at a step"
 
 
 def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     """Dimensionless groups of every pair of types that repels, and what the table does not cover.
 
-    Layers add up.  The repulsion of a pair is a = cutoff^2/kT times the sum of its curvatures A/cutoff, which for layers of one cutoff is
-    that of the sum of their A.  Layers of different cutoffs are taken for a single one with all of the curvature, at each of their cutoffs,
-    and the worst counts.  Friction adds up as the drag on a bead, for any cutoffs of its layers.
+    Layers add up.  The repulsion of a pair is a = cutoff^2/kT times the sum of its curvatures A/cutoff; with equal cutoffs, that of the
+    summed A.  Layers of different cutoffs are replaced by one layer with the full curvature, at each of their cutoffs, and the worst
+    counts.  Friction adds up as the drag on a bead, for any cutoffs.
 
-    A mixture is taken for the worst of the fluids that its pairs of types would make at its density, each with its own friction, if it has
-    any, and with the mean of all beads, well mixed, through which the heat of a long step leaves.
+    A mixture is treated as the worst of the fluids that its pairs of types would form at its density, each with its own friction, if any,
+    and with the mean friction of all beads, well mixed, which removes the heat of a long step.
 
     Returns
     -------
     groups : list of Groups
-        Empty where the table says nothing.
+        Empty if the table does not cover the scene.
     notes : list of str
-        Why, and what else is left out.
+        The reason, and what else is not covered.
     """
     kT = scene.initial_kT
     if kT <= 0:
-        return [], ["there is no temperature"]
+        return [], ["the temperature is 0"]
     if scene.box is None:
         return [], ["there is no box, hence no density"]
     moves = ~scene.immobile
@@ -83,12 +83,12 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
 
 
 def steps_table(scene: Scene) -> StabilityTable:
-    """The table that comes with the package, for the beads of a scene."""
+    """The table of steps that comes with the package for this kind of scene, soft or many-body."""
     return shipped_many_body() if is_many_body(scene) else shipped_table()
 
 
 def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list]:
-    """The terms of all layers between types that have beads, one of which moves."""
+    """Coefficients of all layers for each pair of types with beads, at least one of which is mobile."""
     names = np.array(scene.type_names)
     present, moving = (set(names[np.unique(ids)].tolist()) for ids in (scene.type_ids, scene.type_ids[moves]))
     layers = [table.resolve(scene.type_names) for table in scene.tables]
@@ -97,7 +97,7 @@ def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list]:
 
 
 def _curvatures(layers: list) -> dict[float, float]:
-    """Curvature A/cutoff of the repulsion by cutoff, kJ/mol/nm^2."""
+    """Curvature A/cutoff of the repulsion, kJ/mol/nm^2, by cutoff, nm."""
     found: dict[float, float] = {}
     for layer in layers:
         found[layer.cutoff] = found.get(layer.cutoff, 0.0) + layer.A / layer.cutoff
@@ -105,13 +105,13 @@ def _curvatures(layers: list) -> dict[float, float]:
 
 
 def _frictions(layer, kT: float) -> list[tuple[float, float]]:
-    """Frictions (Da/ps) of a coefficient with the exponents of their noise."""
+    """Friction coefficients (Da/ps) of a layer, each with the exponent of its noise."""
     frictions = kind_for(type(layer)).frictions
     return frictions(layer, kT) if frictions else []
 
 
 def _mean(scene: Scene, moves: np.ndarray, drags: dict[tuple[str, str], float]) -> float:
-    """Drag on the mean moving bead if all beads are well mixed, Da/ps; exactly that of the pairs if they are all the same."""
+    """Mean drag on a mobile bead if all beads are well mixed, Da/ps; equal to that of the pairs if all are equal."""
     if len(set(drags.values())) == 1:
         return next(iter(drags.values()))
     names = scene.type_names
@@ -124,21 +124,21 @@ def _mean(scene: Scene, moves: np.ndarray, drags: dict[tuple[str, str], float]) 
 
 
 def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
-    """What a scene has that the table does not cover."""
+    """Notes about properties of a scene that the table does not cover."""
     alone = [first for (first, second), value in drags.items() if first == second and not value]
-    notes = [f"beads of type {name} have no friction among themselves; the step is for a mixture where others are near" for name in alone]
+    notes = [f"beads of type {name} have no friction among themselves; the step is for a mixture with others nearby" for name in alone]
     return notes
 
 
 def surroundings(pairs: list[Groups]) -> float:
-    """omega^2 (1/ps^2) of a bead among its soft neighbours, the largest of all pairs of types; 0 without any.  The mean over the stable
-    modes of the standard fluid, which weighs them by omega^2 as configurational temperatures do (117 at A = 25 and density 3, from the
-    Hessian of 400 beads), taken in proportion to A and density."""
+    """omega^2 (1/ps^2) of a bead among its soft neighbours, the largest of all pairs of types; 0 without any.  It is proportional to A and
+    density, and scaled from the mean over the stable modes of the standard fluid, weighted by omega^2 as in configurational temperatures
+    (117 at A = 25 and density 3, from the Hessian of 400 beads)."""
     return max((4.7 * at.a * at.rho / 3.0 / at.unit_time**2 for at in pairs), default=0.0)
 
 
 def charge_frequency(scene: Scene) -> float:
-    """Largest frequency of two opposite charges on top of each other, from the curvature at r = 0, rad/ps; 0 without any."""
+    """Largest frequency of two opposite charges at the same point, from the curvature at r = 0, rad/ps; 0 without charges."""
     if scene.electrostatics is None or scene.charges is None:
         return 0.0
     q, inverse = scene.charges, 1.0 / scene.bead_masses
@@ -153,7 +153,7 @@ def charge_frequency(scene: Scene) -> float:
 
 
 def _heat_capacity(scene: Scene) -> float | None:
-    """Smallest heat capacity of a bead over k_B near its temperature, or None."""
+    """Smallest heat capacity of a bead near its temperature, in units of k_B, or None."""
     if not isinstance(scene.internal, InternalEnergy):
         return None
     kT = scene.initial_kT
@@ -161,13 +161,13 @@ def _heat_capacity(scene: Scene) -> float | None:
     return min(float((state.energy(1.01 * kT) - state.energy(0.99 * kT)) / (0.02 * kT)) for state in states)
 
 
-#: Range of the repulsion, of that of the attraction, that was measured; what measures others.
+#: Measured range of the repulsion relative to that of the attraction; and how to measure others.
 RANGE = 0.75
 _LIQUIDS = "benchmarks/many_body.py measures steps of such liquids"
 
 
 def liquid_density(a: float, b: float, reach: float = RANGE) -> float:
-    """Density of the liquid at no pressure, N rc^3/V; 0 if there is none.
+    """Density of a many-body liquid at zero pressure, N rc^3/V; 0 if there is no liquid.
 
     Warren's equation of state, Phys. Rev. E 68, 066702 (2003): p = rho + alpha a rho^2 + 2 alpha b reach^4 (rho^3 - 4.16 rho^2 + 18),
     alpha = 0.101.
@@ -175,7 +175,7 @@ def liquid_density(a: float, b: float, reach: float = RANGE) -> float:
     Parameters
     ----------
     a, b : float
-        A rc/kT and B/(kT rc^2), rc being the cutoff of the attraction.
+        A rc/kT and B/(kT rc^2), with rc the cutoff of the attraction.
     reach : float
         Cutoff of the repulsion over rc.
     """
@@ -185,17 +185,17 @@ def liquid_density(a: float, b: float, reach: float = RANGE) -> float:
 
 
 def stiffness(a: float, b: float, rho: float) -> float:
-    """b rho^2: the many-body repulsion's part of omega^2 goes with it."""
+    """b rho^2, to which the many-body repulsion's part of omega^2 is proportional."""
     return b * rho**2
 
 
 def is_many_body(scene: Scene) -> bool:
-    """Whether many-body coefficients, and nothing else, act between beads."""
+    """Whether beads interact only by many-body coefficients."""
     return bool(scene.tables) and all(table.kind is not None and kind_for(table.kind).has_densities for table in scene.tables)
 
 
 def many_body_groups(scene: Scene, moves: np.ndarray) -> tuple[list[Groups], list[str]]:
-    """As :func:`~openmm_dpd.advice.scene_groups.groups`, for one liquid, with the stiffness in place of the repulsion."""
+    """Dimensionless groups of a many-body liquid, with the stiffness in place of the repulsion, and notes on what is not covered."""
     present = {scene.type_names[k] for k in np.unique(scene.type_ids)}
     found = {c for pair, c in scene.tables[0].resolve(scene.type_names).items() if present.issuperset(pair)}
     why = None
@@ -222,5 +222,5 @@ def many_body_groups(scene: Scene, moves: np.ndarray) -> tuple[list[Groups], lis
 
 @lru_cache(maxsize=1)
 def shipped_many_body() -> StabilityTable:
-    """The table that comes with the package."""
+    """The table of steps for many-body liquids that comes with the package."""
     return StabilityTable(json.loads(files(__package__).joinpath("many_body.json").read_text()))

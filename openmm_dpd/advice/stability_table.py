@@ -1,9 +1,9 @@
 """The measured table of usable steps, and its interpolation in dimensionless groups.
 
-Units of the table: cutoff rc, mass m of the lightest bead, thermal energy kT; so a step is in units of rc (m/kT)^(1/2).  The table holds,
-for every scheme, the steps at which the configurational and the kinetic temperature are 1, 5 and 10 % off and the step that blows up, on
-a plane friction times repulsion and on lines of density, mass ratio, exponent and heat capacity (benchmarks/stability.py makes it).
-Another table has the steps at which diffusion or viscosity of the standard fluid are off by some error (benchmarks/transport.py).
+Units of the table: cutoff rc, mass m of the lightest bead, thermal energy kT; so a step is in units of rc (m/kT)^(1/2).  For every scheme,
+the table has the steps at which the configurational and the kinetic temperature are 1, 5 and 10 % off, and the step that blows up, on a
+plane of friction and repulsion and on lines of density, mass ratio, exponent and heat capacity (made by benchmarks/stability.py).  Another
+table has errors of diffusion and viscosity of the standard fluid (made by benchmarks/transport.py).
 """
 
 import json
@@ -17,9 +17,9 @@ import numpy as np
 
 from ..base.errors import ParameterError
 
-#: Errors at which the table has steps.
+#: Errors for which the table has steps.
 LEVELS = (0.01, 0.05, 0.10)
-#: Part of the step that blows up which is never exceeded.
+#: Largest allowed fraction of the step that blows up.
 SAFE = 0.7
 _LINES = ("rho", "mass", "s", "cv")
 
@@ -38,13 +38,13 @@ class Groups:
 
     @property
     def friction(self) -> float:
-        """Friction of a bead in its surroundings, as the gamma that gives it at density 3 and exponent 1."""
+        """Drag on a bead in its surroundings, as the gamma that gives it at density 3 and exponent 1."""
         return drag(self.gamma, self.rho, self.s)
 
 
 def drag(gamma: float, rho: float, s: float) -> float:
-    r"""Friction of a bead in its surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.  It is gamma
-    rho times the integral of w^(2s): B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), 1/30 at s = 1."""
+    r"""Drag on a bead in surroundings of reduced density rho, as the gamma that gives it at density 3 and exponent 1.  It is proportional
+    to gamma rho times the integral of w^(2s), B(3, 2s + 1) = 2/((2s + 1)(2s + 2)(2s + 3)), which is 1/30 at s = 1."""
     s2 = 2 * s
     return gamma * rho / 3.0 * 60.0 / ((s2 + 1) * (s2 + 2) * (s2 + 3))
 
@@ -55,13 +55,13 @@ class StabilityTable:
     Parameters
     ----------
     data : mapping
-        ``base`` (groups of the base fluid), ``cost`` (time of a step of each scheme), ``points``: the groups, and in ``schemes`` for each
-        scheme ``blow``, ``conf`` and ``kin`` ({"1": [step, standard error, ">" or "<" or ""], "5": ..., "10": ...}) and ``sign``.
+        ``base`` (groups of the base fluid), ``cost`` (time per step of each scheme), and ``points``: the groups, and in ``schemes`` for
+        each scheme ``blow``, ``conf`` and ``kin`` ({"1": [step, standard error, ">" or "<" or ""], "5": ..., "10": ...}) and ``sign``.
 
     Raises
     ------
     ParameterError
-        If the plane friction times repulsion has less than two values of each.
+        If the plane has fewer than two values of friction or repulsion.
     """
 
     def __init__(self, data: Mapping[str, Any]):
@@ -74,13 +74,13 @@ class StabilityTable:
         self._logs: dict[tuple, np.ndarray] = {}
 
     def outside(self, at: Groups) -> list[str]:
-        """What is beyond the table, as sentences."""
+        """Notes about groups that are outside of the table."""
         found = []
         lines = zip(("density", "mass ratio", "exponent", "heat capacity"), _LINES, strict=True)
         rows = [("friction", self._frictions, at.friction), (self.data.get("a is", "repulsion"), self._repulsions, at.a)]
         for name, known, value in [*rows, *((name, self._values(n), getattr(at, n)) for name, n in lines)]:
             if value is None or (name == "heat capacity" and len(known) and value > known.max()):
-                continue  # beyond the largest heat capacity beads are thermostats
+                continue  # above the largest heat capacity, beads are thermostats
             if not len(known) or not known.min() * (1 - 1e-9) <= value <= known.max() * (1 + 1e-9):
                 span = f"only from {known.min():g} to {known.max():g}" if len(known) else "nor at any other"
                 found.append(f"no steps were measured at a {name} of {value:.3g} (reduced units), {span}")
@@ -90,9 +90,9 @@ class StabilityTable:
         return np.array(sorted({p[name] for p in self.data["points"] if p[name] is not None}))
 
     def step(self, scheme: str, at: Groups, error: float, kind: str) -> float:
-        """Step (reduced) at which an error is reached: ``kind`` "conf" or "kin".
+        """Step (reduced) at which a temperature reaches an error; ``kind`` is "conf" or "kin".
 
-        Between 1 and 10 %: straight lines in log-log through the table; below: with the square of the step, the order of all schemes.
+        Interpolation is linear in log-log between 1 and 10 %; below, the error is proportional to the square of the step, for all schemes.
         """
         steps = np.log(self._levels(scheme, at, kind))
         if error < LEVELS[0]:
@@ -100,29 +100,29 @@ class StabilityTable:
         return float(np.exp(np.interp(np.log(error), np.log(LEVELS), steps)))
 
     def error(self, scheme: str, at: Groups, dt: float, kind: str) -> float:
-        """The inverse of :meth:`step`; infinite beyond 10 %."""
+        """Error of a temperature at a step (reduced), the inverse of :meth:`step`; infinite above 10 %."""
         steps = self._levels(scheme, at, kind)
         if dt < steps[0]:
             return float(LEVELS[0] * (dt / steps[0]) ** 2)
         return float("inf") if dt > steps[-1] * (1 + 1e-6) else float(np.exp(np.interp(np.log(dt), np.log(steps), np.log(LEVELS))))
 
     def spread(self, scheme: str, at: Groups, error: float, kind: str) -> float:
-        """Relative standard error of :meth:`step`: that of the nearest point of the plane, at the nearest level."""
+        """Relative standard error of :meth:`step`: that of the nearest point in the plane, at the nearest error."""
         level = min(LEVELS, key=lambda one: abs(np.log(one / error)))
         found = self._near(scheme, at)["schemes"][scheme][kind] or {}
         dt, sem, _ = found.get(f"{100 * level:g}") or (1.0, 0.0, "")
         return float(sem / dt)
 
     def blow(self, scheme: str, at: Groups) -> float:
-        """Step (reduced) that blows up."""
+        """Step (reduced) at which a run blows up."""
         return float(np.exp(self._interpolated(scheme, ("blow",), at)))
 
     def sign(self, scheme: str, at: Groups, kind: str) -> int:
-        """+1 if the fluid gets too hot, -1 if too cold, at the nearest point of the plane."""
+        """+1 if the temperature is too high, -1 if it is too low, at the nearest point in the plane."""
         return int(self._near(scheme, at)["schemes"][scheme]["sign"][kind])
 
     def _near(self, scheme: str, at: Groups) -> Mapping[str, Any]:
-        """The nearest point of the plane that has a scheme."""
+        """Entry of a scheme at the nearest point in the plane that has it."""
         return min(
             (p for p in self.plane if scheme in p["schemes"]),
             key=lambda p: abs(np.log(p["gamma"] / at.friction)) + abs(p["a"] ** 0.5 - at.a**0.5),
@@ -130,7 +130,7 @@ class StabilityTable:
 
     def _levels(self, scheme: str, at: Groups, kind: str) -> np.ndarray:
         found = [np.exp(self._interpolated(scheme, (kind, f"{100 * level:g}"), at)) for level in LEVELS]
-        # strictly increasing, so that both directions of the interpolation are defined
+        # strictly increasing, so that the interpolation has an inverse
         return np.maximum.accumulate(found) * np.array([1.0, 1.0 + 1e-9, 1.0 + 2e-9])
 
     def _interpolated(self, scheme: str, path: tuple[str, ...], at: Groups) -> float:
@@ -139,13 +139,13 @@ class StabilityTable:
         return value + sum(self._correction(scheme, path, name, v, at.friction) for name, v in values.items() if v != self.base[name])
 
     def _on_plane(self, scheme: str, path: tuple[str, ...], friction: float, a: float) -> float:
-        """log(step), bilinear in log(friction) and the root of the repulsion (a frequency); the edge beyond the edge."""
+        """log(step), bilinear in log(friction) and the root of the repulsion (a frequency); constant beyond the edges."""
         x, y = np.log(self._frictions), np.sqrt(self._repulsions)
         column = [np.interp(np.sqrt(a), y, row) for row in self._grid(scheme, path)]
         return float(np.interp(np.log(friction), x, column))
 
     def _grid(self, scheme: str, path: tuple[str, ...]) -> np.ndarray:
-        """log(step) by friction and repulsion; a missing point takes the value of its neighbour in friction."""
+        """log(step) over friction and repulsion, 2D; a missing point has the value of its neighbour in friction."""
         key = (scheme, *path)
         if key not in self._logs:
             known = {(p["gamma"], p["a"]): _log(p["schemes"][scheme], path) for p in self.plane if scheme in p["schemes"]}
@@ -161,7 +161,7 @@ class StabilityTable:
         return self._logs[key]
 
     def _correction(self, scheme: str, path: tuple[str, ...], name: str, value: float | None, friction: float) -> float:
-        """How much a line of the table lies off the plane at the same friction and repulsion, between its lines in log(friction)."""
+        """Deviation of log(step) on a line of the table from the plane, interpolated between lines in log(friction)."""
         if value is None:
             return 0.0
         lines: dict[float, list[tuple[float, float]]] = {}
@@ -181,7 +181,7 @@ class StabilityTable:
 
 
 def _log(entry: Mapping[str, Any], path: tuple[str, ...]) -> float:
-    """log of a step; without a configurational temperature (no repulsion) from the kinetic one, without either from the blow-up."""
+    """log of a step in an entry; without a configurational temperature (no repulsion) that of the kinetic one, or of the blow-up."""
     found: Any = entry
     for word in path:
         found = found[word]
@@ -192,35 +192,35 @@ def _log(entry: Mapping[str, Any], path: tuple[str, ...]) -> float:
 
 @lru_cache(maxsize=1)
 def shipped_table() -> StabilityTable:
-    """The table that comes with the package."""
+    """The table of steps for soft beads that comes with the package."""
     return StabilityTable(json.loads(files(__package__).joinpath("stability.json").read_text()))
 
 
-#: Quantities, with the place of their errors in a row of the table.
+#: Quantities, with the index of their errors in a row of the table.
 MEASURED = {"diffusion": 1, "viscosity": 2}
 
-#: Names of their limits of short steps in the table.
+#: Names in the table of the limits of quantities at short steps.
 _LIMITS = {"diffusion": "D", "viscosity": "eta"}
 
-#: Draws of the measured errors, for the error of a step.
+#: Number of draws of the measured errors, for the error of a step.
 _DRAWS = 100
 
 
 class MeasuredStep(NamedTuple):
-    """A step and its standard error."""
+    """A step size and its standard error."""
 
     dt: float
     error: float
 
 
 class TransportTable:
-    """Errors of diffusion and viscosity by friction, scheme and step.
+    """Table of errors of diffusion and viscosity over friction, scheme and step.
 
     Parameters
     ----------
     data : mapping
-        ``points``: of each friction ``gamma``, the limits of short steps ``D`` and ``eta``, [value, standard error], and ``schemes``:
-        {scheme: [[dt, [error of D, standard error], [of viscosity, ...]], ...]}, whose errors have that of the limit in them.
+        ``points``: for each friction ``gamma``, the limits at short steps ``D`` and ``eta``, [value, standard error], and ``schemes``:
+        {scheme: [[dt, [error of D, standard error], [of viscosity, ...]], ...]}, whose standard errors include that of the limit.
     """
 
     def __init__(self, data: Mapping[str, Any]):
@@ -234,7 +234,7 @@ class TransportTable:
         return bool(self.frictions[0] * (1 - 1e-9) <= at.friction <= self.frictions[-1] * (1 + 1e-9))
 
     def step(self, scheme: str, at: Groups, error: float, quantity: str) -> MeasuredStep:
-        """Longest step, rc (m/kT)^(1/2), up to which an error stays within a bound, between frictions with straight lines in log-log."""
+        """Longest step, rc (m/kT)^(1/2), up to which an error stays within a bound; linear in log-log between frictions."""
         found = [self.crossing(gamma, scheme, error, quantity) for gamma in self.frictions]
         x, where = np.log(self.frictions), np.log(at.friction)
         dt = float(np.exp(np.interp(where, x, np.log([step.dt for step in found]))))
@@ -242,7 +242,7 @@ class TransportTable:
         return MeasuredStep(dt, relative * dt)
 
     def error(self, scheme: str, at: Groups, dt: float, quantity: str) -> float:
-        """Signed error at a step, beyond the longest measured one with its square; between frictions linear in their log."""
+        """Signed error at a step, beyond the longest measured one proportional to its square; linear in log(friction)."""
         found = []
         for gamma in self.frictions:
             steps, _, curves = self._curves(gamma, scheme, quantity)
@@ -250,19 +250,19 @@ class TransportTable:
         return float(np.interp(np.log(at.friction), np.log(self.frictions), found))
 
     def crossing(self, gamma: float, scheme: str, error: float, quantity: str) -> MeasuredStep:
-        """The step of one friction that was measured."""
+        """Step at which an error is reached, for one of the measured frictions."""
         steps, shortest, curves = self._curves(gamma, scheme, quantity)
         over = np.abs(curves) > error
         found = np.where(over.any(axis=1), steps[over.argmax(axis=1)], steps[-1])
-        # below the shortest step nothing but the order is known
+        # below the shortest step only the order is known
         first = np.abs(curves[:, 0])
         found = np.where(over[:, 0], shortest * (error / np.where(over[:, 0], first, 1.0)) ** 0.5, found)
         return MeasuredStep(float(found[0]), float(found[1:].std()))
 
     def _curves(self, gamma: float, scheme: str, quantity: str) -> tuple[np.ndarray, float, np.ndarray]:
-        """Steps (n,), the first of them, and errors there (1 + draws, n): c2 dt^2 + c4 dt^4 through the measured ones, and draws of them.
+        """Steps (n,), the shortest measured one, and errors (1 + draws, n): c2 dt^2 + c4 dt^4 fitted to measured errors and their draws.
 
-        A tenth of an error is left to what the curve cannot follow.  The error of the limit of short steps is common to all of them.
+        A tenth of each error is added to its standard error, for what the curve cannot follow.  All share the error of the short-step limit.
         """
         dt, off, sem = np.array(sorted((row[0], *row[MEASURED[quantity]]) for row in self.points[gamma][scheme])).T
         steps = np.linspace(dt[0], dt[-1], 200)
@@ -277,5 +277,5 @@ class TransportTable:
 
 @lru_cache(maxsize=1)
 def shipped_transport() -> TransportTable:
-    """The table that comes with the package."""
+    """The table of errors of diffusion and viscosity that comes with the package."""
     return TransportTable(json.loads(files(__package__).joinpath("transport.json").read_text()))

@@ -237,7 +237,7 @@ def test_they_count_in_steps():
     assert weak.limit != "dihedrals" and stiff.limit == "dihedrals" and stiff.dt < weak.dt / 5
     assert not any("dihedral" in note for one in found for note in one.notes)
     bare = scene()
-    why = "no angle keeps the beads 0, 1 and 2 (counted from 0) of a dihedral out of line, where its forces have no bound"
+    why = "no angle keeps the beads 0, 1 and 2 (counted from 0) of a dihedral from a line, where its forces are unbounded"
     assert dpd.recommend(bare).scheme is None and why in dpd.recommend(bare).notes
     assert advice(bare, "mvv", 0.01).startswith("no advice about the step: ") and why in advice(bare, "mvv", 0.01)
 
