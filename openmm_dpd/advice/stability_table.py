@@ -262,7 +262,7 @@ class TransportTable:
     def _curves(self, gamma: float, scheme: str, quantity: str) -> tuple[np.ndarray, float, np.ndarray]:
         """Steps (n,), the shortest measured one, and errors (1 + draws, n): c2 dt^2 + c4 dt^4 fitted to measured errors and their draws.
 
-        A tenth of each error is added to its standard error, for what the curve cannot follow.  All share the error of the short-step limit.
+        A tenth of each error is added to its standard error, as the curve is not exact.  All share the error of the short-step limit.
         """
         dt, off, sem = np.array(sorted((row[0], *row[MEASURED[quantity]]) for row in self.points[gamma][scheme])).T
         steps = np.linspace(dt[0], dt[-1], 200)
