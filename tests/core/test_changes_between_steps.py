@@ -256,8 +256,7 @@ def test_a_key_of_the_noise_that_is_none(name, value, loop):
         simulation = run_of(beads(), REFERENCE, dt=0.02, scheme="middle", loop=loop)
         simulation.step(2)
         simulation.context.setParameter(name, value)
-        with pytest.raises(openmm.OpenMMException, match=f"the context parameter {name} must be a whole number >= 0"):
-            simulation.step(steps)
+        raises(openmm.OpenMMException, f"the context parameter {name} must be a whole number >= 0", simulation.step, steps)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from devices import CPU, DEVICES, REFERENCE
 from scenes import BOXES, EXTENDED, SCHEME, beads, chains, fluid, place, run_of, same_bits, state_of, stepped
 
@@ -119,7 +120,6 @@ def test_number_of_threads_is_clamped():
     set_threads(10**6)
     assert 1 <= dpd.get_threads() <= 10**6 - 1
     for wrong in (0, -1, 1.5, "2", True):
-        with pytest.raises(dpd.ParameterError, match="number of threads"):
-            set_threads(wrong)
+        raises(dpd.ParameterError, "number of threads", set_threads, wrong)
     set_threads(None)
     assert dpd.get_threads() >= 1

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import oracle
 import pytest
+from cases import raises
 from scenes import BOX, BOXES, EXTENDED, TABLES, chains, factor_of, fluid, listed_pairs, oracle_params, ready
 
 from openmm_dpd import RunError
@@ -314,8 +315,7 @@ def test_position_that_is_not_finite_is_named(box, value):
     x = np.random.default_rng(1).random((10, 3))
     x[7, 1] = value
     engine = simple_engine(10)
-    with pytest.raises(RunError, match="bead 7"):
-        engine.prepare(x, box)
+    raises(RunError, "bead 7", engine.prepare, x, box)
     x[7, 1] = 0.5  # and the engine is not left with a broken list
     engine.prepare(x, box)
     assert unordered(listed_pairs(engine)) == oracle_pairs(x, box)

@@ -6,6 +6,7 @@ import chains_of_beads as chains
 import numpy as np
 import pytest
 import reference_forces as check
+from cases import raises
 from reference_forces import BOXES
 from scenes import BOXES as MORE_BOXES, MASSES, beads, fluid
 
@@ -174,8 +175,7 @@ def test_beads_that_take_no_part():
     energy, force = check.evaluate([terms], np.random.default_rng(1).random((5, 3)), None)
     assert energy == 0.0 and not force.any()
     terms = radial_terms(resolved("lennard-jones"), np.zeros(5, np.int32), NAMES, {})
-    with pytest.raises(dpd.RunError, match="position of bead 0 is not finite"):
-        check.evaluate([terms], np.full((5, 3), np.nan), np.diag([4.0] * 3))
+    raises(dpd.RunError, "position of bead 0 is not finite", lambda: check.evaluate([terms], np.full((5, 3), np.nan), np.diag([4.0] * 3)))
 
 
 @pytest.mark.parametrize("distance", ["mid", "min"])

@@ -3,6 +3,7 @@
 import chains_of_beads as chains
 import numpy as np
 import pytest
+from cases import raises
 from scenes import BOXES
 
 from openmm_dpd.base.errors import RunError
@@ -133,5 +134,4 @@ def test_errors():
     with pytest.raises(RunError, match=r"over half the box: the range of 0.8 nm and the longest bond of .* nm in a box of 2.5"):
         engine_of(x, bonds, NEAREST).forces(x, np.diag([2.5] * 3))
     x[5, 1] = np.nan
-    with pytest.raises(RunError, match=r"the position of one of the beads 4 and 5"):
-        engine_of(x, bonds, MID).forces(x, None)
+    raises(RunError, r"the position of one of the beads 4 and 5", lambda: engine_of(x, bonds, MID).forces(x, None))

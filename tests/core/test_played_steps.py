@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 
 import openmm_dpd as dpd
@@ -381,8 +382,7 @@ def test_a_step_that_fails_is_python_s(monkeypatch, counted, together):
         wrong = velocities.copy()
         wrong[17] = 1e6
         simulation.context.setVelocities(wrong)
-        with pytest.raises(openmm.OpenMMException, match=r"step 6: bead 17 moves"):
-            simulation.integrator.step(20)
+        raises(openmm.OpenMMException, r"step 6: bead 17 moves", simulation.integrator.step, 20)
         simulation.context.setVelocities(velocities)
         assert np.array_equal(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value, x)
         assert not same(everything(simulation.context, built), before)

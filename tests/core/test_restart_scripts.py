@@ -8,6 +8,7 @@ import logging
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from openmm import unit
 from scenes import beads, state_of, step_all, stepped
 
@@ -244,5 +245,4 @@ def test_a_ramp_in_one_of_two_scripts(scheme, written, loaded, tmp_path, caplog)
         third.step(5)
         assert parameter(third, "dpd_kT") == pytest.approx(expected, rel=1e-12)
     else:
-        with pytest.raises(dpd.PlanError, match="checkpoint"):
-            third.loadCheckpoint(str(tmp_path / "checkpoint"))
+        raises(dpd.PlanError, "checkpoint", lambda: third.loadCheckpoint(str(tmp_path / "checkpoint")))

@@ -7,7 +7,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
-from cases import refused
+from cases import raises, refused
 from judged import any_seed
 from kinds import KINDS, N, hand_over, plain_context
 from openmm import app
@@ -291,19 +291,16 @@ def test_shears_that_are_none(given):
 )
 def test_plans_without_whole_steps(choices, reason):
     """... in double precision."""
-    with pytest.raises(dpd.PlanError, match=reason):
-        make_plan(beads(81, shear=SHEAR), dt=0.02, **{"platform": "CPU", **choices})
+    raises(dpd.PlanError, reason, lambda: make_plan(beads(81, shear=SHEAR), dt=0.02, **{"platform": "CPU", **choices}))
 
 
 def test_what_would_not_know_the_images(tmp_path):
     """Barostats, forces of others, programs that OpenMM executes, boxes that were set: the first step says so."""
     scene = beads(81, shear=SHEAR)
-    with pytest.raises(dpd.PlanError, match="barostat"):
-        dpd.add_barostat(dpd.build(scene, dt=0.02, platform="CPU"), 20.0)
+    raises(dpd.PlanError, "barostat", lambda: dpd.add_barostat(dpd.build(scene, dt=0.02, platform="CPU"), 20.0))
     built = dpd.build(scene, dt=0.02, platform="CPU")
     built.system.addForce(external_force("0.1*z", 81))
-    with pytest.raises(dpd.PlanError, match="sliding images"):
-        built.simulation().step(1)
+    raises(dpd.PlanError, "sliding images", lambda: built.simulation().step(1))
     with pytest.raises(openmm.OpenMMException, match="whole steps alone"):
         context = plain_context(dpd.build(scene, dt=0.02, platform="CPU"), "CPU")
         context.getIntegrator().step(1)
@@ -311,13 +308,11 @@ def test_what_would_not_know_the_images(tmp_path):
     compound.addIntegrator(built.integrator)
     context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"))
     place(context, built.positions, built.velocities)
-    with pytest.raises(openmm.OpenMMException, match="whole steps alone"):
-        compound.step(1)
+    raises(openmm.OpenMMException, "whole steps alone", compound.step, 1)
     simulation = dpd.build(scene, dt=0.02, platform="CPU").simulation()
     simulation.step(5)
     simulation.context.setPeriodicBoxVectors(*np.diag([3.0] * 3))
-    with pytest.raises(openmm.OpenMMException, match="of the shear: it was set"):
-        simulation.step(1)
+    raises(openmm.OpenMMException, "of the shear: it was set", simulation.step, 1)
     with pytest.raises(dpd.ParameterError, match="only a constant rate of shear is exported"):
         export_lammps(replace(scene, shear=SHEARS["oscillating"][0]), tmp_path, "sheared", dt=0.02)
 

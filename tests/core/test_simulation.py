@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from devices import Device
 from openmm import app, unit
 
@@ -129,8 +130,7 @@ def test_impossible_starts_name_the_bond(loop):
     simulation = dpd.build(scene, dt=0.01, platform="Reference", seed=1, loop=loop).simulation()
     x[3, 0] = 1.7
     simulation.context.setPositions(x)
-    with pytest.raises(dpd.RunError, match=r"bond between beads 2 and 3 \(counted from 0\) is 1.7 nm long, which .* R0 of 1.5 nm"):
-        simulation.minimizeEnergy()
+    raises(dpd.RunError, r"bond between beads 2 and 3 \(counted from 0\) is 1.7 nm long, which .* R0 of 1.5 nm", simulation.minimizeEnergy)
     np.testing.assert_array_equal(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value, x)
 
 
@@ -184,8 +184,7 @@ def test_whole_numbers_of_steps_of_any_type(steps):
     assert simulation.currentStep == 40
     for wrong in (20.5, "20"):
         for step in (simulation.step, simulation.integrator.step):
-            with pytest.raises(TypeError, match="must be a whole one"):
-                step(wrong)
+            raises(TypeError, "must be a whole one", step, wrong)
     assert simulation.currentStep == 40
 
 

@@ -215,8 +215,7 @@ def test_without_an_openmm_force_the_kernel_holds_it(register):
 def test_what_it_cannot_is_refused(register, tmp_path):
     register(potential=_potential)
     beads = scene()
-    with pytest.raises(dpd.PlanError, match="isothermal DPD only, not Exponential"):
-        dpd.build(beads, dt=0.01, scheme="native", platform="Reference", seed=1)
+    raises(dpd.PlanError, "isothermal DPD only, not Exponential", dpd.build, beads, dt=0.01, scheme="native", platform="Reference", seed=1)
     with pytest.raises(dpd.ParameterError, match="stress tensor of this scene: that of Exponential is not known"):
         StressReporter(1, dpd.build(beads, dt=0.01, platform="Reference", seed=1))
     assert "no steps were measured with Exponential" in dpd.recommend(beads).notes[0]

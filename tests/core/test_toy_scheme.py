@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from cases import raises
 from devices import Device
 from fluid_deck import ONE_TYPE
 from scenes import beads, run_of, same_bits, state_of, stepped
@@ -48,8 +49,7 @@ def test_it_is_explained_by_its_name(baoab):
 def test_it_is_refused_where_sweeps_are(baoab):
     scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=dpd.BeadTemperatures(1.0, 30.0))
     scene = dataclasses.replace(scene, compat="lammps")
-    with pytest.raises(dpd.PlanError, match="only scheme='mvv' runs it, not 'baoab'"):
-        dpd.build(scene, dt=0.02, scheme="baoab", platform="Reference")
+    raises(dpd.PlanError, "only scheme='mvv' runs it, not 'baoab'", dpd.build, scene, dt=0.02, scheme="baoab", platform="Reference")
     with pytest.raises(dpd.ParameterError, match="the scheme 'baoab' has none"):
         dpd.build(beads(), dt=0.02, scheme="baoab", lam=0.65, platform="Reference")
 
@@ -111,5 +111,4 @@ def test_a_scene_is_written_with_it_and_read_again(style, tmp_path):
 
 
 def test_its_words_are_checked(style, tmp_path):
-    with pytest.raises(dpd.DeckError, match="in.toy:9.*A half"):
-        deck_scene(deck(tmp_path, "toy/fluid", "25.0"))
+    raises(dpd.DeckError, "in.toy:9.*A half", lambda: deck_scene(deck(tmp_path, "toy/fluid", "25.0")))

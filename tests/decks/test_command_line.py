@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
-from cases import cases, put
+from cases import cases, put, raises
 from fluid_deck import FLUID
 
 import openmm_dpd as dpd
@@ -63,8 +63,7 @@ def test_run_writes_everything(deck, tmp_path, capsys):
 
 
 def test_version(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        main(["--version"])
+    raises(SystemExit, "0", main, ["--version"])
     assert capsys.readouterr().out == f"openmm-dpd {dpd.__version__}, OpenMM {openmm.__version__}\n"
 
 

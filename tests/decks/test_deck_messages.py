@@ -5,7 +5,7 @@ import threading
 import numba
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from judged import any_seed
 
 import openmm_dpd as dpd
@@ -90,8 +90,7 @@ def test_image_flags_are_given_for_all_beads_or_for_none(tmp_path):
     path = deck(tmp_path)
     text = (tmp_path / "data.two").read_text(encoding="utf-8").replace("3 1 1 1.9 1 1\n", "3 1 1 1.9 1 1 0 0 1\n")
     (tmp_path / "data.two").write_text(text, encoding="utf-8")
-    with pytest.raises(dpd.DeckError, match=r"data.two:19: atom 3 has image flags, unlike the first atom"):
-        deck_scene(path)
+    raises(dpd.DeckError, r"data.two:19: atom 3 has image flags, unlike the first atom", deck_scene, path)
 
 
 @any_seed(1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cases, put
+from cases import cases, put, raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck
@@ -141,8 +141,7 @@ RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
     ("compute m all msd\nreset_atoms id\n", "define it afterwards"),
 )
 def test_ids_that_lammps_would_give_otherwise(tmp_path, text, message):
-    with pytest.raises(DeckError, match=message):
-        read_deck(put(tmp_path / "in.deck", TWENTY + text))
+    raises(DeckError, message, lambda: read_deck(put(tmp_path / "in.deck", TWENTY + text)))
 
 
 def test_without_sorting_the_order_stays_known(tmp_path):

@@ -3,7 +3,7 @@
 import chains_of_beads as chains
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 
 from openmm_dpd import CosineAngles, DeckError, FENEBonds, HarmonicAngles, HarmonicBonds, MorseBonds
 from openmm_dpd.lammps import read_deck
@@ -137,8 +137,7 @@ def test_errors_of_data_files(tmp_path, name):
     changed = head.replace(old, new) + "Angles\n" + tail.replace(old, new)
     assert changed != text
     (tmp_path / "data.chains").write_text(changed)
-    with pytest.raises(DeckError, match=message):
-        read_deck(tmp_path / "in.deck", stop_before_first_run=True, output=tmp_path)
+    raises(DeckError, message, lambda: read_deck(tmp_path / "in.deck", stop_before_first_run=True, output=tmp_path))
 
 
 def test_angles_need_a_style_that_has_them(tmp_path):

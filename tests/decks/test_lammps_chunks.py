@@ -8,7 +8,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases, put
+from cases import cases, put, raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import RunOptions, RunRequest, read_deck, run_deck
@@ -162,8 +162,7 @@ def test_report_has_the_last_averages_of_each_run(tmp_path):
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(DECK + "compute ch all chunk/atom bin/1d x lower 1.0\n" + text.replace("{{", "{").replace("}}", "}"))
-    with pytest.raises(DeckError, match=message):
-        run_deck(tmp_path / "in.deck", QUICK, out=tmp_path)
+    raises(DeckError, message, lambda: run_deck(tmp_path / "in.deck", QUICK, out=tmp_path))
 
 
 # -- LAMMPS ------------------------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from pathlib import Path
 import mdtraj
 import numpy as np
 import pytest
+from cases import raises
 from mdtraj.formats import XTCTrajectoryFile
 
 from openmm_dpd.base.errors import DeckError, RunError
@@ -114,8 +115,7 @@ WRONG = {
 
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes(tmp_path, text):
-    with pytest.raises(DeckError, match=WRONG[text]):
-        run(tmp_path, "real", text)
+    raises(DeckError, WRONG[text], run, tmp_path, "real", text)
 
 
 def test_a_deck_that_is_only_looked_at_leaves_the_files_of_its_runs_alone(tmp_path):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import cases, put
+from cases import cases, put, raises
 from test_lammps_chunks import QUICK, context_of, request_of
 
 from openmm_dpd.base.errors import DeckError
@@ -97,8 +97,7 @@ def test_what_beads_carry_comes_from_the_running_scene(tmp_path):
 
 def test_a_sample_without_what_beads_carry_is_refused(tmp_path):
     request = request_of(tmp_path, ENERGY + "compute u all dpd\n")
-    with pytest.raises(ValueError, match="did not measure u cond"):
-        context_of(request, fields=None).compute("u", 1)
+    raises(ValueError, "did not measure u cond", lambda: context_of(request, fields=None).compute("u", 1))
 
 
 def test_single_beads_in_formulas(tmp_path):

@@ -409,8 +409,7 @@ def test_broken_data_files(tmp_path):
         return scene_from_data(put(written.data, text.replace(old, new, 1)), scene)
 
     raises(dpd.DeckError, "section Atoms has 240 lines, but the header announces 241", lambda: broken("240 atoms", "241 atoms"))
-    with pytest.raises(dpd.DeckError, match="expected an atom of atom_style atomic: id type x y z"):
-        broken("Atoms # atomic\n\n1 ", "Atoms # atomic\n\nx ")
+    raises(dpd.DeckError, "expected an atom of atom_style atomic: id type x y z", broken, "Atoms # atomic\n\n1 ", "Atoms # atomic\n\nx ")
     raises(dpd.ParameterError, "no velocities", lambda: broken("Velocities", "Speeds"))
     raises(dpd.DeckError, "has no line 'xlo xhi'", lambda: broken("xlo xhi", "xlow xhigh"))
     raises(dpd.ParameterError, "its units are lj, not real", lambda: scene_from_data(written.data, scene, units="real"))

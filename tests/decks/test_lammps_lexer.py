@@ -248,5 +248,4 @@ def test_values(text, value):
     ("__import__('os')", 'unexpected "\'"'),
 )
 def test_errors(text, message):
-    with pytest.raises(ParameterError, match=message):
-        evaluate(text, Fixed())
+    raises(ParameterError, message, lambda: evaluate(text, Fixed()))

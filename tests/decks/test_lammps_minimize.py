@@ -5,7 +5,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError
@@ -135,5 +135,4 @@ WRONG = {
 
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes(tmp_path, text):
-    with pytest.raises(DeckError, match=WRONG[text]):
-        ours(tmp_path, CRYSTAL + text)
+    raises(DeckError, WRONG[text], lambda: ours(tmp_path, CRYSTAL + text))

@@ -83,8 +83,7 @@ def test_repeating_the_style_keeps_coefficients_but_not_cutoffs(tmp_path):
 
 def test_another_style_forgets_the_coefficients(tmp_path):
     text = "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5\npair_style dpd/ext 1.0 1.0 7\n"
-    with pytest.raises(DeckError, match=r"in.deck:10: no pair coefficients for type pair 1 1 \(pair style dpd/ext\)"):
-        tables_of(tmp_path, text, types=1)
+    raises(DeckError, r"in.deck:10: no pair coefficients for type pair 1 1 \(pair style dpd/ext\)", tables_of, tmp_path, text, types=1)
 
 
 MIXED = {

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import lammps_peer
 import pytest
-from cases import cases, put
+from cases import cases, put, raises
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError
@@ -105,5 +105,4 @@ def test_mistakes(tmp_path, text):
             lmp.commands_string(f"{start}write_restart {tmp_path}/theirs")
     elif "theirs" in text:
         pytest.skip("no LAMMPS to write one")
-    with pytest.raises(DeckError, match=WRONG[text]):
-        run_deck(put(tmp_path / "in.bad", text), RunOptions(platform="Reference"), out=tmp_path / "out")
+    raises(DeckError, WRONG[text], lambda: run_deck(put(tmp_path / "in.bad", text), RunOptions(platform="Reference"), out=tmp_path / "out"))

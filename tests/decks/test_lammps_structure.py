@@ -3,7 +3,7 @@
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, beside_lammps, context_of, request_of
 
 from openmm_dpd.analysis import radial_distribution
@@ -136,8 +136,7 @@ def test_mean_positions_do_not_depend_on_who_reads_them(tmp_path):
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "in.deck").write_text(DECK + text)
-    with pytest.raises(DeckError, match=message):
-        run_deck(tmp_path / "in.deck", QUICK, out=tmp_path)
+    raises(DeckError, message, lambda: run_deck(tmp_path / "in.deck", QUICK, out=tmp_path))
 
 
 # -- LAMMPS --------------------------------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import raises
 from test_lammps_thermo_live import both, numbers
 
 from openmm_dpd.base.errors import DeckError
@@ -158,8 +159,7 @@ run 2
 def test_words_that_are_none(tmp_path, word):
     text = f"region b block 0 4 0 4 0 4\ncreate_box 1 b\nthermo_style custom step {word}\nrun 0\n"
     (tmp_path / "in.bad").write_text(text, encoding="utf-8")
-    with pytest.raises(DeckError, match=r"in.bad:3: "):
-        run_deck(tmp_path / "in.bad")
+    raises(DeckError, r"in.bad:3: ", lambda: run_deck(tmp_path / "in.bad"))
 
 
 # -- what thermo output divides by the number of beads in the values of averages: there is no noise, so all numbers agree ----------------

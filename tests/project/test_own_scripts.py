@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
+from cases import raises
 from openmm import unit
 
 import openmm_dpd as dpd
@@ -127,8 +128,7 @@ def test_a_force_acts_in_the_scripts_of_a_page(page, tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
             patch.chdir(folder)
             if push and page.stem in REFUSED:
-                with pytest.raises(dpd.PlanError, match=REFUSED[page.stem]):
-                    run_page(page, patch, push)
+                raises(dpd.PlanError, REFUSED[page.stem], run_page, page, patch, push)
                 return
             found.append(run_page(page, patch, push))
     plain, pushed = found

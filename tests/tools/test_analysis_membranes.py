@@ -3,6 +3,7 @@
 import mdtraj
 import numpy as np
 import pytest
+from cases import raises
 from openmm import unit
 
 from openmm_dpd import ParameterError
@@ -180,5 +181,4 @@ def test_bad_spectra():
         (lambda: bending_modulus(spectrum, KT, tension=1 * unit.bar), "surface tension has the unit bar"),
         (lambda: bending_modulus(HeightSpectrum(spectrum.q, -np.abs(spectrum.power), spectrum.noise), KT), "not positive"),
     ):
-        with pytest.raises(ParameterError, match=message):
-            call()
+        raises(ParameterError, message, call)

@@ -138,8 +138,7 @@ def test_what_cannot_be_switched_is_refused():
     with pytest.raises(dpd.ParameterError, match=r"no pair coefficients for types .*\(W, B\)"):
         solvent({("*", "A"): dpd.DPD(A=25, gamma=4.5), ("W", "W"): dpd.DPD(A=25, gamma=4.5)})
     raises(dpd.ParameterError, "different temperatures", lambda: log_p(one, scene, replace(scene, kT=2.0)))
-    with pytest.raises(dpd.ParameterError, match="repel water with one A > 0, but they have A = 10, 40"):
-        repulsion_from_log_p(3.0, one, scene, scene)
+    raises(dpd.ParameterError, "repel water with one A > 0, but they have A = 10, 40", repulsion_from_log_p, 3.0, one, scene, scene)
 
 
 # -- theory -----------------------------------------------------------------------------------------------------------------------

@@ -157,8 +157,7 @@ def test_tilted_boxes_and_openmm(tmp_path):
 )
 def test_what_does_not_fit_into_a_pdb_file(tmp_path, x, count, message):
     scene = dpd.Scene({"B": 1}, ["B"] * count, np.full((count, 3), x), PAIRS, kT=1)
-    with pytest.raises(dpd.ParameterError, match=message):
-        write_pdb(tmp_path / "x.pdb", scene)
+    raises(dpd.ParameterError, message, lambda: write_pdb(tmp_path / "x.pdb", scene))
 
 
 def test_molecule_numbers_wrap(tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, raises
 from openmm import unit
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
@@ -112,8 +112,7 @@ def test_two_vesicles_a_bilayer_and_what_floats_around():
     (lambda: packed(Vesicle(4.0, 0.5, 4.57), box=13.0), "the molecules have .* beads"),
 )
 def test_bad_vesicles(make, message):
-    with pytest.raises(dpd.ParameterError, match=message):
-        make()
+    raises(dpd.ParameterError, message, make)
 
 
 def encloses(tails: np.ndarray, box: float, cells: int) -> bool:

@@ -106,8 +106,7 @@ def test_liyana_arachchi():
     for A in (5.0, 15.0, 25.0, 40.0):
         # alpha at density 0 is B2/A
         assert pressure(A, 1e-6, equation="liyana-arachchi", extrapolate=True).value - 1e-6 == pytest.approx(exact(A) * A * 1e-12, rel=0.01)
-    with pytest.raises(ParameterError, match=r"A = 60 is outside of 5 to 40, the range of Liyana-Arachchi"):
-        pressure(60, 3, equation="liyana-arachchi")
+    raises(ParameterError, r"A = 60 is outside of 5 to 40, the range of Liyana-Arachchi", pressure, 60, 3, equation="liyana-arachchi")
     for density, A, *_ in table("pressures")["rows"]:
         if A <= 40:
             assert pressure(A, density, equation="liyana-arachchi").value == pytest.approx(pressure(A, density).value, rel=0.02)

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import raises
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import shear_moduli, shear_viscosity
@@ -38,8 +39,7 @@ def test_viscosity_after_a_ramp():
     shear, rows = dpd.LeesEdwards(rate=0.0, end_rate=0.5, ramp_time=10.0), np.zeros((200, 6))
     rows[:, 3] = -0.7
     assert shear_viscosity(series(shear, 10 + np.arange(200.0), rows, 0 * rows)).viscosity == pytest.approx(1.4)
-    with pytest.raises(dpd.ParameterError, match="constant rate"):
-        shear_viscosity(series(shear, 9 + np.arange(200.0), rows, 0 * rows))
+    raises(dpd.ParameterError, "constant rate", lambda: shear_viscosity(series(shear, 9 + np.arange(200.0), rows, 0 * rows)))
 
 
 def test_moduli_of_a_maxwell_fluid():
@@ -69,8 +69,7 @@ def test_series_that_say_nothing():
         (shear_moduli, series(steady, times, rows, rows), "oscillating"),
         (shear_moduli, series(swinging, times, rows, rows), "whole periods"),
     ):
-        with pytest.raises(dpd.ParameterError, match=reason):
-            call(given)
+        raises(dpd.ParameterError, reason, call, given)
 
 
 @pytest.mark.parametrize(
