@@ -216,7 +216,7 @@ def test_what_it_cannot_is_refused(register, tmp_path):
     register(potential=_potential)
     beads = scene()
     raises(dpd.PlanError, "isothermal DPD only, not Exponential", dpd.build, beads, dt=0.01, scheme="native", platform="Reference", seed=1)
-    with pytest.raises(dpd.ParameterError, match="stress tensor of this scene: that of Exponential is not known"):
+    with pytest.raises(dpd.ParameterError, match="stress tensor of this scene: the stress of Exponential is not known"):
         StressReporter(1, dpd.build(beads, dt=0.01, platform="Reference", seed=1))
     assert "no steps were measured with Exponential" in dpd.recommend(beads).notes[0]
     raises(dpd.ParameterError, "kind Exponential cannot be exported", lambda: export_lammps(beads, tmp_path, "toy", dt=0.01))

@@ -179,7 +179,7 @@ REFUSED = {
     "deform 1 xz erate 1 remap v": "the flow is along x, its gradient along y",
     "deform 1 xy wiggle 1 5 remap v": "fix deform xy wiggle is not supported: the strain rate must be constant",
     "deform 1 xy erate 1": "remap x .* use 'remap v' with fix nve",
-    "deform 1 xy erate 1 remap v flip no": "leave it out",
+    "deform 1 xy erate 1 remap v flip no": "half an edge; remove it",
     "deform 1 remap v": "changes nothing",
     "nvt/sllod temp 1 1 1": "the thermostat is the pair style: fix nve, and fix deform 1 xy erate R remap v",
     "deform 1 xy erate 1 remap v\nfix 3 all momentum 1 linear 1 1 1": "in.deck:{line}: fix 3: momentum cannot be combined with fix deform",
