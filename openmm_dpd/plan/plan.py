@@ -105,6 +105,7 @@ class Plan:
         scene = self.scene
         walled = next((wall.axis for wall in scene.walls if wall.axis in axes), None)
         reasons = {
+            "a scene without a box has no pressure to hold constant": scene.box is None,
             "a barostat would scale the positions of immobile beads; it needs a scene where all beads move": (
                 self.host is None and bool(scene.immobile.any())
             ),
@@ -120,7 +121,8 @@ class Plan:
         """Why none of OpenMM's barostats can change the box along these axes, or None."""
         fields = self.spec.fields
         if fields is None:
-            return self.no_volume_moves(axes)
+            ramp = "OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them"
+            return self.no_volume_moves(axes) or (None if self.options.ramp is None else ramp)
         if fields.kind == ENERGY:
             return "the beads have internal energies: use EnthalpyBarostat"
         return "there is no barostat for beads with temperatures or concentrations (EDPD, TDPD)"

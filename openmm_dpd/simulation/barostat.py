@@ -47,8 +47,6 @@ def _check(built: BuiltSystem, interval: int, axes: Axes, why_not: Callable[[Pla
         raise ParameterError(
             f"a barostat wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
         )
-    if built.plan.scene.box is None:
-        raise PlanError("a scene without a box has no pressure to hold constant")
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if len(axes) != 3 or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {what_is(axes)}")
@@ -127,8 +125,6 @@ def add_barostat(
         raise PlanError(f"the System has a {type(present).__name__} already; two barostats would make the volume follow neither")
     if built.integrator.context() is not None:
         raise PlanError("there is a Context of this scene already, which would not know the barostat; add it before the Simulation is made")
-    if plan.options.ramp is not None:
-        raise PlanError("OpenMM's barostats have one temperature; a temperature ramp cannot be combined with them")
     if plan.options.kT == 0:
         raise PlanError("OpenMM's barostats sample volumes at a temperature, and that of the scene is 0")
     kelvin = plan.options.kT / BOLTZMANN

@@ -56,8 +56,6 @@ def check_barostats(context: openmm.Context, moving: list[openmm.Force], kelvin:
         name, parameter, reason = type(barostat).__name__, barostat.Temperature(), made.no_barostat(_axes(barostat))
         if reason is not None:
             raise PlanError(f"the System has a {name}: {reason}")
-        if made.asked < 0:
-            raise PlanError(f"a {name} has one temperature; a temperature ramp cannot be combined with it")
         held = context.getParameter(parameter)
         if kelvin is not None and abs(held - kelvin) > _SAME * kelvin:
             raise PlanError(

@@ -10,7 +10,7 @@ import numpy as np
 import openmm
 
 from ..base import names as shared
-from ..base.errors import PlanError, RunError, in_units
+from ..base.errors import PlanError, RunError
 from ..base.openmm_private import bare, vectors
 from ..kernels import motion
 from ..kernels.moment import Moment, StepSpec
@@ -64,7 +64,7 @@ class WholeSteps:
             loop.forget()
             x, box = self.function.positions(state), self.function.box(state)
             del state
-            moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, dt, own)
+            moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, own)
 
             def forces(m: Moment, done: int) -> np.ndarray:
                 if done:
@@ -95,12 +95,11 @@ class WholeSteps:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
 
     def _moment(
-        self, integrator: PairIntegrator, context: openmm.Context, x: np.ndarray, box, time: float, parameters, dt: float, own: ThreadState
+        self, integrator: PairIntegrator, context: openmm.Context, x: np.ndarray, box, time: float, parameters, own: ThreadState
     ) -> tuple[Moment, np.ndarray]:
         """The state in which the first step begins, at positions x, and the velocities that beads have which do not move."""
         function, spec = self.function, self.spec
-        if not dt > 0.0:
-            raise RunError(f"the step size must be > 0, but the integrator's is {in_units(dt, 'time')}")
+        dt = function.step_size(parameters)
         function.take_over(own, parameters)
         v = vectors(context.getState(velocities=True), openmm.State.Velocities)
         resting = v[self._still]

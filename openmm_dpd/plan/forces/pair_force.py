@@ -147,9 +147,7 @@ class PairForceFunction:
         phase -= block if phase >= Phase.SWEEP_SEEN else 0
         if kept is None:
             raise RunError(f"phase {phase} of the pair force came before any positions were stored: no integrator of openmm_dpd does that")
-        if not parameters[names.DT] > 0.0:
-            raise RunError(f"the step size must be > 0, but the integrator's is {in_units(parameters[names.DT], 'time')}")
-        fields = own.fields
+        dt, fields = self.step_size(parameters), own.fields
         if phase == Phase.CHANGE:
             assert fields is not None
             return fields.changes(block) / self.scale
@@ -157,7 +155,7 @@ class PairForceFunction:
             assert fields is not None
             fields.read(block, (x - kept) / parameters[names.TAU])
             return self._zero
-        dt, tau, kT = parameters[names.DT], parameters[names.TAU], self.thermal_energy(parameters)
+        tau, kT = parameters[names.TAU], self.thermal_energy(parameters)
         key = self.noise(parameters)
         motion.seen_velocities(x, kept, tau, own.v)
         self._check(own.v, self.spec.inv_mass, kT, dt)
@@ -174,6 +172,13 @@ class PairForceFunction:
         if scale != own.engine.body_scale:
             own.engine.number += 1  # first: what was computed before is not valid any more
             own.engine.body_scale = scale
+
+    def step_size(self, parameters) -> float:
+        """Step size of the integrator, ps; RunError unless it is > 0."""
+        dt = parameters[names.DT]
+        if not dt > 0.0:
+            raise RunError(f"the step size must be > 0, but the integrator's is {in_units(dt, 'time')}")
+        return dt
 
     def thermal_energy(self, parameters) -> float:
         """kT of the Context; RunError if it is none."""
