@@ -44,11 +44,11 @@ class PairEngine(Engine):
             self._inv_mass, self._prescribed = spec.inv_mass.copy(), spec.wall_velocity.copy()
         self._x, self._seen = np.zeros((len(spec.types), 3)), np.zeros((0 if spec.wall_velocity is None else len(spec.types), 3))
         self._box: np.ndarray | None = None
-        #: Whether the lists belong to these positions, and nobody else can change them.
+        #: Whether the lists are those of these arrays, which nobody else can change.
         self._kept = False
 
     def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
-        """Whether the lists are those of the positions x."""
+        """See :meth:`.interface.Engine.holds`."""
         same_box = self._box is None if box is None else self._box is not None and box.tobytes() == self._box.tobytes()
         return self._kept and same_box and motion.same(x, self._x)
 
@@ -59,7 +59,7 @@ class PairEngine(Engine):
         return super().prepare(*given)  # type: ignore[arg-type]
 
     def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """List the pairs at positions x without a look at those before; x stays the caller's, who says when it changes by another call."""
+        """See :meth:`.interface.Engine.place`."""
         self._kept = False  # until the lists are complete
         for pairs in self.lists:
             pairs.build(x, box)
@@ -67,7 +67,7 @@ class PairEngine(Engine):
         self._x, self._box = x, box
 
     def keep(self) -> None:
-        """Remember the positions that were placed last, and have not changed since, for :meth:`prepare`."""
+        """See :meth:`.interface.Engine.keep`."""
         self._x, self._box, self._kept = self._x.copy(), None if self._box is None else self._box.copy(), True
 
     def resume(self, x: np.ndarray, box: np.ndarray | None) -> None:
@@ -165,7 +165,7 @@ class PairEngine(Engine):
 
     @property
     def repeats(self) -> bool:
-        """See :class:`.interface.Engine`."""
+        """See :meth:`.interface.Engine.repeats`."""
         # pairs of many beads that somebody has had stored are not there in the next step; and one thread alone gains nothing with them, but
         # would have to keep a state
         unlike = any(pairs.many and (pairs.stored or pairs.threads == 1) for pairs in self.lists)
@@ -173,18 +173,18 @@ class PairEngine(Engine):
         return steady and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])
 
     def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
-        """See :class:`.interface.Engine`."""
+        """See :meth:`.interface.Engine.tables`."""
         its: Any = self.layers[layer]
         if hasattr(its, "coefficients_at"):
             return its.coefficients_at(heats)
         return np.repeat(its.coefficients[None], len(heats), axis=0)  # they are the same at all
 
     def sorted_beads(self) -> np.ndarray:
-        """See :class:`.interface.Engine`."""
+        """See :meth:`.interface.Engine.sorted_beads`."""
         return self.lists[0].order.copy()
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
-        """See :class:`.interface.Engine`."""
+        """See :meth:`.interface.Engine.seat`."""
         for each in (*self.lists, *self.extras):
             each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
         if self._prescribed is not None:
@@ -201,12 +201,12 @@ class PairEngine(Engine):
 
     @property
     def parts_forces(self) -> bool:
-        """See :class:`.interface.Engine`."""
+        """See :meth:`.interface.Engine.parts_forces`."""
         return all(getattr(layer, "parts_forces", False) for layer in self.layers)
 
     @property
     def repels_by_pairs(self) -> bool:
-        """See :class:`.interface.Engine`."""
+        """See :meth:`.interface.Engine.repels_by_pairs`."""
         return all(getattr(layer, "repels_by_pairs", False) for layer in self.layers)
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -220,7 +220,7 @@ def host_engine(spec: PairSpec) -> PairEngine:
     return PairEngine(spec)
 
 
-#: What a table of pair terms is the kernel of.
+#: The model that each class of tables belongs to, for messages.
 _MODELS = {
     **{"TermTable": "DPD", "ManyBodyTable": "many-body DPD", "EnergyTable": "DPD with internal energies"},
     **{"ThermalTable": "eDPD", "SpeciesTable": "tDPD"},
@@ -239,7 +239,7 @@ def warm_up(spec: PairSpec, log: Callable[[str], None]) -> None:
 
 
 def _use_all(spec: PairSpec, many: bool) -> None:
-    """Call every kernel that steps need once.  Measurements, which are asked for later or never, have others."""
+    """Call every kernel that steps need once; measurements need others, which are compiled when they are first used."""
     # few enough beads to be quick, in a box with three cells along each edge
     few = np.arange(30) % len(spec.types)
     if spec.fields is not None and spec.fields.eos is not None:
@@ -251,7 +251,7 @@ def _use_all(spec: PairSpec, many: bool) -> None:
     for pairs in engine.lists:
         pairs.many = many and pairs.passes
     engine.prepare(np.random.default_rng(0).random((len(few), 3)) * edge, np.diag([edge] * 3))
-    # everywhere the same, so that no two beads meet that never would; but energies have ranges of their own
+    # all beads have the same values, so that no pair is stranger than those of the scene; but energies have ranges of their own
     field_values = None if fields is None else fields.initial if fields.eos else np.tile(fields.initial[:1], (len(few), 1))
     which = CONSERVATIVE if spec.sweeps else CONSERVATIVE | DISSIPATIVE | RANDOM
     engine.forces(which, np.zeros((len(few), 3)), 1.0, 1e-6, 0, 0, field_values)

@@ -1,4 +1,4 @@
-"""The engines that there are, by name; :func:`register_engine` adds one."""
+"""The kinds of engines, by name; :func:`register_engine` adds one."""
 
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ from .steps import StepLoop
 class EngineKind:
     """One kind of engines: how it is made, and what it can do."""
 
-    name: str  #: What :func:`openmm_dpd.build` is told
-    what: str  #: What it is, in a few words
-    make: Callable[[PairSpec], Engine]  #: A new engine
-    #: What it can do, in the words of :meth:`openmm_dpd.plan.plan.Plan.needs`, and "stress" and "Laplacian" for measurements; everything by
-    #: default.  Scenes that need more are refused.
+    name: str  #: The ``engine=`` of :func:`openmm_dpd.build`
+    what: str  #: A description in a few words, for explanations of plans
+    make: Callable[[PairSpec], Engine]  #: Makes an engine for these pair terms
+    #: What its engines can do, in the words of :meth:`openmm_dpd.plan.plan.Plan.needs`, with "stress" and "Laplacian" for measurements;
+    #: None: everything.  Scenes that need more are refused.
     can: Container[str] | None = None
-    #: From (StepSpec, engine, watch, reach) to what does whole steps with it, see :class:`.steps.StepLoop`.
+    #: Makes what does whole steps with an engine, from (StepSpec, engine, watch, reach), see :class:`.steps.StepLoop`.
     stepper: Callable[[StepSpec, Engine, Watch, float], Stepper] = StepLoop
-    #: Does what has to be done once before the first step, such as compiling, and says in ``log``, a function of a text, if it takes long.
+    #: Does what is needed once before the first step, such as compiling; tells ``log``, a function of a text, if that takes long.
     warm_up: Callable[[PairSpec, Callable[[str], None]], None] = lambda spec, log: None
 
     def lacks(self, needs: Iterable[str]) -> str | None:
-        """The first of some things that it cannot do, None if it can do them all."""
+        """The first of these needs that its engines cannot meet, or None."""
         return None if self.can is None else next((need for need in needs if need not in self.can), None)
 
 
@@ -44,7 +44,7 @@ def register_engine(kind: EngineKind) -> EngineKind:
 
 
 def engine_kind(name: str) -> EngineKind:
-    """The kind of engines of a name; ParameterError if none was registered."""
+    """The kind of engines with this name; ParameterError if none was registered."""
     if not isinstance(name, str) or name not in ENGINES:
         raise ParameterError(f"engine must be 'auto' or one of {', '.join(map(repr, ENGINES))}, not {what_is(name)}")
     return ENGINES[name]

@@ -1,4 +1,4 @@
-"""What an engine is to everything that uses one: loops over steps, the pair force, fields and measurements."""
+"""The interface of engines, which loops over steps, the pair force, fields and measurements use."""
 
 from typing import Protocol
 
@@ -11,23 +11,22 @@ from .layer import PairSpec
 class Engine(Protocol):
     """Evaluates the pair terms of a :class:`.layer.PairSpec`, and its ``extras``.
 
-    It belongs to one thread at a time, and holds nothing that could not be recomputed.  Arrays are numpy's, (N, 3) float64 where nothing
-    else is said.  Engines inherit from it, and write the methods down to :meth:`tensors`.
+    An engine belongs to one thread at a time, and holds nothing that could not be recomputed.  Arrays are numpy arrays, (N, 3) float64
+    unless another shape is given.  Engines inherit from this class and implement the methods from :meth:`holds` to :meth:`tensors`.
     """
 
     spec: PairSpec
-    number: int  #: Of the positions that were placed last: what was computed there is valid while it stays
+    number: int  #: Counts placed positions: what was computed is valid while this number stays the same
     body_scale: float  #: Factor of forces on single beads
-    rates: np.ndarray  #: (N, K) what the last call of :meth:`sums` gave for the fields of the spec, per time
-    increments: np.ndarray  #: (N, K) what the last call of :meth:`swept` gave for them, in all
+    rates: np.ndarray  #: (N, K) rates of change of the fields from the last call of :meth:`sums`
+    increments: np.ndarray  #: (N, K) changes of the fields from the last call of :meth:`swept`
 
     def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
-        """Whether x are the positions that are kept."""
+        """Whether x and the box are those that are kept."""
         ...
 
     def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """Take the positions x without a look at those before; x and the box stay the caller's, who says when they change by another
-        call."""
+        """Place the positions x: list their pairs.  The arrays stay the caller's, who places them again after changing them."""
         ...
 
     def keep(self) -> None:
@@ -35,7 +34,7 @@ class Engine(Protocol):
         ...
 
     def resume(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """Take x, which are the positions that are kept, and their box as if they had just been placed."""
+        """Go on with the arrays x and box, which equal those that are kept, as if they had just been placed."""
         ...
 
     def sums(
@@ -64,11 +63,11 @@ class Engine(Protocol):
 
     @property
     def repeats(self) -> bool:
-        """Whether all that a step asks for is done by kernels on arrays that stay, so that it can be played again (:mod:`.tape`)."""
+        """Whether compiled kernels do all the work of a step on arrays that stay in place, so that it can be played again."""
         return False
 
     def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
-        """Coefficients (S, ...) of a layer at S thermal energies, None if more than noise depends on these; only where it repeats."""
+        """Coefficients (S, ...) of a layer at S thermal energies, None if more than the noise depends on them; only where it repeats."""
         raise NotImplementedError
 
     def sorted_beads(self) -> np.ndarray:
@@ -76,13 +75,13 @@ class Engine(Protocol):
         raise NotImplementedError
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
-        """Take all arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row, ``places`` (N,) the
-        row of each; only where it repeats."""
+        """Expect the rows of all arrays in another order from now on; only where it repeats.  ``names`` (N,) has the number of the bead in
+        each row, ``places`` (N,) the row of each bead."""
         raise NotImplementedError
 
     @property
     def parts_forces(self) -> bool:
-        """Whether :meth:`sums` can write conservative forces apart."""
+        """Whether :meth:`sums` can write conservative forces to an array of their own."""
         return False
 
     def swept(
@@ -103,8 +102,8 @@ class Engine(Protocol):
         ...
 
     def set_flow(self, flow: np.ndarray) -> None:
-        """Take velocities from now on relative to the flow of a Lees-Edwards shear, along x and growing with y; its rate is the first
-        number, whatever that is when it is needed."""
+        """Expect velocities relative to the flow of a Lees-Edwards shear, along x and growing with y.  The first number of the array is the
+        rate; it is read when it is needed."""
         raise NotImplementedError
 
     def passed(self) -> np.ndarray:
@@ -112,23 +111,21 @@ class Engine(Protocol):
         raise NotImplementedError
 
     def densities(self, layer: int) -> np.ndarray:
-        """(N,) local densities of a layer that has them at the placed positions."""
+        """(N,) local densities at the placed positions, of a layer that has them."""
         raise NotImplementedError
 
     @property
     def repels_by_pairs(self) -> bool:
-        """Whether :meth:`tensors` has all of the conservative terms."""
+        """Whether the first sum of :meth:`tensors` has all conservative pair terms."""
         return False
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """(6,) sums of r F at the prepared positions: of A w, and of friction along the lines between beads at velocities (N, 3).
-
-        And the sum of f gamma w^(2s) r^2, of which a fifteenth is the mean stress of an affine shear at rate 1.
-        """
+        """Sums over pairs at the prepared positions: (6,) of r F of the repulsion A w; (6,) of r F of the friction along the lines between
+        beads, at velocities (N, 3); and of f gamma w^(2s) r^2, a fifteenth of which is the mean stress of an affine shear at rate 1."""
         raise NotImplementedError
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
-        """Place and keep the positions x; does nothing and returns False if they are kept already."""
+        """Place and keep the positions x; False, and nothing is done, if they are kept already."""
         if self.holds(x, box):
             return False
         self.place(x, box)
@@ -136,17 +133,17 @@ class Engine(Protocol):
         return True
 
     def forces(self, which, v, kT, dt, seed, counter, field_values=None, out: np.ndarray | None = None) -> tuple[float, np.ndarray, float]:
-        """Energy, forces (N, 3) and virial; all arguments are those of :meth:`sums`."""
+        """Energy, forces (N, 3) and virial of the chosen terms; the arguments are those of :meth:`sums`."""
         force = np.empty((len(self.spec.types), 3)) if out is None else out
         found = self.sums(which, v, kT, dt, seed, counter, field_values, force)
         return found.energy, force, found.virial
 
     def sweep(self, v: np.ndarray, *conditions) -> np.ndarray:
-        """Change of the velocities (N, 3) by a sweep; all arguments are those of :meth:`swept`."""
+        """Change of the velocities (N, 3) by one sweep of pair updates; the arguments are those of :meth:`swept`."""
         swept = self.swept(v, *conditions)
         swept -= self.seen(v)
         return swept
 
     def seen(self, v: np.ndarray) -> np.ndarray:
-        """Velocities with those of immobile beads replaced by their prescribed ones."""
+        """Velocities as friction sees them: immobile beads have their prescribed ones."""
         return v if self.spec.wall_velocity is None else np.where(self.spec.inv_mass[:, None] > 0, v, self.spec.wall_velocity)

@@ -1,4 +1,4 @@
-"""Steps with beads in the order of the cells they are in, so that what a thread works on lies together."""
+"""Steps with the beads in the order of their cells, so that the beads a thread works on lie together in memory."""
 
 import math
 from dataclasses import replace
@@ -10,28 +10,31 @@ from ..base.errors import RunError
 from .moment import Moment
 from .motion import take_rows
 
-#: Beads are put in order again when one of thermal velocity could have gone so many times as far as is watched, and after no fewer and
-#: no more steps than these.
+#: Beads are sorted again when one of thermal velocity could have moved RESEATED times the distance that the loop watches, but after SOONEST
+#: steps at the earliest and LATEST at the latest.
 RESEATED, SOONEST, LATEST = 3.0, 10, 200
 
 
 class Seats:
-    """Does parts of a run with a loop of its own, a :class:`.steps.StepLoop`.  All its arrays of beads stay where they are, so that what
-    the loop has recorded can be played again when beads change seats."""
+    """Does parts of a run with a :class:`.steps.StepLoop` of its own.  A seat is a row of its arrays; these stay where they are in memory
+    when beads change seats, so the loop can go on playing a recorded step."""
 
     def __init__(self, loop: Any):
         self.loop = loop
-        #: arrays of the loop, and what was in them when beads changed seats
+        #: arrays of the loop, and copies of their contents from when beads last changed seats
         self._room: dict[str, np.ndarray] = {}
         self._before: dict[str, np.ndarray] = {}
         self._spare = np.empty_like(loop.force)
-        #: the bead in each seat, the seat of each bead, and how many steps they have done there
+        #: the bead in each seat, the seat of each bead, and the number of steps since they were seated
         self._names, self._places, self._steps = np.zeros(0, np.uint32), np.zeros(len(loop.force), np.uint32), 0
 
     def run(self, m: Moment, n: int, main: Any, given: bool) -> tuple[int, bool]:
-        """Do n steps for the loop of a run, ``main``, whose engine has seen its beads; ``given``: its force is that at the positions of the
-        moment.  Returns how many were done, and whether its force is that at the positions after them.  If a step fails these are the steps
-        before beads have changed seats last: what there is to say has to have the numbers of the beads."""
+        """Do n steps for ``main``, the loop of the run, whose engine has placed its beads; ``given`` says whether its force is that at the
+        positions of the moment.
+
+        Returns how many steps were done, and whether the force of ``main`` is that at the positions after them.  If a step fails, the
+        moment is that of the last change of seats: ``main`` repeats the steps since, and its error message has the numbers of the beads.
+        """
         loop, done, has_force = self.loop, 0, given
         if not len(self._names):
             self._seat(main.engine.sorted_beads())
@@ -58,21 +61,21 @@ class Seats:
         return done, has_force
 
     def _longest(self, m: Moment) -> int:
-        """For so many steps beads keep their seats."""
+        """Number of steps for which beads keep their seats."""
         going = m.dt * self.loop.masses.slowest * math.sqrt(m.kT)
         return int(min(max(SOONEST, RESEATED * self.loop.reach / going), LATEST)) if going else LATEST
 
     def _change(self, m: Moment, has_force: bool) -> Moment:
-        """Put beads that have seats in the order of the cells they are in now; returns the moment again, in arrays that stay as is."""
+        """Seat the beads in the order of their present cells; returns a copy of the moment in these seats, to come back to."""
         names, kept = self.loop.engine.sorted_beads(), _like(m, self._before)
         force = self.loop.force, self._spare
-        self._names = names[:0]  # until all are seated
+        self._names = names[:0]  # none are, until all are
         _take(m, kept, self._places[names], force if has_force else None, back=True)
         self._seat(names)
         return kept
 
     def _seat(self, names: np.ndarray) -> None:
-        """Give beads that have none seats, in this order."""
+        """Give each bead a seat, in the order of these numbers (N,)."""
         loop = self.loop
         self._places[names] = np.arange(len(names), dtype=names.dtype)
         loop.engine.seat(names, self._places)
@@ -82,7 +85,7 @@ class Seats:
 
 
 def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:
-    """A moment whose arrays have their place in ``room``."""
+    """A copy of a moment whose arrays are those of ``room``, made where they are missing; their contents are not copied."""
     its = m.arrays | m.beside
     for name, rows in its.items():
         if name not in room:
@@ -91,7 +94,8 @@ def _like(m: Moment, room: dict[str, np.ndarray]) -> Moment:
 
 
 def _take(m: Moment, to: Moment, names: np.ndarray, forces: tuple[np.ndarray, np.ndarray] | None, back: bool = False) -> None:
-    """Write the rows of these beads from one moment to another, and of the force of the one to that of the other."""
+    """Copy the rows ``names`` (N,) of all arrays of a moment, in this order, to those of another one, and of the first of two forces to the
+    second.  With ``back`` the first moment and force then get the rows in this order, too."""
     for name, values in m.beside.items():
         to.beside[name][...] = values
     take_rows([*zip(m.arrays.values(), to.arrays.values(), strict=True), *([forces] if forces else [])], names, back)

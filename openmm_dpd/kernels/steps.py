@@ -1,7 +1,7 @@
-"""Whole steps on the kernel's own arrays: n of them in a loop, without a way back to OpenMM in between.
+"""Whole steps on the kernel's own arrays: n of them in a loop, without returning to OpenMM in between.
 
-A step is a word of drifts, kicks and sweeps (see :mod:`openmm_dpd.model.schemes`), or the modified velocity Verlet scheme, whose
-friction is a force.  All that a step begins with is in the :class:`Moment`, so that a run gives the same bits however it is cut.
+A step is a word of drifts, kicks and sweeps (:mod:`openmm_dpd.model.schemes`), or the modified velocity Verlet scheme, in which friction is
+a force.  The :class:`.moment.Moment` holds everything that a step depends on, so a run gives the same bits however it is divided.
 """
 
 import math
@@ -31,13 +31,13 @@ UPDATES = {"O": EXACT, "S": SHARDLOW}
 
 @dataclass(eq=False)
 class StepLoop:
-    """Does steps with one engine, on its arrays: a :class:`Stepper`."""
+    """The :class:`.moment.Stepper` of engines that work on arrays: does steps one by one, or plays a recorded one again."""
 
     spec: StepSpec
     engine: Engine
     watch: Watch
-    reach: float  #: It is asked where a bead has a component of the velocity with which it would go so far in a step, if it is hot as well
-    parts: bool = False  #: Whether it does parts of the runs of another one, in arrays of its own
+    reach: float  #: ``watch`` is called where a component of a velocity would carry a bead this far in a step and is not thermal
+    parts: bool = False  #: Whether this loop does parts of the runs of another loop, in arrays of its own
     force: np.ndarray = field(init=False)
 
     def __post_init__(self):
@@ -46,17 +46,16 @@ class StepLoop:
         self.force = np.zeros((n, 3))
         self.valid = Validity(self.engine)
         self.more = 0
-        #: in a shear: velocities relative to the flow, and what the friction of the last step has passed on
-        #: (:meth:`.interface.Engine.passed`)
+        #: in a shear: velocities relative to the flow, and the sum of :meth:`.interface.Engine.passed` over the last step
         self._relative = np.zeros((0 if self.spec.shear is None else n, 3))
         self.passed: np.ndarray | float = 0.0
-        #: conservative forces of a last step, where they are summed apart
+        #: conservative forces of the last step of a run, where they are summed separately
         self._held = np.zeros((0, 3))
-        #: does steps with beads in another order
+        #: does steps with the beads in the order of their cells
         self._seats: Seats | None = None
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
-        """See :meth:`Stepper.run`.  The last step is done here, so that this engine has all that belongs to it."""
+        """See :meth:`.moment.Stepper.run`.  The last step is always done by this engine, which then holds its lists, forces and sums."""
         done, given = 0, False
         if threads_for(len(moment.x)) > 1 and self.engine.number and self.spec.driven is None and self._repeats(moment, slow, n):
             if self._seats is None:
@@ -68,15 +67,15 @@ class StepLoop:
         self.carry_out(moment, n - done, slow, given, done)
 
     def carry_out(self, moment: Moment, n: int, slow: SlowForces | None, given: bool = False, already: int = 0) -> None:
-        """Do steps with beads where they are, so many after the first of the run.  ``given``: the force is that at the positions of the
-        moment."""
+        """Do n steps with the beads in their present order, after ``already`` steps of the run.  ``given``: the force is that at the
+        positions of the moment."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
-        # the last step of a run is done here, so that all that belongs to it is there
+        # the last step of a run is not played, so that its lists, forces and sums are there
         done, last = 0, n if self.parts else n - 1
         try:
             self.valid.begin(moment.x, moment.box, given)
-            if self.valid.placed:  # what is recorded reads the array that beads move in
+            if self.valid.placed:  # a recorded step reads the array of positions that it was recorded with
                 self.engine.resume(moment.x, moment.box)
             force = None
             while done < n:
@@ -117,14 +116,14 @@ class StepLoop:
             m.slow_step = (m.slow_step + 1) % self.spec.slow_every
 
     def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:
-        """Whether a step does what the one before it has done, with other noise, and so many are enough for that to pay."""
+        """Whether each step calls the same kernels with other noise, and there are enough steps left for recording one to pay."""
         spec = self.spec
         plain = slow is None and m.box is not None and (spec.driven is None or spec.driven.steady and not self._heats(m))
         return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
     def _conditions(self, m: Moment) -> tuple:
-        """What a recorded step depends on beside the arrays it begins with."""
-        box = m.box if m.box is None or m.flow is None else m.box.diagonal()  # what slides is in the state
+        """What a recorded step depends on besides the arrays of the moment."""
+        box = m.box if m.box is None or m.flow is None else m.box.diagonal()  # the offset of sliding images is part of the state
         return (
             m.dt,
             None if self._heats(m) else m.kT,
@@ -135,18 +134,18 @@ class StepLoop:
         )
 
     def _play(self, m: Moment, steps: int) -> int:
-        """Repeat the recorded step for a while, if there is one that fits; returns how many steps were done."""
-        recorded = self.valid.take()  # it is kept if all goes well
+        """Repeat the recorded step up to ``steps`` times, if there is one that fits; returns how many steps were done."""
+        recorded = self.valid.take()  # recorded again below if all goes well
         if recorded is None or not recorded.step.begins_with(*m.state) or recorded.conditions != self._conditions(m):
             return 0
         before, again = recorded.before, Tape(key_again)
         steps = min(steps, recorded.step.at_once)
-        with again.recording():  # what was known before the recorded step, and is used in it
+        with again.recording():  # compute what the recorded step found computed, and uses
             if before.placed and self.spec.looks_first:
                 self._place(m)
             if before.forced and not self.spec.predicts:
                 self._conserve(m)
-        if not again.smooth:  # there are other arrays now
+        if not again.smooth:  # arrays have moved
             return 0
         heats = None
         if self._heats(m):
@@ -157,7 +156,7 @@ class StepLoop:
         if heats is not None and played:
             m.ramped, m.kT = m.ramped + played, float(heats[played - 1])  # type: ignore[operator]
         if played or sound is not None:
-            self.valid.played(before if sound is None else None)  # a step that is not to be done has other lists
+            self.valid.played(before if sound is None else None)  # the step that was refused has made other lists
         if sound or played == steps:
             self.valid.record(recorded)
         if sound:
@@ -167,24 +166,24 @@ class StepLoop:
 
     @property
     def has_force(self) -> bool:
-        """Whether the force is all of that at the positions of the moment, whatever happens to velocities and fields."""
+        """Whether the force is the whole force at the positions of the moment, whatever velocities and fields are."""
         return self.valid.placed and self.valid.forced and not self.spec.predicts and not self._acting
 
     @property
     def _acting(self) -> bool:
-        """Whether conservative forces depend on fields, which may change where positions do not."""
+        """Whether conservative forces depend on fields, which may change while positions do not."""
         fields = self.engine.spec.fields
         return fields is not None and fields.acts
 
     def _place(self, m: Moment) -> None:
-        """List the pairs at x, unless they are listed."""
+        """List the pairs at the positions of the moment, unless they are listed."""
         if not self.valid.placed:
             self.engine.place(m.x, m.box)
             self.valid.listed()
 
     # -- words -------------------------------------------------------------------------------------------------------------------
     def _word(self, m: Moment) -> None:
-        """What lies between two looks at the pairs is done in one pass: kicks wait until then."""
+        """One step of a word.  Kicks are delayed, so that all that lies between two passes over the pairs is one pass over the beads."""
         first, kick, self.passed = True, 0.0, 0.0
         for letter, part in self.spec.letters:
             if letter == "A":
@@ -211,14 +210,14 @@ class StepLoop:
             self._warm(m)
 
     def _push(self, m: Moment, kick: float, time: float = 0.0) -> int:
-        """Kick by the kernel's force at x, which walls are pushed by as well, and drift."""
+        """Kick by the kernel's force, whose reaction pushes the walls, and drift."""
         walls = self.spec.driven
         if kick and walls is not None and walls.continuum is not None:
             continuum_push(m.x, walls.continuum.inv_mass, *walls.continuum.arguments, kick, m.impulses)
         return self._move(m, self.force, kick, time)
 
     def _move(self, m: Moment, force: np.ndarray, kick: float, time: float = 0.0) -> int:
-        """Kick and drift; returns how many beads are to be watched (in a shear :meth:`_look` finds most of them)."""
+        """Kick by a force and drift; returns how many beads have to be watched (in a shear :meth:`_look` finds most of them)."""
         if time:
             self.valid.drift()
         flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.masses.components
@@ -230,27 +229,27 @@ class StepLoop:
         return found
 
     def _limit(self, m: Moment) -> float:
-        """No bead runs away without a component of the velocity above this one."""
+        """Speed that some component of the velocity of every bead that runs away exceeds."""
         ramp = self.spec.ramp
-        kT = m.kT if ramp is None else min(m.kT, ramp.kT_start, ramp.kT_end)  # the same one as long as it acts
+        kT = m.kT if ramp is None else min(m.kT, ramp.kT_start, ramp.kT_end)  # one limit for the whole ramp
         return max(self.reach / m.dt, FASTEST * self.masses.slowest * math.sqrt(kT / 3.0))
 
     def _slide(self, m: Moment, time: float, which: int, *velocities: np.ndarray) -> None:
-        """In a shear slide the images for a time, if there is one, and give beads that follow the flow what it changes by."""
+        """In a shear, slide the images for a time (0: not at all), and change the velocities of beads that follow the flow with it."""
         if m.flow is not None and time:
             slide(self.spec.shear, self.spec.tilt, m.box, m.flow, time)  # type: ignore[arg-type]
         for v in () if m.flow is None or self.spec.shear.constant else velocities:
             change_flow(v, m.x, m.flow, which)
 
     def _seen(self, m: Moment, v: np.ndarray, limit: float = np.inf) -> tuple[np.ndarray, int]:
-        """Velocities as friction sees them: relative to the flow, if there is one; and how many components of these are beyond a limit."""
+        """Velocities as friction sees them, relative to the flow of a shear, and how many of their components exceed a limit."""
         if m.flow is None:
             return v, 0
         self.engine.set_flow(m.flow)
         return self._relative, leave_flow(v, m.x, m.flow, limit, self._relative)
 
     def _look(self, m: Moment, v: np.ndarray, fast: int) -> None:
-        """Watch beads, where some are fast."""
+        """Call ``watch`` if some beads are fast."""
         v, found = self._seen(m, v, self._limit(m))
         if fast or found:
             self.watch(v, self.masses.inverse, m)
@@ -267,30 +266,30 @@ class StepLoop:
                 motion.reflect_beads(m.x, v, self.masses.inverse, *walls, k == len(velocities) - 1)
 
     def _conserve(self, m: Moment) -> None:
-        """Conservative force at x, unless it is there already."""
+        """Sum the conservative force at the positions of the moment, unless it is there."""
         if not self.valid.given:
             self._place(m)
             self.conserve(m.values)
 
     def swept(self, counter: int) -> np.ndarray | None:
-        """See :class:`Stepper`."""
+        """See :meth:`.moment.Stepper.swept`."""
         m = self.valid.moment
         there = m is not None and m.counter == counter and self.engine.holds(m.x, m.box)
         return self.passed if there and isinstance(self.passed, np.ndarray) else None
 
     def last(self) -> LastStep | None:
-        """See :class:`Stepper`."""
+        """See :meth:`.moment.Stepper.last`."""
         moment, totals = self.valid.moment, self.valid.totals
         if not self.spec.predicts or not self.valid.forced or moment is None:
             return None
         return LastStep(moment, self.force, totals, None if totals.conservative is None else self._held)
 
     def forget(self) -> None:
-        """See :class:`Stepper`."""
+        """See :meth:`.moment.Stepper.forget`."""
         self.valid.end(None)
 
     def conserve(self, values: np.ndarray | None, more: int = 0) -> tuple[np.ndarray, Totals]:
-        """See :class:`Stepper`; what is there already is not computed again, unless it depends on fields."""
+        """See :meth:`.moment.Stepper.conserve`; a force that is there is not summed again, unless it depends on fields."""
         if self._acting or not self.valid.has(more):
             self._sum(CONSERVATIVE | more, None, 0.0, 1.0, 0, 0, values)
         return self.force, self.valid.totals
@@ -318,14 +317,14 @@ class StepLoop:
             motion.add_to_moving(m.values, self.engine.increments, self.masses.inverse)
 
     def _warm(self, m: Moment) -> None:
-        """The thermal energy of this step."""
+        """Advance a temperature ramp by one step."""
         if self._heats(m):
             assert m.ramped is not None
             m.ramped += 1.0
             m.kT = ramped_energy(self.spec.ramp, m.ramped)
 
     def _heats(self, m: Moment) -> bool:
-        """Whether the loop follows a temperature ramp."""
+        """Whether this loop, and not its caller, follows a temperature ramp."""
         return self.spec.ramp is not None and m.ramped is not None and self.spec.thermostat
 
     # -- modified velocity Verlet ----------------------------------------------------------------------------------------------------
@@ -359,13 +358,13 @@ class StepLoop:
         m.predicted = predicted
 
     def _predicted(self, m: Moment, lam: float) -> np.ndarray:
-        """v + lam dt a with all accelerations a: slow forces have kicked for half a step already."""
+        """Predicted velocities v + lam dt a with all accelerations a; slow forces have kicked for half a step already."""
         assert m.acc is not None
         seen = m.v + lam * m.dt * m.acc
         return seen + (2.0 * lam - 1.0) * (m.v - m.unkicked) if m.unkicked is not None and self.spec.foresees else seen
 
     def _accelerate(self, m: Moment, v: np.ndarray, values: np.ndarray | None, kick: float) -> None:
-        """Acceleration and rates at x, friction and noise included, and a kick of that duration."""
+        """Compute acceleration and rates at the positions of the moment, with friction and noise, and kick for a time ``kick``."""
         assert m.acc is not None
         self._place(m)
         more, apart = self.more if self.valid.final else 0, {}
