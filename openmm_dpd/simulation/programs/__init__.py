@@ -8,7 +8,7 @@ from .program import Program
 
 
 def make_program(options: ProgramOptions) -> Program:
-    """The program of a scheme, checked."""
+    """Checked program of a scheme; PlanError if it cannot run with constraints or virtual sites of the System."""
     scheme = options.scheme
     if options.constraints and not scheme.constraints:
         able = " or ".join(repr(name) for name, known in SCHEMES.items() if known.constraints)

@@ -1,7 +1,7 @@
-"""Programs where the plugin holds the pair terms: it reads OpenMM's velocities itself, so that no drift has to show them.
+"""Programs with the plugin's pair terms: the plugin reads OpenMM's velocities itself, so no drift has to pass them.
 
-Either the plugin carries out a whole step when the Context's state is updated (phase RUN), or it is one force among others, which the lines
-of a program evaluate: where constraints hold.
+Either the plugin carries out a whole step when the Context's state is updated (phase RUN), or, with constraints, it is one force among
+others that the lines of a program evaluate.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from .walls import add_reflection
 
 
 def device_program(options: ProgramOptions) -> Program:
-    """The program of a scheme on the device."""
+    """Program of a scheme with the plugin's pair terms."""
     p = Program(options.scheme.name, options.scheme.reference, options)
     if options.execution.steps == "device":
         return _verlet(p) if options.predicting else _word(p)
@@ -25,29 +25,29 @@ def device_program(options: ProgramOptions) -> Program:
 
 
 def _word(p: Program) -> Program:
-    """One step by the plugin; a kick at the end of a step leaves its acceleration to one at the beginning of the next."""
+    """Add a step by the plugin; a kick at the end of a step leaves its acceleration to one at the start of the next."""
     p.begin()
     _run(p, sum(letter in SWEEPS for letter, _ in p.options.scheme.steps(p.options.thermostat)))
     return p
 
 
 def _run(p: Program, draws: int) -> None:
-    """A step, with new noise so many times."""
-    p.declare("valid_for", -1.0, "who has the acceleration at x: 1 acc, 0 or 2 the pair force alone, -1 nobody")
+    """Add the lines of a step that draws noise this many times."""
+    p.declare("valid_for", -1.0, "where the acceleration at x is: 1 in acc, 0 or 2 in the pair force, -1 nowhere")
     p.next_temperature()
     p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)+2*step(valid_for-1.5)", "RUN, anew where there is no acceleration")
     p.update("a whole step by the pair force; barostats and other updates of the Context's state")
-    p.set("dpd_counter", f"dpd_counter+{draws}", "noise that was used")
+    p.set("dpd_counter", f"dpd_counter+{draws}", "noise used in this step")
     p.set("valid_for", "0")
 
 
 def _verlet(p: Program) -> Program:
-    """Modified velocity Verlet, as :mod:`.mvv` has it, by the plugin.  It keeps the acceleration from step to step, and finds out by itself
-    where positions or the box have changed; states and checkpoints have it as ``acc`` after the last step of a call."""
-    p.declare_per_dof("acc", "acceleration at x, friction and noise included")
+    """Modified velocity Verlet (:mod:`.mvv`) by the plugin, which keeps the acceleration from step to step, and detects by itself whether
+    positions or the box have changed; states and checkpoints have it as ``acc`` after the last step of a call."""
+    p.declare_per_dof("acc", "acceleration at x, with friction and noise")
     p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
-    with _drawing_alike(p, "valid_for", "1", "did somebody bring an acceleration?"):
+    with _drawing_alike(p, "valid_for", "1", "is there an acceleration from outside?"):
         _exchange(p, "v", "acc")
     _run(p, 1)
     with _drawing_alike(p, AHEAD, "1", "is it the last step of a call?"):
@@ -62,26 +62,26 @@ def _verlet(p: Program) -> Program:
 
 @contextmanager
 def _drawing_alike(p: Program, name: str, value: str, why: str) -> Iterator[None]:
-    """A block that runs where a variable has a value.  OpenMM draws numbers for every line, from where barostats draw theirs: where
-    the block does not run there are as many, so that moves do not depend on it."""
+    """A block that runs if a variable has a value.  OpenMM draws random numbers for every line, from the generator of barostats; if the
+    block does not run, as many are drawn, so that volume moves do not depend on it."""
     begun = len(p.steps)
     with p.when(f"{name} = {value}", why):
         yield
     lines = sum(step.kind == "global" for step in p.steps[begun:])
-    with p.when(f"{name} != {value}", "numbers are drawn for every line: as many in every step"):
+    with p.when(f"{name} != {value}", "random numbers are drawn for every line: as many in every step"):
         for _ in range(lines):
             p.set(name, name)
 
 
 def _exchange(p: Program, target: str, source: str, block: int = 0) -> None:
-    """Assign while the velocities and what the pair force keeps have changed places; it exerts no force then."""
+    """Assign while velocities are swapped with what the pair force keeps, during which it exerts no force."""
     for name, value in ((target, source), ("acc", "acc")):
         p.phase(Phase.EXCHANGE, block)
         p.each(name, f"{value}+{p.pair_force}")
 
 
 class DeviceWriter(Writer):
-    """Letters of a step: nothing has to be stored or shown, and no acceleration is kept."""
+    """Writes the letters of a step on the device: nothing is stored or passed by drifts, and no acceleration is kept."""
 
     def __init__(self, program: Program, letters):
         super().__init__(program, letters)
@@ -89,7 +89,7 @@ class DeviceWriter(Writer):
         self.seen = True
 
     def drift(self, n: int, part: Fraction) -> int:
-        """Drift."""
+        """Write a drift; returns the number of the next letter."""
         self.settle()
         self.p.each("x", f"x+{times(part)}*v", spelling("drift", part))
         add_reflection(self.p)
@@ -97,7 +97,7 @@ class DeviceWriter(Writer):
         return n + 1
 
     def sweep(self, n: int, part: Fraction) -> int:
-        """Sweep: pair updates of the velocities as they are."""
+        """Write a sweep, pair updates of the present velocities; returns the number of the next letter."""
         p = self.p
         self.settle()
         if not self.ramped:
@@ -105,7 +105,7 @@ class DeviceWriter(Writer):
             self.ramped = True
         p.set("dpd_counter", "dpd_counter+1", "new noise")
         if part != 1:
-            p.set("dpd_dt", times(part), "how long this sweep lasts")
+            p.set("dpd_dt", times(part), "duration of this sweep")
         p.phase(Phase.SWEEP_SEEN, SWEEPS.index(self.letters[n][0]))
         p.each("v", f"v+{times(part)}*{p.pair_force}/m", "sweep")
         p.constrain_velocities()

@@ -1,6 +1,6 @@
 """Modified velocity Verlet (Groot and Warren, J. Chem. Phys. 107, 4423 (1997), eqs 9-12).
 
-With a(t) the acceleration by all forces, friction and noise included, drawn once per step and used by two half kicks::
+With a(t) the acceleration by all forces, including friction and noise, which is drawn once per step and used by two half kicks::
 
     v_half = v + dt/2 a(t)
     x      = x + dt v_half
@@ -8,10 +8,10 @@ With a(t) the acceleration by all forces, friction and noise included, drawn onc
     a(t+dt) from x, v_pred and new noise
     v      = v_half + dt/2 a(t+dt)
 
-lambda = 1/2 is plain velocity Verlet: v_pred = v_half, and the drift itself passes it to the pair force.  LAMMPS's fix nve and fix
-mvv/dpd do the same.  a(t) is history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed
-anew (with the present velocities) whenever positions, velocities, fields, box, dt or a parameter are not those after the last step.  The
-noise is that of the last half kick in any case.
+lambda = 1/2 is plain velocity Verlet: v_pred = v_half, which the drift itself passes to the pair force.  LAMMPS's fix nve and fix mvv/dpd
+are the same.  a(t) depends on history: it is stored per degree of freedom with a fingerprint of what it was computed from, and computed
+anew (with the present velocities) whenever positions, velocities, fields, box, dt or a parameter have changed since the last step.  The
+noise is always that of the last half kick.
 """
 
 from ...base.names import RATE, Phase
@@ -22,9 +22,9 @@ from .walls import add_reflection
 
 
 def mvv_program(options: ProgramOptions) -> Program:
-    """Program for the options given; without friction and noise it is velocity Verlet."""
+    """Program of ``mvv``; without friction and noise it is velocity Verlet."""
     p = Program("mvv", "Groot and Warren 1997", options)
-    p.declare_per_dof("acc", "acceleration at x, friction and noise included")
+    p.declare_per_dof("acc", "acceleration at x, with friction and noise")
     p.begin()
     fields = p.fields()
     rates = [f"{RATE}{k}" for k in range(len(fields))]
@@ -61,7 +61,7 @@ def mvv_program(options: ProgramOptions) -> Program:
     else:
         p.next_noise("dt")
         p.phase(Phase.FORCE_SEEN)
-        p.each("acc", f"{p.kicking}/m", "the drift showed the half-step velocity")
+        p.each("acc", f"{p.kicking}/m", "the drift passed the half-step velocity")
         if not options.execution.pushes:
             p.each("acc", f"acc+{p.pair_force}/m", "friction and noise")
     p.leave_to_body_forces()
@@ -75,7 +75,7 @@ def mvv_program(options: ProgramOptions) -> Program:
 
 
 def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
-    """Accelerations and rates at the present positions, with the noise of the last half kick."""
+    """Add the evaluation of accelerations and rates at the present positions, with the noise of the last half kick."""
     options = p.options
     if fields:
         p.read_at_rest()
@@ -83,14 +83,14 @@ def _recompute(p: Program, fields: list[str], rates: list[str]) -> None:
         p.phase(Phase.CONSERVE)
     p.each("acc", f"{p.kicking}/m", "conservative acceleration")
     if options.thermostat:
-        # another noise would halve its variance: two half kicks of a step share it
+        # the two half kicks of a step share the noise; new noise would halve its variance
         p.show_by(options.trial_time)
         _add_friction_and_noise(p, "v", rates)
     p.leave_to_body_forces()
 
 
 def _advance_fields(p: Program, fields: list[str], rates: list[str]) -> list[str]:
-    """First half step of the fields; returns the names of what the pair terms will see."""
+    """Add the first half step of the fields; returns the names of the variables that the pair terms will see."""
     lam = p.options.field_lam
     seen = [f"seen{k}" for k in range(len(fields))] if lam != 0.5 else fields
     for name, rate, shown in zip(fields, rates, seen, strict=True):
@@ -108,7 +108,7 @@ def _take_rates(p: Program, rates: list[str]) -> None:
 
 
 def _add_friction_and_noise(p: Program, velocity: str, rates: list[str] | tuple = ()) -> None:
-    """Acc gains friction and noise at the kept positions."""
+    """Add friction and noise at the kept positions to acc."""
     p.keep_positions()
     p.show(velocity)
     p.phase(Phase.FORCE_KEPT)

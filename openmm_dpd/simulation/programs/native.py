@@ -2,7 +2,7 @@
 
 It relaxes the relative velocity of a pair at the rate 2 f w^2 with w = 1 - r/rc, which is LAMMPS's gamma for f = gamma (1/m_i + 1/m_j)/2.
 On GPU platforms it updates all pairs at once from the old velocities, which is not exact: at gamma = 40.5 and dt = 0.04 the temperature is
-10 % too high there, on the same script.
+10 % too high there.
 """
 
 import openmm
@@ -17,10 +17,10 @@ from ..integrators import NativeIntegrator
 
 
 def native_marker(options: ProgramOptions, integrator: openmm.Integrator, periodic: bool) -> openmm.Force:
-    """An empty force.
+    """An empty force that makes a System periodic and marks its states.
 
-    It makes a System periodic: without a force that does, the DPDIntegrator ignores the box, and so friction across it.  And its
-    parameters say in every state that this scheme wrote it.
+    Without a periodic force, the DPDIntegrator ignores the box, and so friction across it.  The parameters of the force identify states of
+    this scheme.
     """
     force = openmm.CustomBondForce("0")
     force.setUsesPeriodicBoundaryConditions(periodic)
@@ -32,10 +32,10 @@ def native_marker(options: ProgramOptions, integrator: openmm.Integrator, period
 
 
 def native_integrator(plan: Plan) -> NativeIntegrator:
-    """The integrator for a plan."""
+    """OpenMM's DPDIntegrator with the friction of a plan."""
     scene, options = plan.scene, plan.options
     pairs = [(a, b, c) for (a, b), c in plan.layers[0].items() if c is not NONE]
-    # pairs without a coefficient have no friction; the default only has to have a legal cutoff
+    # pairs without a coefficient have no friction; the default only needs a valid cutoff
     integrator = NativeIntegrator(
         options.kT / BOLTZMANN * unit.kelvin, 0.0, max((c.cutoff for *_, c in pairs), default=1.0), options.dt * unit.picosecond
     )

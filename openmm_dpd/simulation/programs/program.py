@@ -1,7 +1,7 @@
 """A program as data: declared variables and steps, checked before OpenMM sees them.
 
-On its Reference and CPU platforms OpenMM evaluates a misspelt name in an integrator expression as 0, without an error.  So every name
-is checked here.
+On the Reference and CPU platforms OpenMM evaluates a misspelt name in an integrator expression as 0, without an error.  So every name is
+checked here.
 """
 
 import re
@@ -43,31 +43,31 @@ class Program:
     """An integrator program under construction."""
 
     name: str  #: Scheme
-    reference: str  #: Where the scheme comes from
-    options: ProgramOptions  #: What it is written for
-    globals_: dict[str, tuple[float, str]] = field(default_factory=dict)  #: Declared variables: initial values, and what they are
-    per_dof: dict[str, str] = field(default_factory=dict)  #: Those with a value per degree of freedom, 0 at the start: what they are
+    reference: str  #: Publication of the scheme
+    options: ProgramOptions  #: Choices that determine the lines
+    globals_: dict[str, tuple[float, str]] = field(default_factory=dict)  #: Global variables: initial values and meanings
+    per_dof: dict[str, str] = field(default_factory=dict)  #: Meanings of the per-DOF variables, which are 0 at the start
     steps: list[Step] = field(default_factory=list)
 
     @property
     def pair_force(self) -> str:
-        """Force of the pair force alone."""
+        """Expression of the pair force's own force."""
         return f"f{self.options.pair_group}"
 
     @property
     def kicking(self) -> str:
-        """Force of the kicks of a scheme: of everything that acts, or of the pair force alone where a loop could do the same step."""
+        """Expression of the force in kicks: of all forces, or of the pair force only where a loop could carry out the step."""
         return self.pair_force if self.options.execution.looped else "f"
 
     @property
     def field_change(self) -> str:
-        """What the last evaluation of the pair force did to the fields, in phase CHANGE."""
+        """Expression of the change of the fields by the last evaluation of the pair force, in phase CHANGE."""
         scale = self.options.field_scale
         return f"{scale!r}*{self.pair_force}" if scale != 1.0 else self.pair_force
 
     @property
     def pair_energy(self) -> str:
-        """Energy of the pair force alone."""
+        """Name of the pair force's own energy."""
         return f"energy{self.options.pair_group}"
 
     # -- writing ---------------------------------------------------------------------------------------------------------------
@@ -88,7 +88,7 @@ class Program:
         self.steps.append(Step("per_dof", target, expression, why))
 
     def total(self, target: str, expression: str, why: str = "") -> None:
-        """Assign to a global variable the sum over all degrees of freedom."""
+        """Assign the sum of an expression over all degrees of freedom to a global variable."""
         self.steps.append(Step("sum", target, expression, why))
 
     def phase(self, phase: shared.Phase, block: int = 0) -> None:
@@ -96,30 +96,30 @@ class Program:
         self.set(shared.PHASE, str(int(phase) + block), phase.name + (f" {block}" if phase >= shared.Phase.SWEEP_SEEN else ""))
 
     def begin(self) -> None:
-        """What every step starts with: barostats, then the present dt for the kernel, and which temperature holds."""
+        """Add the lines at the start of every step: barostats, the present dt for the kernel, and the valid temperature."""
         if self.options.kernel:
-            # an error within a step leaves another phase behind, and barostats ask for energies
+            # an error within a step leaves another phase behind, and barostats need energies
             self.phase(shared.Phase.IDLE)
         if self.options.execution.steps != "device":
             self.update("barostats and other updates of the Context's state")
         if self.options.execution.looped:
-            self.declare(shared.AHEAD, 0.0, "steps that are done already: only barostats still act in them")
+            self.declare(shared.AHEAD, 0.0, "steps already done, in which only barostats still act")
             self.steps.append(Step("if", expression=f"{shared.AHEAD} < 1", why="is this step still to be done?"))
         if self.options.kernel:
             self.set(shared.DT, "dt", "so that setStepSize works")
         if self.options.settable:
             kelvin = self.options.kT / BOLTZMANN
             self.declare(shared.TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
-            self.declare(shared.SEEN_TEMPERATURE, kelvin, "what it was when it last agreed with dpd_kT")
-            self.declare(shared.SEEN_KT, self.options.kT, "what dpd_kT was then")
+            self.declare(shared.SEEN_TEMPERATURE, kelvin, "its value when it last agreed with dpd_kT")
+            self.declare(shared.SEEN_KT, self.options.kT, "the value of dpd_kT then")
             self.steps += [Step(*line) for line in AGREE]
 
     def update(self, why: str) -> None:
-        """Have the Context's state updated."""
+        """Add an update of the Context's state, in which barostats act."""
         self.steps.append(Step("update", why=why))
 
     def finish(self) -> None:
-        """Close what :meth:`begin` has opened; what a loop of steps has left in per-DOF variables is not there any more."""
+        """Add the lines at the end of every step, which close those of :meth:`begin`; what a loop of steps left is no longer valid."""
         if self.options.kernel:
             self.phase(shared.Phase.IDLE)
         if self.options.kernel and not self.options.execution.on_device and (self.options.field_blocks or self.options.predicting):
@@ -131,11 +131,11 @@ class Program:
             self.set(shared.AHEAD, f"{shared.AHEAD}-1")
 
     def show_by(self, tau: str) -> None:
-        """Say which drift shows the velocities."""
-        self.set(shared.TAU, tau, "the drift that shows the velocities")
+        """Set tau, the time of the drift that passes the velocities to the pair force."""
+        self.set(shared.TAU, tau, "the drift that passes the velocities")
 
     def next_noise(self, tau: str) -> None:
-        """Advance the noise counter and say which drift shows the velocities."""
+        """Advance the noise counter, and set tau, the time of the drift that passes the velocities."""
         self.show_by(tau)
         self.set(shared.COUNTER, f"{shared.COUNTER}+1", "new noise")
 
@@ -149,19 +149,19 @@ class Program:
         self.set(shared.KT, ramp_expression(ramp, shared.RAMP_STEP), "kT of this step")
 
     def store_fingerprint(self, left: list[str] | tuple = ()) -> None:
-        """Have the pair force store the present positions, and give a fingerprint of them, and of velocities or fields that were left."""
+        """Have the pair force store the present positions; set the fingerprint of them, and of the velocities or fields in ``left``."""
         self.declare("fingerprint", 0.0, "fingerprint of the present positions and parameters")
         if left:
             self.declare(shared.FIRST, 1.0, "whether this step is the first one of a call")
-            self.declare("changed", 0.0, "how many velocities and fields are not what the call before left")
-            with self.when(f"{shared.FIRST} > 0", "may somebody have changed them?"):
+            self.declare("changed", 0.0, "number of velocities and fields changed since the last call")
+            with self.when(f"{shared.FIRST} > 0", "may they have been changed?"):
                 self.total("changed", f"{len(left)}-{'-'.join(f'delta({name}-{shared.LEFT}{name})' for name in left)}")
         self.phase(shared.Phase.FINGERPRINT)
         self.set("fingerprint", f"{self.pair_energy}{f'+{shared.FIRST}*changed' if left else ''}", "the pair force stores x")
 
     def evaluate_pair_force(self, phase: shared.Phase, why: str, block: int = 0) -> None:
-        """Evaluate the pair force for its side effect: it stores or reads something, and the energy that it returns is not used."""
-        self.declare("unused", 0.0, "energy of evaluations that are made for their side effect")
+        """Evaluate the pair force for its side effect, such as storing positions; the energy that it returns is not used."""
+        self.declare("unused", 0.0, "energy of evaluations for their side effect")
         self.phase(phase, block)
         self.set("unused", self.pair_energy, why)
 
@@ -170,18 +170,18 @@ class Program:
         self.evaluate_pair_force(shared.Phase.STORE, "the pair force stores x")
 
     def show(self, velocity: str) -> None:
-        """Drift by tau*velocity from xs, for the pair force to see that velocity; x has to be put back afterwards."""
-        self.each("x", f"xs+{shared.TAU}*{velocity}", "trial drift: shows this velocity")
+        """Add a trial drift by tau*velocity from xs, which passes this velocity to the pair force; x has to be restored afterwards."""
+        self.each("x", f"xs+{shared.TAU}*{velocity}", "trial drift: passes this velocity")
 
     def fields(self) -> list[str]:
-        """Names of the per-DOF variables with internal energies, temperatures or concentrations; declares them."""
+        """Declare the per-DOF variables with internal energies, temperatures or concentrations, and return their names."""
         names = [f"{shared.FIELD}{k}" for k in range(self.options.field_blocks)]
         for name in names:
             self.declare_per_dof(name, self.options.field_names)
         return names
 
     def read(self, variables: list[str]) -> None:
-        """Have the pair force read per-DOF variables, as displacements from xs, its stored positions; x has to be put back.
+        """Have the pair force read per-DOF variables, as displacements from xs, its stored positions; x has to be restored.
 
         The displacement is scaled so that the largest one stays below ``options.field_reach``.
         """
@@ -189,22 +189,22 @@ class Program:
             self.declare("size", 0.0, "sum of squares of what the pair force reads next")
             self.total("size", f"{variable}*{variable}")
             self.set(shared.TAU, f"{self.options.field_reach!r}/sqrt(size+1e-280)", "scale of the displacement")
-            self.each("x", f"xs+{shared.TAU}*{variable}", "shows these values")
+            self.each("x", f"xs+{shared.TAU}*{variable}", "passes these values")
             self.evaluate_pair_force(shared.Phase.READ, "the pair force reads them", block)
 
     def read_at_rest(self) -> None:
-        """Have the pair force read the fields, and put the positions back, which it has stored."""
+        """Have the pair force read the fields at its stored positions, and restore the positions."""
         self.keep_positions()
         self.read(self.fields())
         self.each("x", "xs", "back")
 
     def keep_positions(self) -> None:
-        """Remember x as xs."""
+        """Store x as xs."""
         self.declare_per_dof("xs", "positions before the trial drift")
         self.each("xs", "x")
 
     def keep_acceleration(self) -> None:
-        """Take the conservative acceleration of the last step, or compute it anew if something has changed since."""
+        """Reuse the conservative acceleration of the last step, or compute it anew if something has changed since."""
         self.declare_per_dof("acc", "conservative acceleration at x")
         self.store_fingerprint()
         with self.if_changed():
@@ -214,65 +214,65 @@ class Program:
             self.leave_to_body_forces()
 
     def leave_to_body_forces(self) -> None:
-        """Where only body forces act, the acceleration that was computed last becomes theirs."""
+        """Replace the last acceleration by that of body forces, where only these act."""
         if self.options.partial:
             self.declare_per_dof(shared.ALONE, "1 where only body forces act, 0 elsewhere")
             self.each("acc", f"(1-{shared.ALONE})*acc+{shared.ALONE}*f{shared.EXTERNAL_GROUP}/m", "only body forces act on some beads")
 
     def acceleration_is_kept(self, left: list[str] | tuple = ()) -> None:
-        """Say that the last acceleration of a step serves the next one, if that finds velocities or fields of these names as they are."""
+        """Mark the last acceleration of a step as valid for the next one, unless velocities or fields of these names have changed then."""
         self.store_fingerprint()
         self.set("valid_for", "fingerprint", "acc is valid for this")
         if left:
             self.declare(shared.LAST, 1.0, "whether this step is the last one of a call")
-            with self.when(f"{shared.LAST} > 0", "may somebody change them before the next step?"):
+            with self.when(f"{shared.LAST} > 0", "may they be changed before the next step?"):
                 for name in left:
-                    self.declare_per_dof(shared.LEFT + name, "what the last step of a call left")
+                    self.declare_per_dof(shared.LEFT + name, "value at the end of a call")
                     self.each(shared.LEFT + name, name)
 
     def after_sweep(self, fields: list[str]) -> None:
-        """Take over what a sweep did to the fields; to internal energies, where velocities are not double precision, by what these really
-        changed.
+        """Apply the changes of the fields by a sweep.  If velocities are not double precision, internal energies change by what these
+        really changed.
 
-        There the kernel hands over how much energy a bead got in all, motion included, and what its motion took comes from the velocities
-        that the program holds; rounding of the sum is kept in the third component.
+        The kernel then returns the total energy that a bead gained, including its motion; the part of the motion follows from the
+        program's velocities, and the rounding of the sum is kept in the third component.
         """
         if not fields:
             return
         if not self.options.compensated:
             for block, name in enumerate(fields):
                 self.phase(shared.Phase.CHANGE, block)
-                self.each(name, f"{name}+{self.field_change}", "what the beads got")
+                self.each(name, f"{name}+{self.field_change}", "change by the sweep")
             return
         (u,) = fields
         self.phase(shared.Phase.CHANGE)
-        for name, why in (("du", "change of the energies"), ("un", "energies before rounding is made good")):
+        for name, why in (("du", "change of the energies"), ("un", "energies before the correction of rounding")):
             self.declare_per_dof(name, why)
-        self.each("du", f"{self.field_change}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy a bead got, less what went into its motion")
+        self.each("du", f"{self.field_change}-vector(0, 0.5*m*dot(v-vi, v+vi), 0)", "energy gained, less that of motion")
         self.each("un", f"{u}+du")
-        self.each("du", f"du-(un-{u})", "what rounding lost")
-        self.each(u, "un+vector(0, 0, _x(du)+_y(du))", "is kept in the third component")
+        self.each("du", f"du-(un-{u})", "less the rounding error")
+        self.each(u, "un+vector(0, 0, _x(du)+_y(du))", "which the third component keeps")
 
     def before_sweep(self) -> None:
-        """Remember the velocities a sweep starts from, where they are needed afterwards."""
+        """Store the velocities at the start of a sweep, if they are needed afterwards."""
         if self.options.field_blocks and self.options.compensated:
             self.declare_per_dof("vi", "velocities before the sweep")
             self.each("vi", "v")
 
     def if_changed(self) -> AbstractContextManager[None]:
-        """A block that runs on the first step, and whenever what the fingerprint is of is not what the last step left behind."""
+        """A block that runs in the first step, and whenever the fingerprint is not that at the end of the last step."""
         self.declare("valid_for", -1.0, "fingerprint at which the stored acceleration is valid")
         return self.when("fingerprint != valid_for", "is the stored acceleration still valid?")
 
     @contextmanager
     def when(self, condition: str, why: str) -> Iterator[None]:
-        """A block that runs where a condition on global variables holds."""
+        """A block that runs if a condition on global variables holds."""
         self.steps.append(Step("if", expression=condition, why=why))
         yield
         self.steps.append(Step("end"))
 
     def constrain_positions(self) -> None:
-        """Put constrained distances and virtual sites right."""
+        """Apply constraints of distances, and place virtual sites."""
         self.steps.append(Step("constrain_positions"))
 
     def constrain_velocities(self) -> None:
@@ -282,7 +282,7 @@ class Program:
 
     # -- checking and building ---------------------------------------------------------------------------------------------------
     def check(self) -> None:
-        """Raise ProgramError for an unknown name, a shadowed one, or a step with two kinds of force."""
+        """Raise ProgramError for an unknown or shadowed name, or a line with two kinds of force."""
         context = set(shared.PARAMETERS) if self.options.kernel else set()
         everywhere = set(self.globals_) | context | _RESERVED
         for name in [*self.globals_, *self.per_dof]:
@@ -298,7 +298,7 @@ class Program:
             per_dof = names & (_PER_DOF | set(self.per_dof))
             if per_dof and step.kind not in ("per_dof", "sum"):
                 listing = ", ".join(map(repr, sorted(per_dof)))
-                raise ProgramError(f"{where}: {listing} has one value per degree of freedom and means nothing in a global expression")
+                raise ProgramError(f"{where}: {listing} has one value per degree of freedom and cannot be in a global expression")
             unknown = names - everywhere - set(self.per_dof) - _FUNCTIONS
             if unknown:
                 raise ProgramError(f"{where}: unknown name {', '.join(sorted(unknown))}")
@@ -311,12 +311,12 @@ class Program:
             raise ProgramError(f"{self.name}: a step must update the Context's state exactly once")
 
     def lower(self) -> PairIntegrator:
-        """The OpenMM integrator."""
+        """The OpenMM integrator of the program."""
         integrator = PairIntegrator(self.options.dt)
-        # barostats draw from a generator of the whole process, which a new Context seeds with this number last
+        # barostats draw from a generator of the whole process, which a new Context finally seeds with this number
         openmm.CustomIntegrator.setRandomNumberSeed(integrator, self.options.openmm_seed)
         portable = dict.fromkeys(shared.PORTABLE if self.options.kernel else (), (0.0, ""))
-        # in an order that does not depend on the way of a step: a checkpoint has no names
+        # in an order that does not depend on the lines of a step, since a checkpoint has no names
         for name, (value, _) in sorted((portable | self.globals_).items()):
             integrator.addGlobalVariable(name, value)
         for name in sorted(self.per_dof):
@@ -336,7 +336,7 @@ class Program:
         return integrator
 
     def describe(self) -> str:
-        """The listing: one line per step, with why."""
+        """Listing of the program: one line per step, with its reason."""
         lines = [f"program {self.name} ({self.reference})"]
         lines += [f"  global  {name} = {value:g}: {why}" for name, (value, why) in self.globals_.items()]
         lines += [f"  per DOF {name}: {why}" for name, why in self.per_dof.items()]
@@ -357,6 +357,6 @@ class Program:
 
 
 def ramp_expression(ramp, steps: str) -> str:
-    """Thermal energy on a temperature ramp after some steps, with the reciprocal of its length: so OpenMM divides by constants."""
+    """Expression of kT on a temperature ramp after ``steps``, with the reciprocal of its length, since OpenMM divides so by constants."""
     part = f"({steps}-({ramp.first_step}))*{1.0 / (ramp.last_step - ramp.first_step)!r}"
     return f"{ramp.kT_start!r}+({ramp.kT_end - ramp.kT_start!r})*min(1, max(0, {part}))"

@@ -1,9 +1,9 @@
-"""From a word to its program, letter by letter; it works with any other force on every platform.
+"""Programs of words, letter by letter, for any other forces and every platform.
 
 A line of a program costs a good part of a pass over the pairs, so two things are optimised.  A drift right before a sweep also passes the
-velocities to it; where there is none (or walls reflect beads) a trial drift does, and is undone.  And a force that makes several kicks at
-the same positions is stored as an acceleration: across the end of a step with a fingerprint of what it was computed from.  Kicks by it
-are merged with the sweep between them.
+velocities to it; without one (or if walls reflect beads) a trial drift does so, and is undone.  And a force that kicks several times at the
+same positions is stored as an acceleration, across the end of a step with a fingerprint of what it was computed from.  Its kicks are merged
+with the sweep between them.
 """
 
 from contextlib import nullcontext
@@ -17,7 +17,7 @@ from .walls import add_reflection
 
 
 def splitting_program(options: ProgramOptions) -> Program:
-    """The program of a scheme that is a word."""
+    """Program of a scheme that is a word."""
     scheme = options.scheme
     return Writer(Program(scheme.name, scheme.reference, options), scheme.steps(options.thermostat)).written()
 
@@ -27,23 +27,23 @@ class Writer:
 
     def __init__(self, program: Program, letters: tuple[Letter, ...]):
         self.p, self.options, self.letters = program, program.options, letters
-        #: which kicks share positions: how many drifts have come before each letter; those after the last are the first of the next step
+        #: kicks share positions if the number of drifts before them is equal; those after the last drift belong to the next step
         drifts = [sum(name == "A" for name, _ in letters[:n]) for n in range(len(letters))]
         total = sum(name == "A" for name, _ in letters)
         self.places = [n % total for n in drifts]
         kicks = [n for n, (name, _) in enumerate(letters) if name == "B"]
-        #: whether the force at the end of a step serves the next one
+        #: whether the force at the end of a step is used in the next one
         self.kept = self.options.kernel and drifts[kicks[0]] == 0 and drifts[kicks[-1]] == total and not self.options.fields_act
         self.owed = Fraction(0)  # part of a kick by acc that v still lacks
         self.known = self.kept  # whether acc is the acceleration at x
         self.seen = self.kept  # whether the pair force has stored x
         self.away = False  # whether x is displaced from xs
-        self.told = False  # whether the pair force knows the fields
+        self.told = False  # whether the pair force has read the fields
         self.shown: Fraction | None = None  # part of the drift that passes v at x
         self.ramped = False
 
     def written(self) -> Program:
-        """The whole program."""
+        """Write all letters, and return the program."""
         p = self.p
         p.begin()
         if self.kept:
@@ -66,7 +66,7 @@ class Writer:
         return p
 
     def drift(self, n: int, part: Fraction) -> int:
-        """Drift; the last one before a sweep passes the velocities to it."""
+        """Write a drift; the last one before a sweep passes the velocities to it.  Returns the number of the next letter."""
         p, options = self.p, self.options
         shows = not options.walls and n + 1 < len(self.letters) and self.letters[n + 1][0] in SWEEPS
         if shows and not self.seen:
@@ -85,7 +85,7 @@ class Writer:
         return n + 1
 
     def kick(self, n: int, part: Fraction) -> int:
-        """Kick; by an acceleration that is kept only when v is needed next."""
+        """Write a kick, or postpone it until v is needed if the acceleration is kept.  Returns the number of the next letter."""
         p = self.p
         if not self.known:
             self.put_back()
@@ -97,7 +97,7 @@ class Writer:
             if self.options.execution.pushes:
                 p.phase(Phase.CONSERVE)
                 self.seen = True
-            # without a kernel nothing comes in between: OpenMM keeps the force by itself
+            # without a kernel nothing comes in between, and OpenMM keeps the force itself
             here = [name for place, (name, _) in zip(self.places, self.letters, strict=True) if place == self.places[n]]
             if not self.options.partial and (here.count("B") == 1 or not self.options.kernel):
                 p.each("v", f"v+{times(part)}*{p.kicking}/m", spelling("kick", part))
@@ -111,13 +111,13 @@ class Writer:
         return n + 1
 
     def sweep(self, n: int, part: Fraction) -> int:
-        """Sweep, with the kicks by the same acceleration around it."""
+        """Write a sweep, with the kicks by the same acceleration around it.  Returns the number of the next letter."""
         p, options = self.p, self.options
         if not self.ramped:
             p.next_temperature()
             self.ramped = True
         if part != 1:
-            p.set("dpd_dt", times(part), "how long this sweep lasts")
+            p.set("dpd_dt", times(part), "duration of this sweep")
         fields, update = p.fields(), SWEEPS.index(self.letters[n][0])
         if self.shown is None:
             self.put_back()
@@ -135,7 +135,7 @@ class Writer:
             p.next_noise(times(self.shown))
             p.phase(Phase.SWEEP_SEEN, update)
         n += 1
-        if fields:  # the energies want the velocities before and after the sweep alone
+        if fields:  # internal energies need the velocities before and after the sweep only
             self.settle()
         else:
             while self.known and n < len(self.letters) and self.letters[n][0] == "B":
@@ -143,7 +143,7 @@ class Writer:
                 n += 1
         p.before_sweep()
         kick, why = (f"+{times(self.owed)}*acc", "kicks, sweep") if self.owed else ("", "sweep")
-        p.each("v", f"v{kick}+{times(part)}*{p.pair_force}/m", why if self.shown is None else f"{why}: the drift showed the velocities")
+        p.each("v", f"v{kick}+{times(part)}*{p.pair_force}/m", why if self.shown is None else f"{why}: the drift passed the velocities")
         p.constrain_velocities()
         self.owed, self.shown = Fraction(0), None
         p.after_sweep(fields)
@@ -153,33 +153,33 @@ class Writer:
         return n
 
     def settle(self) -> None:
-        """Write the kicks that v still lacks."""
+        """Write postponed kicks."""
         if self.owed:
             self.p.each("v", f"v+{times(self.owed)}*acc", spelling("kick", self.owed))
             self.owed = Fraction(0)
 
     def put_back(self) -> None:
-        """Take back a trial drift."""
+        """Undo a trial drift."""
         if self.away:
             self.p.each("x", "xs", "back")
             self.away = False
 
 
 def times(part: Fraction) -> str:
-    """A part of the step size, as an expression."""
+    """Expression of a part of the step size."""
     return "dt" if part == 1 else f"{float(part)!r}*dt"
 
 
 def spelling(what: str, part: Fraction) -> str:
-    """A substep for the listing."""
+    """A substep and its part in words, for the listing."""
     return what if part == 1 else f"{what} over {part} of the step"
 
 
 def kick_before(p: Program) -> None:
-    """Kick before a step by forces that stay OpenMM's where a loop could do the steps, as in the loop: in every step, or after so many.
+    """Kick by OpenMM's slow forces before a step, in every or every n-th step as in the loop, if a loop could carry out the steps.
 
-    In a program without a loop they kick with all other forces, and nothing is written here.  The pair force exerts none in phase STORE,
-    so that ``f`` is what all others exert.
+    In a program without a loop they kick with all other forces, and nothing is written here.  The pair force exerts none in phase STORE, so
+    ``f`` is that of all others.
     """
     if p.options.slow_every > 1 and p.options.execution.looped:
         p.declare(SLOW_STEP, 0.0, "steps done since OpenMM's forces kicked")
@@ -187,7 +187,7 @@ def kick_before(p: Program) -> None:
 
 
 def kick_after(p: Program) -> None:
-    """Kick after a step, as :func:`kick_before` does before it."""
+    """Kick by OpenMM's slow forces after a step; the counterpart of :func:`kick_before`."""
     every = p.options.slow_every
     if every > 1 and p.options.execution.looped:
         p.set(SLOW_STEP, f"{SLOW_STEP}+1-{every}*step({SLOW_STEP}+1-{every})")

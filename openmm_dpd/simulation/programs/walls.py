@@ -1,13 +1,13 @@
-"""Walls: after each drift, beads beyond a plane are put back and their velocities are turned round.
+"""Walls: after each drift, beads beyond a plane are reflected and their velocities reversed.
 
 Each degree of freedom has its own limits, so that the reflection is one expression per degree of freedom for any number of walls::
 
-    r = x + 2 max(0, low - t) - 2 max(0, t - high)        t = x folded into the period around the middle of the gap
+    r = x + 2 max(0, low - t) - 2 max(0, t - high)        t = x wrapped into the period around the middle of the gap
     specular      v <- -v of the degree of freedom where r is not x
     bounce-back   v <- -v of the bead where r is not x for any of its degrees of freedom
 
-Only the second needs a vector function, which costs as much as five other steps on the CPU platform.  A drift that shows the
-velocities to the pair force must not be reflected before it was seen, so the schemes show them by a trial drift where there are walls.
+Only the second needs a vector function, which costs as much as five other lines on the CPU platform.  A drift that passes velocities to
+the pair force must not be reflected before it is seen, so schemes pass them by a trial drift if there are walls.
 """
 
 from collections.abc import Mapping
@@ -22,9 +22,9 @@ PUT_BACK = "wall_x"
 
 
 def planes(gaps: Mapping[int, Gap]) -> dict[str, np.ndarray]:
-    """Values of the constants along the three axes."""
+    """Values (3,) of the per-axis constants of the walls, by name."""
     low, high = np.full(3, -NOWHERE), np.full(3, NOWHERE)
-    start, period = np.full(3, -1e9), np.full(3, 4e9)  # nothing is ever folded
+    start, period = np.full(3, -1e9), np.full(3, 4e9)  # no position is ever wrapped
     back = np.zeros(3)
     for axis, gap in gaps.items():
         low[axis], high[axis], back[axis] = gap.low, gap.high, gap.kind == BOUNCE_BACK
@@ -34,7 +34,7 @@ def planes(gaps: Mapping[int, Gap]) -> dict[str, np.ndarray]:
 
 
 def variables(gaps: Mapping[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
-    """Values of the per-DOF variables, (N, 3) each."""
+    """Values (N, 3) of the per-DOF variables of the walls, by name."""
     values = planes(gaps)
     if kind_of(gaps) != MIXED:
         del values[BACK]
@@ -42,24 +42,24 @@ def variables(gaps: Mapping[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
 
 
 def add_reflection(p: Program, also: tuple[str, ...] = ()) -> None:
-    """After a drift: positions back into the gaps, velocities (and other per-DOF velocities) turned round; nothing without walls."""
+    """Add the reflection of positions and velocities (and of other per-DOF velocities, ``also``) after a drift, if there are walls."""
     kind = p.options.walls
     if not kind:
         return
-    for name, why in ((LOW, "lower walls"), (HIGH, "upper walls"), (START, "where the period begins"), (PERIOD, "period")):
+    for name, why in ((LOW, "lower walls"), (HIGH, "upper walls"), (START, "start of the period"), (PERIOD, "period")):
         p.declare_per_dof(name, why)
-    p.declare_per_dof(PUT_BACK, "positions put back by the walls")
+    p.declare_per_dof(PUT_BACK, "positions reflected by the walls")
     folded = f"(x-{PERIOD}*floor((x-{START})/{PERIOD}))"
     p.each(PUT_BACK, f"x+2*max(0, {LOW}-{folded})-2*max(0, {folded}-{HIGH})", "reflect at the walls")
     hit = f"(1-delta({PUT_BACK}-x))"
     if kind == SPECULAR:
-        turned, why = hit, "turn the normal component"
+        turned, why = hit, "reverse the normal component"
     elif kind == BOUNCE_BACK:
-        turned, why = f"min(1, dot({hit}, {hit}))", "turn the velocity"
+        turned, why = f"min(1, dot({hit}, {hit}))", "reverse the velocity"
     else:
         p.declare_per_dof(BACK, "1 along axes with bounce-back, else 0")
         turned = f"max((1-{BACK})*{hit}, min(1, dot({BACK}*{hit}, {BACK}*{hit})))"
-        why = "turn the velocity, or its normal component"
+        why = "reverse the velocity, or its normal component"
     for name in ("v", *also):
         p.each(name, f"{name}*(1-2*{turned})", why)
     p.each("x", PUT_BACK)
