@@ -1,4 +1,4 @@
-"""The command line, ``openmm-dpd run | forces | explain | recommend | export | warm``: thin over :mod:`openmm_dpd.lammps`."""
+"""The command line, ``openmm-dpd run | forces | explain | recommend | export | warm``: a thin layer over :mod:`openmm_dpd.lammps`."""
 
 import argparse
 import json
@@ -21,16 +21,16 @@ from .model.schemes import SCHEMES, scheme_of
 
 
 def _option(*names: str, **settings) -> tuple[tuple[str, ...], dict]:
-    """An option: its names, and what argparse takes."""
+    """An option: its names, and its argparse settings."""
     return names, settings
 
 
 _SCHEMES = f"integration scheme: {', '.join(SCHEMES)}, or a word such as 'B/2 A/2 O A/2 B/2' (default: what the deck's fixes say)"
-_COMPAT = "heat of pair style edpd: what motion loses (default), or as LAMMPS computes it"
+_COMPAT = "heat of pair style edpd: consistent with the energy lost by motion (default), or as LAMMPS computes it"
 _CONSERVATIVE = "what computes the conservative force: CustomNonbondedForce of OpenMM, or the pair kernel (default: auto)"
 _VARIABLES = {"action": "append", "default": [], "help": "set an index variable of the deck; may be repeated"}
 
-#: Options of several commands.
+#: Options shared by several commands.
 _SHARED = {
     "deck": _option("deck", type=Path, metavar="DECK", help="LAMMPS input script"),
     "var": _option("--var", "-var", nargs=2, metavar=("NAME", "VALUE"), **_VARIABLES),
@@ -48,7 +48,7 @@ _SHARED = {
 
 
 def _add(parser: argparse.ArgumentParser, names: str) -> None:
-    """Add options of :data:`_SHARED`."""
+    """Add options of :data:`_SHARED` to a parser."""
     for name in names.split():
         called, settings = _SHARED[name]
         parser.add_argument(*called, **settings)
@@ -70,9 +70,9 @@ def _parser() -> argparse.ArgumentParser:
         return added
 
     shared = "deck scheme dt steps seed var platform precision threads conservative engine compat"
-    run = command("run", "run a deck; what it writes goes into a folder", shared)
+    run = command("run", "run a deck; output goes into a folder", shared)
     _add_run_options(run)
-    # None is what was not given: the default then, or what the run had that --restart goes on with
+    # None means not given: then the default, or with --restart the interrupted run's option
     run.set_defaults(compat=None, conservative=None, engine=None, discard=None, format=None)
     shared = "deck seed var platform precision threads conservative engine compat"
     forces = command("forces", "write the forces at the first configuration of a deck, term by term", shared)
@@ -82,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
         "print what would be built for the first run of a deck",
         "deck scheme dt seed var platform threads conservative engine compat",
     )
-    explain.add_argument("--program", action="store_true", help="list the lines of the integrator's program too")
+    explain.add_argument("--program", action="store_true", help="also list the integrator's program")
     advice = command("recommend", "print which scheme and time step suit the first run of a deck", "deck scheme dt var")
     accepted = "relative error of the temperatures to accept, from 0.0001 to 0.1 (default: 0.01, that is 1 %%)"
     advice.add_argument("--error", type=float, default=0.01, metavar="E", help=accepted)
@@ -91,30 +91,30 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
     export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")
     _add(export, "scheme dt steps seed compat var")
-    command("warm", "compile the kernels of all kinds of models, which else the first run of each kind does; about a minute", "threads")
+    command("warm", "compile the kernels of all kinds of models now rather than in their first run; takes about a minute", "threads")
     return parser
 
 
 def _add_run_options(run: argparse.ArgumentParser) -> None:
     results = run.add_argument_group("results")
-    results_in = "folder for all files that are written but those with absolute names (default: out/NAME for in.NAME)"
+    results_in = "folder for all output files except those with absolute paths (default: out/NAME for in.NAME)"
     results.add_argument("--out", type=Path, metavar="DIR", help=results_in)
     results.add_argument("--json", type=Path, metavar="FILE", help="write averages and profiles to this file")
-    left_out = "leave N steps of each run that is as long out of averages (default: those before equilibrium)"
+    left_out = "exclude the first N steps of every run of at least N steps from averages (default: those before equilibrium)"
     results.add_argument("--discard", type=int, metavar="N", help=left_out)
     results.add_argument("--every", type=int, metavar="N", help="steps between two frames of the trajectory (default: 100 frames a run)")
     results.add_argument("--format", choices=("dcd", "xtc"), default="dcd", help="format of the trajectory (default: dcd)")
     silence = "print nothing but errors; all rows are in DIR/log.txt (default: --no-quiet)"
     results.add_argument("--quiet", action=argparse.BooleanOptionalAction, help=silence)
     kept = run.add_argument_group("interruptions")
-    stored = "store a checkpoint every N steps (default: where a run ends, and on Ctrl-C or SIGTERM)"
+    stored = "write a checkpoint every N steps (default: at the end of each run, and on Ctrl-C or SIGTERM)"
     kept.add_argument("--checkpoint", type=int, metavar="N", help=stored)
-    resumed = "go on with an interrupted run of this DECK, with its options, in its folder DIR (its --out)"
+    resumed = "continue an interrupted run of this DECK, with its options, in its folder DIR (its --out)"
     kept.add_argument("--restart", type=Path, metavar="DIR", help=resumed)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status.  0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143
+    """Entry point; returns the exit status: 0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143
     after SIGTERM."""
     options = _parser().parse_args(arguments)
     signals = Signals()
@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt as error:
             return _interrupted(signals, str(error))
         except DPDError as error:
-            if signals.seen:  # one that comes inside a force callback reaches us as an error of OpenMM without a text
+            if signals.seen:  # inside a force callback, a signal arrives as an OpenMM error without text
                 return _interrupted(signals)
             print(f"openmm-dpd: error: {_with_dashes(error, options)}", file=sys.stderr)
             return 1
@@ -135,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _with_dashes(error: DPDError, options: argparse.Namespace) -> str:
-    """The text of an error; where it begins with the name of a choice, that is an option here."""
+    """The text of an error; if it begins with the name of an option, that gets its dashes."""
     text = str(error)
     name = re.match(r"\w*", text)[0]  # type: ignore[index]
     return f"--{text}" if isinstance(error, ParameterError) and name in vars(options).keys() - {"deck", "directory", "command"} else text
@@ -151,7 +151,7 @@ def _options(options: argparse.Namespace):
 
     checks: tuple[tuple[str, Callable[[str], object]], ...] = (("scheme", scheme_of), ("platform", platform_here))
     for name, check in checks:
-        # an error at a line of the deck would mean that the deck has chosen it
+        # checked here, since an error at a line of the deck would blame the deck
         given = getattr(options, name, None)
         if given is not None:
             try:
@@ -190,7 +190,7 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
             options.deck,
             chosen,
             out=options.out if options.restart else out,
-            # lines above the progress bar, not through it
+            # keeps lines above the progress bar
             log=(lambda _: None) if quiet else tqdm.write,
             variables=dict(options.var),
             progress=not quiet,
@@ -200,9 +200,9 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
             asked=asked,
         )
     except KeyboardInterrupt as error:
-        if error.args:  # the deck was being read
+        if error.args:  # a deck was being carried out
             stopped, remedy = error.args
-            raise KeyboardInterrupt(f"{stopped}; what was computed until then is in {out}/; {remedy}") from None
+            raise KeyboardInterrupt(f"{stopped}; results so far are in {out}/; {remedy}") from None
         raise
     if not quiet:
         tqdm.write(f"files are in {out}/")
@@ -234,7 +234,7 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
     from .lammps import ExportWarning, export_deck
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ExportWarning)  # said below, one line each
+        warnings.simplefilter("ignore", ExportWarning)  # printed below, one line each
         choices = {name: getattr(options, name) for name in ("name", "dt", "steps", "scheme", "seed", "every", "compat")}
         written = export_deck(options.deck, options.directory, variables=dict(options.var), **choices)
     for text in written.differences:
@@ -249,12 +249,12 @@ def _warm(options: argparse.Namespace, signals: Signals) -> None:
     set_threads(options.threads)
     warm(print)
     folder = cache_folder()
-    print("there is no folder to keep them in" if folder is None else f"kernels are in {folder}")
+    print("there is no folder for the kernels" if folder is None else f"kernels are in {folder}")
 
 
 def _make_folder(folder: Path, option: str) -> None:
-    """Make a folder for results; ParameterError if that is impossible, before anything is computed."""
-    wrong = "cannot be made"
+    """Create a folder for results.  ParameterError, before anything is computed, if this is impossible."""
+    wrong = "cannot be created"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         wrong = "is not writable"
@@ -264,7 +264,7 @@ def _make_folder(folder: Path, option: str) -> None:
 
 
 def _check_target(path: Path) -> None:
-    """ParameterError unless the file of --json can be written."""
+    """Raise ParameterError unless the file of --json can be written."""
     if path.exists() and not path.is_file() and not path.is_dir():
         return  # a device or a pipe
     _make_folder(path.parent, "--json")
@@ -273,7 +273,7 @@ def _check_target(path: Path) -> None:
 
 
 def _write(path: Path, content: dict) -> None:
-    """Write results; where that fails after all, they go to standard output, so that they are not lost."""
+    """Write results to a file; if this fails, write them to standard output so that they are not lost."""
     text = json.dumps(_strict(content), indent=1, allow_nan=False) + "\n"
     try:
         write_whole(path, text, "--json:")
@@ -283,7 +283,7 @@ def _write(path: Path, content: dict) -> None:
 
 
 def _strict(value):
-    """The same without NaN and infinities, which JSON does not have: None."""
+    """Replace NaN and infinities, which JSON does not allow, by None."""
     if isinstance(value, dict):
         return {key: _strict(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):

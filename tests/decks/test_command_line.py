@@ -164,7 +164,7 @@ def test_reduced_numbers_in_other_units_are_noted(deck, units, T, spacing, said)
     """Too cold, or too dense for beads as large as atoms."""
     box = f"lattice sc {spacing if units != 'lj' else spacing**-3}\nregion b block 0 9 0 9 0 9\ncreate_box 1 b\ncreate_atoms 1 box\n"
     deck.write_text(f"units {units}\n{box}mass 1 9\npair_style dpd {T} {2 * spacing} 7\npair_coeff 1 1 1 1\nfix 1 all nve\nrun 1\n")
-    noted = "in.fluid:7: below 10 K, or more than one bead in a cubic Angstrom: such numbers are reduced and need units lj"
+    noted = "in.fluid:7: the temperature is below 10 K, or there is more than one bead per cubic Angstrom, as in reduced units (units lj)"
     assert (noted in explain_deck(deck)) == said
 
 
@@ -178,7 +178,7 @@ def test_reduced_numbers_in_other_units_are_noted(deck, units, T, spacing, said)
     (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
     (
         ("pair_style dpd 1.0 1.0 34387\npair_coeff 1 1 25.0 4.5\npair_coeff 1 2 30.0 4.5\npair_coeff 2 2 25.0 4.5\n", ""),
-        "needs a pair_style",
+        "needs a preceding pair_style",
     ),
     (("2*temp", "c_none[1]"), "variable twice: there is no compute 'none'"),
     (("2*temp", "1e308*10"), "in.fluid:21: thermo output v_twice is inf at step 0"),

@@ -146,7 +146,7 @@ def test_a_run_that_is_asked_to_end_keeps_what_is_there(deck, number, status, sc
     taken = report["steps"]
     text = f"interrupted by {number.name} after step {taken} of 100000000"
     assert report["stopped"] == text and taken >= 100
-    said = f"{text}; what was computed until then is in {out}/; go on with: openmm-dpd run {deck} --restart {out}"
+    said = f"{text}; results so far are in {out}/; continue with: openmm-dpd run {deck} --restart {out}"
     assert error.splitlines()[-1] == f"openmm-dpd: {said}"
     dump = (out / "dump.d").read_text().split("ITEM: TIMESTEP\n")[1:]
     assert len(dump) == taken // 10 + 1 and all(len(frame.splitlines()) == 8 + 192 for frame in dump)

@@ -99,7 +99,7 @@ def test_beads_on_which_only_body_forces_act(tmp_path):
     taken = np.ones((len(fluid().types), 3), bool)
     taken[:7, 2] = taken[5:9, 0] = False
     scene = fluid(interacting=taken, body_forces=[dpd.BodyForce((0.5, 0.25, -1)), dpd.PositionForce(("x", "0", "0"))])
-    with pytest.warns(ExportWarning, match="beads whose forces are taken away"):
+    with pytest.warns(ExportWarning, match="beads whose forces are removed"):
         written = export_lammps(scene, tmp_path, "alone", dt=0.001, steps=10, scheme="shardlow", seed=3)
     assert "setforce 0.0 NULL 0.0" in written.deck.read_text() and "shardlow" not in " ".join(words(written, "fix"))
     again = deck_scene(written.deck)
@@ -242,7 +242,7 @@ def test_nothing_is_said_where_nothing_differs(tmp_path):
 # -- errors -------------------------------------------------------------------------------------------------------------------
 @cases(
     "choices, message",
-    ({"dt": None}, "dt, the step size, is missing"),
+    ({"dt": None}, "dt, the step size, is required"),
     ({"dt": -1.0}, "dt must be one time > 0"),
     ({"scheme": "leapfrog"}, "unknown scheme 'leapfrog'; it must be one of mvv"),
     ({"units": "si"}, "unknown units 'si'"),
@@ -332,7 +332,7 @@ def test_ids_images_and_units(tmp_path):
     real = read_lammps_dump(path, units="real")
     np.testing.assert_allclose(real.unwrapped, frames.unwrapped * 0.1)
     np.testing.assert_allclose(real.velocities, frames.velocities * 100)
-    raises(dpd.ParameterError, "give the units of the file", lambda: read_lammps_dump(path, pair_scene(box=[40.0, 40, 40])))
+    raises(dpd.ParameterError, "check the units of the file", lambda: read_lammps_dump(path, pair_scene(box=[40.0, 40, 40])))
     trajectory = frames.trajectory(dt=0.5, unwrap=True)
     np.testing.assert_allclose(trajectory.xyz[0], [[5, 1, 1], [3, -2, 3]])  # from the corner of the box
     np.testing.assert_allclose(trajectory.time, [0, 5])
@@ -358,18 +358,18 @@ def test_tilted_boxes_of_dumps(tmp_path):
     frames = read_lammps_dump(path)
     np.testing.assert_allclose(frames.boxes[0], [[4, 0, 0], [1, 4, 0], [-0.5, 0.5, 4]])
     np.testing.assert_allclose(frames.unwrapped[0], [[-0.5, 0.5, 4], [3, 4, 0]])
-    raises(dpd.ParameterError, "its units are lj, not real", lambda: read_lammps_dump(path, units="real"))
+    raises(dpd.ParameterError, "states units lj, not real", lambda: read_lammps_dump(path, units="real"))
 
 
 @cases(
     "columns, rows, message",
     ("type x y z", ["1 1 1 1\n1 1 1 1\n"], "no column id"),
-    ("id vx vy vz", ["1 1 1 1\n2 1 1 1\n"], "no positions in it"),
-    ("id x y z", ["1 1 1 1\n"], "cut off"),
+    ("id vx vy vz", ["1 1 1 1\n2 1 1 1\n"], "the file has no positions"),
+    ("id x y z", ["1 1 1 1\n"], "truncated"),
     ("id x y z", ["1 1 1 1\n2 1 1\n"], r"x.dump:11: expected 4 values"),
     ("id x y z", ["1 1 1 1\n2 1 1 a\n"], r"x.dump:11: expected a number in column z"),
     ("id x y z", ["1 1 1 1\n1 1 1 1\n"], "id 1 appears twice"),
-    ("id x y z", ["1 1 1 1\n2 1 1 1\n", "1 1 1 1\n3 1 1 1\n"], "step 10 holds other beads than step 0"),
+    ("id x y z", ["1 1 1 1\n2 1 1 1\n", "1 1 1 1\n3 1 1 1\n"], "step 10 contains different beads from step 0"),
     ("id x y z", ["1 1 1 1\n2 1 1 1\nrubbish\n"], "expected a line 'ITEM"),
 )
 def test_broken_dumps(columns, rows, message, tmp_path):
@@ -379,7 +379,7 @@ def test_broken_dumps(columns, rows, message, tmp_path):
 def test_missing_columns_and_wrong_scenes(tmp_path):
     path = dump(tmp_path, "id type x y z", "1 1 1 1 1\n2 1 1 1 1\n")
     frames = read_lammps_dump(path, pair_scene())
-    raises(dpd.ParameterError, "has no velocities; let LAMMPS write the columns vx vy vz", frames.scene)
+    raises(dpd.ParameterError, "has no velocities; have LAMMPS write the columns vx vy vz", frames.scene)
     raises(dpd.ParameterError, "ix iy iz, or xu yu zu", lambda: frames.trajectory(unwrap=True))
     assert frames.trajectory().n_atoms == 2
     raises(dpd.ParameterError, "give the scene", lambda: read_lammps_dump(path).scene())
@@ -412,4 +412,4 @@ def test_broken_data_files(tmp_path):
     raises(dpd.DeckError, "expected an atom of atom_style atomic: id type x y z", broken, "Atoms # atomic\n\n1 ", "Atoms # atomic\n\nx ")
     raises(dpd.ParameterError, "no velocities", lambda: broken("Velocities", "Speeds"))
     raises(dpd.DeckError, "has no line 'xlo xhi'", lambda: broken("xlo xhi", "xlow xhigh"))
-    raises(dpd.ParameterError, "its units are lj, not real", lambda: scene_from_data(written.data, scene, units="real"))
+    raises(dpd.ParameterError, "states units lj, not real", lambda: scene_from_data(written.data, scene, units="real"))

@@ -232,7 +232,7 @@ def test_forces_are_set_after_friction(tmp_path, name, lam):
 
 def test_schemes_with_pair_updates_are_refused(tmp_path):
     (tmp_path / "in.deck").write_text(deck("fix 1 all nve\nfix 2 low setforce NULL 0 1\nrun 2\n"))
-    with pytest.raises(DeckError, match=r"in.deck:\d+: fix 2: .*scheme bababo changes velocities without forces"):
+    with pytest.raises(DeckError, match=r"in.deck:\d+: fix 2: .*scheme bababo does not apply friction as a force"):
         run_deck(tmp_path / "in.deck", RunOptions(platform="Reference", scheme="bababo"))
 
 

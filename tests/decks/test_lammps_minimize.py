@@ -123,10 +123,10 @@ def test_what_does_not_run_says_that_it_does_not_minimise_either(tmp_path, caplo
 WRONG = {
     "minimize 0 0 10\n": "expected 'minimize etol ftol maxiter maxeval'",
     "minimize -1 0 10 10\n": "etol must be >= 0",
-    "min_style hftn\nmin_modify norm max\nminimize 0 0 1 1\n": "hftn knows no 'min_modify norm max'",
+    "min_style hftn\nmin_modify norm max\nminimize 0 0 1 1\n": "hftn does not support 'min_modify norm max'",
     "min_style lbfgs\n": "the style of min_style must be one of",
     "min_modify norm three\n": "norm must be one of",
-    "fix a all addforce 1 0 0\nminimize 0 0 1 1\n": "beside fix addforce",
+    "fix a all addforce 1 0 0\nminimize 0 0 1 1\n": "with fix addforce",
     "fix a all setforce 0 NULL 0\nminimize 0 0 1 1\n": "can only hold whole beads, not single components",
     "fix a all setforce 0 0 1\nminimize 0 0 1 1\n": "a set force other than 0",
     "minimize 0 1 1 1\n": "has no run command",

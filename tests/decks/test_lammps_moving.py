@@ -115,7 +115,7 @@ FEW = "region b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 20 5 NU
 FEW += "pair_coeff 1 1 25 4.5\n"
 WRONG = {
     "fix 1 all nve\nfix p all print 1 x\nfix m all momentum 1 linear 1 1 1\nrun 1\n": "it comes after fix p",
-    "fix 1 some nve\nfix m all momentum 1 angular\nrun 1\n": "has beads that no fix moves",
+    "fix 1 some nve\nfix m all momentum 1 angular\nrun 1\n": "contains immobile beads",
     "fix m all momentum 1\n": "removes nothing",
     "fix m all momentum 1 linear 2 0 0\n": "a flag of linear must be one of 0, 1",
     "fix p all print 0 x\n": "at least 1",

@@ -163,8 +163,8 @@ def test_errors_in_and_of_included_files(tmp_path):
         put(tmp_path / name, text)
     for name, message in (
         ("odd", r"odd:2: unknown or unsupported command 'nonsense'"),
-        ("part0", "part99:2: include 'part100': files include each other 100 deep already"),
-        ("one", r"two:1: include 'one': this file is being read already"),
+        ("part0", "part99:2: include 'part100': include files are nested more than 100 deep"),
+        ("one", r"two:1: include 'one': the file includes itself"),
     ):
         raises(DeckError, message, lambda name=name: requests_of(tmp_path, f"include {name}\n"))
     requests_of(tmp_path, "include three\ninclude three\nfix 1 all nve\nrun 1\n")  # the same file twice in a row is fine
@@ -172,13 +172,13 @@ def test_errors_in_and_of_included_files(tmp_path):
 
 def test_a_deck_without_a_box_has_nothing_to_look_at(tmp_path):
     (tmp_path / "in.empty").write_text("units lj\n")
-    raises(DeckError, "in.empty: the deck makes no simulation box", lambda: read_deck(tmp_path / "in.empty", stop_before_first_run=True))
+    raises(DeckError, "in.empty: the deck creates no simulation box", lambda: read_deck(tmp_path / "in.empty", stop_before_first_run=True))
 
 
 def test_a_run_needs_a_pair_style_even_if_it_is_none(tmp_path):
     beads = START.format(units="lj").replace("pair_style dpd 1.0 1.0 77\npair_coeff * * 25 4.5\n", "{}") + "fix 1 all nve\nrun 1\n"
     path = put(tmp_path / "in.deck", beads.format(""))
-    raises(DeckError, r"in.deck:12: run needs a pair_style before it; .* 'pair_style none'", lambda: read_deck(path))
+    raises(DeckError, r"in.deck:12: run needs a preceding pair_style; .* 'pair_style none'", lambda: read_deck(path))
     assert read_deck(put(path, beads.format("pair_style none\n"))).runs == 1
 
 
@@ -295,9 +295,9 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
     ("run -5\n", "the number of steps must be at least 0"),
     ("run 1e3\n", "expected a whole number for the number of steps, not '1e3'"),
     ("run 10 every 0 NULL\n", "every must be at least 1"),
-    ("reset_timestep 50\nrun 10 upto\n", "the present step, 50, is beyond it"),
-    ("run 10 start 5\n", "start 5 lies after the first step of the run, 0"),
-    ("run 10 stop 5\n", "stop 5 lies before the last step of the run, 10"),
+    ("reset_timestep 50\nrun 10 upto\n", "the present step, 50, is later"),
+    ("run 10 start 5\n", "start 5 is after the first step of the run, 0"),
+    ("run 10 stop 5\n", "stop 5 is before the last step of the run, 10"),
     ("timestep 0\n", "the time step must be > 0"),
     ("fire 1\n", "in.deck:13: unknown or unsupported command 'fire'$"),
     ("mass 1 nan\n", "the mass must be finite"),

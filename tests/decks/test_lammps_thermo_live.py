@@ -293,7 +293,7 @@ def test_the_temperature_is_that_of_the_styles_with_friction(tmp_path, styles, c
 # -- what differs is said or refused --------------------------------------------------------------------------------------------------------------
 def test_pre_no_is_said(tmp_path):
     path = put(tmp_path / "in.ours", FOUR + "fix 1 all nve\nrun 2\nrun 2 pre no\n")
-    assert any("forces are evaluated anew" in note for note in read_deck(path).notes)
+    assert any("forces are recomputed" in note for note in read_deck(path).notes)
     assert not any("anew" in note for note in read_deck(put(path, FOUR + "fix 1 all nve\nrun 2\nrun 2 pre yes post no\n")).notes)
 
 

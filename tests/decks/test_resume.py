@@ -184,10 +184,10 @@ def error_of(capsys, *words: str) -> str:
 def test_what_cannot_be_resumed_is_said_with_the_remedy(deck, capsys):
     """Other options, another deck, files that have gone, checkpoints that are none; and then it goes on after all."""
     out = stopped(deck)
-    assert f"; go on with: openmm-dpd run {deck} --restart {out}\n" in capsys.readouterr().err
+    assert f"; continue with: openmm-dpd run {deck} --restart {out}\n" in capsys.readouterr().err
     again = (str(deck), "--restart", str(out))
     wrong = error_of(capsys, *again, "--dt", "0.02")
-    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; leave it out" in wrong
+    assert "--dt 0.02 cannot be combined with --restart: the interrupted run had none; omit the option" in wrong
     assert "--platform Reference cannot be combined" in error_of(capsys, *again, "--platform", "Reference")
     assert "--var cannot be changed by --restart" in error_of(capsys, *again, "--var", "x", "1")
     assert "cannot be another folder" in error_of(capsys, *again, "--out", str(deck.parent / "elsewhere"))
@@ -237,7 +237,7 @@ def test_what_is_damaged_is_refused_or_the_checkpoint_before_is_used(deck, caplo
     (out / "checkpoint" / "latest").write_bytes(b"")
     caplog.clear()
     assert main(["run", str(deck), "--restart", str(out), "--quiet"]) == 0
-    assert "latest is missing, damaged or no checkpoint; the run goes on from the one before\n" in caplog.text
+    assert "latest is missing, damaged or no checkpoint; the run continues from the previous one\n" in caplog.text
     (out / "report.json").write_bytes((deck.parent / "whole" / "report.json").read_bytes())
     assert contents(out) == contents(deck.parent / "whole")
 
@@ -302,7 +302,7 @@ def test_what_a_restart_would_refuse_is_an_error_at_once(deck, capsys, monkeypat
     out = put(deck, f"{TINY.partition('compute m')[0]}compute g all gyration\nthermo_style custom step c_g\nrun 100\n").parent / "out"
     words = ["--out", str(out), "--platform", "Reference", "--threads", "1"]
     error = error_of(capsys, str(deck), *words, "--checkpoint", "10")
-    assert "builtins.complex does not belong into a checkpoint" in error
+    assert "builtins.complex does not belong in a checkpoint" in error
     assert ("--checkpoint: this run could not be resumed" in error) == (not calls)
     rows = [line for line in (out / "log.txt").read_text(encoding="utf-8").splitlines() if line.split()[-1] == "1"]
     assert len(rows) == calls
@@ -327,14 +327,14 @@ def test_code_in_a_checkpoint_is_not_run(deck, capsys):
     target = deck.parent / "planted"
     for planted in (Planted(os.system, f"touch {target}"), Planted(BlockFile, str(target), "x"), Planted(Path.touch, target)):
         (out / "checkpoint" / "latest").write_bytes(sealed(pickle.dumps({"deck": planted})))
-        assert "does not belong into a checkpoint" in error_of(capsys, str(deck), "--restart", str(out))
+        assert "does not belong in a checkpoint" in error_of(capsys, str(deck), "--restart", str(out))
     assert not target.exists()
 
 
 def test_volume_moves_of_openmm_are_refused(capsys, tmp_path):
     deck = DECKS / "in.dpdp-pressure"
     error = error_of(capsys, *[str(deck), "--platform", "CPU", "--threads", "1", "--out", str(tmp_path), "--checkpoint", "10"])
-    assert "--checkpoint: this run could not be resumed: OpenMM's MonteCarlo" in error and "leave the option out" in error
+    assert "--checkpoint: this run could not be resumed: OpenMM's MonteCarlo" in error and "omit the option" in error
 
 
 def test_forces_of_openmm_on_the_cpu_platform_are_not_bit_for_bit(deck, capsys):

@@ -1,1 +1,1 @@
-"""The way back: scenes as decks for LAMMPS, and what LAMMPS writes as arrays, scenes and trajectories."""
+"""Export of scenes as decks for LAMMPS, and import of LAMMPS output as arrays, scenes and trajectories."""

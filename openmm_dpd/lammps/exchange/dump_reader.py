@@ -1,7 +1,7 @@
-"""Reading LAMMPS's text dumps (dump styles custom and atom) with all that they hold.
+"""Reads LAMMPS's text dumps (dump styles custom and atom) with all their columns.
 
-mdtraj reads such files as well, but takes lengths as angstrom, wants x, y, z, and drops velocities, forces, image flags and
-per-bead values.  For DCD files it is all that is needed: :func:`openmm_dpd.io.trajectory.load`.
+mdtraj also reads such files, but assumes lengths in angstrom, requires x, y, z, and drops velocities, forces, image flags and per-bead
+values. For DCD files it is sufficient: :func:`openmm_dpd.io.trajectory.load`.
 """
 
 import re
@@ -18,14 +18,14 @@ from ..language.lexer import TextFile, file_content
 from ..state.box import Box
 from .frames import LammpsFrames
 
-#: Columns of the fields of beads, as exported decks and this package's own runs name them.
+#: Columns of bead fields, as named by exported decks and by this package's runs.
 NAMES = {
     **{"c_internal[1]": "u_cond", "c_internal[2]": "u_mech", "c_internal[4]": "theta", "c_temperature": "temperature"},
     **{"uCond": "u_cond", "uMech": "u_mech", "dpdTheta": "theta"},
 }
 
 
-#: Columns that may hold words; these become NaN.
+#: Columns that may hold words, which become NaN.
 _TEXTS = ("element", "typelabel", "proc")
 
 
@@ -45,36 +45,36 @@ def read_lammps_dump(
 ) -> LammpsFrames:
     """Frames of a text dump.
 
-    Beads are sorted by id, lengths and velocities are turned into nm and nm/ps, scaled positions into positions, and image flags are
-    kept, so that ``unwrapped`` has the periodic images restored.
+    Beads are sorted by id, lengths and velocities are converted to nm and nm/ps, and scaled positions to positions; image flags are kept,
+    so that ``unwrapped`` positions are available.
 
     Parameters
     ----------
     path : str or Path
         The dump.
     scene : Scene, optional
-        The scene it belongs to; needed for :meth:`LammpsFrames.scene` and :meth:`LammpsFrames.trajectory`, and checked against the file.
+        The scene of the run; needed for :meth:`LammpsFrames.scene` and :meth:`LammpsFrames.trajectory`, and checked against the file.
     units : {"lj", "real", "metal"}
         Units of the run that wrote it.
     names : mapping of str to str, optional
-        Columns of your own for fields of beads: {"c_mine[4]": "theta"}; the values are those of :data:`NAMES`, and ``c1``, ``c2``, ...
-        for concentrations.
+        Additional columns of bead fields, such as {"c_mine[4]": "theta"}; values are those of :data:`NAMES`, and ``c1``, ``c2``, ... for
+        concentrations.
 
     Raises
     ------
     DeckError
-        With file and line, if the file is cut off, not a text dump, or frames hold different beads.
+        With file and line, if the file is truncated, not a text dump, or its frames hold different beads.
     ParameterError
-        If it does not fit the scene.
+        If it does not match the scene.
     """
     path, system = Path(path), unit_system(units)
     file = _text(path)
     frames = list(_frames(file))
     if not frames:
-        raise file.error("there is no frame in it")
+        raise file.error("the file contains no frames")
     said = next((frame.units for frame in frames if frame.units), None)
     if said is not None and said != units:
-        raise ParameterError(f"{path} says that its units are {said}, not {units}; give units={said!r}")
+        raise ParameterError(f"{path} states units {said}, not {units}; give units={said!r}")
     found = _assembled(file, frames, system, {**NAMES, **(names or {})}, scene)
     if scene is not None:
         found.check(scene)
@@ -84,7 +84,7 @@ def read_lammps_dump(
 # -- text to frames -----------------------------------------------------------------------------------------------------------
 @dataclass
 class _Part:
-    """What follows a line ``ITEM: ...``: number of that line, the words after the title, and the lines below it."""
+    """An item of a dump: the number of its line ``ITEM: ...``, the words after the title, and the lines below."""
 
     line: int
     words: list[str]
@@ -95,7 +95,7 @@ def _text(path: Path) -> TextFile:
     try:
         return TextFile(path, file_content(path).decode().splitlines())
     except UnicodeDecodeError:
-        raise DeckError("this is no text dump; binary dumps are not read", str(path)) from None
+        raise DeckError("not a text dump; binary dumps are not supported", str(path)) from None
 
 
 def _frames(file: TextFile) -> Iterator[_Frame]:
@@ -110,7 +110,7 @@ def _frames(file: TextFile) -> Iterator[_Frame]:
         count = 3 if title == "BOX BOUNDS" else _count(file, parts, at) if title == "ATOMS" else 1
         body = lines[at + 1 : at + 1 + count]
         if len(body) < count:
-            raise file.error(f"the file is cut off: {count} lines should follow 'ITEM: {title}', {len(body)} do", at + 1)
+            raise file.error(f"the file is truncated: expected {count} lines after 'ITEM: {title}', but found {len(body)}", at + 1)
         if title == "UNITS":
             units = body[0].strip()
         parts[title] = _Part(at + 1, words, body)
@@ -119,7 +119,7 @@ def _frames(file: TextFile) -> Iterator[_Frame]:
             yield _frame(file, parts, units)
             parts = {}
     if parts and set(parts) - {"UNITS", "TIME"}:
-        raise file.error("the file is cut off: its last frame has no atoms", len(lines))
+        raise file.error("the file is truncated: its last frame has no atoms", len(lines))
 
 
 def _title(line: str) -> tuple[str, list[str]]:
@@ -168,7 +168,7 @@ def _number(word: str, column: str) -> float:
 def _box(file: TextFile, part: _Part) -> tuple[Box, tuple[bool, bool, bool]]:
     line, words = part.line, part.words
     if words[:2] == ["abc", "origin"]:
-        raise file.error("boxes of general shape (triclinic/general) are not read; write the dump without it", line)
+        raise file.error("boxes of general shape (triclinic/general) are not supported; write the dump without it", line)
     tilted = words[:3] == ["xy", "xz", "yz"]
     flags = words[3:] if tilted else words
     try:
@@ -179,7 +179,7 @@ def _box(file: TextFile, part: _Part) -> tuple[Box, tuple[bool, bool, bool]]:
         raise file.error(f"expected three lines 'low high{' tilt' if tilted else ''}' of the box", line + 1) from None
     low, high, tilt = rows[:, 0].copy(), rows[:, 1].copy(), rows[:, 2] if tilted else np.zeros(3)
     if tilted:
-        # the bounds are those of the smallest orthogonal box around the tilted one
+        # the bounds belong to the smallest orthogonal box around the tilted one
         xy, xz, yz = tilt
         shifts = [0.0, xy, xz, xy + xz]
         low -= [min(shifts), min(0.0, yz), 0.0]
@@ -195,19 +195,19 @@ def _box(file: TextFile, part: _Part) -> tuple[Box, tuple[bool, bool, bool]]:
 def _assembled(file: TextFile, frames: list[_Frame], units: UnitSystem, names: dict[str, str], scene: Scene | None) -> LammpsFrames:
     first = frames[0]
     if "id" not in first.columns:
-        raise file.error("there is no column id, so the order of the beads is not known", first.line)
+        raise file.error("there is no column id, so the order of the beads is unknown", first.line)
     ids: np.ndarray | None = None
     stacked = np.empty((len(frames), *first.values.shape))
     for k, frame in enumerate(frames):
         if frame.columns != first.columns:
-            raise file.error(f"the columns change here: {' '.join(frame.columns)}", frame.line)
+            raise file.error(f"the columns change to {' '.join(frame.columns)}", frame.line)
         order = np.argsort(frame.values[:, first.columns.index("id")], kind="stable")
         mine = frame.values[order, first.columns.index("id")]
         twice = np.flatnonzero(np.diff(mine) == 0)
         if len(twice):
             raise file.error(f"atom id {mine[twice[0]]:g} appears twice in step {frame.step}", frame.line)
         if ids is not None and not np.array_equal(ids, mine):
-            raise file.error(f"step {frame.step} holds other beads than step {first.step} (were some lost?)")
+            raise file.error(f"step {frame.step} contains different beads from step {first.step} (were some lost?)")
         ids, stacked[k] = mine, frame.values[order]
     assert ids is not None
     column = {name: stacked[:, :, k] for k, name in enumerate(first.columns)}
@@ -242,7 +242,7 @@ def _assembled(file: TextFile, frames: list[_Frame], units: UnitSystem, names: d
 
 
 def _positions(file: TextFile, frames: list[_Frame], three, images, length: float) -> tuple[np.ndarray, np.ndarray | None]:
-    """Positions as they are, and carried to their images if that is known; nm."""
+    """Positions as in the file, and unwrapped positions if they are known; nm."""
     vectors = np.array([frame.box.vectors for frame in frames])
     corner = np.array([frame.box.low for frame in frames])[:, None, :]
     found = {pattern: three(pattern) for pattern in ("{}", "{}u", "{}s", "{}su")}
@@ -252,7 +252,7 @@ def _positions(file: TextFile, frames: list[_Frame], three, images, length: floa
     inside, outside = found["{}"], found["{}u"]
     if inside is None and outside is None:
         columns = " ".join(frames[0].columns)
-        raise file.error(f"there are no positions in it: the columns are {columns}; let LAMMPS write x y z ix iy iz", frames[0].line)
+        raise file.error(f"the file has no positions: its columns are {columns}; have LAMMPS write x y z ix iy iz", frames[0].line)
     if outside is None and images is not None:
         outside = inside + images @ vectors
     if inside is None:

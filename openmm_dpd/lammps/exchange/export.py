@@ -1,4 +1,4 @@
-"""A scene as a LAMMPS deck and data file, to be run somewhere else (a cluster, say)."""
+"""Export of a scene as a LAMMPS deck and data file, to be run elsewhere, such as on a cluster."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ class LammpsExport:
 
     deck: Path  #: ``in.NAME``
     data: Path  #: ``data.NAME``
-    tables: tuple[Path, ...]  #: Files of tables that the deck reads
-    dump: Path  #: Trajectory that LAMMPS will write, beside the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`
-    final: Path  #: Data file that LAMMPS will write at the end, beside the deck
-    differences: tuple[str, ...]  #: What LAMMPS will do differently (also comments of the deck)
+    tables: tuple[Path, ...]  #: Table files that the deck reads
+    dump: Path  #: Trajectory that LAMMPS will write next to the deck; see :func:`openmm_dpd.lammps.read_lammps_dump`
+    final: Path  #: Data file that LAMMPS will write at the end, next to the deck
+    differences: tuple[str, ...]  #: Differences from the scene in LAMMPS (also in comments of the deck)
 
 
 def export_lammps(
@@ -42,43 +42,43 @@ def export_lammps(
     units: str = "lj",
     corner=None,
 ) -> LammpsExport:
-    """Write ``directory/in.NAME`` and ``directory/data.NAME``, which LAMMPS runs as they are, with any number of processes.
+    """Write ``directory/in.NAME`` and ``directory/data.NAME``, which LAMMPS runs unchanged on any number of processes.
 
     Parameters
     ----------
     source : Scene, Plan or BuiltSystem
-        A plan brings its own step size, scheme, lambda and seed.
+        A plan supplies step size, scheme, lambda and seed.
     directory : str or Path
-        Made if it does not exist; files of an earlier export are replaced.
+        Created if it does not exist; files of an earlier export are replaced.
     name : str
         Letters, digits and ``_ . + -``.
     dt : time
-        Step size (bare numbers: ps); needed for a Scene.
+        Step size (bare numbers: ps); required for a Scene.
     steps : int
         Number of steps of the run.
     scheme : str, optional
-        A name or a word; ``mvv`` for a Scene by default, which is LAMMPS's own.  What LAMMPS does not have is replaced by what is nearest,
-        with a warning.
+        A name or a word; ``mvv``, LAMMPS's own, by default for a Scene.  A scheme that LAMMPS lacks is replaced by the nearest one, with a
+        warning.
     lam : float, optional
         Lambda of ``mvv``.
     seed : int, optional
-        Seed of the noise and of velocities that the scene does not give.
+        Seed of the noise, and of velocities that the scene lacks.
     every : int, optional
-        Steps between two frames and two lines of output; a hundredth of the steps by default.
+        Steps between frames and between lines of output; a hundredth of the steps by default.
     units : {"lj", "real", "metal"}
-        Units of deck and data file.  ``lj`` writes the numbers of the scene as they are: 1 nm, 1 Da, 1 ps, 1 kJ/mol, k_B = 1.
+        Units of deck and data file.  ``lj`` writes the numbers of the scene unchanged: nm, Da, ps, kJ/mol, k_B = 1.
     corner : three lengths, optional
-        Lower corner of the box; that of the sources, or the origin, by default.
+        Lower corner of the box; by default that of the sources, or the origin.
 
     Raises
     ------
     ParameterError
-        If a choice is out of bounds, the folder is not writable, or LAMMPS has nothing like a part of the scene; it is named.
+        If an argument is out of bounds, the folder is not writable, or LAMMPS has no equivalent of a part of the scene.
 
     Warns
     -----
     ExportWarning
-        For everything that LAMMPS will do differently; the deck says the same in comments.
+        For each difference from the scene in LAMMPS; comments of the deck list them, too.
     """
     if isinstance(source, BuiltSystem):
         source = source.plan
@@ -108,20 +108,20 @@ def export_deck(
 ) -> LammpsExport:
     """Write the scene of a deck's first run as a deck and a data file, in the deck's units.
 
-    Groups, formulas, output and further runs of the deck are not copied; a deck that LAMMPS reads needs no export.
+    Groups, formulas, output and further runs are not exported; a deck that LAMMPS can read needs no export.
 
     Parameters
     ----------
     path : str or Path
         The deck.
     directory : str or Path
-        Where to; ``in.NAME`` in it must not be the deck itself.
+        Folder of the new files; ``in.NAME`` in it must not be the deck itself.
     name : str, optional
-        The deck's name without ``in.`` by default.
+        By default the deck's name without ``in.``.
     dt : float, optional
         Time step in the deck's units.
     steps, scheme, seed, every
-        As in :func:`export_lammps`; those of the deck's first run by default.
+        See :func:`export_lammps`; by default those of the deck's first run.
     variables : mapping, optional
         Index variables of the deck.
     """
@@ -129,7 +129,7 @@ def export_deck(
     name = name or path.name.removeprefix("in.")
     target = Path(directory) / f"in.{name}"
     if target.exists() and path.exists() and target.resolve() == path.resolve():
-        raise ParameterError(f"{target} is the deck itself; give another folder or another name")
+        raise ParameterError(f"{target} is the deck itself; give another folder or name")
     request = first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
     scene, state = request.scene(), request.state
     corner = state.require_box("an export").low * state.units.length
@@ -137,10 +137,10 @@ def export_deck(
     run = (request.dt, request.steps, request.scheme, lam, request.seed if seed is None else seed, every)
     job = make_job(scene, name, *run, state.units.name, corner, state.atoms.images)
     if request.barostat is not None:
-        raise ParameterError("fix nph of the deck is not exported; LAMMPS reads the deck itself, or export a deck without it")
+        raise ParameterError("fix nph cannot be exported; run the deck itself in LAMMPS, or remove the fix")
     if not np.array_equal(state.atoms.ids, np.arange(1, len(state.atoms) + 1)):
-        job.differences.remark("ids are counted from 1 without gaps, in the order of the ids of the deck")
-    job.differences.remark(f"this is the first run of {state.path.name} only")
+        job.differences.remark("ids are renumbered from 1 without gaps, in the order of the deck's ids")
+    job.differences.remark(f"this is only the first run of {state.path.name}")
     return _write(job, Path(directory))
 
 

@@ -24,17 +24,17 @@ from ..language.lexer import closing_parenthesis
 from ..styles.words import Differences, exact, group_lines
 from .export_scene import BeadTypes, longest_cutoff
 
-#: Heat capacity of beads that never move, in units of k_B: they are reservoirs.
+#: Heat capacity of immobile beads, which are reservoirs, in units of k_B.
 _RESERVOIR = 1e12
 #: Rows of a resampled equation of state.
 _EOS_ROWS = 2001
-#: Most different vectors of a body force that is given bead by bead.
+#: Maximum number of different vectors in a body force.
 _MOST_VECTORS = 50
 
 
 @dataclass(frozen=True)
 class Integrator:
-    """The integrator: LAMMPS's fix and its lambda; whether friction and noise are left to fix shardlow."""
+    """LAMMPS's integrating fix and its lambda, and whether fix shardlow applies friction and noise."""
 
     fix: str
     lam: float = 0.5
@@ -42,7 +42,7 @@ class Integrator:
 
 
 def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, skin: float, differences: Differences) -> Integrator:
-    """The LAMMPS integrator nearest to a scheme; every difference is noted."""
+    """The LAMMPS integrator nearest to a scheme; differences are recorded."""
     kinds = {table.kind for table in scene.tables} - {None}
     energy = EnergyDPD in kinds
     chosen = scheme_of(scheme)
@@ -55,9 +55,9 @@ def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, 
     why = _no_shardlow(scene, kinds, skin) if wanted else None
     swept = wanted and why is None
     if chosen.shardlow and why is not None:
-        differences.add(f"fix shardlow is not possible, since {why}; the deck uses velocity Verlet (fix nve), where friction is a force")
+        differences.add(f"fix shardlow is not possible, since {why}; the deck uses velocity Verlet (fix nve) with friction as a force")
     elif not chosen.in_lammps:
-        instead = "Shardlow's splitting (fix shardlow, then fix nve)" if swept else "velocity Verlet (fix nve), where friction is a force"
+        instead = "Shardlow's splitting (fix shardlow, then fix nve)" if swept else "velocity Verlet (fix nve) with friction as a force"
         name = "OpenMM's DPDIntegrator" if chosen.native else repr(chosen.name)
         differences.add(_no_scheme(name, instead))
     if swept:
@@ -70,9 +70,9 @@ def choose_integrator(scene: Scene, scheme: str, lam: float, units: UnitSystem, 
     if lam != 0.5 and not energy:
         if units.name == "lj":
             return Integrator("mvv/dpd", lam)
-        differences.add(f"lambda = {lam:g} needs units lj in LAMMPS (fix mvv/dpd); the deck uses fix nve, that is lambda = 0.5")
+        differences.add(f"lambda = {lam:g} needs units lj in LAMMPS (fix mvv/dpd); the deck uses fix nve (lambda = 0.5)")
     elif lam != 0.5:
-        differences.add(f"LAMMPS has no lambda for energy-conserving beads; the deck uses fix nve, that is lambda = 0.5, not {lam:g}")
+        differences.add(f"LAMMPS has no lambda for energy-conserving beads; the deck uses fix nve (lambda = 0.5) instead of {lam:g}")
     return Integrator("nve")
 
 
@@ -90,9 +90,9 @@ def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
     if np.diag(scene.box).min() <= 2 * (longest_cutoff(scene) + skin):
         return "it needs box edges above twice the cutoff and the skin"
     if scene.interacting is not None:
-        return "it changes velocities of beads whose forces are taken away"
+        return "it changes velocities of beads whose forces are removed"
     if MDPD in kinds or len(kinds & {DPD, EnergyDPD}) != 1 or sum(t.kind in (DPD, EnergyDPD) for t in scene.tables) > 1:
-        return "it goes with one table of DPD or of EnergyDPD only"
+        return "it supports only a single table of DPD or EnergyDPD"
     if isinstance(scene.kT, TemperatureRamp) and scene.kT.kT_start != scene.kT.kT_end:
         return "it has no temperature ramp"
     if DPD in kinds:
@@ -105,7 +105,7 @@ def _no_shardlow(scene: Scene, kinds: set, skin: float) -> str | None:
 
 
 def integrator_lines(scene: Scene, integrator: Integrator, group: str) -> Iterator[str]:
-    """Fixes that move the beads of a group, in LAMMPS's order."""
+    """Fixes that move the beads of a group, in the order LAMMPS requires."""
     if integrator.shardlow:
         yield "fix sweep all shardlow"
     yield f"fix move {group} {integrator.fix}" + (f" {exact(integrator.lam)}" if integrator.fix.startswith("mvv/") else "")
@@ -115,11 +115,11 @@ def integrator_lines(scene: Scene, integrator: Integrator, group: str) -> Iterat
 
 # -- equations of state --------------------------------------------------------------------------------------------------------
 def eos_lines(scene: Scene, types: BeadTypes, units: UnitSystem, file: str, differences: Differences) -> tuple[list[str], list[str]]:
-    """Fixes of the equations of state, and the lines of the file of their tables (perhaps none)."""
+    """Fixes of the equations of state, and the lines of their table file (possibly empty)."""
     if not isinstance(scene.internal, InternalEnergy):
         return [], []
     if scene.internal.conductive is not None and np.any(np.asarray(scene.internal.conductive)):
-        differences.add("LAMMPS books all internal energy as mechanical at the start (u_cond = 0); only the sum is kept")
+        differences.add("LAMMPS counts all internal energy as mechanical at the start (u_cond = 0); only the sum is kept")
     by_name = dict(zip(scene.type_names, scene.internal.by_type(scene.type_names), strict=True))
     lines, table, written = list[str](), list[str](), dict[int, str]()
     for k, (name, frozen) in enumerate(zip(types.names, types.frozen, strict=True), start=1):
@@ -141,7 +141,7 @@ def eos_lines(scene: Scene, types: BeadTypes, units: UnitSystem, file: str, diff
 
 
 def _eos_rows(eos: TabulatedEOS, units: UnitSystem) -> list[tuple[float, float]]:
-    """Temperatures and energies, evenly spaced and fine, so that LAMMPS's resampling changes nothing."""
+    """Temperatures and energies, finely and evenly spaced so that LAMMPS's interpolation is exact enough."""
     theta, u = eos.thetas, eos.energies
     if len(theta) < 100 or not np.allclose(np.diff(theta), np.diff(theta).mean(), rtol=1e-6):
         theta = np.linspace(theta[0], theta[-1], _EOS_ROWS)
@@ -157,10 +157,10 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
         if not _fits(scene, source.corner, corner):
             raise ParameterError(
                 f"the sources have different corners of the box, {np.asarray(source.corner).tolist()} and {corner.tolist()}; "
-                "in LAMMPS there is one box"
+                "LAMMPS has only one"
             )
         if scene.box is not None and np.any(np.tril(scene.box, -1)):
-            differences.remark("sources act on the beads as LAMMPS folds them into the tilted box")
+            differences.remark("sources act on beads at their wrapped positions in LAMMPS's tilted box")
         region = source.region
         if isinstance(region, Block):
             ends = np.column_stack([region.low, region.high]) / units.length
@@ -174,18 +174,18 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
         else:
             yield f"fix source{k} {group} tdpd/source {source.species + 1} region source{k} {exact(source.rate * units.time)}"
     if scene.sources:
-        differences.remark("LAMMPS's sources do nothing in the first half step of a run")
+        differences.remark("LAMMPS's sources do not act in the first half step of a run")
 
 
 def _fits(scene: Scene, given, corner: np.ndarray) -> bool:
-    """Whether positions folded into the box at one corner are those folded at the other; between walls nothing is folded."""
+    """Whether wrapping into the box gives the same positions for both corners; between walls nothing is wrapped."""
     return bool(np.all(np.delete(np.asarray(given) == corner, list(scene.gaps))))
 
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------
 def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[str]:
-    """Beads that only body forces act on (fix setforce), body forces (fix addforce), walls (fix wall/reflect) and shear (fix deform).
-    ParameterError for what LAMMPS has no fix for: walls with bounce-back, formulas in other units than lj ..."""
+    """Beads with body forces only (fix setforce), body forces (fix addforce), walls (fix wall/reflect) and shear (fix deform).
+    ParameterError if LAMMPS has no suitable fix: bounce-back walls, formulas in units other than lj ..."""
     if scene.interacting is not None:
         for k, row in enumerate(np.unique(scene.interacting[~scene.interacting.all(axis=1)], axis=0), start=1):
             group = yield from _group(f"alone{k}", np.all(scene.interacting == row, axis=1))
@@ -198,7 +198,7 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
     for axis, gap in scene.gaps.items():
         if gap.kind != SPECULAR:
             raise ParameterError(
-                f"the walls along {AXES[axis]} turn velocities round (bounce-back), for which LAMMPS has no fix; use frozen beads, or "
+                f"the walls along {AXES[axis]} reverse velocities (bounce-back), for which LAMMPS has no fix; use frozen beads or "
                 "specular walls"
             )
         ends = [(side, place) for side, place in (("lo", gap.low), ("hi", gap.high)) if abs(place) < 1e20]
@@ -206,14 +206,14 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
     if scene.shear is not None:
         if not scene.shear.constant:
             raise ParameterError(
-                f"LAMMPS moves images alone where the rate of a shear changes ({scene.shear}); only a constant rate of shear is exported"
+                f"only a constant shear rate can be exported, not {scene.shear}: with a changing rate LAMMPS only moves the images"
             )
         assert scene.shear.rate is not None
         yield f"fix slide all deform 1 xy erate {exact(scene.shear.rate * units.time)} remap v"
 
 
 def _group(name: str, mask: np.ndarray | None) -> Generator[str, None, str]:
-    """Commands that make a group of some beads, none if they are all of them; what is returned is the name of the group."""
+    """Yield commands that define a group, unless it contains all beads; return the name of the group."""
     if mask is None or np.all(mask):
         return "all"
     yield from group_lines(name, mask)
@@ -224,7 +224,7 @@ def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> 
     different, which = np.unique(term.vectors(scene.type_ids, scene.type_names, scene.box) / units.force, axis=0, return_inverse=True)
     acting = [row for row in range(len(different)) if np.any(different[row])]
     if len(acting) > _MOST_VECTORS:
-        raise ParameterError(f"a body force has {len(acting)} different vectors; at most {_MOST_VECTORS} are exported, each with a fix")
+        raise ParameterError(f"a body force has {len(acting)} different vectors; at most {_MOST_VECTORS} can be exported, one fix for each")
     for number_, row in enumerate(acting):
         label = name if len(acting) == 1 else f"{name}_{number_ + 1}"
         group = yield from _group(label, which.ravel() == row)
@@ -242,15 +242,15 @@ def _body_lines(scene: Scene, term: BodyForce, units: UnitSystem, name: str) -> 
         yield f"fix {label} {group} addforce {' '.join(words)}"
 
 
-#: Functions that OpenMM and LAMMPS have in common: name here, name there.
+#: Functions of both OpenMM and LAMMPS: LAMMPS's name by OpenMM's.
 _FUNCTIONS = {name: name for name in "sqrt exp sin cos tan asin acos atan abs floor ceil".split()} | {"log": "ln"}
 
 
 def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner: np.ndarray, name: str) -> Iterator[str]:
     if units.name != "lj":
-        raise ParameterError(f"formulas of position forces are written for units lj only, not for units {units.name}")
+        raise ParameterError(f"formulas of position forces can only be exported in units lj, not in units {units.name}")
     if not _fits(scene, term.corner, corner):
-        raise ParameterError("the corner of a position force must be that of the box, which is exported with it")
+        raise ParameterError("the corner of a position force must be that of the exported box")
     group = yield from _group(name, term.mask(scene.type_ids, scene.type_names))
     words = []
     for axis, formula in zip("xyz", term.formulas, strict=True):
@@ -268,7 +268,7 @@ def _formula_lines(scene: Scene, term: PositionForce, units: UnitSystem, corner:
 
 
 def _without_steps(formula: str) -> str:
-    """step(...) as the comparison ((...)>=0.0), which is 1 or 0 for LAMMPS."""
+    """Replace step(...) by the comparison ((...)>=0.0), which is 1 or 0 in LAMMPS."""
     while match := re.search(r"\bstep\s*\(", formula):
         end = closing_parenthesis(formula, match.end() - 1)
         formula = f"{formula[: match.start()]}(({formula[match.end() : end - 1]})>=0.0){formula[end:]}"

@@ -1,4 +1,4 @@
-"""Choices of an export, checked, and the text of its deck, command by command."""
+"""The validated arguments of an export, and the text of its deck."""
 
 import re
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ from .export_scene import (
     style_lines,
 )
 
-#: What of a Scene is exported; anything else that a scene holds is an error, never left out.
+#: Attributes of a Scene that can be exported; a scene with any other is an error.
 _KNOWN = frozenset(
     "masses types positions pairs kT box velocities bead_masses charges bonds bonded_factors mobile molecules internal sources compat "
     "angles dihedrals segments body_forces walls electrostatics residues interacting shear".split()
@@ -52,7 +52,7 @@ _NAME = re.compile(r"[A-Za-z0-9_.+-]+")
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """All choices of one export, checked."""
+    """All arguments of an export, validated."""
 
     scene: Scene
     units: UnitSystem
@@ -79,7 +79,7 @@ class Job:
 
     @property
     def some_stay(self) -> bool:
-        """Whether there are beads that never move."""
+        """Whether there are immobile beads."""
         return self.scene.mobile is not None and not self.scene.mobile.all()
 
 
@@ -96,9 +96,9 @@ def _refuse_unknown(scene: Scene) -> None:
 def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, corner, images=None) -> Job:
     _refuse_unknown(scene)
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise ParameterError(f"the name of an export has letters, digits and _ . + - only, not {what_is(name)}")
+        raise ParameterError(f"the name of an export may contain only letters, digits and _ . + -, not {what_is(name)}")
     if dt is None:
-        raise ParameterError("dt, the step size, is missing; it is needed to export a scene")
+        raise ParameterError("dt, the step size, is required to export a scene")
     step = to_md(dt, "time", "dt")
     if not isinstance(step, float) or step <= 0:
         raise ParameterError(f"dt must be one time > 0, not {what_is(dt)}")
@@ -112,10 +112,10 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
     longest = longest_cutoff(scene)
     skin = 0.3 * longest if longest else 0.3 * system.length
     if scene.segments is not None and scene.segments.distance == "min":
-        # LAMMPS lists segments by the distance of their midpoints, and misses pairs whose nearest points only are in range
+        # LAMMPS lists segments by the distance of their midpoints, and misses pairs with only their nearest points in range
         skin = max(skin, 1.3 * longest_bond(scene))
-        differences.remark("the neighbour skin is wide, so that LAMMPS does not miss segments whose midpoints are far apart")
-    # fix shardlow wants room for twice the cutoff and the skin in every process
+        differences.remark("the neighbour skin is large so that LAMMPS does not miss segments whose midpoints are far apart")
+    # fix shardlow requires twice the cutoff and skin in every process
     narrow = min(skin, 0.1 * longest)
     integrator = choose_integrator(scene, scheme, weight, system, narrow, differences)
     skin = narrow if integrator.shardlow else skin
@@ -161,7 +161,8 @@ FINAL = "data.{name}.end"
 
 
 class RunCommand(NamedTuple):
-    """One run command: steps, temperatures at both ends of the ramp (kJ/mol), and its first and last step, if it is one."""
+    """One run command: number of steps, temperatures at both ends of its ramp (kJ/mol), and first and last step of the ramp, if there is
+    one."""
 
     steps: int
     start: float
@@ -170,7 +171,7 @@ class RunCommand(NamedTuple):
 
 
 def run_commands(job: Job) -> list[RunCommand]:
-    """The runs that make one run of the scene: a temperature ramp may begin late or end early."""
+    """The run commands for one run of the scene, whose temperature ramp may start late or end early."""
     kT, total = job.scene.kT, job.steps
     if not isinstance(kT, TemperatureRamp):
         return [RunCommand(total, kT, kT, None)]
@@ -185,7 +186,7 @@ def run_commands(job: Job) -> list[RunCommand]:
 
 
 def export_texts(job: Job) -> dict[str, str]:
-    """File name -> text, of everything that is written."""
+    """Texts of all files, by file name."""
     scene, units, differences = job.scene, job.units, job.differences
     export = PairExport(scene, units, job.integrator.shardlow, job.name, differences)
     uses = pair_uses(export)
@@ -194,7 +195,7 @@ def export_texts(job: Job) -> dict[str, str]:
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
     velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
     if scene.shear is not None:
-        # of the beads in the box, not of images of them
+        # of the beads in the box rather than of their images
         assert scene.box is not None
         turns = np.round((scene.positions[:, 1] - places[1][:, 1]) / scene.box[1, 1])
         velocities[:, 0] -= turns * rate_at(scene.shear, 0.0) * scene.box[1, 1]
@@ -204,7 +205,7 @@ def export_texts(job: Job) -> dict[str, str]:
     lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)
     charges = charge_use(scene, units, list(dict.fromkeys(job.types.names)), differences)
     uses += [use for use in (charges, segments) if use is not None]
-    # made before the header, which lists what came up
+    # made before the header, which lists the differences found
     body = [*_setup(job, uses), *_runs(job, uses, eos)]
     texts = {f"in.{job.name}": [*_header(job), *body], f"data.{job.name}": list(lines)} | export.tables
     if eos_table:
@@ -215,7 +216,7 @@ def export_texts(job: Job) -> dict[str, str]:
 def _header(job: Job) -> Iterator[str]:
     yield f"# {job.name}: written by openmm-dpd.  Run it in its own folder, for example: mpirun -np 16 lmp -in in.{job.name}"
     if job.units is LJ:
-        yield "# Numbers are in nm, Da, ps and kJ/mol with k_B = 1, or in the reduced units in which the scene was written"
+        yield "# Numbers are in nm, Da, ps and kJ/mol with k_B = 1, or in the reduced units of the scene"
     yield "# atom types: " + ", ".join(f"{k} = {name}" for k, name in enumerate(job.types.names, start=1))
     for text in job.differences.found:
         yield f"# DIFFERENT: {text}"
@@ -234,8 +235,8 @@ def _boundary(job: Job) -> str:
         solid = gap.period - (gap.high - gap.low) if gap.period is not None else np.inf
         if solid < longest * (2 if job.some_stay else 1):
             job.differences.add(
-                f"along {AXES[axis]} the box of LAMMPS ends in the middle of the solid between the walls, thinner than the range of "
-                "the forces: what reaches through it is lost"
+                f"along {AXES[axis]} the LAMMPS box ends in the middle of the solid between the walls, which is thinner than the range of "
+                "the forces: interactions across it are lost"
             )
     return f"boundary {' '.join(words)}"
 
@@ -261,7 +262,7 @@ def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
 def _runs(job: Job, uses: list[StyleUse], eos: list[str]) -> Iterator[str]:
     """Pair styles, fixes, output and runs."""
     unit = job.units.thermal_energy
-    # ramps are counted from the first step, and LAMMPS has no steps below 0
+    # ramps are relative to the first step, and LAMMPS has no negative steps
     first = max(0, -min((command.window[0] for command in run_commands(job) if command.window), default=0))
     for k, command in enumerate(run_commands(job)):
         yield ""
@@ -316,7 +317,7 @@ def _output(job: Job, first: int) -> Iterator[str]:
 
 
 def field_columns(internal: Any) -> tuple[list[str], list[str]]:
-    """Commands and dump columns for the fields of beads."""
+    """Commands and dump columns for bead fields."""
     if isinstance(internal, InternalEnergy):
         return ["compute internal all dpd/atom"], ["c_internal[1]", "c_internal[2]", "c_internal[4]"]
     if isinstance(internal, BeadTemperatures):

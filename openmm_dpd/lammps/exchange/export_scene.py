@@ -1,5 +1,5 @@
-"""An exported scene in LAMMPS's words: the data file with bead types, box, beads, bonds, angles and dihedrals, the styles of these and of
-pairs, and the commands that sum charges up."""
+"""An exported scene in LAMMPS's terms: the data file (types, box, beads, bonds, angles and dihedrals), the styles of bonded and pair
+interactions, and commands for charges."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,35 +19,35 @@ from ..styles.charges import QQR2E
 from ..styles.pair_styles import EXPORTS
 from ..styles.words import Differences, Pair, PairExport, StyleUse, bonded_styles, exact, lammps_seed
 
-#: Mass of beads that never move, where LAMMPS would let the friction change their velocities or count their mass in heat.
+#: Mass of immobile beads, if LAMMPS would otherwise change their velocities by friction or use their mass for heat.
 HEAVY = 1e15
-#: Largest image flag of LAMMPS's usual builds.
+#: Largest image flag of common LAMMPS builds.
 _LARGEST_IMAGE = 511
-#: Largest number of bead types: LAMMPS keeps tables of type pairs.
+#: Maximum number of bead types, since LAMMPS stores tables of type pairs.
 _MOST_TYPES = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class BeadTypes:
-    """LAMMPS's atom types: one for each bead type of the scene, or several where masses differ."""
+    """LAMMPS's atom types: one for each bead type of the scene, or several if its masses differ."""
 
     of_bead: np.ndarray  #: (N,) type of each bead, counted from 1
-    names: tuple[str, ...]  #: The scene's type of each
+    names: tuple[str, ...]  #: Bead type of the scene for each type
     masses: tuple[float, ...]  #: Da
-    frozen: tuple[bool, ...]  #: Whether its beads never move (only distinguished where that matters)
+    frozen: tuple[bool, ...]  #: Whether the beads of each type are immobile (only set where this matters)
 
     def __len__(self) -> int:
         return len(self.names)
 
     def span(self, name: str) -> str:
-        """The types of one bead type of the scene, as pair_coeff takes them."""
+        """The LAMMPS types of a bead type, as an argument of pair_coeff."""
         mine = [k for k, other in enumerate(self.names, start=1) if other == name]
         return str(mine[0]) if len(mine) == 1 else f"{mine[0]}*{mine[-1]}"
 
 
 def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
-    """Atom types of a scene; with ``apart`` beads that never move have types of their own, with a mass that nothing can move.
-    ParameterError if there are more different masses than LAMMPS's tables of type pairs have room for."""
+    """Atom types of a scene.  With ``apart`` immobile beads have separate types with a mass too large to be moved.  ParameterError if there
+    are more masses than LAMMPS's tables of type pairs allow."""
     frozen = np.zeros(scene.n_beads, bool) if scene.mobile is None or not apart else ~scene.mobile
     of_bead = np.zeros(scene.n_beads, dtype=np.int64)
     names, masses, still = list[str](), list[float](), list[bool]()
@@ -66,13 +66,13 @@ def lammps_types(scene: Scene, apart: bool = False) -> BeadTypes:
     if len(names) > _MOST_TYPES:
         raise ParameterError(
             f"the beads have {len(names)} different masses and types, and LAMMPS needs an atom type for each; "
-            f"it keeps tables of type pairs, so at most {_MOST_TYPES} are exported. Round the masses in `bead_masses`"
+            f"it stores tables of type pairs, so at most {_MOST_TYPES} are exported. Round the masses in `bead_masses`"
         )
     return BeadTypes(of_bead, tuple(names), tuple(masses), tuple(still))
 
 
 def unused_type(scene: Scene) -> str | None:
-    """The last type of a scene with segments if no bead has it and it meets no other: that of a deck which is the type of bonds."""
+    """The last type of a scene with segments, if no bead has it and it has no interactions: then it is the bond type of a deck."""
     last = scene.type_names[-1]
     if scene.segments is None or np.any(scene.type_ids == len(scene.masses) - 1):
         return None
@@ -82,7 +82,8 @@ def unused_type(scene: Scene) -> str | None:
 
 
 def atom_styles(scene: Scene, mdpd: bool = False) -> tuple[str, ...]:
-    """Atom style of a scene: one name, or several that go behind ``hybrid``; ``mdpd`` for ``fix mvv/dpd``, whose beads need that style."""
+    """Atom style of a scene: one name, or several for ``hybrid``; ``mdpd`` if ``fix mvv/dpd``, which requires that style, moves the
+    beads."""
     own = {InternalEnergy: "dpd", BeadTemperatures: "edpd", Concentrations: "tdpd"}.get(type(scene.internal))
     if own is None and (mdpd or any(kind_for(table.kind).has_densities for table in scene.tables if table.kind is not None)):
         own = "mdpd"
@@ -96,12 +97,12 @@ def atom_styles(scene: Scene, mdpd: bool = False) -> tuple[str, ...]:
 
 
 def longest_cutoff(scene: Scene) -> float:
-    """Largest range of the pair terms, nm."""
+    """Longest cutoff of the pair terms, nm."""
     return max((c.cutoff for table in scene.tables for c in table.entries.values()), default=0.0)
 
 
 def species_of(scene: Scene) -> int:
-    """Number of concentrations of each bead of a scene, 0 if there are none."""
+    """Number of concentrations per bead; 0 if there are none."""
     return scene.internal.n_species if isinstance(scene.internal, Concentrations) else 0
 
 
@@ -113,21 +114,21 @@ def atom_style_line(styles: tuple[str, ...], n_species: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Bonded:
-    """Bonds, angles or dihedrals: ``rows`` are (type, beads counted from 0), ``types`` (style, coefficient words) from type 1 on."""
+    """Bonds, angles or dihedrals: ``rows`` are (type, bead indices), ``types`` (style, coefficients) from type 1 on."""
 
     rows: np.ndarray
     types: tuple[tuple[str, str], ...]
 
     @property
     def ids(self) -> np.ndarray:
-        """The same rows with the ids that beads have in LAMMPS, which count from 1."""
+        """Types and bead ids, which count from 1."""
         return self.rows + (np.arange(self.rows.shape[1]) > 0)
 
 
 def lammps_box(
     scene: Scene, corner: np.ndarray, differences: Differences, flags: np.ndarray | None = None
 ) -> tuple[Box, np.ndarray, np.ndarray]:
-    """Box (nm), positions in it, and image flags (``flags`` of a deck are added).  Without a box, one around all beads."""
+    """Box (nm), wrapped positions, and image flags (with the ``flags`` of a deck added).  Without a box, one around all beads is made."""
     x = scene.positions
     if scene.box is None:
         low, high = x.min(axis=0) - 1.0, x.max(axis=0) + 1.0
@@ -138,15 +139,15 @@ def lammps_box(
         if np.any(tilt):
             raise ParameterError("walls in a tilted box cannot be exported: LAMMPS's tilted boxes are periodic")
         if gap.period is not None and np.all((gap.fold(x[:, axis]) >= gap.low) & (gap.fold(x[:, axis]) <= gap.high)):
-            # no bead is in the solid: LAMMPS's box, which does not repeat along this axis, ends at the walls
+            # no bead is in the solid: LAMMPS's box, which is not periodic along this axis, ends at the walls
             low[axis], edges[axis] = gap.low, gap.high - gap.low
     box = Box(low, low + edges, tilt, bool(np.any(tilt)) or scene.shear is not None)
     inside, images = box.wrap(x)
     images = images if flags is None else images + flags
     if np.abs(images).max(initial=0) > _LARGEST_IMAGE:
         differences.add(
-            f"some beads are more than {_LARGEST_IMAGE} boxes away, more than LAMMPS counts; all image flags start at 0 "
-            "(displacements are then counted from the positions in the box)"
+            f"some beads are more than {_LARGEST_IMAGE} boxes away, beyond LAMMPS's limit; all image flags start at 0 "
+            "(displacements are then relative to the wrapped positions)"
         )
         images = np.zeros_like(images)
     return box, inside, images
@@ -162,7 +163,7 @@ def data_file(
     extra_types: int = 0,
 ) -> DataFile:
     """The data file of a scene; ``places`` are box, positions and image flags (:func:`lammps_box`), ``joined`` bonds, angles and dihedrals;
-    ``extra_types`` stand for bonds."""
+    ``extra_types`` are types that stand for bonds."""
     box, positions, images = places
     n, count = scene.n_beads, len(types)
     columns = {"id": np.arange(1, n + 1), "type": types.of_bead, "rho": np.zeros(n)} | _fields(scene, units)
@@ -192,7 +193,7 @@ def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
     return {f"c{k}": column for k, column in enumerate(internal.values.T, start=1)} if isinstance(internal, Concentrations) else {}
 
 
-#: Most types of bonds, angles or dihedrals.
+#: Maximum number of bond, angle or dihedral types.
 _MOST_BONDED = 100000
 
 
@@ -215,7 +216,7 @@ def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
 
 
 def style_lines(what: str, terms: Bonded) -> Iterator[str]:
-    """``bond_style``, ``angle_style`` or ``dihedral_style``, and the coefficients."""
+    """The commands ``bond_style``, ``angle_style`` or ``dihedral_style``, and the coefficients."""
     if not len(terms.rows):
         return
     styles = list(dict.fromkeys(style for style, _ in terms.types))
@@ -225,7 +226,7 @@ def style_lines(what: str, terms: Bonded) -> Iterator[str]:
 
 
 def longest_bond(scene: Scene) -> float:
-    """Length of the longest bond at the start or at rest, nm; of all that an angle or a dihedral reaches across, together."""
+    """Length of the longest bond at the start or at rest, nm, multiplied by the number of bonds that an angle or dihedral spans."""
     lengths = [0.0]
     for bonds in scene.bonds:
         if len(bonds.pairs):
@@ -235,7 +236,7 @@ def longest_bond(scene: Scene) -> float:
 
 
 def pair_uses(export: PairExport) -> list[StyleUse]:
-    """Styles of all tables, in the order in which LAMMPS needs them."""
+    """Styles of all tables, in the order LAMMPS requires."""
     found: list[StyleUse] = []
     for table in export.scene.tables:
         entries = {pair: c for pair, c in table.resolve(export.scene.type_names).items() if c is not NONE}
@@ -248,7 +249,7 @@ def pair_uses(export: PairExport) -> list[StyleUse]:
 
 
 def pair_lines(uses: list[StyleUse], types: BeadTypes, start: float, stop: float, seed: int) -> Iterator[str]:
-    """The commands pair_style, pair_coeff and pair_modify; temperatures at the ends of the run in LAMMPS's units."""
+    """The commands pair_style, pair_coeff and pair_modify; the temperatures at the ends of the run are in LAMMPS's units."""
     if not uses:
         yield "pair_style none"
         return
@@ -280,25 +281,25 @@ def pair_lines(uses: list[StyleUse], types: BeadTypes, start: float, stop: float
             yield f"pair_modify {'' if single else f'pair {label}'}{use.modify}"
 
 
-#: Styles that LAMMPS has as parts of hybrid/overlay only.
+#: Styles that LAMMPS only supports within hybrid/overlay.
 _HYBRID_ONLY = ("mdpd", "mdpd/rhosum", "srp", "coul/slater/long", "coul/slater/cut")
 
 
 def _label(use: StyleUse, uses: list[StyleUse]) -> str:
-    """Name of a style on pair_coeff lines of hybrid/overlay: with a number if there are several."""
+    """Name of a style in pair_coeff commands of hybrid/overlay, with a number if there are several."""
     same = [id(other) for other in uses if other.name == use.name]
     return use.name if len(same) == 1 else f"{use.name} {same.index(id(use)) + 1}"
 
 
 def _acts(use: StyleUse, pair: Pair) -> bool:
-    # with fix shardlow LAMMPS leaves out all repulsion if the last pair_coeff line has A = 0
+    # with fix shardlow, LAMMPS omits all repulsion if the last pair_coeff line has A = 0
     return not use.coefficients[pair].startswith(("0.0 ", "-0.0 "))
 
 
 # -- charges --------------------------------------------------------------------------------------------------------------------
 def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str]:
-    """The commands dielectric and kspace_style.  LAMMPS's accuracy is relative to the force between two unit charges at a unit distance
-    without a dielectric; that of a scene is relative to the forces that there are.  A deck keeps its own number."""
+    """The commands dielectric and kspace_style.  LAMMPS's accuracy is relative to the force between two unit charges at unit distance in
+    vacuum, a scene's to the actual forces; the number of a deck is kept."""
     charges = scene.electrostatics
     if charges is None:
         return
@@ -317,7 +318,7 @@ def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str
 
 
 def special_line(scene: Scene) -> str:
-    """The special_bonds command; charges may have factors of their own."""
+    """The special_bonds command; charges may have separate factors."""
     factors = getattr(scene.electrostatics, "bonded_factors", None)
     if factors is None or tuple(factors) == tuple(scene.bonded_factors):
         return "special_bonds lj/coul " + " ".join(map(exact, scene.bonded_factors))

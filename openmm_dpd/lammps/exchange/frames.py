@@ -1,4 +1,4 @@
-"""Configurations that LAMMPS has written, in dumps or data files: arrays in MD units, a Scene, a trajectory for mdtraj."""
+"""Configurations from LAMMPS dumps or data files: arrays in MD units, a Scene, a trajectory for mdtraj."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from .export_scene import atom_styles, lammps_types, species_of
 if TYPE_CHECKING:
     import mdtraj
 
-#: Box edges of frames and scene may differ by this factor before the units are thought to be wrong.
+#: Maximum ratio of box edges between frames and scene; a larger one indicates wrong units.
 _LARGEST_RATIO = 4.0
 _SEE = "(see openmm_dpd.lammps.exchange.dump_reader.NAMES)"
 
 
 @dataclass(frozen=True, eq=False)
 class LammpsFrames:
-    """F configurations of N beads, in the order of the ids; nm, ps, kJ/mol."""
+    """F configurations of N beads, in the order of ids; nm, ps, kJ/mol."""
 
     path: Path  #: The file
-    steps: np.ndarray  #: (F,) numbers of the steps
+    steps: np.ndarray  #: (F,) step numbers
     ids: np.ndarray  #: (N,) ids, ascending: bead k of the scene is entry k
-    positions: np.ndarray  #: (F, N, 3) as in the file: in the box, or unwrapped where the file holds ``xu yu zu`` only
-    #: (F, N, 3) positions carried to their images; None if the file has neither image flags nor unwrapped positions.
+    positions: np.ndarray  #: (F, N, 3) as in the file: wrapped, or unwrapped if the file only has ``xu yu zu``
+    #: (F, N, 3) unwrapped positions; None if the file has neither image flags nor unwrapped positions.
     unwrapped: np.ndarray | None
     images: np.ndarray | None  #: (F, N, 3) image flags
     velocities: np.ndarray | None  #: (F, N, 3)
@@ -44,31 +44,31 @@ class LammpsFrames:
     types: np.ndarray | None  #: (N,) LAMMPS's atom types
     boxes: np.ndarray | None  #: (F, 3, 3) box vectors; None without a periodic box
     corners: np.ndarray  #: (F, 3) lower corners of the box
-    #: By name, (F, N): ``theta``, ``u_cond``, ``u_mech``, ``temperature``, ``capacity``, ``c1``, ``c2``, ... as far as the file has them.
+    #: By name, (F, N): ``theta``, ``u_cond``, ``u_mech``, ``temperature``, ``capacity``, ``c1``, ``c2``, ... if the file has them.
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
     columns: Mapping[str, np.ndarray] = field(default_factory=dict)  #: All other columns, (F, N), as they are in the file
     periodic: tuple[bool, bool, bool] = (True, True, True)  #: Whether the box is periodic along each axis
-    scene_: Scene | None = None  #: The scene that was given to the reader
+    scene_: Scene | None = None  #: The scene given to the reader
 
     def __len__(self) -> int:
         return len(self.steps)
 
     def scene(self, frame: int = -1, scene: Scene | None = None) -> Scene:
-        """The scene with positions, velocities, box and fields of the beads taken from one frame.
+        """The scene with positions, velocities, box and bead fields of one frame.
 
-        Positions are carried to their images where the file has them.
+        Positions are unwrapped if the file has image flags.
 
         Parameters
         ----------
         frame : int
-            The last one by default.
+            Index of the frame; the last one by default.
         scene : Scene, optional
-            What the file does not know (coefficients, bonds, ...); the scene given to the reader by default.
+            Scene with the coefficients, bonds, ...; by default the one given to the reader.
 
         Raises
         ------
         ParameterError
-            If there is no such frame, a column is missing, or the file does not fit the scene.
+            If there is no such frame, a column is missing, or the file does not match the scene.
         """
         scene = self._scene(scene)
         if not -len(self) <= frame < len(self):
@@ -87,11 +87,11 @@ class LammpsFrames:
         Parameters
         ----------
         scene : Scene, optional
-            The one given to the reader by default.
+            By default the one given to the reader.
         dt : time, optional
-            Step size, for the times of the frames; without it the numbers of the steps.
+            Step size, for the times of the frames; without it times are step numbers.
         unwrap : bool
-            Positions carried to their images.
+            Whether to use unwrapped positions.
         """
         import mdtraj
 
@@ -104,25 +104,25 @@ class LammpsFrames:
             write_topology(path, scene)
             topology = load_topology(path)
         time = self.steps * (1.0 if dt is None else float(to_md(dt, "time", "dt")))
-        # mdtraj's boxes begin at the origin
+        # mdtraj's boxes start at the origin
         trajectory = mdtraj.Trajectory(positions - self.corners[:, None, :], topology, time=time)
         if self.boxes is not None:
             trajectory.unitcell_vectors = self.boxes
         return trajectory
 
     def lacking(self, what: str, columns: str) -> ParameterError:
-        """The error for a missing column."""
-        return ParameterError(f"{self.path} has no {what}; let LAMMPS write the columns {columns}")
+        """The error about a missing column."""
+        return ParameterError(f"{self.path} has no {what}; have LAMMPS write the columns {columns}")
 
     def _scene(self, scene: Scene | None) -> Scene:
         scene = scene if scene is not None else self.scene_
         if scene is None:
-            raise ParameterError(f"{self.path} says nothing of coefficients and names; give the scene that it belongs to")
+            raise ParameterError(f"{self.path} has no coefficients and names; give the scene of the run")
         self.check(scene)
         return scene
 
     def check(self, scene: Scene) -> None:
-        """Raise ParameterError if the frames do not fit a scene: numbers of beads, types, or the size of the box."""
+        """Raise ParameterError if the frames do not match a scene: number of beads, types, or size of the box."""
         if not isinstance(scene, Scene):
             raise ParameterError(f"expected a Scene, not {what_is(scene)}")
         if len(self.ids) != scene.n_beads:
@@ -140,7 +140,7 @@ class LammpsFrames:
             if ratio.max() > _LARGEST_RATIO or ratio.min() < 1 / _LARGEST_RATIO:
                 raise ParameterError(
                     f"the box of {self.path} has the edges {np.diag(self.boxes[0]).tolist()} nm, that of the scene "
-                    f"{np.diag(scene.box).tolist()} nm; give the units of the file (units='real', for example)"
+                    f"{np.diag(scene.box).tolist()} nm; check the units of the file (such as units='real')"
                 )
 
     def _internal(self, scene: Scene, frame: int) -> Internal | None:
@@ -162,7 +162,7 @@ class LammpsFrames:
 
 
 def scene_from_data(path: str | Path, scene: Scene, *, units: str | None = None, styles: tuple[str, ...] | None = None) -> Scene:
-    """The scene with positions (carried to their images), velocities, box and the fields of the beads from a data file.
+    """The scene with (unwrapped) positions, velocities, box and bead fields from a data file.
 
     Parameters are those of :func:`read_lammps_data`.
     """
@@ -172,33 +172,33 @@ def scene_from_data(path: str | Path, scene: Scene, *, units: str | None = None,
 def read_lammps_data(path: str | Path, scene: Scene, *, units: str | None = None, styles: tuple[str, ...] | None = None) -> LammpsFrames:
     """State of the beads in a data file, as a single frame.
 
-    Coefficients, bonds and angles of the file are not looked at: they are the scene's.
+    Coefficients, bonds and angles of the file are ignored in favour of the scene's.
 
     Parameters
     ----------
     path : str or Path
         The data file.
     scene : Scene
-        The scene it belongs to.
+        The scene of the run.
     units : {"lj", "real", "metal"}, optional
-        Its units; by default what its first line says (LAMMPS and this package write it there), else ``lj``.
+        Units of the file; by default those in its first line (as written by LAMMPS and this package), else ``lj``.
     styles : tuple of str, optional
-        Its atom style, as a tuple of one or (behind ``hybrid``) several; by default what the file says, and what
-        :func:`openmm_dpd.lammps.export_lammps` takes for the scene.
+        Atom style, as a tuple of one or (for ``hybrid``) several names; by default that of the file, and that which
+        :func:`openmm_dpd.lammps.export_lammps` uses for the scene.
 
     Raises
     ------
     DeckError
         With file and line, if a section is missing or has the wrong shape.
     ParameterError
-        If it does not fit the scene.
+        If it does not match the scene.
     """
     path = Path(path)
     reader = DataReader(path, lenient=True)
     title = reader.file.lines[0] if reader.file.lines else ""
     system = _units(path, title, units)
     if not reader.count("atoms") or "Atoms" not in reader.sections:
-        raise reader.fail("this is no data file with atoms: it has no 'Atoms' section")
+        raise reader.fail("the file has no atoms: there is no 'Atoms' section")
     column, positions, flags = reader.atoms(styles or _styles(reader, scene), species_of(scene))
     velocities = reader.velocities(column["id"])
     order = np.argsort(column["id"], kind="stable")
@@ -231,7 +231,7 @@ def _units(path: Path, title: str, units: str | None) -> UnitSystem:
     if units is None:
         units = said[1] if said else "lj"
     elif said and said[1] != units:
-        raise ParameterError(f"{path} says that its units are {said[1]}, not {units}")
+        raise ParameterError(f"{path} states units {said[1]}, not {units}")
     return unit_system(units)
 
 
@@ -242,7 +242,7 @@ def _styles(reader: DataReader, scene: Scene) -> tuple[str, ...]:
         if not hint or hint == (mine[0] if len(mine) == 1 else "hybrid"):
             return mine
     if hint == "hybrid":
-        raise reader.fail("the atom style is hybrid, but the scene does not say of what; give styles=(...)", line)
+        raise reader.fail("the atom style is hybrid, but its parts are unknown; give styles=(...)", line)
     if hint not in ATOM_STYLES:
         raise reader.fail(f"atom_style {hint} is not supported; supported are {', '.join(ATOM_STYLES)}", line)
     return (hint,)

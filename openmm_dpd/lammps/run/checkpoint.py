@@ -1,10 +1,10 @@
-"""Checkpoints of a deck: what its runs have reached and changed in it, in a folder beside the results.
+"""Checkpoints of a deck: the progress of its runs and what they changed, in a subfolder of the results.
 
-``run-K`` has what the K-th run made of the deck, written once when it ended.  ``latest`` has how many runs are done, where the present one
-is, and how long all files were; the next one makes it ``before``.  They are read back before they are written, and have checksums: where
-``latest`` or a run is damaged, ``before`` is used.  To resume, the deck is read again from its first line; runs that are done are not
-carried out but recalled, and nothing is written until the place of the checkpoint is reached.  So loops, formulas and conditions of the
-deck need nothing of their own.
+``run-K`` stores the state after the K-th run, written once at its end.  ``latest`` stores the number of completed runs, the position in the
+present one, and the lengths of all files; it is renamed to ``before`` when the next one is written.  Each file is read back before it is
+written, and has a checksum: if ``latest`` or a run is damaged, ``before`` is used.  To resume, the deck is read again from its first line;
+completed runs are recalled instead of carried out, and nothing is written until the position of the checkpoint is reached.  So loops,
+formulas and conditions need no special treatment.
 """
 
 import io
@@ -25,21 +25,20 @@ from ...base.serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
 from .options import RunOptions
 
-#: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, or what is in them: beads and box, averages, dumps
-#: and computes that remember, random numbers of formulas.  What commands do need not be stored: they are carried out again.
+#: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, directly or in part: beads and box, averages,
+#: dumps and computes with memory, random numbers of formulas.  Changes by commands are not stored: commands are carried out again.
 PARTS = (
     *("atoms", "box", "step", "noise_counter", "restarts", "time_origin", "last_sample", "generators", "notes"),
     *("fixes", "computes", "dumps"),
 )
 
-#: What may be in a checkpoint beside plain values, for writing and reading.  Classes of these packages hold data only: unpickling
-#: them cannot do anything else.
+#: Modules whose classes may be in a checkpoint, besides plain values.  They hold data only, so unpickling them is safe.
 _PACKAGES = tuple(
     f"openmm_dpd.{name}"
     for name in ("model.", "base.units", *(f"lammps.{part}." for part in "language state output values styles".split()))
 )
 
-#: What numpy and the standard library need.
+#: Objects of numpy and the standard library that may be in a checkpoint.
 _OTHERS = ARRAYS | {
     ("builtins", "range"),
     ("collections", "deque"),
@@ -51,11 +50,12 @@ _OTHERS = ARRAYS | {
 
 
 class _StateUnpickler(DataUnpickler):
-    packages, registered, others, refusal = _PACKAGES, (), _OTHERS, "{} does not belong into a checkpoint"
+    packages, registered, others, refusal = _PACKAGES, (), _OTHERS, "{} does not belong in a checkpoint"
 
 
 def to_bytes(value: Any) -> bytes:
-    """Anything that consists of data, which has been read back; ParameterError with what is none, or :func:`from_bytes` would refuse."""
+    """Pickle plain data, after checking that it can be read back.  ParameterError with the first object that :func:`from_bytes` would
+    reject."""
     try:
         content = pickle.dumps(value, protocol=5)
     except (pickle.PicklingError, TypeError, AttributeError) as error:
@@ -65,7 +65,8 @@ def to_bytes(value: Any) -> bytes:
 
 
 def from_bytes(content: bytes) -> Any:
-    """What :func:`to_bytes` was given; no code is run, whoever wrote it; ParameterError if it is none."""
+    """Restore the data from :func:`to_bytes` without running any code, whatever the origin of ``content``.  ParameterError if it is
+    invalid."""
     try:
         return _StateUnpickler(io.BytesIO(content)).load()
     except (pickle.UnpicklingError, EOFError, AttributeError, ImportError, IndexError, KeyError, TypeError, ValueError) as error:
@@ -73,32 +74,32 @@ def from_bytes(content: bytes) -> Any:
 
 
 def recorded(state: DeckState) -> dict[str, Any]:
-    """What the runs until now have made of a deck, to be stored at once: it is not a copy."""
+    """The parts of a deck that its runs have changed, for immediate storage: they are not copied."""
     return {name: getattr(state, name) for name in PARTS}
 
 
 def recall(state: DeckState, parts: dict[str, Any]) -> None:
-    """Bring a deck to where its runs had brought it."""
+    """Restore the parts of a deck that its runs had changed."""
     for dump in state.dumps.values():
-        dump.close()  # it is replaced
+        dump.close()  # replaced below
     for name in PARTS:
         setattr(state, name, parts[name])
 
 
 _LOGGER = logging.getLogger("openmm_dpd")
-#: Name of the folder.
+#: Name of the checkpoint folder.
 FOLDER = "checkpoint"
-#: The newest checkpoint, and the one before.
+#: The latest checkpoint and the previous one.
 _KEPT = ("latest", "before")
-#: Options that a resumed run may have anew: they do not change what is computed.
+#: Options that may change when a run is resumed: they do not affect the results.
 _FREE = ("threads", "checkpoint")
 
 
 @dataclass(frozen=True)
 class Latest:
-    """Where a deck was interrupted.  Its file, the RunOptions, variables of the command line, the SHA-256 of each file that was read, what
-    :meth:`openmm_dpd.base.file_ledger.FileLedger.put_back` needs, how many runs are done, the one that was interrupted (None between two
-    runs), and what the caller was asked for beside all this, such as a file for the report."""
+    """Where a deck was interrupted: its file, the RunOptions, variables of the command line, the SHA-256 of each file read, the input of
+    :meth:`openmm_dpd.base.file_ledger.FileLedger.put_back`, the number of completed runs, the interrupted run (None between two runs), and
+    other requests of the caller, such as a file for the report."""
 
     deck: str
     options: dict[str, Any]
@@ -110,31 +111,33 @@ class Latest:
     asked: dict[str, Any]
 
     def merged(self, options: RunOptions) -> RunOptions:
-        """The options of the run to be resumed; ParameterError if others were asked for."""
+        """The options of the resumed run.  ParameterError if the given ones differ."""
         given = {name: value for name, value in asdict(options).items() if value != getattr(RunOptions, name)}
         self.check_given(given)
         return RunOptions(**self.options | {name: value for name, value in given.items() if name in _FREE})
 
     def check_given(self, given: Mapping[str, Any]) -> None:
-        """ParameterError if one of the options is not that of the run to be resumed."""
+        """Raise ParameterError if an option differs from that of the interrupted run."""
         for name, value in given.items():
             if name not in _FREE and value != self.options[name]:
                 had = "none" if self.options[name] is None else self.options[name]
-                raise ParameterError(f"--{name} {value} cannot be combined with --restart: the interrupted run had {had}; leave it out")
+                raise ParameterError(f"--{name} {value} cannot be combined with --restart: the interrupted run had {had}; omit the option")
 
     def check(self, deck: Path, variables: Mapping[str, str]) -> None:
-        """ParameterError if it is another deck now, or reads other files, or has other variables."""
+        """Raise ParameterError if the deck, a file that it reads, or a variable has changed."""
         if variables and dict(variables) != self.variables:
-            raise ParameterError(f"--var cannot be changed by --restart: the interrupted run had {self.variables or 'none'}; leave it out")
+            raise ParameterError(
+                f"--var cannot be changed by --restart: the interrupted run had {self.variables or 'none'}; omit the option"
+            )
         for name, before in self.inputs.items():
             path = deck if name == self.deck else Path(name)
             if digest(path) != before:
-                what = "is not the deck of the interrupted run" if name == self.deck else "is not what the interrupted run has read"
-                raise ParameterError(f"--restart: {path} {what}, or has changed since; put it back, or begin anew without --restart")
+                what = "is not the deck of the interrupted run" if name == self.deck else "is not the file that the interrupted run read"
+                raise ParameterError(f"--restart: {path} {what}, or has changed since; restore it, or start again without --restart")
 
 
 class Checkpoints:
-    """The checkpoints of one deck in the folder of its results, and the ledger of what is written there; ``asked``: see :class:`Latest`."""
+    """The checkpoints of a deck in the folder of its results, and the ledger of its output files; ``asked``: see :class:`Latest`."""
 
     def __init__(self, out: Path, asked: Mapping[str, Any] | None = None):
         self.folder, self._asked = out / FOLDER, dict(asked or {})
@@ -143,17 +146,17 @@ class Checkpoints:
 
     @staticmethod
     def at(place: Path) -> Path:
-        """Folder of the results from what ``--restart`` says: that folder, its checkpoint, or a file of that."""
+        """Folder of the results, from the argument of ``--restart``: that folder, its checkpoint folder, or a file in it."""
         folder = place.parent if place.is_file() else place
         folder = folder.parent if folder.name == FOLDER else folder
         if not any((folder / FOLDER / name).is_file() for name in _KEPT):
-            done = " (a run that has come to its end has none any more)" if folder.is_dir() else ""
+            done = " (completed runs have none)" if folder.is_dir() else ""
             raise ParameterError(f"--restart: there is no checkpoint in {folder}{done}; give the --out folder of the interrupted run")
         return folder
 
     # -- writing ------------------------------------------------------------------------------------------------------------------
     def save(self, state: DeckState, options: RunOptions, variables: dict[str, str], kept: dict[str, Any], *, done: bool) -> None:
-        """Store what a run has made of the deck: the next one, which is done or which is interrupted here."""
+        """Store the state after a run (``done``), or within one."""
         if done:
             self._write(f"run-{state.runs + 1}", kept)
         with writing(self.folder, "the checkpoint"):
@@ -168,17 +171,17 @@ class Checkpoints:
                 os.replace(path, self.folder / "before")
         write_whole(path, whole, "the checkpoint")
         with writing(path, "the checkpoint"), open(path, "r+b") as stream:
-            os.fsync(stream.fileno())  # the next one may replace the one before
+            os.fsync(stream.fileno())  # the next checkpoint may replace the previous one
 
     def remedy(self, deck: Path, reason: str | None) -> str:
-        """How an interrupted run can go on, as a command that can be copied, if it can."""
+        """How to continue an interrupted run, as a command to copy, if it can be resumed."""
         if any((self.folder / name).exists() for name in _KEPT):
             before = "" if reason is None else f"from before the run that cannot be resumed ({reason}), "
-            return f"{before}go on with: openmm-dpd run {shlex.quote(str(deck))} --restart {shlex.quote(str(self.folder.parent))}"
+            return f"{before}continue with: openmm-dpd run {shlex.quote(str(deck))} --restart {shlex.quote(str(self.folder.parent))}"
         return f"it cannot be resumed: {reason or 'nothing had been computed'}"
 
     def clear(self) -> None:
-        """Take all of it away: there is nothing to resume."""
+        """Delete all checkpoints."""
         if self.folder.is_dir():
             for name in (*_KEPT, "run-*", "files*", ".latest.*.tmp", ".run-*.tmp"):
                 for path in self.folder.glob(name):
@@ -187,21 +190,21 @@ class Checkpoints:
                 self.folder.rmdir()
 
     def resume(self, latest: Latest) -> None:
-        """Make all files what they were, and keep them so until the ledger's ``replaying`` ends."""
+        """Restore all output files, and protect them until the ledger's ``replaying`` ends."""
         self.ledger.put_back(latest.files)
         if self._latest_is_bad:
-            _LOGGER.warning("%s; the run goes on from the one before", self._latest_is_bad)
+            _LOGGER.warning("%s; the run continues from the previous one", self._latest_is_bad)
             os.replace(self.folder / "before", self.folder / "latest")
         self.ledger.replaying = True
 
     # -- reading ------------------------------------------------------------------------------------------------------------------
     def latest(self) -> Latest:
-        """Where the deck was interrupted, by the newest checkpoint of which nothing is damaged."""
+        """Where the deck was interrupted, from the newest undamaged checkpoint."""
         wrong = ""
         for name in _KEPT:
             try:
                 found = Latest(**self.read(name))
-                # a state that was read by read_restart counts the runs before it, which have no files here
+                # a state from read_restart counts earlier runs, which have no files here
                 first = min((int(path.name[4:]) for path in self.folder.glob("run-*")), default=found.runs + 1)
                 for number in range(first, found.runs + 1):
                     unsealed(self.folder / f"run-{number}")
@@ -212,9 +215,9 @@ class Checkpoints:
         raise ParameterError(wrong)
 
     def read(self, name: str) -> dict[str, Any]:
-        """What one of the files holds."""
+        """Content of one of the files."""
         content = unsealed(self.folder / name)
         try:
             return from_bytes(content)
         except ParameterError as error:
-            raise ParameterError(f"--restart: {self.folder / name} is no checkpoint of this version ({error})") from None
+            raise ParameterError(f"--restart: {self.folder / name} is not a checkpoint of this version ({error})") from None

@@ -1,7 +1,7 @@
-"""The driver: reads a deck line by line and looks each command up in a table.
+"""The driver: reads a deck line by line and looks up each command in a table.
 
-:func:`deck_runs` yields a request for each run and minimisation that the deck comes to, and goes on with the next line when it is carried
-out: commands that can begin a run are generators.
+:func:`deck_runs` yields a request for each run and minimisation, and continues with the next line after it has been carried out; commands
+that can start a run are generators.
 """
 
 import logging
@@ -30,7 +30,7 @@ from .request import RunRequest
 _LOGGER = logging.getLogger("openmm_dpd")
 
 
-#: Files that may be read one inside the other.
+#: Maximum depth of nested include files.
 MOST_INCLUDES = 100
 
 
@@ -38,9 +38,9 @@ MOST_INCLUDES = 100
 def include(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     path = deck.find_file(args[0])
     if len(deck.scripts) > MOST_INCLUDES:
-        raise ParameterError(f"include '{args[0]}': files include each other {MOST_INCLUDES} deep already, and no deeper is supported")
+        raise ParameterError(f"include '{args[0]}': include files are nested more than {MOST_INCLUDES} deep")
     if path.resolve() in [script.path.resolve() for script in deck.scripts]:
-        raise ParameterError(f"include '{args[0]}': this file is being read already, it would include itself without end")
+        raise ParameterError(f"include '{args[0]}': the file includes itself")
     outer = deck.here
     yield from execute_file(deck, path)
     deck.here = outer
@@ -48,20 +48,21 @@ def include(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
 
 @command("quit [status]", 0, 1)
 def quit_(deck: DeckState, args: list[str]) -> None:
-    """``quit [0]``: the rest of the deck is not read."""
+    """``quit [0]``: ignore the rest of the deck."""
     if args and read.integer(args[0], "the exit status", 0):
-        raise ParameterError(f"quit {args[0]}: the deck ends here, with an exit status that means an error")
+        raise ParameterError(f"quit {args[0]}: the deck ends here with a nonzero exit status")
     deck.finished = True
 
 
 @command("label name", 1)
 def label(deck: DeckState, args: list[str]) -> None:
-    """``label name``: a place that jump goes to."""
+    """``label name``: a target of jump."""
 
 
 @command("jump file|SELF [label]", 1, 2)
 def jump(deck: DeckState, args: list[str]) -> None:
-    """``jump file|SELF [label]``: go on there, in the place of the present file; nothing right after a series of variables has ended."""
+    """``jump file|SELF [label]``: continue there instead of the present file; skipped directly after a ``next`` that has exhausted its
+    variables."""
     if deck.skips_jump:
         deck.skips_jump = False
         return
@@ -72,7 +73,7 @@ def jump(deck: DeckState, args: list[str]) -> None:
 
 @command("next variable ...", 1, None)
 def next_(deck: DeckState, args: list[str]) -> None:
-    """``next name name ...``: the next value of these variables; if one has none, the next jump is skipped."""
+    """``next name name ...``: advance these variables; if one has no further value, the next jump is skipped."""
     if not deck.variables.advance(args):
         deck.skips_jump = True
 
@@ -83,9 +84,9 @@ def if_(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     usage = "if condition then command ... elif condition command ... else command ..."
     read.count(args, usage, 3, None)
     if args[1] != "then":
-        raise ParameterError(f"expected '{usage}', but '{args[1]}' is in the place of then")
+        raise ParameterError(f"expected '{usage}', but found '{args[1]}' instead of then")
     for condition, commands in _branches(args):
-        # a condition in quotes has its variables still
+        # a quoted condition still contains its variables
         if condition is None or condition_holds(output.expand(deck, condition)):
             for text in commands:
                 yield from execute_text(deck, text)
@@ -93,15 +94,15 @@ def if_(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
 
 
 def _branches(args: list[str]) -> list[tuple[str | None, list[str]]]:
-    """Conditions of an if command, None for else, each with its commands."""
+    """Branches of an if command: the condition (None for else), and the commands."""
     rest, found = ["elif", args[0], *args[2:]], list[tuple[str | None, list[str]]]()
     while rest:
         word, first = rest[0], 1 if rest[0] == "else" else 2
         last = next((k for k, other in enumerate(rest) if k >= first and other in ("elif", "else")), len(rest))
         if last <= first:
-            raise ParameterError(f"if: expected {'a condition and ' * (first == 2)}commands behind '{word}'")
+            raise ParameterError(f"if: expected {'a condition and ' * (first == 2)}commands after '{word}'")
         if first == 1 and last < len(rest):
-            raise ParameterError(f"if: '{rest[last]}' behind the else; it is the last one")
+            raise ParameterError(f"if: '{rest[last]}' after else, which must come last")
         found.append((rest[1] if first == 2 else None, rest[first:last]))
         rest = rest[last:]
     return found
@@ -121,7 +122,7 @@ def run_command(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     every = read.integer(args[at + 1], "every", 1)
     last = deck.step + steps
     while True:
-        # as in LAMMPS each piece is a run with ramps of its own, unless start and stop say otherwise
+        # as in LAMMPS, each piece is a run with its own ramps, unless start and stop are given
         yield from _run(deck, min(every, last - deck.step), begin, end)
         where = deck.here
         for text in commands if commands != ["NULL"] else []:
@@ -132,33 +133,33 @@ def run_command(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
 
 
 def _extent(deck: DeckState, args: list[str]) -> tuple[int, int | None, int | None]:
-    """Number of steps of a run, and the steps of its options start and stop."""
+    """Number of steps of a run, and the values of its options start and stop."""
     read.count(args, "run N ...", 1, None)
     deck.require_box("run")
     if deck.pair.where is None:
-        raise ParameterError("run needs a pair_style before it; if the beads do not interact, say 'pair_style none'")
+        raise ParameterError("run needs a preceding pair_style; use 'pair_style none' if the beads do not interact")
     steps = read.integer(args[0], "the number of steps", 0)
     begin = end = None
     for keyword, values in read.options(args[1:], {"upto": 0, "start": 1, "stop": 1, "pre": 1, "post": 1}, "run"):
         if keyword == "upto":
             steps -= deck.step
             if steps < 0:
-                raise ParameterError(f"run {args[0]} upto: the present step, {deck.step}, is beyond it")
+                raise ParameterError(f"run {args[0]} upto: the present step, {deck.step}, is later")
         elif keyword == "start":
             begin = read.integer(values[0], "start", 0)
         elif keyword == "stop":
             end = read.integer(values[0], "stop", 0)
         elif not read.switch(values[0], keyword) and keyword == "pre":
-            deck.note("run pre no: forces are evaluated anew, with new noise, as with pre yes; LAMMPS goes on with the last ones")
+            deck.note("run pre no: forces are recomputed with new noise, as with pre yes; LAMMPS continues with the previous ones")
     if begin is not None and begin > deck.step:
-        raise ParameterError(f"run: start {begin} lies after the first step of the run, {deck.step}")
+        raise ParameterError(f"run: start {begin} is after the first step of the run, {deck.step}")
     if end is not None and end < deck.step + steps:
-        raise ParameterError(f"run: stop {end} lies before the last step of the run, {deck.step + steps}")
+        raise ParameterError(f"run: stop {end} is before the last step of the run, {deck.step + steps}")
     return steps, begin, end
 
 
 def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> Iterator[RunRequest]:
-    """Hand one run over, and count it once it is carried out."""
+    """Yield one run, and count it after it has been carried out."""
     deck.settle("run")
     request = RunRequest.of(deck, steps, integration(deck), begin, end)
     if deck.first_run is None:
@@ -171,16 +172,16 @@ def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> Ite
 
 @command("minimize etol ftol maxiter maxeval", 4, box=True)
 def minimize(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
-    """``minimize etol ftol maxiter maxeval``: all beads move, also without an integrating fix, but for those that fix setforce holds."""
+    """``minimize etol ftol maxiter maxeval``: moves all beads, even without an integrating fix, except those held by fix setforce."""
     if deck.pair.where is None:
-        raise ParameterError("minimize needs a pair_style before it")
+        raise ParameterError("minimize needs a preceding pair_style")
     etol, ftol = (read.non_negative(word, name) for word, name in zip(args[:2], ("etol", "ftol"), strict=True))
     most, evaluations = (read.integer(word, name, 0) for word, name in zip(args[2:], ("maxiter", "maxeval"), strict=True))
     if deck.min_style == "hftn" and deck.force_norm == "max":
-        raise ParameterError("min_style hftn knows no 'min_modify norm max', as in LAMMPS; say norm two or inf")
+        raise ParameterError("min_style hftn does not support 'min_modify norm max', as in LAMMPS; use norm two or inf")
     rule = StoppingRule(etol, ftol, most, evaluations, deck.force_norm)
     if not deck.carried_out:
-        note = "minimize is not carried out here: beads stay where they are, as before it"
+        note = "minimize is not carried out here: the beads stay where they are"
         deck.note(note)
         _LOGGER.warning("%s:%d: %s", *((deck.here.file, deck.here.number) if deck.here else (deck.path, 0)), note)
         return
@@ -191,7 +192,7 @@ def minimize(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
 
 
 def execute_text(deck: DeckState, text: str) -> Iterator[RunRequest]:
-    """Carry out a command that is an argument of another one; errors have the line of that."""
+    """Carry out a command that is an argument of another one; errors refer to the line of that one."""
     assert deck.here is not None
     if not deck.finished:
         yield from execute(deck, replace(deck.here, text=strip_comment(text)))
@@ -199,7 +200,7 @@ def execute_text(deck: DeckState, text: str) -> Iterator[RunRequest]:
 
 @contextmanager
 def at_line(line: Line | None) -> Iterator[None]:
-    """A block that carries out a line: what the line asks for and cannot be done is a DeckError with its file and number."""
+    """Turn errors in this block into DeckErrors with the file and number of a line, unless they have one."""
     try:
         yield
     except (DeckError, ParameterError, OutputError, OSError) as error:
@@ -209,7 +210,7 @@ def at_line(line: Line | None) -> Iterator[None]:
 
 
 def execute(deck: DeckState, line: Line) -> Iterator[RunRequest]:
-    """Carry out one logical line; DeckError with its file and number for unknown commands and what the command does not accept."""
+    """Carry out one logical line.  DeckError, with its file and number, if the command is unknown or its arguments are invalid."""
     deck.here = line
     with at_line(line):
         words = split_words(output.expand(deck, line.text))
@@ -223,7 +224,7 @@ def execute(deck: DeckState, line: Line) -> Iterator[RunRequest]:
 
 
 def execute_file(deck: DeckState, path: Path) -> Iterator[RunRequest]:
-    """Carry out every line of a file, and of those that it jumps to."""
+    """Carry out every line of a file, and of files that it jumps to."""
     deck.scripts.append(Script(path))
     while not deck.finished and (line := deck.scripts[-1].take()) is not None:
         yield from execute(deck, line)
@@ -234,8 +235,8 @@ def execute_file(deck: DeckState, path: Path) -> Iterator[RunRequest]:
 def open_deck(
     path: Path, variables: Mapping[str, str] | None, output: Path, log: Callable[[str], None], *, carried_out: bool
 ) -> Iterator[DeckState]:
-    """A deck of which no line has been read, whose files are closed in the end; see :func:`read_deck`.  ``carried_out``: its runs will be,
-    and what it writes is written."""
+    """Open a deck before its first line is read, and close its files at the end; see :func:`read_deck`.  With ``carried_out`` its runs are
+    carried out and its output files written."""
     deck = DeckState(path, variables=Variables(dict(variables or {})), output=output, log=log, carried_out=carried_out)
     deck.inputs[str(path.resolve())] = digest(path)
     try:
@@ -247,11 +248,11 @@ def open_deck(
 
 
 def deck_runs(deck: DeckState) -> Iterator[RunRequest]:
-    """Carry out a deck, and yield a request for each run and minimisation; when the next one is asked for, the last one has been carried
-    out.  DeckError if the deck has no run."""
+    """Carry out a deck, and yield a request for each run and minimisation, which the caller carries out before it asks for the next.
+    DeckError if the deck has no run."""
     yield from execute_file(deck, deck.path)
     if deck.first_run is None:
-        raise DeckError("the deck has no run command; put one at its end, such as 'run 0' after minimize", str(deck.path))
+        raise DeckError("the deck has no run command; add one at its end, such as 'run 0' after minimize", str(deck.path))
 
 
 def read_deck(
@@ -263,27 +264,27 @@ def read_deck(
     output: str | Path = ".",
     log: Callable[[str], None] = lambda text: None,
 ) -> DeckState:
-    """Read a LAMMPS deck and carry it out, but for the simulation itself, which ``run_callback`` may do.
+    """Read a LAMMPS deck and carry out everything except the simulation itself, which is left to ``run_callback``.
 
     Parameters
     ----------
     path : str or Path
-        The deck.  Files it names are looked for beside it first, then in the working directory.
+        The deck.  Files it names are looked up in its folder first, then in the working directory.
     run_callback : callable, optional
-        Called with a :class:`RunRequest` for every ``run`` and ``minimize`` that the deck comes to.
+        Called with a :class:`RunRequest` for every ``run`` and ``minimize``.
     variables : mapping of str to str, optional
-        Index-style variables set from outside (LAMMPS: ``-var name value``); they win over the deck's.
+        Index-style variables (LAMMPS: ``-var name value``); they override the deck's.
     stop_before_first_run : bool, default False
-        Stop at the first ``run``; ``state.first_run`` holds its request.  A deck without ``run`` is fine then (its request has 0 steps).
+        Stop at the first ``run``; ``state.first_run`` is its request.  The deck may then lack a ``run`` (the request has 0 steps).
     output : str or Path
-        Folder for what the deck writes.
+        Folder for the deck's output files.
     log : callable, optional
-        Gets the text of ``print`` commands.
+        Receives the text of ``print`` commands.
 
     Returns
     -------
     DeckState
-        The state at the end.
+        The final state.
 
     Raises
     ------
@@ -301,6 +302,6 @@ def read_deck(
                     run_callback(request)
     if deck.first_run is None:
         if deck.box is None:
-            raise DeckError("the deck makes no simulation box: there is nothing to look at", str(path))
+            raise DeckError("the deck creates no simulation box", str(path))
         deck.first_run = RunRequest.of(deck, 0, integration(deck))
     return deck

@@ -1,4 +1,4 @@
-"""What can be done with a deck, as functions: run it, get its forces, explain it."""
+"""Functions for decks: run them, compute forces, explain and recommend."""
 
 import logging
 import sys
@@ -26,20 +26,20 @@ from .options import RunOptions, first_request
 from .result import RunResult, averages_text, results_json
 from .runner import DeckRunner
 
-#: Name of the file.
+#: Name of the log file.
 NAME = "log.txt"
 
 
 class RunLog:
-    """Takes lines: rows of thermo output, remarks, what ``print`` prints; ``show`` takes them as well.  They go, unbuffered, to ``log.txt``
-    in a folder, if there is one, behind what is there with ``append``; OutputError if it cannot be written."""
+    """Collects lines (thermo rows, remarks, text of ``print``) in ``log.txt``, if a folder is given, and passes them to ``show``.  With
+    ``append`` an existing file is continued.  OutputError if it cannot be written."""
 
     def __init__(self, show: Callable[[str], None], folder: Path | None, append: bool = False):
         self.show = show
         self._file = None if folder is None else BlockFile(folder / NAME, "the log", append)
 
     def __call__(self, text: str) -> None:
-        """Add a line; nothing of what was said already, before a run that is resumed."""
+        """Add a line, except during the replay of a resumed run, whose lines are already there."""
         ledger = ledger_in_use()
         if ledger is not None and ledger.replaying:
             return
@@ -54,7 +54,7 @@ class RunLog:
 
 
 _LOGGER = logging.getLogger("openmm_dpd")
-#: What the panels of the picture show.
+#: Panels of the picture, and the dimension of each.
 PANELS = {"time": "time", "temperature": "thermal_energy", "pressure": "pressure", "potential energy": "energy", "total energy": "energy"}
 
 
@@ -78,25 +78,25 @@ def run_deck(
     path : str or Path
         The deck.
     options : RunOptions, optional
-        What overrides the deck.
+        Settings that override the deck's.
     out : str or Path, optional
         Folder for trajectory (``trajectory.dcd``, ``topology.psf``), log (``log.txt``), checkpoint, final state, picture (``thermo.png``)
-        and what the deck writes; by default the deck's own files go to the working directory, and nothing else is written.
+        and the deck's output; by default the deck's output goes to the working directory, and nothing else is written.
     log : callable, optional
-        Takes the lines of output.
+        Receives the lines of output.
     variables : mapping, optional
         Index variables of the deck (LAMMPS: ``-var``).
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
     keep : callable, optional
-        Takes what is returned; of a run that is cut short too, with what was computed until then.
+        Receives the returned object, even if a run ends early.
     signals : Signals, optional
-        Those that may cut a run short (:mod:`openmm_dpd.base.signals`).
+        Signals that may end a run early (:mod:`openmm_dpd.base.signals`).
     restart : str or Path, optional
-        Folder of a run that was interrupted, or a file of its ``checkpoint``: go on with it, with the options that it had.  ``options`` and
-        ``variables`` may repeat these; only ``threads`` and ``checkpoint`` may be others.
+        Folder of an interrupted run, or a file of its ``checkpoint``: continue it with its options.  ``options`` and ``variables`` may
+        repeat these; only ``threads`` and ``checkpoint`` may differ.
     asked : mapping, optional
-        Plain data that checkpoints hold for the caller, who finds them again in ``Checkpoints(folder).latest().asked``.
+        Plain data that checkpoints store for the caller, available as ``Checkpoints(folder).latest().asked``.
 
     Returns
     -------
@@ -112,19 +112,19 @@ def run_deck(
     DeckError
         For anything in the deck that is unknown, unsupported or wrong, with file and line.
     RunError
-        If something goes wrong while stepping, or what the run writes cannot be written any more.  Trajectories, dumps and averages are
-        whole then, and the state of the last step is kept.
+        If stepping fails, or an output file cannot be written.  Trajectories, dumps and averages then end with whole frames, and the
+        state of the last step is kept.
     ParameterError
-        If there is nothing to resume, or not with these options, or with this deck.
+        If there is nothing to resume, or the options or the deck do not match.
     OutputError
-        If the run is complete, but its picture cannot be written; if a file has gone that a resumed run would go on with.
+        If the run is complete, but its picture cannot be written; if a file that a resumed run would continue is missing.
     """
     options, folder = options or RunOptions(), None if out is None else Path(out)
     signals, variables, latest = signals or Signals(), dict(variables or {}), None
     if restart is not None:
         folder = Checkpoints.at(Path(restart))
         if out is not None and folder.resolve() != Path(out).resolve():
-            raise ParameterError(f"--restart {restart} goes on in {folder}, so --out {out} cannot be another folder; leave it out")
+            raise ParameterError(f"--restart {restart} continues in {folder}, so --out {out} cannot be another folder; omit it")
     checkpoints = None if folder is None else Checkpoints(folder, asked)
     if checkpoints is not None and restart is not None:
         latest = checkpoints.latest()
@@ -135,7 +135,7 @@ def run_deck(
     elif checkpoints is not None:
         checkpoints.clear()
     elif options.checkpoint:
-        raise ParameterError("checkpoints need a folder to be written to: give out")
+        raise ParameterError("checkpoints need a folder: give out")
     with nullcontext() if checkpoints is None else checkpoints.ledger.in_use():
         said = RunLog(log, folder, append=latest is not None)
         try:
@@ -150,7 +150,7 @@ def run_deck(
 
 
 def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
-    """Read the deck, and carry out each run that it comes to; the report."""
+    """Carry out the deck and its runs, and return the report."""
     signals = runner.signals
     try:
         with open_deck(path, runner.variables, folder or Path("."), runner.log, carried_out=True) as deck:
@@ -168,7 +168,7 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
                 try:
                     _hand_over(runner, folder, keep)
                 except OutputError as error:
-                    _LOGGER.warning("%s", error)  # beside the error that comes first
+                    _LOGGER.warning("%s", error)  # in addition to the first error
         raise
     finally:
         with signals.later():
@@ -177,7 +177,7 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
 
 
 def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
-    """The report, after all that can be written is written; OutputError with what cannot."""
+    """Write all outputs that can be written, and return the report.  OutputError with the failures."""
     report, failed = results_json(runner.results), list[str]()
     outputs: list[Callable[[], None]] = [lambda: keep(report)]
     if folder is not None:
@@ -195,7 +195,7 @@ def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], N
 def _bar(total: int, done: int):
     from tqdm import tqdm
 
-    # disable=None: not into the file that standard error is in a batch job
+    # disable=None: not if standard error is a file, as in batch jobs
     return tqdm(total=total, initial=done, unit="step", file=sys.stderr, leave=False, dynamic_ncols=True, disable=None)
 
 
@@ -220,8 +220,8 @@ def deck_forces(
     Returns
     -------
     dict of (N, 3) arrays
-        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds or angles.  They add up to the total.  If beads have
-        energies, temperatures or concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are the changes of these per time.
+        ``conservative``, ``dissipative``, ``random``, and ``bond`` if there are bonds or angles.  They sum to the total.  If beads have
+        energies, temperatures or concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are their rates of change.
     """
     options = options or RunOptions()
     set_threads(options.threads)
@@ -236,8 +236,8 @@ def deck_forces(
 def explain_deck(
     path: str | Path, options: RunOptions | None = None, *, variables: Mapping[str, str] | None = None, program: bool = False
 ) -> str:
-    """The plan for the first run of a deck, with or without the lines of the integrator's program, what the table of steps says, and what
-    of the deck has no meaning here."""
+    """The plan for the first run of a deck, with the integrator's program if asked for, the expected accuracy of the step, and notes about
+    the deck."""
     options = options or RunOptions()
     request = first_request(path, options, variables)
     built = build_request(request, request.scene(), options)
@@ -250,7 +250,7 @@ def explain_deck(
 def recommend_deck(
     path: str | Path, options: RunOptions | None = None, *, error: float = 0.01, variables: Mapping[str, str] | None = None
 ) -> str:
-    """What the table of steps says about the scene of a deck's first run: a scheme and a step for an error, and what the deck's own give.
+    """Recommended scheme and step for a deck's first run at an accepted error, and the error of the deck's own.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def recommend_deck(
     options : RunOptions, optional
         ``scheme`` and ``dt`` replace those of the deck.
     error : float, default 0.01
-        Relative error of the temperatures that is accepted; see :func:`openmm_dpd.recommend`.
+        Accepted relative error of the temperatures; see :func:`openmm_dpd.recommend`.
     variables : mapping, optional
         Index variables of the deck.
 
@@ -274,7 +274,7 @@ def recommend_deck(
 
 
 def _picture(path: Path, results: list[RunResult]) -> None:
-    """Temperature, pressure and energy against time, over all runs."""
+    """Plot temperature, pressure and energies of all runs against time."""
     state = results[-1].request.state
     drawn = ("temp", "press", "pe", "etotal")
     columns: dict[str, list[float]] = {name: [] for name in ("time", *drawn)}

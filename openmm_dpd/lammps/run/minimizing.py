@@ -1,4 +1,4 @@
-"""Carrying out ``minimize``."""
+"""Carries out ``minimize``."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,15 +17,15 @@ from .sampling import Sampler, arrays
 
 _KJ, _F = unit.kilojoule_per_mole, unit.kilojoule_per_mole / unit.nanometer
 
-#: Pair styles whose forces are no slope of an energy that the minimiser sees, and why.
+#: Pair styles whose forces have no potential energy that can be minimised, and why.
 _NO_ENERGY = {
-    "edpd": "its forces follow the temperatures of the beads",
-    "mdpd": "the many-body force of its densities derives from no potential",
+    "edpd": "its forces depend on the temperatures of the beads",
+    "mdpd": "its density-dependent force has no potential",
 }
 
 
 class _Watch:
-    """Stops by LAMMPS's rule."""
+    """Stops the minimiser by LAMMPS's rule."""
 
     def __init__(self, rule: StoppingRule, energy: float, units, mobile: np.ndarray):
         self._rule, self._before, self._units, self._mobile = rule, energy, units, mobile
@@ -43,18 +43,18 @@ class _Watch:
 
 
 def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: RunOptions, log: Callable[[str], None]) -> None:
-    """Minimise the potential energy of a deck: a row of thermo output at the beginning and one at the end, as steps that were taken.
-    DeckError if the deck has forces that derive from no energy."""
+    """Minimise the potential energy of a deck, with a row of thermo output at the start and at the end.  DeckError if the deck has forces
+    without a potential energy."""
     state = request.state
     with errors_at(request.where):
         for style in state.pair.styles:
             if style.name in _NO_ENERGY:
                 raise ParameterError(f"minimize with pair style {style.name} is not supported: {_NO_ENERGY[style.name]}")
         for fix in state.fixes_of("addforce", "gravity"):
-            raise ParameterError(f"minimize beside fix {fix.style} ({fix.name}) is not supported: the energy of its force does not count")
+            raise ParameterError(f"minimize with fix {fix.style} ({fix.name}) is not supported: the energy of its force is not counted")
     for dump in request.dumps:
         dump.begin(state)
-    # the box stays as it is, and so do velocities
+    # box and velocities do not change
     built = build_request(request, replace(request.scene(), shear=None), options)
     simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
     context, mobile = simulation.context, request.mobile
@@ -66,9 +66,9 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
     if not rule.iterations:
         watch.reason = "max iterations"
     elif not force.any():
-        watch.iterations, watch.reason = 1, "forces are zero"  # LAMMPS counts the iteration that finds it
+        watch.iterations, watch.reason = 1, "forces are zero"  # LAMMPS counts the iteration that detects this
     else:
-        # the rule stops it, or the minimiser where it finds no way down
+        # stopped by the rule, or by the minimiser when it cannot lower the energy
         simulation.minimizeEnergy(1e-10, 0, watch)
         watch.iterations = max(watch.iterations, 1)
     done = replace(request, steps=watch.iterations)
@@ -80,17 +80,17 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
     sampler.measure(sample)
     time = state.time_at(request.first_step)
     done.finish(x, v, box=box, sample=sample.kept())
-    # steps of a minimisation take no time: as in LAMMPS the clock of what follows goes on from before
+    # as in LAMMPS, a minimisation takes no simulated time
     state.time_origin = (time, done.last_step)
 
 
 def _row(request: RunRequest, sampler: Sampler, log: Callable[[str], None], title: bool = False) -> float:
-    """Log a row at the last step of a request; the potential energy, as thermo output prints it."""
+    """Log a row at the last step of a request, and return the potential energy as printed by thermo output."""
     thermo = request.thermo
     if title and thermo.header():
         log(thermo.header())
     step = request.last_step
-    # as in LAMMPS the end is in every dump, at any interval
+    # as in LAMMPS, the final state is in every dump, whatever its interval
     dumps = [dump for dump in request.dumps if (dump.due(step) if title else dump.last_step != step)]
     sample = sampler.sample(step, 0.0)
     sampler.measure(sample)

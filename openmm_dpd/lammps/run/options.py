@@ -1,4 +1,4 @@
-"""What a caller may override of a deck."""
+"""Options that override settings of a deck."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from .deck import read_deck
 from .request import RunRequest
 from .trajectory import FORMATS
 
-#: Platforms that have one precision only.
+#: Platforms with a fixed precision.
 FIXED_PRECISION = {"Reference": "double", "CPU": "mixed"}
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the command line may override; None leaves it to the deck.
+    """Settings that override those of a deck; None keeps the deck's.
 
     Attributes
     ----------
@@ -36,19 +36,19 @@ class RunOptions:
     threads : int
         Threads of OpenMM's CPU platform and of the pair kernel.
     discard : int
-        Steps that averages leave out at the beginning of each run that is as long (default: those before equilibrium).
+        Steps to exclude from averages at the start of every run of at least this length (default: those before equilibrium).
     conservative : str
         Where the conservative force is computed, see :func:`openmm_dpd.plan.plan.make_plan`.
     engine : str
-        What evaluates the pair terms, likewise.
+        What evaluates the pair terms, see :func:`openmm_dpd.plan.plan.make_plan`.
     compat : str
         ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it.
     checkpoint : int
-        Steps between two checkpoints; by default there is one where a run ends or is interrupted.
+        Steps between two checkpoints; by default one is written when a run ends or is interrupted.
     every : int
         Steps between two frames of the trajectory (default: a hundredth of the run).
     format : str
-        Of the trajectory: ``dcd`` or ``xtc``.
+        Format of the trajectory: ``dcd`` or ``xtc``.
     """
 
     platform: str | None = None
@@ -70,7 +70,7 @@ class RunOptions:
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
         if self.engine != "auto":
-            engine_kind(self.engine)  # or it is refused
+            engine_kind(self.engine)  # raises if unknown
         if self.format not in FORMATS:
             raise ParameterError(f"format must be {' or '.join(FORMATS)}, not {what_is(self.format)}")
         for name, low in (("steps", 0), ("threads", 1), ("discard", 0), ("seed", 0), ("checkpoint", 1), ("every", 1)):
@@ -83,23 +83,23 @@ class RunOptions:
             raise ParameterError(f"dt must be > 0, but is {what_is(self.dt)}")
 
     def properties(self, platform: str) -> dict[str, str]:
-        """Platform properties."""
+        """Properties of the OpenMM platform."""
         fixed = FIXED_PRECISION.get(platform)
         if fixed and self.precision not in (None, fixed):
-            raise ParameterError(f"the {platform} platform has one precision ({fixed}); it cannot run in {self.precision}")
+            raise ParameterError(f"the {platform} platform only has {fixed} precision, not {self.precision}")
         if fixed:
             return {"Threads": str(get_threads())} if platform == "CPU" else {}
         return {"Precision": self.precision} if self.precision else {}
 
 
 def first_request(path: str | Path, options: RunOptions, variables: Mapping[str, str] | None) -> RunRequest:
-    """The request of a deck's first run, with what the options override."""
+    """The request of a deck's first run, with the options applied."""
     state = read_deck(path, variables=variables or {}, stop_before_first_run=True)
     assert state.first_run is not None
     return overridden(state.first_run, options)
 
 
 def overridden(request: RunRequest, options: RunOptions) -> RunRequest:
-    """The request with what the options override."""
+    """The request with the options applied."""
     dt = None if options.dt is None else options.dt * request.state.units.time
     return request.override(steps=options.steps, dt=dt, scheme=options.scheme, compat=options.compat)

@@ -1,4 +1,4 @@
-"""What a ``run`` command asks the simulation to do."""
+"""The request of a ``run`` command to the simulation."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class RunRequest:
 
     scheme: str  #: ``mvv`` or ``shardlow``
     lambda_: float  #: Weight of the predicted velocity in ``mvv``; 1/2 is velocity Verlet
-    mobile: np.ndarray  #: (N,) mask of the beads that some fix moves
+    mobile: np.ndarray  #: (N,) mask of the mobile beads
     barostat: PressureControl | None  #: The pressure of ``fix nph``
     state: DeckState  #: The deck at this point
     steps: int  #: Number of steps
     dt: float  #: Time step in ps
     first_step: int  #: Number of the step before the first
-    begin: int | None  #: Step of ``start``; None where the deck does not give it (then the run itself)
-    end: int | None  #: Step of ``stop``, likewise
+    begin: int | None  #: Step given by ``start``; None means the first step of the run
+    end: int | None  #: Step given by ``stop``; None means the last step of the run
     seed: int | None  #: Seed of the first thermostatting pair style
     where: Line | None  #: The run command
     number: int = 0  #: Number of this run in the deck, from 0
     compat: str = "consistent"  #: ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it
-    minimization: StoppingRule | None = None  #: Of ``minimize``, whose steps are iterations; None for ``run``
+    minimization: StoppingRule | None = None  #: Stopping rule of ``minimize``; None for ``run``
 
     @classmethod
     def of(cls, state: DeckState, steps: int, moved: Integration, begin: int | None = None, end: int | None = None) -> RunRequest:
@@ -66,7 +66,7 @@ class RunRequest:
 
     @property
     def window(self) -> Window:
-        """First step and limits of ramps."""
+        """First step and limits of the ramps."""
         begin = self.first_step if self.begin is None else self.begin
         return Window(self.first_step, begin, self.last_step if self.end is None else max(self.end, self.last_step))
 
@@ -78,17 +78,17 @@ class RunRequest:
 
     @property
     def averages(self) -> Sequence[AveragingFix]:
-        """Averages of fix ave/time and ave/chunk, in the order of the deck."""
+        """Averaging fixes, in the order of the deck."""
         return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
 
     @property
     def readers(self) -> Sequence[AveragingFix | PrintFix]:
-        """Fixes that read values at the end of steps, the averages among them, in the order of the deck."""
+        """Fixes that read values at the end of steps, including averages, in the order of the deck."""
         return tuple(fix.parameters["reader"] for fix in self.state.fixes.values() if "reader" in fix.parameters)
 
     @property
     def dumps(self) -> Sequence[Dump]:
-        """Dumps that are active during this run."""
+        """Dumps active during this run."""
         return tuple(self.state.dumps.values())
 
     def scene(self) -> Scene:
@@ -98,7 +98,7 @@ class RunRequest:
     def override(
         self, *, steps: int | None = None, dt: float | None = None, scheme: str | None = None, compat: str | None = None
     ) -> RunRequest:
-        """The request with another number of steps, time step (ps), scheme or ``compat``; a given dt becomes the deck's as well."""
+        """The request with another number of steps, time step (ps), scheme or ``compat``; ``dt`` also becomes the deck's time step."""
         if dt is not None and dt != self.state.timestep:
             self.state.set_timestep(dt)
         given = {"steps": steps, "dt": dt, "scheme": scheme, "compat": compat}
@@ -119,7 +119,7 @@ class RunRequest:
         Parameters
         ----------
         positions, velocities, box, fields, slide
-            As for :meth:`~openmm_dpd.lammps.state.deck_state.DeckState.write_back`.
+            See :meth:`~openmm_dpd.lammps.state.deck_state.DeckState.write_back`.
         sample : DeckSample, optional
             Measurement at the last step, for formulas evaluated before the next run.
         """

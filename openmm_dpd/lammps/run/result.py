@@ -1,4 +1,4 @@
-"""What the runs of a deck gave: rows, averages with their errors, and the object of the JSON file."""
+"""Results of the runs of a deck: rows, averages with errors, and the object for the JSON file."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,29 +17,29 @@ from .request import RunRequest
 
 @dataclass
 class RunResult:
-    """What one run command gave."""
+    """Result of one run."""
 
     request: RunRequest
     platform: str
     precision: str
-    discard: int | None  #: Steps that averages leave out, if the run is as long; None is as many as it takes to get into equilibrium
+    discard: int | None  #: Steps excluded from averages if the run is at least as long; None means those before equilibrium
     words: tuple[str, ...]
     seconds: float = 0.0  #: Wall time of stepping and thermo, without compilation, trajectory and pictures
-    steps_taken: int = 0  #: Steps that were carried out
-    stopped: str | None = None  #: Why these are not all
+    steps_taken: int = 0  #: Number of steps carried out
+    stopped: str | None = None  #: Why the run ended early; None if it did not
     steps_done: list[int] = field(default_factory=list)  #: Step numbers of the rows
     rows: dict[str, list[float]] = field(default_factory=dict)  #: Values of each column, in the deck's units
     #: Numerator and denominator of the configurational temperature at each row.
     conf: list[tuple[float, float]] = field(default_factory=list)
     no_laplacian: str | None = None  #: Why there is no configurational temperature
-    target_kT: list[float] = field(default_factory=list)  #: Thermal energy (kJ/mol) that is set at each row, NaN where nothing sets it
-    kinetic_kT: list[float] = field(default_factory=list)  #: That of the motion of all mobile beads, for any compute ``temp``. stands for
+    target_kT: list[float] = field(default_factory=list)  #: Target thermal energy (kJ/mol) at each row; NaN if nothing sets it
+    kinetic_kT: list[float] = field(default_factory=list)  #: Kinetic thermal energy (kJ/mol) of all mobile beads at each row
     momentum: float = 0.0  #: Largest component of the total momentum at the end, in the deck's units
     #: The last block of every fix ave/chunk: {id: {"coord": [...], "ncount": [...], value: [...]}}.
     profiles: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     #: The last average of every fix ave/time and ave/correlate: {id: {"step": ..., value: ...}}.
     time_averages: dict[str, dict[str, Any]] = field(default_factory=dict)
-    #: What is wrong with the mean temperature, see :func:`openmm_dpd.measure.temperature.temperature_warning`.
+    #: Warning about the mean temperature, see :func:`openmm_dpd.measure.temperature.temperature_warning`.
     temperature_warning: str | None = None
 
     def add(self, step: int, values: dict[str, float], measured: Sample, target_kT: float) -> None:
@@ -55,7 +55,7 @@ class RunResult:
             self.conf.append((measured.gradient2, measured.laplacian))
 
     def take_averages(self) -> None:
-        """Take over what the averages of the deck have got so far."""
+        """Store the averages that the deck's fixes have so far."""
         averages = self.request.averages
         self.profiles = {average.name: average.profile for average in averages if isinstance(average, ChunkAverage) and average.profile}
         self.time_averages = {average.name: average.report for average in averages if average.report}
@@ -74,9 +74,9 @@ class RunResult:
         return result
 
     def start(self) -> int:
-        """The first row that averages are taken over: where ``discard`` says, or where the run is in equilibrium.  It is the same row for
-        all columns: the last one that :func:`openmm_dpd.base.stats.equilibrated` finds.  A column of the deck's own that still changes
-        where half of the rows are left out, as a mean square displacement does, has no say."""
+        """The first row that is averaged, the same for all columns: given by ``discard``, or the last row that
+        :func:`openmm_dpd.base.stats.equilibrated` finds for any column.  A column of the deck that still drifts after half of the rows,
+        such as a mean squared displacement, is ignored."""
         if self.discard is not None and self.discard <= self.request.steps:
             late = np.array(self.steps_done) - self.request.first_step >= self.discard
             return int(np.argmax(late)) if late.any() else len(late)
@@ -88,21 +88,21 @@ class RunResult:
         return max(found)
 
     def check_temperature(self, target_kT: float, dof: int) -> None:
-        """Compare the temperature with the one that was set."""
+        """Compare the mean temperature with the target."""
         kelvin = self.request.state.units.thermal_energy
-        # of these it takes the second half itself
+        # temperature_warning uses the second half of these
         rows = [kT / kelvin for kT in self.kinetic_kT[self.start() if self.discard else 0 :]]
         self.temperature_warning = temperature_warning(rows, target_kT / kelvin, dof)
 
     def _configurational(self, start: int) -> tuple[dict[str, float | None] | None, str | None]:
-        """The average, and why there is none, or no error of it."""
+        """The average configurational temperature, and why it, or its error, is missing."""
         if self.no_laplacian is not None:
             return None, self.no_laplacian
         kelvin = self.request.state.units.thermal_energy
         gradient2, laplacian = np.array(self.conf).T
         counted = laplacian[start:]
         if len(counted) and not counted.any():
-            return None, "no conservative force acts in the rows that are averaged, so the Laplacian is 0"
+            return None, "no conservative force acts in the averaged rows, so the Laplacian is 0"
         try:
             average = ratio_average(gradient2[start:], counted, name="the configurational temperature")
         except ParameterError as error:
@@ -117,7 +117,7 @@ class RunResult:
         }, "the Laplacian is 0 in all blocks of rows but one, so the standard error is not defined" if lacking else None
 
     def speed(self) -> str:
-        """How long the steps took; the line begins as LAMMPS's, by which readers of its logs find the end of the rows."""
+        """The speed of the run; the line begins like LAMMPS's, so that log parsers find the end of the rows."""
         beads, seconds = len(self.request.state.atoms), self.seconds
         head = f"Loop time of {seconds:.3g} s for {self.steps_taken} steps of {beads} beads (run {self.request.number + 1})"
         if not self.steps_taken or not seconds:
@@ -126,7 +126,7 @@ class RunResult:
         return f"{head}: {rate:.4g} steps/s, {rate * beads:.3g} bead-steps/s"
 
     def summary(self) -> dict[str, Any]:
-        """One object of the JSON file."""
+        """One run in the JSON file."""
         request = self.request
         summary: dict[str, Any] = {
             "steps": self.steps_taken,
@@ -160,12 +160,12 @@ def averages_text(results: list[RunResult]) -> str:
     return "\n".join(lines)
 
 
-#: Thermo words whose average nobody wants to read.
+#: Thermo words that are not averaged.
 _NO_AVERAGE = ("step", "elapsed", "elaplong", "dt", "time", "cpu", "tpcpu", "spcpu", "atoms", "bonds", "angles", "dihedrals")
 
 
 def results_json(results: list[RunResult]) -> dict:
-    """The object that ``--json`` writes; runs that were cut short before their first row are left out."""
+    """The object that ``--json`` writes, without runs that ended before their first row."""
     results = [result for result in results if result.steps_done]
     if not results:
         raise DeckError("the deck has no run")

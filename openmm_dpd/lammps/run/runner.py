@@ -1,4 +1,4 @@
-"""Carrying out the run commands of a deck with OpenMM."""
+"""Carries out the runs of a deck with OpenMM."""
 
 import logging
 from collections.abc import Callable
@@ -51,14 +51,14 @@ class DeckRunner:
     ):
         self.options, self.log, self.progress, self.signals = options, log, progress, signals or Signals()
         self.variables, self.checkpoints, self.latest = variables or {}, checkpoints, latest
-        self.results: list[RunResult] = []  #: One for each run that was begun
-        self.not_resumable: str | None = None  #: Why a run that is interrupted cannot be resumed
+        self.results: list[RunResult] = []  #: Results of the runs begun so far
+        self.not_resumable: str | None = None  #: Why an interrupted run cannot be resumed
         self.trajectory = None if out is None else RunTrajectory(out, options.format, options.every)
         self._notes = 0
         set_threads(options.threads)
 
     def carry_out(self, request: RunRequest) -> None:
-        """Carry out one run or minimisation, or recall it; DeckError, at the line of the command, if it cannot be done."""
+        """Carry out one run or minimisation, or recall it.  DeckError, at the line of the command, if this is impossible."""
         with at_line(request.where):
             if request.minimization is None:
                 self._run(overridden(request, self.options))
@@ -74,7 +74,7 @@ class DeckRunner:
             self.trajectory.close()
 
     def say_notes(self, state: DeckState) -> None:
-        """Log the remarks that are new."""
+        """Log new remarks."""
         for note in state.notes[self._notes :]:
             self.log(f"note: {note}")
         self._notes = len(state.notes)
@@ -115,7 +115,7 @@ class DeckRunner:
         self.log(result.speed())
 
     def _take_steps(self, request: RunRequest, scene, simulation: app.Simulation, built: BuiltSystem, result: RunResult, present) -> None:
-        """Take the steps; if anything ends them early, the result and the state of the last step are kept."""
+        """Take the steps; if they end early, the result and the state of the last step are kept."""
         first = request.first_step if present is None else present["step"]
         bar = self.progress(request.steps, first - request.first_step) if self.progress else None
         try:
@@ -142,7 +142,7 @@ class DeckRunner:
             if self.trajectory is not None:
                 self.trajectory.save_state(simulation)
         except BaseException as error:
-            # a Context counts from the beginning of its run, a resumed one too
+            # a Context counts from the start of its run, even when resumed
             result.steps_taken = simulation.context.getStepCount()
             result.take_averages()
             done = f"after step {request.first_step + result.steps_taken} of {request.last_step}"
@@ -159,7 +159,7 @@ class DeckRunner:
                 bar.close()
 
     def _rescue_state(self, simulation: app.Simulation) -> None:
-        """Save the state of a run that ends early, which already has something to report: what goes wrong now comes beside it."""
+        """Save the state of a run that ends early; errors only give a warning, since the cause of the end is reported."""
         assert self.trajectory is not None
         try:
             self.trajectory.save_state(simulation)
@@ -177,19 +177,19 @@ class DeckRunner:
 
     # -- checkpoints --------------------------------------------------------------------------------------------------------------
     def _check_resumable(self, request: RunRequest, built: BuiltSystem) -> None:
-        """Find out whether a run can be resumed; RunError if not, but checkpoints are asked for."""
+        """Find out whether a run can be resumed.  RunError if not, although checkpoints were requested."""
         if self.checkpoints is None or self.not_resumable is not None:
             return
         self.not_resumable = _why_not(request, built)
         if self.not_resumable is not None and self.options.checkpoint:
-            raise RunError(f"{_where(request)}--checkpoint: this run could not be resumed: {self.not_resumable}; leave the option out")
+            raise RunError(f"{_where(request)}--checkpoint: this run could not be resumed: {self.not_resumable}; omit the option")
         if self.options.checkpoint and not _exact(built):
             request.state.note(
-                "a run that is resumed agrees with one that was not interrupted to the rounding of this platform's forces, not bit for bit"
+                "a resumed run agrees with an uninterrupted one up to the rounding of this platform's forces, not bit for bit"
             )
 
     def _keep(self, request: RunRequest, result: RunResult, more: dict[str, Any] | None = None) -> None:
-        """Store a checkpoint of a run that is done, or goes on with ``more``."""
+        """Store a checkpoint of a completed run, or of one in progress with the state ``more``."""
         if self.checkpoints is None or self.not_resumable is not None:
             return
         kept = {
@@ -202,7 +202,7 @@ class DeckRunner:
         self.checkpoints.save(request.state, self.options, self.variables, kept | (more or {}), done=more is None)
 
     def _recall(self, request: RunRequest, latest: Latest) -> None:
-        """Bring the deck to the end of a run that was carried out before."""
+        """Bring the deck to the end of a completed run."""
         assert self.checkpoints is not None
         kept = self.checkpoints.read(f"run-{request.number + 1}")
         self._check_same(request, kept)
@@ -213,7 +213,7 @@ class DeckRunner:
             self._go_live(kept)
 
     def _go_live(self, kept: dict[str, Any]) -> None:
-        """The place where the run was interrupted is reached: from here on everything is written."""
+        """Start writing output: the position of the interruption is reached."""
         assert self.checkpoints is not None
         self.checkpoints.ledger.replaying, self._notes = False, kept["notes"]
         if self.trajectory is not None and kept["trajectory"] is not None:
@@ -222,7 +222,7 @@ class DeckRunner:
     @staticmethod
     def _check_same(request: RunRequest, kept: dict[str, Any]) -> None:
         if _fingerprint(request) != kept["run"]:
-            raise RunError(f"{_where(request)}this run is not the one of the checkpoint; the deck does not do the same thing twice")
+            raise RunError(f"{_where(request)}this run differs from that of the checkpoint; the deck does not do the same each time")
 
 
 def _fingerprint(request: RunRequest) -> tuple:
@@ -230,7 +230,8 @@ def _fingerprint(request: RunRequest) -> tuple:
 
 
 def _exact(built: BuiltSystem) -> bool:
-    """Whether forces have the same bits after a restart: those of OpenMM have not in single precision, from a list with a history."""
+    """Whether forces have the same bits after a restart.  OpenMM's single-precision forces do not, since they depend on the history of the
+    pair list."""
     plan = built.plan
     return plan.platform == "Reference" or (
         plan.platform == "CPU" and plan.execution.looped and (plan.scene.ewald is None or "charges" in plan.execution.held)
@@ -238,15 +239,15 @@ def _exact(built: BuiltSystem) -> bool:
 
 
 def _why_not(request: RunRequest, built: BuiltSystem) -> str | None:
-    """Why a run could not be resumed."""
+    """Why a run could not be resumed, or None."""
     barostat = next((type(force).__name__ for force in built.system.getForces() if isinstance(force, BAROSTATS)), None)
     if barostat is not None:
-        # its random numbers are in checkpoints of the platforms Reference and CPU
-        return f"OpenMM's {barostat} counts steps to its next move and adapts the length of moves, and no checkpoint holds these"
+        # the platforms Reference and CPU store its random numbers in checkpoints
+        return f"OpenMM's {barostat} counts the steps to its next move and adapts the size of moves, neither of which is in a checkpoint"
     try:
         to_bytes(recorded(request.state))
     except ParameterError as error:
-        return f"the deck has something that cannot be stored ({error})"
+        return f"part of the deck cannot be stored ({error})"
     return None
 
 

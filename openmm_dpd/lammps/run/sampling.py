@@ -1,4 +1,4 @@
-"""Measuring a running simulation, for thermo output and for averages: no more than is asked for."""
+"""Measurements during a run, for thermo output, averages and dumps."""
 
 from functools import cached_property
 from typing import Any
@@ -22,7 +22,7 @@ from .request import RunRequest
 
 
 def acted_on(moment: Resolver, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """What the fixes make of forces (N, 3), and the total force on the group of each before it acts; all in the deck's units."""
+    """Forces (N, 3) after the fixes have changed them, and the total force on the group of each fix before it acts; in the deck's units."""
     found, before = forces.copy(), {}
     for fix in moment.state.fixes_of(*FORCE_FIXES):
         members = moment.state.group(fix.group)
@@ -45,7 +45,7 @@ def arrays(context: openmm.Context):
 
 
 def slide_of(built: BuiltSystem, context: openmm.Context) -> Slide:
-    """How the images above the box slide now."""
+    """Present slide of the images above the box."""
     scene = built.plan.scene
     if scene.shear is None:
         return NO_SLIDE
@@ -96,7 +96,7 @@ _NO_ENERGIES = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "
 
 
 class Sampler:
-    """Takes samples during one run."""
+    """Takes samples during a run."""
 
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
@@ -104,7 +104,8 @@ class Sampler:
         self._masses = request.state.bead_masses()
 
     def virials(self, measured: Sample) -> tuple[float, float]:
-        """The virial that LAMMPS counts, the dissipative and random parts only if they are forces, and that with both."""
+        """The virial counted by LAMMPS, which includes the dissipative and random parts only if they are forces, and the one that always
+        includes them."""
         friction = measured.virial_dissipative + measured.virial_random
         virial = measured.virial_conservative + (friction if (predicts := scheme_of(self.request.scheme).predicts) else 0.0)
         return virial, virial if predicts else virial + friction
@@ -113,7 +114,7 @@ class Sampler:
         """A sample of the present state."""
         self.observer.present.look(self.context)
         present, slide = self.observer.present, slide_of(self.built, self.context)
-        # of all beads, with the velocity that those have which do not move: LAMMPS counts them
+        # of all beads: LAMMPS counts the velocities of immobile beads, too
         products = second_moments(self._masses, self._velocities(slide))
         known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "positions": present.x, "box": present.box}
         return LiveSample(sampler=self, step=step, cpu=cpu, slide=slide, velocities=present.with_flow, **known)
@@ -123,11 +124,11 @@ class Sampler:
         if sample.measured is not None:
             return sample.measured
         measured, state = self.observer.sample(self.context), self.request.state
-        # of all beads, as LAMMPS has them: those that do not move feel forces too
+        # of all beads, as in LAMMPS: forces act on immobile beads, too
         forces, before = measured.forces, None
         if state.fixes_of(*VECTOR_FIXES):
             found, before = self._acted_on(sample, measured.untaken)
-            # where these are not just the ones that the simulation has
+            # otherwise they are those of the simulation
             forces = found if state.fixes_of("setforce") else forces
         vars(sample).update(
             measured=measured,
@@ -147,7 +148,7 @@ class Sampler:
         return measured
 
     def _acted_on(self, sample: LiveSample, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Forces of the simulation, as if all of them acted on all beads, as the deck's fixes make them; and what each fix has found."""
+        """Forces as changed by the deck's fixes, if the simulation's forces acted on all beads, and the force that each fix found."""
         state = self.request.state
         moment, unit = Resolver(state, sample, self.request.window), state.units.force
         added, _ = acted_on(moment, np.zeros_like(forces))
@@ -155,7 +156,7 @@ class Sampler:
         return found * unit, {name: vector * unit for name, vector in before.items()}
 
     def _velocities(self, slide: Slide) -> np.ndarray:
-        """Velocities (N, 3), in a shear those of beads in the box with the flow, which LAMMPS counts."""
+        """Velocities (N, 3), which with a shear include the flow, as in LAMMPS."""
         present, state = self.observer.present, self.request.state
         if not slide.speed:
             return present.v

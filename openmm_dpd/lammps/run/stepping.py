@@ -1,4 +1,4 @@
-"""The steps of one run: when something is measured, written or looked at, and that nothing is lost when they end early."""
+"""The steps of one run: what is measured and written when, and how an early end loses nothing."""
 
 import io
 import time
@@ -30,18 +30,18 @@ from .trajectory import RunTrajectory
 
 
 class RestartFiles:
-    """Writes the files of ``restart N``: what ``write_restart`` would write if the run ended at that step."""
+    """Writes the files of ``restart N``; each has what ``write_restart`` would write if the run ended at that step."""
 
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self._request, self._built, self._context = request, built, context
         self._settings = list(request.state.restarts.values())
 
     def next_due(self, step: int) -> int:
-        """The first step after ``step`` at which a file is written; the last step of the run without any."""
+        """The first step after ``step`` at which a file is due; the last step of the run if there is none."""
         return min(((step // each.every + 1) * each.every for each in self._settings), default=self._request.last_step)
 
     def write(self, step: int) -> None:
-        """Write the files for which it is time; OutputError if one cannot be written."""
+        """Write the files that are due.  OutputError if this fails."""
         due = [each for each in self._settings if step % each.every == 0 and step != self._request.first_step]
         if not due:
             return
@@ -59,8 +59,9 @@ class RestartFiles:
 
 
 class MomentumFixes:
-    """The ``fix momentum`` of a run, which change velocities at the end of steps that are multiples of their intervals.  One that acts on
-    beads that do not move is an error, or that comes after a fix that reads values at the end of a step: LAMMPS takes those before."""
+    """The ``fix momentum`` of a run, which change velocities at the end of steps that are multiples of their intervals.  DeckError if one
+    acts on immobile beads, or comes after a fix that reads values at the end of a step, which in LAMMPS would see the unchanged
+    velocities."""
 
     def __init__(self, request: RunRequest, context: openmm.Context):
         self._request, self._context = request, context
@@ -75,18 +76,18 @@ class MomentumFixes:
     def _members(self, fix: Fix, readers: list[Fix]) -> np.ndarray:
         members = self._request.state.group(fix.group)
         if np.any(members & ~self._request.mobile):
-            raise fix.error(f"group {fix.group} has beads that no fix moves; leave them out of the group")
+            raise fix.error(f"group {fix.group} contains immobile beads; remove them from the group")
         if readers:
             which = f"fix {readers[0].name} ({readers[0].style})"
-            raise fix.error(f"it comes after {which}, which would see velocities of before; put it in front of that")
+            raise fix.error(f"it comes after {which}, which would see the old velocities; put it before that fix")
         return members
 
     def next_due(self, step: int) -> int:
-        """The first step after ``step`` at which one acts; the last step of the run without any."""
+        """The first step after ``step`` at which a fix acts; the last step of the run if there is none."""
         return min([(step // removal.every + 1) * removal.every for removal, _ in self._found], default=self._request.last_step)
 
     def act(self, step: int) -> np.ndarray | None:
-        """Change the velocities, if it is time: what was added to them (nm/ps), or None."""
+        """Change the velocities if a fix is due, and return the change (nm/ps), or None."""
         due = [(removal, mask) for removal, mask in self._found if step % removal.every == 0 and mask.any()]
         if not due:
             return None
@@ -98,14 +99,14 @@ class MomentumFixes:
         self._context.setVelocities(v)
         integrator: Any = self._context.getIntegrator()
         if LEFT + "v" in map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables())):
-            # as in LAMMPS, the next half kick is by the forces of before
+            # as in LAMMPS, the next half kick uses the old forces
             integrator.setPerDofVariableByName(LEFT + "v", arrays(self._context)[1])
         return v - before
 
 
 class Pace:
-    """How many steps to take before signals are looked at: as many as take about half a second, and at most 640.  Whole pieces of those
-    steps that an integrator takes back together, so that looking does not change what is computed together."""
+    """The number of steps between two checks for signals: as many as take about half a second, at most 640.  It is a multiple of the
+    integrator's replay interval, so that checking does not change which steps are computed together."""
 
     LEAST, MOST, SECONDS = PIECE, 64 * PIECE, 0.5
 
@@ -113,7 +114,7 @@ class Pace:
         self.steps = self.LEAST
 
     def took(self, steps: int, seconds: float) -> None:
-        """Learn from the time of some steps."""
+        """Adapt to the time that some steps took."""
         if steps == self.steps and seconds < 0.5 * self.SECONDS:
             self.steps = min(2 * self.steps, self.MOST)
         elif seconds > 2 * self.SECONDS:
@@ -121,8 +122,8 @@ class Pace:
 
 
 class DeckSteps:
-    """One run that is being carried out: ``result`` takes the rows, ``log`` lines of thermo output; ``signals`` may end it after any step.
-    ``keep(present)`` may store everything, and what :meth:`resume` needs, where a signal has come or ``interval`` steps have gone by."""
+    """One run in progress: ``result`` collects rows, ``log`` lines of thermo output; ``signals`` may end it after any step.
+    ``keep(present)`` stores a checkpoint, with what :meth:`resume` needs, after a signal and every ``interval`` steps."""
 
     def __init__(
         self,
@@ -147,7 +148,7 @@ class DeckSteps:
         self._measured: Sample | None = None
 
     def begin(self, scene: Scene) -> None:
-        """Everything that is due before the first step."""
+        """Do everything that is due before the first step."""
         for reader in self.readers:
             reader.begin(self.request.state, self.request.first_step)
         for dump in self.dumps:
@@ -159,7 +160,7 @@ class DeckSteps:
         self.result.seconds = 0.0
 
     def resume(self, scene: Scene, present: dict[str, Any]) -> None:
-        """Go to where an interrupted run was when it was stored."""
+        """Restore an interrupted run."""
         try:
             self.simulation.loadCheckpoint(io.BytesIO(present["context"]))
         except openmm.OpenMMException as error:
@@ -169,7 +170,7 @@ class DeckSteps:
         self._started = time.perf_counter() - present["elapsed"]
 
     def step_from(self, step: int, update: Callable[[int], None]) -> None:
-        """Take all steps from one on; ``update`` hears how many were taken."""
+        """Take all steps after ``step``; ``update`` receives the numbers of steps taken."""
         pace, last = Pace(), self.request.last_step
         while step < last:
             if self.signals.seen or (self.interval and step % self.interval == 0):
@@ -188,7 +189,7 @@ class DeckSteps:
             self._look(step)
 
     def finish(self) -> None:
-        """Everything that is due after the last step: the deck takes the beads over."""
+        """Do everything that is due after the last step, and return the beads to the deck."""
         if self.thermo.footer():
             self.log(self.thermo.footer())
         assert self._measured is not None

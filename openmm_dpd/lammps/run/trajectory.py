@@ -17,14 +17,14 @@ from ...simulation.field_file import FieldWriter, has_fields
 from ...simulation.fields import read_fields
 from .request import RunRequest
 
-#: About how many frames a run gives, unless it is said how many.
+#: Default number of frames per run, approximately.
 FRAMES = 100
-#: Formats of trajectories.
+#: Trajectory formats.
 FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
 
 
 def write_topology(path: Path, scene: Scene) -> None:
-    """The beads of a scene, their bonds, angles and dihedrals as a PSF file."""
+    """Write the beads, bonds, angles and dihedrals of a scene as a PSF file."""
     joined: dict[str, Any] = {
         what: np.concatenate([group.beads for group in groups]) if groups else ()
         for what, groups in (("bonds", scene.bonds), ("angles", scene.angles), ("dihedrals", scene.dihedrals))
@@ -33,15 +33,14 @@ def write_topology(path: Path, scene: Scene) -> None:
 
 
 class RunTrajectory:
-    """Writes ``trajectory.dcd`` (or ``.xtc``), ``topology.psf`` and ``final_state.xml`` into a folder, and ``fields.npz`` with the fields
-    of beads.
+    """Writes ``trajectory.dcd`` (or ``.xtc``), ``topology.psf``, ``final_state.xml``, and ``fields.npz`` with bead fields into a folder.
 
-    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) begins when the number of beads changes.  Positions
-    are continuous: they are not folded back into the box.
+    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) is started when the number of beads changes.  Positions
+    are unwrapped.
 
-    The folder is made if it does not exist; ``form`` is one of :data:`FORMATS`.  Frames are at multiples of ``every`` steps, each once; by
-    default there are about :data:`FRAMES` of each run, the first and last step included.  All methods raise OutputError if a file cannot be
-    written; frames that are there stay readable.
+    The folder is created if necessary; ``form`` is one of :data:`FORMATS`.  Frames are at multiples of ``every`` steps, each once; by
+    default there are about :data:`FRAMES` per run, including the first and last step.  All methods raise OutputError if a file cannot be
+    written; existing frames stay readable.
     """
 
     def __init__(self, folder: Path, form: str = "dcd", every: int | None = None):
@@ -57,11 +56,11 @@ class RunTrajectory:
 
     @property
     def progress(self) -> tuple[int, int, int | None]:
-        """What :meth:`resume` needs to go on with the files as they are now."""
+        """The state that :meth:`resume` needs to continue the present files."""
         return self._beads, self._part, self._written
 
     def resume(self, progress: tuple[int, int, int | None]) -> None:
-        """Go on with files of before."""
+        """Continue existing files."""
         self._beads, self._part, self._written = progress
         if self._part:
             self._file = self._open(append=True)
@@ -91,17 +90,17 @@ class RunTrajectory:
         return path if self._part == 1 else path.with_stem(f"{path.stem}-{self._part}")
 
     def due(self, step: int) -> bool:
-        """Whether a frame belongs to this step."""
+        """Whether a frame is due at this step."""
         if self._given and step == self._written:
             return False
         return step == self._last or (step - self._first) % self._every == 0
 
     def next_due(self, step: int) -> int:
-        """The first step after ``step`` that gives a frame."""
+        """The first step after ``step`` at which a frame is due."""
         return self._first + ((step - self._first) // self._every + 1) * self._every
 
     def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int, slid: float = 0.0) -> None:
-        """Write one frame (nm), and the fields of beads; ``slid`` is how far the images above the box have slid since the run began."""
+        """Write one frame (nm) and the bead fields; ``slid`` is the displacement of the images above the box since the run began."""
         x = x + self._offset
         x[:, 0] += slid * self._state.atoms.images[:, 1]
         if self._fields is not None:
