@@ -1,5 +1,4 @@
-"""Recommended scheme and step size, from the measured table of :mod:`openmm_dpd.advice.stability_table`.  Nothing here changes a scene
-or a run."""
+"""Recommended scheme and step size, from measured tables (:mod:`openmm_dpd.advice.stability_table`); no scene or run is changed."""
 
 from dataclasses import dataclass
 
@@ -244,6 +243,7 @@ def advice(scene: Scene, scheme: str, dt: float, *, table: StabilityTable | None
 
 
 def _sentence(scene: Scene, scheme: str, dt: float, table: StabilityTable, found: tuple[float, str]) -> str:
+    """The predicted error ``found`` of a scheme at a step (ps) in words, compared with the best scheme for this error."""
     pairs, _ = groups(scene)
     blow = min(at.unit_time * table.blow(scheme, at) for at in pairs)
     size, kind = abs(found[0]), found[1]

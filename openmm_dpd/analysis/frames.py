@@ -49,8 +49,7 @@ def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtra
 
     if isinstance(trajectory, (str, bytes)) or not isinstance(trajectory, (mdtraj.Trajectory, Iterable)):
         raise ParameterError(
-            f"a trajectory must be an mdtraj.Trajectory or chunks of one (mdtraj.iterload), not {type(trajectory).__name__}; "
-            "openmm_dpd.io.trajectory.load reads a file"
+            f"a trajectory must be an mdtraj.Trajectory or chunks of one, not {type(trajectory).__name__}; trajectory.load reads a file"
         )
     chunks = _checked(iter([trajectory] if isinstance(trajectory, mdtraj.Trajectory) else trajectory))
     first = next(chunks, None)
@@ -86,6 +85,7 @@ def frames_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[Frame
 
 
 def _frames(chunks: Iterator[mdtraj.Trajectory]) -> Iterator[Frame]:
+    """Frames of chunks, in double precision; ParameterError if a box has no volume."""
     numbers = count()
     for chunk in chunks:
         boxes = chunk.unitcell_vectors

@@ -43,8 +43,7 @@ def radial_distribution_picture(
 
 
 def structure_factor_picture(path: str | os.PathLike, curves: Curve | Mapping[str, Curve], *, unit: str = "nm", title: str = "") -> None:
-    """Plot one or more structure factors S(q) to a PNG file; the axis is logarithmic unless a value is <= 0, as in partial ones.
-    ``curves`` is a Curve or a mapping of labels to Curves, ``unit`` that of length (empty for reduced units)."""
+    """Plot structure factors S(q), a Curve or a mapping of labels to Curves, on a logarithmic axis unless a value is <= 0."""
     figure, axis = _axes()
     _lines(axis, curves, marker="o")
     lowest = min(float(line.get_ydata().min()) for line in axis.lines)
@@ -124,6 +123,7 @@ def _axes() -> tuple[Any, Any]:
 
 
 def _lines(axis: Any, curves: Curve | Mapping[str, Curve], marker: str | None = None) -> None:
+    """Draw curves with bands of one standard error, and markers if points are few."""
     named = {"": curves} if isinstance(curves, Curve) else curves
     if not isinstance(named, Mapping) or not named or not all(isinstance(curve, Curve) for curve in named.values()):
         raise ParameterError(f"curves must be a Curve, or a mapping of one or more names to Curves, not {what_is(curves)}")

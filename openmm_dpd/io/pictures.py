@@ -128,6 +128,7 @@ def _numbers(values: Any, name: str) -> np.ndarray:
 
 
 def _check(data: Mapping[str, np.ndarray], x: str) -> None:
+    """Raise ParameterError if there is no column x, it has no rows, or columns differ in length."""
     if x not in data:
         raise ParameterError(f"there is no column {what_is(x)} to draw against; there are {', '.join(data) or 'none'}")
     rows = data[x].shape
@@ -157,8 +158,7 @@ def _level(target: float | Sequence[float] | np.ndarray | None, rows: int) -> np
 
 
 def _spans(x: np.ndarray, runs: Sequence[float]) -> list[slice]:
-    """Rows of each run.  The last row of a run and the first of the next may both be at the x where the next begins; a single row there
-    belongs to the next run."""
+    """Rows of each run.  If two rows are at the x where the next run begins, the first of them belongs to the run before."""
     if len(runs) and np.any(np.diff(x) < 0):
         row = int(np.argmax(np.diff(x) < 0)) + 1
         raise ParameterError(

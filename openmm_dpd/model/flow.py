@@ -31,6 +31,7 @@ class _OnBeads:
     _WHAT: ClassVar[str]
 
     def _keep_beads(self) -> None:
+        """Check ``types`` and ``beads``, and keep them as a tuple and an array."""
         types, beads, what = self.types, self.beads, self._WHAT
         if types is not None:
             types = (types,) if isinstance(types, str) else tuple(types) if isinstance(types, Iterable) else types
@@ -266,6 +267,7 @@ class Wall:
             keep(self, density=checked(self.density, "number_density", "the density behind a wall", positive=True))
 
     def _keep_velocity(self) -> None:
+        """Check ``velocity`` and ``period``, and keep them in MD units."""
         if self.velocity is None:
             if self.period is not None:
                 raise ParameterError("a wall with a period needs a velocity")

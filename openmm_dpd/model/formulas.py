@@ -1,8 +1,7 @@
 """Formulas of the position, checked before OpenMM reads them.
 
 OpenMM reports syntax errors with the full expression only, never reports values that are not finite, and hangs on formulas whose constants
-give NaN, such as ``sqrt(-1)*x``, because its optimiser iterates until two results are equal.
-"""
+give NaN, such as ``sqrt(-1)*x``, because its optimiser iterates until two results are equal."""
 
 import ast
 import operator
@@ -88,6 +87,7 @@ def _check(node: ast.expr, text: str, names: tuple[str, ...], what: str) -> bool
 
 
 def _value(node: ast.expr, variables: Mapping[str, np.ndarray]):
+    """Value of a part of a formula for these variables."""
     if isinstance(node, ast.Name):
         return variables[node.id]
     if isinstance(node, ast.Constant):

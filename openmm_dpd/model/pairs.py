@@ -178,9 +178,7 @@ class LennardJones(PairCoefficient):
 
 @dataclass(frozen=True, eq=False)
 class TabulatedPair(PairCoefficient):
-    """Tabulated radial pair potential, interpolated by a cubic spline through the energies and forces.
-
-    Below the first distance of the table the force is constant (LAMMPS stops with an error).
+    """Tabulated radial pair potential: a cubic spline through energies and forces, with a constant force below the first distance.
 
     Parameters
     ----------
@@ -227,6 +225,7 @@ class TabulatedPair(PairCoefficient):
         keep(self, **values)
 
     def _checked_forces(self, distances: np.ndarray, energies: np.ndarray) -> np.ndarray:
+        """The forces in MD units; ParameterError if they are not minus the derivative of the energies."""
         forces = np.atleast_1d(to_md(self.forces, "force", "forces"))
         if forces.shape != energies.shape:
             raise ParameterError(f"a tabulated pair has {len(energies)} energies but {len(forces)} forces")

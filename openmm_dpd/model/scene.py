@@ -305,16 +305,16 @@ class Scene:
         return array.astype(np.int64 if kind is np.integer else kind)
 
     def _checked_interacting(self) -> np.ndarray | None:
+        """``interacting`` as an array (N, 3), or None if all forces act on all beads."""
         if self.interacting is None:
             return None
         array = np.asarray(self.interacting)
         if array.shape != (self.n_beads, 3) or array.dtype != np.bool_:
-            raise ParameterError(
-                f"interacting must hold True or False for each of {self.n_beads} beads and 3 axes, not {array.dtype} of shape {array.shape}"
-            )
+            raise ParameterError(f"interacting must be bools of shape {(self.n_beads, 3)}, not {array.dtype} of shape {array.shape}")
         return None if array.all() else array
 
     def _per_bead(self, name: str, dimension: str, shape: tuple[int, ...]) -> np.ndarray | None:
+        """An attribute with values of this shape per bead, in MD units, or None."""
         value = getattr(self, name)
         if value is None:
             if name == "positions":
@@ -323,11 +323,12 @@ class Scene:
         array = np.array(to_md(value, dimension, name), dtype=np.float64, order="C")
         if array.shape != (self.n_beads, *shape):
             raise ParameterError(
-                f"{name} must have shape {(self.n_beads, *shape)}, as `types` names {self.n_beads} beads, not {array.shape}"
+                f"{name} must have shape {(self.n_beads, *shape)} for the {self.n_beads} beads in `types`, not {array.shape}"
             )
         return array
 
     def _checked_bead_masses(self) -> np.ndarray:
+        """Masses of all beads, (N,), Da."""
         if self.bead_masses is None:
             return np.array(list(self.masses.values()))[self.type_ids]
         array = self._per_bead("bead_masses", "mass", ())
@@ -349,6 +350,7 @@ class Scene:
                 raise ParameterError(f"{wrong}; move the beads, or use other bonds until they are close enough")
 
     def _check_kinds(self, name: str, *kinds: type) -> None:
+        """Keep an attribute as a tuple; ParameterError if it is not a sequence of these classes."""
         known = [name for kind in kinds for name in known_under(kind) or [kind.__name__]]
         given, names = getattr(self, name), " or ".join(known)
         if isinstance(given, kinds) or not isinstance(given, Sequence) or isinstance(given, str):
@@ -366,6 +368,7 @@ class Scene:
         check_segments(self.segments, self.segment_pairs, self.positions, self.box)
 
     def _check_flow(self) -> None:
+        """Check forces on single beads and walls, and keep the gaps between walls."""
         self._check_kinds("body_forces", BodyForce, PositionForce)
         for term in self.body_forces:
             if isinstance(term, BodyForce):
@@ -376,6 +379,7 @@ class Scene:
         check_inside(self.gaps, self.positions, ~self.immobile)
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:
+        """Pair tables; ParameterError if a pair of types is missing, or coefficients contradict the temperature."""
         tables = self.pairs
         if not isinstance(tables, (PairTable, Mapping, Sequence)):
             raise ParameterError(f"pairs must be a PairTable, a mapping that makes one, or a sequence of them, not {what_is(tables)}")

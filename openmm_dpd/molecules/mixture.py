@@ -140,6 +140,7 @@ class Mixture:
         return np.concatenate([group.quads for group in self.dihedrals] or [np.zeros((0, 4), dtype=np.int64)])
 
     def _terms(self, what: str, width: int) -> list:
+        """Bonds, angles or dihedrals (``what``) of all molecules for a Scene."""
         beads, terms, start = [np.zeros((0, width), np.int64)], [], 0
         for molecule, count in self.kinds:
             first = start + molecule.n_beads * np.arange(count)

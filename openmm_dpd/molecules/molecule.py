@@ -127,6 +127,7 @@ class Molecule:
         return order
 
     def _checked_terms(self, what: str, beads: int, kind: type) -> tuple:
+        """Bonds, angles or dihedrals (``what``) as a tuple; ParameterError for wrong beads or terms."""
         terms, seen = [], set()
         for term in getattr(self, what):
             if not isinstance(term, Sequence) or len(term) != beads + 1 or not isinstance(term[-1], kind):
@@ -282,6 +283,7 @@ def twists_between(types: Sequence[str], pairs: np.ndarray, twist: Twists) -> li
 
 
 def _checked_pairs(pairs) -> list[tuple[int, int]]:
+    """Bonds as pairs of ints; ParameterError if they are anything else."""
     try:
         rows = [tuple(row) for row in pairs]
     except TypeError:

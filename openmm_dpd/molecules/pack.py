@@ -144,6 +144,7 @@ def pack(
 
 
 def _arrangements(molecules) -> list[tuple[Molecule, Scattered | Bilayer | Vesicle]]:
+    """Kinds of molecules and their arrangements; a number means scattered molecules."""
     if not isinstance(molecules, Mapping):
         raise ParameterError(f"molecules must map each kind of molecule to its number, such as {{chain: 20}}, not {what_is(molecules)}")
     wanted = []
@@ -163,6 +164,7 @@ def _number_density(value) -> float:
 
 
 def _box(box, rho: float, beads: int, filler: Molecule | None) -> np.ndarray:
+    """Box vectors, (3, 3): the given ones, or without solvent those of a cube of density rho."""
     vectors = box_vectors(box)
     if vectors is not None:
         return vectors

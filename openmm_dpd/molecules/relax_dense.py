@@ -87,6 +87,7 @@ class DenseStart:
     seconds: float
 
     def _facts(self) -> dict[str, str]:
+        """The result in short, by name, for its representations."""
         before, after = (energy.value_in_unit(unit.kilojoule_per_mole) for energy in (self.energy_before, self.energy_after))
         return {
             "atoms": str(len(self.positions)),
@@ -161,8 +162,7 @@ def relax_dense(
     temperature : temperature
         Temperature of the soft dynamics; a bare number is in kelvin.
     steps : int, default 200
-        Steps of each stage, 2 fs each, with all atoms as heavy as carbon.  Take more for chains that should come close to an equilibrated
-        melt of soft chains.
+        Steps of each stage, 2 fs each, with all atoms as heavy as carbon.  Take more for chains that should be nearly equilibrated.
     diameters : (N,) array of lengths, optional
         Van der Waals diameters; 0 for particles without repulsion.  By default sigma of the NonbondedForce if it has a well depth; if not,
         0 for virtual sites, 0.1 nm for hydrogens, and twice the element's radius for other atoms.

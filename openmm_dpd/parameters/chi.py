@@ -2,9 +2,7 @@
 
 Reduced units: rc = m = kT = 1.  Like beads repel with A, unlike ones with A + dA.  To first order in dA, chi = x.  For single beads x is
 dA times twice the energy per bead over A, from the measured table of :mod:`openmm_dpd.parameters.state`, for all densities and A; for
-chains it is from :mod:`openmm_dpd.parameters.chains`.  Beyond first order chi = x f(x), with f measured at A = 75/density
-(docs/measure/demixing.py).
-"""
+chains it is from :mod:`openmm_dpd.parameters.chains`.  Beyond first order chi = x f(x), f by docs/measure/demixing.py (A = 75/density)."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -45,6 +43,7 @@ class _Table:
 
 @lru_cache(maxsize=1)
 def _table() -> _Table:
+    """The measured table of f(x)."""
     rows = shipped_rows("chi")
     curves, ends = {}, []
     for density in sorted({row[0] for row in rows}):
@@ -82,6 +81,7 @@ class _Relation:
 
 
 def _relation(density, A, beads: int, bond: Spring | None) -> _Relation:
+    """Measured relation for single beads or chains; ParameterError if an argument is outside of what was measured."""
     table, bounds = _table(), measured_bounds()
     rho = reduced_number(density, "density", positive=True)
     limits = {"density": (min(table.curves), max(table.curves)), "A": bounds["A"]}

@@ -107,6 +107,7 @@ def _chosen(values: Mapping[str, float]) -> tuple[_Plane, str]:
 
 
 def _at(friction: float, values: Mapping[str, float], extrapolate: bool | None) -> Transport:
+    """Transport coefficients at a drag and the other values of a fluid, from the plane that contains it."""
     plane, name = _chosen(values)
     beyond = outside({"drag": friction, name: values[name]}, plane.bounds, _SOURCE, extrapolate)
     log_d, log_eta, d_error, eta_error = plane(friction, values[name])
@@ -177,8 +178,7 @@ def friction_for(*, schmidt=None, viscosity=None, diffusion=None, exponent=1.0, 
 
     Notes
     -----
-    At strong friction, long time steps spoil the diffusion long before the temperature; the table was measured with friction rate times
-    step below 1/3.
+    At strong friction, long steps spoil diffusion long before the temperature; the table has friction rate times step below 1/3.
     """
     wanted = {
         name: value for name, value in (("schmidt", schmidt), ("viscosity", viscosity), ("diffusion", diffusion)) if value is not None

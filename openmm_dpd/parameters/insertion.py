@@ -78,8 +78,7 @@ class ExcessChemicalPotential:
     def at(self, part: float, base: float = 0.0) -> Estimate:
         """mu_ex/kT at coupling ``part`` (0 to 1) of the repulsion between molecule and solvent, less that at coupling ``base``.
 
-        The polynomial of degree K - 1 through the mean energies is integrated.  The error of a difference is smaller than those of its two
-        terms, which share the energies.
+        The polynomial of degree K - 1 through the mean energies is integrated.  Errors of the two terms cancel in part in the difference.
 
         Raises
         ------
@@ -239,6 +238,7 @@ class _Run:
         return self.simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
 
     def _see(self, offset: np.ndarray) -> None:
+        """Take a sample: energies of the copies, and the solvent and room far from all copies, on a grid shifted by ``offset``."""
         made, box = self.made, self.made.scene.box
         assert box is not None
         x = self.positions()

@@ -63,6 +63,7 @@ class _Measured:
 
 @lru_cache(maxsize=1)
 def _table() -> _Measured:
+    """The measured table of pressures and energies."""
     rows = np.array(shipped_rows("pressures"))
     densities, repulsions = np.unique(rows[:, 0]), np.unique(rows[:, 1])
     density, A, p, _, u, _ = rows.T.reshape(6, len(densities), len(repulsions))
@@ -203,8 +204,7 @@ def repulsion_from_compressibility(inverse, density=3.0, *, equation: str = "mea
     Parameters
     ----------
     inverse : float
-        Inverse compressibility, > 1 (that of an ideal gas).  For beads of N_m molecules it is N_m times that of the liquid
-        (:class:`openmm_dpd.parameters.BeadMapping`).
+        Inverse compressibility, > 1 (ideal gas); for beads of N_m molecules, N_m times that of the liquid (:class:`.BeadMapping`).
     density : float, default 3
         Beads per rc^3.
     equation : {"measured", "groot-warren", "liyana-arachchi"}

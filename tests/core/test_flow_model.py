@@ -239,7 +239,7 @@ def test_all_forces_on_all_beads_is_the_default():
 
 @pytest.mark.parametrize("value", [np.ones(81, bool), np.ones((80, 3), bool), np.ones((81, 3))])
 def test_interacting_is_one_truth_value_for_each_component(value):
-    raises(dpd.ParameterError, "for each of 81 beads and 3 axes", lambda: beads(interacting=value))
+    raises(dpd.ParameterError, "bools of shape .81, 3.", lambda: beads(interacting=value))
 
 
 @pytest.mark.parametrize("scheme", ["middle", "shardlow", "native"])

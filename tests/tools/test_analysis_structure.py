@@ -351,7 +351,7 @@ def test_errors():
     box = BOXES["edges"]
     trajectory = random_trajectory(1, 10, 3, box)
     for call, message in (
-        (lambda: structure_factor("run.dcd", q_max=3), "chunks of one .mdtraj.iterload., not str"),
+        (lambda: structure_factor("run.dcd", q_max=3), "chunks of one, not str"),
         (lambda: structure_factor(iter([]), q_max=3), "can be used once only"),
         (lambda: structure_factor([trajectory, trajectory.xyz], q_max=3), "not ndarray"),
         (lambda: structure_factor([trajectory, random_trajectory(1, 9, 1, box)], q_max=3), "they have 10 and 9"),

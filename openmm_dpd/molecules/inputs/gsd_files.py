@@ -104,6 +104,7 @@ def _complete(frame):
 
 
 def _beyond(frame) -> dict[str, int]:
+    """Features of a frame that a Scene does not support, and their numbers."""
     beads = frame.particles
     turning = np.zeros(beads.N, bool)
     for values in (beads.moment_inertia, beads.angmom):
