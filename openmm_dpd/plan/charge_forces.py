@@ -1,8 +1,7 @@
-"""Scene -> the kernel of its smeared charges: the same energies and forces that :mod:`openmm_dpd.plan.forces.electrostatics` makes of
-OpenMM's.
+"""Smeared charges in the pair kernel: the energies and forces of :mod:`openmm_dpd.plan.forces.electrostatics`, without OpenMM's PME.
 
-OpenMM's PME has the error that its grid has.  The kernel goes through all waves up to one that makes a relative error of the forces of the
-scene's tolerance, or of 1e-6 if that is less, so that what remains is the error of the cutoff in real space.
+The kernel sums over all waves up to one beyond which the relative error of the forces is the scene's tolerance, or 1e-6 if that is less.
+So there is no error of a grid, and what remains is that of the cutoff in real space.
 """
 
 import math
@@ -17,9 +16,9 @@ from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, shor
 from ..model.scene import Scene
 from .pair_spec import Factors
 
-#: The largest relative error of forces that waves beyond the last one make.
+#: Largest relative error of forces for lack of the waves beyond the last one.
 LARGEST_ERROR = 1e-6
-#: Errors of the polynomials, in units of 1/width, and of their slopes, in units of 1/width^2.
+#: Largest errors of the polynomials, in units of the steepness, and of their slopes, in units of its square.
 VALUE_ERROR, SLOPE_ERROR = 5e-13, 1e-10
 #: A function of an array of distances: its values, first and second derivatives.
 Radial = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -62,7 +61,7 @@ def longest_wave(alpha: float, error: float) -> float:
 
 
 def quintics(function: Radial, end: float, steepness: float) -> Quintics:
-    """A function as polynomials up to the distance ``end``, as many as it takes."""
+    """A function as piecewise polynomials up to the distance ``end``, with as many pieces as their largest errors take."""
     pieces = 32
     while True:
         pieces += pieces // 4
@@ -79,7 +78,7 @@ def quintics(function: Radial, end: float, steepness: float) -> Quintics:
 
 
 def _joined(series: np.ndarray, scale: float, outer: Radial) -> Radial:
-    """A power series in r/scale below ``scale``, a formula above."""
+    """The function that is a power series in r/scale below ``scale``, and the formula ``outer`` above."""
     slopes = np.polynomial.polynomial.polyder(series) / scale
     curvatures = np.polynomial.polynomial.polyder(slopes) / scale
 
@@ -92,20 +91,20 @@ def _joined(series: np.ndarray, scale: float, outer: Radial) -> Radial:
 
 
 def _over_r(r, g, g1, g2):
-    """Derivatives of g/r from those of g."""
+    """g/r and its two derivatives from g and its two derivatives."""
     value = g / r
     slope = (g1 - value) / r
     return value, slope, (g2 - 2 * slope) / r
 
 
 def _error_function(steepness: float, r):
-    """erfc(steepness r) and its derivatives."""
+    """erfc(steepness r) and its two derivatives."""
     slope = -2 * steepness / math.sqrt(math.pi) * exp(-((steepness * r) ** 2))
     return erfc(steepness * r), slope, -2 * steepness**2 * r * slope
 
 
 def _cloud(charges: SmearedCharges, r):
-    """1 - r s(r) and its derivatives."""
+    """1 - r s(r) and its two derivatives, s(r) the potential of two smeared unit charges."""
     k = charges.steepness
     if not isinstance(charges, SlaterCharges):
         return _error_function(k, r)
@@ -114,7 +113,7 @@ def _cloud(charges: SmearedCharges, r):
 
 
 def _whole(charges: SmearedCharges) -> Radial:
-    """s(r)."""
+    """The potential s(r) of two smeared unit charges, a series near r = 0."""
     scale = 1.0 / charges.steepness
 
     def outer(r):
@@ -125,7 +124,7 @@ def _whole(charges: SmearedCharges) -> Radial:
 
 
 def _difference(charges: SmearedCharges, ewald: EwaldSum) -> Radial:
-    """s(r) - erf(alpha r)/r, without a difference of nearly equal numbers at any distance."""
+    """The real-space part s(r) - erf(alpha r)/r, computed without differences of nearly equal numbers."""
     scale = min(1.0 / charges.steepness, 1.0 / ewald.alpha, ewald.cutoff)
 
     def outer(r):

@@ -1,4 +1,4 @@
-"""Checks of what a script chooses beside the scene: step size, weight of the prediction, seed, platform; and of cutoffs beside the box."""
+"""Checks of what a script chooses besides the scene: step size, weight of the prediction, seed, platform; and of cutoffs in the box."""
 
 import secrets
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,12 +16,12 @@ PLATFORMS = ("Reference", "CPU", "OpenCL", "CUDA", "HIP")
 
 
 def checked_step(dt) -> float:
-    """The step size, ps."""
+    """The step size, ps; ParameterError unless it is a time > 0."""
     return checked(dt, "time", "dt", positive=True)
 
 
 def checked_lam(lam, scheme: Scheme) -> float:
-    """The weight of the prediction; one that is given to a scheme that has none is an error."""
+    """The weight of the velocity prediction; ParameterError if it is out of bounds, or the scheme predicts nothing."""
     weight = to_md(lam, "dimensionless", "lam")
     if not isinstance(weight, float) or not 0.0 <= weight <= 1.0:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {what_is(lam)}")
@@ -45,7 +45,7 @@ def checked_seed(seed: int | None) -> int:
 
 
 def checked_interval(slow_every, why_no_loop: str | None) -> int:
-    """How often forces that stay OpenMM's kick; ``why_no_loop`` is the reason why there is no loop of whole steps."""
+    """Steps between kicks of forces that stay OpenMM's; ``why_no_loop`` is the reason why there is no loop of whole steps, or None."""
     interval = whole_number(slow_every, "slow_every", least=1)
     if interval > 1 and why_no_loop:
         raise PlanError(f"slow_every = {interval} needs the loop of whole steps, which is not used here: {why_no_loop}")
@@ -74,7 +74,7 @@ def check_cutoffs(box: np.ndarray | None, tables: Iterable[Mapping]) -> None:
                 )
 
 
-#: Room for a barostat: boxes are judged as if they were smaller by this factor.
+#: Boxes are judged as if they were smaller by this factor, so that a barostat may shrink them.
 _SHRINKS = 1.1
 
 

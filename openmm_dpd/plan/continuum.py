@@ -34,7 +34,7 @@ BITS = 30
 
 
 def driven_walls(scene: Scene, tables: list[dict]) -> Driven | None:
-    """What the kernel has to know of the walls; None where all are plain.  ``tables`` are the resolved pair coefficients."""
+    """Walls as the kernel needs them; None if all are plain.  ``tables`` are the resolved pair coefficients."""
     if not any(wall.driven for wall in scene.walls):
         return None
     there, velocity, period, continuum = np.zeros((3, 2), bool), np.zeros((3, 2, 3)), np.zeros((3, 2)), None
@@ -49,7 +49,7 @@ def driven_walls(scene: Scene, tables: list[dict]) -> Driven | None:
 
 
 def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: bool) -> None:
-    """Raise PlanError if there is something behind a wall that cannot be."""
+    """Raise PlanError if a fluid behind a wall cannot be combined with the scene."""
     behind = [wall for wall in scene.walls if wall.behind]
     if not behind:
         return
@@ -106,7 +106,7 @@ def _continuum(scene: Scene, axis: int, gap: Gap, tables: list[dict]) -> Continu
 
 
 def _rows(scene: Scene, wall: Wall | None, table: dict, reach: float) -> np.ndarray:
-    """(T, ROWS + 1, 4) columns of the kernel's tables."""
+    """(T, ROWS + 1, 4) tables of force, energy and frictions against the distance from a wall, by bead type."""
     found = np.zeros((len(scene.type_names), ROWS + 1, 4))
     if wall is None or wall.behind is None or wall.density is None:
         return found
@@ -120,7 +120,7 @@ def _rows(scene: Scene, wall: Wall | None, table: dict, reach: float) -> np.ndar
 
 
 def fluid_structure(pair, density: float, kT: float) -> tuple[np.ndarray, np.ndarray]:
-    """Distances and g(r) of a fluid whose beads repel each other by A w; the hypernetted chain, solved by iteration."""
+    """Distances and g(r) of a fluid whose beads repel each other by A w, from the hypernetted chain, solved by iteration."""
     reach = pair.cutoff
     dr, n = RANGE * reach / POINTS, np.arange(1, POINTS)
     r, k = dr * n, np.pi / (RANGE * reach) * n
@@ -150,7 +150,7 @@ def wall_table(pair, mass: float, kT: float, density: float, r: np.ndarray, g: n
     w, there = 1.0 - fine / pair.cutoff, np.interp(fine, r, g)
 
     def integral(values, weight):
-        """2 pi rho times that of values g weight(r, h) from h on."""
+        """2 pi rho times the integral of values(r) g(r) weight(r, h) over r > h, for each distance h."""
         rows = []
         for low in np.minimum(h, pair.cutoff):
             s = low + (pair.cutoff - low) * np.linspace(0.0, 1.0, 4 * ROWS + 1)
@@ -159,7 +159,7 @@ def wall_table(pair, mass: float, kT: float, density: float, r: np.ndarray, g: n
         return 2.0 * np.pi * density * np.array(rows)
 
     def frictions(gamma):
-        """Of a friction gamma(r) along the line of centres: along the normal, and in each direction of the plane."""
+        """Frictions of a wall along its normal and in each direction of its plane, from gamma(r) along the line of centres."""
         trace, normal = integral(gamma, lambda s, low: s * (s - low)), integral(gamma, lambda s, low: (s**3 - low**3) / (3.0 * s))
         return normal, 0.5 * (trace - normal)
 

@@ -17,7 +17,7 @@ from ..model.schemes import Scheme
 from .forces.device_force import why_no_plugin
 from .kinds import Kind
 
-#: More beads have no exact number in single precision.
+#: Largest number of beads: more have no exact numbers in single precision.
 MOST_BEADS = 2**24 - 1
 
 DEVICE = register_engine(

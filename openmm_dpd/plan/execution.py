@@ -22,7 +22,7 @@ DOUBLE_PLATFORMS = ("Reference", "CPU")
 
 @dataclass(frozen=True)
 class Execution:
-    """Who computes what.
+    """Who computes what in a step, and why.
 
     Attributes
     ----------
@@ -69,8 +69,8 @@ class Execution:
 
 
 def conservative_place(asked: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: Scheme) -> tuple[str, str]:
-    """Where the conservative force of the pair terms is computed, and why.  ``only`` is the reason why it must be the kernel, ``faster``
-    whether that passes over the pairs faster than OpenMM does."""
+    """Where the conservative force of the pair terms is computed, and why.  ``only`` is the reason why it has to be the kernel, or None;
+    ``faster`` says whether the kernel passes over the pairs faster than OpenMM does."""
     if not repulsive:
         return "none", "there is no repulsion"
     if only is not None:

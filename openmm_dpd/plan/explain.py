@@ -13,7 +13,7 @@ from .plan import Plan
 
 
 def explain_plan(plan: Plan) -> str:
-    """Half a page: what will be built, and why."""
+    """A plan in words, half a page: what will be built, and why."""
     scene, options, box = plan.scene, plan.options, "none"
     if scene.box is not None:
         edges = [in_number(edge, "length") for edge in (*np.diag(scene.box), *scene.box[(1, 2, 2), (0, 0, 1)])]
@@ -141,7 +141,7 @@ def _temperature_text(plan: Plan) -> str:
 
 
 def _execution_lines(plan: Plan) -> list[str]:
-    """Who computes what, and why."""
+    """Lines that say who computes what, and why."""
     execution, options = plan.execution, plan.options
     unlisted = "" if plan.listed(longest(plan.layers)) else ", over all pairs (a list could miss some: the box is small and tilted)"
     conservative = {

@@ -1,4 +1,4 @@
-"""Systems: what an integrator was made for, whose forces they have, and what a plan knows of one that was made elsewhere."""
+"""What this package notes about Systems: what an integrator was made for, whose forces there are, and Systems that were made elsewhere."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..base.units import position_array
 from ..model.scene import box_vectors
 from .program_options import ProgramOptions
 
-#: Forces that change the box now and then, and exert no force.
+#: Barostats of OpenMM's: they are forces of a System, but exert none.
 BAROSTATS = (
     openmm.MonteCarloBarostat,
     openmm.MonteCarloAnisotropicBarostat,
@@ -27,7 +27,7 @@ BAROSTATS = (
     openmm.MonteCarloMembraneBarostat,
 )
 
-#: Forces that list the particles they act on, so that others do not concern them.
+#: Forces that list the particles they act on, and so do not act on particles that are added later.
 LISTED = (
     *(openmm.HarmonicBondForce, openmm.HarmonicAngleForce, openmm.PeriodicTorsionForce, openmm.RBTorsionForce, openmm.CMAPTorsionForce),
     *(openmm.CustomBondForce, openmm.CustomAngleForce, openmm.CustomTorsionForce, openmm.CustomCompoundBondForce),
@@ -36,7 +36,7 @@ LISTED = (
 
 
 def wrong_key(parameters: Mapping[str, float]) -> str | None:
-    """What is wrong with the key of the noise in a Context, its seed and counter; None if nothing is, or there is none."""
+    """What is wrong with seed and counter of the noise in a Context, or None; neither needs to be there."""
     for name in (SEED, COUNTER):
         if name in parameters and not (0.0 <= parameters[name] < 2.0**53 and parameters[name] % 1.0 == 0.0):
             return f"the context parameter {name} must be a whole number >= 0, but is {parameters[name]:g}"
@@ -45,18 +45,18 @@ def wrong_key(parameters: Mapping[str, float]) -> str | None:
 
 @lru_cache
 def text_number(text: str) -> float:
-    """A number for a text in a context parameter; 0 for an empty one."""
+    """The checksum that stands for a text in context parameters; 0 for an empty one."""
     return float(crc32(text.encode()))
 
 
 def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
-    """Context parameters by which a state says who wrote it."""
+    """Context parameters with which a state records which script and integrator wrote it."""
     asked = {BY_SCHEME: text_number(options.scheme.name), BY_KT: _asked(options), BY_SEED: float(options.seed)}
     return asked | {BY_VARIABLES: variables_number(integrator), BESIDE: 0.0, BEGUN: 0.0}
 
 
 def variables_number(integrator: openmm.Integrator) -> float:
-    """A number for the names of an integrator's variables, 0 if it has none."""
+    """The checksum of the names of an integrator's variables; 0 if it has none."""
     if not isinstance(integrator, openmm.CustomIntegrator):
         return 0.0
     single = map(integrator.getGlobalVariableName, range(integrator.getNumGlobalVariables()))
@@ -64,7 +64,7 @@ def variables_number(integrator: openmm.Integrator) -> float:
 
 
 def _asked(options: ProgramOptions) -> float:
-    """A number for the temperature that a script asked for: the thermal energy, or a negative one for a ramp."""
+    """The number that stands for the temperature of a script in states: the thermal energy, or a negative number for a ramp."""
     return options.kT if options.ramp is None else -1.0 - text_number(repr(options.ramp))
 
 
@@ -77,7 +77,7 @@ def groups_of(force: openmm.Force) -> set[int]:
 
 
 def acting(forces: Iterable[openmm.Force]) -> list[openmm.Force]:
-    """Those that have an energy, even if it is 0 at present."""
+    """Forces that have an energy, even if it is 0 at present: no barostats, Andersen thermostats or CMMotionRemovers."""
     return [force for force in forces if not isinstance(force, (*BAROSTATS, openmm.CMMotionRemover, openmm.AndersenThermostat))]
 
 
@@ -110,7 +110,7 @@ class Made:
     lines: int  #: Number of lines of the integrator's program; 0 where it has none
     scheme: str
     kT: float  #: Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp)
-    asked: float  #: The same as it stands in states
+    asked: float  #: The number that stands for this temperature in states, negative for a ramp
     seed: int | None  #: The seed the script chose; None if it left the choice to the package
     no_barostat: Callable[[str], str | None]  #: Why none of OpenMM's barostats can change the box along some axes, or None
 
@@ -124,7 +124,7 @@ class Made:
         integrator: openmm.Integrator,
         no_barostat: Callable[[str], str | None],
     ) -> Made:
-        """What a System has now, and what was asked for."""
+        """Note what a System has now, and what the script asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
         there = masses_of(system), options.constraints, virtual_sites(system), forces
@@ -132,8 +132,8 @@ class Made:
         return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed, no_barostat)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
-        """The forces in a System that the package did not make; PlanError if it is another System, or has something that would not act, or
-        twice."""
+        """The forces in a System that this package did not make.  PlanError if the integrator was made for another System, or something in
+        this one would not act, or would act twice."""
         count, maker = len(self.masses), self.maker
         if system.getNumParticles() != count:
             raise PlanError(f"the System has {system.getNumParticles()} particles, but {maker} made the integrator for {count}")
@@ -175,7 +175,7 @@ class Made:
         return acting(self._told_apart(forces)[1])
 
     def _told_apart(self, forces: Iterable[openmm.Force]) -> tuple[Counter, list[openmm.Force]]:
-        """Own forces that are not there (or not in their group), and forces of others."""
+        """Forces of this package that are missing from a System, or not in their group, with their number; and forces of others in it."""
         missing, foreign = Counter(self.own), []
         for force in forces:
             place = (force.getName(), force.getForceGroup())
@@ -212,7 +212,7 @@ class Made:
 
 
 def lines_of(integrator: openmm.Integrator) -> int:
-    """Number of lines of an integrator's program; 0 where it has none."""
+    """Number of lines of an integrator's program; 0 if it is no CustomIntegrator."""
     return integrator.getNumComputations() if isinstance(integrator, openmm.CustomIntegrator) else 0
 
 
@@ -229,16 +229,16 @@ def virtual_sites(system: openmm.System) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Host:
-    """What a plan has to know of a System that was made elsewhere, by openmm.app.ForceField say."""
+    """What a plan needs to know of a System that was made elsewhere, by openmm.app.ForceField for example."""
 
     masses: np.ndarray  #: (N,) masses of its particles, Da
-    left_out: np.ndarray  #: (N,) bool which of them take no part in friction and noise
+    left_out: np.ndarray  #: (N,) bool which particles take no part in friction and noise
     constrained: bool  #: Whether it has constraints or virtual sites
-    pair_group: int  #: The highest force group that no force of it is in
+    pair_group: int  #: The highest force group that is free
 
     @classmethod
     def of(cls, system: openmm.System, left_out: np.ndarray) -> Host:
-        """Look at a System; PlanError if all its force groups are taken."""
+        """Note what a plan needs of a System; PlanError if all its force groups are taken."""
         constrained = system.getNumConstraints() > 0 or bool(virtual_sites(system).any())
         free = set(range(32)).difference(*map(groups_of, system.getForces()))
         if not free:

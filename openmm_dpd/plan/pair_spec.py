@@ -1,4 +1,4 @@
-"""Scene -> what the engine has to know of it: its pair terms, and the kernels of all other conservative forces."""
+"""A scene as the engine needs it: its pair terms, and the kernels of all other conservative forces."""
 
 from collections.abc import Container, Sequence
 from itertools import groupby
@@ -26,7 +26,7 @@ Factors = dict[tuple[int, int], float]
 
 
 def neighbour_factors(scene: Scene) -> tuple[Factors, Factors]:
-    """Bonded neighbours whose factor is not 1: for pair terms, and for charges."""
+    """Factors of bonded neighbours, where they are not 1: for pair terms, and for charges."""
     charges, alike = scene.electrostatics, (1.0, 1.0, 1.0)
     asked = scene.bonded_factors, alike if charges is None else charges.bonded_factors or scene.bonded_factors
     found = bonded_neighbours(scene.bond_pairs, scene.n_beads) if len(scene.bond_pairs) and asked != (alike, alike) else {}
@@ -50,7 +50,7 @@ def pair_spec(
     fields: FieldSpec | None,
     left_out: np.ndarray | None = None,
 ) -> PairSpec:
-    """What the engine evaluates: the tables ``layers`` of these kinds; ``left_out`` (N,) says which particles take no part."""
+    """The pair terms for the engine: the tables ``layers`` of these kinds; ``left_out`` (N,) says which particles take no part."""
     mobile, wall_velocity = ~scene.immobile, None
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
         wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
@@ -99,7 +99,7 @@ def extras(
 
 
 def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float]) -> RadialTerms:
-    """The kernel's form of one table of overlays."""
+    """A table of radial potentials laid over the pair terms, as the kernel needs it."""
     overlay = resolved_kind(table).overlay
     assert overlay is not None
     cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
@@ -109,7 +109,7 @@ def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions
 
 
 def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:
-    """The kernel's form of one force on single beads."""
+    """A force on single beads, as the kernel needs it."""
     vectors = term.vectors(scene.type_ids, scene.type_names, scene.box)
     beads = np.flatnonzero(np.any(vectors != 0, axis=1))
     axis = 0 if term.axis is None else AXES.index(term.axis)

@@ -1,4 +1,4 @@
-"""Scene + choices -> Plan: the least that this scene needs, decided before anything is built."""
+"""Scene and choices to a Plan: what this scene needs and no more, decided before anything is built."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ _SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What will be built.
+    """Everything that is decided about a simulation before it is built.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Plan:
     options : ProgramOptions
         What the integrator's program has to know.
     layers, overlays : tuples of tables
-        What the pair kernel evaluates, and overlays, each {pair of types: coefficient} of one kind.
+        Tables {pair of types: coefficient} of one kind each: pair terms of the kernel, and radial potentials laid over them.
     exceptions, charge_exceptions : dict
         Factors of bonded neighbours other than 1, for pair terms and for charges.
     platform : str or None
@@ -83,7 +83,7 @@ class Plan:
         return fact_table("Plan", self.facts())
 
     def facts(self) -> dict[str, object]:
-        """What a person wants to know, by name."""
+        """The main facts by name, for people; None for what there is not."""
         options = self.options
         known = {"platform": self.platform, "scheme": options.scheme, "dt": f"{options.dt:g} ps", "seed": options.seed}
         if self.host is None:
@@ -92,7 +92,7 @@ class Plan:
 
     @property
     def execution(self) -> Execution:
-        """Who computes what, and why."""
+        """Who computes what in a step, and why."""
         return self.options.execution
 
     @property
@@ -129,7 +129,7 @@ class Plan:
 
     @property
     def engine(self) -> EngineKind:
-        """What evaluates the pair terms, and what it can do."""
+        """The kind of engine that evaluates the pair terms."""
         return engine_kind(self.execution.engine)
 
     def new_engine(self) -> Engine:
@@ -137,7 +137,7 @@ class Plan:
         return self.engine.make(self.spec)
 
     def needs(self) -> Iterator[str]:
-        """What an engine has to be able to do: kinds of pair coefficients by name, pair updates, boxes, beads, and parts of the scene."""
+        """Names of what an engine must be able to do: kinds of pair coefficients, pair updates, boxes, beads, and parts of the scene."""
         scene, options = self.scene, self.options
         yield from dict.fromkeys(kind.name for kind in self.kinds)
         if options.predicting:
@@ -171,7 +171,7 @@ class Plan:
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """The kinds of ``layers``."""
+        """The kind of each of the ``layers``."""
         return tuple(map(resolved_kind, self.layers))
 
 
@@ -189,7 +189,7 @@ def make_plan(
     engine: str = "auto",
     host: Host | None = None,
 ) -> Plan:
-    """Decide what to build.
+    """Decide what to build: the plan of a scene.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def make_plan(
         of up to ten steps.  Otherwise the program does one step at a time, and all forces kick at every ``B``.  On the device steps are
         whole ones either way, and this says where such forces kick.
     slow_every : int, default 1
-        In such loops: after how many steps of the Context forces that stay OpenMM's kick (multiple time steps, impulses as in r-RESPA:
+        In loops of whole steps: number of steps between kicks of forces that stay OpenMM's (multiple time steps, impulses as in r-RESPA:
         Tuckerman, Berne and Martyna, J. Chem. Phys. 97, 1990 (1992)).
     engine : str, default "auto"
         What evaluates the pair terms: "host" is the compiled kernel, "device" the plugin openmm-dpd-device, which "auto" takes on a GPU

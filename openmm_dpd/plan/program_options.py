@@ -1,4 +1,4 @@
-"""What a program is written for."""
+"""The choices that an integrator's program depends on."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,7 @@ from .execution import Execution
 
 @dataclass(frozen=True)
 class ProgramOptions:
-    """All that a program has to know."""
+    """Everything that an integrator's program depends on."""
 
     scheme: Scheme
     dt: float  #: Step size, ps
@@ -26,21 +26,21 @@ class ProgramOptions:
     thermostat: bool = True  #: Whether there is friction or noise at all
     #: Whether the temperature is one number that may be set: there is friction or noise, no ramp, and no internal temperature.
     settable: bool = False
-    slow_every: int = 1  #: In such steps: after how many of them forces that stay OpenMM's kick
+    slow_every: int = 1  #: In loops of whole steps: steps between kicks of forces that stay OpenMM's
     pair_group: int = PAIR_GROUP  #: Force group of the pair force
     seeded: bool = False  #: Whether the caller chose the seed
     constraints: bool = False  #: Whether the System has constraints
     ramp: TemperatureRamp | None = None
     tau_ratio: float = 1.0 / 32.0  #: Trial drift in units of the step size
-    trial: float | None = None  #: Trial drift, ps, instead
+    trial: float | None = None  #: Trial drift, ps, which replaces ``tau_ratio``
     walls: str = ""  #: Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none
     partial: bool = False  #: Whether there are beads on which only body forces act along some axis
     field_blocks: int = 0  #: Number of per-DOF variables that hold internal energies, temperatures or concentrations
-    field_names: str = ""  #: What they hold, for the listing
-    fields_act: bool = False  #: Whether forces depend on them
+    field_names: str = ""  #: What the per-DOF variables of fields hold, for the listing
+    fields_act: bool = False  #: Whether forces depend on fields
     field_lam: float = 0.5  #: Weight of the prediction of the fields in ``mvv``
-    field_reach: float = 0.1  #: Largest displacement that shows them to the pair force, nm
-    field_scale: float = 1.0  #: Their changes come back in units of this
+    field_reach: float = 0.1  #: Largest displacement, nm, by which fields are shown to the pair force
+    field_scale: float = 1.0  #: Unit in which the pair force returns changes of fields
     #: Whether velocities or forces are less than double precision, so that energies have to be balanced by the program.
     compensated: bool = False
 
@@ -56,7 +56,7 @@ class ProgramOptions:
 
     @property
     def slow_kicks(self) -> tuple[float, float]:
-        """Over how many steps forces that stay OpenMM's kick, before and after: velocities lag behind them as behind all others."""
+        """For how many step sizes forces that stay OpenMM's kick, before and after steps: unevenly where velocities of the scheme lag."""
         return self.slow_every * (0.5 + self.scheme.lag), self.slow_every * (0.5 - self.scheme.lag)
 
     @property
@@ -83,7 +83,7 @@ def _trial_time(scene: Scene, cutoff: float, double: bool) -> float | None:
 
 
 def field_options(scene: Scene, fields: FieldSpec | None, cutoff: float, double: bool, lam: float) -> dict[str, Any]:
-    """How the program keeps and shows the per-bead fields."""
+    """The options by which a program keeps per-bead fields and shows them to the pair force."""
     if fields is None:
         return {}
     reach = 0.25 * cutoff if double or scene.box is None else 0.2 * float(np.diag(scene.box).min())

@@ -1,4 +1,4 @@
-"""The temperature of OpenMM's barostats, which is a context parameter of their own, beside that of the thermostat."""
+"""OpenMM's barostats beside a thermostat: each has a context parameter for its temperature, which has to be that of the thermostat."""
 
 import logging
 
@@ -10,21 +10,21 @@ from ..base.units import BAR_PER_MD_PRESSURE, BOLTZMANN
 from ..plan.made import BAROSTATS, Made
 
 _LOGGER = logging.getLogger("openmm_dpd")
-#: Relative difference that is taken for rounding of kT to kelvin by hand.
+#: Largest relative difference of two temperatures that passes for rounding when kT is converted to kelvin by hand.
 _SAME = 0.01
-#: Temperatures (kelvin) between which a scene may be meant in everyday units; kT = 1 is 120 K.
+#: Temperatures (kelvin) between which a scene is taken to have real units, not reduced ones; kT = 1 is 120 K.
 _EVERYDAY = (200.0, 600.0)
 
 
 def barostats(context: openmm.Context) -> list[openmm.Force]:
-    """Those of OpenMM's barostats that a Context has, switched on or not; it has none that came into the System later."""
+    """OpenMM's barostats in a Context, switched on or not; those added to the System later are not in it."""
     found = [force for force in context.getSystem().getForces() if isinstance(force, BAROSTATS)]
     parameters = context.getParameters() if found else {}
     return [force for force in found if force.Temperature() in parameters]
 
 
 def tell_pressures(context: openmm.Context, made: Made) -> None:
-    """Say what the pressure in bar of somebody else's barostats is in the units of a reduced scene, which may be what was meant."""
+    """Warn what the pressures of barostats that the user has made, in bar, are in the units of a reduced scene."""
     if made.maker != "build()" or _EVERYDAY[0] < made.kT / BOLTZMANN < _EVERYDAY[1]:
         return
     for barostat in barostats(context):
@@ -39,19 +39,19 @@ def tell_pressures(context: openmm.Context, made: Made) -> None:
 
 
 def set_barostats(context: openmm.Context, kelvin: float) -> None:
-    """Let the barostats of a Context hold the temperature that its thermostat has now."""
+    """Set the temperature of the barostats of a Context to that of its thermostat."""
     for barostat in barostats(context):
         context.setParameter(barostat.Temperature(), kelvin)
 
 
 def _axes(barostat: openmm.Force) -> str:
-    """Those that its moves change."""
+    """Axes along which a barostat changes the box."""
     flat = isinstance(barostat, openmm.MonteCarloMembraneBarostat) and barostat.getZMode() == barostat.ZFixed
     return "xy" if flat else "".join(axis for axis in "xyz" if getattr(barostat, f"getScale{axis.upper()}", lambda: True)())
 
 
 def check_barostats(context: openmm.Context, moving: list[openmm.Force], kelvin: float | None, made: Made) -> None:
-    """Raise PlanError if a barostat cannot act, or samples volumes at another temperature than the thermostat sets, or follows a ramp."""
+    """Raise PlanError if a barostat cannot act in this scene, or has another temperature than the thermostat."""
     for barostat in moving:
         name, parameter, reason = type(barostat).__name__, barostat.Temperature(), made.no_barostat(_axes(barostat))
         if reason is not None:

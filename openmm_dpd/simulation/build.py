@@ -43,7 +43,7 @@ def build(
     slow_every: int = 1,
     engine: str = "auto",
 ) -> BuiltSystem:
-    """System, Topology, positions, velocities and integrator of a scene.
+    """Make System, Topology, positions, velocities and integrator of a scene.
 
     Parameters are those of :func:`openmm_dpd.plan.plan.make_plan`; ``platform`` is the fastest one by default.  Velocities that the scene
     does not give are drawn from the Maxwell distribution, with no total momentum and exactly the scene's kinetic temperature.
@@ -68,7 +68,7 @@ def build(
 
 
 def build_plan(plan: Plan) -> BuiltSystem:
-    """What :func:`build` makes, from a plan."""
+    """Make System, Topology, positions, velocities and integrator of a plan."""
     scene, options = plan.scene, plan.options
     program = None if options.scheme.native else make_program(options)
     integrator = native_integrator(plan) if program is None else program.lower()
@@ -103,15 +103,15 @@ def build_plan(plan: Plan) -> BuiltSystem:
 
 
 def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
-    """The scene's velocities, or Maxwell's with no total momentum and exactly the scene's temperature, and the flow of a shear; immobile
-    beads at rest."""
+    """(N, 3) velocities: those of the scene, or drawn from the Maxwell distribution with no total momentum and exactly the scene's
+    temperature, to which the flow of a shear is added; immobile beads are at rest."""
     if scene.velocities is not None:
         return scene.velocities.copy()
     flow = 0.0 if scene.shear is None else rate_at(scene.shear, 0.0)
     mobile = ~scene.immobile
     mass = scene.bead_masses[mobile]
     v = np.zeros((scene.n_beads, 3))
-    # numpy takes a few in a thousand of them from the C library's logarithm
+    # a few in a thousand normal numbers depend on the logarithm of the C library
     normal = without_last_bits(np.random.default_rng([seed, 0xD9D]).normal(size=(len(mass), 3)), 32)
     drawn = normal * np.sqrt(scene.initial_kT / mass)[:, None]
     if len(mass) > 1:
@@ -126,9 +126,9 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
 
 
 def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force], maker: str) -> None:
-    """Have the integrator of something built run another System, where ``own`` are the forces it was built with.  It uses the force groups
-    of all but the forces that only list bonds, and of impulses: users put forces of their own into any group, before the Context is made,
-    and all of them have to act."""
+    """Let the integrator of something built run a System; ``own`` are the forces in it that this package made, ``maker`` the name of the
+    function that was called.  The integrator uses all force groups but those of the force that only lists bonds and of a pair force
+    that only gives impulses, so that forces which users add to any other group act."""
     options = built.plan.options
     silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
     silent |= set() if options.execution.pushes else {options.pair_group}
@@ -138,7 +138,7 @@ def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force
 
 
 def _pair_function(plan: Plan) -> PairForceFunction:
-    """What evaluates the pair terms."""
+    """The callable of the PythonForce that evaluates the pair terms."""
     scene, options, execution = plan.scene, plan.options, plan.execution
     held = extras(scene, plan.overlays, plan.exceptions, execution.held)
     charges = charge_terms(scene, scene.ewald, plan.charge_exceptions) if "charges" in execution.held else None

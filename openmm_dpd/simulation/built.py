@@ -1,4 +1,4 @@
-"""What is handed to ``openmm.app.Simulation``, whichever way it was made."""
+"""The result of building: System, integrator, Topology and start, and the Simulation that runs them."""
 
 import io
 import logging
@@ -32,21 +32,21 @@ from .programs.program import Program
 from .watching import whole_steps
 
 _LOGGER = logging.getLogger("openmm_dpd")
-#: No bead moves farther in one iteration of the minimiser, in cutoffs.
+#: Longest displacement of a bead in one iteration of the minimiser, in cutoffs.
 FARTHEST = 0.1
 
 
 class DPDSimulation(app.Simulation):
-    """A Simulation of a plan that looks at a state before it takes it over, writes one whole or not, and has a minimiser of its own; all
-    else is as always."""
+    """An ``openmm.app.Simulation`` that checks states before it loads them, saves them completely or not at all, and has a minimiser of its
+    own."""
 
     def __init__(self, plan: Plan, *arguments):
         super().__init__(*arguments)
         self._plan = plan
 
     def step(self, steps: int) -> None:
-        """Take steps, as always; those before a report at once where a loop does them, where OpenMM would ask for ten at a time.  Reporters
-        are asked once before each report, since what they answer may be another number the next time."""
+        """Take steps.  Where a loop of whole steps does them, all steps before a report are taken at once, not ten at a time as in OpenMM.
+        Reporters are asked once before each report, since their answer may change from call to call."""
         end = self.currentStep + whole_steps(steps)
         if getattr(self.integrator, "whole", None) is None:
             super().step(end - self.currentStep)
@@ -58,7 +58,7 @@ class DPDSimulation(app.Simulation):
             self._report([each for each in asked if each[1]["steps"] == free])
 
     def _report(self, due: list[tuple[Any, dict]]) -> None:
-        """Make reports as OpenMM does: those with and without folded positions, each with one State, which others share."""
+        """Make the reports that are due: one State for all that want folded positions, one for those that do not."""
         folded, whole, either = list[tuple[Any, dict]](), list[tuple[Any, dict]](), list[tuple[Any, dict]]()
         for each in due:
             folds = self._usesPBC if each[1].get("periodic") is None else each[1]["periodic"]
@@ -112,7 +112,7 @@ class DPDSimulation(app.Simulation):
             if _take_unknown_out(root, self.integrator):
                 state = deserialized(root)
         self.context.setState(state)
-        if BY_VARIABLES in parameters:  # they came by name
+        if BY_VARIABLES in parameters:  # variables are loaded by name
             self.context.setParameter(BY_VARIABLES, variables_number(self.integrator))
         self.integrator.settle(self.context)
 
@@ -126,7 +126,7 @@ class DPDSimulation(app.Simulation):
 
 
 def _described(report: dict | tuple) -> dict:
-    """What a reporter wants next, in the newer of the two forms."""
+    """The answer of a reporter's ``describeNextReport``, a tuple or a dict, as a dict."""
     if isinstance(report, dict):
         return report
     included = zip(("positions", "velocities", "forces", "energy"), report[1:5], strict=True)
@@ -138,7 +138,7 @@ def _described(report: dict | tuple) -> dict:
 
 
 def _save_whole(save: Callable, file, content: io.StringIO | io.BytesIO, what: str) -> None:
-    """Save to an open file, or by way of ``content`` to one by its name."""
+    """Save to an open file, or to a file by its name, which is written only when all of ``content`` is there."""
     if not isinstance(file, (str, os.PathLike)):
         save(file)
         return
@@ -147,7 +147,7 @@ def _save_whole(save: Callable, file, content: io.StringIO | io.BytesIO, what: s
 
 
 def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) -> bool:
-    """Take variables out of a state that a CustomIntegrator does not know; whether there are any."""
+    """Remove variables that a CustomIntegrator does not have from a state; returns whether there were any."""
     if not isinstance(integrator, openmm.CustomIntegrator):
         return False
     known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
@@ -196,7 +196,7 @@ class BuiltSystem:
         return fact_table(type(self).__name__, self.plan.facts())
 
     def explain(self, *, program: bool = False) -> str:
-        """The plan in words, and the name of the integrator's program, or all of its lines."""
+        """The plan in words, with the name of the integrator's program or, with ``program``, its lines."""
         listing = self.program.describe() if self.program else "integrator: openmm.DPDIntegrator"
         if self.program and not program:
             listing = listing.splitlines()[0] + either("; explain(program=True) lists it", "; --program lists it")

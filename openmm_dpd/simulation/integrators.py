@@ -1,4 +1,4 @@
-"""OpenMM's integrators with a temperature and a seed, as its own integrators have them."""
+"""The integrators of this package, with a temperature and a seed as OpenMM's own integrators have them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .barostat_temperature import set_barostats
 from .fields import raw_fields
 from .watching import MOST, PIECE, STRAIGHT, Watching
 
-#: Temperature and thermal energy: whichever was set last holds, and the other one follows.  It is found by what both were when they last
-#: agreed.  :meth:`PairIntegrator.settle` does so before steps; these lines (kind, target, expression, why) do it in programs, which OpenMM
-#: may execute by itself.  A thermal energy that nobody changes stays as it is, bit for bit.
+#: Lines of a program (kind, target, expression, why) that reconcile temperature and thermal energy: whichever was set last holds, and the
+#: other one follows.  Which one that is follows from their values when they last agreed.  :meth:`PairIntegrator.settle` does this before
+#: steps; programs need it because OpenMM may execute them by itself.  A thermal energy that is not changed keeps its bits.
 AGREE = (
     ("if", "", f"abs({TEMPERATURE}-{SEEN_TEMPERATURE})+abs({KT}-{SEEN_KT}) > 0", "was one of them set?"),
     ("if", "", f"{TEMPERATURE} != {SEEN_TEMPERATURE}", "was it the temperature?"),
@@ -42,10 +42,10 @@ class StepsAtOnce(Protocol):
     function: Any
 
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
-        """Carry out n steps; ``slow``: forces stay OpenMM's, ``barostats``: something else has to act in these steps."""
+        """Carry out n steps; ``slow``: some forces are OpenMM's, ``barostats``: a barostat acts behind them."""
 
     def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
-        """Values of per-DOF variables that the last steps left, if they are still there."""
+        """Per-DOF variables that the last steps have written, by name, if nobody has changed any since."""
 
 
 class PairIntegrator(Watching, openmm.CustomIntegrator):
@@ -71,7 +71,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         elif self._slow or self._barostats:
             with self._or_back(context):
                 self.whole.run(self, context, steps, slow=self._slow, barostats=self._barostats)
-        else:  # the Context is not touched before all steps are done
+        else:  # the Context is not changed before all steps are done, so there is nothing to go back from
             begun = time.monotonic()
             self.whole.run(self, context, steps, slow=False, barostats=False)
             self.straight = int(min(max(PIECE, steps * STRAIGHT / max(time.monotonic() - begun, 1e-6)), 2 * self.straight, MOST))
@@ -89,21 +89,21 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             context.setParameter(KT, kT)
 
     def bind(self, context: openmm.Context) -> None:
-        """As for all; forces of somebody else may have changed, which in a program are part of the acceleration it keeps."""
+        """Called when the Context was made or reinitialized.  Forces of others may have changed since a program stored an acceleration."""
         super().bind(context)
         self._touched = True
         if self._mixed and self.whole is None:
             self._forget_acceleration()
 
     def changed(self, context: openmm.Context) -> None:
-        """As for all; a device knows of changes of positions and box alone."""
+        """Called before the state of the Context is changed from outside; a device notices only changes of positions and box by itself."""
         super().changed(context)
         if self.device_group is not None:
             self._touched = True
             self._forget_acceleration()
 
     def looked(self, context: openmm.Context, forces: bool) -> None:
-        """As for all; and the pair force gets the fields that this Context has, whoever stepped last."""
+        """Called before the state of the Context is read; for forces, the pair force gets the fields of this Context."""
         super().looked(context, forces)
         if forces and self.shown_to is not None:
             own = self.shown_to.thread_state()
@@ -115,7 +115,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         if self.getGlobalVariableByName("valid_for") != 1.0:
             put(self, "valid_for", -1.0)  # forces of others may have other parameters than in the last call
         elif not self._touched:
-            put(self, "valid_for", 2.0 if self._mixed else 0.0)  # the pair force has had it since the last step
+            put(self, "valid_for", 2.0 if self._mixed else 0.0)  # the pair force has kept it since the last step
         self._touched = False
 
     def _forget_acceleration(self) -> None:
@@ -125,7 +125,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def _begin(self, context: openmm.Context) -> None:
         names, parameters, put = self.variables(), context.getParameters(), openmm.CustomIntegrator.setGlobalVariableByName
         assert self.made is not None
-        self._forget_acceleration()  # a Context that was reinitialized has lost what belonged to it
+        self._forget_acceleration()  # a reinitialized Context has lost its variables
         self._forget()
         for name in (RAMP_STEP, SLOW_STEP) if self._begun else ():
             if name in names:
@@ -142,13 +142,13 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             context.setParameter(SEED, checked_seed(None))  # nobody asked for the same noise in every Context
 
     def settle(self, context: openmm.Context) -> None:
-        """As for all; and the later one of temperature and thermal energy holds."""
+        """Begin a new Context or check where its state comes from; the one of temperature and thermal energy that was set last holds."""
         super().settle(context)
         if self.made is not None and TEMPERATURE in self.variables() and KT in context.getParameters():
             self._agree_on_temperature(context)
 
     def _agree_on_temperature(self, context: openmm.Context) -> None:
-        """What the lines of :data:`AGREE` do."""
+        """Reconcile temperature and thermal energy, as the lines :data:`AGREE` of a program do."""
         kelvin, kT = self.getGlobalVariableByName(TEMPERATURE), context.getParameter(KT)
         if kelvin != self.getGlobalVariableByName(SEEN_TEMPERATURE):
             self.agree(context, BOLTZMANN * kelvin, kelvin)
@@ -156,7 +156,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             self.agree(context, kT, kT / BOLTZMANN)
 
     def agree(self, context: openmm.Context, kT: float, kelvin: float) -> None:
-        """Set thermal energy (kJ/mol) and temperature, which have to fit, at once: what is set next is then known to be later."""
+        """Set thermal energy (kJ/mol) and the same temperature in kelvin together, so that a later change of one of them is noticed."""
         put = openmm.CustomIntegrator.setGlobalVariableByName
         context.setParameter(KT, kT)
         put(self, TEMPERATURE, kelvin)
@@ -164,12 +164,12 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         put(self, SEEN_KT, kT)
 
     def getTemperature(self) -> unit.Quantity:
-        """The temperature of the thermostat, kelvin (that of this step, where it follows a ramp).
+        """The temperature of the thermostat, kelvin; on a temperature ramp, that of the present step.
 
         Raises
         ------
         ParameterError
-            If nothing has a temperature to be held.
+            If there is no thermostat with one temperature.
         """
         names, context = self.variables(), self.context()
         if not names & {TEMPERATURE, RAMP_STEP}:
@@ -225,7 +225,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         self.setGlobalVariableByName(self.getGlobalVariableName(index), value)
 
     def setPerDofVariableByName(self, name: str, values) -> None:
-        """Set a per-DOF variable; as in OpenMM."""
+        """Set a per-DOF variable by its name."""
         super().setPerDofVariableByName(name, values)
         self._forget()
         context = self.context() if name.startswith(FIELD) and self.shown_to is not None else None
@@ -233,18 +233,18 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             self.looked(context, True)
 
     def setPerDofVariable(self, index: int, values) -> None:
-        """Set a per-DOF variable; as in OpenMM."""
+        """Set a per-DOF variable by its number."""
         self.setPerDofVariableByName(self.getPerDofVariableName(index), values)
 
     def _forget(self) -> None:
-        """Per-DOF variables are not what a loop of steps has left."""
+        """Note that per-DOF variables may differ from what a loop of steps has written."""
         if STAMP in self.variables():
             openmm.CustomIntegrator.setGlobalVariableByName(self, STAMP, 0.0)
 
     def setRandomNumberSeed(self, seed: int) -> None:
-        """Set the seed of the noise, and of the random numbers of OpenMM's barostats (these when a Context is made next).
+        """Set the seed of the noise, and that of OpenMM's barostats in Contexts that are made later; 0 draws a seed, as in OpenMM.
 
-        The noise takes it over at the next step, regardless of the seed of a state that was loaded; 0 draws a seed, as in OpenMM.
+        The noise has it from the next step on, also in a state that was loaded with another seed.
         """
         super().setRandomNumberSeed(seed)
         if self.made is not None:
@@ -259,7 +259,7 @@ class NativeIntegrator(Watching, openmm.DPDIntegrator):
     """OpenMM's own DPDIntegrator."""
 
     def step(self, steps: int) -> None:
-        """Take steps, as all integrators here; a step size of 0 is an error, of which OpenMM would make NaNs."""
+        """Take steps, see :meth:`Watching.step`; a step size of 0, which OpenMM would turn into NaN, is an error."""
         dt = self.getStepSize().value_in_unit(unit.picosecond)
         if not dt > 0:
             raise openmm.OpenMMException(f"the step size must be > 0, but the integrator's is {dt:g} ps")

@@ -24,7 +24,7 @@ from .programs.walls import planes
 
 
 def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, function: PairForceFunction | None) -> openmm.System:
-    """The System, whose parameters name the integrator."""
+    """The System of a plan; its context parameters identify the integrator."""
     scene, options = plan.scene, plan.options
     periodic = scene.box is not None
     system = openmm.System()
@@ -79,8 +79,8 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
 
 
 def _slow_groups(plan: Plan, system: openmm.System) -> set[int]:
-    """Groups of forces that kick before and after a whole step on the device, as they do beside the host's loop: sums over charges, and all
-    that are free for forces of others."""
+    """Force groups that kick before and after a whole step on the device, as they do beside the host's loop: those of charges, and all that
+    are free for forces of the user."""
     letters, ends = plan.options.scheme.steps(plan.options.thermostat), plan.options.slow_kicks
     kicks = {n: part for n, (letter, part) in enumerate(letters) if letter == "B"}
     if kicks == {n: part for n, part in zip((0, len(letters) - 1), ends, strict=True) if part}:
@@ -90,7 +90,7 @@ def _slow_groups(plan: Plan, system: openmm.System) -> set[int]:
 
 
 def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> Factors:
-    """Pairs that all pair forces leave to bond forces, and their factors: bonded neighbours, and beads at the same point."""
+    """Pairs that all nonbonded forces exclude, with their factors: bonded neighbours, and beads at the same point."""
     scene = plan.scene
     reaches = [e.cutoff for e in expressions]
     if scene.electrostatics is not None:
@@ -98,7 +98,7 @@ def _excluded_pairs(plan: Plan, expressions: list[PairExpression]) -> Factors:
     if not reaches:
         return {}
     factors = dict(plan.exceptions)
-    # GPU platforms want the same exclusions in all pair forces
+    # GPU platforms need the same exclusions in all pair forces
     for pair in (*plan.charge_exceptions, *coincident_pairs(scene.positions, scene.box, 1e-4 * max(reaches))):
         factors.setdefault(pair, 1.0)
     return factors
@@ -119,8 +119,8 @@ def _add_charges(system: openmm.System, plan: Plan, factors: Factors) -> None:
 
 
 def _add_pair_expressions(system: openmm.System, plan: Plan, expressions: list[PairExpression], factors: Factors) -> int:
-    """Add the forces of radial pair potentials, and return the next group downwards.  GPU platforms want one cutoff per group and the same
-    exclusions everywhere."""
+    """Add the forces of radial pair potentials; returns the highest force group that is left.  GPU platforms need one cutoff per group, and
+    the same exclusions in all forces."""
     scene = plan.scene
     periodic = scene.box is not None
     exclusions = sorted(factors)

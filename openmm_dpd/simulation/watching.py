@@ -1,12 +1,12 @@
-"""Steps with an eye on the Context they run in: which forces act in it, who wrote its state, and what a failed step left.
+"""What integrators check before they step: which forces act in the Context, who wrote its state, and how a failed step is taken back.
 
-OpenMM integrates all forces of the System when the Context is made.  The programs of this package have to know a little more: which
-forces are theirs, and whether there are others.  So :meth:`Watching.step` looks at the System that the Context really has, whoever made it
-and whenever a force came in, before it steps.
+OpenMM integrates all forces that the System has when the Context is made.  The programs of this package have to know which forces are
+theirs and whether there are others, so :meth:`Watching.step` inspects the System of the Context before it steps, no matter who made the
+System or when a force was added.
 
-An integrator that was read from XML is a plain ``openmm.CustomIntegrator``, and one inside an ``openmm.CompoundIntegrator`` is not asked
-to look: their steps are right beside any force, but nobody checks the System, compares the temperature of a state with that of the
-script, or takes a failed step back.
+An integrator that was read from XML is a plain ``openmm.CustomIntegrator``, and the step method of one inside an
+``openmm.CompoundIntegrator`` is not called.  Their steps are correct beside any force, but nothing checks the System, compares the
+temperature of a state with that of the script, or takes a failed step back.
 """
 
 import logging
@@ -29,31 +29,31 @@ from ..plan.made import Made, acting, lines_of, text_number, variables_number, w
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 
 _LOGGER = logging.getLogger("openmm_dpd")
-#: Steps after which what has been reached is remembered.  OpenMM's Simulation.step() asks for no more than that at once.
+#: Steps after which the state is remembered, to come back to if a later step fails; OpenMM's Simulation.step() asks for this many at once.
 PIECE = 10
-#: The same where nothing but the loop of whole steps acts: as many as it does in so many seconds, and no more than that.
+#: Seconds after which the state is remembered where only the loop of whole steps acts, and the largest number of steps.
 STRAIGHT, MOST = 1.0, 10_000
 
-#: Seconds after which it is on a device.
+#: Seconds after which the state is remembered on a device.
 REMEMBERED = 10.0
 
 
 def whole_steps(steps) -> int:
-    """A number of steps of any type, as OpenMM takes them; TypeError if it is not whole."""
+    """A number of steps as an int; TypeError if it is not a whole number."""
     if int(steps) != steps:
         raise TypeError(f"the number of steps must be a whole one, not {what_is(steps)}")
     return int(steps)
 
 
 def _box(context: openmm.Context) -> list:
-    """Vectors of the box of a Context, which the host knows."""
+    """Box vectors of a Context; to read them needs no device."""
     return bare(openmm.Context.getState(context).getPeriodicBoxVectors())
 
 
 @lru_cache
 def watched(kind: type) -> type:
-    """A class of Contexts, ``openmm.Context`` or somebody's own, whose integrator hears when one is made anew, changed, or looked at.
-    OpenMM leaves no sign of that: its checkpoint brings everything back."""
+    """A subclass of a class of Contexts that tells the integrator when the Context is reinitialized, changed or read, since OpenMM keeps no
+    record of it."""
 
     def reinitialize(self, preserveState=False):
         if preserveState:
@@ -61,7 +61,7 @@ def watched(kind: type) -> type:
         kind.reinitialize(self, preserveState)  # type: ignore[attr-defined]
         self.getIntegrator().bind(self)
 
-    reinitialize.__doc__ = "As before; the next step looks at the System again."
+    reinitialize.__doc__ = "Reinitialize the Context; the next step inspects the System again."
     methods: dict[str, Any] = {"reinitialize": reinitialize, "watched": True, "__module__": kind.__module__}
     for names, hear in ((_CHANGING, "changed"), (_LOOKING, "looked")):
         methods |= {name: _heard(kind, name, hear) for name in names}
@@ -71,12 +71,12 @@ def watched(kind: type) -> type:
 #: Methods of a Context that change its state, and that read it.
 _CHANGING = "setPositions setVelocities setVelocitiesToTemperature setPeriodicBoxVectors setParameter setState loadCheckpoint".split()
 _LOOKING = ("getState", "createCheckpoint")
-#: What may be asked of a State for which forces are computed.
+#: Parameters of ``getState`` for which OpenMM computes forces.
 _FORCES = "forces energy parameterDerivatives getForces getEnergy getParameterDerivatives".split()
 
 
 def _heard(kind: type, name: str, hear: str) -> Callable:
-    """A method of a class of Contexts that its integrator hears of before."""
+    """A method of a class of Contexts that tells the integrator before it is carried out."""
 
     @wraps(getattr(kind, name))
     def heard(self, *arguments, **more):
@@ -91,12 +91,12 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
 
 
 class Watching:
-    """What both integrators do around OpenMM's own ``step``; instances read from XML or a pickle have ``made`` None and only step."""
+    """What the integrators of this package do around OpenMM's ``step``.  Those read from XML or a pickle, without ``made``, only step."""
 
     made: Made | None = None
-    #: What carries out many steps at once; None where OpenMM does them one by one.
+    #: Does many whole steps at once; None where OpenMM carries out the program step by step.
     whole: Any = None
-    #: Group of a pair force on a device, whose kernels stop where anything is wrong, but say so only when they are asked.
+    #: Group of a pair force on a device, whose kernels stop after an error, but report it only when they are asked for an energy.
     device_group: int | None = None
     #: The callable of a pair force whose energy depends on per-bead fields, which OpenMM does not hand to forces.
     shown_to: Any = None
@@ -121,7 +121,7 @@ class Watching:
         return None if found is None or found.getIntegrator() is not self else found  # a copy knows the Context of the original
 
     def bind(self, context: openmm.Context) -> None:
-        """Hear which Context this integrator belongs to, or that it was made anew: the next step looks at everything in it."""
+        """Called when the Context of this integrator was made or reinitialized: the next step inspects everything in it."""
         if not hasattr(context, "watched"):
             context.__class__ = watched(type(context))  # type: ignore[arg-type]
         self._process, self._known, self._looked_at, self._remembered, self._unverified = os.getpid(), weakref.ref(context), (), None, False
@@ -130,10 +130,11 @@ class Watching:
 
     @unbroken()
     def step(self, steps: int) -> None:
-        """Take steps; one that fails leaves everything as it was after the last :data:`PIECE` steps that did not, or as it was a second
-        before where nothing but the loop of whole steps acts.  PlanError if something
-        in the Context's System would not act, or its state was written by another scheme. openmm.OpenMMException if a step fails, with the
-        reason. KeyboardInterrupt: After Ctrl-C, which waits for the end of a step."""
+        """Take steps.  After one that fails the state is that of at most :data:`PIECE` steps before, or of about a second before where only
+        the loop of whole steps acts.
+
+        PlanError if something in the Context's System would not act, or its state was written by another scheme.  openmm.OpenMMException
+        if a step fails, with the reason.  KeyboardInterrupt after Ctrl-C, which waits for the end of a step."""
         context, steps = None if self.made is None else self.context(), whole_steps(steps)
         if context is None:
             super().step(steps)  # type: ignore[misc]
@@ -147,23 +148,23 @@ class Watching:
             self._taken += piece
 
     def _piece(self) -> int:
-        """Steps to the next move of a barostat, which counts from where its Context was made; a few at most."""
+        """Steps to the next move of a barostat, which counts them from where its Context was made; at most :data:`PIECE`."""
         return min([PIECE, *(every - self._taken % every for every in self._intervals)])
 
     def _take(self, context: openmm.Context, steps: int) -> None:
-        """Take a few steps, or none of them if one fails."""
+        """Take a few steps; if one fails, none of them."""
         if self.device_group is not None:
             self._on_device(context, context.getStepCount() + steps)
             return
         with self._or_back(context):
             super().step(steps)  # type: ignore[misc]
-            if context.getPlatform().getName() == "Reference":  # all others look by themselves
+            if context.getPlatform().getName() == "Reference":  # the other platforms check this themselves
                 x = vectors(context.getState(positions=True), openmm.State.Positions)
                 for bead in np.flatnonzero(~np.isfinite(x).all(axis=1))[:1]:
                     raise openmm.OpenMMException(f"by step {context.getStepCount()} the position of bead {bead_number(bead)} is not finite")
 
     def _on_device(self, context: openmm.Context, last: int) -> None:
-        """Step up to the step number ``last``; where a device had too little room, once more from the state that is remembered."""
+        """Step up to the step number ``last``; if a device ran out of room, once more from the remembered state."""
         self._before(context)
         for again in (False, True):
             try:
@@ -178,7 +179,7 @@ class Watching:
                     raise
 
     def _step_beside_barostats(self, context: openmm.Context, steps: int) -> None:
-        """Take steps on a device.  A barostat acts behind the last one, whose acceleration is not that of the box that it makes."""
+        """Take steps on a device.  If a barostat changes the box behind the last one, the acceleration is not valid any more."""
         self._announce(steps)
         if not self._has_barostats:
             super().step(steps)  # type: ignore[misc]
@@ -204,11 +205,11 @@ class Watching:
             self._unverified = False
             kept = self._remembered
             context.loadCheckpoint(before)
-            self._remembered = kept  # it is the state of now
+            self._remembered = kept  # the state is that of this checkpoint now
             raise
 
     def _before(self, context: openmm.Context) -> bytes:
-        """A checkpoint to go back to: the present one, or on a device, where it costs as much as many steps, one of the last seconds."""
+        """A checkpoint to go back to: of now, or of the last seconds on a device, where one takes as long as many steps."""
         now = time.monotonic()
         if self._remembered is not None and now - self._remembered[0] < REMEMBERED:
             return self._remembered[1]
@@ -217,22 +218,22 @@ class Watching:
         return before
 
     def changed(self, context: openmm.Context) -> None:
-        """Hear that somebody changes the state of the Context."""
+        """Called before the state of the Context is changed from outside."""
         self.verify(context)
         self._remembered = None
 
     def parameters_changed(self, context: openmm.Context) -> None:
-        """Hear that a force took over parameters of its terms: it is part of the acceleration that a program of the host keeps."""
+        """Called after a force of the Context got new parameters, on which the acceleration that a program keeps depends."""
         if self.whole is None and self.device_group is None:
             self._forget_acceleration()
 
     def looked(self, context: openmm.Context, forces: bool) -> None:
-        """Hear that somebody looks at the state of the Context, and whether at forces or energies."""
+        """Called before the state of the Context is read; ``forces``: forces or energies are computed for that."""
         self._at_home(context, forces)
         self.verify(context)
 
     def _at_home(self, context: openmm.Context, forces: bool) -> None:
-        """RunError in a process forked from that of the Context, where a call of OpenMM, for forces or not, would wait for its threads."""
+        """Raise RunError in a process forked from that of the Context, if OpenMM would wait for threads that exist only there."""
         platform = context.getPlatform().getName() if self._process != os.getpid() else "Reference"
         if platform not in ("Reference", "" if forces else "CPU"):
             raise RunError(
@@ -241,12 +242,12 @@ class Watching:
             )
 
     def verify(self, context: openmm.Context) -> None:
-        """Ask a device whether the steps since the last time went well; if not, all is as it was when it was remembered.
+        """Ask a device whether the steps since the last call have succeeded; if not, go back to the remembered state.
 
         Raises
         ------
         openmm.OpenMMException
-            If they did not, with the reason.
+            If a step has failed, with the reason.
         """
         if self._unverified:
             self._unverified = False
@@ -264,7 +265,7 @@ class Watching:
         context.getState(energy=True, groups={self.device_group})
 
     def _look(self, context: openmm.Context) -> None:
-        """See whether something has changed that acts at once in OpenMM, or the Context is new, and where the state comes from."""
+        """Find out what has changed since the last call of ``step``: the Context, its System, its groups, its barostats, its state."""
         system = context.getSystem()
         groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
         now = (system.getNumParticles(), system.getNumForces(), groups)
@@ -287,7 +288,7 @@ class Watching:
             check_barostats(context, moving, self._kelvin(context), self.made)
 
     def _look_at_everything(self, context: openmm.Context, groups: int) -> None:
-        """Check the System of a Context, and what acts in it."""
+        """Check the System of a Context, and find out which forces act in it."""
         made, system, new = self.made, context.getSystem(), not self._looked_at
         assert made is not None
         others = acting(made.check(system))
@@ -298,12 +299,12 @@ class Watching:
                 "before; call context.reinitialize(preserveState=True) after it"
             )
         if lines_of(self) != made.lines:  # type: ignore[arg-type]
-            self.whole = None  # somebody added to the program, so that it has to do the steps
+            self.whole = None  # lines were added to the program, so it has to do the steps
         if "dt" in context.getParameters():
             raise PlanError("a force has a global parameter called dt, which is the step size in a CustomIntegrator; rename it")
         self._beside = text_number(" ".join(f"{type(force).__name__} {force.getName()} {force.getForceGroup()}" for force in others))
         self._has_barostats = bool(barostats(context))
-        # a force taken from the System acts until the Context is made anew
+        # a force that was removed from the System acts until the Context is reinitialized
         self._mixed = bool(others) or (self._mixed and not new)
         self._slow = self._mixed or any(name != PAIR_FORCE and groups >> group & 1 for name, group in made.own)
         if new:
@@ -314,15 +315,15 @@ class Watching:
         raise NotImplementedError
 
     def settle(self, context: openmm.Context) -> None:
-        """Begin a new Context, and let what this script asked for hold where another one wrote the state.  PlanError if it was written by
-        another scheme, or by an integrator with other variables."""
+        """Begin a new Context; in a state that another script wrote, restore temperature and seed of this one.  PlanError if the state was
+        written by another scheme, or by an integrator with other variables."""
         made, parameters = self.made, context.getParameters()
         if made is None or BY_SCHEME not in parameters:
             return
         if parameters[BEGUN] == 0.0:
             self._begin(context)
             self._begun = True
-            context.setParameter(BEGUN, 1.0)  # last: what an error cuts short is begun anew
+            context.setParameter(BEGUN, 1.0)  # last, so that it is begun again after an error
         made.check_writer(parameters)
         if parameters[BY_VARIABLES] != self._variables_number:
             raise PlanError(
@@ -341,7 +342,7 @@ class Watching:
             self._take_seed(context, made.seed)
 
     def _begin(self, context: openmm.Context) -> None:
-        """What has to be so before the first step of a Context."""
+        """Prepare the first step of a Context."""
 
     def _take_seed(self, context: openmm.Context, seed: int) -> None:
         if SEED in context.getParameters():
@@ -353,12 +354,12 @@ class Watching:
         return variables_number(self)  # type: ignore[arg-type]
 
     def _take_kT(self, context: openmm.Context, kT: float) -> None:
-        """Go on at another thermal energy."""
+        """Set the thermal energy (kJ/mol) of the thermostat."""
 
 
 def _tell(method: str) -> Callable[[openmm.Context], None]:
-    """Have a method of integrators of this package called with their Context.  No Context can have been made before this is imported: there
-    is no such integrator yet.  It keeps none alive."""
+    """A function of a Context that calls a method of its integrator, if that is one of this package.  It keeps no Context alive.  No such
+    integrator, and so no Context of one, exists before this module is imported."""
 
     def tell(context: openmm.Context) -> None:
         integrator = openmm.Context.getIntegrator(context)

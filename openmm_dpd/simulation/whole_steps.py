@@ -1,7 +1,7 @@
-"""Many whole steps at once: from a Context to the kernel's loop and back.
+"""Many whole steps at once: the state goes from the Context to the kernel's loop and back.
 
-:meth:`openmm_dpd.simulation.integrators.PairIntegrator.step` uses this where the pair force computes every fast force.  The program of the
-integrator does the same step by step, to rounding; this way positions and velocities are copied once for many steps.
+:meth:`openmm_dpd.simulation.integrators.PairIntegrator.step` does this where the pair force computes every fast force, so that positions
+and velocities are copied once for many steps.  The program of the integrator does equal steps one by one; both agree to rounding.
 """
 
 from itertools import accumulate
@@ -23,14 +23,14 @@ from .integrators import PairIntegrator
 
 
 class WholeSteps:
-    """Does steps of one System; ``function`` is the callable of its pair force, with terms and arrays, ``pair_group`` its force group."""
+    """Does whole steps of one System; ``function`` is the callable of its pair force, ``pair_group`` the group of that force."""
 
     def __init__(self, function: PairForceFunction, pair_group: int):
         self.function, self.pair_group = function, pair_group
         self._still = np.flatnonzero(function.spec.inv_mass == 0.0)
         self._moving = np.flatnonzero(function.spec.inv_mass) if len(self._still) else slice(None)
         fields = () if function.spec.fields is None else range(function.spec.fields.n_blocks)
-        #: what a stored acceleration depends on beside positions, box and parameters
+        #: per-DOF variables that a stored acceleration depends on, besides positions, box and parameters
         self._left = [f"{shared.FIELD}{k}" for k in fields] + ["v"] * (function.steps is not None and function.steps.thermostat)
         self._held: tuple[float, dict[str, np.ndarray]] = (0.0, {})
 
@@ -41,10 +41,10 @@ class WholeSteps:
         return self.function.steps
 
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
-        """Do n steps.  Before they are done the Context is changed only where OpenMM's forces need it.
+        """Do n steps; until they are done, the Context is changed only as far as OpenMM's forces need it.
 
-        ``slow``: forces of OpenMM act; ``barostats``: a barostat does, at the end of all these steps.  OpenMMException if a step fails,
-        with its number, as the program reports it.
+        ``slow``: forces of OpenMM act; ``barostats``: a barostat acts behind these steps.  OpenMMException if a step fails, with its
+        number.
         """
         if self.spec.shear is not None and (slow or barostats):
             raise PlanError(
@@ -54,13 +54,13 @@ class WholeSteps:
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
         state = context.getState(positions=True, parameters=True)
-        # the step size as the program would set it first
+        # with the step size, which the program would set first
         count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
         clock = list(accumulate([dt] * n, initial=bare(state.getTime())))  # as OpenMM adds it up
         try:
             loop = own.loop
             assert loop is not None
-            # what is not needed any more is let go at once: each of these arrays has 24 bytes per bead
+            # free arrays early: each has 24 bytes per bead
             loop.forget()
             x, box = self.function.positions(state), self.function.box(state)
             del state
@@ -84,7 +84,7 @@ class WholeSteps:
         try:
             self._give_back(integrator, context, resting, parameters, moment, own, reached)
         except BaseException:
-            self._give_back(integrator, context, resting, parameters, moment, own, reached)  # all of it, wherever that was interrupted
+            self._give_back(integrator, context, resting, parameters, moment, own, reached)  # completely, wherever it was cut short
             raise
         if barostats:
             openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, float(n))
@@ -97,7 +97,7 @@ class WholeSteps:
     def _moment(
         self, integrator: PairIntegrator, context: openmm.Context, x: np.ndarray, box, time: float, parameters, own: ThreadState
     ) -> tuple[Moment, np.ndarray]:
-        """The state in which the first step begins, at positions x, and the velocities that beads have which do not move."""
+        """The moment before the first step, at positions x, and the velocities in the Context of beads that do not move."""
         function, spec = self.function, self.spec
         dt = function.step_size(parameters)
         function.take_over(own, parameters)
@@ -118,7 +118,7 @@ class WholeSteps:
             moment.flow = flow_at(spec.shear, parameters[shared.SHEARED])
             assert box is not None
             moment.box = sheared_box(box, strain_at(spec.shear, parameters[shared.SHEARED]), spec.tilt)
-            if not np.array_equal(moment.box, sheared_box(box, 0.0, box[1, 0])):  # half an edge to either side is the same
+            if not np.array_equal(moment.box, sheared_box(box, 0.0, box[1, 0])):  # half an edge to the left is half an edge to the right
                 raise RunError(
                     f"the box is tilted by {box[1, 0]:g} and not by the {moment.box[1, 0]:g} nm of the shear: it was set, or comes from a "
                     "state without its parameters; load states whole"
@@ -135,7 +135,7 @@ class WholeSteps:
             left = (motion.same(values[self._moving], per_dof(integrator, shared.LEFT + k)[self._moving]) for k, values in now.items())
             if here == integrator.getGlobalVariableByName("valid_for") and all(left):
                 moment.acc = per_dof(integrator, "acc")
-                self._held = 0.0, {}  # and so does it; after an error the Context has the one before
+                self._held = 0.0, {}  # steps change it as well; after an error it is read from the Context again
         return moment, resting
 
     def _give_back(
@@ -192,6 +192,7 @@ class WholeSteps:
         context.setTime(reached[1])
 
     def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
-        """Those written last, if they are still there: reading them from OpenMM takes longer than some steps."""
+        """Per-DOF variables that the last steps have written, by name, if nobody has changed any since.  Reading them from OpenMM takes
+        longer than a step."""
         stamp, held = self._held
         return held if held and stamp == integrator.getGlobalVariableByName(shared.STAMP) else {}
