@@ -1,4 +1,4 @@
-"""What is looked at elsewhere: GSD for OVITO and freud, extended XYZ for OVITO and ASE, PDB."""
+"""Files for other programs: GSD for OVITO and freud, extended XYZ for OVITO and ASE, PDB."""
 
 from ..io.snapshot import write_pdb as write_pdb
 from .gsd_file import GSDReporter as GSDReporter, write_gsd as write_gsd

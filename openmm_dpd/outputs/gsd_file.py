@@ -11,34 +11,34 @@ from ..base.units import unit_system
 from ..io.snapshot import FrameReporter, Snapshot, scene_of
 from ..model.scene import Scene
 
-#: Where molecule numbers are: OVITO takes logged values of particles for properties of particles.
+#: Chunk of the molecule numbers: OVITO reads logged values of particles as their properties.
 MOLECULES = "particles/molecule"
 _WHAT = "the GSD file"
 
 
 def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj") -> None:
-    """Write one frame: types, masses, charges, bonds, angles, dihedrals, molecule numbers, box, positions and velocities.
+    """Write a GSD file with one frame: types, masses, charges, bonds, angles, dihedrals, molecule numbers, box, positions and velocities.
 
-    Numbers are in single precision.  The middle of the box becomes the origin, as in HOOMD; positions are folded into the box, with image
-    flags.  Bonds are called by the types of their beads, ``A-B``; where those of two types have several coefficients, the second ones are
-    ``A-B-2``, and so on.  What GSD files have no place for are pair coefficients, kT, names of molecules, and which beads are mobile.
+    Numbers are in single precision.  The origin moves to the centre of the box, as in HOOMD-blue; positions are wrapped into the box, with
+    image flags.  Bond types are named after the types of their beads, ``A-B``, and ``A-B-2`` and so on if they have further coefficients.
+    GSD files have no pair coefficients, kT, names of molecules or immobile beads.
 
     Parameters
     ----------
     path : path-like
-        Overwritten.
-    source : Scene, or what :func:`openmm_dpd.build` returned
+        File to write; overwritten.
+    source : Scene, or the result of :func:`openmm_dpd.build`
     state : openmm.State, optional
         Positions, velocities and box of a run, ``context.getState(positions=True, velocities=True)``; by default those of the start.
     units : {"lj", "real", "metal"}
-        Units of the file: nm, Da and ps with ``lj``.  Charges are elementary charges with all of them.
+        Units of the file; nm, Da and ps with ``lj``.  Charges are always in elementary charges.
 
     Raises
     ------
     ParameterError
         If there is no periodic box, or the package gsd is not installed.
     OutputError
-        If the file cannot be written; one that was there is kept.
+        If the file cannot be written; an existing file is kept.
     """
     target = Path(os.path.realpath(path))
     frames = _Frames(scene_of(source), units)
@@ -53,7 +53,7 @@ def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj")
 
 
 class GSDReporter(FrameReporter):
-    """Writes frames to a GSD file, for ``simulation.reporters``; every frame is in the file when the step is over.
+    """Reporter that writes frames to a GSD file, which is complete after every frame.
 
     Parameters
     ----------
@@ -61,18 +61,18 @@ class GSDReporter(FrameReporter):
     interval : int
         Steps between frames.
     built : BuiltSystem
-        What :func:`openmm_dpd.build` returned.
+        The result of :func:`openmm_dpd.build`.
     units : {"lj", "real", "metal"}
-        As for :func:`write_gsd`.
+        Units of the file; nm, Da and ps with ``lj``.
     append : bool, default False
-        Go on with the frames of a file that is there; one that is not there is begun.
+        Append to the file; a missing one is started anew.
 
     Raises
     ------
     ParameterError
-        As :func:`write_gsd`, if the interval is no whole number of at least 1, or if a file to go on with is one of other beads.
+        If there is no periodic box, gsd is not installed, the interval is not a whole number >= 1, or the file has other beads.
     OutputError
-        If the file cannot be written; the frames before stay readable.
+        If the file cannot be written; earlier frames stay readable.
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", append: bool = False):
@@ -93,7 +93,7 @@ class GSDReporter(FrameReporter):
 
 
 class _Frames:
-    """Frames of one scene."""
+    """Writes frames of one scene."""
 
     def __init__(self, scene: Scene, units: str):
         if scene.box is None:
@@ -106,11 +106,11 @@ class _Frames:
         }
 
     def opened(self, path, mode: str):
-        """The file; close it."""
+        """The open GSD file, which the caller has to close."""
         return self._hoomd.open(os.fspath(path), mode)
 
     def check(self, path: str) -> None:
-        """Raise ParameterError if a file to go on with does not hold these beads."""
+        """Raise ParameterError if the file to append to does not have these beads."""
         try:
             with self.opened(path, "r") as file:
                 first = file[0] if len(file) else None
@@ -120,10 +120,10 @@ class _Frames:
             return
         types = [first.particles.types[k] for k in first.particles.typeid]
         if types != list(self.scene.types):
-            raise ParameterError(f"cannot append to {path}: it holds {len(types)} beads, and not those of this scene")
+            raise ParameterError(f"cannot append to {path}: it holds {len(types)} beads, which are not those of this scene")
 
     def append(self, file, now: Snapshot) -> None:
-        """Add a frame, and see it into the file."""
+        """Append a frame and flush it to the file."""
         scene, units = self.scene, self._units
         assert now.box is not None
         frame = self._hoomd.Frame()
@@ -152,17 +152,17 @@ class _Frames:
 
 
 def _coded(names: list[str]) -> list:
-    """Names as the package gsd takes them: the files hold UTF-8, but it makes nothing but ASCII of text."""
+    """Names encoded in UTF-8, since the package gsd encodes text in ASCII only."""
     return [name if name.isascii() else name.encode() for name in names]
 
 
 def _coefficients(group) -> np.ndarray:
-    """Kind and coefficients of each bond, angle or dihedral, as text that distinguishes them, (K,)."""
+    """Kind and coefficients of each bond, angle or dihedral as text, (K,), to tell types apart."""
     return np.array([f"{type(group).__name__} {row}" for row in group.coefficients.tolist()], dtype=object)
 
 
 def _named_groups(types, groups: list) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names of the types of bonds, angles or dihedrals, the type of each, and the beads of each."""
+    """Names of the types of bonds, angles or dihedrals, and the type and beads of each term."""
     if not groups:
         return [], np.zeros(0, np.uint32), np.zeros((0, 2), np.int64)
     rows = np.concatenate([rows for rows, _ in groups])

@@ -1,4 +1,4 @@
-"""Extended XYZ files, for OVITO, ASE and whoever reads text."""
+"""Extended XYZ files, for OVITO, ASE and other programs that read text."""
 
 import os
 from collections.abc import Mapping
@@ -15,36 +15,35 @@ _WHAT = "the XYZ file"
 
 
 def write_xyz(path: str | os.PathLike, source, *, state=None, units: str = "lj", species: Mapping[str, str] | None = None) -> None:
-    """Write one frame: types, positions, velocities if there are any, and the box.
+    """Write an extended XYZ file with one frame: types, unwrapped positions, velocities if any, and the box; no bonds or masses.
 
-    The second line is ``Lattice="..." Properties=species:S:1:pos:R:3:velo:R:3 pbc="T T T" Step=... Time=...``.  Positions are not folded
-    into the box.  Bonds and masses have no place in this format.
+    The second line is ``Lattice="..." Properties=species:S:1:pos:R:3:velo:R:3 pbc="T T T" Step=... Time=...``.
 
     Parameters
     ----------
     path : path-like
-        Overwritten.
-    source : Scene, or what :func:`openmm_dpd.build` returned
+        File to write; overwritten.
+    source : Scene, or the result of :func:`openmm_dpd.build`
     state : openmm.State, optional
         Positions, velocities and box of a run; by default those of the start.
     units : {"lj", "real", "metal"}
         Units of the file: nm and ps with ``lj``, angstrom and fs with ``real``, angstrom and ps with ``metal``.
     species : mapping of types to text, optional
-        What the first column has for a type; by default its name.  ASE takes chemical symbols only.
+        Text in the first column for each type, by default its name.  ASE accepts chemical symbols only.
 
     Raises
     ------
     ParameterError
-        If the name of a type has blanks, or ``species`` does not name each type.
+        If the name of a type has blanks, or ``species`` does not have all types.
     OutputError
-        If the file cannot be written; one that was there is kept.
+        If the file cannot be written; an existing file is kept.
     """
     now = Snapshot.of(source, state)
     write_whole(path, _block(now, unit_system(units), _species(now.scene, species)), _WHAT)
 
 
 class XYZReporter(FrameReporter):
-    """Writes frames to an extended XYZ file, for ``simulation.reporters``.
+    """Reporter that writes frames to an extended XYZ file.
 
     Parameters
     ----------
@@ -52,20 +51,20 @@ class XYZReporter(FrameReporter):
     interval : int
         Steps between frames.
     built : BuiltSystem
-        What :func:`openmm_dpd.build` returned.
+        The result of :func:`openmm_dpd.build`.
     units : {"lj", "real", "metal"}
-        As for :func:`write_xyz`.
+        Units of the file: nm and ps with ``lj``, angstrom and fs with ``real``, angstrom and ps with ``metal``.
     species : mapping of types to text, optional
-        As for :func:`write_xyz`.
+        Text in the first column for each type, by default its name.
     append : bool, default False
-        Go on with the frames of a file that is there; one that is not there or empty is begun.
+        Append to the file; a missing or empty one is started anew.
 
     Raises
     ------
     ParameterError
-        As :func:`write_xyz`, if the interval is no whole number of at least 1, or if a file to go on with is one of other beads.
+        If :func:`write_xyz` refuses ``species``, the interval is not a whole number >= 1, or the file to append to has other beads.
     OutputError
-        If the file cannot be written; the frames before stay.
+        If the file cannot be written; earlier frames are kept.
     """
 
     def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", species=None, append: bool = False):
@@ -83,6 +82,7 @@ class XYZReporter(FrameReporter):
 
 
 def _block(now: Snapshot, units: UnitSystem, species: list[str]) -> str:
+    """Text of one frame."""
     words = [] if now.box is None else [f'Lattice="{" ".join(_number(edge) for edge in (now.box / units.length).ravel())}"']
     columns = [now.positions / units.length]
     if now.velocities is not None:
@@ -100,18 +100,18 @@ def _number(value: float) -> str:
 
 
 def _species(scene: Scene, given: Mapping[str, str] | None) -> list[str]:
-    """First column of each bead."""
+    """Text in the first column of each bead."""
     called = {name: name for name in scene.type_names} if given is None else given
     if not isinstance(called, Mapping) or set(called) != set(scene.type_names):
         raise ParameterError(f"species must map each of the types {', '.join(scene.type_names)} to text, not {what_is(given)}")
     for text in called.values():
         if not isinstance(text, str) or not text.isprintable() or not text or " " in text:
-            raise ParameterError(f"the name {text!r} cannot be in an XYZ file; species={{...}} gives one that is printable without blanks")
+            raise ParameterError(f"the name {text!r} cannot be in an XYZ file; give a printable one without blanks in species={{...}}")
     return [called[name] for name in scene.types]
 
 
 def _check_file(file: str | os.PathLike, species: list[str]) -> None:
-    """Raise ParameterError if a file to go on with does not begin with a frame of these beads, or ends within one."""
+    """Raise ParameterError if the file to append to does not begin with a frame of these beads, or ends within a frame."""
     if not os.path.exists(file) or os.path.getsize(file) == 0:
         return
     with open(file, encoding="utf-8", errors="replace") as lines:
@@ -124,4 +124,4 @@ def _check_file(file: str | os.PathLike, species: list[str]) -> None:
         content.seek(-min(os.path.getsize(file), 2 * len(count + words + "".join(rows)) + 1000), os.SEEK_END)
         last = content.read().decode("utf-8", "replace").splitlines(keepends=True)[-len(species) - 2 :]
     if len(last) < len(species) + 2 or last[0].strip() != count or not last[-1].endswith("\n"):
-        raise ParameterError(f"cannot append to {os.fspath(file)}: its last frame was cut; take it out, or begin another file")
+        raise ParameterError(f"cannot append to {os.fspath(file)}: its last frame is incomplete; remove it, or start another file")

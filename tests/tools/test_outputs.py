@@ -275,7 +275,7 @@ def test_an_xyz_file_that_ends_within_a_frame(tmp_path):
     assert path.read_bytes() == whole
     for cut in (1, 30, 300, len(whole) // 3 - 5, len(whole) // 2):
         path.write_bytes(whole[:-cut])
-        raises(ParameterError, "its last frame was cut", lambda: XYZReporter(path, 1, built, append=True))
+        raises(ParameterError, "its last frame is incomplete", lambda: XYZReporter(path, 1, built, append=True))
         assert path.read_bytes() == whole[:-cut]
 
 
