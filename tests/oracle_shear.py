@@ -6,6 +6,9 @@ import itertools
 import numpy as np
 import oracle
 
+#: How many boxes away images are, along y and z.
+IMAGES = np.array(list(itertools.product((-1, 0, 1), repeat=2)))
+
 
 class FoldedShear:
     """Beads in a rectangular box (3,), sheared along x across y by a strain that is a function of time, ``strain(t)``, with its rate
@@ -29,14 +32,12 @@ class FoldedShear:
     def pair(self, i: int, j: int):
         """(distance, unit vector from j to i, velocity of the nearest image of j) of two beads."""
         lx, ly, lz = self.box
-        slide, best = self.strain(self.time) * ly, (np.inf, None, None)
-        for n, k in itertools.product((-1, 0, 1), repeat=2):
-            d = self.x[i] - self.x[j] - [n * slide, n * ly, k * lz]
-            d[0] -= lx * np.round(d[0] / lx)
-            r = np.sqrt(d @ d)
-            if r < best[0]:
-                best = r, d / r, self.v[j] + [n * self.rate(self.time) * ly, 0, 0]
-        return best
+        d = self.x[i] - self.x[j] - IMAGES @ np.array([[self.strain(self.time) * ly, ly, 0], [0, 0, lz]])
+        d[:, 0] -= lx * np.round(d[:, 0] / lx)
+        squares = np.einsum("ia,ia->i", d, d)
+        nearest = np.argmin(squares)
+        r = np.sqrt(squares[nearest])
+        return r, d[nearest] / r, self.v[j] + [IMAGES[nearest, 0] * self.rate(self.time) * ly, 0, 0]
 
     def force(self, dissipative: bool = False, noise=None, kT: float = 0.0, dt: float = 1.0) -> np.ndarray:
         """Forces: conservative, and friction and noise where they are forces."""
