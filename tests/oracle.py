@@ -102,6 +102,12 @@ def pair_list(x: np.ndarray, types: np.ndarray, params: PairParams, box: np.ndar
     return Pairs(i, j, r, dr / r[:, None])
 
 
+def in_order(x: np.ndarray, order: Iterable, box: np.ndarray | None) -> Iterable[tuple[int, int, np.ndarray]]:
+    """Pairs (i, j) with the displacement from j to i."""
+    i, j = np.array(list(order), int).reshape(-1, 2).T
+    return zip(i.tolist(), j.tolist(), minimum_image(x[i] - x[j], box), strict=True)
+
+
 def _scaled_pairs(x, types, params, box, factor):
     """Yield (i, j, type_i, type_j, r, e, f) of the pairs that interact (f != 0)."""
     for i, j, r, e in zip(*pair_list(x, types, params, box), strict=True):
@@ -236,9 +242,7 @@ def sweep(
     are scaled by f, which scales the noise by sqrt(f). ``noise`` may be None when kT = 0.
     """
     x, v = np.asarray(x, dtype=float), np.array(v, dtype=float)
-    for pair in order:
-        i, j = sorted(pair)
-        dr = minimum_image(x[i] - x[j], box)
+    for i, j, dr in in_order(x, map(sorted, order), box):
         r = np.sqrt(np.dot(dr, dr))
         a, b = types[i], types[j]
         f = 1.0 if factor is None else float(factor(i, j))

@@ -206,8 +206,7 @@ Sweep = namedtuple("Sweep", "v u_cond u_mech")  # Velocities and internal energi
 def _sweep_pairs(x, order: Iterable[tuple[int, int]], types, cutoff, box):
     """Yield (i, j, type_i, type_j, w, e_ij) for the pairs of ``order`` that are within their cutoff."""
     x = np.asarray(x, dtype=float)
-    for i, j in order:
-        dr = oracle.minimum_image(x[i] - x[j], box)
+    for i, j, dr in oracle.in_order(x, order, box):
         r = float(np.sqrt(np.dot(dr, dr)))
         a, b = int(types[i]), int(types[j])
         if oracle.R_MIN <= r < cutoff[a, b]:
