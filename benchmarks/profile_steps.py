@@ -1,6 +1,6 @@
 """Where the time of a step goes on the CPU platform, kernel by kernel and thread by thread, and what is left for more cores.
 
-Steps are played in compiled code (openmm_dpd/runtime/replay.py), whose clock is read before and after each kernel and after the threads have
+Steps are played in compiled code (openmm_dpd/runtime/tape.py), whose clock is read before and after each kernel and after the threads have
 met.  A line for each kernel: its time with one thread; with several the work of the slowest, the waiting of the others, and how much faster
 that is.  Serial is what one thread does alone, and every moment in which some wait.  The last lines have the speedup that Amdahl's law makes
 of the share that does not get faster, s = (n T_n/T_1 - 1)/(n - 1), for 4, 8 and 16 cores.  A quiet machine is needed.
@@ -25,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.kernels.engine import PairEngine  # noqa: E402
-from openmm_dpd.runtime.replay import Recording  # noqa: E402
+from openmm_dpd.runtime.tape import Tape  # noqa: E402
 
-PLAY, REPEATS = Recording.play, PairEngine.repeats
+PLAY, REPEATS = Tape.play, PairEngine.repeats
 
 
 def scene_of(kind: str, beads: int) -> tuple[dpd.Scene, float]:
@@ -77,15 +77,16 @@ class Clock:
         self.names: list[str] = []
         self.spent, self.played, self.seconds = np.zeros((0, 0, 2)), 0, 0.0
 
-    def play(self, recording: Recording, counter: int, steps: int, heats: np.ndarray | None) -> tuple[int, int | None]:
-        """As :meth:`openmm_dpd.runtime.replay.Recording.play`."""
-        threads = recording.threads
-        spent, begun = np.zeros((len(recording.names), threads, 2), np.int64), time.perf_counter()
-        found = PLAY(recording, counter, steps, heats, spent)
+    def play(self, tape: Tape, counter: int, steps: int, heats: np.ndarray | None) -> tuple[int, int | None]:
+        """As :meth:`openmm_dpd.runtime.tape.Tape.play`."""
+        threads = tape.threads
+        spent, begun = np.zeros((len(tape.calls), threads, 2), np.int64), time.perf_counter()
+        found = PLAY(tape, counter, steps, heats, spent)
         if not spent[:, -1].any():
             return found  # fewer did all: there were not cores enough
-        if recording.names != self.names or self.spent.shape != spent.shape:
-            self.names, self.spent, self.played, self.seconds = recording.names, np.zeros(spent.shape), 0, 0.0
+        names = [call.layout.name for call in tape.calls]
+        if names != self.names or self.spent.shape != spent.shape:
+            self.names, self.spent, self.played, self.seconds = names, np.zeros(spent.shape), 0, 0.0
         self.spent, self.played, self.seconds = self.spent + spent, self.played + found[0], self.seconds + time.perf_counter() - begun
         return found
 
@@ -100,11 +101,11 @@ def measured(kind: str, scheme: str, beads: int, threads: int, count: int) -> tu
         simulation.step(100)
     PairEngine.repeats = property(lambda self: True)  # type: ignore[method-assign, assignment]  # many beads too, with one thread
     clock = Clock()
-    Recording.play = lambda *arguments: clock.play(*arguments)  # type: ignore[method-assign]
+    Tape.play = lambda *arguments: clock.play(*arguments)  # type: ignore[method-assign]
     begun = time.perf_counter()
     simulation.step(count)
     whole = time.perf_counter() - begun
-    Recording.play, PairEngine.repeats = PLAY, REPEATS  # type: ignore[method-assign]
+    Tape.play, PairEngine.repeats = PLAY, REPEATS  # type: ignore[method-assign]
     if not clock.played:
         raise SystemExit(f"no step was played with {threads} thread(s): there are no cores for them, or the beads are too few")
     ticks = clock.spent[:, 0].sum() / clock.seconds  # of the processor's clock in a second

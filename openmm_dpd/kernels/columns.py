@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from ..runtime import Kernel, by_types, helper, inlined, meet, renamed
+from ..runtime import Kernel, by_types, helper, inlined, meet
 from .listing import fetch_around, has_room, list_some, look_around
 from .pairs import CHUNK, PairList, Scratch
+from .templates import renamed
 
 #: As a number that numba knows to be positive.
 _CHUNK = np.uint64(CHUNK)
@@ -36,6 +37,20 @@ class Totals(NamedTuple):
     stress: np.ndarray | None = None
     laplacian: float | None = None
     conservative: float | None = None
+
+
+#: Velocities where there is no friction.
+_NO_VELOCITIES = np.zeros((0, 3))
+
+
+class Motion(NamedTuple):
+    """Forces and velocities in the order of a pair list: ``motion`` of ``data`` where pairs exert forces."""
+
+    f: np.ndarray  #: (M, 3) forces
+    out: np.ndarray  #: (N, 3) where they go to, by the numbers of beads
+    add: bool = True  #: Whether they are added to what is there
+    v: np.ndarray = _NO_VELOCITIES  #: (M, 3) velocities, if pairs look at them
+    seen: np.ndarray = _NO_VELOCITIES  #: (N, 3) where they come from; of length 0: they are 0
 
 
 @inlined
@@ -273,7 +288,7 @@ def change(v, i, j, wi, wj, dx, dy, dz):
 @inlined
 def on_forces(data):
     """Pairs write on ``f``."""
-    return data.f
+    return data.motion.f
 
 
 @inlined
@@ -285,14 +300,15 @@ def on_velocities(data):
 @inlined
 def clear(pairs, data, begin, end):
     """Begin with no force ``f`` (M, 3)."""
+    f = data.motion.f
     for k in range(begin, end):
-        data.f[k, 0] = data.f[k, 1] = data.f[k, 2] = 0.0
+        f[k, 0] = f[k, 1] = f[k, 2] = 0.0
 
 
 @inlined
 def gather(pairs, data, begin, end):
     """Sort the velocities ``seen`` (N, 3), 0 if there are none, into ``v`` (M, 3)."""
-    seen, v, seats = data.seen, data.v, pairs.seats
+    seen, v, seats = data.motion.seen, data.motion.v, pairs.seats
     for k in range(begin, end):
         if len(seen):
             i = seats[k]
@@ -303,7 +319,7 @@ def gather(pairs, data, begin, end):
 
 @inlined
 def gather_and_clear(pairs, data, begin, end):
-    """Both."""
+    """:func:`clear` forces and :func:`gather` velocities."""
     clear(pairs, data, begin, end)
     gather(pairs, data, begin, end)
 
@@ -323,7 +339,7 @@ def _put(f, out, add, seats, begin, end):
 @inlined
 def deliver(pairs, data, begin, end):
     """Write the forces ``f`` to ``out`` (N, 3), or add them there."""
-    _put(data.f, data.out, data.add, pairs.seats, begin, end)
+    _put(data.motion.f, data.motion.out, data.motion.add, pairs.seats, begin, end)
 
 
 @inlined
@@ -356,7 +372,7 @@ def gather_and_clear_both(pairs, data, begin, end):
 def deliver_both(pairs, data, begin, end):
     """:func:`deliver`, and the forces ``c`` to ``held`` (N, 3)."""
     deliver(pairs, data, begin, end)
-    _put(data.c, data.held, data.add, pairs.seats, begin, end)
+    _put(data.c, data.held, data.motion.add, pairs.seats, begin, end)
 
 
 @inlined

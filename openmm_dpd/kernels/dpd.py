@@ -94,7 +94,7 @@ class SweptLayer:
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
         """See :meth:`.interface.Engine.tensors`."""
         call = Call(DISSIPATIVE, v, kT, 1.0, 0, 0)
-        return forces.pair_tensors(self.pairs, forces.Repulsion(self._at(kT), *self._motion.arrays(call, v, False)))
+        return forces.pair_tensors(self.pairs, forces.Repulsion(self._at(kT), self._motion.arrays(call, v, False)))
 
 
 class DPDLayer(SweptLayer):
@@ -114,7 +114,7 @@ class DPDLayer(SweptLayer):
         if call.held is not None and not len(self._apart):
             self._apart = np.zeros((len(self.pairs.order), 3))
         apart = () if call.held is None else (self._apart, call.held)
-        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), *self._motion.arrays(call, out, add), *apart)
+        terms = forces.Terms(call.which & _TERMS, self._plain, *noise, self._at(call.kT), self._motion.arrays(call, out, add), *apart)
         return forces.pair_forces(self.pairs, terms, self._transverse, call.which)
 
     def laplacian(self) -> float:

@@ -15,7 +15,7 @@ noise of the force has f, not sqrt(f); and no heat of either kind flows at r >= 
 Sweep form, pair by pair: motion and temperatures, then conduction.  Each keeps the weight T_i^C_i T_j^C_j of the pair invariant for any dt.
 With a = 1/C (0 for a bead that does not move: its temperature stays):
 
-- *motion*: the exact Ornstein-Uhlenbeck step (or Shardlow's) of e.v, half of what K = (e.v)^2/(2 im) loses to each bead, and a Metropolis
+- motion*: the exact Ornstein-Uhlenbeck step (or Shardlow's) of e.v, half of what K = (e.v)^2/(2 im) loses to each bead, and a Metropolis
   test.  Theta and T_m are those of T_i + a_i (K/2 - Theta/4) and the same of j, which depend on what the update keeps, T_i + a_i K/2 and
   T_j + a_j K/2, alone.
 - *conduction*: with T = (a_j T_i + a_i T_j)/(a_i + a_j), which the exchange keeps, as T_m, n = (T_i - T_j)/(a_i + a_j) the energy that bead
@@ -33,7 +33,7 @@ import numpy as np
 
 from ..base.errors import RunError, bead_names, bead_number, in_number
 from ..runtime import helper, inlined, merged
-from .columns import approach, change, clear, deliver, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
+from .columns import Motion, approach, change, clear, deliver, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .elementary import power
 from .energy_updates import passes
 from .eos import log_ratio
@@ -100,7 +100,7 @@ class ThermalLayer:
         self._begin(call, NO_INCREMENTS)
         noise = call.key(self.number), call.rsqrt_dt
         of_beads = self._capacity, self._temperature, self._other[:, None], self._failed, call.rates
-        given = Heat(call.which, self.lammps, *noise, self.coefficients, *of_beads, *self._motion.arrays(call, out, add))
+        given = Heat(call.which, self.lammps, *noise, self.coefficients, *of_beads, self._motion.arrays(call, out, add))
         if not call.which & (DISSIPATIVE | RANDOM):
             return Sums(*thermal_repulsion(self.pairs, given))
         found = Sums(*thermal_forces(self.pairs, given))
@@ -208,7 +208,7 @@ def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
 
 class Heat(NamedTuple):
     """What the force form reads and writes beside the pairs; ``rates``: (M, 1) heat that flows; ``failed``: (columns, 2) 1 + the number of
-    a pair whose conduction is negative, or 0, and its temperature; ``changing``: (N, 1) where rates go to; :class:`.layer.SortedMotion`."""
+    a pair whose conduction is negative, or 0, and its temperature; ``changing``: (N, 1) where rates go to."""
 
     which: int
     lammps: bool
@@ -220,11 +220,7 @@ class Heat(NamedTuple):
     rates: np.ndarray
     failed: np.ndarray
     changing: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @inlined
@@ -241,7 +237,7 @@ def _pair_repulsion(pairs, data, scratch, n, k, column):
     if pairs.geometry[3, n] >= data.coefficients[row_of(pairs, i, j), CUTOFF]:
         return 0.0, 0.0, 0.0
     radial, energy = _repulsion(pairs, data, n)
-    return energy, push_apart(pairs, data.f, n, i, j, radial), 0.0
+    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), 0.0
 
 
 @merged
@@ -259,7 +255,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
     if inside and which & CONSERVATIVE:
         radial, energy = _repulsion(pairs, data, n)
     if inside and which & (DISSIPATIVE | RANDOM):
-        ev = approach(pairs, data.v, n, i, j)
+        ev = approach(pairs, data.motion.v, n, i, j)
         im = pairs.inv_mass[i] + pairs.inv_mass[j]
         if lammps:
             im = pairs.inv_mass[i] if lower else pairs.inv_mass[j]
@@ -276,7 +272,7 @@ def _pair_heat(pairs, data, scratch, n, k, column):
         heat[j, 0] -= flux
     heat[i, 0] += gain
     heat[j, 0] += gain
-    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
+    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), -drag * r
 
 
 @helper

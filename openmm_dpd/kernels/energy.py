@@ -28,9 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.errors import RunError, bead_number, in_units
-from ..runtime import helper, merged, renamed
+from ..runtime import helper, merged
 from . import forces
-from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
+from .columns import Motion, approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .energy_updates import any_conduction, any_motion, conduction_of_constants, motion_of_constants
 from .eos import CONSTANT, EOSTable
 from .fields import NO_INCREMENTS, sort_energies
@@ -38,6 +38,7 @@ from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSp
 from .noise import normal, pair_key, uniform
 from .pairs import PairList
 from .sweeps import decay, gather_velocities, scatter_velocities
+from .templates import renamed
 
 #: Columns of the coefficient table; the first two are those of :mod:`.forces`.
 A, CUTOFF, SIGMA, KAPPA = range(4)
@@ -90,12 +91,12 @@ class EnergyLayer:
         """Force form at the listed positions, written or added to ``out``."""
         pairs, motion = self.pairs, self._motion.arrays(call, out, add)
         if not call.which & (DISSIPATIVE | RANDOM):
-            return Sums(*forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, *motion)))
+            return Sums(*forces.conservative_forces(pairs, forces.Repulsion(self.coefficients, motion)))
         assert call.field_values is not None and call.rates is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
         self._find_temperatures(call.field_values, NO_INCREMENTS, "within the step")
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = self._inverse, self._changes, call.rates, *motion
-        return Sums(*energy_forces(pairs, Rates(call.which, *noise, self.coefficients, *of_beads)))
+        of_beads = self._inverse, self._changes, call.rates
+        return Sums(*energy_forces(pairs, Rates(call.which, *noise, self.coefficients, *of_beads, motion)))
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``increments`` the conductive and mechanical energy each bead got."""
@@ -115,7 +116,7 @@ class EnergyLayer:
 
 class Rates(NamedTuple):
     """What the force form reads (``inverse``: (M,) 1/temperatures) and writes beside the pairs (``rates``: (M, 2), and ``changing``: (N, 2)
-    where they go to); see also :class:`.layer.SortedMotion`."""
+    where they go to)."""
 
     which: int
     key: np.uint64
@@ -124,11 +125,7 @@ class Rates(NamedTuple):
     inverse: np.ndarray
     rates: np.ndarray
     changing: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @merged
@@ -142,7 +139,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
     if which & (DISSIPATIVE | RANDOM):
         strength = factor * (c[row, SIGMA] * w) ** 2
         kappa = c[row, KAPPA] * w * w
-        ev = approach(pairs, data.v, n, i, j)
+        ev = approach(pairs, data.motion.v, n, i, j)
         if which & DISSIPATIVE:
             # gamma w^2 = sigma^2 w^2 (1/theta_i + 1/theta_j)/4
             drag = 0.25 * strength * (inverse[i] + inverse[j]) * ev
@@ -160,7 +157,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
         rates[j, 0] -= conducted
         rates[i, 1] += heat
         rates[j, 1] += heat
-    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
+    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), -drag * r
 
 
 energy_forces = over_pairs("energy_forces", _pair_rates, first=gather_and_clear_rates, last=deliver_rates)

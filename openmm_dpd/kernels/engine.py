@@ -172,12 +172,16 @@ class PairEngine(Engine):
         steady = self._covered and not unlike and (self.spec.fields is None or not self.spec.fields.sources)
         return steady and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])
 
-    def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
+    def tables(self, layer: int, heats: np.ndarray) -> dict[str, np.ndarray] | None:
         """See :meth:`.interface.Engine.tables`."""
         its: Any = self.layers[layer]
+        if not heats.min() > 0.0:
+            return None
         if hasattr(its, "coefficients_at"):
-            return its.coefficients_at(heats)
-        return np.repeat(its.coefficients[None], len(heats), axis=0)  # they are the same at all
+            table = its.coefficients_at(heats)
+        else:
+            table = np.repeat(its.coefficients[None], len(heats), axis=0)  # they are the same at all
+        return None if table is None else {"coefficients": table, "kT": heats}
 
     def sorted_beads(self) -> np.ndarray:
         """See :meth:`.interface.Engine.sorted_beads`."""

@@ -16,7 +16,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from ..base.errors import RunError, bead_names
-from ..runtime import Kernel, announced, get_threads, helper, inlined, meet, renamed
+from ..runtime import Kernel, announced, get_threads, helper, inlined, meet
+from .templates import renamed
 
 _LOGGER = logging.getLogger("openmm_dpd")
 #: Fewer terms than this are not worth waking a second thread for: one takes about 10 ns, waking some 10 us where it goes well.

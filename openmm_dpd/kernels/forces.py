@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..runtime import helper, inlined, renamed
+from ..runtime import helper, inlined
 from . import columns
 from .columns import (
+    Motion,
     add_stress,
     along_flow,
     approach,
@@ -34,6 +35,7 @@ from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
 from .noise import draw, normal
 from .pairs import PairList
+from .templates import renamed
 
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)
@@ -48,11 +50,7 @@ class Repulsion(NamedTuple):
     """What the conservative force reads and writes beside the pairs, from a table that begins with A and CUTOFF."""
 
     coefficients: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 class Terms(NamedTuple):
@@ -63,11 +61,7 @@ class Terms(NamedTuple):
     key: np.uint64  # key, rsqrt_dt: of the noise
     rsqrt_dt: float
     coefficients: np.ndarray  #: (T*T, 8)
-    seen: np.ndarray  # seen, v, f, out, add: see :class:`.layer.SortedMotion`
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
     c: np.ndarray = _NOTHING  #: (M, 3) conservative forces alone, which go to ``held`` (N, 3); of length 0 where nobody wants them
     held: np.ndarray = _NOTHING
 
@@ -142,7 +136,7 @@ def _transverse_force(pairs, data, key, n, i, j):
     w = power(1.0 - g[3, n] / c[row, CUTOFF], c[row, EXPONENT_PERP])
     fx, fy, fz = 0.0, 0.0, 0.0
     if data.which & DISSIPATIVE:
-        v, ev = data.v, approach(pairs, data.v, n, i, j)
+        v, ev = data.motion.v, approach(pairs, data.motion.v, n, i, j)
         drag = factor * c[row, GAMMA_PERP] * w * w
         fx -= drag * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex)
         fy -= drag * (v[i, 1] - v[j, 1] - ev * ey)
@@ -169,26 +163,26 @@ def _repulsion(pairs, coefficients, f, n):
 
 @inlined
 def _conservative(pairs, data, scratch, n, k, column):
-    energy, virial = _repulsion(pairs, data.coefficients, data.f, n)
+    energy, virial = _repulsion(pairs, data.coefficients, data.motion.f, n)
     return energy, virial, 0.0
 
 
 @inlined
 def _central(pairs, data, scratch, n, k, column):
     i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
-    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
-    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
+    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
+    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
     return values[_ENERGY, k], virial, -drag * pairs.geometry[3, n]
 
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
     i, j, g, values = pairs.pi[n], pairs.pj[n], pairs.geometry, scratch.values
-    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
-    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
+    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
+    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
     # perpendicular to e: these add nothing to r.F
     tx, ty, tz = _transverse_force(pairs, data, scratch.bits[k], n, i, j)
-    push(data.f, i, j, tx, ty, tz)
+    push(data.motion.f, i, j, tx, ty, tz)
     if len(pairs.stress):
         x, y, z = g[3, n] * g[0, n], g[3, n] * g[1, n], g[3, n] * g[2, n]
         add_stress(pairs.stress, column, (x * tx, y * ty, z * tz, x * ty, x * tz, y * tz))
@@ -207,7 +201,7 @@ def pair_forces(pairs: PairList, terms: Terms, transverse: bool, more: int) -> S
         return Sums(*_parted_forces(pairs, terms, more & STRESS))
     if terms.which != CONSERVATIVE:
         return Sums(*(_any_forces if transverse else _central_forces)(pairs, terms, more & STRESS))
-    given = Repulsion(terms.coefficients, terms.seen, terms.v, terms.f, terms.out, terms.add)
+    given = Repulsion(terms.coefficients, terms.motion)
     return Sums(*(_curved_forces if more & LAPLACIAN else conservative_forces)(pairs, given, more & STRESS))
 
 
@@ -231,7 +225,7 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
 def _curved(pairs, data, scratch, n, k, column):
     # first: after a force is written all has to be read again
     laplacian = _pair_laplacian(pairs, data, scratch, n, k, column)[0]
-    energy, virial = _repulsion(pairs, data.coefficients, data.f, n)
+    energy, virial = _repulsion(pairs, data.coefficients, data.motion.f, n)
     return energy, virial, 0.0, laplacian, virial
 
 
@@ -239,9 +233,9 @@ def _curved(pairs, data, scratch, n, k, column):
 def _parted(pairs, data, scratch, n, k, column):
     i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
     laplacian = _mobile(pairs, i, j) * values[_CURVE, k]
-    drag = values[_DRAG, k] * approach(pairs, data.v, n, i, j)
+    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
     conservative = push_apart(pairs, data.c, n, i, j, values[_HELD, k])
-    virial = push_apart(pairs, data.f, n, i, j, values[_PUSH, k] - drag)
+    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
     return values[_ENERGY, k], virial, -drag * pairs.geometry[3, n], laplacian, conservative
 
 
@@ -271,7 +265,7 @@ def _pair_tensors(pairs, data, scratch, n, k, column):
     w, s = 1.0 - r / c[row, CUTOFF], c[row, EXPONENT]
     w = w if s == 1.0 else _rare_power(w, s)
     drag = factor * c[row, GAMMA] * w * w * r
-    return drag * r, radial * r, -drag * approach(pairs, data.v, n, i, j)
+    return drag * r, radial * r, -drag * approach(pairs, data.motion.v, n, i, j)
 
 
 _tensors = over_pairs("pair_tensors", _pair_tensors, first=columns.gather, drags=True)

@@ -66,8 +66,9 @@ class Engine(Protocol):
         """Whether compiled kernels do all the work of a step on arrays that stay in place, so that it can be played again."""
         return False
 
-    def tables(self, layer: int, heats: np.ndarray) -> np.ndarray | None:
-        """Coefficients (S, ...) of a layer at S thermal energies, None if more than the noise depends on them; only where it repeats."""
+    def tables(self, layer: int, heats: np.ndarray) -> dict[str, np.ndarray] | None:
+        """What kernels of a layer get at S thermal energies, by name: ``coefficients`` (S, ...) and ``kT`` (S,).  None if more depends on
+        these than noise and coefficients; only where it repeats."""
         raise NotImplementedError
 
     def sorted_beads(self) -> np.ndarray:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from .columns import Motion
 from .extras import Extra
 from .fields import FieldSpec
 from .noise import told_key
@@ -64,22 +65,17 @@ class Sums:
     conservative: float | None = None  #: Virial of the conservative terms alone, where they are written apart
 
 
-#: Velocities where there is no friction.
-NO_VELOCITIES = np.zeros((0, 3))
-
-
 class SortedMotion:
-    """Velocities and forces of M beads in the order of a pair list, and where they come from and go to.  The loops over pairs fetch and
-    deliver them, see :func:`.columns.gather_and_clear` and :func:`.columns.deliver`."""
+    """Velocities and forces of M beads in the order of a pair list."""
 
     def __init__(self, pairs: PairList):
         self.v, self.f = pairs.rows_of_beads, np.zeros((len(pairs.order), 3))
 
-    def arrays(self, call: Call, out: np.ndarray, add: bool) -> tuple[Any, ...]:
-        """``seen``, ``v``, ``f``, ``out``, ``add``: the last items of what a loop over pairs reads and writes.  They are no record in that
-        record: numba does not compile loops for several threads over one."""
-        seen = call.velocities if call.which & (DISSIPATIVE | RANDOM) else None
-        return NO_VELOCITIES if seen is None else seen, self.v, self.f, out, add
+    def arrays(self, call: Call, out: np.ndarray, add: bool) -> Motion:
+        """What a loop over pairs reads and writes, with the forces going to ``out``."""
+        if call.velocities is None or not call.which & (DISSIPATIVE | RANDOM):
+            return Motion(self.f, out, add, self.v)
+        return Motion(self.f, out, add, self.v, call.velocities)
 
 
 class Layer(Protocol):

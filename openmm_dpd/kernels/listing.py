@@ -32,7 +32,7 @@ LINE = 16
 
 
 class SortedCells(NamedTuple):
-    """What pairs are listed from, and on; one record of all, since numba knows no records of records in loops for several threads.
+    """What pairs are listed from, and what they are listed on.
 
     The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
     pairs: the squares of the cutoffs of all types, of the longest one, and of what that can be in single precision; exceptions in

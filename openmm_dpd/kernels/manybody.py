@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from .columns import approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import Motion, approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
 from .dpd import SweptLayer
 from .forces import CUTOFF, GAMMA, SIGMA, A
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, Sums, table_of
@@ -97,7 +97,7 @@ class ManyBodyLayer(SweptLayer):
         noise = call.key(self.number), call.rsqrt_dt
         share = 0.5 if self.table.lucy else 0.25
         motion = self._motion.arrays(call, out, add)
-        return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, *motion), which & STRESS))
+        return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, motion), which & STRESS))
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy; NaN with the Lucy kernel, whose force has no potential."""
@@ -165,11 +165,7 @@ class ManyBody(NamedTuple):
     share: float
     coefficients: np.ndarray
     rho: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @helper
@@ -193,11 +189,11 @@ def _pair_force(pairs, data, scratch, n, k, column):
             energy += data.share * many * wd * cutoff_B
             radial += many
     if which & DISSIPATIVE:
-        drag = factor * c[row, GAMMA] * w * w * approach(pairs, data.v, n, i, j)
+        drag = factor * c[row, GAMMA] * w * w * approach(pairs, data.motion.v, n, i, j)
         radial -= drag
     if which & RANDOM:
         radial += np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA] * w * scratch.values[3, k]
-    return energy, push_apart(pairs, data.f, n, i, j, radial), -drag * r
+    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), -drag * r
 
 
 many_body_forces = over_pairs("many_body_forces", _pair_force, _noise, first=gather_and_clear, last=deliver)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime import Kernel, compiled, copy_words, helper, inlined, meet, put_word, renamed, threads_for, word
+from ..runtime import Kernel, compiled, helper, inlined, meet, threads_for
+from .templates import renamed
 
 
 def _over_beads(beads, counts, arguments, part, parts, team):
@@ -67,29 +68,33 @@ def add_to_moving(begin, end, values, changes, inv_mass):
                 values[i, k] += changes[i, k]
 
 
-def _take_rows(moved, names, back, part, parts, team):
+def _take_rows(rows, out, names, back, part, parts, team):
     begin, end = len(names) * part // parts, len(names) * (part + 1) // parts
-    for k in range(len(moved)):
-        rows, out, width = moved[k, 0], moved[k, 1], moved[k, 2]
+    for k in range(len(rows)):
+        its, there = rows[k], out[k]
         for i in range(begin, end):
-            for n in range(width):
-                put_word(out, i * width + n, word(rows, names[i] * width + n))
+            for n in range(its.shape[1]):
+                there[i, n] = its[names[i], n]
     if back:
         meet(team, parts)
-        for k in range(len(moved)):
-            first = 8 * begin * moved[k, 2]
-            copy_words(moved[k, 1] + first, moved[k, 0] + first, (end - begin) * moved[k, 2])
+        for k in range(len(rows)):
+            its, there = rows[k], out[k]
+            for i in range(begin, end):
+                for n in range(its.shape[1]):
+                    its[i, n] = there[i, n]
     return 0
 
 
 _take_rows_kernel = Kernel(_take_rows)
+#: So many arrays are moved at once, some of them empty: one compiled version does for all.
+_ARRAYS, _EMPTY = 6, np.zeros((0, 0))
 
 
 def take_rows(arrays: Sequence[tuple[np.ndarray, np.ndarray]], names: np.ndarray, back: bool = False) -> None:
     """Write the rows of these numbers (N,) of the first of two arrays (N, K) to the second, in their order, and from there ``back`` if
-    wanted.  The arrays are contiguous, of 64-bit numbers."""
-    moved = np.array([(rows.ctypes.data, out.ctypes.data, rows.shape[1]) for rows, out in arrays], np.int64)
-    _take_rows_kernel(moved, names, back, parts=threads_for(len(names)))
+    wanted.  The arrays are contiguous, of float64."""
+    rows, out = zip(*arrays, *[(_EMPTY, _EMPTY)] * (_ARRAYS - len(arrays)), strict=True)
+    _take_rows_kernel(rows, out, names, back, parts=threads_for(len(names)))
 
 
 @over_beads

@@ -88,7 +88,7 @@ def key_again(numbers, counter, bits):
 def told_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
     """A :func:`noise_key`, of which a tape that is running is told, so that :func:`key_again` makes those of other steps."""
     key = noise_key(seed, counter, layer, kT)
-    Tape.tell(key, counter, kT, layer, call_key(seed))
+    Tape.tell("key", key, counter, kT, layer, call_key(seed))
     return key
 
 

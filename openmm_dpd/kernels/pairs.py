@@ -1,12 +1,12 @@
 """The pairs of one layer of terms at one set of positions, in columns (see :mod:`.cells` and :mod:`.listing`)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.errors import RunError, bead_number
 from ..base.geometry import most_tilted, widths
-from ..runtime import Memory, threads_for
+from ..runtime import threads_for
 from . import cells, listing
 from .shares import Shares, blocks_of, by_colours, share_out
 
@@ -116,8 +116,9 @@ class PairList:
         #: see :class:`Pairs`; and whether the images of the box slide in a shear, which then writes to the box vectors
         self.flow: np.ndarray | int = 0
         self.slides = False
-        #: of kernels that are given the arrays of this list, see :class:`.native.Kernel`
-        self.memory = Memory(Pairs, Scratch, Shares, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads)
+        #: of kernels that are given the arrays of this list, see :class:`openmm_dpd.runtime.native.Kernel`
+        kept = Pairs, Scratch, Shares, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads
+        self.memory: dict[type, Any] = dict.fromkeys(kept)
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """Take arrays of beads from now on in another order: ``names`` (N,) has the number of the bead in each row, ``places`` (N,) the

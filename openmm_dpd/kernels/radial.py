@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from .columns import Totals, clear, deliver, factor_of, over_pairs, push_apart
+from .columns import Motion, Totals, clear, deliver, factor_of, over_pairs, push_apart
 from .pairs import Exceptions, PairList, no_exceptions
 
 
@@ -87,16 +87,14 @@ def _cubic(r, first, last, knots, cubics):
 
 
 class Potential(NamedTuple):
-    """What the loop reads and writes beside the pairs; ``f``: (M, 3) forces on the sorted beads, added to ``out`` (N, 3)."""
+    """What the loop reads and writes beside the pairs."""
 
     which: np.ndarray
     lennard_jones: np.ndarray
     start: np.ndarray
     knots: np.ndarray
     cubics: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool = True
+    motion: Motion
 
 
 @helper
@@ -109,7 +107,7 @@ def _radial_pair(pairs, data, scratch, n, k, column):
     else:
         energy, size = _cubic(r, data.start[table], data.start[table + 1] - 1, data.knots, data.cubics)
     factor = factor_of(pairs, n)
-    return factor * energy, push_apart(pairs, data.f, n, i, j, factor * size), 0.0
+    return factor * energy, push_apart(pairs, data.motion.f, n, i, j, factor * size), 0.0
 
 
 radial_forces = over_pairs("radial_forces", _radial_pair, first=clear, last=deliver)
@@ -123,8 +121,8 @@ class RadialEvaluator:
     def __init__(self, terms: RadialTerms):
         self.terms = terms
         self.list = PairList(terms.types, np.ones(len(terms.types)), terms.cutoff, terms.exceptions)
-        tables, f = terms.tables, np.zeros((len(self.list.beads), 3))
-        self._potential = Potential(terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics, f, f)
+        self._f, tables = np.zeros((len(self.list.beads), 3)), terms.tables
+        self._tables = terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""
@@ -143,4 +141,4 @@ class RadialEvaluator:
         if not len(self.list.beads):
             return Totals(0.0, 0.0, 0.0)
         self.list.build(x, box)
-        return radial_forces(self.list, self._potential._replace(out=force), tensor)
+        return radial_forces(self.list, Potential(*self._tables, Motion(self._f, force)), tensor)

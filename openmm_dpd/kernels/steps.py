@@ -12,7 +12,7 @@ import numpy as np
 
 from ..base.errors import RunError
 from ..base.signals import CTRL_C
-from ..runtime import Recording, Tape, threads_for
+from ..runtime import Tape, threads_for
 from . import motion
 from .columns import Totals
 from .driven import continuum_push, drag_by_walls, reflect_driven
@@ -95,8 +95,8 @@ class StepLoop:
                 with nullcontext() if tape is None else tape.recording():
                     step(moment)
                 if tape is not None and tape.smooth and begun == self.valid.computed(moment):
-                    recording = Recording(tape, counter, moment.counter - counter, moment.state, self.engine.tables)
-                    self.valid.record(Recorded(recording, begun, self._conditions(moment)))
+                    tape.finish(counter, moment.counter - counter, moment.state, self.engine.tables)
+                    self.valid.record(Recorded(tape, begun, self._conditions(moment)))
                 self._count(moment, 1)
                 done += 1
                 if slow is not None and moment.slow_step == 0:

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..runtime import helper, inlined, merged
 from . import forces
-from .columns import approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
+from .columns import Motion, approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import clamped, normal, pair_key
@@ -80,12 +80,12 @@ class SpeciesLayer:
         """Force form at the listed positions, written or added to ``out``; rates (N, K) are dC/dt."""
         motion, reactive = self._motion.arrays(call, out, add), call.which & (DISSIPATIVE | RANDOM)
         if self._short and not reactive:
-            return Sums(*forces.conservative_forces(self.pairs, forces.Repulsion(self.coefficients, *motion)))
+            return Sums(*forces.conservative_forces(self.pairs, forces.Repulsion(self.coefficients, motion)))
         values = call.field_values if reactive else np.zeros((0, self._c.shape[1]))
         assert values is not None and call.rates is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
         noise = call.key(self.number), call.rsqrt_dt
-        of_beads = values, self._c, self._other, call.rates, *motion
-        return Sums(*species_forces(self.pairs, Diffusion(call.which, call.kT, *noise, self.coefficients, self.exchange, *of_beads)))
+        tables, of_beads = (self.coefficients, self.exchange), (values, self._c, self._other, call.rates)
+        return Sums(*species_forces(self.pairs, Diffusion(call.which, call.kT, *noise, *tables, *of_beads, motion)))
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``increments`` what the concentrations change by."""
@@ -101,7 +101,7 @@ class SpeciesLayer:
 
 class Diffusion(NamedTuple):
     """What the force form reads and writes beside the pairs: concentrations ``values`` (N, K; of length 0 where none are wanted), sorted
-    ``c`` (M, K); their ``rates`` (M, K), and ``changing`` (N, K), where these go to.  See also :class:`.layer.SortedMotion`."""
+    ``c`` (M, K); their ``rates`` (M, K), and ``changing`` (N, K), where these go to."""
 
     which: int
     kT: float
@@ -113,11 +113,7 @@ class Diffusion(NamedTuple):
     c: np.ndarray
     rates: np.ndarray
     changing: np.ndarray
-    seen: np.ndarray
-    v: np.ndarray
-    f: np.ndarray
-    out: np.ndarray
-    add: bool
+    motion: Motion
 
 
 @inlined
@@ -142,11 +138,11 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
         if which & CONSERVATIVE:
             radial, energy = soft(factor * coefficients[row, A], coefficients[row, CUTOFF], r)
         if which & DISSIPATIVE:
-            drag = friction * approach(pairs, data.v, n, i, j)
+            drag = friction * approach(pairs, data.motion.v, n, i, j)
             radial -= drag
         if which & RANDOM:
             radial += np.sqrt(2.0 * data.kT * friction) * data.rsqrt_dt * normal(pair, MOTION)
-        virial = push_apart(pairs, data.f, n, i, j, radial)
+        virial = push_apart(pairs, data.motion.f, n, i, j, radial)
     if r < coefficients[row, CUTOFF_C] and which & (DISSIPATIVE | RANDOM):
         w = 1.0 - r / coefficients[row, CUTOFF_C]
         scale = data.rsqrt_dt if order[i] < order[j] else -data.rsqrt_dt

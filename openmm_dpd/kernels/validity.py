@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..runtime import Recording
+from ..runtime import Tape
 from .columns import Totals
 from .interface import Engine
 from .moment import Moment
@@ -35,7 +35,7 @@ class Computed(NamedTuple):
 class Recorded(NamedTuple):
     """A step that can be played again where the same is known before it, under the same conditions."""
 
-    step: Recording
+    step: Tape
     before: Computed
     conditions: tuple
 

@@ -8,7 +8,7 @@ import numba
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise ImportError("NUMBA_DISABLE_JIT is set, but openmm_dpd computes in kernels that numba compiles; unset it")
 
-from .addresses import copy_words as copy_words, instruction as instruction, put_word as put_word, word as word
+from .addresses import instruction as instruction
 from .compiled import (
     both as both,
     by_types as by_types,
@@ -16,12 +16,10 @@ from .compiled import (
     helper as helper,
     inlined as inlined,
     merged as merged,
-    renamed as renamed,
 )
 from .kernel_cache import cache_folder as cache_folder
-from .native import Kernel as Kernel, Memory as Memory
+from .native import Kernel as Kernel
 from .notice import announced as announced
-from .replay import Recording as Recording
 from .tape import Tape as Tape
 from .team import meet as meet
 from .threads import get_threads as get_threads, set_threads as set_threads, threads_for as threads_for

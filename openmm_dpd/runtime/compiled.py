@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from types import FunctionType
 from typing import Any
 
 import numba
@@ -35,15 +34,6 @@ merged = numba.njit(forceinline=True, **BARE, **ONLY_LINKED)
 both = register_jitable(inline="always", **BARE, **ONLY_LINKED)
 #: Decorator (with the function that kernels call) of one that gets the types of its arguments, and returns what is compiled for these.
 by_types = partial(overload, jit_options=BARE)  # type: ignore[arg-type]  # has an option of our own
-
-
-def renamed(function: Callable, name: str, names: dict[str, Any] | None = None) -> FunctionType:
-    """The same Python function under another name; ``names`` replaces global names that it uses.  So a loop is written once for all that is
-    done inside it."""
-    known = {**function.__globals__, **names} if names else function.__globals__
-    copy = FunctionType(function.__code__, known, name, function.__defaults__)
-    copy.__qualname__, copy.__module__, copy.__doc__ = name, function.__module__, function.__doc__
-    return copy
 
 
 def compiled(function: Callable, *, bare: bool = False, kept: bool = True) -> Any:

@@ -13,6 +13,7 @@ import ctypes
 import functools
 import hashlib
 import itertools
+import threading
 from collections.abc import Callable
 from struct import Struct
 from types import FunctionType
@@ -24,7 +25,6 @@ from numba import types
 
 from .addresses import ENTRY, reader_of
 from .compiled import BARE, SEMANTICS, at_address
-from .tape import TAPES, KernelCall
 from .team import CALL, the_team
 from .threads import dispatch
 
@@ -71,25 +71,19 @@ class Laid(NamedTuple):
     kind: int  #: What says how they are to be read
 
 
-class Memory:
-    """The last tuple of each of some types."""
-
-    def __init__(self, *kinds: type):
-        self._known: dict[type, Laid | None] = dict.fromkeys(kinds)
-
-    def known(self, value: Any) -> Laid | None:
-        """The words of a tuple, None for what has none of these types."""
-        if type(value) not in self._known:
-            return None
-        found = self._known[type(value)]
-        if found is None or found.value is not value:
-            words: list[Any] = []
-            kinds: list[Any] = []
-            _add_words(value, words, kinds)
-            packed = Struct("".join(map(_format, words))).pack(*words)
-            address = ctypes.cast(ctypes.c_char_p(packed), ctypes.c_void_p).value or 0
-            self._known[type(value)] = found = Laid(value, packed, address, _one(tuple(kinds)))
-        return found
+def _laid(value: Any, memory: dict[type, Laid | None]) -> Laid | None:
+    """The words of a tuple, None for what is of no type that the memory has."""
+    if type(value) not in memory:
+        return None
+    found = memory[type(value)]
+    if found is None or found.value is not value:
+        words: list[Any] = []
+        kinds: list[Any] = []
+        _add_words(value, words, kinds)
+        packed = Struct("".join(map(_format, words))).pack(*words)
+        address = ctypes.cast(ctypes.c_char_p(packed), ctypes.c_void_p).value or 0
+        memory[type(value)] = found = Laid(value, packed, address, _one(tuple(kinds)))
+    return found
 
 
 @functools.cache
@@ -137,6 +131,24 @@ def run(layout: Layout, packed: bytes, parts: int) -> int:
     return dispatch(lambda threads: (_together if threads > 1 else _alone)(layout, packed, threads), parts)
 
 
+class KernelCall(NamedTuple):
+    """A call that is recorded."""
+
+    layout: Layout
+    packed: bytes  #: Its arguments
+    parts: int  #: Threads that share the work
+    kept: tuple  #: What has to stay where it is
+
+
+class _Running(threading.local):
+    """The :class:`.tape.Tape` that this thread records on."""
+
+    tape: Any = None
+
+
+RUNNING = _Running()
+
+
 class Kernel:
     """A function as above, compiled for each combination of types it is called with; ``bare`` and ``kept`` as in
     :func:`.compiled.compiled`."""
@@ -146,11 +158,12 @@ class Kernel:
         self._inner = numba.njit(inline="always", **(BARE if bare else SEMANTICS))(function)
         self._layouts: dict[tuple, Layout] = {}
 
-    def __call__(self, *arguments: Any, parts: int = 1, memory: Memory | None = None) -> int:
-        """Call it with so many threads; ``memory`` belongs to who has the tuples in it."""
+    def __call__(self, *arguments: Any, parts: int = 1, memory: dict[type, Any] | None = None) -> int:
+        """Call it with so many threads.  A tuple that is an argument of many calls lies in a ``memory``, which has the last one of each of
+        its types (None at first); calls have its address alone."""
         words: list[Any] = []
         kinds: list[Any] = []
-        there = () if memory is None else tuple(map(memory.known, arguments))
+        there = () if memory is None else tuple(_laid(each, memory) for each in arguments)
         for known, each in zip(there or (None,) * len(arguments), arguments, strict=True):
             if known is None:
                 _add_words(each, words, kinds)
@@ -164,7 +177,7 @@ class Kernel:
             made = self._compiled(numba.typeof(arguments), elsewhere)
             layout = self._layouts[how] = Layout(self.name, made, arguments, elsewhere, words)
         packed = layout.pack(*words)
-        tape, found = TAPES.running, run(layout, packed, parts)
+        tape, found = RUNNING.tape, run(layout, packed, parts)
         if tape is not None:
             tape.calls.append(KernelCall(layout, packed, parts, (arguments, there)))
             tape.smooth = tape.smooth and found == 0

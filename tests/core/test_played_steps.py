@@ -16,8 +16,8 @@ from openmm_dpd.kernels.noise import key_again
 from openmm_dpd.kernels.pairs import PairList
 from openmm_dpd.kernels.steps import StepLoop
 from openmm_dpd.runtime import threads as thread_count
-from openmm_dpd.runtime.replay import Recording
-from openmm_dpd.runtime.tape import KernelCall, Tape
+from openmm_dpd.runtime.native import KernelCall
+from openmm_dpd.runtime.tape import Tape
 from openmm_dpd.runtime.threads import set_threads
 
 #: Kinds of which all but the first and the last step of a call are played.
@@ -50,14 +50,14 @@ STEPS = 23
 @pytest.fixture
 def counted(monkeypatch):
     """How many steps were played so far."""
-    real, found = Recording.play, [0]
+    real, found = Tape.play, [0]
 
     def play(*arguments):
         played = real(*arguments)
         found[0] += played[0]
         return played
 
-    monkeypatch.setattr(Recording, "play", play)
+    monkeypatch.setattr(Tape, "play", play)
     return found
 
 
@@ -267,7 +267,8 @@ def test_shared_by_as_many_as_have_room():
     layout = SimpleNamespace(address=0, places={}, name="kernel")
     tape = Tape(key_again)
     tape.calls = [KernelCall(layout, b"12345678", parts, ()) for parts in (1, 4, 3, 4)]  # type: ignore[arg-type]
-    assert Recording(tape, 0, 0, [], lambda *arguments: None).threads == 3
+    tape.finish(0, 0, [], lambda *arguments: None)
+    assert tape.threads == 3
 
 
 def polymers(beads: int = 600) -> dpd.Scene:
