@@ -83,7 +83,7 @@ def build_plan(plan: Plan) -> BuiltSystem:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.walls and execution.steps != "device":
-        for name, values in walls.variables(scene.gaps, scene.n_beads).items():
+        for name, values in walls.variables(scene.gaps, options.walls, scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.interacting is not None:
         integrator.setPerDofVariableByName(ALONE, (~scene.interacting).astype(float))

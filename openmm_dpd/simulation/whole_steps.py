@@ -46,10 +46,10 @@ class WholeSteps:
         ``slow``: forces of OpenMM act; ``barostats``: a barostat acts behind these steps.  OpenMMException if a step fails, with its
         number.
         """
-        if self.spec.shear is not None and (slow or barostats):
+        if self.spec.shear is not None and slow:
             raise PlanError(
-                "beside Lees-Edwards shear no force of OpenMM's own and no barostat can act: they do not know the sliding images; "
-                "take those that were added out of the System"
+                "beside Lees-Edwards shear no force of OpenMM's own can act, for it does not know the sliding images; "
+                "remove added forces from the System"
             )
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())

@@ -220,7 +220,7 @@ def test_programs_with_walls(scheme, kind, thermostat):
     assert text.count("reflect at the walls") == sum(letter == "A" for letter, _ in SCHEMES[scheme].steps(thermostat))
     assert not any(phase in text for phase in ("FORCE_SEEN", "SWEEP_SEEN"))
     plain = make_program(replace(options, walls=""))
-    assert not set(plain.per_dof) & set(walls.variables({}, 1)) and walls.PUT_BACK not in plain.per_dof
+    assert not set(plain.per_dof) & set(walls.variables({}, "", 1)) and walls.PUT_BACK not in plain.per_dof
 
 
 def test_predicted_velocities_turn_too():

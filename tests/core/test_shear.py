@@ -301,6 +301,9 @@ def test_what_would_not_know_the_images(tmp_path):
     built = dpd.build(scene, dt=0.02, platform="CPU")
     built.system.addForce(external_force("0.1*z", 81))
     raises(dpd.PlanError, "sliding images", lambda: built.simulation().step(1))
+    built = dpd.build(scene, dt=0.02, platform="CPU")
+    built.system.addForce(openmm.MonteCarloBarostat(1.0, 120.27, 5))
+    raises(dpd.PlanError, "MonteCarloBarostat.*sliding images", lambda: built.simulation().step(1))
     with pytest.raises(openmm.OpenMMException, match="whole steps alone"):
         context = plain_context(dpd.build(scene, dt=0.02, platform="CPU"), "CPU")
         context.getIntegrator().step(1)
@@ -313,7 +316,7 @@ def test_what_would_not_know_the_images(tmp_path):
     simulation.step(5)
     simulation.context.setPeriodicBoxVectors(*np.diag([3.0] * 3))
     raises(openmm.OpenMMException, "of the shear: it was set", simulation.step, 1)
-    with pytest.raises(dpd.ParameterError, match="only a constant rate of shear is exported"):
+    with pytest.raises(dpd.ParameterError, match="only a constant shear rate can be exported"):
         export_lammps(replace(scene, shear=SHEARS["oscillating"][0]), tmp_path, "sheared", dt=0.02)
 
 

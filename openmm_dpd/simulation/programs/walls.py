@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...model.flow import BOUNCE_BACK, MIXED, NOWHERE, SPECULAR, Gap, kind_of
+from ...model.flow import BOUNCE_BACK, MIXED, NOWHERE, SPECULAR, Gap
 from .program import Program
 
 CONSTANTS = LOW, HIGH, START, PERIOD, BACK = "wall_low", "wall_high", "wall_start", "wall_period", "wall_back"
@@ -33,10 +33,10 @@ def planes(gaps: Mapping[int, Gap]) -> dict[str, np.ndarray]:
     return {LOW: low, HIGH: high, START: start, PERIOD: period, BACK: back}
 
 
-def variables(gaps: Mapping[int, Gap], n_beads: int) -> dict[str, np.ndarray]:
-    """Values (N, 3) of the per-DOF variables of the walls, by name."""
+def variables(gaps: Mapping[int, Gap], kind: str, n_beads: int) -> dict[str, np.ndarray]:
+    """Values (N, 3) of the per-DOF variables of walls of this kind, by name."""
     values = planes(gaps)
-    if kind_of(gaps) != MIXED:
+    if kind != MIXED:
         del values[BACK]
     return {name: np.tile(value, (n_beads, 1)) for name, value in values.items()}
 
