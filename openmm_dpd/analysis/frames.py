@@ -59,7 +59,7 @@ def chunks_of(trajectory: Trajectories) -> tuple[mdtraj.Topology, Iterator[mdtra
 
 
 def _checked(chunks: Iterator) -> Iterator[mdtraj.Trajectory]:
-    """Chunks with frames; ParameterError if one is no trajectory, has no topology or other beads, or a coordinate is not finite."""
+    """Chunks with frames; ParameterError if one is not a trajectory, has no topology or other beads, or a coordinate is not finite."""
     import mdtraj
 
     beads, frames = None, 0
@@ -161,7 +161,7 @@ def axis_number(axis: str | int) -> int:
 
 
 def positive_number(value, name: str) -> float:
-    """The value as a float; ParameterError if it is no finite number above 0."""
+    """The value as a float; ParameterError if it is not a finite number > 0."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -186,7 +186,7 @@ def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:
     except (OSError, ValueError, TypeError) as error:
         raise ParameterError(f"{file} cannot be read as a file of velocities (written by VelocityReporter): {error}") from None
     if not isinstance(opened, np.lib.npyio.NpzFile) or not any(name.startswith("velocities/") for name in opened.files):
-        raise ParameterError(f"{file} is no file of velocities written by VelocityReporter")
+        raise ParameterError(f"{file} is not a file of velocities written by VelocityReporter")
     with opened as archive:
         for member in sorted(name for name in archive.files if name.startswith("velocities/")):
             yield archive[member]

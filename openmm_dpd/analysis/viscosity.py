@@ -289,7 +289,7 @@ def green_kubo_viscosity(
 
 
 def _viscosity(value) -> float:
-    """The value as a float; ParameterError if it is no finite viscosity >= 0, in kJ/mol ps/nm^3."""
+    """A viscosity as a float, kJ/mol ps/nm^3; ParameterError if it is not finite and >= 0."""
     if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
         raise ParameterError(f"the instantaneous viscosity must be a number >= 0, not {what_is(value)}")
     return float(value)

@@ -1,4 +1,4 @@
-"""One configuration of a scene, to be written to a file; PDB files; how often reporters write."""
+"""One configuration of a scene, to be written to a file; PDB files; and the base of reporters."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .trajectory import CHAIN, SYMBOL, short_names
 
 
 class Cadence:
-    """Base of reporters: a report every ``interval`` steps; ``what`` comes then, for the error."""
+    """Base of reporters: a report every ``interval`` steps; ``what`` names the reports in errors."""
 
-    #: Parts of the State that OpenMM hands over, and whether their positions are folded into the box; None: as OpenMM finds right.
+    #: Parts of the State that OpenMM passes, and whether its positions are wrapped into the box (None: OpenMM decides).
     _INCLUDE: tuple[str, ...] = ()
     _FOLDED: bool | None = None
 
@@ -28,7 +28,7 @@ class Cadence:
         self.interval = whole_number(interval, f"the interval between {what}, in steps,", least=1)
 
     def describeNextReport(self, simulation):
-        """Steps until the next report, and what is wanted in the State that OpenMM hands over."""
+        """Steps until the next report, and the parts of the State that it needs, as OpenMM asks for them."""
         steps = self.interval - simulation.currentStep % self.interval
         return {"steps": steps, "periodic": self._FOLDED, "include": list(self._INCLUDE)}
 
@@ -77,7 +77,7 @@ def scene_of(source) -> Scene:
     """The scene itself, or that of a result of :func:`openmm_dpd.build`; ParameterError for anything else."""
     scene = source if isinstance(source, Scene) else getattr(getattr(source, "plan", None), "scene", None)
     if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene or what openmm_dpd.build() returned, not {what_is(source)}")
+        raise ParameterError(f"expected a Scene or the result of openmm_dpd.build(), not {what_is(source)}")
     if scene is not source and source.plan.host is not None:
         raise ParameterError("a System made elsewhere has particles that are not beads; use OpenMM's reporters to write it")
     return scene

@@ -251,7 +251,7 @@ class ProfileReporter(BuiltReporter):
         self._density += counts * self.bins / np.prod(present.box.diagonal())
         self._edges.append(edge)
         squares = present.kinetic_stress(v, force, lambda weight, a: weight * np.sum(a * a, axis=1))
-        # a slab's own motion, steady or not, is no heat; its thermal part has three degrees of freedom
+        # a slab's own motion, steady or not, is not heat; its thermal part has three degrees of freedom
         own = np.divide(np.sum(momentum**2, axis=0), total, out=np.zeros(self.bins), where=total > 0)
         self._square += sums_in_slices(slab, squares[self._mobile], self.bins) - own
 

@@ -66,7 +66,7 @@ class SceneSampler:
         if self.plan.scene.electrostatics is not None:
             return "the interaction of charges has no Laplacian here"
         if self.plan.driven is not None and self.plan.driven.continuum is not None:
-            return "what is behind walls has no Laplacian here"
+            return "a continuum behind walls has no Laplacian here"
         if terms:
             return terms
         if self.plan.engine.lacks(["Laplacian"]):
@@ -77,7 +77,7 @@ class SceneSampler:
 
     @property
     def uncounted(self) -> str | None:
-        """Names of forces that do not count in virials and pressures, because somebody else added them to the System; None without any."""
+        """Names of foreign forces in the System, which virials and pressures leave out; None without any."""
         return _names(self.present.foreign(self.built.system.getForces())) or None
 
     @staticmethod
@@ -254,7 +254,7 @@ class Observer:
 
     @property
     def uncounted(self) -> str | None:
-        """Names of forces that do not count in virials and pressures, because somebody else added them to the System; None without any."""
+        """Names of foreign forces in the System, which virials and pressures leave out; None without any."""
         return self._sampler.uncounted
 
     def sample(self, context: openmm.Context) -> Any:

@@ -105,8 +105,8 @@ class DPDReporter(Cadence):
     Raises
     ------
     ParameterError
-        If a column is unknown or not measured for this System, the interval is no whole number of at least 1, ``built`` is anything
-        else, or the file to append to has another header.
+        If a column is unknown or not measured for this System, the interval is not a whole number >= 1, ``built`` is anything else, or
+        the file to append to has another header.
     """
 
     _owned = False  # also if __init__ fails early

@@ -32,7 +32,7 @@ def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, f
 
 
 def check_context(context) -> None:
-    """Raise ParameterError if this is no Context."""
+    """Raise ParameterError if this is not an openmm.Context."""
     if not isinstance(context, openmm.Context):
         raise ParameterError(f"context must be an openmm.Context, such as simulation.context, not a {type(context).__name__}")
 

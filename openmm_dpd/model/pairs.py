@@ -274,7 +274,7 @@ class PairTable:
     Raises
     ------
     ParameterError
-        If this is no mapping, a key is not a pair of names, a key and its reverse contradict each other, or values are of several kinds.
+        If this is not a mapping, a key is not a pair of names, a key and its reverse contradict each other, or values are of several kinds.
 
     Examples
     --------

@@ -23,7 +23,7 @@ class TemperatureRamp:
     Raises
     ------
     ParameterError
-        If a kT is no energy or temperature >= 0, a step is not a whole number, or the last step is not after the first.
+        If a kT is not an energy or temperature >= 0, a step is not a whole number, or the last step is not after the first.
     """
 
     kT_start: float

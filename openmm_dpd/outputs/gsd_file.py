@@ -1,4 +1,4 @@
-"""GSD files in HOOMD's schema, for OVITO, freud and HOOMD-blue."""
+"""GSD files in HOOMD-blue's schema, for OVITO, freud and HOOMD-blue."""
 
 import os
 from pathlib import Path

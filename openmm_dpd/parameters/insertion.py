@@ -260,7 +260,7 @@ class _Run:
                 f"the copies leave {100 * part:.0f} % of the box as undisturbed solvent, but {100 * _LEAST_FAR:.0f} % are needed; "
                 "take a larger box or fewer copies"
             )
-        # excess of beads over the wanted density in the room of the same moment, which changes as copies bend
+        # excess of beads over those at the wanted density in the room of the same sample, which changes as copies bend
         return 1.0 + (np.array(self._counts) - wanted * rooms) / (wanted * rooms.mean())
 
 

@@ -426,5 +426,5 @@ def test_files_that_hold_no_velocities(tmp_path, name):
     (tmp_path / "text.npz").write_text("hello")
     np.savez(tmp_path / "other.npz", x=np.zeros(5))
     (tmp_path / "cut.npz").write_bytes((tmp_path / "other.npz").read_bytes()[:100])
-    message = "is no file of velocities" if name == "other.npz" else "cannot be read as a file of velocities"
+    message = "is not a file of velocities" if name == "other.npz" else "cannot be read as a file of velocities"
     raises(ParameterError, f"{name} {message}", lambda: next(read_velocities(tmp_path / name)))

@@ -261,7 +261,7 @@ def test_files_of_other_beads_are_not_gone_on_with(tmp_path, hoomd, kind):
     before = (tmp_path / "run").read_bytes()
     raises(ParameterError, "cannot append to .*run: it .*beads", lambda: kind(tmp_path / "run", 1, built, append=True))
     raises(ParameterError, "interval between reports", lambda: kind(tmp_path / "run", 0, built))
-    raises(ParameterError, "expected a Scene or what openmm_dpd.build", lambda: kind(tmp_path / "run", 1, "built"))
+    raises(ParameterError, "expected a Scene or the result of openmm_dpd.build", lambda: kind(tmp_path / "run", 1, "built"))
     assert (tmp_path / "run").read_bytes() == before
 
 
