@@ -21,25 +21,8 @@ from ..files.data_file import JOINED, data_lines
 from ..styles.charges import charge_use
 from ..styles.srp import segment_use
 from ..styles.words import Differences, PairExport, StyleUse, exact, group_lines
+from . import export_scene as of_scene
 from .export_fixes import Integrator, choose_integrator, eos_lines, flow_lines, integrator_lines, source_lines
-from .export_scene import (
-    BeadTypes,
-    Bonded,
-    atom_style_line,
-    atom_styles,
-    bonded_types,
-    charge_lines,
-    data_file,
-    lammps_box,
-    lammps_types,
-    longest_bond,
-    longest_cutoff,
-    pair_lines,
-    pair_uses,
-    special_line,
-    species_of,
-    style_lines,
-)
 
 #: Attributes of a Scene that can be exported; a scene with any other is an error.
 _KNOWN = frozenset(
@@ -63,19 +46,19 @@ class Job:
     seed: int
     corner: np.ndarray
     integrator: Integrator
-    types: BeadTypes
+    types: of_scene.BeadTypes
     styles: tuple[str, ...]
     differences: Differences
     skin: float
-    bonds: Bonded
-    angles: Bonded
-    dihedrals: Bonded
+    bonds: of_scene.Bonded
+    angles: of_scene.Bonded
+    dihedrals: of_scene.Bonded
     images: np.ndarray | None = None
 
     @property
     def n_species(self) -> int:
         """Number of concentrations of each bead."""
-        return species_of(self.scene)
+        return of_scene.species_of(self.scene)
 
     @property
     def some_stay(self) -> bool:
@@ -109,17 +92,17 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
     number_of_steps = whole_number(steps, "steps", 0)
     interval = max(1, number_of_steps // 100) if every is None else whole_number(every, "every", 1)
     system, differences = unit_system(units), Differences()
-    longest = longest_cutoff(scene)
+    longest = of_scene.longest_cutoff(scene)
     skin = 0.3 * longest if longest else 0.3 * system.length
     if scene.segments is not None and scene.segments.distance == "min":
         # LAMMPS lists segments by the distance of their midpoints, and misses pairs with only their nearest points in range
-        skin = max(skin, 1.3 * longest_bond(scene))
+        skin = max(skin, 1.3 * of_scene.longest_bond(scene))
         differences.remark("the neighbour skin is large so that LAMMPS does not miss segments whose midpoints are far apart")
     # fix shardlow requires twice the cutoff and skin in every process
     narrow = min(skin, 0.1 * longest)
     integrator = choose_integrator(scene, scheme, weight, system, narrow, differences)
     skin = narrow if integrator.shardlow else skin
-    styles = atom_styles(scene, integrator.fix == "mvv/dpd")
+    styles = of_scene.atom_styles(scene, integrator.fix == "mvv/dpd")
     return Job(
         scene=scene,
         units=system,
@@ -130,13 +113,13 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         seed=checked_seed(seed),
         corner=_corner(scene, corner),
         integrator=integrator,
-        types=lammps_types(scene, integrator.shardlow or isinstance(scene.internal, InternalEnergy)),
+        types=of_scene.lammps_types(scene, integrator.shardlow or isinstance(scene.internal, InternalEnergy)),
         styles=styles,
         differences=differences,
         skin=skin,
-        bonds=bonded_types(scene, "bond", system),
-        angles=bonded_types(scene, "angle", system),
-        dihedrals=bonded_types(scene, "dihedral", system),
+        bonds=of_scene.bonded_types(scene, "bond", system),
+        angles=of_scene.bonded_types(scene, "angle", system),
+        dihedrals=of_scene.bonded_types(scene, "dihedral", system),
         images=images,
     )
 
@@ -189,9 +172,9 @@ def export_texts(job: Job) -> dict[str, str]:
     """Texts of all files, by file name."""
     scene, units, differences = job.scene, job.units, job.differences
     export = PairExport(scene, units, job.integrator.shardlow, job.name, differences)
-    uses = pair_uses(export)
+    uses = of_scene.pair_uses(export)
     segments = segment_use(scene, units, job.bonds.rows, len(job.types), differences)
-    places = lammps_box(scene, job.corner, differences, job.images)
+    places = of_scene.lammps_box(scene, job.corner, differences, job.images)
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
     velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
     if scene.shear is not None:
@@ -199,7 +182,7 @@ def export_texts(job: Job) -> dict[str, str]:
         assert scene.box is not None
         turns = np.round((scene.positions[:, 1] - places[1][:, 1]) / scene.box[1, 1])
         velocities[:, 0] -= turns * rate_at(scene.shear, 0.0) * scene.box[1, 1]
-    data = data_file(scene, units, job.types, places, velocities, (job.bonds, job.angles, job.dihedrals), extra)
+    data = of_scene.data_file(scene, units, job.types, places, velocities, (job.bonds, job.angles, job.dihedrals), extra)
     remarks = dict(enumerate([*job.types.names, *["places of bonds"] * extra], start=1))
     title = f"{job.name}, written by openmm-dpd, units = {units.name}"
     lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)
@@ -229,7 +212,7 @@ def _boundary(job: Job) -> str:
     if job.scene.box is None:
         return "boundary s s s"
     words = ["p", "p", "p"]
-    longest = longest_cutoff(job.scene)
+    longest = of_scene.longest_cutoff(job.scene)
     for axis, gap in job.scene.gaps.items():
         words[axis] = "f"
         solid = gap.period - (gap.high - gap.low) if gap.period is not None else np.inf
@@ -243,8 +226,8 @@ def _boundary(job: Job) -> str:
 
 def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
     scene, length = job.scene, job.units.length
-    yield from (f"units {job.units.name}", _boundary(job), atom_style_line(job.styles, job.n_species))
-    reach, bond = max([use.cutoff for use in uses], default=0.0) + job.skin, longest_bond(scene)
+    yield from (f"units {job.units.name}", _boundary(job), of_scene.atom_style_line(job.styles, job.n_species))
+    reach, bond = max([use.cutoff for use in uses], default=0.0) + job.skin, of_scene.longest_bond(scene)
     if scene.segments is not None:
         reach += 1.1 * bond
     ghosts = max(reach, 1.5 * bond + job.skin) if len(scene.bond_pairs) or not uses else 0.0
@@ -252,10 +235,10 @@ def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
     yield f"neighbor {exact(job.skin / length)} bin"
     yield "neigh_modify every 1 delay 0 check yes"
     if len(scene.bond_pairs):
-        yield special_line(scene)
+        yield of_scene.special_line(scene)
     yield f"read_data data.{job.name}"
     for what in JOINED:
-        yield from style_lines(what, getattr(job, f"{what}s"))
+        yield from of_scene.style_lines(what, getattr(job, f"{what}s"))
     yield f"timestep {exact(job.dt / job.units.time)}"
 
 
@@ -267,8 +250,8 @@ def _runs(job: Job, uses: list[StyleUse], eos: list[str]) -> Iterator[str]:
     for k, command in enumerate(run_commands(job)):
         yield ""
         if k == 0:
-            yield from charge_lines(job.scene, job.units, job.images is not None)
-        yield from pair_lines(uses, job.types, command.start / unit, command.stop / unit, job.seed + 1000 * k)
+            yield from of_scene.charge_lines(job.scene, job.units, job.images is not None)
+        yield from of_scene.pair_lines(uses, job.types, command.start / unit, command.stop / unit, job.seed + 1000 * k)
         if k == 0:
             yield ""
             yield from _fixes(job, eos)

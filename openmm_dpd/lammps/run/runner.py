@@ -17,10 +17,9 @@ from ...runtime import set_threads
 from ...simulation.build import BuiltSystem
 from ..output.thermo import ALWAYS
 from ..state.deck_state import DeckState
-from .building import build_request, connect_barostat
+from .building import build_request, carry_out_minimization, connect_barostat
 from .checkpoint import Checkpoints, Latest, recall, recorded, to_bytes
 from .deck import at_line
-from .minimizing import carry_out_minimization
 from .options import FIXED_PRECISION, RunOptions, overridden
 from .request import RunRequest
 from .result import RunResult
