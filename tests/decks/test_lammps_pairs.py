@@ -203,7 +203,7 @@ def test_special_factors_have_no_meaning_without_bonds(tmp_path):
     ("pair_style dpd 1 1 1\npair_coeff 2* 1 25 4.5\n", "contains no pair of types with i <= j"),
     ("pair_style dpd 1 1 1\npair_coeff * * 25 4.5 11\n", "in.deck:9: the cutoff 11 of types 1 1 exceeds half the box, 10"),
     ("pair_style dpd 1 11 1\npair_coeff * * 25 4.5\n", "in.deck:9: the cutoff 11 of types 1 1 exceeds half the box"),
-    ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "asks for infinite friction"),
+    ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "means infinite friction"),
     ("pair_style dpd/ext 1 1 1\npair_coeff * * 25 4.5 4.5 -0.5 0.5\n", "exponent must be >= 0"),
     ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),
     ("pair_style hybrid/overlay dpd 1 1 1 coul/long 10\n", "pair style 'coul/long' is not supported"),
