@@ -135,7 +135,7 @@ def test_the_hint_is_a_command_that_goes_on(folder, capsys):
     with signal_at(0, 0) as calls:
         assert main([word.replace("my out", "whole") for word in begun]) == 0
     assert interrupted(3 * calls[0] // 4, signal.SIGINT, begun) == 130
-    command = shlex.split(capsys.readouterr().err.partition("go on with: ")[2])
+    command = shlex.split(capsys.readouterr().err.partition("continue with: ")[2])
     assert command[0] == "openmm-dpd"
     (folder / "my out").rename(folder / "moved")
     assert main([word.replace("my out", "moved") for word in command[1:]]) == 0
