@@ -64,6 +64,8 @@ def minimum_image(dr: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     if box is None:
         return dr.copy()
     box = np.asarray(box, dtype=float)
+    if box.shape == (3, 3) and not np.any(box - np.diag(np.diag(box))):
+        box = np.diag(box)
     if box.shape == (3,):
         return dr - box * np.round(dr / box)
     if box.shape != (3, 3) or np.any(np.triu(box, 1)):
