@@ -252,17 +252,17 @@ def test_which_beads_are_pairs_is_exact(edge):
     """Beads that are just within the cutoff, or just beyond it, or nearly or quite in one place: they are looked for in single precision, whose
     digits end at a hundredth of the cutoff in the longest of these boxes.  Without a box they are far from the origin."""
     rng, box = np.random.default_rng(8), EDGES[edge]
-    first = rng.random((600, 3)) @ (np.diag([50.0] * 3) if box is None else box) + (1e6 if box is None else 0.0)
-    away = rng.normal(size=(600, 3))
+    first = rng.random((300, 3)) @ (np.diag([50.0] * 3) if box is None else box) + (1e6 if box is None else 0.0)
+    away = rng.normal(size=(300, 3))
     away /= np.linalg.norm(away, axis=1)[:, None]
-    far = 1.0 + rng.choice([-1e-3, -1e-4, -1e-6, -1e-8, 1e-8, 1e-6, 1e-4, 1e-3], 600)
+    far = 1.0 + rng.choice([-1e-3, -1e-4, -1e-6, -1e-8, 1e-8, 1e-6, 1e-4, 1e-3], 300)
     far[:20], far[20:40] = 0.0, 1e-5
     x = np.concatenate([first, first + far[:, None] * away])
     engine = simple_engine(len(x))
     engine.prepare(x, box)
     found = unordered(listed_pairs(engine))
-    near = {(k, k + 600) for k in np.flatnonzero((far < 1.0) & (far > 0.0)).tolist()}
-    assert {pair for pair in found if pair[1] == pair[0] + 600} == near
+    near = {(k, k + 300) for k in np.flatnonzero((far < 1.0) & (far > 0.0)).tolist()}
+    assert {pair for pair in found if pair[1] == pair[0] + 300} == near
     assert len(found) == len(set(found)) == len(oracle_pairs(x, box))
 
 
