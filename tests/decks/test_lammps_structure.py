@@ -4,6 +4,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import cases, raises
+from test_analysis_structure import trajectory_of
 from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, beside_lammps, context_of, request_of
 
 from openmm_dpd.analysis import radial_distribution
@@ -15,8 +16,6 @@ from openmm_dpd.lammps import RunOptions, run_deck
 # -- rdf -----------------------------------------------------------------------------------------------------------------------
 def test_rdf_is_that_of_the_analysis(tmp_path):
     """Columns in LAMMPS's order: r, then g(r) and the number of neighbours; also where beads have left the box."""
-    from test_analysis_structure import trajectory_of
-
     text = "compute r all rdf 8 * * 1 2 2 2 cutoff 2.4\nvariable g equal c_r[3][2]+c_r[8][7]\nthermo_style custom c_r[4][1] c_r[4][2] v_g\n"
     request = request_of(tmp_path, DECK + text)
     context = context_of(request, shift=(-18.0, 10.0, 6.0))
