@@ -285,7 +285,7 @@ def _of_all(style: str, atom_style: str | None = None) -> FixReader:
     return reader
 
 
-#: Parsers of fixes, by style.
+#: Parsers of fixes, by style.  What the parameters do is in ``lammps/scene/`` and ``lammps/run/``.
 FIX_STYLES: dict[str, FixReader] = {
     "nve": _moving("nve", 0),
     **{style: _moving(style, 1) for style in ("mvv/dpd", "mvv/edpd", "mvv/tdpd")},

@@ -1,9 +1,8 @@
 """Pair potentials as OpenMM expressions, and the forces made from them.
 
 Every radial potential becomes one :class:`PairExpression`; the same text serves the CustomNonbondedForce and the bond force that puts back
-scaled or coincident pairs.  To add one beside the DPD terms (an overlay): a coefficient class in ``model/pairs.py``, an expression here, a
-record in ``kinds/overlays.py``.  Of many-body DPD, the attraction is such an expression, and the repulsion a CustomGBForce: a value rho_i
-of each bead, summed over pairs, and its energy.  With the Lucy kernel there is no potential, and the pair kernel computes the force.
+scaled or coincident pairs.  Of many-body DPD, the attraction is such an expression, and the repulsion a CustomGBForce: a value rho_i of
+each bead, summed over pairs, and its energy.  With the Lucy kernel there is no potential, and the pair kernel computes the force.
 """
 
 from collections.abc import Callable, Mapping

@@ -30,7 +30,7 @@ class BeadData(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """A table of radial potentials as :class:`openmm_dpd.kernels.radial.RadialTerms` needs it."""
+    """A table of radial potentials for :class:`openmm_dpd.kernels.radial.RadialTerms`: Lennard-Jones, or any other as piecewise cubics."""
 
     which: np.ndarray
     lennard_jones: np.ndarray
