@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from itertools import product
 
-from openmm_dpd.lammps.commands.fixes import all_styles
+from openmm_dpd.lammps.commands.fixes import STYLES as FIXES
 from openmm_dpd.lammps.language.variables import STYLES as VARIABLES
 from openmm_dpd.lammps.output.dumps import STYLES as DUMPS
 from openmm_dpd.lammps.output.thermo import STYLES as LAYOUTS
@@ -254,7 +254,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
 }
 
 #: What there is of each kind; commands by the words that lines of all decks begin with.
-TABLES: dict[str, set[str]] = {"compute": set(COMPUTES), "fix": set(all_styles()), "dump": set(DUMPS), "layout": set(LAYOUTS)}
+TABLES: dict[str, set[str]] = {"compute": set(COMPUTES), "fix": set(FIXES), "dump": set(DUMPS), "layout": set(LAYOUTS)}
 TABLES |= {"variable": set(VARIABLES), "command": set(COMMANDS)}
 
 WORDS = {line.split()[0] for kind in SNIPPETS.values() for text in kind.values() for line in text.splitlines() if line}

@@ -261,7 +261,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
     (TWENTY + "group g union h", "there is no group 'h'; defined so far: all"),
     (TWENTY + "group all type 1", "group all always contains all beads"),
     (TWENTY + "set atom 1 mass 2", "has one mass per type; use the mass command"),
-    (TWENTY + "set atom 1 charge 2", "atom_style atomic has no charges"),
+    (TWENTY + "set atom 1 charge 2", "set charge needs atom_style charge or full"),
     (TWENTY + "set atom 1 type 4", "atom type 4 is out of range"),
     (TWENTY + "set atom 1 shape 1 1 1", "set has no option 'shape' here"),
     (TWENTY + "velocity all create 1.0", "velocity create needs 2 values, but 1 follow"),
@@ -283,7 +283,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
     (TWENTY + "group a id 1\nneigh_modify every 1 include a", "neigh_modify include must be all"),
     (TWENTY + "group a id 1\ncomm_modify group a vel yes", "comm_modify group must be all"),
     ("run_style respa 2 2", "only run_style verlet"),
-    ("atom_modify id no", "atom_modify id is not supported"),
+    ("atom_modify id no", "atom_modify id no is not supported"),
     ("restart 100", r"expected 'restart N file \[file\]'"),
 )
 def test_errors(tmp_path, text, message):

@@ -146,7 +146,7 @@ def test_report_has_the_last_averages_of_each_run(tmp_path):
     # each would give other profiles than LAMMPS if it were passed over
     ("compute x all chunk/atom bin/1d x lower 1 ids once\n", "ids once is not supported"),
     ("compute x all chunk/atom bin/1d x lower 1 ids nfreq\n", "ids nfreq is not supported"),
-    ("compute x all property/atom rho\n", "property/atom rho needs atom_style mdpd"),
+    ("compute x all property/atom rho\n", "rho needs atom_style mdpd"),
     ("variable a atom vx/0\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", r"in.deck:\d+: variable a: .* divide by zero"),
     ("variable a atom v_a\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "refers to itself"),
     ("variable a atom c_q[3]\ncompute q all property/atom x y\nfix f all ave/chunk 1 1 1 ch v_a\nrun 1\n", "has 2 values per bead"),

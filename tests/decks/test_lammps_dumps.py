@@ -90,12 +90,12 @@ def test_xyz(tmp_path):
 
 
 WRONG = {
-    "dump a all custom 2 a.txt id mol\n": "atom_style atomic has no mol; use one of bond, angle, molecular, full",
-    "dump a all custom 2 a.txt id q\n": "has no q; use one of charge, full",
-    "compute a all property/atom type q\n": "has no q",
-    "variable a atom mol\ndump a all custom 2 a.txt id v_a\n": "has no mol",
-    'variable a equal q[1]\nprint "${a}"\n': "has no q",
-    'variable a equal charge(all)\nprint "${a}"\n': "has no q",
+    "dump a all custom 2 a.txt id mol\n": "mol needs atom_style bond or angle or molecular or full, but the deck has atom_style atomic",
+    "dump a all custom 2 a.txt id q\n": "q needs atom_style charge or full",
+    "compute a all property/atom type q\n": "q needs atom_style",
+    "variable a atom mol\ndump a all custom 2 a.txt id v_a\n": "mol needs atom_style",
+    'variable a equal q[1]\nprint "${a}"\n': "q needs atom_style",
+    'variable a equal charge(all)\nprint "${a}"\n': "q needs atom_style",
     "dump a all xtc 2 a.*.xtc\n": "all frames go into one file",
     "dump a all dcd 2 a.*.dcd\n": "all frames go into one file",
     "dump a all xtc 2 a.xtc\ndump_modify a precision 50\n": "must be one of 10, 100, 1000, 10000, 100000, 1000000, not 50",

@@ -94,13 +94,17 @@ def test_walls_at_the_faces(tmp_path):
 # -- what is refused -----------------------------------------------------------------------------------------------------------
 NVE = "fix 1 all nve\n"
 REFUSED = {
-    "region": (NVE + "region s sphere 0 0 4 1\nfix 2 all addforce 1 0 0 region s\n", "p p p", "addforce region is not supported"),
+    "region": (NVE + "region s sphere 0 0 4 1\nfix 2 all addforce 1 0 0 region s\n", "p p p", "addforce region s is not supported"),
     "every": (NVE + "fix 2 all addforce 1 0 0 every 2\n", "p p p", "every"),
     "no variable": (NVE + "fix 2 all addforce v_f 0 0\n", "p p p", "no variable 'f'"),
     "step": ("variable f equal 0.1*step\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
     "velocity": ("variable f atom -vx\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'vx' depends"),
     "ramp": ("variable f atom x*ramp(0,1)\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'ramp' depends"),
-    "setforce region": (NVE + "region s sphere 0 0 4 1\nfix 2 all setforce 1 0 0 region s\n", "p p p", "setforce region is not supported"),
+    "setforce region": (
+        NVE + "region s sphere 0 0 4 1\nfix 2 all setforce 1 0 0 region s\n",
+        "p p p",
+        "setforce region s is not supported",
+    ),
     "setforce step": ("variable f equal step\n" + NVE + "fix 2 all setforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
     "setforce word": (NVE + "fix 2 all setforce null 0 0\n", "p p p", "a component of fix setforce"),
     "setforce vector": (
@@ -241,7 +245,7 @@ def test_averages_take_the_vector(tmp_path):
     state, runner = ours(tmp_path, deck(text).replace("25 4.5", "25 0"))
     (result,) = runner.results
     rows = np.array([result.rows[f"f_2[{k}]"] for k in (1, 2, 3)]).T * len(state.atoms)  # divided by the number of beads, as LAMMPS does
-    np.testing.assert_allclose(state.fixes["3"].parameters["average"].values, rows[1:].mean(axis=0), rtol=1e-6)
+    np.testing.assert_allclose(state.fixes["3"].parameters["reader"].values, rows[1:].mean(axis=0), rtol=1e-6)
     assert np.abs(rows).min() > 1e-3
 
 

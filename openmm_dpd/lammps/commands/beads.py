@@ -157,7 +157,7 @@ def subset(beads: np.ndarray, words: list[str], ratio: bool) -> np.ndarray:
 
 
 def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    state.require_atom_style("dpd", "set dpd/theta")
+    state.require_atom_style("set dpd/theta", "dpd")
     values = np.full(mask.sum(), -1.0) if words[0] == "NULL" else _numbers(state, mask, words[0], "dpd/theta")
     # as in LAMMPS, a negative value of a variable means NULL
     own = (values < 0) & (words[0] == "NULL" or words[0].startswith("v_"))
@@ -175,36 +175,21 @@ def _positive(values: np.ndarray, what: str) -> np.ndarray:
     return values
 
 
-def _set_thermal(what: str, array: str) -> Setter:
-    def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-        state.require_atom_style("edpd", f"set {what}")
-        getattr(state.atoms, array)[mask] = _positive(_numbers(state, mask, words[0], what), what)
-
-    return handler
-
-
 def _set_concentration(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    state.require_atom_style("tdpd", "set cc")
+    state.require_atom_style("set cc", "tdpd")
     species = state.species(words[0], "set cc")
     state.atoms.concentrations[mask, species] = _numbers(state, mask, words[1], "cc")
 
 
-def _set_charge(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    if state.atom_style not in CHARGED_STYLES:
-        raise ParameterError(f"atom_style {state.atom_style} has no charges")
-    state.atoms.charges[mask] = _numbers(state, mask, words[0], "the charge")
+def _setter(array: str, what: str, *styles: str, axis: int | None = None, positive: bool = False, whole: bool = False) -> Setter:
+    """Handler of a property that is an array of Atoms, or a column of one; it may need one of these atom styles."""
 
-
-def _set_molecule(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    if state.atom_style not in BONDED_STYLES:
-        raise ParameterError(f"atom_style {state.atom_style} has no molecule ids")
-    state.atoms.molecules[mask] = _integers(state, mask, words[0], "the molecule id", 0)
-
-
-def _set_vector(array: str, axis: int, what: str) -> Setter:
     def handler(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+        if styles:
+            state.require_atom_style(f"set {what}", *styles)
+        values = _integers(state, mask, words[0], what, 0) if whole else _numbers(state, mask, words[0], what)
         # a position outside the box stays there until the next run, also for regions and ramps
-        getattr(state.atoms, array)[mask, axis] = _numbers(state, mask, words[0], what)
+        getattr(state.atoms, array)[mask if axis is None else (mask, axis)] = _positive(values, what) if positive else values
 
     return handler
 
@@ -228,13 +213,13 @@ SETTERS: dict[str, tuple[int, Setter]] = {
     "type/fraction": (3, _set_fraction),
     "type/ratio": (3, lambda state, mask, words: _set_subset(state, mask, words, True)),
     "type/subset": (3, lambda state, mask, words: _set_subset(state, mask, words, False)),
-    **{"mol": (1, _set_molecule), "charge": (1, _set_charge), "mass": (1, _set_mass), "dpd/theta": (1, _set_theta)},
-    "edpd/temp": (1, _set_thermal("edpd/temp", "temperatures")),
-    "edpd/cv": (1, _set_thermal("edpd/cv", "capacities")),
-    "cc": (2, _set_concentration),
-    "image": (3, _set_image),
-    **{axis: (1, _set_vector("positions", k, "the coordinate")) for k, axis in enumerate("xyz")},
-    **{f"v{axis}": (1, _set_vector("velocities", k, "the velocity")) for k, axis in enumerate("xyz")},
+    "mol": (1, _setter("molecules", "mol", *BONDED_STYLES, whole=True)),
+    "charge": (1, _setter("charges", "charge", *CHARGED_STYLES)),
+    **{"mass": (1, _set_mass), "dpd/theta": (1, _set_theta), "cc": (2, _set_concentration), "image": (3, _set_image)},
+    "edpd/temp": (1, _setter("temperatures", "edpd/temp", "edpd", positive=True)),
+    "edpd/cv": (1, _setter("capacities", "edpd/cv", "edpd", positive=True)),
+    **{axis: (1, _setter("positions", axis, axis=k)) for k, axis in enumerate("xyz")},
+    **{f"v{axis}": (1, _setter("velocities", f"v{axis}", axis=k)) for k, axis in enumerate("xyz")},
 }
 
 

@@ -58,8 +58,8 @@ def create_box(state: DeckState, args: list[str]) -> None:
     for keyword, values in read.options(args[2:], dict.fromkeys((*counted, "improper/types", *_ROOM), 1), "create_box"):
         if keyword in counted:
             what = counted[keyword]
-            if values[0] != "0" and state.atom_style not in JOINED[what][1]:
-                raise ParameterError(f"create_box {keyword}: atom_style {state.atom_style} has no {what}s")
+            if values[0] != "0":
+                state.require_atom_style(f"create_box {keyword}", *JOINED[what][1])
             setattr(state, f"n_{what}_types", read.integer(values[0], f"the number of {what} types", 0))
     _set_box(state, found.box)
 

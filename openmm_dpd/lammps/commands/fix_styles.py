@@ -21,7 +21,7 @@ FixReader = Callable[[DeckState, str, list[str]], dict]
 # -- internal energies --------------------------------------------------------------------------------------------------------
 def _eos_cv(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group eos/cv cv", 1)
-    state.require_atom_style("dpd", "fix eos/cv")
+    state.require_atom_style("fix eos/cv", "dpd")
     # the model's heat capacities are in units of k_B
     capacity = read.positive(words[0], "the heat capacity") / state.units.boltzmann
     return {"eos": ConstantHeatCapacity(capacity), "source": capacity}
@@ -29,7 +29,7 @@ def _eos_cv(state: DeckState, group: str, words: list[str]) -> dict:
 
 def _eos_table(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group eos/table linear file N keyword", 4)
-    state.require_atom_style("dpd", "fix eos/table")
+    state.require_atom_style("fix eos/table", "dpd")
     read.choice(words[0], "the style of eos/table", ("linear",))
     read.integer(words[2], "the size of the table", 2)
     path = state.find_file(words[1])
@@ -69,13 +69,13 @@ def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphe
 
 
 def _edpd_source(state: DeckState, group: str, words: list[str]) -> dict:
-    state.require_atom_style("edpd", "fix edpd/source")
+    state.require_atom_style("fix edpd/source", "edpd")
     region, rate = _place(state, words, "edpd/source")
     return {"region": region, "rate": rate * state.units.thermal_energy / state.units.time, "species": 0}
 
 
 def _tdpd_source(state: DeckState, group: str, words: list[str]) -> dict:
-    state.require_atom_style("tdpd", "fix tdpd/source")
+    state.require_atom_style("fix tdpd/source", "tdpd")
     read.count(words, "fix ID group tdpd/source species sphere|cuboid|region ... value", 2, None)
     species = state.species(words[0], "fix tdpd/source")
     region, rate = _place(state, words[1:], "tdpd/source")
@@ -93,15 +93,12 @@ def _nph(state: DeckState, group: str, words: list[str]) -> dict:
     start: list[float | None] = [None] * 3
     stop = [0.0] * 3
     coupled, unused = False, []
-    for keyword, values in read.options(words, sizes, "fix nph"):
+    for keyword, values in read.options(words, sizes, "fix nph", only={"dilate": ("all", "all beads move with the box")}):
         if keyword == "couple":
             coupled = read.choice(values[0], "couple", ("none", "xyz")) == "xyz"
-        elif keyword == "dilate":
-            if values[0] != "all":
-                raise ParameterError(f"fix nph dilate {values[0]} is not supported: all beads move with the box")
         elif keyword in _DYNAMICS:
             unused.append(keyword)
-        else:
+        elif keyword != "dilate":
             first, last = (read.number(word, f"the pressure of {keyword}") for word in values[:2])
             read.positive(values[2], "the damping time of the box")
             coupled = keyword == "iso"
@@ -136,20 +133,23 @@ def _component(state: DeckState, word: str, fix: str, styles: tuple[str, ...] = 
     return repr(number) if number else "0"
 
 
+#: Options of fix addforce: their supported values, and why there are no others.
+_ADDFORCE_ONLY = {
+    "every": ("1", "the force acts at every step"),
+    "region": ("", "use an atom-style variable such as 0.1*(z<5)"),
+    "energy": ("", "the force has no potential energy here"),
+}
+
+
 def _addforce(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group addforce fx fy fz", 3, None)
-    for keyword, values in read.options(words[3:], {"every": 1, "region": 1, "energy": 1}, "fix addforce"):
-        if keyword == "every" and read.integer(values[0], "every", 1) == 1:
-            continue
-        remedy = {"region": "use an atom-style variable such as 0.1*(z<5)", "every": "the force acts at every step"}
-        raise ParameterError(f"fix addforce {keyword} is not supported; {remedy.get(keyword, 'the force has no potential energy here')}")
+    read.options(words[3:], dict.fromkeys(_ADDFORCE_ONLY, 1), "fix addforce", only=_ADDFORCE_ONLY)
     return {"force": [_component(state, word, "addforce") for word in words[:3]]}
 
 
 def _setforce(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group setforce fx fy fz", 3, None)
-    for keyword, _ in read.options(words[3:], {"region": 1}, "fix setforce"):
-        raise ParameterError(f"fix setforce {keyword} is not supported; make a group of the region")
+    read.options(words[3:], {"region": 1}, "fix setforce", only={"region": ("", "make a group of the region")})
     return {"force": [word if word == "NULL" else _component(state, word, "setforce") for word in words[:3]]}
 
 
@@ -277,7 +277,7 @@ def _of_all(style: str, atom_style: str | None = None) -> FixReader:
     def reader(state: DeckState, group: str, words: list[str]) -> dict:
         read.count(words, f"fix ID group {style}", 0)
         if atom_style is not None:
-            state.require_atom_style(atom_style, f"fix {style}")
+            state.require_atom_style(f"fix {style}", atom_style)
         if group != "all":
             state.note(f"fix {style} acts on all beads, not only on its group")
         return {}

@@ -13,17 +13,12 @@ from ..state.records import Fix, RestartSettings
 from .fix_styles import FIX_STYLES
 from .setup import REMEMBERED, command
 
-#: Averaging fixes: constructors with the arguments (state, id, group, words).
-AVERAGES: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix]] = {
-    "ave/time": TimeAverage,
-    "ave/chunk": ChunkAverage,
-    "ave/correlate": Correlation,
+#: Fixes that read values at the end of steps: constructors with the arguments (state, id, group, words).
+READERS: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix | PrintFix]] = {
+    **{"ave/time": TimeAverage, "ave/chunk": ChunkAverage, "ave/correlate": Correlation, "print": PrintFix}
 }
-
-
-def all_styles() -> dict[str, Callable]:
-    """Fix styles by name, including the averaging fixes and print."""
-    return {**FIX_STYLES, **AVERAGES, "print": PrintFix}
+#: All fix styles by name.
+STYLES: dict[str, Callable] = {**FIX_STYLES, **READERS}
 
 
 @command("fix ID group style ...", 3, None, box=True)
@@ -32,19 +27,13 @@ def fix(state: DeckState, args: list[str]) -> None:
     name, group, style, *words = args
     read.identifier(name, "the id of a fix")
     state.group(group)
-    read.style(all_styles(), "fix", style)
+    read.style(STYLES, "fix", style)
     old = state.fixes.get(name)
     if old is not None and old.style != style:
         raise ParameterError(f"there already is a fix {name} of style {old.style}; unfix it first, or use another id")
     assert state.here is not None
-    parameters: dict
-    if style in AVERAGES:
-        average = AVERAGES[style](state, name, group, words)
-        parameters = {"average": average, "reader": average}
-    elif style == "print":
-        parameters = {"reader": PrintFix(state, name, words)}
-    else:
-        parameters = FIX_STYLES[style](state, group, words)
+    reader = READERS.get(style)
+    parameters = FIX_STYLES[style](state, group, words) if reader is None else {"reader": reader(state, name, group, words)}
     state.fixes[name] = Fix(name, group, style, parameters, state.here)
 
 
@@ -63,7 +52,7 @@ def timestep(state: DeckState, args: list[str]) -> None:
 def reset_timestep(state: DeckState, args: list[str]) -> None:
     step = read.integer(args[0], "the step", 0)
     time = read.single(args[1:], "reset_timestep", time="")["time"]
-    averages = [found.name for found in state.fixes_of(*AVERAGES)]
+    averages = [found.name for found in state.fixes.values() if isinstance(found.parameters.get("reader"), AveragingFix)]
     if averages and step != state.step:
         raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it first")
     if step < state.step:

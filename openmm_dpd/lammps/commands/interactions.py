@@ -72,7 +72,7 @@ def _style(state: DeckState, name: str, words: list[str]) -> PairStyle:
     assert state.here is not None
     spec = read.style(PAIR_STYLES, "pair", name, "none", *HYBRID)
     if spec.atom_style is not None:
-        state.require_atom_style(spec.atom_style, f"pair style {name}")
+        state.require_atom_style(f"pair style {name}", spec.atom_style)
     style = PairStyle(name, spec, spec.settings(words), state.here)
     if spec.atom_style == "tdpd":
         style.settings["species"] = state.n_species
@@ -144,17 +144,14 @@ def pair_modify(state: DeckState, args: list[str]) -> None:
         style, rest = _chosen(state.pair, words[1:])
         styles, words = [style], rest
     sizes = {"mix": 1, "shift": 1, "tail": 1, "table": 1, "tabinner": 1, "compute": 1, "nofdotr": 0, "neigh/trim": 1}
-    for keyword, values in read.options(words, sizes, "pair_modify"):
+    only = {"tail": (read.NO, "there are no long-range corrections here"), "compute": (read.YES, "use 'pair_coeff i j none'")}
+    for keyword, values in read.options(words, sizes, "pair_modify", only=only):
         if keyword == "mix":
             for style in styles:
                 style.mix = read.choice(values[0], "mix", MIXING)
         elif keyword == "shift":
             for style in styles:
                 style.shift = read.switch(values[0], "shift")
-        elif keyword == "tail" and read.switch(values[0], "tail"):
-            raise ParameterError("pair_modify tail yes is not supported: there are no long-range corrections here")
-        elif keyword == "compute" and not read.switch(values[0], "compute"):
-            raise ParameterError("pair_modify compute no is not supported; use 'pair_coeff i j none'")
 
 
 #: Presets of special_bonds: factors of pair terms and of charges.
@@ -171,7 +168,7 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
     """``special_bonds lj/coul|lj|coul f2 f3 f4``, or a preset; omitted keywords are reset to their defaults."""
     factors = charges = (0.0, 0.0, 0.0)
     sizes = {"lj": 3, "coul": 3, "lj/coul": 3, "angle": 1, "dihedral": 1, **dict.fromkeys(_SPECIAL_PRESETS, 0)}
-    for keyword, values in read.options(args, sizes, "special_bonds"):
+    for keyword, values in read.options(args, sizes, "special_bonds", only=dict.fromkeys(("angle", "dihedral"), (read.NO, ""))):
         if keyword in _SPECIAL_PRESETS:
             factors, charges = _SPECIAL_PRESETS[keyword]
         elif keyword in ("lj", "coul", "lj/coul"):
@@ -180,8 +177,6 @@ def special_bonds(state: DeckState, args: list[str]) -> None:
                 raise ParameterError(f"the factors of special_bonds must be between 0 and 1, not {' '.join(f'{f:g}' for f in given)}")
             factors = given if keyword != "coul" else factors  # type: ignore[assignment]
             charges = given if keyword != "lj" else charges  # type: ignore[assignment]
-        elif read.switch(values[0], keyword):
-            raise ParameterError(f"special_bonds {keyword} yes is not supported")
     state.special, state.special_charges = factors, charges
 
 
@@ -190,6 +185,12 @@ KSPACE_STYLES = ("ewald", "pppm", "pppm/cg")
 #: Keywords of kspace_modify about how LAMMPS computes the sum: number of values.
 _MANNERS = dict.fromkeys("collective diff fftbench minorder mix/disp order overlap pressure/scalar cutoff/adjust".split(), 1)
 _MANNERS["kmax/ewald"] = 3
+#: Keywords of kspace_modify that would change the sum: their supported values, and why there are no others.
+_KSPACE_ONLY = {
+    "compute": (read.YES, "the real-space part alone is not physical"),
+    "slab": ("", "charges are periodic in three dimensions"),
+    "force": ("", "use the relative accuracy of kspace_style"),
+}
 
 
 @command("kspace_style style accuracy", 1, 2, remembered=True)
@@ -213,7 +214,7 @@ def kspace_modify(state: DeckState, args: list[str]) -> None:
     if state.kspace is None:
         raise ParameterError("kspace_modify needs a preceding kspace_style")
     sizes = {"gewald": 1, "mesh": 3, "compute": 1, "slab": 1, "force": 1, **_MANNERS}
-    for keyword, values in read.options(args, sizes, "kspace_modify"):
+    for keyword, values in read.options(args, sizes, "kspace_modify", only=_KSPACE_ONLY):
         if keyword == "gewald":
             g = read.non_negative(values[0], "gewald")
             state.kspace = replace(state.kspace, gewald=g / state.units.length if g else None)
@@ -222,14 +223,7 @@ def kspace_modify(state: DeckState, args: list[str]) -> None:
             if any(mesh) and min(mesh) < 6:
                 raise ParameterError(f"kspace_modify mesh needs at least 6 points along each axis, not {' '.join(values)}")
             state.kspace = replace(state.kspace, mesh=mesh if any(mesh) else None)
-        elif keyword == "compute":
-            if not read.switch(values[0], "compute"):
-                raise ParameterError("kspace_modify compute no is not supported: the real-space part alone is not physical")
-        elif keyword == "slab":
-            raise ParameterError("kspace_modify slab is not supported: charges are periodic in three dimensions")
-        elif keyword == "force":
-            raise ParameterError("kspace_modify force is not supported: use the relative accuracy of kspace_style")
-        else:
+        elif keyword in _MANNERS:
             state.note(f"kspace_modify {keyword} has no effect here and is ignored: OpenMM's PME computes the sum")
 
 

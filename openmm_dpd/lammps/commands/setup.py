@@ -118,9 +118,8 @@ def run_style(state: DeckState, args: list[str]) -> None:
 @command("atom_modify", 0, None)
 def atom_modify(state: DeckState, args: list[str]) -> None:
     """``atom_modify``: storage of beads; only ``sort`` matters."""
-    for word, values in read.options(args, {"map": 1, "sort": 2, "id": 1, "first": 1}, "atom_modify"):
-        if word == "id":
-            raise ParameterError("atom_modify id is not supported: beads always have ids")
+    only = {"id": (read.YES, "beads always have ids")}
+    for word, values in read.options(args, {"map": 1, "sort": 2, "id": 1, "first": 1}, "atom_modify", only=only):
         if word == "sort":
             state.sorts = read.integer(values[0], "the interval of sorting", 0) > 0
     _ignored("atom_modify")(state, args)

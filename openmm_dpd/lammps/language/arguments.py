@@ -180,11 +180,19 @@ def single(args: Sequence[str], command: str, **defaults: str) -> dict[str, str]
     return defaults | {keyword: values[0] for keyword, values in options(args, dict.fromkeys(defaults, 1), command)}
 
 
+#: Words for no and yes, as ``only`` of :func:`options` has them.
+NO, YES = "no off false", "yes on true"
+
+
 def options(
-    args: Sequence[str], sizes: Mapping[str, int], command: str, alone: Mapping[str, str] | None = None
+    args: Sequence[str],
+    sizes: Mapping[str, int],
+    command: str,
+    alone: Mapping[str, str] | None = None,
+    only: Mapping[str, tuple[str, str]] | None = None,
 ) -> list[tuple[str, list[str]]]:
     """Parse the keyword-value groups at the end of a command; ``sizes`` gives the number of values of each keyword.  ``alone`` lists, by
-    keyword, a value after which no other values follow."""
+    keyword, a value after which no other values follow; ``only`` the supported values (perhaps none), and why there are no others."""
     found = []
     index = 0
     while index < len(args):
@@ -196,6 +204,9 @@ def options(
             values = values[:1]
         elif len(values) < sizes[keyword]:
             raise ParameterError(f"option '{keyword}' of {command} needs {sizes[keyword]} values, but {len(values)} follow")
+        allowed, reason = (only or {}).get(keyword, (None, ""))
+        if allowed is not None and values[0] not in allowed.split():
+            raise ParameterError(f"{command} {keyword} {' '.join(values)} is not supported{': ' * bool(reason)}{reason}")
         found.append((keyword, values))
         index += 1 + len(values)
     return found

@@ -224,7 +224,7 @@ class PrintFix:
     """``fix ID group print N text [file|append name] [screen yes|no] [title text]``: prints at multiples of N, including the first step of
     a run."""
 
-    def __init__(self, state: DeckState, name: str, args: list[str]):
+    def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
         read.count(args, "fix ID group print N text ...", 2, None)
         self.every, self.text, self.next_due = read.integer(args[0], "the interval of fix print", 1), args[1], 0
         options = dict(read.options(args[2:], {"file": 1, "append": 1, "screen": 1, "title": 1}, "fix print"))

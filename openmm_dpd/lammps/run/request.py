@@ -79,7 +79,7 @@ class RunRequest:
     @property
     def averages(self) -> Sequence[AveragingFix]:
         """Averaging fixes, in the order of the deck."""
-        return tuple(fix.parameters["average"] for fix in self.state.fixes.values() if "average" in fix.parameters)
+        return tuple(reader for reader in self.readers if isinstance(reader, AveragingFix))
 
     @property
     def readers(self) -> Sequence[AveragingFix | PrintFix]:

@@ -112,10 +112,10 @@ class DeckState:
         if self.box is not None:
             raise ParameterError(f"{command} must come before the simulation box is defined")
 
-    def require_atom_style(self, style: str, what: str) -> None:
-        """Raise ParameterError unless the deck has the atom style that ``what`` needs."""
-        if self.atom_style != style:
-            raise ParameterError(f"{what} needs atom_style {style}, but the deck has atom_style {self.atom_style}")
+    def require_atom_style(self, what: str, *styles: str) -> None:
+        """Raise ParameterError unless the deck has an atom style that ``what`` needs."""
+        if self.atom_style not in styles:
+            raise ParameterError(f"{what} needs atom_style {' or '.join(styles)}, but the deck has atom_style {self.atom_style}")
 
     def species(self, word: str, what: str) -> int:
         """Index of a species, from its number in the deck, which counts from 1."""

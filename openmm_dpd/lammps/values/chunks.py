@@ -17,6 +17,7 @@ _STYLES = {"bin/1d": 1, "bin/2d": 2, "bin/3d": 3}
 _USAGE = "compute ID group chunk/atom bin/1d|bin/2d|bin/3d x|y|z lower|center|upper|coordinate thickness ..."
 _ENDS = ("lower", "center", "upper")
 _SIZES = {"units": 1, "discard": 1, "bound": 3, "region": 1, "nchunk": 1, "ids": 1, "limit": 1, "compress": 1, "pbc": 1}
+_ONLY = {keyword: (value, "") for keyword, value in (("compress", "no"), ("limit", "0"), ("pbc", "no"), ("ids", "every"))}
 #: More bins than this are rejected as a mistake.
 _MOST = 10_000_000
 
@@ -95,7 +96,7 @@ def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
     read.count(words, _USAGE, 1, None)
     n = 3 * read.style(_STYLES, "compute chunk/atom", words[0])
     read.count(words, _USAGE, 1 + n, None)
-    given = read.options(words[1 + n :], _SIZES, "compute chunk/atom")
+    given = read.options(words[1 + n :], _SIZES, "compute chunk/atom", only=_ONLY)
     options = {"units": ["lattice"], "discard": ["mixed"]} | dict(given)
     _check_options(state, options)
     units = read.choice(options["units"][0], "units", ("box", "lattice", "reduced"))
@@ -119,9 +120,6 @@ def parse_binning(state: DeckState, group: str, words: list[str]) -> Binning:
 
 
 def _check_options(state: DeckState, options: dict[str, list[str]]) -> None:
-    for keyword, allowed in (("compress", "no"), ("limit", "0"), ("pbc", "no"), ("ids", "every")):
-        if options.get(keyword, [allowed])[0] != allowed:
-            raise ParameterError(f"compute chunk/atom: {keyword} {options[keyword][0]} is not supported")
     if read.choice(options.get("nchunk", ["every"])[0], "nchunk", ("once", "every")) == "once":
         state.note("compute chunk/atom: nchunk once has no effect: bins follow the box if it changes")
     if "region" in options and options["region"][0] not in state.regions:

@@ -61,7 +61,7 @@ def no_arguments(style: str, atom_style: str | None = None) -> Callable[[DeckSta
     def check(state: DeckState, group: str, words: list[str]) -> None:
         read.count(words, f"compute ID group {style} (and no more)", 0)
         if atom_style is not None:
-            state.require_atom_style(atom_style, f"compute {style}")
+            state.require_atom_style(f"compute {style}", atom_style)
 
     return check
 

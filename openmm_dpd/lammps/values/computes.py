@@ -10,7 +10,7 @@ from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import VECTOR_FIXES, Compute, ForceVector, Temperature
+from ..state.records import VECTOR_FIXES, Compute, ForceVector, Temperature, Valued
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
 from .per_bead import BEAD_WORDS, PER_BEAD, check_carried
@@ -266,16 +266,14 @@ def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, Co
 
 def average_of(state: DeckState, name: str) -> Any:
     """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` or force fix with this name.  ParameterError if there is none."""
-    average = None
-    if name in state.fixes:
-        force = ForceVector(name) if state.fixes[name].style in VECTOR_FIXES else None
-        average = state.fixes[name].parameters.get("average", force)
-    if average is None:
+    fix = state.fixes.get(name)
+    found = None if fix is None else ForceVector(name) if fix.style in VECTOR_FIXES else fix.parameters.get("reader")
+    if not isinstance(found, Valued):
         raise ParameterError(
             f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column], "
             "fix addforce and setforce f_id[1] to f_id[3]"
         )
-    return average
+    return found
 
 
 def is_extensive(state: DeckState, word: str) -> bool:

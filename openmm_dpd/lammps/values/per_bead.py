@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...base.errors import ParameterError
 from ..files.data_file import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.atoms import Atoms
@@ -22,14 +21,13 @@ def _masses(moment: DeckMoment) -> np.ndarray:
 
 
 #: Words that require one of these atom styles.
-_OF_STYLES = {"mol": BONDED_STYLES, "q": CHARGED_STYLES}
+_OF_STYLES = {"mol": BONDED_STYLES, "q": CHARGED_STYLES, "rho": ("mdpd",)}
 
 
 def check_carried(state: DeckState, word: str) -> None:
     """Raise ParameterError if the deck's atom style has no such value."""
-    styles = _OF_STYLES.get(word)
-    if styles is not None and state.atom_style not in styles:
-        raise ParameterError(f"atom_style {state.atom_style} has no {word}; use one of {', '.join(styles)}")
+    if word in _OF_STYLES:
+        state.require_atom_style(word, *_OF_STYLES[word])
 
 
 def _carried(word: str, array: Callable[[Atoms], np.ndarray]) -> BeadWord:
@@ -95,8 +93,6 @@ def _check_property(state: DeckState, group: str, words: list[str]) -> None:
     for word in words:
         read.choice(word, "a value of compute property/atom", list(PROPERTIES))
         check_carried(state, word)
-        if word == "rho":
-            state.require_atom_style("mdpd", "compute property/atom rho")
 
 
 def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -113,7 +109,7 @@ def _internal(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 def _species(state: DeckState, group: str, words: list[str]) -> int:
     read.count(words, "compute ID group tdpd/cc/atom species", 1)
-    state.require_atom_style("tdpd", "compute tdpd/cc/atom")
+    state.require_atom_style("compute tdpd/cc/atom", "tdpd")
     return state.species(words[0], "compute tdpd/cc/atom")
 
 
