@@ -181,7 +181,7 @@ REFUSED = {
     "deform 1 xy erate 1": "remap x .* use 'remap v' with fix nve",
     "deform 1 xy erate 1 remap v flip no": "half an edge; remove it",
     "deform 1 remap v": "changes nothing",
-    "nvt/sllod temp 1 1 1": "the thermostat is the pair style: fix nve, and fix deform 1 xy erate R remap v",
+    "nvt/sllod temp 1 1 1": "use a pair style as thermostat, fix nve, and fix deform 1 xy erate R remap v",
     "deform 1 xy erate 1 remap v\nfix 3 all momentum 1 linear 1 1 1": "in.deck:{line}: fix 3: momentum cannot be combined with fix deform",
     "deform 1 xy erate 1 remap v\nfix 3 all deform 1 xy erate 1 remap v": "deform cannot be combined with fix deform",
     "deform 1 xy erate 1 remap v\ngroup few id 1\nunfix 1\nfix 1 few nve": "do not move stand still",

@@ -314,12 +314,9 @@ def data_lines(
     coefficients: Iterable[str] = (),
     remarks: Mapping[int, str] | None = None,
 ) -> Iterator[str]:
-    """Lines of a data file, the first one ``title``; every number has all of its digits.
-
-    All of ``data`` is written but for its ``coefficients`` and ``hints``; ``coefficients`` are lines of the Coeffs sections, ``remarks``
-    what to say about types, behind their masses; ``styles`` and ``n_species`` as for
-    :func:`~openmm_dpd.lammps.files.data_file.atom_columns`.
-    """
+    """Lines of a data file, beginning with ``title``, with all digits of every number.  All of ``data`` except its ``coefficients`` and
+    ``hints`` is written; ``coefficients`` are lines of the Coeffs sections, ``remarks`` comments on types, after their masses; ``styles``
+    and ``n_species`` are those of :func:`atom_columns`."""
     terms = [(what, getattr(data, f"n_{what}_types"), getattr(data, f"{what}s")) for what in JOINED]
     yield from (title, "", f"{len(data.positions)} atoms", f"{data.n_types} atom types")
     for what, types, rows in terms:
