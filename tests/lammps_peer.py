@@ -8,9 +8,10 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import put
 from live_lammps import instance
 
-from openmm_dpd.lammps import read_deck
+from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 
 # Forces (N, 3) in input order, total potential and kinetic energy, pressure; in LAMMPS's units.
 LammpsForces = namedtuple("LammpsForces", "forces pe ke press")
@@ -117,11 +118,16 @@ def theirs(folder: Path, text: str) -> tuple[np.ndarray, dict[str, int]]:
     return np.array([row.split() for row in rows], dtype=float).reshape(-1, 11), groups
 
 
+def printed(path: Path, text: str, **options) -> list[str]:
+    """Lines that a run of a deck with this text prints; its files are beside it."""
+    lines: list[str] = []
+    run_deck(put(path, text), RunOptions(**{"platform": "Reference", "threads": 1, **options}), out=path.parent, log=lines.append)
+    return lines
+
+
 def ours(folder: Path, text: str, **options):
     """State of the deck at its end, or at its first run if there is one run only; nothing is simulated."""
-    path = folder / "in.ours"
-    path.write_text(text, encoding="utf-8")
-    return read_deck(path, stop_before_first_run=text.count("\nrun ") < 2, output=folder, **options)
+    return read_deck(put(folder / "in.ours", text), stop_before_first_run=text.count("\nrun ") < 2, output=folder, **options)
 
 
 def same_beads(folder: Path, text: str, velocities: bool = True) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import mdtraj
 import numpy as np
 import pytest
-from cases import raises
+from cases import put, raises
 from mdtraj.formats import XTCTrajectoryFile
 
 from openmm_dpd.base.errors import DeckError, RunError
@@ -30,8 +30,7 @@ dump_modify t format float %.10g
 
 def run(folder: Path, units: str, text: str) -> np.ndarray:
     """(frames, beads, 8) columns of the text dump."""
-    (folder / "in").write_text(BEADS.format(units=units) + text + "run 5\n", encoding="utf-8")
-    run_deck(folder / "in", RunOptions(platform="Reference"), out=folder)
+    run_deck(put(folder / "in", BEADS.format(units=units) + text + "run 5\n"), RunOptions(platform="Reference"), out=folder)
     frames = (folder / "all.txt").read_text().split("ITEM: ATOMS")[1:]
     return np.array([[line.split() for line in frame.splitlines()[1:21]] for frame in frames], float)
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
-from cases import cases, raises
+from cases import cases, put, raises
 from test_lammps_moving import chains
 
 from openmm_dpd.base.errors import DeckError
-from openmm_dpd.lammps import RunOptions, explain_deck, run_deck
+from openmm_dpd.lammps import explain_deck
 
 LAMMPS = lammps_peer.needed()
 
@@ -33,10 +33,8 @@ CHAINS += "bond_coeff 1 30 0.7\nangle_coeff 1 4 110\nmass 1 1\ncomm_modify vel y
 
 def ours(folder: Path, text: str) -> tuple[list[list[float]], list[str]]:
     """Rows of thermo output, and all lines."""
-    (folder / "in").write_text(text, encoding="utf-8")
-    (folder / "start.data").write_text(chains(), encoding="utf-8")
-    lines: list[str] = []
-    run_deck(folder / "in", RunOptions(platform="Reference"), out=folder, log=lines.append)
+    put(folder / "start.data", chains())
+    lines = lammps_peer.printed(folder / "in", text)
     return [[float(w) for w in line.split()] for line in lines if line.split()[:1] and line.split()[0].isdigit()], lines
 
 
@@ -115,8 +113,7 @@ def test_norms(tmp_path, norm):
 
 def test_what_does_not_run_says_that_it_does_not_minimise_either(tmp_path, caplog):
     path = tmp_path / "in.shown"
-    path.write_text(f"{CRYSTAL}minimize 0 0 5 5\nfix 1 all nve\nrun 0\n", encoding="utf-8")
-    assert "note: minimize is not carried out here" in explain_deck(path)
+    assert "note: minimize is not carried out here" in explain_deck(put(path, f"{CRYSTAL}minimize 0 0 5 5\nfix 1 all nve\nrun 0\n"))
     assert f"{path}:14: minimize is not carried out here" in caplog.text
 
 

@@ -54,10 +54,7 @@ def both(folder: Path, text: str) -> tuple[list[str], list[str]]:
         lmp.commands_list([f"shell cd {folder}/theirs", "log log"])
         lmp.commands_string(text)
         lmp.command("log none")
-    (folder / "ours" / "in").write_text(text, encoding="utf-8")
-    lines: list[str] = []
-    run_deck(folder / "ours" / "in", RunOptions(platform="Reference"), out=folder / "ours", log=lines.append)
-    return (folder / "theirs" / "log").read_text().splitlines(), lines
+    return (folder / "theirs" / "log").read_text().splitlines(), lammps_peer.printed(folder / "ours" / "in", text)
 
 
 @LAMMPS

@@ -39,10 +39,8 @@ ROWS = "thermo 2\nthermo_style custom step time temp pe press vol\nthermo_modify
 
 def rows(folder: Path, name: str, text: str, platform: str = "Reference") -> list[str]:
     """Rows of thermo output of a deck; its last configuration is in ``NAME.data``."""
-    (folder / f"in.{name}").write_text(text + f"write_data {name}.data\nrun 0\n", encoding="utf-8")
-    (folder / "start.data").write_text(chains(), encoding="utf-8")
-    lines: list[str] = []
-    run_deck(folder / f"in.{name}", RunOptions(platform=platform, threads=1), out=folder, log=lines.append)
+    put(folder / "start.data", chains())
+    lines = lammps_peer.printed(folder / f"in.{name}", text + f"write_data {name}.data\nrun 0\n", platform=platform)
     return [line for line in lines if line.split()[:1] and line.split()[0].isdigit()]
 
 

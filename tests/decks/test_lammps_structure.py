@@ -10,7 +10,7 @@ from test_lammps_chunks import BEADS, BLOCK, DECK, FLUID, FREE, PRISM, QUICK, be
 from openmm_dpd.analysis import radial_distribution
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.base.geometry import pairs_within
-from openmm_dpd.lammps import RunOptions, run_deck
+from openmm_dpd.lammps import run_deck
 
 
 # -- rdf -----------------------------------------------------------------------------------------------------------------------
@@ -102,9 +102,7 @@ def test_mean_positions_do_not_depend_on_who_reads_them(tmp_path):
     text = DECK + "compute m all msd average yes\nthermo 1\nthermo_style custom step c_m[4]\nthermo_modify format float %.17g\n{}run 6\n"
     found = []
     for more in ("", "fix a all ave/time 1 1 1 c_m[4]\n"):
-        (tmp_path / "in.deck").write_text(text.format(more), encoding="utf-8")
-        lines: list[str] = []
-        run_deck(tmp_path / "in.deck", RunOptions(platform="Reference", threads=1), log=lines.append)
+        lines = lammps_peer.printed(tmp_path / "in.deck", text.format(more))
         found.append([line for line in lines if line.split()[:1] in [[str(step)] for step in range(7)]])
     assert found[0] == found[1] and len(found[0]) == 7 and float(found[0][-1].split()[1]) > 0
 

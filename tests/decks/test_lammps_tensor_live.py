@@ -127,9 +127,7 @@ thermo_style custom step press pxx pyy pzz
 run 6
 """
     for fix in ("", "fix s all shardlow"):
-        (tmp_path / "in.noise").write_text(text.format(fix), encoding="utf-8")
-        lines: list[str] = []
-        run_deck(tmp_path / "in.noise", RunOptions(platform="Reference"), log=lines.append)
+        lines = lammps_peer.printed(tmp_path / "in.noise", text.format(fix))
         rows = np.array([line.split() for line in lines if line.split()[0].isdigit()], float)
         assert len(rows) == 4
         np.testing.assert_allclose(rows[:, 2:].sum(axis=1), 3 * rows[:, 1], rtol=1e-6)
