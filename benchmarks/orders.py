@@ -39,7 +39,7 @@ from openmm_dpd.base.errors import DPDError  # noqa: E402
 from openmm_dpd.kernels.columns import approach, over_pairs  # noqa: E402
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine  # noqa: E402
 from openmm_dpd.plan.plan import make_plan  # noqa: E402
-from openmm_dpd.runtime.compiled import inlined  # noqa: E402
+from openmm_dpd.runtime.decorators import inlined  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 

@@ -13,7 +13,7 @@ from scenes import noise_of, ready
 from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine
 from openmm_dpd.plan.plan import make_plan
-from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.decorators import compiled
 from openmm_dpd.runtime.threads import set_threads
 
 #: Boxes by name; positions are strewn over several images of each.

@@ -11,7 +11,7 @@ from openmm import unit
 import openmm_dpd as dpd
 from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.engine import PairEngine
-from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.decorators import compiled
 
 D = dpd.DPD
 

@@ -9,7 +9,7 @@ if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise ImportError("NUMBA_DISABLE_JIT is set, but openmm_dpd computes in kernels that numba compiles; unset it")
 
 from .addresses import instruction as instruction
-from .compiled import (
+from .decorators import (
     both as both,
     by_types as by_types,
     compiled as compiled,

@@ -1,7 +1,7 @@
-"""Memory by its address, for compiled code: words, functions, and what several threads tell each other.
+"""Access to memory by address from compiled code: words, functions, and words that several threads share.
 
-A *word* is 64 bits: a whole number, or the bits of a float64.  This file has instructions of llvmlite, and
-``tests/core/test_private_interfaces.py`` tries them.
+A *word* is 64 bits: an integer, or the bits of a float64.  The instructions are written with llvmlite; ``tests/core/test_runtime.py`` tries
+them.
 """
 
 import platform
@@ -14,13 +14,13 @@ from numba import types
 from numba.extending import intrinsic
 
 _WORD, _INT = ir.IntType(64), types.int64
-#: The arguments of every kernel as it is called by its address: where its own lie, the number of this thread, how many share the work, and
-#: where these meet (see :mod:`.team`).
+#: Arguments of every compiled kernel: address of the words of its own arguments, number of this thread, number of threads, and address of
+#: the team where they meet (:mod:`.team`).
 ENTRY = (_INT, _INT, _INT, _INT)
 
 
 def instruction(signature: Callable) -> Callable[[Callable], Any]:
-    """A function for kernels whose code is LLVM's; ``signature`` makes numba's signature of the types of its arguments."""
+    """Decorator of a function that emits LLVM code for a call in a kernel; ``signature`` maps types of arguments to numba's signature."""
 
     def made(code):
         def of_types(typing, *kinds):
@@ -35,7 +35,7 @@ def instruction(signature: Callable) -> Callable[[Callable], Any]:
 
 
 def _pointer(builder, address, place, kind=_WORD):
-    """Pointer to the word number ``place`` behind an address."""
+    """Pointer to word number ``place`` from an address on."""
     offset = builder.mul(place, ir.Constant(_WORD, 8))
     return builder.inttoptr(builder.add(address, offset), kind.as_pointer())
 
@@ -55,7 +55,7 @@ def put_word(context, builder, signature, arguments):
 
 @instruction(lambda source, target, count: types.void(_INT, _INT, _INT))
 def copy_words(context, builder, signature, arguments):
-    """Copy so many words from one address to another; the two places have no word in common."""
+    """Copy ``count`` words from one address to another; the two ranges must not overlap."""
     source, target, count = arguments
     pointer = ir.IntType(8).as_pointer()
     function = builder.module.declare_intrinsic("llvm.memcpy", [pointer, pointer, _WORD])
@@ -66,26 +66,26 @@ def copy_words(context, builder, signature, arguments):
 
 @instruction(lambda address, place: _INT(_INT, _INT))
 def shared_word(context, builder, signature, arguments):
-    """The word at a place that another thread writes; what that thread did before is seen from then on."""
+    """The word at a place that another thread writes; whatever that thread wrote before it is visible from then on."""
     return builder.load_atomic(_pointer(builder, *arguments), "acquire", 8)
 
 
 @instruction(lambda address, place, value: types.void(_INT, _INT, _INT))
 def share_word(context, builder, signature, arguments):
-    """Write a word that another thread reads."""
+    """Write a word that another thread reads with :func:`shared_word`."""
     builder.store_atomic(arguments[2], _pointer(builder, *arguments[:2]), "release", 8)
     return context.get_dummy_value()
 
 
 @instruction(lambda address, place, value: _INT(_INT, _INT, _INT))
 def add_to_word(context, builder, signature, arguments):
-    """Add to a word that other threads add to as well; returns what it was before."""
+    """Add to a word that other threads add to as well; returns its previous value."""
     return builder.atomic_rmw("add", _pointer(builder, *arguments[:2]), arguments[2], "seq_cst")
 
 
 @instruction(lambda: types.void())
 def pause(context, builder, signature, arguments):
-    """Let the other thread of the core go first for a moment, on processors that have a word for it."""
+    """Leave the core to its other hardware thread for a moment, on processors that can."""
     if platform.machine() in ("x86_64", "AMD64"):
         builder.call(builder.module.declare_intrinsic("llvm.x86.sse2.pause", (), ir.FunctionType(ir.VoidType(), [])), [])
     return context.get_dummy_value()
@@ -93,13 +93,13 @@ def pause(context, builder, signature, arguments):
 
 @instruction(lambda: _INT())
 def cycles(context, builder, signature, arguments):
-    """What the processor's clock shows."""
+    """The cycle counter of the processor."""
     return builder.call(builder.module.declare_intrinsic("llvm.readcyclecounter", (), ir.FunctionType(_WORD, [])), [])
 
 
 @instruction(lambda function: types.void(_INT))
 def call_plain(context, builder, signature, arguments):
-    """Call a function of the operating system that takes nothing."""
+    """Call a C function without arguments by its address."""
     function = ir.FunctionType(ir.IntType(32), [])
     builder.call(builder.inttoptr(arguments[0], function.as_pointer()), [])
     return context.get_dummy_value()
@@ -113,7 +113,7 @@ def call_kernel(context, builder, signature, arguments):
 
 
 def _laid_down(context, builder, kind, address, place: int) -> tuple[Any, int]:
-    """A value of a type from the words behind an address, the first of them number ``place``; and the number of the next one."""
+    """A value of a type, read from the words at an address from number ``place`` on; and the number of the next word."""
 
     def read(n: int, of=_WORD):
         return builder.load(_pointer(builder, address, ir.Constant(_WORD, n), of))
@@ -160,8 +160,8 @@ def _packed(builder, numbers):
 
 
 def reader_of(kind: types.BaseTuple, elsewhere: tuple[bool, ...]) -> Any:
-    """Instruction (address of words) -> tuple of this type, whose leaves lie there one after the other as :mod:`.native` writes them; of
-    its items that lie ``elsewhere`` the address does."""
+    """Instruction (address of words) -> tuple of this type, read from consecutive words as :mod:`.native` writes them; items that lie
+    ``elsewhere`` have one word there, the address of their own words."""
 
     @instruction(lambda address: kind(_INT))
     def laid_down(context, builder, signature, arguments):

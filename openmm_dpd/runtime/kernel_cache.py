@@ -1,8 +1,8 @@
-"""Where compiled kernels are kept on disk: in a folder of the user's own, or nowhere.
+"""Where compiled kernels are kept on disk: in a folder that belongs to the user, or nowhere.
 
-A kernel is found by what is compiled (:func:`contents`), for which types, and by which compiler: wherever the package lies, a kernel is
-compiled once per machine.  What is in the files is unpickled and run, so a folder that somebody else can write to is not used.  A cache
-that is full or damaged is never in the way: the kernels are compiled, and that is said once.
+A kernel is found by its code (:func:`contents`), its argument types and the compiler.  So each kernel is compiled once per machine,
+wherever the package is installed.  Files are unpickled and run, so a folder that others can write to is not used.  A cache that is full or
+damaged does no harm: kernels are compiled in each process, with one message.
 """
 
 import errno
@@ -37,21 +37,21 @@ except ImportError:  # on Windows two processes may compile the same kernel at o
 
 _LOGGER = logging.getLogger("openmm_dpd")
 _REMEDY = "set NUMBA_CACHE_DIR to a folder of your own"
-#: Bytes of the hash in front of every file.
+#: Length of the hash at the beginning of every file.
 _SEAL = hashlib.sha256().digest_size
-#: What was said already, once in the life of the process.
+#: Topics on which something was said: each once per process.
 _SAID: set[str] = set()
 
 
 def _say(topic: str, text: str) -> None:
-    """Say something on a topic for the first time."""
+    """Log a warning, unless there was one on this topic."""
     if topic not in _SAID:
         _SAID.add(topic)
         _LOGGER.warning(text)
 
 
 def why_unusable(folder: Path) -> str | None:
-    """Why compiled code cannot be kept in a folder, which is made if it is not there; None if it can."""
+    """Why compiled code cannot be kept in a folder; None if it can.  The folder is made if it does not exist."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         if not os.path.lexists(folder):
@@ -75,7 +75,7 @@ def why_unusable(folder: Path) -> str | None:
 
 
 def _candidates() -> list[Path]:
-    """Folders for the cache, the best one first.  Beside the package it would survive an uninstall and shadow the next installation."""
+    """Folders for the cache, the best one first.  None is beside the package, where it would survive an uninstall."""
     given = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     if given:
         return [Path(given)]
@@ -94,7 +94,7 @@ def _candidates() -> list[Path]:
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """The folder that compiled kernels are kept in; None, with one message, if there is none.
+    """The folder in which compiled kernels are kept; None, with one message, if there is none.
 
     ``NUMBA_CACHE_DIR`` if that is set, else ``openmm_dpd/kernels`` in the user's cache folder, else one in the folder for temporary files;
     whichever belongs to the user and can be written by nobody else.
@@ -112,25 +112,25 @@ def cache_folder() -> Path | None:
 
 @functools.cache
 def _file(path: str) -> bytes:
-    """Hash of a source file; of nothing, if it cannot be read, as for functions that were typed in."""
+    """Hash of a source file; empty if it cannot be read, as for functions that were typed in."""
     try:
         return hashlib.sha256(Path(path).read_bytes()).digest()
     except OSError:
         return b""
 
 
-#: Files whose options decide how everything is compiled; read with all kernels of the package, so that they are those that were imported.
+#: Files whose options decide how everything is compiled.  They are read now, with all kernels, so that they are the ones imported.
 _PACKAGE = Path(__file__).parent.parent
-_OPTIONS = [str(_PACKAGE / "runtime" / name) for name in ("compiled.py", "numba_private.py")]
+_OPTIONS = [str(_PACKAGE / "runtime" / name) for name in ("decorators.py", "numba_private.py")]
 for _room in ("runtime", "kernels"):
     for _path in (_PACKAGE / _room).glob("*.py"):
         _file(str(_path))
-#: What is not looked into: it has versions.
+#: Libraries whose code is not hashed: their versions are part of the key.
 _LIBRARIES = ("builtins", "llvmlite", "math", "numba", "numpy")
 
 
 def _parts(value: Any, seen: set[int], names: tuple[str, ...] = ()) -> Iterator[bytes]:
-    """What a value brings into compiled code that knows it: the source, the code and the values that it knows, if it is a function."""
+    """What a value contributes to compiled code that refers to it; for a function its source file, its code and the values it refers to."""
     value = getattr(value, "py_func", getattr(value, "_defn", value))  # dispatchers of numba, and its intrinsics
     library = str(getattr(value, "__module__", getattr(value, "__name__", ""))).partition(".")[0] in _LIBRARIES
     if isinstance(value, FunctionType) and not library and id(value) not in seen:
@@ -165,9 +165,9 @@ def _code(code: CodeType, known: dict[str, Any], seen: set[int]) -> Iterator[byt
 
 
 def contents(function: FunctionType) -> str:
-    """Hash of what is compiled with a function: its code, that of the functions it calls, their source files, and the values they know.
+    """Hash of all that is compiled with a function: its code and that of functions it calls, their source files, and values they use.
 
-    No path and no time is part of it.  The files bring what cannot be seen from a function, such as overloads.
+    Neither paths nor times are part of it.  The files contribute what a function does not show, such as overloads.
     """
     found = hashlib.sha256()
     for part in (*map(_file, _OPTIONS), *_parts(function, set())):
@@ -177,7 +177,7 @@ def contents(function: FunctionType) -> str:
 
 @functools.cache
 def _lock_file(folder: Path) -> int:
-    """The file whose bytes are locks; it stays open, since to close it would give up all of them."""
+    """The file whose bytes are locks.  It stays open: closing it would release all of them."""
     return os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o600)
 
 
@@ -187,7 +187,7 @@ class KernelFiles:
     Their names begin with ``name``; ``stamp`` is what must be unchanged for a file to be found, such as the kernel's :func:`contents`.
     """
 
-    #: Seconds after which a kernel that another process has in work is compiled here, too.
+    #: Seconds after which a kernel that another process is compiling is compiled here, too.
     PATIENCE = 60.0
 
     def __init__(self, folder: str | os.PathLike, name: str, stamp: Any):
@@ -198,7 +198,7 @@ class KernelFiles:
         return self.folder / f"{self.name}.{hashlib.sha256(repr((key, self.stamp)).encode()).hexdigest()[:16]}.kernel"
 
     def load(self, key: Any) -> Any:
-        """What was saved, or None."""
+        """Return what was saved with a key, or None."""
         try:
             content = self._path(key).read_bytes()
         except FileNotFoundError:
@@ -210,12 +210,12 @@ class KernelFiles:
         return data if found == (key, self.stamp) else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Save what :meth:`load` finds."""
+        """Save data for :meth:`load`."""
         payload = dumps(((key, self.stamp), data))
         write_whole(self._path(key), hashlib.sha256(payload).digest() + payload, "the compiled kernel")
 
     def begin(self, key: Any) -> None:
-        """Wait until no other process is compiling this, and have others wait until :meth:`end`.  The lock goes with the process."""
+        """Wait until no other process compiles this kernel, and let others wait until :meth:`end`.  The lock ends with the process."""
         if fcntl is None:
             return
         place, until = int(self._path(key).suffixes[-2][1:9], 16), time.monotonic() + self.PATIENCE
@@ -230,7 +230,7 @@ class KernelFiles:
             time.sleep(0.02)
 
     def end(self) -> None:
-        """Let others go on."""
+        """Release the locks of :meth:`begin`."""
         if fcntl is not None:
             with suppress(OSError):
                 fcntl.lockf(_lock_file(self.folder), fcntl.LOCK_UN)
@@ -244,12 +244,12 @@ class KernelCache(NullCache):
 
     @functools.cached_property
     def files(self) -> KernelFiles:
-        """Its files: when it is called, all that it calls is known."""
+        """Files of the kernel; first used when it is called, since all functions it calls are defined then."""
         return KernelFiles(self._folder, self._function.__name__, contents(self._function))
 
     def load_overload(self, sig, target_context):
-        """The compiled function, or None; then nobody else compiles it until :meth:`save_overload`."""
-        CTRL_C.check()  # to compile all that a step calls may take a minute
+        """The compiled function, or None: then other processes wait until :meth:`save_overload`."""
+        CTRL_C.check()  # compiling all kernels of a step may take a minute
         try:
             target_context.refresh()
             key = sig, target_context.codegen().magic_tuple()
@@ -261,12 +261,12 @@ class KernelCache(NullCache):
                 return None
             self.files.end()
             return unpacked(target_context, data)
-        except Exception as error:  # what is pickled badly can fail in any way
+        except Exception as error:  # damaged pickles can fail in any way
             _say("read", f"compiled kernels in {cache_folder()} cannot be read ({error}); they are compiled anew, and replaced")
             return None
 
     def save_overload(self, sig, data):
-        """Keep a compiled function, if that is possible."""
+        """Save a compiled function, if possible."""
         try:
             if not data.library.has_dynamic_globals:
                 self.files.save((sig, data.codegen.magic_tuple()), packed(data))
@@ -277,7 +277,7 @@ class KernelCache(NullCache):
 
 
 def keep_on_disk(dispatcher: Any) -> None:
-    """Give a function that numba compiles a place on disk, if there is one."""
+    """Let numba keep a compiled function on disk, if there is a folder for it."""
     folder = cache_folder()
     if folder is not None:
         set_cache(dispatcher, KernelCache(folder, dispatcher.__wrapped__))

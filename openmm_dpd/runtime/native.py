@@ -1,12 +1,12 @@
-"""Kernels: compiled functions that threads share, called by their address with arguments that lie in memory.
+"""Kernels: compiled functions whose work threads share, called by address with arguments in memory.
 
-A kernel is written as a function ``(..., part, parts, team)``.  All ``parts`` threads of a team call it at once, each does its share, and
-where one needs what another has done they meet (:func:`.team.meet`).  It returns 0, or another number where it could not do its work: for
-want of room, say.  One thread alone is a team of one, so there is one compiled version for any number of threads.
+A kernel is written as a function ``(..., part, parts, team)``.  All ``parts`` threads of a team call it at the same time, and each does its
+share.  Where one thread needs the result of another, they meet (:func:`.team.meet`).  A kernel returns 0, or another number if it could not
+complete its work, for want of room, say.  A single thread is a team of one, so one compiled version serves any number of threads.
 
-Its own arguments, arrays, numbers, and tuples of these, are written down as words behind each other: an array as the address of its data,
-lengths and strides, a number as itself.  So all kernels are called alike, and what was called once can be called again from compiled code,
-with other numbers in some places (:mod:`.tape`).
+Its own arguments are arrays, numbers, and tuples of these.  They are written to memory as consecutive 64-bit words: an array as the
+address of its data, its lengths and its strides, a number as itself.  So all kernels are called in the same way, and a recorded call can be
+repeated from compiled code with other numbers in some places (:mod:`.tape`).
 """
 
 import ctypes
@@ -24,7 +24,7 @@ import numpy as np
 from numba import types
 
 from .addresses import ENTRY, reader_of
-from .compiled import BARE, SEMANTICS, at_address
+from .decorators import BARE, SEMANTICS, at_address
 from .team import CALL, the_team
 from .threads import dispatch
 
@@ -35,11 +35,11 @@ _address_of = ctypes.addressof
 
 
 def _add_words(value: Any, words: list[Any], kinds: list[Any]) -> None:
-    """Add the words of an argument, and what says how they are to be read."""
+    """Append the words of an argument to ``words``, and what identifies their layout to ``kinds``."""
     kind = type(value)
     if kind is np.ndarray:
         flags = value.flags.num & _PLAIN
-        # the short way to the address takes a quarter of a microsecond, numpy's own takes one
+        # a quarter of a microsecond; numpy's own way to the address takes one
         if flags == _PLAIN and value.size:
             words.append(_address_of(_byte_of(value)))
         else:
@@ -58,21 +58,21 @@ def _add_words(value: Any, words: list[Any], kinds: list[Any]) -> None:
 
 
 def _format(number: Any) -> str:
-    """How a number is packed; whole numbers are signed, but for those of numpy that are not."""
+    """Format character of :mod:`struct` for a number."""
     return {float: "d", np.float64: "d", np.uint64: "Q"}.get(type(number), "q")
 
 
 class Laid(NamedTuple):
-    """A tuple whose words lie where they are, since it is an argument of many calls: these have their address alone."""
+    """A tuple whose words are stored once, because many calls have it as an argument: they pass the address of the words."""
 
     value: tuple
     words: bytes
     address: int
-    kind: int  #: What says how they are to be read
+    kind: int  #: Identifies the layout of the words
 
 
 def _laid(value: Any, memory: dict[type, Laid | None]) -> Laid | None:
-    """The words of a tuple, None for what is of no type that the memory has."""
+    """The stored words of a tuple; None for a value whose type is not in the memory."""
     if type(value) not in memory:
         return None
     found = memory[type(value)]
@@ -88,7 +88,7 @@ def _laid(value: Any, memory: dict[type, Laid | None]) -> Laid | None:
 
 @functools.cache
 def _one(kinds: tuple) -> int:
-    """A number for all that are equal, less than 0: it is part of what is looked up for each call."""
+    """A negative number that identifies a layout, to be compared in each call."""
     return -1 - next(_NUMBERS)
 
 
@@ -96,12 +96,12 @@ _NUMBERS = itertools.count()
 
 
 class Layout:
-    """How the arguments of one call lie in memory, and the compiled function that reads them there."""
+    """How the arguments of one call are laid out in memory, and the compiled function that reads them."""
 
     def __init__(self, name: str, made: Any, arguments: tuple, known: tuple, words: list[Any]):
         self.name, self.made, self.address, self.alone = name, made, made.address, CALL(made.address)
         self.pack = Struct("".join(map(_format, words))).pack
-        #: where the numbers and arrays of records lie, by their names
+        #: first word of each field of a NamedTuple, by its name
         self.places: dict[str, int] = {}
         place = 0
         for each, elsewhere in zip(arguments, known, strict=True):
@@ -125,23 +125,23 @@ def _together(layout: Layout, packed: bytes, parts: int) -> int:
 
 
 def run(layout: Layout, packed: bytes, parts: int) -> int:
-    """Call a kernel with so many threads, where there are cores for them."""
+    """Call a kernel with up to ``parts`` threads: fewer, if there are not enough cores."""
     if parts == 1:
         return _alone(layout, packed, 1)
     return dispatch(lambda threads: (_together if threads > 1 else _alone)(layout, packed, threads), parts)
 
 
 class KernelCall(NamedTuple):
-    """A call that is recorded."""
+    """A recorded call."""
 
     layout: Layout
-    packed: bytes  #: Its arguments
-    parts: int  #: Threads that share the work
-    kept: tuple  #: What has to stay where it is
+    packed: bytes  #: Words of its arguments
+    parts: int  #: Number of threads
+    kept: tuple  #: Objects that must stay alive
 
 
 class _Running(threading.local):
-    """The :class:`.tape.Tape` that this thread records on."""
+    """The :class:`.tape.Tape` on which this thread records."""
 
     tape: Any = None
 
@@ -150,8 +150,8 @@ RUNNING = _Running()
 
 
 class Kernel:
-    """A function as above, compiled for each combination of types it is called with; ``bare`` and ``kept`` as in
-    :func:`.compiled.compiled`."""
+    """A function ``(..., part, parts, team)``, compiled for each combination of argument types.  One that allocates arrays must not be
+    ``bare``; one that is not ``kept`` is compiled in each process."""
 
     def __init__(self, function: Callable, *, bare: bool = True, kept: bool = True):
         self.name, self._bare, self._kept = function.__name__, bare, kept
@@ -159,8 +159,8 @@ class Kernel:
         self._layouts: dict[tuple, Layout] = {}
 
     def __call__(self, *arguments: Any, parts: int = 1, memory: dict[type, Any] | None = None) -> int:
-        """Call it with so many threads.  A tuple that is an argument of many calls lies in a ``memory``, which has the last one of each of
-        its types (None at first); calls have its address alone."""
+        """Call it with up to ``parts`` threads.  A ``memory`` maps types of tuples to None at first; it stores the last tuple of each, so
+        that later calls with the same tuple pass its address only."""
         words: list[Any] = []
         kinds: list[Any] = []
         there = () if memory is None else tuple(_laid(each, memory) for each in arguments)
@@ -185,18 +185,17 @@ class Kernel:
 
     @property
     def versions(self) -> int:
-        """For so many combinations of types it is compiled."""
+        """Number of compiled versions."""
         return len(self._layouts)
 
     def _compiled(self, kind: types.BaseTuple, elsewhere: tuple[bool, ...]) -> Any:
-        """The function for arguments of this type; of those that lie elsewhere words have the address."""
+        """The function for arguments of these types; for those that lie ``elsewhere`` there is a word with their address."""
         name = f"{self.name}_{hashlib.sha256(f'{kind}{elsewhere}'.encode()).hexdigest()[:12]}"
         return at_address(_entry(name, self._inner, kind, elsewhere), ENTRY, bare=self._bare, kept=self._kept)
 
 
 def _entry(name: str, kernel: Callable, kind: types.BaseTuple, elsewhere: tuple[bool, ...]) -> FunctionType:
-    """The function that is called by its address.  It is written out for so many arguments: what numba is given a list of it calls, and
-    does not put in."""
+    """The function that is called by its address.  Its arguments are written out: numba does not inline a call with ``*arguments``."""
     given = ", ".join(f"its[{k}]" for k in range(len(kind)))
     text = f"def {name}(words, part, parts, team):\n    its = arguments(words)\n    return kernel({given}, part, parts, team)\n"
     names: dict[str, Any] = {"kernel": kernel, "arguments": reader_of(kind, elsewhere), "__name__": __name__}

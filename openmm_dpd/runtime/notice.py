@@ -1,4 +1,4 @@
-"""A notice for those who wait for the compiler."""
+"""Tells users when they wait for the compiler."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -7,15 +7,15 @@ from contextlib import contextmanager
 from .kernel_cache import cache_folder
 from .numba_private import compiling
 
-#: Seconds of compiling after which it is said.
+#: Seconds of compiling after which the notice is given.
 PATIENCE = 1.0
-#: What was said already.
+#: Topics of notices that have been given.
 _SAID: set[str] = set()
 
 
 @contextmanager
 def announced(what: str, seconds: int, log: Callable[[str], None]) -> Iterator[None]:
-    """A block that may have to compile the kernels of something, for about so long: if it does, ``log`` gets a line, the first time."""
+    """Context in which the kernels of ``what`` may have to be compiled, in some ``seconds``.  If so, ``log`` gets one line per process."""
     again = "" if cache_folder() is None else ", once: later runs on this machine find them in the cache"
 
     def say() -> None:

@@ -3,12 +3,12 @@
 ``tests/core/test_private_interfaces.py`` tries each part, and prints what to do where one has changed:
 
 - ``NullCache``, ``packed``, ``unpacked``, ``set_cache``, ``dumps``: adapt them to the new cache.  Until then let
-  ``keep_on_disk`` of ``kernel_cache.py`` return at once: kernels are then compiled at every start, and nothing else is lost.
+  ``keep_on_disk`` of ``kernel_cache.py`` return at once: kernels are then compiled in each process, and nothing else is lost.
 - ``NO_REFERENCE_COUNTS``: make it ``{}``.  Results keep their bits; where many pairs go through a helper it is slower.
 - ``ONLY_LINKED``: make it ``{}``.  Nothing changes but the time to compile, by a third.
-- ``CFunc``: what ``numba.cfunc`` makes, which compiles at once and takes no cache of our own; adapt ``at_address`` of ``compiled.py``.
-- ``global_compiler_lock``: forget it.  A child process forked while another thread compiles may then wait for ever.
-- ``compiling``: let it yield and call nothing.  Then nobody hears that kernels are being compiled.
+- ``CFunc``: what ``numba.cfunc`` makes, which compiles at once and takes no cache of our own; adapt ``at_address`` of ``decorators.py``.
+- ``global_compiler_lock``: remove it.  A child process forked while another thread compiles may then wait forever.
+- ``compiling``: let it yield and call nothing.  Then users are not told that kernels are being compiled.
 """
 
 import os
@@ -31,17 +31,17 @@ if hasattr(os, "register_at_fork"):
 
 
 class _Linked(JITCodeLibrary):
-    """Code that is put into that of others, and optimised and made a machine's there."""
+    """Code that is linked into that of its callers, and optimised and translated there."""
 
     def get_pointer_to_function(self, name: str) -> int:
-        return 0  # nothing is where Python could call it
+        return 0  # Python cannot call it
 
     @property
     def codegen(self) -> Any:
         return self
 
     def set_env(self, name: str, environment: Any) -> None:
-        """It needs nothing of Python's."""
+        """Do nothing: it needs no objects of Python."""
 
     def _optimize_final_module(self) -> None:
         pass
@@ -53,31 +53,31 @@ class _Linked(JITCodeLibrary):
 
 
 class _Linker(Compiler):
-    """Compiles such code."""
+    """Compiles code that is only linked into that of its callers."""
 
     def define_pipelines(self):
         self.state.library = _Linked(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         return super().define_pipelines()
 
 
-#: Options of ``numba.njit`` for what only compiled code calls.
+#: Options of ``numba.njit`` for functions that only compiled code calls.
 ONLY_LINKED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _Linker}
 #: Option of ``numba.njit`` for code that allocates nothing: references to arrays are not counted.
 NO_REFERENCE_COUNTS = {"_nrt": False}
 
 
 def packed(compiled: CompileResult) -> Any:
-    """What can be pickled of a compiled function."""
+    """The part of a compiled function that can be pickled."""
     return compiled._reduce()
 
 
 def unpacked(target: Any, data: Any) -> CompileResult:
-    """The compiled function again."""
+    """The compiled function that :func:`packed` has taken apart."""
     return CompileResult._rebuild(target, *data)
 
 
 def set_cache(dispatcher: Any, cache: NullCache) -> None:
-    """Let a function that numba compiles use a cache."""
+    """Give a function that numba compiles a cache."""
     dispatcher._cache = cache
 
 
@@ -94,7 +94,7 @@ class _Compiling(Listener):
 
 @contextmanager
 def compiling(begun: Callable[[], None]) -> Iterator[None]:
-    """A block in which ``begun`` is called when a function is compiled; one that is loaded from the cache is not."""
+    """Context in which ``begun`` is called when numba compiles a function, not when it loads one from the cache."""
     with install_listener("numba:compile", _Compiling(begun)):
         yield
 

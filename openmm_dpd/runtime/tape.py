@@ -1,8 +1,8 @@
 """What one step calls, recorded, so that many more can be done without Python.
 
-A step calls the same kernels with the same arrays as the one before it; what differs is a word of some calls, such as the key of random
-numbers.  So one step is recorded while Python does it, and :meth:`Tape.play` repeats it in compiled code until a kernel has something to
-say: that a list has too little room, for example.  The step in which that happens is left to Python, from its beginning.
+A step calls the same kernels with the same arrays as the step before; only a word of some calls changes, such as the key of random
+numbers.  So one step is recorded while Python does it, and :meth:`Tape.play` repeats it in compiled code until a kernel does not return 0:
+a list has too little room, for example.  That step is left to Python, from its beginning.
 """
 
 import time
@@ -20,32 +20,33 @@ from .team import be_patient, crowded, meet
 from .threads import look
 
 _NUMBER, _BITS = Struct("<d"), Struct("<Q")
-#: Ctrl-C is heard between steps that are done at once: at first so many, then as many as take so many seconds.
+#: Ctrl-C acts between groups of played steps: at first so many, then as many as take so many seconds.
 _AT_FIRST, _ANSWERS = 10, 0.1
-#: So many rounds of looking at another thread, for each number of the first array of the state, take less time than any kernel.
+#: A wait is long after so many rounds of spinning for each number of the first array of the state: more than the work of any kernel takes.
 _ROUNDS = 1
-#: The state is kept before every such step: that takes some hundredths of a step, and to come back to one is rare.
+#: The state is kept before every step of this number: that takes some hundredths of a step, and going back is rare.
 _EVERY = 16
 
 
 class Changing(NamedTuple):
-    """What a word was made of that is another one in each step."""
+    """What a changing word was made of."""
 
-    counted: int  #: Goes up from step to step
-    level: float  #: May be another one in each step
-    numbers: tuple[int, ...]  #: Stay; the first of them says what else depends on the level
+    counted: int  #: Counts up from step to step
+    level: float  #: Constant, or another number in each step of a ramp
+    numbers: tuple[int, ...]  #: Constant; the first tells what else depends on the level
 
 
 def _player(make: Any) -> Callable:
-    """The function that plays steps whose changing words are made in this way."""
+    """The function that plays steps, whose changing words ``make`` makes."""
 
     def play(calls, words, levels, patched, patches, kept, told, spent, steps, part, parts, team):
-        """Do steps until one is not to be done, or threads are in each other's way.  Now and then the state before one is kept.
+        """Do steps until a kernel does not return 0, or threads do not have a core each; returns 1 in the first case.
 
-        ``told`` has how many are done, or were when the state was kept if another one is not to be done; whether a kernel said anything (at
-        every other call in one place, since a thread may be one call ahead); that threads are in each other's way; and how many were
-        complete.  ``levels`` (steps,) are the bits of the levels, if these change, and ``patches`` (P, steps) the words that go to the
-        places ``patched`` then.  ``spent`` (calls, threads, 2) has the time of each at work and waiting, if there is room."""
+        ``told[0]``: steps done, or done when the state was last kept if a kernel did not return 0; ``told[1:3]``: whether one did not
+        (calls use these in turn, since a thread may be one call ahead); ``told[3]``: whether threads lack cores; ``told[4]``: whole steps.
+        ``kept``: addresses of each array of the state and of its copy, and its length.  On a ramp ``levels`` (steps,) has the bits of the
+        levels, and ``patches`` (P, steps) the words for the addresses ``patched``.  ``spent`` (calls, threads, 2), unless empty, gets the
+        cycles of each thread at work and waiting."""
         if part == 0 and parts > 1:
             be_patient(team, _ROUNDS * kept[0, 2])
         for step in range(steps):
@@ -68,7 +69,7 @@ def _player(make: Any) -> Callable:
                 return 0
             for k in range(len(calls)):
                 sharing, turn = parts if calls[k, 2] > 1 else 1, 1 + (step * len(calls) + k) % 2
-                begun = cycles() if len(spent) else 0  # not all processors let everybody look at their clock
+                begun = cycles() if len(spent) else 0  # some processors forbid reading the counter
                 if part < sharing and call_kernel(calls[k, 0], calls[k, 1], part, sharing, team) != 0:
                     told[turn] = 1
                 worked = cycles() if len(spent) else 0
@@ -97,7 +98,7 @@ _CONSTANT = np.zeros(0, np.uint64), np.zeros(0, np.int64), np.zeros((0, 0), np.i
 
 
 class Tape:
-    """A step: recorded first, then finished, then played.
+    """A step that is recorded, then finished, then played.
 
     Parameters
     ----------
@@ -109,14 +110,14 @@ class Tape:
         self._make = make
         self.calls: list[KernelCall] = []
         self._told: dict[str, dict[int, Changing]] = {}
-        #: whether no kernel had anything to say
+        #: whether all kernels returned 0
         self.smooth = True
-        #: how many steps are to be done at once
+        #: number of steps to play before Ctrl-C may act
         self.at_once = _AT_FIRST
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """A block in which all that this thread calls is recorded."""
+        """Context in which all kernels that this thread calls are recorded."""
         RUNNING.tape = self
         try:
             yield
@@ -125,23 +126,23 @@ class Tape:
 
     @staticmethod
     def tell(name: str, word: Any, counted: int, level: float, *numbers: Any) -> None:
-        """Say what a word of this name was made of that calls will get, to the tape that this thread records on, if there is one.  It is
-        ``make(numbers, counted, bits of the level)``."""
+        """Tell the tape of this thread, if it records, how a word was made that calls get under a name: it is ``make(numbers, counted, bits
+        of the level)``."""
         if RUNNING.tape is not None:
             RUNNING.tape._told.setdefault(name, {})[int(word)] = Changing(counted, level, numbers)
 
     def finish(self, counter: int, counted: int, state: list[np.ndarray], at_levels: Callable) -> None:
-        """Make the step one that can be played.
+        """Prepare the recorded step for :meth:`play`.
 
         Parameters
         ----------
         counter, counted : int
-            What was counted before the step, and by how much it has counted that up.
+            Counter before the step, and by how much the step increases it.
         state : list of ndarray
-            Arrays, contiguous, of 64-bit numbers, that a step begins with.
+            Contiguous arrays of 64-bit numbers with which a step begins.
         at_levels : callable
-            (first number of a word, levels (S,)) -> what else its calls get at these levels, by name: numbers (S,), or arrays (S, ...), one
-            for each step; or None where it cannot say.
+            (first number of a changing word, levels (S,)) -> other arguments of its calls at these levels, by name: numbers (S,), or arrays
+            (S, ...), one for each step; None if they are unknown.
         """
         self.counted, self._at_levels = counted, at_levels
         self._packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in self.calls]
@@ -160,17 +161,19 @@ class Tape:
         self._state, self._before = state, [array.copy() for array in state]
         both_states = zip(state, self._before, strict=True)
         self._kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in both_states], np.int64)
-        # as many as each that is shared has room for: some calls may have been shared by more than others
+        # each kernel has room for as many threads as it was recorded with
         self.threads = min((call.parts for call in self.calls if call.parts > 1), default=1)
 
     def begins_with(self, *arrays: np.ndarray) -> bool:
-        """Whether these are the arrays that the step begins with."""
+        """Whether the step begins with these arrays."""
         return len(arrays) == len(self._state) and all(one is other for one, other in zip(arrays, self._state, strict=True))
 
     def play(self, counter: int, steps: int, levels: np.ndarray | None = None, spent: np.ndarray = _UNTIMED) -> tuple[int, int | None]:
-        """Do up to so many steps like it, with this counter before them, and at these levels (steps,) if they change; returns how many were
-        done, and None; or, if one is not to be done, how many before it are to be done again: the state is as before these.  ``spent`` is
-        for who measures (benchmarks/profile_steps.py)."""
+        """Repeat the step up to ``steps`` times, from this counter on, and on a ramp at these levels (steps,).
+
+        Returns the number of steps done, and None if all went well.  If a kernel did not return 0 in a step, the state is that after the
+        steps done, and the second number is how many steps follow before that one.  ``spent`` is for benchmarks/profile_steps.py.
+        """
         ramped = _CONSTANT if levels is None else self._ramped(levels)
         if ramped is None:
             return 0, None
@@ -187,7 +190,7 @@ class Tape:
         return int(told[0]), int(told[4] - told[0]) if begun else None
 
     def _ramped(self, levels: np.ndarray) -> tuple | None:
-        """What changes with the level, as :func:`_player` has it (and what has to stay where it is); None where nobody can say."""
+        """Arguments of the player that change with the level, and what must stay alive; None if they are unknown."""
         patched, patches, found = [], [], {}
         for number, places in self._depending:
             if number not in found:
@@ -195,7 +198,7 @@ class Tape:
             if found[number] is None:
                 return None
             for name, its in found[number].items():
-                if name in places or its.ndim > 1:  # a number may be of no use to a call
+                if name in places or its.ndim > 1:  # not every call needs a number
                     patched.append(places[name])
                     patches.append(its.view(np.int64) if its.ndim == 1 else its.ctypes.data + its.strides[0] * np.arange(len(levels)))
         return levels.view(np.uint64), np.array(patched, np.int64), np.array(patches, np.int64).reshape(-1, len(levels)), found

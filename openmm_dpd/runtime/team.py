@@ -1,11 +1,11 @@
 """Threads that do the work of one kernel together.
 
-The thread that calls is the first of them; the others are made once and wait for work: for some milliseconds they look for it again and
-again, since to wake up takes longer than most kernels, then they sleep.  All meet several times in a kernel, so meeting is what has to be
-quick: each adds one to a number, and looks at another one until the last has come (0.2 us with a core each).  Who has waited for long lets
-others go first; :mod:`.threads` takes care that one thread works alone where there are not enough cores.
+The calling thread is the first of them.  The others are started once and wait for work: they spin for some milliseconds, because waking up
+takes longer than most kernels, then they sleep.  All threads meet several times in a kernel, so a meeting must be fast: each adds one to a
+counter and spins on another word until the last thread has come (0.2 us with a core each).  A thread that has waited for long yields to
+others; :mod:`.threads` lets one thread work alone where there are not enough cores.
 
-A team is an array of words, see the places below: each of those that threads write has a line of the processor's cache to itself.
+A team is an array of words at the places below.  Each word that threads write has a cache line of its own.
 """
 
 import atexit
@@ -19,26 +19,26 @@ import numpy as np
 from numba import types
 
 from .addresses import ENTRY, add_to_word, call_kernel, call_plain, pause, put_word, share_word, shared_word, word
-from .compiled import at_address, helper
+from .decorators import at_address, helper
 
-# how many have come to the meeting, and how many meetings there were; the job, what it is, what is a long wait in it, and how many have
-# done it; whether one is coming, how others are let go first, and how often somebody has waited for long in this job
+# threads that have come to the present meeting, and number of meetings; the job, its kernel and words, rounds of a long wait in it, threads
+# that have done it; whether a job is coming, address of the function that yields, and number of long waits in this job
 _HERE, _MEETINGS, _JOB, _KERNEL, _WORDS, _LONG, _DONE, _COMING, _YIELD, _WAITS, _SIZE = 0, 16, 32, 33, 34, 35, 48, 64, 65, 80, 96
-#: A job is its number times this, and how many threads share it.
+#: A job is its number times this, plus the number of threads.
 _MOST = 1 << 16
-#: So many long waits in one job are too many, if they are half as many as its steps.
+#: From so many long waits on, a job may be crowded: if they are also half as many as its steps.
 _CROWDED = 3
-#: Rounds of looking (some 20 to 50 ns each) after which others go first, and after which a thread without work goes to sleep.
+#: Rounds of spinning (20 to 50 ns each) after which a thread yields, and after which one without work goes to sleep.
 _PATIENCE, _AWAKE = 50_000, 100_000
-#: A number of rounds, of the type of all.
+#: A number of rounds of the type that counters have in compiled code.
 _NONE = np.int64(0)
-#: The job after the last one.
+#: The job that ends a thread.
 _STOP = -1
 
 
 @helper
 def _let_others(team, rounds):
-    """One round of waiting; returns how many there were."""
+    """Wait for one round; returns the number of rounds so far."""
     pause()
     if rounds % _PATIENCE == _PATIENCE - 1 and word(team, _YIELD) != 0:
         call_plain(word(team, _YIELD))
@@ -47,7 +47,7 @@ def _let_others(team, rounds):
 
 @helper
 def meet(team, parts):
-    """Wait for the others; what they did before is seen after it."""
+    """Wait for the other threads; whatever they wrote before is visible afterwards."""
     if parts > 1:
         meeting = shared_word(team, _MEETINGS)
         if add_to_word(team, _HERE, 1) == parts - 1:
@@ -63,19 +63,19 @@ def meet(team, parts):
 
 @helper
 def be_patient(team, rounds):
-    """Take waits in this job for long ones after so many rounds of looking, if that is more than usual."""
+    """Count a wait in this job as long only after so many rounds, if that is more than usual."""
     put_word(team, _LONG, max(rounds, _PATIENCE))
 
 
 @helper
 def crowded(team, parts, steps):
-    """Whether threads have waited for each other for so long in most of the steps of this job that they cannot have a core each: one that
-    is interrupted now and then has one."""
+    """Whether threads have waited for each other for long in so many steps of this job that they cannot have a core each.  An occasional
+    interruption does not count."""
     return parts > 1 and word(team, _WAITS) >= max(_CROWDED, steps // 2)
 
 
 def _lead(team, kernel, words, job):
-    """Publish a job, and do the share of the first thread; returns what the kernel does."""
+    """Publish a job, and do the share of the first thread; returns the value of the kernel."""
     put_word(team, _KERNEL, kernel)
     put_word(team, _WORDS, words)
     put_word(team, _DONE, 0)
@@ -92,7 +92,7 @@ def _lead(team, kernel, words, job):
 
 
 def _follow(team, part, last):
-    """The shares of another thread, one job after the other; returns the last one, or that it is to stop."""
+    """Do the shares of another thread, job by job; returns the last job after a long wait, or ``_STOP``."""
     rounds = _NONE
     while rounds < _AWAKE:
         job = shared_word(team, _JOB)
@@ -111,7 +111,7 @@ def _follow(team, part, last):
 
 @cache
 def _functions() -> tuple[Callable, Callable]:
-    """Both, compiled; ctypes lets go of the interpreter's lock in a call."""
+    """``_lead`` and ``_follow``, compiled; ctypes releases the interpreter's lock during a call."""
     found = []
     for function, arguments in ((_lead, 4), (_follow, 3)):
         made = at_address(function, (types.int64,) * arguments)
@@ -121,12 +121,12 @@ def _functions() -> tuple[Callable, Callable]:
     return found[0], found[1]
 
 
-#: How Python calls a kernel, alone.
+#: Type of a kernel as Python calls it, with one thread.
 CALL = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p, *(ctypes.c_int64,) * (len(ENTRY) - 1))
 
 
 def _yield_address() -> int:
-    """Of the function of the operating system that lets other threads go first; 0 where it is not known."""
+    """Address of the function of the operating system that yields to other threads; 0 where there is none."""
     try:
         return ctypes.cast(ctypes.CDLL(None).sched_yield, ctypes.c_void_p).value or 0
     except (AttributeError, OSError, TypeError):
@@ -134,7 +134,7 @@ def _yield_address() -> int:
 
 
 class _Member:
-    """A thread that follows, what wakes it up, and whether it sleeps."""
+    """A thread of the team other than the calling one: what wakes it up, and whether it sleeps."""
 
     def __init__(self, team: "Team", part: int, last: int):
         self.bell, self.asleep = threading.Event(), False
@@ -142,7 +142,7 @@ class _Member:
 
 
 class Team:
-    """The threads, as many as were ever asked for; who calls :meth:`run` is the first."""
+    """As many threads as were ever asked for; the caller of :meth:`run` is the first."""
 
     def __init__(self) -> None:
         room = np.zeros(_SIZE + 8, np.int64)
@@ -154,12 +154,12 @@ class Team:
         self._members: list[_Member] = []
 
     def work(self, member: _Member, part: int, last: int) -> None:
-        """What a thread does until it is to stop."""
+        """Work of a thread until the team stops."""
         while True:
             last = self._follow(self._address, part, last)
             if last == _STOP:
                 return
-            # the order matters: who has a job says so first, and then looks who sleeps
+            # the order matters: run() announces a job first, and then looks for threads that sleep
             member.bell.clear()
             member.asleep = True
             if not self._words[_COMING] and self._words[_JOB] == last:
@@ -167,7 +167,7 @@ class Team:
             member.asleep = False
 
     def run(self, kernel: int, words: bytes, parts: int) -> int:
-        """Have a kernel done by several threads; returns what it returns to the first."""
+        """Have several threads do a kernel; returns its value for the first thread."""
         for k in range(parts - 1):
             if k == len(self._members):
                 self._members.append(_Member(self, k + 1, int(self._words[_JOB])))
@@ -182,7 +182,7 @@ class Team:
         return self._lead(self._address, kernel, at, self._jobs * _MOST + parts)
 
     def stop(self) -> None:
-        """Let the threads end."""
+        """End the threads."""
         self._words[_JOB] = _STOP
         for member in self._members:
             member.bell.set()
@@ -190,7 +190,7 @@ class Team:
 
 
 _TEAMS: list[Team] = []
-# in a child process there are no other threads, and what they wait for may be locked
+# a child process has no other threads, and their locks may be held
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_TEAMS.clear)
 
@@ -202,7 +202,7 @@ def _end() -> None:
 
 
 def the_team() -> Team:
-    """That of this process."""
+    """The team of this process."""
     if not _TEAMS:
         _TEAMS.append(Team())
     return _TEAMS[0]

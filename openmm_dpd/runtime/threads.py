@@ -1,4 +1,4 @@
-"""How many threads the kernels use, and how they are called with them."""
+"""How many threads kernels use, and what happens where there are not enough cores for them."""
 
 import os
 import threading
@@ -9,14 +9,14 @@ import numba
 
 from ..base.errors import ParameterError, what_is
 
-#: There is one team.
+#: Only one thread at a time may call the team.
 _PARALLEL_LOCK = threading.Lock()
 _MOST_THREADS: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 _thread_count: int | None = None
 
 
 def set_threads(threads: int | None) -> None:
-    """Number of threads the pair kernel uses (None: all cores this process may run on; never more than numba was started with)."""
+    """Set the number of threads that kernels use (None: all cores this process may run on; never more than numba was started with)."""
     global _thread_count
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
         raise ParameterError(f"the number of threads must be an integer >= 1, or None for all cores, not {what_is(threads)}")
@@ -24,7 +24,7 @@ def set_threads(threads: int | None) -> None:
 
 
 def get_threads() -> int:
-    """Number of threads the pair kernel uses."""
+    """Number of threads that kernels use."""
     if _thread_count is not None:
         return _thread_count
     if _MOST_THREADS == 1:
@@ -33,41 +33,43 @@ def get_threads() -> int:
     return max(1, min(available, _MOST_THREADS))
 
 
-#: Fewer beads for each thread than this are not worth its waiting for the others.
+#: Fewer beads per thread than this are not worth its waiting for the others.
 LEAST = 400
 
 
 def threads_for(beads: int) -> int:
-    """Number of threads that go through the pairs of so many beads."""
+    """Number of threads that share the work on so many beads."""
     return max(1, min(get_threads(), beads // LEAST))
 
 
 class _Watch:
-    """Notices where threads do not have a core each, and leaves the work to half of them for a while.  Beside another busy process two
-    threads often share a core, and spin until the other one gets its turn (2 to 4 ms in place of 1.1 ms). The CPU time of the process shows
-    this: it is then no more than the wall time."""
+    """Notices where threads do not have a core each, and leaves the work to half of them for a while.
 
-    #: Seconds of work that are judged together, of rest, and of a pause between two calls that counts as work: to look at the clock of the
-    #: process takes half a microsecond.
+    Beside another busy process two threads often share a core, and one spins until the other gets its turn (2 to 4 ms instead of 1.1 ms).
+    The CPU time of the process shows this: it is then no more than the wall time.
+    """
+
+    #: Seconds of work that are judged together, of rest, and of a pause between two calls that counts as work, since reading the clock of
+    #: the process takes half a microsecond.
     SPAN, REST, PAUSE = 0.05, 1.0, 5e-5
-    #: Threads are as good as their number if they run for this part of the time.
+    #: Threads have enough cores if they run for this part of the time.
     ENOUGH = 0.6
 
     def __init__(self) -> None:
         self.passed = self.spent = self.until = 0.0
-        #: Both clocks at the end of the last call.
+        #: Wall time and CPU time at the end of the last call.
         self.last = (-1.0, 0.0)
-        #: How many threads worked in it, and how many do until then.
+        #: Number of threads in the last call, and in those until ``until``.
         self.working = self.left = 1
 
     def judge(self) -> None:
-        """Half as many threads as in the last call for a while, if they did not run for long enough."""
+        """Halve the number of threads for a while, if those of the last calls did not run for long enough."""
         if self.spent < self.ENOUGH * self.working * self.passed:
             self.until, self.left = self.last[0] + self.REST, max(1, self.working // 2)
         self.passed = self.spent = 0.0
 
     def call(self, threads: int, function: Callable[[int], int]) -> int:
-        """Call a function of a number of threads, and look at its times."""
+        """Call a function of the number of threads, and add up its times."""
         self.working = threads
         begun, before = self.last
         now = time.perf_counter()
@@ -87,14 +89,14 @@ _WATCH = _Watch()
 
 
 def look() -> None:
-    """Threads have waited for each other for long: look whether they have a core each.  They do where a machine that is not there for us
-    alone stops one now and then, and where it is more work than the others had."""
+    """Judge at once, since threads have waited for each other for long.  They may have a core each nevertheless: a virtual machine stops
+    one now and then, or one has more work than the others."""
     with _PARALLEL_LOCK:
         _WATCH.judge()
 
 
 def dispatch(function: Callable[[int], int], threads: int) -> int:
-    """Call a function with so many threads, several of them alone at a time; with fewer, where they have not a core each."""
+    """Call a function with so many threads, or fewer if they lack cores; calls with several threads wait for each other."""
     if threads > 1 and time.perf_counter() < _WATCH.until:
         threads = min(threads, _WATCH.left)
     if threads == 1:
@@ -104,7 +106,7 @@ def dispatch(function: Callable[[int], int], threads: int) -> int:
 
 
 def _begin_anew() -> None:
-    """A child process has none of its parent's threads, one of which may have the lock."""
+    """Make lock and watch anew in a child process: it has none of its parent's other threads, one of which may hold the lock."""
     global _PARALLEL_LOCK, _WATCH
     _PARALLEL_LOCK, _WATCH = threading.Lock(), _Watch()
 

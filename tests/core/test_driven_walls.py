@@ -18,7 +18,7 @@ from openmm_dpd.kernels import driven
 from openmm_dpd.kernels.noise import noise_key, normal, pair_key
 from openmm_dpd.measure import ProfileReporter, WallReporter
 from openmm_dpd.plan import continuum
-from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.decorators import compiled
 
 LOW, HIGH, EDGES = 0.7, 4.7, np.array([4.0, 4.0, 5.0])
 STANDARD = dpd.DPD(A=25, gamma=4.5)

@@ -19,7 +19,7 @@ from openmm_dpd.model.energy_dpd import EnergyDPD
 from openmm_dpd.model.eos import ConstantHeatCapacity, TabulatedEOS
 from openmm_dpd.model.internal import InternalEnergy
 from openmm_dpd.plan.kinds.fields import eos_table
-from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.decorators import compiled
 from openmm_dpd.runtime.threads import set_threads
 
 EOS = {"A": ConstantHeatCapacity(40.0), "B": ConstantHeatCapacity(70.0)}

@@ -11,7 +11,7 @@ from openmm_dpd.kernels import noise
 from openmm_dpd.kernels.engine import RANDOM, PairEngine
 from openmm_dpd.kernels.pairs import PairList, Scratch
 from openmm_dpd.plan.plan import make_plan
-from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.decorators import compiled
 
 M = 1_000_000
 

@@ -13,7 +13,7 @@ from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.model.internal import Concentrations
 from openmm_dpd.model.tdpd import TDPD
-from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.decorators import compiled
 
 SPECIES = pytest.mark.parametrize("n_species", [1, 3, 4])
 KT = 0.8

@@ -1,7 +1,6 @@
 """Steps that are recorded and played again without Python, also with beads in another order: the same bits as step by step."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import openmm
@@ -12,11 +11,9 @@ from kinds import KINDS, SEED, everything, made, running, same, schemes_of
 import openmm_dpd as dpd
 from openmm_dpd.base.names import IMPULSES
 from openmm_dpd.kernels import charges, pairs, seats
-from openmm_dpd.kernels.noise import key_again
 from openmm_dpd.kernels.pairs import PairList
 from openmm_dpd.kernels.steps import StepLoop
 from openmm_dpd.runtime import threads as thread_count
-from openmm_dpd.runtime.native import KernelCall
 from openmm_dpd.runtime.tape import Tape
 from openmm_dpd.runtime.threads import set_threads
 
@@ -260,15 +257,6 @@ def test_a_parameter_is_set_before_anything_else(together):
         simulation.step(20)
         found.append(everything(simulation.context, built))
     assert not same(*found)
-
-
-def test_shared_by_as_many_as_have_room():
-    """Kernels that were recorded with more threads are played with fewer: each has room for its own."""
-    layout = SimpleNamespace(address=0, places={}, name="kernel")
-    tape = Tape(key_again)
-    tape.calls = [KernelCall(layout, b"12345678", parts, ()) for parts in (1, 4, 3, 4)]  # type: ignore[arg-type]
-    tape.finish(0, 0, [], lambda *arguments: None)
-    assert tape.threads == 3
 
 
 def polymers(beads: int = 600) -> dpd.Scene:

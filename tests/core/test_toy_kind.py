@@ -265,7 +265,7 @@ COMPILED = """
 from typing import Any, NamedTuple
 import numpy as np
 from openmm_dpd.kernels.columns import over_pairs
-from openmm_dpd.runtime.compiled import inlined
+from openmm_dpd.runtime.decorators import inlined
 from openmm_dpd.kernels.pairs import PairList
 FACTOR = {factor}
 Data = NamedTuple("Data", [("A", float)])

@@ -13,7 +13,7 @@ import pytest
 from full_disk import file_limit
 
 from openmm_dpd.runtime import kernel_cache
-from openmm_dpd.runtime.compiled import compiled, helper, inlined
+from openmm_dpd.runtime.decorators import compiled, helper, inlined
 from openmm_dpd.runtime.kernel_cache import KernelFiles, cache_folder, why_unusable
 
 POSIX = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners of files here")
@@ -194,7 +194,7 @@ def test_all_that_is_compiled_decides(places):
 AT_ONCE = """
 import sys, time
 from pathlib import Path
-from openmm_dpd.runtime.compiled import compiled
+from openmm_dpd.runtime.decorators import compiled
 def slow(x):
     for k in range(3):
         x = x + k

@@ -5,7 +5,6 @@ import os
 import signal
 import threading
 import time
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ import pytest
 from openmm_dpd.base.signals import unbroken
 from openmm_dpd.io.pictures import new_figure, write_picture
 from openmm_dpd.runtime import threads
-from openmm_dpd.runtime.addresses import copy_words
 from openmm_dpd.runtime.native import Kernel
 from openmm_dpd.runtime.team import _TEAMS, meet
 
@@ -101,48 +99,6 @@ def test_threads_share_a_kernel(together):
         numbers = np.zeros(100, np.int64)
         assert kernel(numbers, 100, parts=parts) == 7
         assert np.array_equal(numbers, np.arange(1, 101))  # each from the one before it, which another thread wrote
-
-
-def test_arguments_are_read_as_they_are_written():
-    """Arrays of all kinds, numbers, and tuples in tuples."""
-
-    class Record(NamedTuple):
-        whole: int
-        key: np.uint64
-        inner: np.ndarray
-
-    def told(out, record, real, yes, strided, plain, readonly, empty, more, part, parts, team):
-        out[0], out[1], out[2], out[3] = record.whole, record.inner[1, 2], real, 1.0 if yes else 0.0
-        out[4], out[5], out[6], out[7] = strided[2, 1], plain[3], readonly[1], len(empty)
-        out[8], out[9] = more[1][0], np.float64(record.key >> np.uint64(60))
-        return 0
-
-    grid, readonly = np.arange(48.0).reshape(6, 8), np.arange(3, dtype=np.uint32)
-    readonly.flags.writeable = False
-    record = Record(-3, np.uint64(15) << np.uint64(60), np.arange(6.0).reshape(2, 3))
-    kernel, out = Kernel(told, kept=False), np.zeros(10)
-    arguments = (out, record, 2.5, True, grid[::2, ::4], np.arange(5), readonly, np.zeros(0), (1, (8,)))
-    for _ in range(2):
-        assert kernel(*arguments) == 0
-        assert out.tolist() == [-3, 5, 2.5, 1, grid[4, 4], 3, 1, 0, 8, 15]
-    assert kernel.versions == 1
-    kernel(*arguments[:4], grid, *arguments[5:])  # contiguous now
-    assert kernel.versions == 2 and out[4] == grid[2, 1]
-
-
-def _copy(source, target, part, parts, team):
-    for k in range(len(source)):
-        copy_words(source[k], target[k], 5)
-    return 0
-
-
-def test_words_are_copied():
-    words, copies = np.arange(20.0).view(np.int64), np.zeros(20, np.int64)
-    first = np.array([words[2:].ctypes.data, words[10:].ctypes.data])
-    Kernel(_copy, kept=False)(first, np.array([copies[3:].ctypes.data, copies[9:].ctypes.data]))
-    expected = np.zeros(20)
-    expected[3:8], expected[9:14] = np.arange(2.0, 7.0), np.arange(10.0, 15.0)
-    assert np.array_equal(copies.view(np.float64), expected)
 
 
 def _called(numbers, part, parts, team):
