@@ -19,52 +19,23 @@ FIXED_PRECISION = {"Reference": "double", "CPU": "mixed"}
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Settings that override those of a deck; None keeps the deck's.
+    """Settings that override those of a deck; None keeps the deck's."""
 
-    Attributes
-    ----------
-    platform, precision : str
-        OpenMM platform (default: the fastest) and its precision.
-    scheme : str
-        Integration scheme of every run.
-    dt : float
-        Time step of every run, in the deck's units.
-    steps : int
-        Number of steps of every run.
-    seed : int
-        Seed of the noise.
-    threads : int
-        Threads of OpenMM's CPU platform and of the pair kernel.
-    discard : int
-        Steps to exclude from averages at the start of every run of at least this length (default: those before equilibrium).
-    conservative : str
-        Where the conservative force is computed, see :func:`openmm_dpd.plan.plan.make_plan`.
-    engine : str
-        What evaluates the pair terms, see :func:`openmm_dpd.plan.plan.make_plan`.
-    compat : str
-        ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it.
-    checkpoint : int
-        Steps between two checkpoints; by default one is written when a run ends or is interrupted.
-    every : int
-        Steps between two frames of the trajectory (default: a hundredth of the run).
-    format : str
-        Format of the trajectory: ``dcd`` or ``xtc``.
-    """
-
-    platform: str | None = None
-    precision: str | None = None
-    scheme: str | None = None
-    dt: float | None = None
-    steps: int | None = None
-    seed: int | None = None
-    threads: int | None = None
+    platform: str | None = None  #: OpenMM platform (default: the fastest)
+    precision: str | None = None  #: Precision of the platform
+    scheme: str | None = None  #: Integration scheme of every run
+    dt: float | None = None  #: Time step of every run, in the deck's units
+    steps: int | None = None  #: Number of steps of every run
+    seed: int | None = None  #: Seed of the noise
+    threads: int | None = None  #: Threads of OpenMM's CPU platform and of the pair kernel
+    #: Steps to exclude from averages at the start of every run of at least this length (default: those before equilibrium)
     discard: int | None = None
-    conservative: str = "auto"
-    engine: str = "auto"
-    compat: str = "consistent"
-    checkpoint: int | None = None
-    every: int | None = None
-    format: str = "dcd"
+    conservative: str = "auto"  #: Where the conservative force is computed, see :func:`openmm_dpd.plan.plan.make_plan`
+    engine: str = "auto"  #: What evaluates the pair terms, see :func:`openmm_dpd.plan.plan.make_plan`
+    compat: str = "consistent"  #: ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it
+    checkpoint: int | None = None  #: Steps between two checkpoints; by default one is written when a run ends or is interrupted
+    every: int | None = None  #: Steps between two frames of the trajectory (default: a hundredth of the run)
+    format: str = "dcd"  #: Format of the trajectory: ``dcd`` or ``xtc``
 
     def __post_init__(self):
         if self.compat not in ("consistent", "lammps"):
