@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import cases, raises
 from judged import any_seed, bounded
 from kinds import KINDS
 from openmm import unit
@@ -87,9 +87,10 @@ def test_one_without_the_other_is_refused(scheme, way):
     simulation.step(5)
 
 
-@pytest.mark.parametrize(
-    ("kT", "reason"),
-    [(1.0, "at 300 K .* thermostat is at 120.27"), (dpd.TemperatureRamp(1.0, 2.0, 0, 100), "have one temperature; a temperature ramp")],
+@cases(
+    "kT, reason",
+    (1.0, "at 300 K .* thermostat is at 120.27"),
+    (dpd.TemperatureRamp(1.0, 2.0, 0, 100), "have one temperature; a temperature ramp"),
 )
 def test_a_barostat_of_the_users_has_the_temperature_of_the_thermostat(kT, reason):
     built, off = fluid(kT=kT), fluid(kT=kT)
@@ -99,16 +100,14 @@ def test_a_barostat_of_the_users_has_the_temperature_of_the_thermostat(kT, reaso
     off.simulation().step(1)
 
 
-@pytest.mark.parametrize(
-    ("kind", "reason"),
-    [
-        ("immobile", "scale the positions of immobile beads"),
-        ("mdpd lucy", "judges volumes by an energy, but the many-body force of the Lucy kernel derives from no potential"),
-        ("specular", "a barostat that changes z would move beads behind walls"),
-        ("energies", "use EnthalpyBarostat"),
-        ("edpd", "temperatures or concentrations"),
-        ("tdpd", "temperatures or concentrations"),
-    ],
+@cases(
+    "kind, reason",
+    ("immobile", "scale the positions of immobile beads"),
+    ("mdpd lucy", "judges volumes by an energy, but the many-body force of the Lucy kernel derives from no potential"),
+    ("specular", "a barostat that changes z would move beads behind walls"),
+    ("energies", "use EnthalpyBarostat"),
+    ("edpd", "temperatures or concentrations"),
+    ("tdpd", "temperatures or concentrations"),
 )
 def test_scenes_without_a_barostat(kind, reason):
     """Refused where it is added, and by the first step where somebody else added one; one that is switched off does nothing."""

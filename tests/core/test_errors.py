@@ -308,9 +308,8 @@ def test_bead_that_is_far_away_has_a_position(loop):
 
 @pytest.mark.parametrize("loop", [True, False])
 @pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle"])
-@pytest.mark.parametrize(
-    ("table", "kT", "message"),
-    [(TABLE, -1.0, ">= 0.*-1"), ({("W", "W"): D(sigma=3)}, 0.0, "(is 0.*infinite friction|> 0 where sigma is fixed)")],
+@cases(
+    "table, kT, message", (TABLE, -1.0, ">= 0.*-1"), ({("W", "W"): D(sigma=3)}, 0.0, "(is 0.*infinite friction|> 0 where sigma is fixed)")
 )
 def test_temperature_that_is_none_while_stepping(table, kT, message, scheme, loop):
     simulation = build(scene(pairs=table), scheme=scheme, loop=loop).simulation()

@@ -121,16 +121,10 @@ def test_error_of_a_ratio():
 
 
 def test_ratio_of_means_is_not_the_mean_of_ratios():
+    """A common factor drops out, however much it fluctuates; a denominator in one block only leaves no error."""
     assert ratio_average([1.0, 2.0, 3.0, 2.0, 4.0, 6.0], [1.0, 4.0, 1.0, 4.0, 1.0, 1.0]).mean == pytest.approx(18 / 12, rel=1e-14)
-
-
-def test_correlated_fluctuations_cancel_in_a_ratio():
-    """A common factor drops out, however much it fluctuates."""
     x = np.exp(ar1(0.9, 2000, 1, seed=9)[0])
     assert ratio_average(2 * x, x).sem < 1e-14
-
-
-def test_a_denominator_in_one_block_only_leaves_the_ratio_without_an_error():
     numerator, denominator = np.linspace(1.0, 2.0, 20), np.zeros(20)
     denominator[:3] = 0.5
     assert ratio_average(numerator, denominator) == Average(pytest.approx(30 / 1.5), None, 0, None)
@@ -246,26 +240,19 @@ def test_what_is_off_is_said(mean, n, wrong):
 
 
 def test_rows_close_in_time_say_no_more_than_one():
-    """No false alarm in two hundred runs in equilibrium whose rows are correlated over many rows."""
+    """No false alarm in two hundred runs in equilibrium whose rows are correlated, nor in a quench on its way."""
     for seed in range(100):
         assert temperature_warning(rows(1.0, 20, correlation=0.97, seed=seed), 1.0, DOF) is None
         assert temperature_warning(rows(1.0, 80, correlation=0.9, seed=seed), 1.0, DOF) is None
-
-
-def test_the_sentence():
-    text = temperature_warning([9.0] * 20 + [1.3] * 20, 1.25, 10**9, " kJ/mol")
-    assert text is None  # 4 %
-    text = temperature_warning([9.0] * 20 + [2.5] * 20, 1.25, 10**9, " kJ/mol")
-    hot = "the kinetic temperature of the last 20 rows is 2.5 kJ/mol, 100 % above the set 1.25 kJ/mol"
-    assert text.startswith(f"{hot}; the step size may be")
-
-
-def test_a_quench_on_its_way_is_left_alone():
     assert temperature_warning(1 + 5 * np.exp(-np.arange(20) / 6), 1.0, 10**5) is None
     assert temperature_warning(2 + 5 * np.exp(-np.arange(20) / 2), 1.0, 10**5) is not None
 
 
-def test_nothing_to_compare_with():
+def test_the_sentence():
+    assert temperature_warning([9.0] * 20 + [1.3] * 20, 1.25, 10**9, " kJ/mol") is None  # 4 %
+    text = temperature_warning([9.0] * 20 + [2.5] * 20, 1.25, 10**9, " kJ/mol")
+    hot = "the kinetic temperature of the last 20 rows is 2.5 kJ/mol, 100 % above the set 1.25 kJ/mol"
+    assert text.startswith(f"{hot}; the step size may be")
     assert temperature_warning([2.0] * 40, 0.0, DOF) is None
     assert temperature_warning([0.0] * 40, 1.0, 0) is None
 

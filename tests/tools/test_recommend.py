@@ -68,8 +68,12 @@ def test_step_and_error_are_inverse_and_quadratic(table, error):
     assert table.error("mvv", at, dt, "conf") == pytest.approx(error, rel=1e-6)
 
 
-def test_errors_over_ten_per_cent_are_not_guessed(table):
+def test_values_beyond_the_table(table):
+    """Errors over 10 % are not guessed; a large heat capacity is a thermostat."""
     assert table.error("mvv", Groups(4.5, 25.0), 0.065, "conf") == np.inf
+    at = Groups(4.5, 25.0, cv=1e7)
+    assert table.outside(at) == []
+    assert table.step("mvv", at, 0.01, "conf") == pytest.approx(0.02)
 
 
 def test_corrections_of_lines_are_interpolated():
@@ -101,12 +105,6 @@ def test_beyond_the_table_is_said(table, change):
     assert text.startswith("no steps were measured at a ")
 
 
-def test_large_heat_capacities_are_thermostats(table):
-    at = Groups(4.5, 25.0, cv=1e7)
-    assert table.outside(at) == []
-    assert table.step("mvv", at, 0.01, "conf") == pytest.approx(0.02)
-
-
 # -- recommend -------------------------------------------------------------------------------------------------------------------
 def test_the_cheapest_scheme_is_recommended(table):
     found = recommend(scene(), table=table)
@@ -129,8 +127,7 @@ def test_safety_distance_from_the_blow_up():
     data = made_up(power)
     for p in data["points"]:
         p["schemes"]["middle"]["blow"] = [0.05, 0.001, ""]
-    found = recommend(scene(), 0.01, table=StabilityTable(data))
-    middle = next(c for c in found.choices if c.scheme == "middle")
+    middle = next(c for c in recommend(scene(), 0.01, table=StabilityTable(data)).choices if c.scheme == "middle")
     assert (middle.dt, middle.limit) == (pytest.approx(0.035), "stability")
 
 
@@ -145,18 +142,14 @@ def test_stiff_bonds_limit_the_step_by_what_each_scheme_does_to_them(table):
 
 def test_charges_limit_the_step_by_their_frequency(table):
     """Slater clouds at r = 0: -U'' = 4/3 l_B kT/lamda^3, and omega^2 = U''(1/m + 1/m), taken for a bond: velocity Verlet is 1 % off at 0.2."""
-
-    def charged(lamda: float) -> dpd.Scene:
-        q = np.zeros(81)
-        q[:2] = 1.0, -1.0
-        return scene(charges=q, electrostatics=dpd.SlaterCharges(lamda=lamda, bjerrum_length=0.5, cutoff=1.4))
-
+    slater = [dpd.SlaterCharges(lamda=lamda, bjerrum_length=0.5, cutoff=1.4) for lamda in (0.05, 0.3)]
+    sharp, wide = (scene(charges=[1.0, -1.0] + 79 * [0.0], electrostatics=cloud) for cloud in slater)
     omega = (4 / 3 * 0.5 / 0.05**3 * 2) ** 0.5
-    assert charge_frequency(charged(0.05)) == pytest.approx(omega, rel=1e-3)
-    found = next(c for c in recommend(charged(0.05), table=table).choices if c.scheme == "mvv")
+    assert charge_frequency(sharp) == pytest.approx(omega, rel=1e-3)
+    found = next(c for c in recommend(sharp, table=table).choices if c.scheme == "mvv")
     assert (found.dt, found.limit) == (pytest.approx(2 * (0.01 / 1.01) ** 0.5 / omega, rel=0.02), "charges")
-    assert "(charge temperature)" in advice(charged(0.05), "mvv", 0.01, table=table)
-    assert recommend(charged(0.3), table=table).dt == recommend(scene(), table=table).dt
+    assert "(charge temperature)" in advice(sharp, "mvv", 0.01, table=table)
+    assert recommend(wide, table=table).dt == recommend(scene(), table=table).dt
     assert charge_frequency(scene()) == 0.0
 
 
@@ -166,13 +159,11 @@ def test_angles_limit_the_step(table):
     assert {c.limit for c in recommend(bent, table=table).choices} == {"angles"}
 
 
-@pytest.mark.parametrize(
+@cases(
     "more, what",
-    [
-        ({"bonds": [dpd.HarmonicBonds([[0, 1], [1, 2]], 1.0, 0.5)], "segments": dpd.SegmentalRepulsion(100.0, 0.8)}, "segmental repulsion"),
-        ({"walls": [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 2.0, "below")], "squeezed": 0.6}, "walls"),
-        ({"pairs": [{("W", "W"): dpd.MDPD(A=-40, B=25, gamma=18)}, {("W", "W"): dpd.DPD(A=1, gamma=0)}]}, "MDPD"),
-    ],
+    ({"bonds": [dpd.HarmonicBonds([[0, 1], [1, 2]], 1.0, 0.5)], "segments": dpd.SegmentalRepulsion(100.0, 0.8)}, "segmental repulsion"),
+    ({"walls": [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 2.0, "below")], "squeezed": 0.6}, "walls"),
+    ({"pairs": [{("W", "W"): dpd.MDPD(A=-40, B=25, gamma=18)}, {("W", "W"): dpd.DPD(A=1, gamma=0)}]}, "MDPD"),
 )
 def test_what_was_not_measured_has_no_step(table, more, what):
     found = recommend(scene(**more), table=table)
@@ -203,6 +194,7 @@ def test_many_body_liquids_have_steps_of_their_own():
     # the same groups: a step goes with (m/kT)^(1/2)
     assert recommend(liquid(kT=4.0, gamma=36.0)).dt == pytest.approx(found.dt / 2)
     assert advice(liquid(), "middle", 0.03).startswith("middle at dt")
+    assert "many-body" in recommend(liquid(), quantity="diffusion").notes[-1]
 
 
 @cases(
@@ -219,14 +211,8 @@ def test_many_body_liquids_outside_of_their_table(other, words):
     assert found.dt is None and any(words in note for note in found.notes)
 
 
-def test_diffusion_of_many_body_liquids_was_not_measured():
-    assert "many-body" in recommend(liquid(), quantity="diffusion").notes[-1]
-
-
 def test_stiff_bonds_are_in_the_sentence(table):
-    """1/(1 - (omega dt)^2/4) - 1 at omega = 200 and dt = 0.002, far below what the fluid could do (which adds three in a thousand to
-    omega^2); three times that is over 10 %.
-    """
+    """1/(1 - (omega dt)^2/4) - 1 at omega = 200 and dt = 0.002 (the fluid adds 0.003 to omega^2); three times that step is over 10 %."""
     bonded = scene(bonds=[dpd.HarmonicBonds([[0, 1]], 1e4, 0.5)])
     assert predicted_error(bonded, "mvv", 0.002, table=table) == (pytest.approx(1 / 0.96 - 1, rel=5e-3), "bond")
     assert "4 % hot (bond temperature)" in advice(bonded, "mvv", 0.002, table=table)
@@ -303,7 +289,7 @@ def test_repulsion_of_two_cutoffs_adds_up_in_curvature():
 
 
 def test_stiff_pairs_without_friction_count(table):
-    """With the mean of all beads: half of the beads feel 4.5 from half of their neighbours."""
+    """With the mean of all beads: half of the beads feel 4.5 from half of their neighbours; pairs that may demix keep their own."""
     stiff = mixture(dpd.DPD(A=5, gamma=4.5), dpd.DPD(A=10), dpd.DPD(A=20))
     found, notes = groups(stiff)
     density = 80 / 27 / 3
@@ -315,10 +301,6 @@ def test_stiff_pairs_without_friction_count(table):
     steps = StabilityTable(made_up(lambda scheme, p: 0.1 / (1 + p["a"])))
     assert recommend(stiff, table=steps).dt < 0.5 * recommend(scene(pairs=one(A=5, gamma=4.5)), table=steps).dt
     assert notes[0] in advice(stiff, "mvv", 0.01, table=table)
-
-
-def test_pairs_keep_their_own_friction_beside_the_mean():
-    """They may demix."""
     found, notes = groups(mixture(dpd.DPD(A=5, gamma=2), dpd.DPD(A=5, gamma=4), dpd.DPD(A=5, gamma=10)))
     assert sorted(at.gamma for at in found) == pytest.approx([2, 4, 5, 10])
     assert not notes
@@ -370,10 +352,10 @@ def test_motion_limits_the_step_too():
     """The errors of the made-up table grow with the square of the step: diffusion is 1 % off at 0.05 and 0.02 of the ends, viscosity never."""
 
     def made(parts: tuple[float, ...], limit: float = 0.0) -> TransportTable:
-        schemes = {g: [[k * dt, [0.01 * k * k, 0.002], [-0.002, 0.001]] for k in parts] for g, dt in ((4.5, 0.05), (450.0, 0.02))}
-        return TransportTable(
-            {"points": [{"gamma": g, "D": [1.0, limit], "eta": [1.0, 0.0], "schemes": {"basa": found}} for g, found in schemes.items()]}
-        )
+        points = [{"gamma": gamma, "D": [1.0, limit], "eta": [1.0, 0.0]} for gamma in (4.5, 450.0)]
+        for point, dt in zip(points, (0.05, 0.02), strict=True):
+            point["schemes"] = {"basa": [[k * dt, [0.01 * k * k, 0.002], [-0.002, 0.001]] for k in parts]}
+        return TransportTable({"points": points})
 
     motion = made((0.5, 2.0))
     assert motion.step("basa", Groups(4.5, 25.0), 0.01, "diffusion").dt == pytest.approx(0.05, rel=0.01)
@@ -401,13 +383,10 @@ def test_shipped_motion_is_slower_under_strong_friction():
 
 
 def test_what_else_is_wrong_is_told():
-    """bab3 takes the longest steps under strong friction, and beads diffuse too fast there."""
+    """bab3 takes the longest steps under strong friction, and beads diffuse too fast there; a measured step has an error."""
     found = recommend(scene(gamma=40.5))
     assert found.scheme == "bab3" and any("diffusion is some +" in note and "quantity='diffusion'" in note for note in found.notes)
     assert not recommend(scene(gamma=40.5), quantity="diffusion").notes
-
-
-def test_a_measured_step_has_an_error():
     best = recommend(scene()).choices[0]
     assert 0 < best.dt_error < 0.3 * best.dt and "±" in str(best)
 
@@ -417,9 +396,6 @@ def test_the_sentence_compares_at_the_same_error(table):
     """mvv at 0.02: 1 % hot; middle reaches that at 0.06, for 1.2/0.06 : 1/0.02 = 0.4 of the time."""
     text = advice(scene(), "mvv", 0.02, table=table)
     assert text == "mvv at dt = 0.02 ps: 1 % hot (configurational temperature); middle at 0.06 ps gives the same for 40 % of the time"
-
-
-def test_more_than_ten_per_cent_and_instability_are_said(table):
     assert "more than 10 % off" in advice(scene(), "mvv", 0.08, table=table)
     assert "blows up near 0.16" in advice(scene(), "mvv", 0.15, table=table)
 
@@ -458,21 +434,12 @@ def test_shipped_table_knows_the_standard_fluid():
 
 
 def test_frozen_beads_alone_need_no_step():
-    positions = np.random.default_rng(1).random((81, 3)) * 3
-    frozen = {"mobile": np.zeros(81, bool), "kT": 1.0, "box": [3.0] * 3}
-    scene = dpd.Scene({"W": 1.0}, ["W"] * 81, positions, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, **frozen)
-    assert groups(scene) == ([], ["no bead moves"])
-    assert "no bead moves" in advice(scene, "middle", 0.01)
+    frozen = scene(mobile=np.zeros(81, bool))
+    assert groups(frozen) == ([], ["no bead moves"]) and "no bead moves" in advice(frozen, "middle", 0.01)
 
 
 def test_native_is_left_out_where_it_cannot_run():
     """Transverse friction and other exponents are beyond OpenMM's integrator."""
-    x = np.random.default_rng(1).random((375, 3)) * 5
-
-    def schemes(coefficient):
-        scene = dpd.Scene({"W": 1.0}, ["W"] * 375, x, {("W", "W"): coefficient}, kT=1.0, box=[5.0] * 3)
-        return {choice.scheme for choice in recommend(scene).choices}
-
-    assert schemes(dpd.DPD(A=25, gamma=4.5)) == set(SCHEMES)
-    assert schemes(dpd.DPD(A=25, gamma=4.5, gamma_perp=4.5)) == set(SCHEMES) - {"native"}
-    assert schemes(dpd.DPD(A=25, gamma=4.5, exponent=0.5)) == set(SCHEMES) - {"native"}
+    for more, without in (({}, set()), ({"gamma_perp": 4.5}, {"native"}), ({"exponent": 0.5}, {"native"})):
+        of = scene(n=375, pairs=one(A=25, gamma=4.5, **more))
+        assert {choice.scheme for choice in recommend(of).choices} == set(SCHEMES) - without

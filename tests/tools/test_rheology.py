@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import raises
+from cases import cases, raises
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import shear_moduli, shear_viscosity
@@ -72,13 +72,11 @@ def test_series_that_say_nothing():
         raises(dpd.ParameterError, reason, call, given)
 
 
-@pytest.mark.parametrize(
+@cases(
     "shear",
-    [
-        dpd.LeesEdwards(rate=-0.3),
-        dpd.LeesEdwards(rate=0.2, end_rate=-1.0, ramp_time=3.0),
-        dpd.LeesEdwards(amplitude=0.7, frequency=1.3),
-    ],
+    dpd.LeesEdwards(rate=-0.3),
+    dpd.LeesEdwards(rate=0.2, end_rate=-1.0, ramp_time=3.0),
+    dpd.LeesEdwards(amplitude=0.7, frequency=1.3),
 )
 def test_strain_is_the_integral_of_the_rate(shear):
     """By Simpson's rule in pieces of 0.01."""
