@@ -21,20 +21,10 @@ N, KELVIN = 8, 120.27236  # Particles of the scene, and the temperature at which
 
 GENERIC = {"setForceGroup", "setName", "updateParametersInContext"}  # Methods of all forces, which have blocks of their own.
 
-LIKE_ALL = {  # Forces that are walked by nobody here: they act as any force of OpenMM's does, and need more than a few particles.
-    "AmoebaGeneralizedKirkwoodForce",
-    "AmoebaMultipoleForce",
-    "AmoebaTorsionTorsionForce",
-    "AmoebaVdwForce",
-    "AmoebaWcaDispersionForce",
-    "ATMForce",
-    "CMAPTorsionForce",
-    "ConstantPotentialForce",
-    "GayBerneForce",
-    "HippoNonbondedForce",
-    "LCPOForce",
-    "OrientationRestraintForce",
-}
+#: Forces that are walked by nobody here: they act as any force of OpenMM's does, and need more than a few particles.
+LIKE_ALL = {f"Amoeba{name}Force" for name in ("GeneralizedKirkwood", "Multipole", "TorsionTorsion", "Vdw", "WcaDispersion")}
+LIKE_ALL |= {"ATMForce", "CMAPTorsionForce", "ConstantPotentialForce", "GayBerneForce", "HippoNonbondedForce", "LCPOForce"}
+LIKE_ALL |= {"OrientationRestraintForce"}
 
 REFUSED = {  # Forces that are refused beside a DPD thermostat, and a word of the reason.
     "AndersenThermostat": "AndersenThermostat",
@@ -196,75 +186,48 @@ def force_classes() -> set[str]:
     return {cls.__name__ for cls in forces if cls not in (openmm.Force,)}
 
 
+def _ways(rows: dict[str, str]) -> dict[str, tuple[str, str]]:
+    """What each method does in whole steps and in programs, where the two differ with ``|`` between them."""
+    found = {}
+    for does, methods in rows.items():
+        whole, _, program = does.partition("|") if "|" in does else (does, "", does)
+        found |= {method: (whole, program) for method in methods.split()}
+    return found
+
+
 #: What the methods of System, Context and the integrators do, in whole steps and in programs.  ``acts``: in the next step; ``anew``: after
 #: reinitialize; ``nothing``: as with OpenMM's own; ``refused: ...`` and ``anew refused: ...``: an error with these words instead.
-METHODS: dict[str, dict[str, tuple[str, str]]] = {
+_DOES: dict[str, dict[str, str]] = {
     "System": {
-        "addConstraint": ("anew refused: had none when", "anew refused: had none when"),
-        "addForce": ("anew", "anew"),
-        "addParticle": ("refused: 9 particles", "refused: 9 particles"),
-        "removeConstraint": ("", "anew"),
-        "removeForce": ("anew", "anew"),
-        "setConstraintParameters": ("", "anew"),
-        "setDefaultPeriodicBoxVectors": ("nothing", "nothing"),
-        "setParticleMass": ("anew refused: mass of particle 1", "anew refused: mass of particle 1"),
-        "setVirtualSite": ("anew refused: virtual site", "anew refused: virtual site"),
+        "anew": "addForce removeForce",
+        "|anew": "removeConstraint setConstraintParameters",
+        "nothing": "setDefaultPeriodicBoxVectors",
+        "refused: 9 particles": "addParticle",
+        "anew refused: had none when": "addConstraint",
+        "anew refused: mass of particle 1": "setParticleMass",
+        "anew refused: virtual site": "setVirtualSite",
     },
     "Context": {
-        "applyConstraints": ("", "acts"),
-        "applyVelocityConstraints": ("", "acts"),
-        "computeVirtualSites": ("", "acts"),
-        "loadCheckpoint": ("acts", "acts"),
-        "reinitialize": ("acts", "acts"),
-        "setParameter": ("acts", "acts"),
-        "setPeriodicBoxVectors": ("acts", "acts"),
-        "setPositions": ("acts", "acts"),
-        "setState": ("acts", "acts"),
-        "setStepCount": ("acts", "acts"),
-        "setTime": ("acts", "acts"),
-        "setVelocities": ("acts", "acts"),
-        "setVelocitiesToTemperature": ("acts", "acts"),
+        "acts": "loadCheckpoint reinitialize setParameter setPeriodicBoxVectors setPositions setState setStepCount setTime setVelocities "
+        "setVelocitiesToTemperature",
+        "|acts": "applyConstraints applyVelocityConstraints computeVirtualSites",
     },
     "PairIntegrator": {
-        **{
-            name: ("refused: bound to a context", "refused: bound to a context")
-            for name in (
-                "addComputeGlobal",
-                "addComputePerDof",
-                "addComputeSum",
-                "addConstrainPositions",
-                "addConstrainVelocities",
-                "addGlobalVariable",
-                "addPerDofVariable",
-                "addUpdateContextState",
-            )
-        },
-        "addTabulatedFunction": ("nothing", "nothing"),
-        "setConstraintTolerance": ("", "acts"),
-        "setGlobalVariable": ("acts", "acts"),
-        "setGlobalVariableByName": ("acts", "acts"),
-        "setIntegrationForceGroups": ("acts", "refused: setIntegrationForceGroups"),
-        "setKineticEnergyExpression": ("anew", "anew"),
-        "setPerDofVariable": ("acts", "acts"),
-        "setPerDofVariableByName": ("acts", "acts"),
-        "setRandomNumberSeed": ("acts", "acts"),
-        "setStepSize": ("acts", "acts"),
-        "setTemperature": ("acts", "acts"),
+        "refused: bound to a context": "addComputeGlobal addComputePerDof addComputeSum addConstrainPositions addConstrainVelocities "
+        "addGlobalVariable addPerDofVariable addUpdateContextState",
+        "nothing": "addTabulatedFunction",
+        "|acts": "setConstraintTolerance",
+        "acts": "setGlobalVariable setGlobalVariableByName setPerDofVariable setPerDofVariableByName setRandomNumberSeed setStepSize "
+        "setTemperature",
+        "acts|refused: setIntegrationForceGroups": "setIntegrationForceGroups",
+        "anew": "setKineticEnergyExpression",
     },
-    "Force": {
-        "setForceGroup": ("anew refused: is in force group 31", "anew refused: is in force group 31"),
-        "setName": ("nothing", "nothing"),
-    },
+    "Force": {"anew refused: is in force group 31": "setForceGroup", "nothing": "setName"},
     "MonteCarloBarostat": {
-        "setDefaultPressure": ("nothing", "nothing"),
-        "setDefaultTemperature": ("nothing", "nothing"),
-        "setFrequency": ("acts", "acts"),
-        "setRandomNumberSeed": ("anew", "anew"),
-        "setScaleMoleculesAsRigid": ("anew", "anew"),
+        "nothing": "setDefaultPressure setDefaultTemperature",
+        "acts": "setFrequency",
+        "anew": "setRandomNumberSeed setScaleMoleculesAsRigid",
     },
-    "MonteCarloMembraneBarostat": {
-        "setDefaultSurfaceTension": ("nothing", "nothing"),
-        "setXYMode": ("acts", "acts"),
-        "setZMode": ("acts", "acts"),
-    },
+    "MonteCarloMembraneBarostat": {"nothing": "setDefaultSurfaceTension", "acts": "setXYMode setZMode"},
 }
+METHODS = {owner: _ways(rows) for owner, rows in _DOES.items()}

@@ -29,14 +29,11 @@ def test_a_file_that_cannot_be_written_stays_what_it_was(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["report"]
 
 
-def test_links_stay_links(tmp_path):
+def test_links_stay_links_and_devices_are_written_to(tmp_path):
     (tmp_path / "real").write_text("before")
     (tmp_path / "link").symlink_to(tmp_path / "real")
     write_whole(tmp_path / "link", b"after", "the report")
     assert (tmp_path / "link").is_symlink() and (tmp_path / "real").read_text() == "after"
-
-
-def test_devices_are_written_to(tmp_path):
     (tmp_path / "full").symlink_to("/dev/full")
     raises(dpd.OutputError, "No space left on device.*free some space", lambda: write_whole(tmp_path / "full", "x", "the report"))
     write_whole("/dev/null", "x", "the report")
@@ -130,13 +127,8 @@ def test_what_came_after_a_checkpoint_is_taken_back(tmp_path):
     killed = ledger_of(tmp_path)
     killed.put_back(lengths)
     found = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir() if path.is_file()}
-    assert found == {
-        "grows": "one\n",
-        "again": "2\n",  # the run begins it anew once more
-        "old": "of before\none\n",
-        "other": "of before\n",
-        "whole": "two",
-    }
+    # "again" is begun anew by the run once more
+    assert found == {"grows": "one\n", "again": "2\n", "old": "of before\none\n", "other": "of before\n", "whole": "two"}
     assert killed.lengths().keys() == lengths.keys()
     for again in (lengths, killed.lengths()):  # and once more, with nothing in between
         ledger_of(tmp_path).put_back(again)

@@ -74,11 +74,8 @@ def beads(x: np.ndarray, n: int = 190, close: float | None = None, **changes) ->
     return dpd.Scene({"W": 36.0, "V": 54.0}, ["W"] * (n - 40) + ["V"] * 40, positions, **settings)
 
 
-REPULSION = {
-    ("solute", "*"): dpd.DPD(A=80, **FRICTION),
-    ("solute", "V"): dpd.DPD(A=20, gamma=5, cutoff=0.5),
-    ("water", "*"): dpd.DPD(A=60, **FRICTION),
-}
+REPULSION = {("solute", "*"): dpd.DPD(A=80, **FRICTION), ("water", "*"): dpd.DPD(A=60, **FRICTION)}
+REPULSION["solute", "V"] = dpd.DPD(A=20, gamma=5, cutoff=0.5)
 
 
 def mixed(topology, system, x, scene=None, **choices) -> dpd.MixedSystem:
@@ -416,23 +413,16 @@ def test_beads_that_interact_with_atoms_only():
     ({"scheme": "native"}, dpd.PlanError, "scheme='middle'"),
     ({"scheme": "mvv"}, dpd.PlanError, "use scheme='middle'"),
     ({"edge": 3.0}, dpd.ParameterError, "the box of the atoms, .* is not that of the scene"),
-    ({"scene_box": None}, dpd.PlanError, "the scene has no box"),
+    ({"own": {"box": None}}, dpd.PlanError, "the scene has no box"),
     ({"force": openmm.GBSAOBCForce()}, dpd.PlanError, "GBSAOBCForce, which needs parameters for every particle"),
     ({"force": openmm.CMMotionRemover()}, dpd.PlanError, "removeCMMotion=False"),
-    ({"walls": True}, dpd.PlanError, "`walls` cannot be put beside atoms"),
-    ({"body": True}, dpd.PlanError, "`body_forces` cannot be put beside atoms"),
+    ({"own": {"walls": [dpd.Wall("z", 0, "above"), dpd.Wall("z", EDGE - 1e-3, "below")]}}, dpd.PlanError, "`walls` cannot be put beside"),
+    ({"own": {"body_forces": [dpd.BodyForce([1, 0, 0])]}}, dpd.PlanError, "`body_forces` cannot be put beside atoms"),
 )
 def test_bad_input(changes, error, message):
     topology, system, x = atoms()
-    own = {}
-    if "scene_box" in changes:
-        own["box"] = None
-    if "walls" in changes:
-        own["walls"] = [dpd.Wall("z", 0.0, "above"), dpd.Wall("z", EDGE - 1e-3, "below")]
-    if "body" in changes:
-        own["body_forces"] = [dpd.BodyForce([1, 0, 0])]
-    arguments = {"scene": beads(x, **own), "topology": topology, "positions": x, "atoms": classes(topology)}
-    arguments |= {"cross": REPULSION, "dt": 0.002}
+    arguments = {"topology": topology, "positions": x, "atoms": classes(topology), "cross": REPULSION, "dt": 0.002}
+    arguments["scene"] = beads(x, **changes.get("own", {}))
     if "edge" in changes:
         system.setDefaultPeriodicBoxVectors(*(changes["edge"] * np.eye(3)))
     if "force" in changes:

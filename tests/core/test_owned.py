@@ -15,7 +15,7 @@ import openmm_dpd as dpd
 import openmm_dpd.model
 from openmm_dpd.molecules import Molecule, Spring
 
-MASK = [True, False, True]
+KJ, MASK = unit.kilojoule_per_mole, [True, False, True]
 PAIRS = [[0, 1], [1, 2]]
 X = [[0.1, 0.2, 0.3], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]]
 DISTANCES = np.linspace(0.1, 1.0, 12)
@@ -56,11 +56,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.Block: lambda: {"low": np.zeros(3), "high": np.ones(3)},
     dpd.Sphere: lambda: {"centre": np.zeros(3), "radius": 1.0},
     dpd.Source: lambda: {"region": dpd.Sphere([0, 0, 0], 1.0), "rate": 1.0, "beads": np.array(MASK), "corner": np.zeros(3)},
-    dpd.InternalEnergy: lambda: {
-        "eos": {"A": dpd.ConstantHeatCapacity(10.0)},
-        "thetas": np.ones(3) * unit.kilojoule_per_mole,
-        "conductive": np.ones(3),
-    },
+    dpd.InternalEnergy: lambda: {"eos": {"A": dpd.ConstantHeatCapacity(10.0)}, "thetas": np.ones(3) * KJ, "conductive": np.ones(3)},
     dpd.BeadTemperatures: lambda: {"thetas": np.ones(3), "capacities": np.ones(3)},
     dpd.Concentrations: lambda: {"values": np.ones((3, 2))},
     dpd.TDPD: lambda: {"A": 1.0, "gamma": 1.0, "kappa": np.ones(2), "epsilon": np.ones(2), "exponent_c": [2.0, 2.0]},

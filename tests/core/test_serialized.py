@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import openmm
 import pytest
-from cases import cases, put
+from cases import cases, put, raises
 
 import openmm_dpd as dpd
 
@@ -63,15 +63,11 @@ def test_forces_of_this_package_are_read(tmp_path, platform, more):
 @pytest.mark.parametrize("through", ["function", "method of a module", "class"])
 def test_planted_code_is_not_run(tmp_path, through):
     target = tmp_path / "witness"
-    planted = {
-        "function": Planted(opened, target),
-        "method of a module": Planted(os.mkdir, str(target)),
-        "class": Planted(dpd.DPDReporter, str(target), 10, None),
-    }[through]
-    text = system_with(planted)
+    planted = {"function": Planted(opened, target), "method of a module": Planted(os.mkdir, str(target))}
+    text = system_with(planted.get(through, Planted(dpd.DPDReporter, str(target), 10, None)))
     assert not target.exists()
-    with pytest.raises(dpd.ParameterError, match="holds a Python object that is not a force of this package .*it asks for"):
-        dpd.load_xml(put(tmp_path / "system.xml", text))
+    message = "holds a Python object that is not a force of this package .*it asks for"
+    raises(dpd.ParameterError, message, dpd.load_xml, put(tmp_path / "system.xml", text))
     assert not target.exists()
     if through == "function":  # which OpenMM itself does run
         openmm.XmlSerializer.deserialize(text)
@@ -80,19 +76,15 @@ def test_planted_code_is_not_run(tmp_path, through):
 
 def test_names_do_not_lead_out_of_the_package(tmp_path):
     """Protocol 4 looks up names with dots, and every module has others among its names."""
-    for module, name in (
-        ("openmm_dpd.plan.forces.pair_force", "np.save"),
-        ("openmm_dpd.plan.forces.pair_force", "engine_kind"),
-        ("openmm_dpd.__main__", "Path"),
-    ):
+    inside = "openmm_dpd.plan.forces.pair_force"
+    for module, name in ((inside, "np.save"), (inside, "engine_kind"), ("openmm_dpd.__main__", "Path")):
         payload = b"\x80\x04" + b"".join(b"\x8c" + bytes([len(word)]) + word.encode() for word in (module, name)) + b"\x93."
         text = system_with(Planted(opened, tmp_path))
         start = text.index('function="') + len('function="')
         text = text[:start] + payload.hex() + text[text.index('"', start) :]
         (tmp_path / "system.xml").write_text(text)
         assert callable(pickle.loads(payload))
-        with pytest.raises(dpd.ParameterError, match=f"it asks for {module}.{name}"):
-            dpd.load_xml(tmp_path / "system.xml")
+        raises(dpd.ParameterError, f"it asks for {module}.{name}", dpd.load_xml, tmp_path / "system.xml")
 
 
 def test_a_state_is_a_state(tmp_path):
@@ -107,8 +99,7 @@ def test_a_state_is_a_state(tmp_path):
         ("short.xml", (tmp_path / "state.xml").read_text()[:900], "not a file of OpenMM's XmlSerializer"),
         ("other.xml", "<State type='Stale'/>", "OpenMM cannot read this file"),
     ):
-        with pytest.raises(dpd.ParameterError, match=message):
-            simulation.loadState(str(put(tmp_path / name, text)))
+        raises(dpd.ParameterError, message, simulation.loadState, str(put(tmp_path / name, text)))
     assert not (tmp_path / "witness").exists()
     assert simulation.context.getStepCount() == 2
     simulation.loadState(str(tmp_path / "state.xml"))

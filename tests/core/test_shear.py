@@ -7,12 +7,12 @@ import numpy as np
 import openmm
 import oracle
 import pytest
-from cases import raises, refused
+from cases import cases, raises, refused
 from judged import any_seed
 from kinds import KINDS, N, hand_over, plain_context
 from openmm import app
 from oracle_shear import FoldedShear, folded_state
-from scenes import EXTENDED, PLAIN, beads, external_force, fluid, listed_pairs, noise_of, oracle_params, place, state_of
+from scenes import EXTENDED, PLAIN, beads, external_force, fluid, listed_pairs, noise_of, oracle_params, place, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import shear_viscosity
@@ -47,6 +47,11 @@ def sheared(kind: str, **options) -> dpd.Scene:
     return fluid(EXTENDED, box, n=40, kT=1.3, shear=SHEARS[kind][0], **options)
 
 
+def folded(scene: dpd.Scene, x, v, strain, rate) -> FoldedShear:
+    """The oracle's beads, at these positions and velocities."""
+    return FoldedShear(x, v, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, strain, rate)
+
+
 @pytest.mark.parametrize("kind", SHEARS)
 @pytest.mark.parametrize("word", ["middle", "B/5 A/2 3B/5 A/2 B/5 O", "O/2 A/3 B/2 A/3 S/2 B/2 A/3"])
 def test_words_step_as_folded_beads_do(kind, word):
@@ -54,9 +59,7 @@ def test_words_step_as_folded_beads_do(kind, word):
     dt, scene, (_, strain, rate) = 0.03, sheared(kind), SHEARS[kind]
     built = dpd.build(scene, dt=dt, scheme=word, platform="Reference", seed=11)
     simulation, kT = built.simulation(), scene.initial_kT
-    expected = FoldedShear(
-        scene.positions, scene.velocities, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, strain, rate
-    )
+    expected = folded(scene, scene.positions, scene.velocities, strain, rate)
     engine, counter = PairEngine(make_plan(scene, dt=dt, scheme=word, seed=11, platform="CPU").spec), 0
     for _ in range(12):
         passed = np.zeros((3, 3))
@@ -89,7 +92,7 @@ def test_friction_as_a_force_is_that_of_folded_beads(kind, lam):
     dt, scene, (_, strain, rate) = 0.01, sheared(kind), SHEARS[kind]
     simulation = dpd.build(scene, dt=dt, scheme="mvv", lam=lam, platform="CPU", seed=11).simulation()
     kT, inv_m = scene.initial_kT, 1 / scene.bead_masses[:, None]
-    one = FoldedShear(scene.positions, scene.velocities, EDGES, scene.type_ids, oracle_params(scene), inv_m[:, 0], strain, rate)
+    one = folded(scene, scene.positions, scene.velocities, strain, rate)
     f = one.force(True, noise_of(scene.n_beads, 11, 0, kT), kT, dt)
     for step in range(1, 6):
         one.v = one.v + 0.5 * dt * inv_m * f
@@ -143,25 +146,20 @@ def same(first: tuple, second: tuple) -> bool:
 def test_the_same_bits_however_a_run_is_cut(kind, scheme, tmp_path):
     """In calls of one step, with states looked at, after a checkpoint, after an XML state, with two threads."""
     shear = SHEARS[kind][0]
-    whole = run_of_melt(scheme, shear)
-    whole.step(60)
-    expected = everything(whole)
+    expected = everything(stepped(run_of_melt(scheme, shear), 60))
     cut = run_of_melt(scheme, shear)
     for steps in (1, 7, 1, 20, 1):
         cut.step(steps)
         everything(cut)
     for write, read in (("saveCheckpoint", "loadCheckpoint"), ("saveState", "loadState")):
         getattr(cut, write)(str(tmp_path / "kept"))
-        other = run_of_melt(scheme, shear)
-        other.step(3)
-        getattr(other, read)(str(tmp_path / "kept"))
-        other.step(10 if write == "saveCheckpoint" else 20)
-        cut = other
+        cut = stepped(run_of_melt(scheme, shear), 3)
+        getattr(cut, read)(str(tmp_path / "kept"))
+        cut.step(10 if write == "saveCheckpoint" else 20)
     threads = dpd.get_threads()
     try:
         dpd.set_threads(2)
-        two = run_of_melt(scheme, shear)
-        two.step(60)
+        two = stepped(run_of_melt(scheme, shear), 60)
     finally:
         dpd.set_threads(threads)
     assert same(everything(cut), expected) and same(everything(two), expected)
@@ -173,16 +171,13 @@ def test_where_beads_are_put_among_their_images_changes_nothing_but_rounding(kin
     """Beads moved to other images, with the velocities that these have, after the images have slid: no pair term of any kind sees it."""
     scene = replace(KINDS[kind](), shear=dpd.LeesEdwards(rate=1.5), mobile=None, sources=(), body_forces=())
     first, second = (dpd.build(scene, dt=0.005, scheme="middle", platform="CPU", seed=3) for _ in range(2))
-    one, other = first.simulation(), second.simulation()
-    one.step(20)
-    other.step(20)
+    one, other = stepped(first.simulation(), 20), stepped(second.simulation(), 20)
     x, v = state_of(other.context)
     turns = np.random.default_rng(4).integers(-3, 4, (N, 3))
     turns[:48] = turns[:48:4].repeat(4, axis=0)  # chains stay whole
     height = scene.box[1, 1]
     place(other.context, x + turns @ everything(other)[2], v + 1.5 * height * turns[:, 1:2] * [1, 0, 0])
-    one.step(20)
-    other.step(20)
+    step_all(20, one, other)
     (x, v), (y, w) = state_of(one.context), state_of(other.context)
     assert np.abs(w - v - 1.5 * (y - x)[:, 1:2] * [1, 0, 0]).max() < 1e-9
     assert np.abs((y - x)[:, 1] - height * turns[:, 1]).max() < 1e-10
@@ -202,7 +197,7 @@ def test_temperature_momentum_and_stress_are_those_of_folded_beads():
     simulation.reporters.append(stress)
     simulation.step(1)
     x, v = state_of(simulation.context)
-    one = FoldedShear(x, v, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, lambda _: strain(0.2), lambda _: rate(0.2))
+    one = folded(scene, x, v, lambda _: strain(0.2), lambda _: rate(0.2))
     c = one.v - rate(0.2) * one.x[:, 1:2] * [1, 0, 0]
     regular, friction = np.einsum("i,ia,ib->ab", scene.bead_masses, c, c), np.zeros((3, 3))
     for i in range(40):
@@ -245,7 +240,7 @@ def test_frames_that_a_viewer_folds_show_the_images_where_they_are(tmp_path):
     simulation.step(40)
     frames = md.load(str(tmp_path / "sheared.dcd"), top=md.Topology.from_openmm(simulation.topology))
     x, v = state_of(simulation.context)
-    one = FoldedShear(x, v, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, lambda _: 1.6, lambda _: 2.0)
+    one = folded(scene, x, v, lambda _: 1.6, lambda _: 2.0)
     near = [(i, j) for i in range(40) for j in range(i) if one.pair(i, j)[0] < 1.5]
     found = md.compute_distances(frames[-1], near)[0]
     assert np.abs(found - [one.pair(i, j)[0] for i, j in near]).max() < 1e-4 and len(near) > 100
@@ -269,55 +264,49 @@ REFUSED = {
 test_scenes_that_cannot_be_sheared = refused(dpd.ParameterError, REFUSED)
 
 
-@pytest.mark.parametrize(
-    "given",
-    [{}, {"rate": 1, "frequency": 2}, {"amplitude": 1}, {"rate": 1, "end_rate": 2}, {"amplitude": 0, "frequency": 1}, {"rate": "fast"}],
-)
+HALVES = ({"rate": 1, "frequency": 2}, {"amplitude": 1}, {"rate": 1, "end_rate": 2}, {"amplitude": 0, "frequency": 1})
+
+
+@cases("given", {}, {"rate": "fast"}, *HALVES)
 def test_shears_that_are_none(given):
     """Numbers that do not make one of the three kinds."""
-    with pytest.raises(dpd.ParameterError):
-        dpd.LeesEdwards(**given)
+    raises(dpd.ParameterError, ".", dpd.LeesEdwards, **given)
 
 
-@pytest.mark.parametrize(
-    ("choices", "reason"),
-    [
-        ({"loop": False}, "switched off"),
-        ({"conservative": "openmm"}, "CustomNonbondedForce"),
-        ({"scheme": "native"}, "OpenMM's own integrator"),
-        ({"platform": "OpenCL"}, "lose their digits"),
-        ({"engine": "device"}, "device|plugin"),
-    ],
+@cases(
+    "choices, reason",
+    ({"loop": False}, "switched off"),
+    ({"conservative": "openmm"}, "CustomNonbondedForce"),
+    ({"scheme": "native"}, "OpenMM's own integrator"),
+    ({"platform": "OpenCL"}, "lose their digits"),
+    ({"engine": "device"}, "device|plugin"),
 )
 def test_plans_without_whole_steps(choices, reason):
     """... in double precision."""
-    raises(dpd.PlanError, reason, lambda: make_plan(beads(81, shear=SHEAR), dt=0.02, **{"platform": "CPU", **choices}))
+    raises(dpd.PlanError, reason, make_plan, beads(81, shear=SHEAR), dt=0.02, **{"platform": "CPU", **choices})
 
 
 def test_what_would_not_know_the_images(tmp_path):
     """Barostats, forces of others, programs that OpenMM executes, boxes that were set: the first step says so."""
     scene = beads(81, shear=SHEAR)
-    raises(dpd.PlanError, "barostat", lambda: dpd.add_barostat(dpd.build(scene, dt=0.02, platform="CPU"), 20.0))
-    built = dpd.build(scene, dt=0.02, platform="CPU")
-    built.system.addForce(external_force("0.1*z", 81))
-    raises(dpd.PlanError, "sliding images", lambda: built.simulation().step(1))
-    built = dpd.build(scene, dt=0.02, platform="CPU")
-    built.system.addForce(openmm.MonteCarloBarostat(1.0, 120.27, 5))
-    raises(dpd.PlanError, "MonteCarloBarostat.*sliding images", lambda: built.simulation().step(1))
-    with pytest.raises(openmm.OpenMMException, match="whole steps alone"):
-        context = plain_context(dpd.build(scene, dt=0.02, platform="CPU"), "CPU")
-        context.getIntegrator().step(1)
-    built, compound = dpd.build(scene, dt=0.02, platform="CPU"), openmm.CompoundIntegrator()
+    bare, forced, pressed, alone, built, looked_at = (dpd.build(scene, dt=0.02, platform="CPU") for _ in range(6))
+    raises(dpd.PlanError, "barostat", dpd.add_barostat, bare, 20.0)
+    forced.system.addForce(external_force("0.1*z", 81))
+    raises(dpd.PlanError, "sliding images", lambda: forced.simulation().step(1))
+    pressed.system.addForce(openmm.MonteCarloBarostat(1.0, 120.27, 5))
+    raises(dpd.PlanError, "MonteCarloBarostat.*sliding images", lambda: pressed.simulation().step(1))
+    context = plain_context(alone, "CPU")
+    raises(openmm.OpenMMException, "whole steps alone", context.getIntegrator().step, 1)
+    compound = openmm.CompoundIntegrator()
     compound.addIntegrator(built.integrator)
     context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"))
     place(context, built.positions, built.velocities)
     raises(openmm.OpenMMException, "whole steps alone", compound.step, 1)
-    simulation = dpd.build(scene, dt=0.02, platform="CPU").simulation()
-    simulation.step(5)
+    simulation = stepped(looked_at.simulation(), 5)
     simulation.context.setPeriodicBoxVectors(*np.diag([3.0] * 3))
     raises(openmm.OpenMMException, "of the shear: it was set", simulation.step, 1)
-    with pytest.raises(dpd.ParameterError, match="only a constant shear rate can be exported"):
-        export_lammps(replace(scene, shear=SHEARS["oscillating"][0]), tmp_path, "sheared", dt=0.02)
+    swinging = replace(scene, shear=SHEARS["oscillating"][0])
+    raises(dpd.ParameterError, "only a constant shear rate can be exported", export_lammps, swinging, tmp_path, "sheared", dt=0.02)
 
 
 def test_an_exported_scene_is_sheared_as_it_was(tmp_path):
@@ -349,8 +338,8 @@ def test_what_else_takes_a_scene(tmp_path):
     assert np.abs(found - dpd.force_terms(still, **given)["dissipative"]).max() < 1e-9
     assert "Lees-Edwards shear along x, growing with y: rate 0.8 /ps" in built.explain()
     assert flow.any() and not dpd.recommend(ready).choices
-    with pytest.raises(dpd.PlanError, match="`shear` cannot be put beside atoms"):
-        dpd.create_mixed_system(scene, app.Topology(), openmm.System(), np.zeros((0, 3)), atoms=[], cross=[], dt=0.01)
+    nothing = (app.Topology(), openmm.System(), np.zeros((0, 3)))
+    raises(dpd.PlanError, "`shear` cannot be put beside atoms", dpd.create_mixed_system, scene, *nothing, atoms=[], cross=[], dt=0.01)
 
 
 # -- physics -------------------------------------------------------------------------------------------------------------------------

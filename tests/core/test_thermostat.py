@@ -102,64 +102,53 @@ def system_of(n: int = 4, edge: float = 3.0) -> openmm.System:
     return system
 
 
+ALIKE = {("A", "A"): dpd.DPD(gamma=1)}
+
+
 @cases(
-    "arguments, error, message",
-    ({"friction": dpd.DPD(A=1, gamma=1)}, dpd.ParameterError, "a thermostat has no repulsion"),
-    ({"friction": dpd.DPD(gamma=1, cutoff=2)}, dpd.ParameterError, "over half the box"),
-    (
-        {"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", "A", "B", "B"]},
-        dpd.ParameterError,
-        r"no pair coefficients for types \(A, B\)",
-    ),
-    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}}, dpd.ParameterError, "`types` must name the type"),
-    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A"]}, dpd.ParameterError, "types names 1 particles, but the System has 4"),
-    ({"friction": {("A", "A"): dpd.DPD(gamma=1)}, "types": ["A", 1, "A", "A"]}, dpd.ParameterError, "types must hold the name.*1"),
-    ({"friction": dpd.DPD(cutoff=1.0)}, dpd.ParameterError, "no pair of types has any friction"),
-    ({"friction": 5}, dpd.ParameterError, "friction must be a DPD.*5"),
-    ({"friction": dpd.LennardJones(1, 1, 1)}, dpd.ParameterError, "friction must be a DPD"),
-    ({"temperature": -3}, dpd.ParameterError, r"temperature must be a single number >= 0, but is -3\.0 K"),
-    ({"temperature": None}, dpd.ParameterError, "temperature must be a number.*None"),
-    (
-        {"friction": dpd.DPD(gamma=1, sigma=2), "temperature": dpd.TemperatureRamp(2.0, 3.0, 0, 9)},
-        dpd.ParameterError,
-        "contradict the temperature.*kT = 3",
-    ),
-    ({"friction": dpd.DPD(sigma=2), "temperature": dpd.TemperatureRamp(2.0, 0.0, 0, 9)}, dpd.ParameterError, "temperature of 0"),
-    ({"scheme": "mvv", "lam": 5}, dpd.ParameterError, "lam.*between 0 and 1.*5"),
-    ({"scheme": "mvv", "lam": float("nan")}, dpd.ParameterError, "lam.*nan"),
-    ({"platform": "cpu"}, dpd.ParameterError, "platform.*'cpu'"),
-    ({"dt": 0}, dpd.ParameterError, "dt must be > 0, but is 0"),
-    ({"scheme": "native"}, dpd.ParameterError, "OpenMM's own thermostat; make a DPDIntegrator"),
-    ({"scheme": "verlet"}, dpd.ParameterError, "unknown scheme 'verlet'.*or a word"),
+    "arguments, message",
+    ({"friction": dpd.DPD(A=1, gamma=1)}, "a thermostat has no repulsion"),
+    ({"friction": dpd.DPD(gamma=1, cutoff=2)}, "over half the box"),
+    ({"friction": ALIKE, "types": ["A", "A", "B", "B"]}, r"no pair coefficients for types \(A, B\)"),
+    ({"friction": ALIKE}, "`types` must name the type"),
+    ({"friction": ALIKE, "types": ["A"]}, "types names 1 particles, but the System has 4"),
+    ({"friction": ALIKE, "types": ["A", 1, "A", "A"]}, "types must hold the name.*1"),
+    ({"friction": dpd.DPD(cutoff=1.0)}, "no pair of types has any friction"),
+    ({"friction": 5}, "friction must be a DPD.*5"),
+    ({"friction": dpd.LennardJones(1, 1, 1)}, "friction must be a DPD"),
+    ({"temperature": -3}, r"temperature must be a single number >= 0, but is -3\.0 K"),
+    ({"temperature": None}, "temperature must be a number.*None"),
+    ({"friction": dpd.DPD(gamma=1, sigma=2), "temperature": dpd.TemperatureRamp(2.0, 3.0, 0, 9)}, "contradict the temperature.*kT = 3"),
+    ({"friction": dpd.DPD(sigma=2), "temperature": dpd.TemperatureRamp(2.0, 0.0, 0, 9)}, "temperature of 0"),
+    ({"scheme": "mvv", "lam": 5}, "lam.*between 0 and 1.*5"),
+    ({"scheme": "mvv", "lam": float("nan")}, "lam.*nan"),
+    ({"platform": "cpu"}, "platform.*'cpu'"),
+    ({"dt": 0}, "dt must be > 0, but is 0"),
+    ({"scheme": "native"}, "OpenMM's own thermostat; make a DPDIntegrator"),
+    ({"scheme": "verlet"}, "unknown scheme 'verlet'.*or a word"),
 )
-def test_bad_input(arguments, error, message):
+def test_bad_input(arguments, message):
     settings = {"friction": dpd.DPD(gamma=1), "temperature": 300, "dt": 0.002} | arguments
-    raises(error, message, lambda: dpd.add_thermostat(system_of(), **settings))
-
-
-def test_only_a_system_gets_a_thermostat():
-    raises(dpd.ParameterError, "not to a Topology", lambda: dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002))
+    raises(dpd.ParameterError, message, dpd.add_thermostat, system_of(), **settings)
 
 
 def test_somebody_must_take_part():
+    raises(dpd.ParameterError, "not to a Topology", lambda: dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002))
     system = system_of()
-    with pytest.raises(dpd.ParameterError, match="every particle is left out"):
-        dpd.add_thermostat(system, {("A", "A"): dpd.DPD(gamma=1)}, 300, 0.002, types=[None] * 4)
+    raises(dpd.ParameterError, "every particle is left out", dpd.add_thermostat, system, ALIKE, 300, 0.002, types=[None] * 4)
     for k in range(4):
         system.setParticleMass(k, 0)
     raises(dpd.ParameterError, "have mass 0", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))
 
 
 def test_what_cannot_go_together():
-    system = system_of()
-    system.addForce(openmm.AndersenThermostat(300, 1))
-    raises(dpd.PlanError, "AndersenThermostat", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))
-    system = system_of()
-    system.addForce(openmm.CMMotionRemover())
-    raises(dpd.PlanError, "removeCMMotion=False", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))
-    system = system_of()
-    system.addConstraint(0, 1, 0.1)
-    raises(dpd.PlanError, "use scheme='middle'", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002, scheme="mvv"))
-    system = system_of()
-    dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002)
-    raises(dpd.PlanError, "has DPD pair terms already", lambda: dpd.add_thermostat(system, dpd.DPD(gamma=1), 300, 0.002))
+    thermostat = (dpd.DPD(gamma=1), 300, 0.002)
+    for change, message, scheme in (
+        (lambda system: system.addForce(openmm.AndersenThermostat(300, 1)), "AndersenThermostat", "middle"),
+        (lambda system: system.addForce(openmm.CMMotionRemover()), "removeCMMotion=False", "middle"),
+        (lambda system: system.addConstraint(0, 1, 0.1), "use scheme='middle'", "mvv"),
+        (lambda system: dpd.add_thermostat(system, *thermostat), "has DPD pair terms already", "middle"),
+    ):
+        system = system_of()
+        change(system)
+        raises(dpd.PlanError, message, dpd.add_thermostat, system, *thermostat, scheme=scheme)

@@ -9,7 +9,7 @@ same for a left and a right turn.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import chains_of_beads as chains
 import lammps_peer
@@ -90,11 +90,8 @@ class HelixDihedrals(Dihedrals):
     def curve(self, phi):
         waves = [(1, -self.A, 0.0), (3, self.B, 0.0), (1, self.C, np.pi / 4)]
         energy = self.A + self.B + self.C + sum(size * np.cos(n * phi + at) for n, size, at in waves)
-        return (
-            energy,
-            -sum(n * size * np.sin(n * phi + at) for n, size, at in waves),
-            -sum(n * n * size * np.cos(n * phi + at) for n, size, at in waves),
-        )
+        slope = -sum(n * size * np.sin(n * phi + at) for n, size, at in waves)
+        return energy, slope, -sum(n * n * size * np.cos(n * phi + at) for n, size, at in waves)
 
 
 class HelixDihedralTerms(DihedralTerms):
@@ -162,18 +159,13 @@ def known():
 def scene(**options) -> dpd.Scene:
     """Chains of eight, with bonds, angles and dihedrals of the package among those of this file."""
     x, bonds, angles = chains.walks(40, 8, BOX, 3)
-    quads = all_quads()
-    k = np.linspace(20, 60, len(bonds[::2]))
-    return beads(
-        len(x),
-        positions=x,
-        table={("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        box=BOX,
-        bonds=[QuarticBonds(bonds[::2], k, 0.6), dpd.HarmonicBonds(bonds[1::2], 20, 0.7)],
-        angles=[dpd.CosineAngles(angles[::3], 4), SquaredAngles(angles[1::3], 6, 2.0)],
-        dihedrals=[dpd.HarmonicDihedrals(quads[::2], 2, 1, 3), HelixDihedrals(quads[1::2], 3.0, -2.0, 5.0)],
-        **options,
-    )
+    quads, k = all_quads(), np.linspace(20, 60, len(bonds[::2]))
+    terms = {
+        "bonds": [QuarticBonds(bonds[::2], k, 0.6), dpd.HarmonicBonds(bonds[1::2], 20, 0.7)],
+        "angles": [dpd.CosineAngles(angles[::3], 4), SquaredAngles(angles[1::3], 6, 2.0)],
+        "dihedrals": [dpd.HarmonicDihedrals(quads[::2], 2, 1, 3), HelixDihedrals(quads[1::2], 3.0, -2.0, 5.0)],
+    }
+    return beads(len(x), positions=x, box=BOX, **terms, **options)
 
 
 def all_quads() -> np.ndarray:
@@ -208,16 +200,21 @@ def energy_of(made: dpd.Scene, x: np.ndarray, box=BOX) -> float:
     return float(total + np.sum(4 * (1 + cosines(cosine.triples))) + np.sum(6 * (cosines(squared.triples) - np.cos(2.0)) ** 2))
 
 
+def shifted(made: dpd.Scene, place: tuple[int, int], h: float) -> float:
+    """The energy with one coordinate larger by h."""
+    x = made.positions.copy()
+    x[place] += h
+    return energy_of(made, x)
+
+
 @pytest.mark.parametrize("loop", [True, False])
 def test_forces_are_the_gradient(known, loop):
     made, h = scene(), 1e-5
     built = dpd.build(made, dt=0.005, platform="Reference", conservative="kernel", seed=1, loop=loop)
     force = dpd.force_terms(built)["bond"]
-    for bead, axis in ((0, 0), (7, 1), (100, 2), (319, 0)):
-        step = np.zeros_like(made.positions)
-        step[bead, axis] = h
-        slope = (energy_of(made, made.positions + step) - energy_of(made, made.positions - step)) / (2 * h)
-        assert force[bead, axis] == pytest.approx(-slope, rel=1e-6, abs=1e-6)
+    for place in ((0, 0), (7, 1), (100, 2), (319, 0)):
+        slope = (shifted(made, place, h) - shifted(made, place, -h)) / (2 * h)
+        assert force[place] == pytest.approx(-slope, rel=1e-6, abs=1e-6)
 
 
 def test_loop_and_program_go_the_same_way(known):
@@ -240,12 +237,9 @@ def test_they_are_measured(known):
     stress = sum(part(x, BOX) for part in stress_parts(built.plan))
     assert stress[:3].sum() == pytest.approx(-(grown - shrunk) / (2 * h), rel=1e-7)
     laplacian = sum(sums(built.plan, x, BOX, all_move)[1] for sums in (bond_sums, angle_sums, dihedral_sums))
-    second, h = 0.0, 1e-4
-    for bead, axis in np.ndindex(x.shape):
-        step = np.zeros_like(x)
-        step[bead, axis] = h
-        second += (energy_of(made, x + step) + energy_of(made, x - step) - 2 * energy) / h**2
-    assert laplacian == pytest.approx(second, rel=1e-5)
+    h = 1e-4
+    second = sum(shifted(made, place, h) + shifted(made, place, -h) - 2 * energy for place in np.ndindex(x.shape))
+    assert laplacian == pytest.approx(second / h**2, rel=1e-5)
 
 
 def test_they_are_explained_and_have_steps(known):
@@ -260,17 +254,10 @@ def test_they_are_explained_and_have_steps(known):
 
 def test_lammps_has_two_of_them(known, tmp_path):
     x, bonds, angles = chains.walks(40, 8, BOX, 3)
-    with pytest.raises(dpd.ParameterError, match="bonds of kind QuarticBonds cannot be exported to LAMMPS"):
-        export_lammps(scene(), tmp_path / "first", "toy", dt=0.005)
-    made = beads(
-        len(x),
-        positions=x,
-        box=BOX,
-        table={("W", "W"): dpd.DPD(A=25, gamma=4.5)},
-        bonds=[dpd.HarmonicBonds(bonds, 20, 0.7)],
-        angles=[SquaredAngles(angles, 6, 2.0)],
-        dihedrals=[HelixDihedrals(all_quads(), 3.0, -2.0, 5.0)],
-    )
+    message = "bonds of kind QuarticBonds cannot be exported to LAMMPS"
+    raises(dpd.ParameterError, message, export_lammps, scene(), tmp_path / "first", "toy", dt=0.005)
+    terms = {"angles": [SquaredAngles(angles, 6, 2.0)], "dihedrals": [HelixDihedrals(all_quads(), 3.0, -2.0, 5.0)]}
+    made = beads(len(x), positions=x, box=BOX, bonds=[dpd.HarmonicBonds(bonds, 20, 0.7)], **terms)
     export_lammps(made, tmp_path, "toy", dt=0.005, steps=0)
     deck = tmp_path / "in.toy"
     assert re.search(r"angle_style cosine/squared\nangle_coeff 1 6(\.0)? 114\.59155902616", deck.read_text(encoding="utf-8"))
@@ -302,20 +289,17 @@ def test_molecules_of_them(known):
 
 @pytest.mark.parametrize("loop", [True, False])
 def test_a_kind_that_was_not_registered_is_refused(loop):
-    with pytest.raises(dpd.ParameterError, match="nothing is known of QuarticBonds; register their kind"):
-        dpd.build(scene(), dt=0.005, platform="CPU", seed=1, loop=loop)
+    message = "nothing is known of QuarticBonds; register their kind"
+    raises(dpd.ParameterError, message, dpd.build, scene(), dt=0.005, platform="CPU", seed=1, loop=loop)
 
 
 def test_kinds_that_make_no_sense(known):
-    with pytest.raises(dpd.ParameterError, match="there is a kind for QuarticBonds already"):
-        kinds.register_bonded(kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=BOND.energies))
+    raises(dpd.ParameterError, "there is a kind for QuarticBonds already", kinds.register_bonded, replace(BOND))
     kinds.BONDED_KINDS.pop(QuarticBonds)
-    with pytest.raises(dpd.ParameterError, match="there are harmonic bonds already; give the energy of QuarticBonds another name"):
-        kinds.register_bonded(
-            kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("harmonic bonds", "0"),))
-        )
-    with pytest.raises(dpd.ParameterError, match="the kernel of the kind QuarticBonds is for 3 beads, not 2"):
-        kinds.BondedKind(terms=QuarticBonds, kernel=SquaredAngleTerms, energies=BOND.energies)
+    taken = replace(BOND, energies=(kinds.Energy("harmonic bonds", "0"),))
+    message = "there are harmonic bonds already; give the energy of QuarticBonds another name"
+    raises(dpd.ParameterError, message, kinds.register_bonded, taken)
+    raises(dpd.ParameterError, "the kernel of the kind QuarticBonds is for 3 beads, not 2", replace, BOND, kernel=SquaredAngleTerms)
 
 
 def test_systems_with_them_are_read_where_they_are_known(known, tmp_path):

@@ -127,7 +127,7 @@ def test_it_steps_as_the_host_does(register, monkeypatch, scheme, choices):
     if scheme == "mvv":
         choices = choices | {"lam": 0.65}
     host, toy = (made(dimers(), scheme, engine, **choices) for engine in ("host", "toy"))
-    simulations = [built.simulation() for built in (host, toy)]
+    simulations = [host.simulation(), toy.simulation()]
     before = simulations[1].context.getState(positions=True).getPositions(asNumpy=True)._value
     x, _ = same_steps(simulations, monkeypatch)
     assert (toy.integrator.whole is None) == bool(choices.keys() & {"loop", "conservative"})
@@ -256,12 +256,8 @@ def test_it_is_explained(register, way):
     (lambda: replace_pairs(dpd.MDPD(A=-40, B=25, gamma=4.5)), "middle", "MDPD"),
     (lambda: dimers(mobile=np.arange(54) > 3), "middle", "immobile beads"),
     (lambda: chains(np.diag([3.7, 3.6, 3.8]), n=60), "middle", "factors of bonded neighbours"),
-    (lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)]), "middle", "harmonic bonds"),
-    (
-        lambda: dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))]),
-        "mvv",
-        "harmonic bonds",
-    ),
+    (lambda: bonded(), "middle", "harmonic bonds"),
+    (lambda: bonded(body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "harmonic bonds"),
     (lambda: dimers(body_forces=[dpd.BodyForce((1, 0, 0))]), "mvv", "body forces"),
 )
 def test_what_it_lacks_is_refused(register, scene, scheme, lacks):
@@ -269,6 +265,10 @@ def test_what_it_lacks_is_refused(register, scene, scheme, lacks):
     register()
     raises(dpd.PlanError, f"the engine 'toy' cannot run this scene: it has no {lacks}$", lambda: made(scene(), scheme))
     made(scene(), scheme, "host")
+
+
+def bonded(**options) -> dpd.Scene:
+    return dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], **options)
 
 
 def replace_pairs(coefficient) -> dpd.Scene:
@@ -279,23 +279,15 @@ def replace_pairs(coefficient) -> dpd.Scene:
 def test_what_others_hold_is_not_asked_of_it(register):
     """Steps by the program leave bonds and body forces to OpenMM."""
     register()
-    scene = dimers(bonds=[dpd.HarmonicBonds([[0, 27]], k=10, r0=0.3)], body_forces=[dpd.BodyForce((1, 0, 0))])
-    runs = [made(scene, "mvv", engine, loop=False).simulation() for engine in ("host", "toy")]
-    for simulation in runs:
-        simulation.step(10)
+    scene = bonded(body_forces=[dpd.BodyForce((1, 0, 0))])
+    runs = [stepped(made(scene, "mvv", engine, loop=False).simulation(), 10) for engine in ("host", "toy")]
     np.testing.assert_allclose(*(state_of(simulation.context)[0] for simulation in runs), rtol=0, atol=1e-11)
 
 
-def test_pair_updates_it_lacks(register):
+def test_pair_updates_and_measurements_it_lacks(register):
     register(CAN - {"Shardlow's pair updates"})
-    made(dimers(), "middle")
     for scheme in ("shardlow", OWN):
-        with pytest.raises(dpd.PlanError, match="it has no Shardlow's pair updates"):
-            made(dimers(), scheme)
-
-
-def test_measurements_it_lacks(register):
-    register()
+        raises(dpd.PlanError, "it has no Shardlow's pair updates", made, dimers(), scheme)
     built = made(dimers())
     raises(dpd.ParameterError, "no stress tensor of this scene: the engine 'toy' has none", lambda: StressReporter(1, built))
     observer = dpd.Observer(built)
@@ -309,8 +301,7 @@ def test_an_engine_with_nothing_to_do_is_refused(register):
     raises(dpd.PlanError, "the engine 'host' would have nothing to do", lambda: made(replace_pairs(dpd.DPD(A=25)), engine="host"))
     raises(dpd.ParameterError, "engine must be 'auto' or one of 'host', 'device', 'toy', not 'gpu'", lambda: made(dimers(), engine="gpu"))
     for name in ("toy", "auto"):
-        with pytest.raises(dpd.ParameterError, match=f"there is an engine '{name}' already"):
-            register_engine(replace(engine_kind("toy"), name=name))
+        raises(dpd.ParameterError, f"there is an engine '{name}' already", register_engine, replace(engine_kind("toy"), name=name))
 
 
 def test_it_brings_its_own_steps(register):
@@ -340,5 +331,5 @@ def test_a_file_knows_the_engine(register):
 
     np.testing.assert_array_equal(forces_of(dpd.load_xml(io.StringIO(text))), force)
     del ENGINES["toy"]
-    with pytest.raises(openmm.OpenMMException, match="engine must be 'auto' or one of 'host', 'device', not 'toy'"):
-        forces_of(dpd.load_xml(io.StringIO(text)))
+    message = "engine must be 'auto' or one of 'host', 'device', not 'toy'"
+    raises(openmm.OpenMMException, message, lambda: forces_of(dpd.load_xml(io.StringIO(text))))

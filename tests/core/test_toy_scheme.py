@@ -35,15 +35,13 @@ def moved(scheme: str):
     return state_of(simulation.context)
 
 
-def test_it_runs_as_its_word(monkeypatch):
+def test_it_runs_as_its_word(monkeypatch, baoab):
     word = moved(WORD)  # a word without a name as yet
     monkeypatch.setitem(SCHEMES, "baoab", BAOAB)
     assert same_bits(moved("baoab"), word) and not same_bits(moved("middle"), word)
-
-
-def test_it_is_explained_by_its_name(baoab):
     text = dpd.build(beads(), dt=0.02, scheme="baoab", platform="Reference", seed=1).explain(program=True)
     assert "scheme: baoab (half kick" in text and "program baoab (Leimkuhler" in text
+    assert "no scheme 'baoab'" in advice(beads(375, edge=5.0), "baoab", 0.04)
 
 
 def test_it_is_refused_where_sweeps_are(baoab):
@@ -52,10 +50,6 @@ def test_it_is_refused_where_sweeps_are(baoab):
     raises(dpd.PlanError, "only scheme='mvv' runs it, not 'baoab'", dpd.build, scene, dt=0.02, scheme="baoab", platform="Reference")
     with pytest.raises(dpd.ParameterError, match="the scheme 'baoab' has none"):
         dpd.build(beads(), dt=0.02, scheme="baoab", lam=0.65, platform="Reference")
-
-
-def test_nothing_is_advised_about_it_until_it_is_measured(baoab):
-    assert "no scheme 'baoab'" in advice(beads(375, edge=5.0), "baoab", 0.04)
 
 
 #: pair_style toy/fluid T cutoff seed; pair_coeff 1 1 A half, with half the friction of dpd.

@@ -48,9 +48,8 @@ def test_psf_and_back(tmp_path, seed, kind):
     check(found, scene, atol=atol, box_atol={"array": 1e-12, "pdb": 2e-3}.get(kind, 1e-5))
     assert np.array_equal(found.charges, scene.charges) and found.residues == scene.residues
     if kind == "dcd":
-        assert not scene_from_psf(
-            tmp_path / "top.psf", positions, pairs=PAIRS, kT=1.0, frame=0, leave_out=("bonds", "angles", "dihedrals")
-        ).positions.any()
+        bare = {"pairs": PAIRS, "kT": 1.0, "leave_out": ("bonds", "angles", "dihedrals")}
+        assert not scene_from_psf(tmp_path / "top.psf", positions, frame=0, **bare).positions.any()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -64,12 +63,8 @@ def test_mdtraj_and_back(tmp_path, seed):
     found = scene_from_mdtraj(trajectory, pairs=PAIRS, kT=1.0, **tables(scene))
     check(found, scene, atol=2e-6, box_atol=2e-6)
     assert np.array_equal(found.charges, scene.charges) and found.residues == scene.residues
-    check(
-        scene_from_mdtraj(mdtraj.load(tmp_path / "x.pdb"), pairs=PAIRS, kT=1.0, masses=MASSES, **tables(scene)),
-        scene,
-        atol=6e-5,
-        box_atol=2e-3,
-    )
+    found = scene_from_mdtraj(mdtraj.load(tmp_path / "x.pdb"), pairs=PAIRS, kT=1.0, masses=MASSES, **tables(scene))
+    check(found, scene, atol=6e-5, box_atol=2e-3)
 
 
 @pytest.mark.parametrize("units", ["lj", "real"])
@@ -105,9 +100,8 @@ def test_springs_bends_and_twists_are_those_of_the_tables(seed):
         special = tuple(scene.types[bead] for bead in triple) in (("A", "B", "C"), ("C", "B", "A"))
         assert (kind, values) == ((dpd.HarmonicAngles, (3.0, 2.5)) if special else (dpd.CosineAngles, (2.0,)))
     dihedrals = terms(scene.dihedrals, "quads")
-    assert set(dihedrals) == {
-        (k, k + 1, k + 2, k + 3) for k in range(scene.n_beads - 3) if {(k, k + 1, k + 2), (k + 1, k + 2, k + 3)} <= set(angles)
-    }
+    expected = {(*triple, triple[2] + 1) for triple in angles if (triple[1], triple[2], triple[2] + 1) in angles}
+    assert set(dihedrals) == expected
     for quad, (kind, _) in dihedrals.items():
         middle = tuple(sorted(scene.types[bead] for bead in quad[1:3]))
         assert kind is {("A", "B"): dpd.OPLSDihedrals, ("C", "C"): dpd.MultiHarmonicDihedrals}.get(middle, dpd.HarmonicDihedrals)
@@ -175,7 +169,8 @@ def test_masses_of_single_beads_and_masses_by_hand():
     assert set(scene_from_topology(topology, x, one, pairs=PAIRS, kT=1.0, leave_out=["bonds"], masses=2 * unit.dalton).bead_masses) == {2.0}
 
 
-MISTAKES = [
+@cases(
+    "change, message",
     ({"typing": {"HOH": "W"}}, "typing has no bead type for atom 'C1' of residue 'OIL'"),
     ({"typing": {"HOH": "W", "O": "X", "OIL": "T"}}, r"typing has 'X' for atoms 'O' and 'W' for residues 'HOH'.*\('HOH', 'O'\)"),
     ({"typing": lambda atom: None}, "typing gives None for atom 'O' .index 0. of residue 'HOH'"),
@@ -199,10 +194,7 @@ MISTAKES = [
     ({"molecules": "atoms"}, "molecules must be 'residues', 'chains', 'bonds'"),
     ({"box": [3, 3, 3], "periodic": False}, "a box is given and periodic=False"),
     ({"topology": "x.pdb"}, "topology must be an openmm.app.Topology, not 'x.pdb'"),
-]
-
-
-@pytest.mark.parametrize(("change", "message"), MISTAKES, ids=range(len(MISTAKES)))
+)
 def test_what_is_missing_or_wrong_is_named(change, message):
     topology, x = water_and_oil()
     given = {"topology": topology, "positions": x, "typing": {"HOH": "W", "OIL": "T"}, "pairs": PAIRS, "kT": 1.0}
@@ -226,30 +218,25 @@ def test_psf_of_another_program(tmp_path):
     """Segments that count their residues from 1, names that are no types, dihedrals, and impropers, which no Scene has."""
     scene = random_scene(1)
     psf_of(scene, tmp_path / "top.psf")
-    text = (
-        (tmp_path / "top.psf")
-        .read_text(encoding="utf-8")
-        .replace("         0 !NIMPHI: impropers", "         1 !NIMPHI: impropers\n 1 2 3 4\n")
-    )
-    half = scene.n_beads // 2
-    lines = text.splitlines()
+    text, half = (tmp_path / "top.psf").read_text(encoding="utf-8"), scene.n_beads // 2
+    lines = text.replace("         0 !NIMPHI: impropers", "         1 !NIMPHI: impropers\n 1 2 3 4\n").splitlines()
     start = next(k for k, line in enumerate(lines) if "!NATOM" in line) + 1
     for k in range(scene.n_beads):
         words = lines[start + k].split()
         words[1:3] = ("FIRST", "1") if k < half else ("SECOND", "1")
         lines[start + k] = " ".join(words)
     (tmp_path / "other.psf").write_text("\n".join(lines), encoding="utf-8")
-    given = {"pairs": {("*", "*"): dpd.NONE}, "kT": 1.0, "box": scene.box}
-    with pytest.raises(dpd.ParameterError, match="has 1 impropers, which a Scene does not support; leave_out=.'impropers',. ignores"):
-        scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: "X", **given, bonds=Spring(1, 1))
+    given = {"pairs": {("*", "*"): dpd.NONE}, "kT": 1.0, "box": scene.box, "bonds": Spring(1, 1)}
+    other = (tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x")
+    unsupported = "has 1 impropers, which a Scene does not support; leave_out=.'impropers',. ignores"
+    raises(dpd.ParameterError, unsupported, scene_from_psf, *other, **given)
     given["leave_out"] = ("impropers", "angles")
-    with pytest.raises(dpd.ParameterError, match=r"has 2 dihedrals, the first one .* leave_out=.'dihedrals',. to ignore them"):
-        scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
+    missing = "has 2 dihedrals, the first one .* leave_out=.'dihedrals',. to ignore them"
+    raises(dpd.ParameterError, missing, scene_from_psf, *other, **given)
     given["leave_out"] += ("dihedrals",)
-    found = scene_from_psf(tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x", **given, bonds=Spring(1, 1))
-    assert found.types == tuple(name + "x" for name in scene.types) and found.molecules.tolist() == [1] * half + [2] * (
-        scene.n_beads - half
-    )
+    found = scene_from_psf(*other, **given)
+    assert found.types == tuple(name + "x" for name in scene.types)
+    assert found.molecules.tolist() == [1] * half + [2] * (scene.n_beads - half)
     assert found.bonded_factors == (1.0, 1.0, 1.0) and not found.angles and not found.dihedrals
 
 
@@ -268,8 +255,8 @@ def test_positions_that_do_not_fit(tmp_path, monkeypatch, positions, change, mes
     assert scene.n_beads == 27
     psf_of(scene, "top.psf")
     mdtraj.Trajectory(np.zeros((1, 5, 3)), None).save_dcd("short.dcd")
-    with pytest.raises(dpd.ParameterError, match=message):
-        scene_from_psf("top.psf", positions, **{"pairs": PAIRS, "kT": 1.0, "box": TILTED, **tables(scene), **change})
+    given = {"pairs": PAIRS, "kT": 1.0, "box": TILTED, **tables(scene), **change}
+    raises(dpd.ParameterError, message, scene_from_psf, "top.psf", positions, **given)
 
 
 # -- mdtraj ----------------------------------------------------------------------------------------------------------------------
@@ -280,8 +267,8 @@ def test_frames_of_mdtraj():
     np.testing.assert_allclose(scene_from_mdtraj(trajectory, **given, frame=0).positions, x, atol=1e-6)
     np.testing.assert_allclose(scene_from_mdtraj(trajectory, **given).positions, x + 1, atol=1e-6)
     raises(dpd.ParameterError, "the trajectory has 2 frames; there is no frame 2", lambda: scene_from_mdtraj(trajectory, **given, frame=2))
-    with pytest.raises(dpd.ParameterError, match="expected an mdtraj.Trajectory with a topology"):
-        scene_from_mdtraj(mdtraj.Trajectory(x[None], None), **given)
+    bare = mdtraj.Trajectory(x[None], None)
+    raises(dpd.ParameterError, "expected an mdtraj.Trajectory with a topology", scene_from_mdtraj, bare, **given)
 
 
 # -- data files ------------------------------------------------------------------------------------------------------------------
@@ -342,9 +329,8 @@ def test_coefficients_of_a_data_file(tmp_path):
     ((kind, (k, theta0)),) = terms(scene.angles, "triples").values()
     assert (kind, k) == (dpd.HarmonicAngles, 3.0) and theta0 == pytest.approx(2 * np.pi / 3)
     np.testing.assert_allclose(scene.positions[0], [5.1, 0.2, -4.7])
-    named = scene_from_lammps_data(
-        data_file(tmp_path), {1: "A", 2: "B"}, pairs=PAIRS, kT=1.0, bonds={"1": Spring(1, 2), "2": FENESpring(3, 9)}
-    )
+    springs = {"1": Spring(1, 2), "2": FENESpring(3, 9)}
+    named = scene_from_lammps_data(data_file(tmp_path), {1: "A", 2: "B"}, pairs=PAIRS, kT=1.0, bonds=springs)
     assert named.types == ("A", "A", "B", "B") and [type(group) for group in named.bonds] == [dpd.HarmonicBonds, dpd.FENEBonds]
 
 
@@ -389,8 +375,8 @@ def test_arrays_that_do_not_fit(change, message):
     good = {"types": ["A", "A", "B"], "positions": np.eye(3), "source": "my table", "masses": np.ones(3), "bonds": np.array([(0, 1)])}
     given = {"pairs": PAIRS, "kT": 1.0, "box": [4, 4, 4], "bonds": Spring(1, 1)}
     assert scene_from_beads(BeadArrays(**good), **given).bond_pairs.tolist() == [[0, 1]]
-    with pytest.raises(dpd.ParameterError, match=message):
-        scene_from_beads(BeadArrays(**good | change), **given, **({"angles": CosineBend(1)} if "angles" in change else {}))
+    given |= {"angles": CosineBend(1)} if "angles" in change else {}
+    raises(dpd.ParameterError, message, lambda: scene_from_beads(BeadArrays(**good | change), **given))
 
 
 def test_types_without_beads_and_kinds_of_masses():

@@ -94,9 +94,8 @@ def test_bonds_of_two_types_with_several_springs(tmp_path, hoomd):
 def test_names_beyond_ascii(tmp_path, hoomd):
     """In every frame."""
     bonds = [dpd.HarmonicBonds([(0, 1)], k=1.0, r0=0.5)]
-    scene = dpd.Scene(
-        {"Ä": 1, "水": 1}, ["Ä", "水"], [[1.0, 2, 3], [1, 2.5, 3]], {("*", "*"): dpd.DPD(A=25)}, kT=1, box=[4] * 3, bonds=bonds
-    )
+    table = {("*", "*"): dpd.DPD(A=25)}
+    scene = dpd.Scene({"Ä": 1, "水": 1}, ["Ä", "水"], [[1.0, 2, 3], [1, 2.5, 3]], table, kT=1, box=[4] * 3, bonds=bonds)
     write_gsd(tmp_path / "x.gsd", scene)
     simulation = build(scene).simulation()
     simulation.reporters.append(GSDReporter(tmp_path / "x.gsd", 1, build(scene), append=True))
@@ -145,67 +144,56 @@ def test_frames_that_somebody_made(hoomd):
     assert frame.particles.mass is None  # the caller's own is as it was
 
 
-REFUSED = [
-    ("body", lambda f: setattr(f.particles, "body", [0, 0, -1]), "2 particles of rigid bodies"),
-    ("turning", lambda f: setattr(f.particles, "moment_inertia", [[1, 0, 0], [0, 0, 0], [0, 0, 0]]), "1 particles that rotate"),
-    ("impropers", lambda f: (setattr(f.impropers, "N", 1), setattr(f.impropers, "group", [[0, 1, 2, 0]])), "1 impropers"),
-    (
-        "dihedrals",
-        lambda f: (setattr(f.dihedrals, "N", 1), setattr(f.dihedrals, "types", ["x"]), setattr(f.dihedrals, "group", [[0, 1, 2, 3]])),
-        "dihedral 0 is .0, 1, 2, 3.; it must join four different beads of 0 to 2",
-    ),
-    ("special pairs", lambda f: (setattr(f.pairs, "N", 1), setattr(f.pairs, "group", [[0, 1]])), "1 special pairs"),
-    ("constraints", lambda f: (setattr(f.constraints, "N", 1), setattr(f.constraints, "group", [[0, 1]])), "1 constraints"),
-    ("flat", lambda f: setattr(f.configuration, "dimensions", 2), "has two dimensions"),
-    ("box", lambda f: setattr(f.configuration, "box", [0, 1, 1, 0, 0, 0]), "they must be > 0"),
-    ("nan", lambda f: setattr(f.particles, "position", [[0, 0, 0], [0, 0, np.nan], [0, 0, 0]]), "positions holds nan"),
-    ("mass", lambda f: setattr(f.particles, "mass", [1, 0, 1]), "has the mass 0 for bead 1 of type 'B'; give masses"),
-    (
-        "bonds",
-        lambda f: (setattr(f.bonds, "N", 1), setattr(f.bonds, "types", ["x"]), setattr(f.bonds, "group", [[0, 1]])),
-        "no bonds are given",
-    ),
-]
+FOUR = "dihedral 0 is .0, 1, 2, 3.; it must join four different beads of 0 to 2"
 
 
-@pytest.mark.parametrize(("change", "message"), [entry[1:] for entry in REFUSED], ids=[entry[0] for entry in REFUSED])
-def test_what_a_scene_cannot_hold(hoomd, change, message):
+@cases(
+    "part, values, message",
+    ("particles", {"body": [0, 0, -1]}, "2 particles of rigid bodies"),
+    ("particles", {"moment_inertia": [[1, 0, 0], [0, 0, 0], [0, 0, 0]]}, "1 particles that rotate"),
+    ("impropers", {"N": 1, "group": [[0, 1, 2, 0]]}, "1 impropers"),
+    ("dihedrals", {"N": 1, "types": ["x"], "group": [[0, 1, 2, 3]]}, FOUR),
+    ("pairs", {"N": 1, "group": [[0, 1]]}, "1 special pairs"),
+    ("constraints", {"N": 1, "group": [[0, 1]]}, "1 constraints"),
+    ("configuration", {"dimensions": 2}, "has two dimensions"),
+    ("configuration", {"box": [0, 1, 1, 0, 0, 0]}, "they must be > 0"),
+    ("particles", {"position": [[0, 0, 0], [0, 0, np.nan], [0, 0, 0]]}, "positions holds nan"),
+    ("particles", {"mass": [1, 0, 1]}, "has the mass 0 for bead 1 of type 'B'; give masses"),
+    ("bonds", {"N": 1, "types": ["x"], "group": [[0, 1]]}, "no bonds are given"),
+)
+def test_what_a_scene_cannot_hold(hoomd, part, values, message):
     frame = bare_frame(hoomd)
-    change(frame)
-    raises(ParameterError, message, lambda: scene_from_gsd(frame, pairs=PAIRS, kT=1))
+    for name, value in values.items():
+        setattr(getattr(frame, part), name, value)
+    raises(ParameterError, message, scene_from_gsd, frame, pairs=PAIRS, kT=1)
 
 
 def test_what_is_left_out_on_request(hoomd):
     frame = bare_frame(hoomd)
     frame.particles.body = [0, 0, -1]
     assert scene_from_gsd(frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies"]).n_beads == 3
-    with pytest.raises(
-        ParameterError, match="leave_out names impropers; what can be left out of the GSD frame is bonds, angles, dihedrals, particles of"
-    ):
-        scene_from_gsd(frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies", "impropers"])
+    message = "leave_out names impropers; what can be left out of the GSD frame is bonds, angles, dihedrals, particles of"
+    raises(ParameterError, message, scene_from_gsd, frame, pairs=PAIRS, kT=1, leave_out=["particles of rigid bodies", "impropers"])
 
 
 def test_gsd_files_that_are_none(tmp_path, hoomd):
     (tmp_path / "x.gsd").write_bytes(b"PDB")
-    for source, message in (
-        (tmp_path / "x.gsd", "cannot be read as a GSD file"),
-        (tmp_path / "no.gsd", "no.gsd cannot be read"),
-        (3, "not 3"),
-    ):
-        raises(ParameterError, message, scene_from_gsd, source, pairs=PAIRS, kT=1)
+    given = {"pairs": PAIRS, "kT": 1}
+    raises(ParameterError, "cannot be read as a GSD file", scene_from_gsd, tmp_path / "x.gsd", **given)
+    raises(ParameterError, "no.gsd cannot be read", scene_from_gsd, tmp_path / "no.gsd", **given)
+    raises(ParameterError, "not 3", scene_from_gsd, 3, **given)
     write_gsd(tmp_path / "x.gsd", random_scene(1))
-    with pytest.raises(ParameterError, match="x.gsd has 1 frames; there is no frame 1"):
-        scene_from_gsd(tmp_path / "x.gsd", pairs=PAIRS, kT=1, frame=1)
-    with pytest.raises(ParameterError, match="a GSD file needs a periodic box"):
-        write_gsd(tmp_path / "y.gsd", dpd.Scene({"A": 1}, ["A"], [[0, 0, 0]], PAIRS, kT=1))
+    raises(ParameterError, "x.gsd has 1 frames; there is no frame 1", scene_from_gsd, tmp_path / "x.gsd", **given, frame=1)
+    boundless = dpd.Scene({"A": 1}, ["A"], [[0, 0, 0]], **given)
+    raises(ParameterError, "a GSD file needs a periodic box", write_gsd, tmp_path / "y.gsd", boundless)
     assert [path.name for path in tmp_path.iterdir()] == ["x.gsd"]
 
 
 def test_no_gsd(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "gsd.hoomd", None)
-    with pytest.raises(ParameterError, match=r"GSD files need the package gsd, which cannot be imported .*pip install 'openmm-dpd\[gsd\]'"):
-        write_gsd(tmp_path / "x.gsd", random_scene(1))
-    raises(ParameterError, "GSD files need the package gsd", lambda: scene_from_gsd("x.gsd", pairs=PAIRS, kT=1))
+    message = r"GSD files need the package gsd, which cannot be imported .*pip install 'openmm-dpd\[gsd\]'"
+    raises(ParameterError, message, write_gsd, tmp_path / "x.gsd", random_scene(1))
+    raises(ParameterError, message, scene_from_gsd, "x.gsd", pairs=PAIRS, kT=1)
 
 
 # -- runs ------------------------------------------------------------------------------------------------------------------------
@@ -286,11 +274,8 @@ def test_frames_before_a_failure_stay(tmp_path, hoomd, kind):
     simulation = built.simulation()
     simulation.reporters.append(kind(tmp_path / "run", 1, built))
     simulation.step(2)
-    with (
-        file_limit((tmp_path / "run").stat().st_size + 3000),
-        pytest.raises(OutputError, match="the (GSD|XYZ) file .*run cannot be written"),
-    ):
-        simulation.step(1)
+    with file_limit((tmp_path / "run").stat().st_size + 3000):
+        raises(OutputError, "the (GSD|XYZ) file .*run cannot be written", simulation.step, 1)
     if kind is XYZReporter:
         assert len(parsed_xyz(tmp_path / "run")) == 2
     else:
@@ -319,13 +304,12 @@ def test_whole_files_before_a_failure_stay(tmp_path, hoomd, write):
 def test_states_that_do_not_fit(tmp_path):
     built = build(fluid())
     simulation = built.simulation()
-    with pytest.raises(ParameterError, match="the state has no positions; ask for them"):
-        write_xyz(tmp_path / "x.xyz", built, state=simulation.context.getState())
-    with pytest.raises(ParameterError, match="the state has 60 particles, but the scene has 30 beads"):
-        write_xyz(tmp_path / "x.xyz", fluid(30), state=state_of(simulation))
-    raises(ParameterError, "state must be an openmm.State", lambda: write_xyz(tmp_path / "x.xyz", built, state=simulation))
-    write_xyz(tmp_path / "x.xyz", built, state=simulation.context.getState(positions=True))
-    assert "velo" not in parsed_xyz(tmp_path / "x.xyz")[0]
+    path, bare = tmp_path / "x.xyz", simulation.context.getState()
+    raises(ParameterError, "the state has no positions; ask for them", write_xyz, path, built, state=bare)
+    raises(ParameterError, "has 60 particles, but the scene has 30 beads", write_xyz, path, fluid(30), state=state_of(simulation))
+    raises(ParameterError, "state must be an openmm.State", write_xyz, path, built, state=simulation)
+    write_xyz(path, built, state=simulation.context.getState(positions=True))
+    assert "velo" not in parsed_xyz(path)[0]
 
 
 # -- extended XYZ ----------------------------------------------------------------------------------------------------------------
