@@ -56,10 +56,7 @@ PairForces = namedtuple("PairForces", "forces virial virial_tensor")  # Result o
 
 # ------------------------------------------------------------------------------------------------- geometry
 def minimum_image(dr: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Shortest periodic image of the displacements ``dr`` (..., 3).
-
-    A triclinic displacement is first brought near the origin, then all 27 images around it are tried.
-    """
+    """Shortest periodic image of the displacements ``dr`` (..., 3): near the origin, and then the best of all 27 images around it."""
     dr = np.asarray(dr, dtype=float)
     if box is None:
         return dr.copy()
@@ -82,13 +79,7 @@ def volume(box: np.ndarray) -> float:
 
 
 def pair_list(x: np.ndarray, types: np.ndarray, params: PairParams, box: np.ndarray | None) -> Pairs:
-    """All pairs with ``1e-10 <= r < cutoff[type_i, type_j]``, from a search over every i < j.
-
-    Raises
-    ------
-    ValueError
-        If the box is so small that two images of one bead could be within a cutoff.
-    """
+    """All pairs with ``1e-10 <= r < cutoff[type_i, type_j]``, from a search over every i < j; a box that is too small is refused."""
     x, types = np.asarray(x, dtype=float), np.asarray(types)
     if box is not None:
         rows = np.asarray(box, dtype=float)

@@ -16,10 +16,7 @@ import oracle
 
 
 class Terms(namedtuple("Terms", "conservative dissipative random energy virial_conservative virial_dissipative virial_random")):
-    """Pair forces by origin, (N, 3) each, with the tensors ``sum over pairs r_ij[a] F[b]`` of each.
-
-    ``energy`` is the conservative pair energy as the pair style reports it.
-    """
+    """Pair forces by origin (N, 3), ``sum over pairs r_ij[a] F[b]`` of each, and the pair energy as the pair style reports it."""
 
     @property
     def forces(self) -> np.ndarray:

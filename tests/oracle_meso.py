@@ -34,10 +34,7 @@ def _weight(r: float, cutoff: float, power: float) -> float:
 
 # --------------------------------------------------------------------------------------------------- eDPD
 class EdpdRates(namedtuple("EdpdRates", "terms q_conductive q_viscous_deterministic q_viscous_random q_random")):
-    """Forces, and energy per time (N,) that goes into each bead (``Cv dT/dt = q``), by origin.
-
-    ``q_viscous`` is the sum of its part without noise and its part with noise.
-    """
+    """Forces, and energy per time (N,) into each bead (``Cv dT/dt = q``), by origin; ``q_viscous`` has a part with noise."""
 
     @property
     def q_viscous(self) -> np.ndarray:
@@ -352,14 +349,10 @@ EdpdState = namedtuple("EdpdState", "x v T f q")  # Result of `mvv_edpd_step`; `
 
 
 def mvv_edpd_step(x, v, T, f, q, masses, cv, dt, lam, rates_at) -> EdpdState:
-    """Modified velocity Verlet of velocities and temperatures.
+    """Modified velocity Verlet of velocities and temperatures; ``rates_at(x, v, T) -> (f, q)``, noise and sources included.
 
     ``vh = v + dt/2 f/m``, ``x += dt vh``, ``Th = T + dt/2 q/Cv``; new f and q at x and at the predictions
     ``v + lam dt f/m``, ``T + lam dt q/Cv``; ``v = vh + dt/2 f/m``, ``T = Th + dt/2 q/Cv``.
-
-    Parameters
-    ----------
-    rates_at : ``rates_at(x, v, T) -> (f, q)``, noise and sources included
     """
     m, cv = np.asarray(masses, dtype=float)[:, None], np.asarray(cv, dtype=float)
     v_half, T_half = v + 0.5 * dt * f / m, T + 0.5 * dt * q / cv
@@ -372,14 +365,9 @@ TdpdState = namedtuple("TdpdState", "x v C f Q")  # Result of `mvv_tdpd_step`; `
 
 
 def mvv_tdpd_step(x, v, C, f, Q, masses, dt, lam, rates_at) -> TdpdState:
-    """Modified velocity Verlet of velocities; concentrations always take two half steps.
+    """As `mvv_edpd_step` for x and v; ``C += dt/2 Q`` before and after the new f and Q, which are taken at the half-step C.
 
-    As `mvv_edpd_step` for x and v; ``C += dt/2 Q`` before and after the new f and Q, which are taken at the
-    half-step C. lam does not act on C.
-
-    Parameters
-    ----------
-    rates_at : ``rates_at(x, v, C) -> (f, Q)``, noise and sources included
+    ``rates_at(x, v, C) -> (f, Q)``, noise and sources included. lam does not act on C.
     """
     m = np.asarray(masses, dtype=float)[:, None]
     v_half, C = v + 0.5 * dt * f / m, C + 0.5 * dt * Q

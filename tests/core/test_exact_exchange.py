@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import oracle
 import pytest
+from cases import raises
 from devices import CPU, REFERENCE
 from judged import any_seed
-from scenes import BOXES, fluid, state_of, stepped
+from scenes import BOXES, fluid, state_of, step_all, stepped
 from test_meso import CORNER, N, heat_scene, running, species_scene
 
 import openmm_dpd as dpd
@@ -62,34 +63,27 @@ def test_sources_give_what_they_should(scheme, loop):
 def test_a_sink_that_takes_what_is_not_there_stops_the_run():
     sink = dpd.Source(dpd.Block((-50,) * 3, (50,) * 3), -40.0, corner=CORNER)
     simulation = running(replace(heat_scene(frozen=False), sources=[sink]), CPU, scheme="middle")
-    with pytest.raises(
-        Exception, match=r"step \d: the temperature of bead \d+ is -\S+; it must be > 0 .*or a source take what is not there"
-    ):
-        simulation.step(10)
+    message = r"step \d: the temperature of bead \d+ is -\S+; it must be > 0 .*or a source take what is not there"
+    raises(Exception, message, simulation.step, 10)
 
 
 @pytest.mark.parametrize("scheme", ["middle", WORD])
 def test_temperatures_that_are_set_push_at_once(scheme):
     """Also where the last kick of a step and the first of the next are at the same positions."""
-    written, begun = (running(heat_scene(frozen=False), CPU, scheme=scheme) for _ in range(2))
-    written.step(3)
+    written = stepped(running(heat_scene(frozen=False), CPU, scheme=scheme), 3)
     x, v = state_of(written.context)
     write_fields(written.context, written.built.plan, theta=3.0)
-    again = replace(
-        heat_scene(frozen=False), positions=x, velocities=v, internal=dpd.BeadTemperatures(3.0, heat_scene().internal.capacities)
-    )
-    begun = running(again, CPU, scheme=scheme)
+    hot = dpd.BeadTemperatures(3.0, heat_scene().internal.capacities)
+    begun = running(replace(heat_scene(frozen=False), positions=x, velocities=v, internal=hot), CPU, scheme=scheme)
     begun.context.setParameter("dpd_counter", 3.0)
-    for simulation in (written, begun):
-        simulation.step(2)
+    step_all(2, written, begun)
     for one, two in zip(ends(written), ends(begun), strict=True):
         np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("dt", [0.04, 0.4])
 def test_each_step_keeps_energy_and_species(dt):
-    """To 1e-12 of the whole, with friction, noise and conduction (A = 0: a repulsion that depends on temperatures has no conserved energy);
-    no temperature or concentration becomes negative."""
+    """To 1e-12 of the whole, without a repulsion that depends on temperatures; no temperature or concentration becomes negative."""
     n, rng = 200, np.random.default_rng(4)
     table = {("*", "*"): dpd.EDPD(A=0.0, gamma=4.5, kappa=0.2, cutoff=1.0)}
     internal = dpd.BeadTemperatures(rng.uniform(0.2, 3.0, n), rng.uniform(2, 6, n))

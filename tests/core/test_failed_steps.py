@@ -129,8 +129,7 @@ def test_on_every_device(device, scheme):
 
 @SCHEME
 def test_failures_in_the_middle_of_many_steps(host, scheme, tmp_path):
-    """Simulation.step(25) goes in pieces: at most the piece in which it failed is lost.  What is on disk afterwards is a state like any
-    other."""
+    """Simulation.step(25) goes in pieces, of which at most the one that failed is lost; what is saved afterwards is a state."""
     calm, _ = tired_run("plain", host, scheme, "kernel")
     calm.record(30)
     for k in (5, 14, 23):

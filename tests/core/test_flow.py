@@ -46,10 +46,7 @@ def test_no_bead_passes_a_wall(scheme, kind):
 @any_seed(5)
 @pytest.mark.parametrize("kind", ["specular", "bounce-back"])
 def test_ideal_gas_between_walls_is_uniform_and_maxwellian(kind, seed):
-    """Reflections leave a uniform density and the Maxwell distribution as they are, at any step size.
-
-    Seen are a tenth more beads in a sixth of the channel, and 3 % of the temperature.
-    """
+    """At any step size.  Seen are a tenth more beads in a sixth of the channel, and 3 % of the temperature."""
     _, simulation = channel(kind, frozen=False, A=0.0, dt=0.1, seed=seed)
     simulation.step(100)
     z, v = [], []

@@ -321,10 +321,7 @@ def test_no_correlation_between_seeds(samples):
 
 
 def test_covariance_of_all_beads_of_a_fluid_is_that_of_the_friction():
-    """Fluctuation-dissipation as a matrix: <F F^T> dt = 2 kT Gamma, where F_D = -Gamma v, for 12 beads, 3,000 evaluations.
-
-    Errors of the elements of the covariance are sqrt((C_aa C_bb + C_ab^2)/M).
-    """
+    """<F F^T> dt = 2 kT Gamma, F_D = -Gamma v, for 12 beads; errors of elements C_ab are sqrt((C_aa C_bb + C_ab^2)/M), M = 3,000."""
     from scenes import EXTENDED, fluid
 
     scene = fluid(EXTENDED, None, density=8.0, n=12, seed=2, kT=KT)

@@ -220,8 +220,8 @@ def test_walls_that_cannot_take_other_values_say_so():
     write_fields(simulation.context, simulation.built.plan, theta=theta)
     write_fields(simulation.context, simulation.built.plan, theta=1.5)
     assert np.array_equal(read_fields(simulation.context, simulation.built.plan)["theta"] == 1.5, np.arange(N) % 6 > 0)
-    with pytest.raises(ParameterError, match="bead 0 is immobile and keeps its value, since a program"):
-        write_fields(simulation.context, simulation.built.plan, theta=theta + 1.0)
+    message = "bead 0 is immobile and keeps its value, since a program"
+    raises(ParameterError, message, write_fields, simulation.context, simulation.built.plan, theta=theta + 1.0)
 
 
 def heat_error(compat: str, dt: float, seed: int) -> float:
@@ -240,10 +240,7 @@ def heat_error(compat: str, dt: float, seed: int) -> float:
 
 @any_seed(1)
 def test_consistent_heat_conserves_energy_and_lammps_heat_does_not(seed):
-    """K rises by about 150; the consistent form takes it from the beads, to the order of the scheme, LAMMPS's from nowhere.
-
-    Means of six runs: 25 and 4 with standard errors of 3 and 2 at the two steps.
-    """
+    """K rises by 150, from the beads (six runs: but for 25(3) and 4(2) at the two steps), or in LAMMPS's form from nowhere."""
     coarse, fine = (np.mean([heat_error("consistent", dt, seed + k) for k in range(6)]) for dt in (0.008, 0.001))
     assert abs(fine) < 12 and fine < 0.6 * coarse
     assert heat_error("lammps", 0.001, seed) > 50
@@ -309,7 +306,7 @@ def test_bad_input(change, message):
 
 
 def test_species_must_match():
-    with pytest.raises(ParameterError, match=r"\('A', 'A'\): coefficients of 4 species, but the beads have 2"):
-        fluid(SPECIES, BOXES["ortho"], n=N, internal=dpd.Concentrations(np.ones((N, 2))))
-    with pytest.raises(ParameterError, match="cannot be combined"):
-        fluid([SPECIES, HEAT], BOXES["ortho"], n=N, internal=dpd.Concentrations(np.ones((N, 4))), masses=MASSES)
+    two, four = dpd.Concentrations(np.ones((N, 2))), dpd.Concentrations(np.ones((N, 4)))
+    message = r"\('A', 'A'\): coefficients of 4 species, but the beads have 2"
+    raises(ParameterError, message, fluid, SPECIES, BOXES["ortho"], n=N, internal=two)
+    raises(ParameterError, "cannot be combined", fluid, [SPECIES, HEAT], BOXES["ortho"], n=N, internal=four, masses=MASSES)

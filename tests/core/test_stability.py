@@ -49,10 +49,7 @@ def temperatures(scene: dpd.Scene, scheme: str, dt: float, time: float, seed: in
 
 @any_seed(4)
 def test_strong_friction_at_a_long_step(seed):
-    """gamma 40.5, dt 0.06: velocity Verlet blows up, middle is within 2 % in both temperatures, beside the noise.
-
-    gamma dt is 2.4; middle is 1 % off in the long run.
-    """
+    """gamma dt = 2.4: velocity Verlet blows up, middle (1 % off in the long run) is within 2 % in both temperatures, beside the noise."""
     scene = fluid(40.5)
     made, _ = simulation(scene, "mvv", 0.06, seed=seed)
     raises(openmm.OpenMMException, TOO_FAST, lambda: made.step(500))

@@ -62,10 +62,7 @@ def test_a_ramp_step_is_a_step_at_that_temperature(choices):
 @any_seed(1)
 @pytest.mark.parametrize("start_stop", [(0.5, 2.0), (2.0, 0.5)])
 def test_a_ramp_reaches_its_targets(start_stop, seed):
-    """Gamma fixed and sigma fixed: at the end of a slow ramp, and held there, the fluid has the last temperature.
-
-    5 % off is seen.
-    """
+    """Gamma fixed and sigma fixed: after a slow ramp, and held there, the fluid has the last temperature; 5 % off is seen."""
     start, stop = start_stop
     table = {("A", "A"): D(A=25, gamma=20), ("A", "B"): D(A=25, sigma=6.0), ("B", "B"): D(A=25, gamma=20)}
     scene = fluid(table, np.diag([4.0] * 3), 3.0, kT=dpd.TemperatureRamp(start, stop, 0, 500))
@@ -78,9 +75,7 @@ def test_a_ramp_reaches_its_targets(start_stop, seed):
 @any_seed(1)
 @pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["shardlow"], SCHEMES["middle"]], ids=["mvv", "shardlow", "middle"])
 def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
-    """Chains with factors 0.5, 0.25 and 0: noise goes as the square root.  With noise times f itself it would be 43 % too cold,
-    which is seen; so is a tenth.
-    """
+    """Factors 0.5, 0.25 and 0: noise goes as the square root (as f it would be 43 % too cold); a tenth is seen."""
     n = 200
     bonds = dpd.HarmonicBonds(np.array([(4 * c + a, 4 * c + a + 1) for c in range(50) for a in range(3)]), 50.0, 0.5)
     rng = np.random.default_rng(2)

@@ -1,8 +1,6 @@
 """The thermostat on whole systems: a peptide in water at constant pressure, a coarse-grained System from XML, and the flow it leaves alone."""
 
-import importlib.util
 import random
-import sys
 from functools import cache
 from io import StringIO
 from pathlib import Path
@@ -10,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import openmm
 import pytest
-from cases import put
+from cases import put, script
 from judged import any_seed, judge
 from openmm import app, unit
 
@@ -22,18 +20,10 @@ VELOCITY = unit.nanometer / unit.picosecond
 FRICTION = dpd.DPD(gamma=2, gamma_perp=1, cutoff=0.6)
 
 
-def script(path: str):
-    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look themselves up
-    spec.loader.exec_module(module)
-    return module
-
-
 @cache
 def solvated(model: str):
     """Topology, positions and XML of the System of alanine dipeptide in a small box of rigid water, PME, constraints, a barostat."""
-    pdb = app.PDBFile(StringIO(script("examples/03_thermostat_peptide.py").PEPTIDE))
+    pdb = app.PDBFile(StringIO(script(ROOT / "examples" / "03_thermostat_peptide.py").PEPTIDE))
     field = app.ForceField("amber14-all.xml", f"amber14/{model}.xml")
     modeller = app.Modeller(pdb.topology, pdb.positions)
     random.seed(1)  # hydrogens start at random places
@@ -224,7 +214,7 @@ def test_diffusion_and_shear_waves_are_left_alone(seed):
 
     With these errors (2 %) the 3 % by which the viscosity of the friction itself lowers D do not show.
     """
-    measure = script("docs/measure/hydrodynamics.py")
+    measure = script(ROOT / "docs" / "measure" / "hydrodynamics.py")
     found = measure.compare(rate=0.5, runs=10, time=12.0, seed=seed)
     truth, langevin, pairwise = (found[name] for name in measure.DYNAMICS)
     for one in (truth, langevin, pairwise):
@@ -243,7 +233,7 @@ def test_diffusion_and_shear_waves_are_left_alone(seed):
 
 def test_equal_thermalisation():
     """The friction coefficient that the comparison uses gives the rate it claims: relaxation of the kinetic energy without forces."""
-    measure = script("docs/measure/hydrodynamics.py")
+    measure = script(ROOT / "docs" / "measure" / "hydrodynamics.py")
     x = measure.lattice()
     for name, make in measure.integrators(1.0, measure.gamma_for(1.0, [x])).items():
         system = measure.argon()

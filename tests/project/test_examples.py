@@ -1,6 +1,5 @@
 """The example scripts, shortened, and one number of each."""
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import script
 from judged import any_seed, with_seeds
 from openmm import unit
 
@@ -21,9 +21,7 @@ BUILD = dpd.build
 def example(name: str, monkeypatch, more: int = 0, **constants):
     """An example as a module, with other constants than its own, and something added to the seeds of its noise."""
     monkeypatch.setattr(dpd, "build", lambda *given, seed, **others: BUILD(*given, seed=seed + more, **others))
-    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = script(EXAMPLES / f"{name}.py")
     for constant, value in constants.items():
         assert hasattr(module, constant), constant
         monkeypatch.setattr(module, constant, value)

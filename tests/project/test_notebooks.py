@@ -1,9 +1,9 @@
 """The notebooks of the documentation run, and find what their text says; what is stored in them is the output of a whole run."""
 
-import importlib.util
 from pathlib import Path
 
 import pytest
+from cases import script
 from judged import any_seed, with_seeds
 
 nbformat = pytest.importorskip("nbformat", reason="nbclient is not installed: pip install -e '.[test]'")
@@ -70,9 +70,7 @@ def test_stored_outputs_are_those_of_one_whole_run(path):
 @any_seed(0)
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs_and_finds_what_it_says(path, tmp_path, seed):
-    spec = importlib.util.spec_from_file_location("store", FOLDER / "store.py")
-    store = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(store)
+    store = script(FOLDER / "store.py")
     copy = tmp_path / path.name
     copy.write_text(with_seeds(path.read_text(encoding="utf-8"), seed), encoding="utf-8")
     try:

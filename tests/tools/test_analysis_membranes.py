@@ -71,10 +71,7 @@ def test_planted_waves_are_found_to_the_last_digit():
 
 @pytest.mark.parametrize("scatter", [0.0, 0.5])
 def test_planted_moduli_are_found(scatter):
-    """Bending modulus and tension of independent frames within 4 standard errors, with waves beyond q_max and lipids that stick out.
-
-    The error is what the Fisher information of so many exponential variables says, noise included.
-    """
+    """Within 4 standard errors, which are those of the Fisher information, with waves beyond q_max and lipids that stick out."""
     frames, q_max = 400, 1.3
     trajectory, _, _ = membrane(2, frames, (14.0, 14.0, 9.0), lipids=240, scatter=scatter, breathe=0.01)
     spectrum = height_spectrum(trajectory, "H", "T", q_max=q_max)
@@ -94,8 +91,7 @@ def test_planted_moduli_are_found(scatter):
 
 
 def slow_waves(frames: int, seed: int) -> HeightSpectrum:
-    """Waves of a box of 14 whose amplitudes are Ornstein-Uhlenbeck processes: squares forget in 20 frames for the longest, faster by
-    q^2.7 for others, as those of a bilayer do."""
+    """Ornstein-Uhlenbeck waves of a box of 14: squares forget in 20 frames for the longest, faster by q^2.7 for others, as in a bilayer."""
     rng, longest = np.random.default_rng(seed), 2 * np.pi / 14
     n = np.array([(i, j) for i in range(-3, 4) for j in range(-3, 4) if (i > 0 or (i == 0 and j > 0)) and np.hypot(i, j) <= 3.4])
     q = longest * np.hypot(*n.T)

@@ -300,8 +300,7 @@ def test_straight_chains(box):
 
 @pytest.mark.parametrize("wound", [False, True])
 def test_rings_and_nets_whose_bonds_close_through_the_box(wound):
-    """Rings of any shape, with bonds across, have the size that they were drawn with in boxes that change and are tilted; with one turn
-    round the box no image is whole, and no number of the beads makes a difference."""
+    """In boxes that change and are tilted they have their size; wound once around the box they have none, whatever their numbers."""
     rng = np.random.default_rng(11)
     for vectors in [*BOXES.values()] * 3:
         boxes = vectors * rng.uniform(0.95, 1.05, (3, 1, 1))

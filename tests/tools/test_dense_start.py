@@ -1,15 +1,13 @@
 """Soft starts of molecules of a force field: no overlaps left, minimisation and constant pressure go on from there, bad input is refused."""
 
 import copy
-import importlib.util
 import io
-import sys
 from pathlib import Path
 
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import raises, script
 from openmm import app, unit
 
 from openmm_dpd.base.errors import ParameterError, PlanError, RunError
@@ -20,16 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 NM = unit.nanometer
 
 
-def _module(name: str):
-    """A script of docs/measure."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "measure" / f"{name}.py")
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
-
-
-dense = _module("dense_systems")
+dense = script(ROOT / "docs" / "measure" / "dense_systems.py")
 
 
 def array(positions) -> np.ndarray:
@@ -173,8 +162,8 @@ def test_steps_are_halved_and_runaways_stop():
         spring.addParticle(17)
         system.addForce(spring)
         if flies:
-            with pytest.raises(RunError, match=r"repulsion of 10 kJ/mol blows up even with a step of 6.25e-05 ps: .*bead 17"):
-                relax_dense(system, topology, x, steps=20, platform="CPU")
+            message = "repulsion of 10 kJ/mol blows up even with a step of 6.25e-05 ps: .*bead 17"
+            raises(RunError, message, relax_dense, system, topology, x, steps=20, platform="CPU")
         else:
             done = relax_dense(system, topology, x, steps=20, platform="CPU")
             assert done.stages[0].halvings > 0 and done.stages[0].dt == 0.002 / 2 ** done.stages[0].halvings
