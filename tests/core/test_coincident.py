@@ -101,7 +101,6 @@ def met(host, conservative):
 
 
 def test_beads_that_meet_later(host):
-    """Positions set on top of each other between two steps: legal where the kernel holds the force."""
     assert np.all(np.isfinite(state_of(stepped(met(host, "kernel"), 3).context)[0]))
 
 

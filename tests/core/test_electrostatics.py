@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import cases, raises
 from devices import DEVICES
 from openmm import unit
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
@@ -94,8 +94,7 @@ CASES = {
 }
 
 
-#: Mostly charged beads go through the neighbour list, few ions through all their pairs: every platform in every precision has both.  Compiling
-#: for PoCL takes seconds, so that the other cases are for Reference and CPU, and slow elsewhere.
+#: Every platform in every precision has mostly charged beads and few ions; the other cases, slow to compile, are for Reference and CPU.
 MATRIX = [
     pytest.param(case, device, marks=pytest.mark.slow if case in ("wide", "gaussian") and not device.exact else (), id=f"{device}-{case}")
     for device in DEVICES
@@ -251,7 +250,8 @@ def test_units():
     assert COULOMB / 78 / (dpd.units.BOLTZMANN * 300) == pytest.approx(0.714, abs=1e-3)  # water at 300 K: the Bjerrum length is 0.714 nm
 
 
-BAD = [
+@cases(
+    "message, options",
     ("lamda of SlaterCharges must be > 0", {"lamda": 0.0, "permittivity": 1}),
     ("lamda of SlaterCharges must be > 0", {"lamda": -1.0, "permittivity": 1}),
     ("lamda of SlaterCharges holds nan", {"lamda": float("nan"), "permittivity": 1}),
@@ -264,12 +264,9 @@ BAD = [
     ("tolerance of SlaterCharges must be between", {"lamda": 1, "permittivity": 1, "tolerance": 0.5}),
     ("grid of SlaterCharges must be three", {"lamda": 1, "permittivity": 1, "grid": (8, 8)}),
     ("bonded_factors of SlaterCharges must be three", {"lamda": 1, "permittivity": 1, "bonded_factors": (1, 1, 2)}),
-]
-
-
-@pytest.mark.parametrize(("message", "options"), BAD)
+)
 def test_bad_values_of_charges(message, options):
-    raises(dpd.ParameterError, message, lambda: dpd.SlaterCharges(**options))
+    raises(dpd.ParameterError, message, dpd.SlaterCharges, **options)
 
 
 def test_bad_scenes():

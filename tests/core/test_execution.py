@@ -23,10 +23,7 @@ SOURCES = {path: (ROOT / path).read_text(encoding="utf-8") for path in PATHS.val
 
 #: Parts of a scene, and where it has them.
 PARTS = {
-    **{
-        kind.name: lambda plan, terms=terms: any(type(group) is terms for group in plan.scene.bonded)
-        for terms, kind in BONDED_KINDS.items()
-    },
+    **{kind.name: lambda plan, of=of: any(type(group) is of for group in plan.scene.bonded) for of, kind in BONDED_KINDS.items()},
     "overlays": lambda plan: plan.overlays,
     "segments": lambda plan: plan.scene.segments,
     "body forces": lambda plan: any(isinstance(term, dpd.BodyForce) for term in plan.scene.body_forces),
@@ -43,16 +40,10 @@ def found(pattern: str) -> list[str]:
     return [path for path, text in SOURCES.items() for _ in re.findall(pattern, text)]
 
 
-def test_there_are_no_flags_beside_it():
-    assert not found(r"unlooped|charges_held|kernel_conservative|options\.loop\b|whole_steps *[:=]|options\.whole_steps")
-
-
 def test_it_is_made_in_one_place():
+    """There are no flags beside it; engines are asked for by name."""
+    assert not found(r"unlooped|charges_held|kernel_conservative|options\.loop\b|whole_steps *[:=]|options\.whole_steps")
     assert [path.rpartition("/")[2] for path in found(r"\bExecution\(")] == ["plan.py"]
-
-
-def test_engines_are_made_in_one_place():
-    """Others ask for one by its name."""
     assert found(r"(?<!class )\bPairEngine\(") == ["openmm_dpd/kernels/engine.py"]
     assert set(found(r"\bPairEngine\b")) == {"openmm_dpd/kernels/engine.py"}
     assert set(found(r"\bhost_engine\b")) == {"openmm_dpd/kernels/engine.py", "openmm_dpd/kernels/engines.py"}

@@ -7,6 +7,7 @@ import numpy as np
 import openmm
 import pytest
 import reference_forces as check
+from cases import raises
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
@@ -19,12 +20,8 @@ from openmm_dpd.plan.charge_forces import charge_terms, longest_wave
 from openmm_dpd.plan.forces.electrostatics import electrostatic_forces
 from openmm_dpd.units import COULOMB
 
-BOXES = {
-    "none": None,
-    "cubic": np.eye(3) * 4.65,
-    "orthorhombic": np.diag([4.7, 6.3, 5.2]),
-    "tilted": np.array([[6.0, 0, 0], [1.9, 5.5, 0], [-2.8, 2.2, 4.9]]),
-}
+BOXES = {"none": None, "cubic": np.eye(3) * 4.65, "orthorhombic": np.diag([4.7, 6.3, 5.2])}
+BOXES["tilted"] = np.array([[6.0, 0, 0], [1.9, 5.5, 0], [-2.8, 2.2, 4.9]])
 KINDS = {  # Widths so narrow, or wide, that nothing is left of the clouds at the cutoff, and their tails in the oracle.
     "slater": (dpd.SlaterCharges, {"lamda": 0.13}, slater_tail, 0.13),
     "narrow": (dpd.SlaterCharges, {"lamda": 0.02}, slater_tail, 0.02),
@@ -154,10 +151,6 @@ def test_the_error_is_that_of_the_cutoff(box, listed):
     assert terms.evaluator().parts(x, BOXES[box])[2][:3].sum() == pytest.approx(virial, rel=20 * errors)
 
 
-def test_longest_wave():
-    assert np.exp(-((longest_wave(1.7, 1e-6) / 3.4) ** 2)) == pytest.approx(1e-6)
-
-
 @pytest.mark.parametrize("k_max", [9.0, 6.93])  # at the second one rows begin with a single wave
 @pytest.mark.parametrize("box", ["cubic", "tilted"])
 def test_every_wave_once(box, k_max):
@@ -235,8 +228,8 @@ def test_a_box_that_changes():
         wanted, forces, _ = exact("slater", x, q, box, {})
         assert energy == pytest.approx(wanted, abs=1e-7)
         np.testing.assert_allclose(force, forces, rtol=0, atol=1e-8 * np.abs(forces).max())
-    with pytest.raises(dpd.RunError, match="narrower than twice the cutoff of the charges, 2.3 nm"):
-        evaluator.add_to(x, np.diag([4.6, 4.6, 4.5]), force, 1.0)
+    small = np.diag([4.6, 4.6, 4.5])
+    raises(dpd.RunError, "narrower than twice the cutoff of the charges, 2.3 nm", evaluator.add_to, x, small, force, 1.0)
 
 
 @EVERY_KIND
@@ -289,8 +282,7 @@ def test_what_is_no_number():
         assert check.evaluate([terms], moved, BOXES[box])[0] == check.evaluate([terms], x, BOXES[box])[0]
         for bad in (np.nan, np.inf):
             moved[charged, 1] = bad
-            with pytest.raises(dpd.RunError, match=f"position of bead {charged} is not finite"):
-                check.evaluate([terms], moved, BOXES[box])
+            raises(dpd.RunError, f"position of bead {charged} is not finite", check.evaluate, [terms], moved, BOXES[box])
 
 
 def test_scenes_without_charges_and_with_one():
@@ -317,6 +309,7 @@ def test_warming_up_compiles_all(box):
 
 def test_costs_are_estimated():
     """The order is right: few charges are faster wave by wave, many are not."""
+    assert np.exp(-((longest_wave(1.7, 1e-6) / 3.4) ** 2)) == pytest.approx(1e-6)
     k_max, cubes = longest_wave(1.5, 1e-6), {edge: np.eye(3) * edge for edge in (5, 6, 30)}
     assert 10 < cost(44, cubes[5], k_max, 2.0) < 100
     assert cost(44, cubes[5], k_max, 2.0) < 0.2 * pme_cost((63, 63, 63), 375)

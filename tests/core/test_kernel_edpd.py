@@ -208,15 +208,11 @@ def test_a_temperature_must_stay_positive(value):
 
 
 def test_a_negative_conduction_coefficient_names_the_temperature():
-    """At T_m = 1.25 it is 0.7 (1 - 8/4) = -0.7; without conduction nothing is wrong."""
     scene = pair_of_beads(kappa_polynomial=(-8.0, 0, 0, 0))
     evaluate(scene, CONSERVATIVE)
     for which in (DISSIPATIVE, RANDOM):
         raises(dpd.RunError, r"conduction coefficient is -0.7 at the temperature 1.25 of beads (0 and 1|1 and 0)", evaluate, scene, which)
     evaluate(pair_of_beads(kappa=0.0, kappa_polynomial=(-8.0, 0, 0, 0)), DISSIPATIVE)
-
-
-def test_there_is_no_laplacian():
     assert np.isnan(prepared(pair_of_beads()).laplacian())
 
 

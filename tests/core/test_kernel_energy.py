@@ -242,8 +242,8 @@ def test_energy_out_of_range_names_the_bead():
     scene = replace(cluster(ConstantHeatCapacity(2.0), copies=1), pairs=table)
     engine = prepared(scene, "shardlow", 5.0)
     u = scene.internal.energies(scene.type_ids, scene.type_names)
-    with pytest.raises(dpd.RunError, match=r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"):
-        engine.sweep(scene.velocities, 1.0, 5.0, SEED, COUNTER, u)
+    message = r"internal energy -\S+ kJ/mol of bead \d after the sweep is outside"
+    raises(dpd.RunError, message, engine.sweep, scene.velocities, 1.0, 5.0, SEED, COUNTER, u)
 
 
 @cases(

@@ -109,9 +109,6 @@ def test_what_is_asked_outside_of_a_step_does_not_disturb_the_next_one():
 def test_outside_a_step_there_is_nothing_to_see_unless_it_holds_the_conservative_force():
     energy, force = PairForceFunction(SPEC, False, True)(state(SCENE.positions, Phase.IDLE))
     assert energy == 0.0 and not force.any()
-
-
-def test_a_phase_without_kept_positions_is_an_error():
     with pytest.raises(RunError, match="before any positions were stored"):
         PairForceFunction(SPEC, False, True)(state(SCENE.positions, Phase.FORCE_SEEN))
 

@@ -119,14 +119,11 @@ def test_touching_parallel_and_degenerate_segments(rule):
     assert two([(0, 0, 0), (0, 0, 0)], [(0.4, 0.1, 0), (0.4, -0.1, 0)], NEAREST)[0] == pytest.approx(0.5 * A * RC * 0.25)  # no length
 
 
-def test_energy_at_the_point_where_two_bonds_touch():
-    assert two([(-0.5, 0, 0), (0.5, 0, 0)], [(0, -0.3, 0), (0, 0.7, 0)], NEAREST)[0] == pytest.approx(0.5 * A * RC)
-
-
 def test_clamped_points_are_lammps_own():
-    """Both points are moved to an end each by itself: not the nearest points."""
+    """Both points are moved to an end each by itself: not the nearest ones; two bonds that touch have the full energy."""
     a, b = [(-0.5, 0, 0), (0.5, 0, 0)], [(0.4, 0.2, 0.1), (1.4, 0.9, 0.1)]
     assert two(a, b, CLAMPED)[0] < two(a, b, NEAREST)[0]
+    assert two([(-0.5, 0, 0), (0.5, 0, 0)], [(0, -0.3, 0), (0, 0.7, 0)], NEAREST)[0] == pytest.approx(0.5 * A * RC)
 
 
 def test_errors():

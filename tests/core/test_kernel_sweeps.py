@@ -59,12 +59,8 @@ def test_tables_and_step_sizes(table, scheme, dt):
 
 
 @UPDATE
-def test_friction_without_noise(scheme):
+def test_friction_without_noise_and_factors(scheme):
     check(fluid(EXTENDED, BOXES["tilted"], kT=0.0), scheme, 0.05, kT=0.0)
-
-
-@UPDATE
-def test_factors_scale_the_friction(scheme):
     check(chains(BOXES["ortho"], kT=KT), scheme, 0.05)
 
 

@@ -129,7 +129,6 @@ def test_factors(f):
 
 
 def test_laplacian_counts_the_range_of_the_forces_only():
-    """The list reaches further: pairs beyond the forces' range must not count."""
     scene = solution()
     zero = np.zeros((2, 2))
     params = plain_oracle.PairParams(matrix(scene, "A"), zero, zero, zero + 1, zero + 1, matrix(scene, "cutoff"))

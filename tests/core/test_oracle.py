@@ -66,27 +66,19 @@ def test_pair_list_cutoff_is_strict_and_coincident_beads_are_left_out():
     np.testing.assert_allclose(pairs.e[0], [-1, 0, 0])  # from j to i
 
 
-def test_two_beads_conservative():
-    x, _, types, params, box = two_beads()
+def test_two_beads():
+    x, v, types, params, box = two_beads()
     c = oracle.conservative(x, types, params, box)
     assert c.energy == pytest.approx(3.125)  # 25/2 * 1 * 1/4
     np.testing.assert_allclose(c.forces, [[12.5, 0, 0], [-12.5, 0, 0]], atol=1e-14)  # pushed apart
     assert c.virial == pytest.approx(6.25)
     np.testing.assert_allclose(c.virial_tensor, np.diag([6.25, 0, 0]), atol=1e-14)
     assert c.laplacian == pytest.approx(-50.0)  # 2 (25 - 2 * 12.5/0.5)
-
-
-def test_two_beads_dissipative():
-    x, v, types, params, box = two_beads()
     d = oracle.dissipative(x, v, types, params, box)
     # radial 4.5 * 1/4 * 2 = 2.25; transverse drag goes as w^(2 s_perp) = 1/2: 3 * 1/2 * (1, -3)
     np.testing.assert_allclose(d.forces, [[-2.25, -1.5, 4.5], [2.25, 1.5, -4.5]], atol=1e-14)
     assert d.virial == pytest.approx(-1.125)
     np.testing.assert_allclose(d.virial_tensor, [[-1.125, -0.75, 2.25], [0, 0, 0], [0, 0, 0]], atol=1e-14)
-
-
-def test_two_beads_random():
-    x, _, types, params, box = two_beads()
     z = (1.2, 9.0, -0.4, 0.7)  # the 9.0 is along e and must not show in the transverse force
     r = oracle.random(x, types, params, box, kT=2.0, dt=0.01, noise=lambda i, j, k: z[k])
     radial = np.sqrt(2 * 2.0 * 4.5) * 0.5 * 1.2 / 0.1

@@ -90,21 +90,13 @@ def test_edpd_conduction_among_many_beads_equals_lammps(live_lammps):
     x, v = rng.uniform(4.0, 6.5, (n, 3)), rng.normal(size=(n, 3))
     T, cv, types = rng.uniform(0.7, 1.8, n), 1e16 * rng.uniform(1.0, 2.0, n), np.arange(n) % 2
     beads = [f"set atom {k} edpd/temp {t} edpd/cv {c}" for k, (t, c) in enumerate(zip(T, cv, strict=True), start=1)]
-    words = {
-        p: [EDPD[k][p] * (1e-16 if k == "kappa" else 1) for k in ("cutoff", "kappa", "power_T", "cutoff")] for p in ((0, 0), (0, 1), (1, 1))
-    }
+    options = EDPD | {"gamma": 0.0, "kappa": EDPD["kappa"] * 1e-16, "cutoff_T": EDPD["cutoff"]}
+    words = {p: [options[k][p] for k in ("cutoff", "kappa", "power_T", "cutoff_T")] for p in ((0, 0), (0, 1), (1, 1))}
     terms = [f"pair_coeff {a + 1} {b + 1} {EDPD['A'][a, b]} 0.0 2.0 {' '.join(map(str, values))}" for (a, b), values in words.items()]
-    commands = [
-        *beads,
-        "pair_style edpd 1.2 99",
-        *terms,
-        "fix 1 all mvv/edpd 0.5",
-        f"timestep {dt}",
-        "neigh_modify every 1 delay 0 check no",
-    ]
+    fixes = ["fix 1 all mvv/edpd 0.5", f"timestep {dt}", "neigh_modify every 1 delay 0 check no"]
+    commands = [*beads, "pair_style edpd 1.2 99", *terms, *fixes]
     peer = lammps_steps.run("edpd", x, v, types, (1.0, 2.7), commands, steps, {"T": "edpd/temp/atom"})
     masses = np.array([1.0, 2.7])[types]
-    options = EDPD | {"gamma": 0.0, "kappa": EDPD["kappa"] * 1e-16, "cutoff_T": EDPD["cutoff"]}
 
     def at(x, v, T):
         got = om.edpd_pair(x, v, T, cv, types, masses, **options, box=BOX, dt=dt)

@@ -126,5 +126,5 @@ def test_the_start_neither_scales_the_axes_nor_has_a_mean(tmp_path, drawn):
     ({"time": [1, 2], "temp": [1, 2]}, {"counted": [True]}, r"counted has the shape \(1,\)"),
 )
 def test_what_cannot_be_drawn(tmp_path, columns, options, message):
-    raises(ParameterError, message, lambda: thermo_picture(tmp_path / "run.png", columns, **options))
+    raises(ParameterError, message, thermo_picture, tmp_path / "run.png", columns, **options)
     assert not (tmp_path / "run.png").exists()

@@ -63,16 +63,13 @@ def test_one_force_for_each_thing(scheme, conservative):
     assert parameters_of(built) == set(PARAMETERS)
 
 
-def test_a_single_type_has_constants_and_no_tables():
+def test_types_that_agree_have_constants_and_no_tables():
+    """Only what differs between type pairs becomes a table."""
     force = kinds(build(beads(), conservative="openmm"))["CustomNonbondedForce"]
     assert force.getNumTabulatedFunctions() == 0
     assert force.getNumPerParticleParameters() == 0
     assert force.getNumGlobalParameters() == 0
     assert "type" not in force.getEnergyFunction()
-
-
-def test_types_that_agree_have_constants_and_no_tables():
-    """Only what differs between type pairs becomes a table."""
     table = {("*", "*"): D(A=25, gamma=4.5)}
     force = kinds(build(fluid(table, np.diag([4.0] * 3), n=40), conservative="openmm"))["CustomNonbondedForce"]
     assert force.getNumTabulatedFunctions() == force.getNumPerParticleParameters() == 0

@@ -70,16 +70,10 @@ def private_names(tree: ast.AST) -> set[str]:
     return found
 
 
-def test_modules_are_imported_in_one_file_each():
+def test_each_is_used_in_one_file():
     found = {(p, module) for module, tree in TREES.items() for p in MODULES for name in imported(tree) if f"{name}.".startswith(f"{p}.")}
     assert found == {*MODULES.items(), ("llvmlite", ADDRESSES)}
-
-
-def test_attributes_are_used_in_one_file_each():
     assert {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN} == set(ATTRIBUTES.items())
-
-
-def test_uses_are_found():
     tree = ast.parse("import gc\nfrom numba.core import event\nx._value\nself._held\nnjit(**{'_nrt': False})\nsuper()._take()")
     assert imported(tree) == {"gc", "numba.core.event"}
     assert private_names(tree) == {"_value", "_nrt", "_take"}

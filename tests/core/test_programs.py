@@ -68,20 +68,14 @@ def without_comments(listing: str) -> str:
 
 @pytest.mark.parametrize("name", CASES)
 def test_listing(name):
-    """What a scheme does, step by step, as kept in golden/; OPENMM_DPD_UPDATE_GOLDEN=1 writes the files anew, for a reader to compare.
-
-    Only one of them has the comments too: other words for a step are no other program.
-    """
+    """As kept in golden/, one of them with comments; OPENMM_DPD_UPDATE_GOLDEN=1 writes the files anew, for a reader to compare."""
     path, listing = GOLDEN / f"{name}.txt", make_program(CASES[name]).describe() + "\n"
     if name != COMMENTED:
         listing = without_comments(listing)
     if os.environ.get("OPENMM_DPD_UPDATE_GOLDEN"):
         path.write_text(listing)
     assert listing == path.read_text(), f"the program changed; if that is right, write {path.name} anew"
-
-
-def test_no_listing_is_left_over():
-    assert {path.stem for path in GOLDEN.glob("*.txt")} == set(CASES)
+    assert {path.stem for path in GOLDEN.glob("*.txt")} == set(CASES), "a listing is left over"
 
 
 @CASE
@@ -89,19 +83,12 @@ def test_integrator_holds_exactly_the_steps_of_the_program(options):
     program = make_program(options)
     integrator = program.lower()
     assert integrator.getNumComputations() == len(program.steps)
-    kinds = {
-        "global": integrator.ComputeGlobal,
-        "per_dof": integrator.ComputePerDof,
-        "sum": integrator.ComputeSum,
-        "constrain_positions": integrator.ConstrainPositions,
-        "constrain_velocities": integrator.ConstrainVelocities,
-        "update": integrator.UpdateContextState,
-        "if": integrator.IfBlockStart,
-        "end": integrator.BlockEnd,
-    }
+    kinds = {"global": "ComputeGlobal", "per_dof": "ComputePerDof", "sum": "ComputeSum", "update": "UpdateContextState"}
+    kinds |= {"constrain_positions": "ConstrainPositions", "constrain_velocities": "ConstrainVelocities"}
+    kinds |= {"if": "IfBlockStart", "end": "BlockEnd"}
     for k, step in enumerate(program.steps):
         kind, target, expression = integrator.getComputationStep(k)
-        assert kind == kinds[step.kind]
+        assert kind == getattr(integrator, kinds[step.kind])
         assert (target, expression) == (step.target, step.expression)
     portable = PORTABLE if options.kernel else ()
     names = [integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())]
@@ -186,10 +173,6 @@ def _displaced(options) -> bool:
     return options.predicting or not re.search(r"A\S* [OS]", options.scheme.word) or bool(options.walls or options.field_blocks)
 
 
-def test_phases_are_few_verbs():
-    assert len(Phase) <= 12
-
-
 @pytest.mark.parametrize("variant", ["kernel", "openmm"])
 @pytest.mark.parametrize(("scheme", "most"), [("middle", 4), ("aboba", 6), ("shardlow", 6), ("bababo", 9)])
 def test_lines_of_a_step(scheme, most, variant):
@@ -199,7 +182,7 @@ def test_lines_of_a_step(scheme, most, variant):
     for step in steps:
         inside += (step.kind == "if") - (step.kind == "end")
         count += step.kind == "per_dof" and not inside
-    assert count <= most
+    assert count <= most and len(Phase) <= 12
 
 
 # -- the checks ------------------------------------------------------------------------------------------------------------------
@@ -252,14 +235,10 @@ def test_a_variable_must_not_shadow_a_reserved_name(name, per_dof):
     raises(ProgramError, f"'{name}' shadows", p.check)
 
 
-def test_parameters_of_the_kernel_are_unknown_without_one():
-    p = Program("test", "nowhere", replace(BASE, thermostat=False))
-    p.begin()
+def test_parameters_blocks_and_updates_are_checked():
+    p = program(thermostat=False)  # which has no kernel
     p.set(COUNTER, f"{COUNTER}+1")
     raises(ProgramError, COUNTER, p.check)
-
-
-def test_blocks_and_updates_are_counted():
     p = program()
     p.if_changed().__enter__()
     raises(ProgramError, "fingerprint|not closed", p.check)

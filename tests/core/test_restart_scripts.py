@@ -20,9 +20,7 @@ WAYS = ("State", "Checkpoint")
 HOW = pytest.mark.parametrize("how", WAYS)
 PLATFORMS = ("Reference", "CPU")
 _RUNS = [(PLATFORMS[(k + n) % 2], how, scheme) for k, scheme in enumerate(SCHEMES) for n, how in enumerate(WAYS)]
-RUN = pytest.mark.parametrize(
-    "platform, how, scheme", _RUNS
-)  # Every scheme, from a state and from a checkpoint, on both platforms by turns.
+RUN = pytest.mark.parametrize("platform, how, scheme", _RUNS)  # every scheme, from both kinds of files, on both platforms by turns
 REFUSED = (dpd.DPDError, openmm.OpenMMException)
 DT, BEFORE, AFTER = 0.02, 7, 10
 
@@ -30,18 +28,13 @@ DT, BEFORE, AFTER = 0.02, 7, 10
 def script(platform, scheme, *, kT=1.0, dt=DT, **choices):
     """The Simulation that a script with these choices makes."""
     v = np.random.default_rng(2).normal(size=(81, 3))
-    scene = beads(kT=kT, velocities=v - v.mean(axis=0))
-    return dpd.build(scene, dt=dt, scheme=scheme, platform=platform, **choices).simulation(properties=one_thread(platform))
-
-
-def one_thread(platform) -> dict[str, str]:
-    return {"Threads": "1"} if platform == "CPU" else {}
+    built = dpd.build(beads(kT=kT, velocities=v - v.mean(axis=0)), dt=dt, scheme=scheme, platform=platform, **choices)
+    return built.simulation(properties={"Threads": "1"} if platform == "CPU" else {})
 
 
 def hand_over(first, second, how, tmp_path, after=0):
     """Save the state of one Simulation after these steps and load it into another."""
-    if after:
-        first.step(after)
+    first.step(after)
     path = str(tmp_path / "saved")
     getattr(first, f"save{how}")(path)
     getattr(second, f"load{how}")(path)

@@ -185,9 +185,8 @@ assert kernels > 100
 @pytest.mark.slow
 def test_all_that_is_compiled_decides(places):
     """Each function that numba compiles for a kernel is one that decides; of overloads, which are lambdas, it is their file."""
-    done = subprocess.run(
-        [sys.executable, "-c", REACHED], env=os.environ | {"XDG_CACHE_HOME": str(places["home"])}, capture_output=True, text=True
-    )
+    environment = os.environ | {"XDG_CACHE_HOME": str(places["home"])}
+    done = subprocess.run([sys.executable, "-c", REACHED], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
@@ -214,16 +213,15 @@ def test_two_processes_compile_once(places, tmp_path):
     environment = os.environ | {"XDG_CACHE_HOME": str(places["home"])}
     go = tmp_path / "go"
     ready = [tmp_path / "first", tmp_path / "second"]
-    both = [
-        subprocess.Popen([sys.executable, "-c", AT_ONCE, each, go], env=environment, stdout=subprocess.PIPE, text=True) for each in ready
-    ]
+    started = {"env": environment, "stdout": subprocess.PIPE}
+    both = [subprocess.Popen([sys.executable, "-c", AT_ONCE, each, go], text=True, **started) for each in ready]
     while not all(path.exists() for path in ready):
         time.sleep(0.001)
     files = KernelFiles(cache_folder(), "held", "source")
     go.touch()
     assert sorted(each.communicate()[0] for each in both) == ["0\n", "1\n"]
     holder = "from openmm_dpd.runtime.kernel_cache import *; import time; KernelFiles(cache_folder(), 'held', 'source').begin(1); print(flush=True); time.sleep(60)"
-    held = subprocess.Popen([sys.executable, "-c", holder], env=environment, stdout=subprocess.PIPE)
+    held = subprocess.Popen([sys.executable, "-c", holder], **started)
     assert held.stdout.read(1)
     waiting = Thread(target=files.begin, args=(1,))
     waiting.start()

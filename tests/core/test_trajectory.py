@@ -99,19 +99,16 @@ def test_centre_of_mass_of_100003_beads(tmp_path):
     assert compute_rg(loaded)[0] == pytest.approx(np.sqrt((masses * (centred**2).sum(axis=1)).sum() / masses.sum()), rel=1e-6)
 
 
-def test_what_mdtraj_makes_of_the_masses_alone(psf):
-    """Why load_topology exists: mdtraj's reader replaces the masses by those of the nearest elements."""
-    found = {atom.name: atom.element.mass for atom in md.load_psf(psf).atoms}
-    assert found["B"] == 0.0
-    assert found["W"] == pytest.approx(54.938, abs=1e-3)
-
-
 def test_registry_is_untouched(psf):
+    """mdtraj's own reader replaces masses by those of the nearest elements; ours adds none to its table."""
     symbols, numbers = dict(Element._elements_by_symbol), dict(Element._elements_by_atomic_number)
     load_topology(psf)
     assert Element._elements_by_symbol == symbols
     assert Element._elements_by_atomic_number == numbers
     assert md.element.boron.mass == pytest.approx(10.81, abs=0.01)
+    found = {atom.name: atom.element.mass for atom in md.load_psf(psf).atoms}
+    assert found["B"] == 0.0
+    assert found["W"] == pytest.approx(54.938, abs=1e-3)
 
 
 def test_equality_hash_copy_pickle(psf):
@@ -158,13 +155,10 @@ def test_load(trajectory, psf, tmp_path, suffix):
 
 
 def test_load_says_what_does_not_fit(trajectory, psf, tmp_path):
+    """mdtraj's own PDB file of such a trajectory reads back without masses rather than with wrong ones."""
     trajectory.atom_slice(range(40)).save_dcd(tmp_path / "run.dcd")
     raises(ParameterError, r"run\.dcd cannot be read with a topology of 48 beads", lambda: load(tmp_path / "run.dcd", psf))
     raises(ParameterError, r"must be a \.dcd or \.xtc file", lambda: load(tmp_path / "run.trr", psf))
-
-
-def test_saved_pdb_invents_no_element(trajectory, tmp_path):
-    """mdtraj's own PDB file of such a trajectory reads back without masses rather than with wrong ones."""
     trajectory[0].save_pdb(tmp_path / "out.pdb")
     assert {atom.element.mass for atom in md.load_pdb(tmp_path / "out.pdb").topology.atoms} == {0.0}
 
@@ -187,9 +181,6 @@ def test_names_of_elements_ions_and_any_length(tmp_path):
     assert np.array_equal(bead_masses(topology), np.arange(7) + 0.5)
     assert set(bead_charges(topology)) == {-1.2345678901234567e-5}
     assert [atom.name for atom in md.load_psf(tmp_path / "top.psf").atoms] == names
-
-
-def test_units_of_masses(tmp_path):
     write_psf(tmp_path / "top.psf", names=["A"], masses=[2.0] * unit.dalton, charges=[1.0] * unit.elementary_charge)
     assert bead_masses(load_topology(tmp_path / "top.psf")).tolist() == [2.0]
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import cases
 
 from openmm_dpd.kernels import steps
 from openmm_dpd.kernels.columns import Totals
@@ -52,38 +53,27 @@ def test_nothing_is_there_at_first(engine):
     assert not (made.placed or made.given or made.forced or made.final) and made.moment is None and made.take() is None
 
 
-def test_a_run_begins_with_the_lists_that_the_engine_holds(engine, valid):
+def test_a_run_begins_with_the_lists_that_the_engine_holds_and_no_moment(engine, valid):
     valid.begin(engine.held.copy(), None, False)
     assert not valid.placed
     valid.begin(engine.held, None, False)
     assert valid.placed
-
-
-def test_a_run_has_no_moment_before_it_ends(engine, valid):
     valid.end(there := moment(engine.held))
     assert valid.moment is there
     valid.begin(engine.held, None, False)
     assert valid.moment is None
 
 
-def test_a_drift_ends_lists_and_a_force_that_was_given(engine, valid):
+def test_a_drift_ends_lists_and_a_force_that_was_given(valid, engine):
+    """... but leaves the force of the lists: ``mvv`` and words that end with a drift use it at the end of a run."""
+    valid.drift()
+    assert valid.forced and valid.totals is TOTALS
     valid.begin(engine.held, None, True)
     assert valid.given
     valid.drift()
     assert not valid.placed and not valid.given
     valid.listed()
     assert valid.placed and not valid.given
-
-
-def test_a_drift_leaves_the_force_of_the_lists_that_there_are(valid):
-    """``mvv`` and words that end with a drift use it at the end of a run: it is that before the drift."""
-    valid.drift()
-    assert valid.forced and valid.totals is TOTALS
-
-
-def test_other_lists_end_the_force(engine, valid):
-    engine.place()
-    assert not valid.forced and not valid.has(CONSERVATIVE)
 
 
 @pytest.mark.parametrize("more", [STRESS, LAPLACIAN, STRESS | LAPLACIAN])
@@ -93,11 +83,14 @@ def test_sums_that_were_not_asked_for_are_not_there(valid, more):
     assert valid.has(more) and valid.has(CONSERVATIVE)
 
 
-def test_there_is_no_force_while_one_is_summed(valid):
+def test_what_ends_the_force(valid, engine):
+    """A sum that is not complete, and other lists."""
     valid.lose_force()
     assert not valid.forced
     valid.summed(CONSERVATIVE, TOTALS)
     assert valid.forced
+    engine.place()
+    assert not valid.forced and not valid.has(CONSERVATIVE)
 
 
 def test_what_a_step_need_not_do(engine, valid):
@@ -114,9 +107,7 @@ def test_a_recorded_step_is_there_once(valid):
     assert valid.take() is recorded and valid.take() is None
 
 
-@pytest.mark.parametrize(
-    "before", [Computed(True, True, False, False), Computed(True, False, True, True), Computed(False, False, False, True), None]
-)
+@cases("before", Computed(True, True, False, False), Computed(True, False, True, True), Computed(False, False, False, True), None)
 def test_played_steps_leave_what_was_known_before_them(engine, valid, before):
     valid.begin(engine.held, None, True)
     valid.played(before)

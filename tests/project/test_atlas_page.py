@@ -38,13 +38,10 @@ def test_tables_of_the_atlas_are_those_of_its_json():
         assert text == texts[name].strip(), name
 
 
-def test_tables_of_the_stability_map_are_those_of_the_package():
+def test_tables_that_come_with_the_package():
     texts = maps.blocks(json.loads((ROOT / "openmm_dpd" / "advice" / "stability.json").read_text(encoding="utf-8")))
     for name, text in texts.items():
         assert page.block_of(PAGE, name) == text.strip(), name
-
-
-def test_tables_of_transport_and_of_many_body_liquids_are_those_of_the_package():
     assert page.block_of(PAGE, "transport") == transport.blocks(json.loads(transport.FILE.read_text(encoding="utf-8")))["transport"]
     assert page.block_of(SCHEMES, "many-body") == many_body.blocks(json.loads(many_body.FILE.read_text(encoding="utf-8")))["many-body"]
 
@@ -57,18 +54,15 @@ def test_tables_of_orders_are_those_of_their_json():
     assert shown == tuple(map("\n\n".join, zip(*texts, strict=True)))
 
 
-def test_the_table_of_sizes_is_that_of_its_json():
+def test_tables_of_sizes_and_chains_are_those_of_their_json():
     data = json.loads((ROOT / "docs" / "scaling.json").read_text(encoding="utf-8"))
     assert page.block_of(PAGE, "scaling") == scaling.text(data)
-
-
-def test_the_table_of_chains_is_that_of_its_json():
     chains = json.loads((ROOT / "docs" / "scaling.json").read_text(encoding="utf-8"))["chains"]
     assert page.block_of(PAGE, "chains") == chain_speed.text(chains)
 
 
 def test_speeds_on_the_page_in_readme_and_paper_are_those_of_the_files():
-    """Every ratio; README says of what versions they are."""
+    """Every ratio; README says of what versions they are.  Twice as fast per bead here, four times there: half the ratio."""
     of, readme = headline.load(), (ROOT / "README.md").read_text(encoding="utf-8")
     sizes = headline.sizes(of)
     assert page.block_of(PAGE, "gains") == headline.gains(of) and page.block_of(PAGE, "sizes") == sizes
@@ -76,10 +70,6 @@ def test_speeds_on_the_page_in_readme_and_paper_are_those_of_the_files():
     assert f"\n\n{sizes}\n\n" in (ROOT / "paper" / "paper.md").read_text(encoding="utf-8")
     for name, version in ("LAMMPS", of.scaling["machine"]["lammps"]), ("OpenMM", of.scaling["machine"]["openmm"]):
         assert f"{name} {version}" in readme.partition("**Speed.**")[2]
-
-
-def test_ratios_of_other_sizes():
-    """Twice as fast per bead here, four times there: half the ratio."""
     of = headline.load()
     ms = {name: of.ms("weak", name, "1", of.scaling["steps"][name]) for name in ("bab3", "LAMMPS dpd + nve")}
     row = {"ns": {"bab3": {"1": ms["bab3"] / 2}, "LAMMPS dpd + nve": {"1": ms["LAMMPS dpd + nve"] / 4}}}

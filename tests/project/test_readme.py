@@ -30,14 +30,11 @@ def page(name: str) -> str:
 
 
 def test_it_is_short_and_begins_with_two_lines_for_each_purpose():
+    """The script is the first example, which test_examples.py runs; at most 15 lines of code."""
     assert len(README.splitlines()) <= 91
     assert len(RUN) == len(TEST) == 2
     assert re.findall(r"^## (.*)", README, flags=re.MULTILINE)[0] == "Quick start"
     assert len(re.findall(r"^- ", README.partition("## Features")[2].partition("\n## ")[0], flags=re.MULTILINE)) == 5
-
-
-def test_script_is_the_first_example():
-    """... which test_examples.py runs; at most 15 lines of code."""
     (script,) = blocks("python")
     assert script == page("examples/01_dpd_fluid.py")
     assert len([line for line in script.splitlines() if line.strip()]) <= 15

@@ -36,20 +36,14 @@ PAPER_HEAD = yaml.safe_load(_head)
 
 
 # -- one version, one name -------------------------------------------------------------------------------------------------------
-def test_version_is_the_same_everywhere():
+def test_version_name_and_licence_are_the_same_everywhere():
     assert "version" in PROJECT["dynamic"] and "version" not in PROJECT  # read from the package
     changes = re.findall(r"^## (\S+)", text("CHANGELOG.md"), flags=re.MULTILINE)
     assert [str(CITATION["version"]), RECIPE["context"]["version"], changes[0]] == [dpd.__version__] * 3
-
-
-def test_nobody_is_named_and_everywhere_alike():
     (name,) = re.findall(r"^Copyright \(c\) \d+ (.*)$", text("LICENSE"), flags=re.MULTILINE)
     assert PROJECT["authors"] == CITATION["authors"] == [{"name": name}]
     assert [author["name"] for author in PAPER_HEAD["authors"]] == [name]
     assert f'author = "{name}"' in text("docs/conf.py")
-
-
-def test_licence_is_the_same_everywhere():
     assert PROJECT["license"] == CITATION["license"] == RECIPE["about"]["license"] == "MIT"
 
 
@@ -66,9 +60,6 @@ def test_recipe_needs_what_the_package_needs():
     (backend,) = tomllib.loads(text("pyproject.toml"))["build-system"]["requires"]
     assert backend in map(requirement, RECIPE["requirements"]["host"])
     assert RECIPE["build"]["python"]["entry_points"] == [f"{name} = {what}" for name, what in PROJECT["scripts"].items()]
-
-
-def test_files_of_the_recipe_exist():
     files = [name for test in RECIPE["tests"] for name in test.get("files", {}).get("source", [])]
     assert files and not [name for name in [*files, RECIPE["about"]["license_file"]] if not (ROOT / name).is_file()]
 
@@ -83,10 +74,6 @@ def documented() -> set[str]:
     """Lines of the script of continuous integration, and of the command blocks of CONTRIBUTING.md."""
     blocks = re.findall(r"^```bash\n(.*?)^```$", text("CONTRIBUTING.md"), flags=re.MULTILINE | re.DOTALL)
     return {line.strip() for block in [text(".ci/run"), *blocks] for line in block.splitlines()}
-
-
-def test_workflows_are_there():
-    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs", "nightly", "device"}
 
 
 def test_every_dependency_has_one_lower_bound_and_no_other():
@@ -123,6 +110,7 @@ def test_what_decides_is_in_the_workflows():
     commands = {step.get("run") for path in WORKFLOWS for step in steps(path)}
     checks = [line for line in text(".ci/run").splitlines() if line.startswith(("ruff", "mypy", "pytest")) and "slow and" not in line]
     assert len(checks) == 4 and set(checks) <= commands
+    assert {path.stem for path in WORKFLOWS} == {"lint", "tests", "docs", "nightly", "device"}
 
 
 def test_workflows_use_pythons_that_the_package_names():
@@ -137,11 +125,6 @@ def test_workflows_use_pythons_that_the_package_names():
 BIB = {key: body for key, body in re.findall(r"^@\w+\{(\w+),\n(.*?)^\}$", text("paper/paper.bib"), flags=re.MULTILINE | re.DOTALL)}
 
 
-def test_every_reference_is_listed_and_every_entry_is_cited():
-    cited = set(re.findall(r"@(\w+)", PAPER))
-    assert len(cited) > 15 and cited == set(BIB)
-
-
 @pytest.mark.parametrize("key", BIB)
 def test_entries_are_complete(key):
     fields = dict(re.findall(r"^\s+(\w+)\s*= \{(.*?)\},?$", BIB[key], flags=re.MULTILINE | re.DOTALL))
@@ -152,16 +135,15 @@ def test_entries_are_complete(key):
 
 
 def test_paper_has_the_sections_of_the_journal():
-    """https://joss.readthedocs.io/en/latest/paper.html"""
+    """https://joss.readthedocs.io/en/latest/paper.html; its figures and references are there."""
     wanted = ["Summary", "Statement of need", "State of the field", "Software design", "Research impact statement", "AI usage disclosure"]
     found = re.findall(r"^# (.*)$", PAPER, flags=re.MULTILINE)
     assert [name for name in found if name in wanted] == wanted
     assert 750 < len(PAPER.split()) < 1750
-
-
-def test_figures_of_the_paper_are_those_of_the_documentation():
     figures = re.findall(r"\]\((\.\./docs/figures/[^)]*)\)", PAPER)
     assert len(figures) == PAPER.count("![") == 2 and all((ROOT / "paper" / name).is_file() for name in figures)
+    cited = set(re.findall(r"@(\w+)", PAPER))
+    assert len(cited) > 15 and cited == set(BIB)
 
 
 # -- what is packed --------------------------------------------------------------------------------------------------------------
@@ -194,7 +176,7 @@ def packed(tmp_path_factory) -> tuple[set[str], set[str], set[str]]:
 
 
 @pytest.mark.slow
-def test_wheel_holds_the_package_and_nothing_else(packed):
+def test_wheel_holds_the_package_and_sdist_the_repository(packed):
     tracked, _, wheel = packed
     package = {name for name in tracked if name.startswith("openmm_dpd/")}
     assert {Path(name).suffix for name in package} == {".py", ".json", ".typed"} and "openmm_dpd/py.typed" in package
@@ -202,10 +184,6 @@ def test_wheel_holds_the_package_and_nothing_else(packed):
     about = ("METADATA", "RECORD", "WHEEL", "entry_points.txt", "licenses/LICENSE", "top_level.txt")
     assert wheel - package == {f"{info}/{name}" for name in about}
     assert package <= wheel
-
-
-@pytest.mark.slow
-def test_sdist_is_the_repository(packed):
     tracked, sdist, _ = packed
     added = {name for name in sdist - tracked if not name.startswith("openmm_dpd.egg-info/")}
     assert tracked <= sdist and added == {"PKG-INFO", "setup.cfg"}

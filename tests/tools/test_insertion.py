@@ -17,12 +17,8 @@ from openmm_dpd.parameters.insertion import weights
 from openmm_dpd.parameters.insertion_scene import insertion, lattice_points
 
 MASSES = {"W": 1.0, "V": 1.0, "A": 2.0, "B": 1.0}
-PAIRS = {
-    ("*", "*"): dpd.DPD(A=25, gamma=4.5),
-    ("A", "W"): dpd.DPD(A=40, gamma=4.5),
-    ("A", "V"): dpd.DPD(A=10, gamma=4.5, cutoff=1.3),
-    ("B", "W"): dpd.NONE,
-}
+PAIRS = {("*", "*"): dpd.DPD(A=25, gamma=4.5), ("A", "W"): dpd.DPD(A=40, gamma=4.5), ("B", "W"): dpd.NONE}
+PAIRS["A", "V"] = dpd.DPD(A=10, gamma=4.5, cutoff=1.3)
 CHAIN = linear("AABA", Spring(k=20, r0=0.5))
 
 
@@ -113,7 +109,6 @@ def test_what_cannot_be_switched_is_refused():
     scene, one = solvent(), Molecule(("A",))
     still = np.ones(scene.n_beads, bool)
     still[0] = False
-    tables = {"LennardJones": {("*", "*"): dpd.LennardJones(epsilon=1, sigma=0.3, cutoff=1)}}
     cases = [
         ("must be a Molecule", "W", scene),
         ("must be a Scene", one, None),
@@ -124,19 +119,18 @@ def test_what_cannot_be_switched_is_refused():
         ("no box", one, replace(scene, box=None)),
         ("temperature of 0", one, replace(scene, kT=0.0)),
         ("forces on single beads", one, replace(scene, body_forces=[dpd.BodyForce((1.0, 0.0, 0.0))])),
-        ("not LennardJones", one, solvent([PAIRS, tables["LennardJones"]])),
+        ("not LennardJones", one, solvent([PAIRS, {("*", "*"): dpd.LennardJones(epsilon=1, sigma=0.3, cutoff=1)}])),
+        ("at least 3.3 cutoffs wide, 4.29", one, replace(scene, box=np.diag([4.0, 5.0, 5.5]))),
     ]
     for message, molecule, given in cases:
         raises(dpd.ParameterError, message, excess_chemical_potential, molecule, given)
-    with pytest.raises(dpd.ParameterError, match="at least 3.3 cutoffs wide, 4.29"):
-        excess_chemical_potential(one, replace(scene, box=np.diag([4.0, 5.0, 5.5])))
     unseen = pack({}, box=[5.0] * 3, solvent="W", seed=1).scene(pairs=PAIRS, kT=1.0, masses=MASSES)
     raises(dpd.ParameterError, "nothing acts between B1? and this solvent", lambda: excess_chemical_potential(Molecule(("B",)), unseen))
     raises(dpd.ParameterError, "seed must be at least 0", lambda: excess_chemical_potential(one, scene, seed=-1))
     raises(dpd.ParameterError, "must be from 3 to 32, not 40", lambda: excess_chemical_potential(one, scene, copies=40))
     raises(dpd.ParameterError, "a time of at least 2, not 1", lambda: excess_chemical_potential(one, scene, time=1.0))
-    with pytest.raises(dpd.ParameterError, match=r"no pair coefficients for types .*\(W, B\)"):
-        solvent({("*", "A"): dpd.DPD(A=25, gamma=4.5), ("W", "W"): dpd.DPD(A=25, gamma=4.5)})
+    few = {pair: dpd.DPD(A=25, gamma=4.5) for pair in (("*", "A"), ("W", "W"))}
+    raises(dpd.ParameterError, r"no pair coefficients for types .*\(W, B\)", solvent, few)
     raises(dpd.ParameterError, "different temperatures", lambda: log_p(one, scene, replace(scene, kT=2.0)))
     raises(dpd.ParameterError, "repel water with one A > 0, but they have A = 10, 40", repulsion_from_log_p, 3.0, one, scene, scene)
 

@@ -76,17 +76,10 @@ def test_solvent_inside_and_outside_is_equally_dense(centre):
 def test_two_vesicles_a_bilayer_and_what_floats_around():
     box, chain = [16.0, 16.0, 32.0], linear("A3", Spring(50, 0.5))
     small = grafmueller_2009(3).molecule
-    mixture = pack(
-        {
-            LIPID: Vesicle(4.0, 1.4, 4.57, (8, 8, 9)),
-            small: Vesicle(3.5, 1.4, 4.0, (8, 8, 22)),
-            linear("H2T3", Spring(50, 0.5)): Bilayer(30, centre=31.0),
-            bead("Na"): Scattered(50),
-            chain: Scattered(4, dpd.Sphere([8, 8, 9], 1.0)),
-        },
-        box=box,
-        seed=1,
-    )
+    membranes = {LIPID: Vesicle(4.0, 1.4, 4.57, (8, 8, 9)), small: Vesicle(3.5, 1.4, 4.0, (8, 8, 22))}
+    membranes[linear("H2T3", Spring(50, 0.5))] = Bilayer(30, centre=31.0)
+    floating = {bead("Na"): Scattered(50), chain: Scattered(4, dpd.Sphere([8, 8, 9], 1.0))}
+    mixture = pack(membranes | floating, box=box, seed=1)
     assert mixture.count(LIPID) == 310 and mixture.n_beads == 3 * 16 * 16 * 32
     ions = mixture.positions[mixture.beads("Na")[:, 0]]
     for centre, low, high in (((8, 8, 9), 1.715, 6.285), ((8, 8, 22), 1.5, 5.5)):

@@ -44,16 +44,13 @@ def scene(**options) -> dpd.Scene:
     return dpd.Scene({"oil_drop": 1, "W": 1}, ["oil_drop"] * 2 + ["W"] * 2, x, pairs, kT=1, bonds=bonds, box=[5, 5, 5], **options)
 
 
-def test_beads_bonds_and_box(nglview):
+def test_beads_bonds_box_and_radii(nglview):
     built = dpd.build(scene(), dt=0.01, platform="Reference", seed=1)
     widget = built.view()
     assert widget.shown[:2] == [("spacefill", "@0,1", 5.0), ("spacefill", "@2,3", 2.5)]
     assert widget.shown[2][:2] == ("licorice", "@0,1") and widget.shown[3][0] == "unitcell"
     assert widget.structure.ext == "pdb" and "CONECT    1    2" in widget.structure.text and "CRYST1   50.000" in widget.structure.text
     assert view(built, state=built.simulation().context.getState(positions=True)).structure.text == widget.structure.text
-
-
-def test_radii(nglview):
     given = view(scene(), radii={"oil_drop": 0 * unit.nanometer, "W": 3 * unit.angstrom})
     assert given.shown[0] == ("spacefill", "@2,3", pytest.approx(3.0))
     assert view(scene(), radii=0.1).shown[0] == ("spacefill", "@0,1", 1.0)
