@@ -16,10 +16,10 @@ def cases(names: str, *rows, **options) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(names, rows, **options)
 
 
-def refused(error: type[BaseException], table: dict[str, tuple[Callable, str]]) -> Callable:
-    """A test of calls that have to fail, with this error and the message beside each of them."""
+def refused(error: type[BaseException], *rows) -> Callable:
+    """A test of calls that have to fail, with this error and the message beside each of them; rows as :func:`cases` takes them."""
 
-    @cases("call, match", table)
+    @cases("call, match", *rows)
     def test(call, match):
         raises(error, match, call)
 

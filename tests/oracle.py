@@ -14,6 +14,7 @@ import itertools
 from collections import namedtuple
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -273,38 +274,25 @@ def shardlow_step(x, v, f, inv_m, dt, conservative_force, sweep_at):
     return x, v_half + 0.5 * dt * inv_m * f, f
 
 
-def middle_step(x, v, inv_m, dt, conservative_force, sweep_at):
-    """B, A/2, sweep, A/2 (leapfrog middle)."""
-    v = v + dt * np.asarray(inv_m)[:, None] * conservative_force(x)
-    x = x + 0.5 * dt * v
-    v = sweep_at(x, v)
-    x = x + 0.5 * dt * v
+def word_step(word, x, v, inv_m, dt, conservative_force, sweep_at):
+    """Kicks B, drifts A and the sweep O of a word, with their parts of the step; forces are those of the last drift."""
+    f = None
+    for letter, part in word:
+        if letter == "A":
+            x, f = x + part * dt * v, None
+        elif letter == "B":
+            f = conservative_force(x) if f is None else f
+            v = v + part * dt * np.asarray(inv_m)[:, None] * f
+        else:
+            v = sweep_at(x, v)
     return x, v
 
 
-def aboba_step(x, v, inv_m, dt, conservative_force, sweep_at):
-    """A/2, B/2, sweep, B/2, A/2: force and sweep at the same positions."""
-    x = x + 0.5 * dt * v
-    half_kick = 0.5 * dt * np.asarray(inv_m)[:, None] * conservative_force(x)
-    v = v + half_kick
-    v = sweep_at(x, v)
-    v = v + half_kick
-    x = x + 0.5 * dt * v
-    return x, v
+middle_step = partial(word_step, [("B", 1.0), ("A", 0.5), ("O", 1.0), ("A", 0.5)])
+aboba_step = partial(word_step, [("A", 0.5), ("B", 0.5), ("O", 1.0), ("B", 0.5), ("A", 0.5)])
+bababo_step = partial(word_step, [("B", 0.2), ("A", 0.5), ("B", 0.6), ("A", 0.5), ("B", 0.2), ("O", 1.0)])
 
 
-def bababo_step(x, v, inv_m, dt, conservative_force, sweep_at):
-    """B/5, A/2, 3B/5, A/2, B/5, sweep: the sweep at the positions of the last force."""
-    inv_m = np.asarray(inv_m)[:, None]
-    v = v + 0.2 * dt * inv_m * conservative_force(x)
-    x = x + 0.5 * dt * v
-    v = v + 0.6 * dt * inv_m * conservative_force(x)
-    x = x + 0.5 * dt * v
-    v = v + 0.2 * dt * inv_m * conservative_force(x)
-    return x, sweep_at(x, v)
-
-
-# --------------------------------------------------------------------------------------------- measurements
 def pressure(m, v, virial: float, box) -> float:
     """P = (sum m v^2 + virial) / (3 V), virial = sum r_ij . F."""
     return float((np.sum(np.asarray(m)[:, None] * np.asarray(v) ** 2) + virial) / (3.0 * volume(box)))

@@ -177,12 +177,8 @@ def dpde_verlet_step(x, v, u_cond, u_mech, rates: DpdeRates, masses, dt, eos: Eo
     """Velocity Verlet of positions, velocities and internal energies (fix dpd/energy with fix nve and an eos).
 
     ``v += dt/2 F/m``, ``x += dt v``, ``u += dt/2 du``, ``theta = theta(u_cond + u_mech)``; new F and du at
-    x(t+dt), v(t+dt/2), theta(t+dt/2); ``v += dt/2 F/m``, ``u += dt/2 du``; theta from the final u.
-
-    Parameters
-    ----------
-    rates : rates of the last evaluation, noise included
-    rates_at : ``rates_at(x, v, theta) -> DpdeRates`` with the noise of this step bound
+    x(t+dt), v(t+dt/2), theta(t+dt/2); ``v += dt/2 F/m``, ``u += dt/2 du``; theta from the final u.  ``rates`` are those of the last
+    evaluation, ``rates_at(x, v, theta)`` has the noise of this step bound.
     """
     m = np.asarray(masses, dtype=float)[:, None]
     v = v + 0.5 * dt * rates.terms.forces / m
@@ -252,6 +248,3 @@ def shardlow_energy_sweep(
         u_mech[i] += 0.5 * lost
         u_mech[j] += 0.5 * lost
     return Sweep(v, u_cond, u_mech)
-
-
-# ------------------------------------------------------------------------------------------------- measures

@@ -344,7 +344,6 @@ def test_barostats_are_refused_where_they_do_not_fit(scene):
     make, other = (add_barostat, EnthalpyBarostat) if scene is fluid else (EnthalpyBarostat, add_barostat)
     raises(dpd.PlanError, "internal energies", lambda: other(built, 1.0))
     for wrong in ({"interval": 0}, {"axes": (False, False, False)}, {"pressure": 1 * unit.kelvin}, {"pressure": float("nan")}):
-        with pytest.raises(dpd.ParameterError):
-            make(built, **{"pressure": 1.0, **wrong})
+        raises(dpd.ParameterError, ".", make, built, **{"pressure": 1.0, **wrong})
     make(built, 10 * unit.bar)
     raises(dpd.PlanError, "without a box", lambda: make(dpd.build(scene(box=None), dt=DT, platform="Reference", seed=1), 1.0))

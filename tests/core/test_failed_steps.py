@@ -237,5 +237,4 @@ def test_the_recording_sees_a_half_done_step(host):
     run.record(2)
     last = run.known[2]
     for name, change in (("x", 0.5 * DT * last["v"]), ("counter", 1.0), ("time", DT), ("steps", 1)):
-        with pytest.raises(AssertionError):
-            agrees({**last, name: last[name] + change}, last, 1e-4)
+        raises(AssertionError, ".", agrees, {**last, name: last[name] + change}, last, 1e-4)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cases import cases, raises
 from full_disk import file_limit
+from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import OutputError
@@ -87,8 +88,7 @@ def test_frames_of_fields_before_a_failure_stay(tmp_path):
 
 @pytest.mark.parametrize("kind", ["State", "Checkpoint"])
 def test_states_and_checkpoints_before_a_failure_stay(tmp_path, kind):
-    x = np.random.default_rng(5).random((100, 3)) * 4
-    scene = dpd.Scene({"W": 1.0}, ["W"] * 100, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[4.0] * 3)
+    scene = beads(100, seed=5, edge=4.0)
     simulation = dpd.build(scene, dt=0.02, platform="Reference", seed=1).simulation()
     save, load = (getattr(simulation, f"{word}{kind}") for word in ("save", "load"))
     save(str(tmp_path / "kept"))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from judged import any_seed, judge
 from openmm import unit
+from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import poiseuille_viscosity
@@ -85,10 +86,9 @@ def test_bounce_back_does_not_slip_and_specular_does(seed):
 def test_body_force_gives_momentum_and_reverse_flow_keeps_it():
     """Momentum changes by dt times the total force, step by step; in reverse flow this is f times the difference of the halves."""
     n = 81
-    x = np.random.default_rng(1).random((n, 3)) * 3
     for pattern, axis in (("uniform", None), ("halves", "z")):
         force = dpd.BodyForce((0.5, 0, 0), pattern=pattern, axis=axis)
-        scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=[3] * 3, body_forces=[force])
+        scene = beads(n, body_forces=[force])
         simulation = dpd.build(scene, dt=0.02, seed=1, platform="CPU").simulation(properties={"Threads": "1"})
         expected = 0.0
         for _ in range(50):
@@ -104,8 +104,7 @@ def test_walls_and_body_forces_on_platforms(device):
     edges, rng = np.array([4.0, 4.0, 6.0]), np.random.default_rng(2)
     x = rng.random((192, 3)) * [4, 4, 4] + [0, 0, 4] + rng.integers(-2, 3, (192, 3)) * edges
     walls, push = [dpd.Wall("z", 4.0, "above"), dpd.Wall("z", 2.0, "below")], dpd.BodyForce((0.1, 0, 0), pattern="halves", axis="y")
-    table = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
-    scene = dpd.Scene({"W": 1.0}, ["W"] * 192, x, table, 1.0, box=edges, walls=walls, body_forces=[push])
+    scene = beads(192, positions=x, box=edges, walls=walls, body_forces=[push])
     built = dpd.build(scene, dt=0.02, seed=3, platform=device.platform)
     simulation = built.simulation(properties=device.properties)
     push = dpd.force_terms(built, properties=device.properties)["external"]

@@ -100,7 +100,7 @@ def test_no_pair_interacts(what, device):
     assert np.isfinite(dpd.Observer(built).sample(stepped(built.simulation(properties=device.properties), 3).context).total)
 
 
-def test_other_positions_and_velocities_than_the_scenes():
+def test_other_positions_velocities_and_noise_counts():
     scene = fluid(EXTENDED, BOXES["tilted"], kT=KT)
     built = dpd.build(scene, dt=DT, platform="Reference", seed=9)
     x, v = scene.positions + np.random.default_rng(0).normal(size=scene.positions.shape) * 0.1, -2 * scene.velocities
@@ -108,10 +108,6 @@ def test_other_positions_and_velocities_than_the_scenes():
     params, types = oracle_params(scene), scene.type_ids
     assert relative_rms(terms["conservative"], oracle.conservative(x, types, params, scene.box).forces) < EXACT
     assert relative_rms(terms["dissipative"], oracle.dissipative(x, v, types, params, scene.box).forces) < EXACT
-
-
-def test_noise_counts_choose_independent_random_forces():
-    built = dpd.build(fluid(EXTENDED, kT=KT), dt=DT, platform="Reference", seed=9)
     first, again, other = (dpd.force_terms(built, counter=counter)["random"] for counter in (1, 1, 2))
     assert np.array_equal(first, again)
     # about 450 components of correlated pairs: 4 standard errors of a correlation of independent numbers are 0.19

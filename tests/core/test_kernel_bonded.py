@@ -53,16 +53,10 @@ def terms_of(scene):
 
 @EVERY_KIND
 @EVERY_BOX
-def test_openmm_gives_the_same(kind, box):
+def test_openmm_gives_the_same_and_forces_are_the_gradient(kind, box):
     scene, x, vectors = chain_scene(kind, box)
     forces = bonded_forces((*scene.bonds, *scene.angles), vectors is not None)
     check.check_agreement(terms_of(scene), forces, x, vectors)
-
-
-@EVERY_KIND
-@EVERY_BOX
-def test_forces_are_the_gradient_and_sum_up_to_nothing(kind, box):
-    scene, x, vectors = chain_scene(kind, box)
     check.check_gradient(terms_of(scene), x, vectors, every=13)
     check.check_total_force(terms_of(scene), x, vectors)
 

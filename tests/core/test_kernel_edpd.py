@@ -183,6 +183,7 @@ def test_lammps_uses_the_noise_of_the_motion_for_the_heat():
 @pytest.mark.parametrize(("stream", "counter"), [(1, 3855336), (0, 5166690)])
 def test_noise_of_the_heat_is_cut_at_five(stream, counter):
     """At these counts of the noise the number of the pair is beyond 5: it happens once in 1.7 million draws."""
+    assert [clamped(value) for value in (-7.0, -5.0, 0.3, 5.0, 9.0)] == [-5.0, -5.0, 0.3, 5.0, 5.0]
     xi = noise_of(2, SEED, counter, 1.0)(0, 1, stream)
     assert abs(xi) > 5.05
     scene = pair_of_beads(compat="lammps" if stream == 0 else "consistent")
@@ -191,10 +192,6 @@ def test_noise_of_the_heat_is_cut_at_five(stream, counter):
     if stream == 0:
         theta = 2 / (1 / 0.8 + 1 / 1.7)
         assert np.linalg.norm(force[0]) == pytest.approx(np.sqrt(2 * 4.5 * theta * 0.5**1.4 / DT) * abs(xi), rel=1e-12)
-
-
-def test_clamped():
-    assert [clamped(value) for value in (-7.0, -5.0, 0.3, 5.0, 9.0)] == [-5.0, -5.0, 0.3, 5.0, 5.0]
 
 
 # -- errors -------------------------------------------------------------------------------------------------------------------------------

@@ -130,15 +130,11 @@ def test_no_correlation(first, second):
 
 
 def test_no_correlation_between_pairs():
-    """Neighbours in either index, the lag-1 and lag-2000 autocorrelation of (0..499) x (2000..3999): |r| < 4/sqrt(M)."""
+    """Neighbours in either index, |r| < 4/sqrt(M); sums over the 2000 pairs of a bead are normal, their variance within 4 sqrt(2/500)."""
     values = stream(noise.call_key(9, 3), M, 0).reshape(500, 2000)
     for x, y in ((values[:, 1:], values[:, :-1]), (values[1:], values[:-1]), (values[1:, 1:], values[:-1, :-1])):
         assert abs(np.corrcoef(x.ravel(), y.ravel())[0, 1]) < 4 / np.sqrt(x.size)
         assert abs(np.corrcoef(x.ravel() ** 2, y.ravel() ** 2)[0, 1]) < 4 / np.sqrt(x.size)
-
-
-def test_sums_over_the_pairs_of_a_bead_are_normal():
-    """A bead feels a sum over its pairs; 500 sums over 2000 pairs have variance 2000 within 4 sqrt(2/500)."""
     sums = stream(noise.call_key(4, 8), M, 0).reshape(500, 2000).sum(axis=1)
     assert abs(np.var(sums) / 2000 - 1) < 4 * np.sqrt(2 / 500)
     assert ks(sums / np.sqrt(2000)) > 1e-4

@@ -74,12 +74,17 @@ def openmm_forces(name, types, factors, periodic):
 
 @EVERY_TABLE
 @EVERY_BOX
-def test_openmm_gives_the_same(name, box):
+def test_openmm_gives_the_same_and_forces_are_the_gradient(name, box):
     """Tables as far as OpenMM's, sampled anew, follow them: its forces smooth out where the second derivative jumps."""
     x, types, factors = lattice(BOXES[box])
     terms = radial_terms(resolved(name), types, NAMES, factors)
     rtol, force_rtol = (1e-6, 1e-4) if "table" in name else (1e-9, 1e-9)
     check.check_agreement([terms], openmm_forces(name, types, factors, box != "none"), x, BOXES[box], rtol, force_rtol)
+    x, types, factors = lattice(BOXES[box], seed=5)
+    terms = [radial_terms(resolved(name), types, NAMES, factors)]
+    check.check_gradient(terms, x, BOXES[box], every=31)
+    check.check_total_force(terms, x, BOXES[box])
+    check.check_pickle(terms, x, BOXES[box])
 
 
 @EVERY_TABLE
@@ -109,21 +114,6 @@ def test_the_sum_over_all_pairs(name, box):
     energy, force = check.evaluate([radial_terms(table, types, NAMES, factors)], x, vectors)
     assert abs(expected) > 1 and energy == pytest.approx(expected, rel=1e-11)
     np.testing.assert_allclose(force, expected_force, rtol=0, atol=1e-11 * np.abs(expected_force).max())
-
-
-@EVERY_TABLE
-@EVERY_BOX
-def test_forces_are_the_gradient_and_sum_up_to_nothing(name, box):
-    x, types, factors = lattice(BOXES[box], seed=5)
-    terms = [radial_terms(resolved(name), types, NAMES, factors)]
-    check.check_gradient(terms, x, BOXES[box], every=31)
-    check.check_total_force(terms, x, BOXES[box])
-
-
-@EVERY_TABLE
-def test_pickled_copies_do_the_same(name):
-    x, types, factors = lattice(BOXES["tilted"])
-    check.check_pickle([radial_terms(resolved(name), types, NAMES, factors)], x, BOXES["tilted"])
 
 
 def two(name, distance):
@@ -170,7 +160,8 @@ def test_beads_at_the_same_point(name):
 
 
 def test_beads_that_take_no_part():
-    """No bead at all of the types that interact, and positions that are not numbers."""
+    """No bead at all of the types that interact, positions that are not numbers, and a scene without any."""
+    assert extras(beads(), (), {}) == ()
     terms = radial_terms(resolved("some lennard-jones"), np.zeros(5, np.int32), NAMES, {})
     energy, force = check.evaluate([terms], np.random.default_rng(1).random((5, 3)), None)
     assert energy == 0.0 and not force.any()
@@ -297,7 +288,3 @@ def test_everything_of_a_scene(box, two_threads):
     warm_up_extras(terms)
     check.check_threads(terms, x, scene.box)
     check.check_pickle(terms, x, scene.box)
-
-
-def test_a_scene_without_any():
-    assert extras(beads(), (), {}) == ()

@@ -257,7 +257,6 @@ def test_what_two_beads_share_follows_a_gaussian_that_is_cut_off(dt):
         assert stats.kstest(share[:, s], law(1.2 * width).cdf).pvalue < 6e-5 or s == 2
 
 
-# -- errors -------------------------------------------------------------------------------------------------------------------------------
 def test_the_conservative_force_needs_no_concentrations():
     scene = solution()
     energy, force, _ = prepared(scene).forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0)

@@ -9,7 +9,7 @@ from cases import cases, raises
 from judged import any_seed, judge
 from kinds import everything, made, running, same
 from openmm import unit
-from scenes import PLAIN, chains, external_force
+from scenes import PLAIN, beads, chains, external_force
 
 import openmm_dpd as dpd
 from openmm_dpd.measure.stress_parts import bond_sums, stress_parts
@@ -130,10 +130,13 @@ def test_reporter_writes_what_the_observer_measures():
     assert kelvin / kT == pytest.approx(120.27, abs=0.01) and bar / pressure == pytest.approx(16.605, abs=0.001)
 
 
-def test_reporter_refuses_unknown_columns():
+def test_reporters_and_observers_refuse_what_is_not_theirs():
     built = dpd.build(fluid(), dt=0.01, platform="Reference", seed=3)
     raises(dpd.ParameterError, "unknown columns kt; they must be among step", dpd.DPDReporter, io.StringIO(), 2, built, columns=("kt",))
     raises(dpd.ParameterError, "interval.*at least 1, not 0", dpd.DPDReporter, io.StringIO(), 0, built)
+    few, context = _few_beads("nothing"), built.simulation().context
+    message = "the Context has 120 particles, but this Observer was made for a System of 8"
+    raises(dpd.ParameterError, message, dpd.Observer(few).sample, context)
 
 
 def test_the_set_temperature_of_openmms_integrator():
@@ -154,9 +157,8 @@ def test_forces_that_somebody_adds_are_told_apart(scheme, conservative, tmp_path
     if (scheme, conservative) == ("native", "kernel"):
         pytest.skip("native has no kernel")
     n, edge = 81, 3.0
-    x = np.random.default_rng(3).random((n, 3)) * edge
-    bonds = [dpd.HarmonicBonds([[0, 1], [2, 3]], k=5.0, r0=0.5)]
-    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3, bonds=bonds)
+    scene = beads(n, seed=3, edge=edge, bonds=[dpd.HarmonicBonds([[0, 1], [2, 3]], k=5.0, r0=0.5)])
+    x = scene.positions
     plain, pulled = (dpd.build(scene, dt=0.01, scheme=scheme, platform="Reference", conservative=conservative, seed=1) for _ in range(2))
     pulled.system.addForce(external_force("-3*x+7*y", 10))
     one, other = (dpd.Observer(built).sample(built.simulation().context) for built in (plain, pulled))
@@ -216,12 +218,6 @@ def test_temperatures_of_few_beads(tied, seed):
         built.integrator.step(10)
         kinetic.append(simulation.context.getState(energy=True).getKineticEnergy()._value)
     judge(2 * np.array(kinetic) / dof, 1.0, error=0.028)
-
-
-def test_an_observer_is_for_one_system():
-    few = _few_beads("nothing")
-    with pytest.raises(dpd.ParameterError, match="the Context has 120 particles, but this Observer was made for a System of 8"):
-        dpd.Observer(few).sample(dpd.build(fluid(), dt=0.01, platform="Reference").simulation().context)
 
 
 def test_bonds_fit_into_the_box():

@@ -93,8 +93,7 @@ def test_what_would_not_act_is_refused(options, message):
 
 
 def test_other_refusals_hold_with_a_tension():
-    with pytest.raises(dpd.PlanError, match="orthorhombic"):
-        dpd.add_barostat(build(fluid(box=[[4, 0, 0], [1, 4, 0], [0, 0, 4]])), 20.0, surface_tension=0)
+    raises(dpd.PlanError, "orthorhombic", dpd.add_barostat, build(fluid(box=[[4, 0, 0], [1, 4, 0], [0, 0, 4]])), 20.0, surface_tension=0)
     raises(dpd.PlanError, "temperature.*is 0", lambda: dpd.add_barostat(build(fluid(kT=0.0)), 20.0, surface_tension=0))
     built = build()
     dpd.add_barostat(built, 20.0, surface_tension=0)

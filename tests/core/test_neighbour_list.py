@@ -84,16 +84,13 @@ def test_forces_and_virials_on_reference_are_those_on_cpu(table, conservative):
     np.testing.assert_allclose(forces, forces_cpu, atol=1e-4)
 
 
-def test_densities_are_left_to_the_kernel():
+def test_densities_are_left_to_the_kernel_and_the_plan_says_so():
     term = dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.8, cutoff_B=1.5)
     assert dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", seed=1).plan.execution.conservative == "kernel"
     with pytest.raises(dpd.PlanError, match="conservative='openmm' is not possible: .*tilted.*Reference platform.*CPU"):
         dpd.build(scene({("A", "A"): term}), dt=0.01, platform="Reference", conservative="openmm", seed=1)
     built = dpd.build(scene({("A", "A"): term}), dt=0.01, platform="CPU", conservative="openmm", seed=1)
     assert built.plan.execution.conservative == "openmm"
-
-
-def test_the_plan_says_so():
     choices = {"dt": 0.01, "platform": "Reference", "seed": 1}
     auto, openmm_force = (dpd.build(scene(TABLES["DPD"]), conservative=choice, **choices) for choice in ("auto", "openmm"))
     assert auto.plan.execution.conservative == "kernel"

@@ -346,8 +346,7 @@ ARGUMENTS |= {name: ("more", 1.0) for name in ("addGlobalVariable", "addPerDofVa
 def test_programs_are_closed_in_a_context(way):
     run = Run(way)
     for method, arguments in ARGUMENTS.items():
-        with pytest.raises(openmm.OpenMMException, match=METHODS["PairIntegrator"][method][0].partition(": ")[2]):
-            getattr(run.integrator, method)(*arguments)
+        raises(openmm.OpenMMException, METHODS["PairIntegrator"][method][0].partition(": ")[2], getattr(run.integrator, method), *arguments)
 
 
 def test_lines_that_were_added_before_are_executed():

@@ -101,16 +101,14 @@ def test_a_caller_may_go_on_with_what_it_handed_over(kind):
         assert not isinstance(value, np.ndarray) or not value.flags.writeable, field.name
 
 
-def test_one_mask_used_for_two_forces():
+def test_what_is_handed_over_is_copied():
+    """A mask used for two forces, tables, molecules, and what is built of a scene."""
     mask = np.arange(81) < 10
     first = dpd.BodyForce([1.0, 0, 0], beads=mask)
     mask[:] = np.arange(81) >= 71
     second = dpd.BodyForce([0, 1.0, 0], beads=mask)
     assert np.flatnonzero(first.beads).tolist() == list(range(10))
     assert np.flatnonzero(second.beads).tolist() == list(range(71, 81))
-
-
-def test_tables_and_molecules_keep_copies():
     entries = {("A", "A"): dpd.DPD(A=25.0, gamma=4.5)}
     table = dpd.PairTable(entries)
     entries.clear()
@@ -120,9 +118,6 @@ def test_tables_and_molecules_keep_copies():
     for value in (bonds, types, charges):
         spoil(value)
     assert (molecule.types, len(molecule.bonds), molecule.charges) == (("A", "B"), 1, (1.0, -1.0))
-
-
-def test_what_is_built_is_the_users_own():
     arguments = scene_arguments()
     scene = dpd.Scene(**arguments)
     built = dpd.build(scene, dt=0.01, platform="Reference", seed=1)

@@ -63,14 +63,11 @@ def test_every_row_is_drawn_of_long_series_some_and_the_target_may_be_a_ramp(tmp
 
 
 def test_runs_are_kept_apart():
-    """Runs often share the step at which one ends and the next begins; only there two rows have the same x."""
+    """Runs often share the step at which one ends and the next begins; only there two rows have the same x.  A mean slides."""
     assert _spans(np.array([0.0, 1.0, 2.0, 2.0, 3.0]), [2.0]) == [slice(0, 3), slice(3, 5)]
     assert _spans(np.array([0.0, 1.0, 2.0, 3.0]), [2.0]) == [slice(0, 2), slice(2, 4)]
     assert _spans(np.arange(4.0), [1.0, 3.0]) == [slice(0, 1), slice(1, 3), slice(3, 4)]
     assert _spans(np.arange(4.0), []) == _spans(np.arange(4.0), [0.0, 9.0]) == [slice(0, 4)]
-
-
-def test_sliding_mean():
     line = 3.0 * np.arange(50) - 7
     assert np.allclose(_sliding_mean(line, 11)[5:-5], line[5:-5], rtol=1e-12)
     values = np.random.default_rng(2).standard_normal(50)

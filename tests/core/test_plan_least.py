@@ -32,17 +32,13 @@ def parameters_of(built) -> set[str]:
 
 
 @SCHEMES
-def test_no_thermostat_no_python_force(scheme):
-    """Velocity Verlet and OpenMM's own force: none of our parameters, none of our variables."""
+def test_what_nothing_asks_for_is_not_there(scheme):
+    """Without a thermostat: none of our parameters and variables.  Without a conservative force: no nonbonded force."""
     built = build(beads(table=SOFT), scheme=scheme)
     assert set(kinds(built)) == {"CustomNonbondedForce"}
     assert not parameters_of(built)
     assert built.integrator.getNumGlobalVariables() == 0
     assert "no pair kernel" in built.explain()
-
-
-@SCHEMES
-def test_no_conservative_force_no_nonbonded_force(scheme):
     built = build(beads(table=FRICTION), scheme=scheme)
     assert set(kinds(built)) == {"PythonForce"}
     assert built.plan.execution.conservative == "none"

@@ -7,6 +7,7 @@ import logging
 import numpy as np
 import pytest
 from cases import raises
+from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -15,8 +16,7 @@ N, EDGE = 375, 5.0
 
 
 def scene(kT=1.0, box=(EDGE, EDGE, EDGE), **options) -> dpd.Scene:
-    x = np.random.default_rng(1).random((N, 3)) * EDGE
-    return dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=kT, box=box, **options)
+    return beads(N, edge=EDGE, kT=kT, box=box, **options)
 
 
 def build(dt=0.02, scheme="middle", **options):
@@ -45,7 +45,13 @@ def test_a_temperature_that_is_off_is_said_once(caplog):
     assert caplog.records[0].name == "openmm_dpd" and caplog.records[0].levelno == logging.WARNING
 
 
-def test_a_changed_temperature_is_compared_with_the_rows_since(caplog):
+def test_equilibrium_a_quench_and_a_changed_temperature_say_nothing(caplog):
+    """Also with a row for every step, and from a start ten times too hot; a changed temperature is compared with the rows since."""
+    for options, every in (({}, 1), ({}, 20), ({"velocities": np.random.default_rng(3).normal(size=(N, 3)) * 10**0.5}, 5)):
+        built = build(dt=0.04, **options)
+        simulation = start(built)
+        simulation.reporters.append(dpd.DPDReporter(io.StringIO(), every, built))
+        simulation.step(41 * every)
     built = build(dt=0.04)
     simulation = start(built)
     simulation.reporters.append(dpd.DPDReporter(io.StringIO(), 10, built))
@@ -55,17 +61,6 @@ def test_a_changed_temperature_is_compared_with_the_rows_since(caplog):
     assert not said(caplog)
 
 
-def test_a_run_in_equilibrium_and_a_quench_say_nothing(caplog):
-    """Also with a row for every step, and from a start ten times too hot."""
-    for options, every in (({}, 1), ({}, 20), ({"velocities": np.random.default_rng(3).normal(size=(N, 3)) * 10**0.5}, 5)):
-        built = build(dt=0.04, **options)
-        simulation = start(built)
-        simulation.reporters.append(dpd.DPDReporter(io.StringIO(), every, built))
-        simulation.step(41 * every)
-    assert not said(caplog)
-
-
-# -- columns that are nan --------------------------------------------------------------------------------------------------------
 def test_columns_that_will_be_nan_are_named_with_the_reason(caplog):
     charged = scene(charges=[1.0, -1.0] + [0.0] * (N - 2), electrostatics=dpd.SlaterCharges(lamda=0.2, bjerrum_length=1.0, cutoff=2.0))
     built = dpd.build(charged, dt=0.02, platform="CPU", seed=1)
@@ -81,13 +76,11 @@ def test_columns_that_will_be_nan_are_named_with_the_reason(caplog):
     assert [text.partition("nan: ")[2] for text in said(caplog)] == reasons
 
 
-# -- what is refused -------------------------------------------------------------------------------------------------------------
 def test_a_wrong_argument_is_named_and_nothing_follows(tmp_path):
     """An exception in __del__, which Python only prints, is an error under pytest."""
     wrong = r"^DPDReporter needs as built the result of openmm_dpd.build.*create_mixed_system\(\), not a Scene$"
     raises(ParameterError, wrong, lambda: dpd.DPDReporter(tmp_path / "x", 10, scene()))
-    with pytest.raises(TypeError):
-        dpd.DPDReporter(tmp_path / "x", 10)
+    raises(TypeError, ".", dpd.DPDReporter, tmp_path / "x", 10)
     gc.collect()
 
 

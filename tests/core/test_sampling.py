@@ -11,7 +11,7 @@ import foreign_forces
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, raises
 from judged import any_seed, with_seeds
 from openmm import app, unit
 from scenes import beads, place, state_of, step_all, stepped
@@ -77,7 +77,7 @@ def everyone_says(simulation, kT: float) -> None:
 @WAY
 @pytest.mark.parametrize("first, second", itertools.product(SET, SET))
 def test_what_was_set_last_holds(way, first, second):
-    """With steps between; also when a way is given the very value that it was given before."""
+    """With steps between, also when a way is given the value that it was given before; and without, as samplers restore and set."""
     simulation = fluid(way, platform="Reference")
     context = simulation.context
     for setter, kT in ((first, 2.0), (second, 1.0), (first, 1.5), (second, 1.0), (first, 1.5), (first, 1.25), (second, 3.0)):
@@ -86,12 +86,6 @@ def test_what_was_set_last_holds(way, first, second):
         everyone_says(simulation, kT)
         simulation.step(2)
         everyone_says(simulation, kT)
-
-
-@WAY
-@pytest.mark.parametrize("first, second", itertools.product(SET, SET))
-def test_what_was_set_last_holds_without_a_step_between(way, first, second):
-    """Samplers restore parameters and set a temperature right after."""
     simulation = fluid(way, platform="Reference")
     for kT, last in ((2.0, 1.0), (1.5, 1.0), (1.0, 2.0)):
         SET[first](simulation.context, kT)
@@ -110,13 +104,10 @@ def test_beads_among_atoms_take_temperatures_as_well(scheme, platform):
     foreign_forces.among_beads(case, cell)
     simulation = stepped(case.simulation(platform, True), 1)
     everyone_says(simulation, 300 * BOLTZMANN)
-    for way in SET:
-        SET[way](simulation.context, 2.0)
+    for way, kT in itertools.product(SET, (2.0, 3.0)):
+        SET[way](simulation.context, kT)
         simulation.step(1)
-        everyone_says(simulation, 2.0)
-        SET[way](simulation.context, 3.0)
-        simulation.step(1)
-        everyone_says(simulation, 3.0)
+        everyone_says(simulation, kT)
 
 
 @RUN
@@ -162,8 +153,7 @@ def test_setting_is_refused_with_a_ramp(way):
     """The ramp would overwrite it."""
     simulation = fluid(way, kT=dpd.TemperatureRamp(1.0, 2.0, 0, 100), platform="Reference")
     for _ in range(2):
-        with pytest.raises(dpd.ParameterError, match="ramp|Ramp"):
-            simulation.integrator.setTemperature(200 * KELVIN)
+        raises(dpd.ParameterError, "ramp|Ramp", simulation.integrator.setTemperature, 200 * KELVIN)
         simulation.step(1)
     assert simulation.context.getParameter("dpd_kT") == pytest.approx(1.02, abs=0.011)
 
@@ -172,8 +162,7 @@ def test_setting_is_refused_with_a_ramp(way):
 def test_senseless_temperatures_are_refused(value):
     """What was set before holds."""
     simulation = fluid(platform="Reference")
-    with pytest.raises((dpd.DPDError, openmm.OpenMMException, TypeError)):
-        simulation.integrator.setTemperature(value)
+    raises((dpd.DPDError, openmm.OpenMMException, TypeError), ".", simulation.integrator.setTemperature, value)
     simulation.step(1)
     assert simulation.context.getParameter("dpd_kT") == 1.0
 
@@ -435,32 +424,14 @@ UMBRELLA_ERROR, METADYNAMICS_ERROR = 0.02, 0.21
 
 @pytest.mark.slow
 @any_seed(0)
-def test_the_umbrella_of_the_page(page, seed):
-    """Volumes of two shells."""
+def test_what_the_page_says(page, seed):
+    """Free energies beside volumes of two shells and -2 kT ln r, temperatures of tempering and exchange; seeds of their own part twins."""
     assert page(seed)["exact"] == pytest.approx(-math.log((1.4**3 - 1.2**3) / (0.8**3 - 0.6**3)))
     assert abs(page(seed)["difference"] - page(seed)["exact"]) < 4 * UMBRELLA_ERROR
-
-
-@pytest.mark.slow
-@any_seed(0)
-def test_the_metadynamics_of_the_page(page, seed):
-    """-2 kT ln r."""
     assert page(seed)["exact_rise"] == pytest.approx(-2 * math.log(1.3 / 0.7))
     assert abs(page(seed)["rise"] - page(seed)["exact_rise"]) < 4 * METADYNAMICS_ERROR
-
-
-@pytest.mark.slow
-@any_seed(0)
-def test_the_temperatures_of_the_page(page, seed):
-    """Of tempering and of replica exchange."""
     for factor, samples in zip((1.0, 1.05), page(seed)["kinetic"].values(), strict=True):
         holds(samples, factor)
     for factor, samples in zip((1.0, 1.05, 1.1), page(seed)["reached"].values(), strict=True):
         holds(samples, factor)
-
-
-@pytest.mark.slow
-@any_seed(0)
-def test_the_twins_of_the_page(page, seed):
-    """Seeds of their own part them."""
     assert abs(page(seed)["likeness"]) < 4 / math.sqrt(3 * 192 - 3)

@@ -244,14 +244,10 @@ def test_other_parameters_that_do_not_go_with_words():
     scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=dpd.BeadTemperatures(1.0, 30.0), compat="lammps")
     reason = "keeps the energy of a pair, which LAMMPS's heat does not; only scheme='mvv'.*B/2 A/2 O A/2 B/2"
     raises(dpd.PlanError, reason, dpd.build, scene, dt=0.02, scheme=BAOAB, platform="Reference")
-
-
-def test_explanations_name_the_word():
     built = dpd.build(beads(), dt=0.02, scheme=BAOAB, platform="Reference", seed=1)
     assert BAOAB in dpd.explain_plan(built.plan) and BAOAB in repr(built.plan) and BAOAB in built.explain()
 
 
-# -- advice --------------------------------------------------------------------------------------------------------------------------
 DENSE = beads(375, edge=5.0)
 
 
@@ -311,7 +307,6 @@ def test_export_notes_that_lammps_has_no_such_scheme(text, tmp_path):
     assert "LAMMPS has no scheme" in notes and scheme_of(text).name in notes
 
 
-# -- states --------------------------------------------------------------------------------------------------------------------------
 def saved(scheme: str, how: str) -> tuple:
     simulation = stepped(run_of(still(), REFERENCE, dt=0.02, scheme=scheme), 2)
     file = io.StringIO() if how == "State" else io.BytesIO()
@@ -322,15 +317,11 @@ def saved(scheme: str, how: str) -> tuple:
 
 @pytest.mark.parametrize("how", ["State", "Checkpoint"])
 def test_states_of_other_words_are_refused(how):
+    """... and go from a name to its word."""
     for writer, reader in ((BAOAB, "middle"), ("middle", BAOAB), (BAOAB, "B/2 A/2 S A/2 B/2"), ("O/2 B A O/2", "O/3 B A 2O/3")):
         _, file = saved(writer, how)
         other = run_of(still(), REFERENCE, dt=0.02, scheme=reader)
-        with pytest.raises(dpd.PlanError, match="written by another scheme|with other variables"):
-            getattr(other, f"load{how}")(file)
-
-
-@pytest.mark.parametrize("how", ["State", "Checkpoint"])
-def test_states_go_from_a_name_to_its_word(how):
+        raises(dpd.PlanError, "written by another scheme|with other variables", getattr(other, f"load{how}"), file)
     simulation, file = saved("middle", how)
     other = run_of(still(), REFERENCE, dt=0.02, scheme="B A/2 O A/2")
     getattr(other, f"load{how}")(file)
@@ -338,7 +329,6 @@ def test_states_go_from_a_name_to_its_word(how):
     assert np.array_equal(state_of(simulation.context)[1], state_of(other.context)[1])
 
 
-# -- energies ------------------------------------------------------------------------------------------------------------------------
 def test_a_word_conserves_energy_in_its_sweeps():
     """Internal energies: what a sweep takes from the motion the beads get; kicks and drifts conserve as velocity Verlet does."""
     internal = dpd.InternalEnergy(ConstantHeatCapacity(60.0), 1.0)

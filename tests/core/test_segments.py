@@ -104,15 +104,12 @@ def test_energy_is_conserved(distance, scheme):
     assert drifts[1] < 0.4 * drifts[0] and drifts[1] < 2e-3 * totals[0]
 
 
-def test_some_bonds_only():
+def test_some_bonds_only_and_what_is_measured():
     """Segments need not be bonds of the scene, nor all of them."""
     scene = melt(bonds=np.array([(0, 1), (6, 7), (7, 8), (30, 31)]))
     energy, force = segment_state(dpd.build(scene, dt=0.01, platform="Reference").simulation().context)
     assert energy == pytest.approx(chains.segment_energy(scene.positions, scene.segments.bonds, BOX, 80.0, 0.9, "mid"), rel=1e-12)
     assert not force[[2, 3, 20, 50]].any()
-
-
-def test_what_is_measured():
     built = dpd.build(melt(), dt=0.01, platform="Reference", seed=1)
     observer, simulation = dpd.Observer(built), built.simulation()
     sample = observer.sample(simulation.context)

@@ -342,7 +342,6 @@ def test_what_else_takes_a_scene(tmp_path):
     raises(dpd.PlanError, "`shear` cannot be put beside atoms", dpd.create_mixed_system, scene, *nothing, atoms=[], cross=[], dt=0.01)
 
 
-# -- physics -------------------------------------------------------------------------------------------------------------------------
 @pytest.mark.slow
 @pytest.mark.statistical
 @pytest.mark.parametrize(("scheme", "dt", "gamma", "expected"), [("middle", 0.04, 4.5, 0.83), ("basa", 0.05, 40.5, 1.48)])

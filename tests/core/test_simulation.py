@@ -9,6 +9,7 @@ import pytest
 from cases import raises
 from devices import Device
 from openmm import app, unit
+from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.base.platforms import platform_here
@@ -18,9 +19,7 @@ N, EDGE = 192, 4.0
 
 
 def start(platform: str, properties=None, **options):
-    x = np.random.default_rng(1).random((N, 3)) * EDGE
-    bonds = [dpd.HarmonicBonds([[0, 1], [1, 2]], k=50.0, r0=0.7)]
-    scene = dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[EDGE] * 3, bonds=bonds)
+    scene = beads(N, edge=EDGE, bonds=[dpd.HarmonicBonds([[0, 1], [1, 2]], k=50.0, r0=0.7)])
     return dpd.build(scene, dt=0.02, platform=platform, seed=1, **options).simulation(properties=properties)
 
 
@@ -126,7 +125,7 @@ def test_impossible_starts_name_the_bond(loop):
     """Nothing moves then."""
     bonds = [dpd.FENEBonds([[0, 1], [2, 3]], k=30.0, R0=1.5)]
     x = np.array([[0.0, 0, 0], [0.7, 0, 0], [0, 1, 0], [0.7, 1, 0]])
-    scene = dpd.Scene({"W": 1.0}, ["W"] * 4, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[EDGE] * 3, bonds=bonds)
+    scene = beads(4, positions=x, edge=EDGE, bonds=bonds)
     simulation = dpd.build(scene, dt=0.01, platform="Reference", seed=1, loop=loop).simulation()
     x[3, 0] = 1.7
     simulation.context.setPositions(x)

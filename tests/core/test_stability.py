@@ -6,6 +6,7 @@ import pytest
 from cases import cases, raises
 from devices import DEVICES
 from judged import any_seed, bounded, judge, ratios
+from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.lammps import RunOptions, run_deck
@@ -17,8 +18,7 @@ TOO_FAST = "more than the cutoff"
 
 def fluid(gamma: float, A: float = 25.0, kT: float = 1.0) -> dpd.Scene:
     """The standard fluid on random points."""
-    x = np.random.default_rng(1).random((N, 3)) * EDGE
-    return dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): dpd.DPD(A=A, gamma=gamma)}, kT=kT, box=[EDGE] * 3)
+    return beads(N, edge=EDGE, table={("W", "W"): dpd.DPD(A=A, gamma=gamma)}, kT=kT)
 
 
 def simulation(scene: dpd.Scene, scheme: str, dt: float, settle: float = 5.0, seed: int = 4):
@@ -91,8 +91,7 @@ def test_every_scheme_that_blows_up_says_so(scheme, dt):
 def test_a_step_in_which_beads_cross_the_box_is_an_error(scheme, conservative):
     """At these steps the box is crossed before ten thermal speeds are reached, so velocities folded into it would look harmless."""
     for edge, dt in ((5.0, 0.5), (3.0, 0.5), (3.0, 2.0)):
-        x = np.random.default_rng(1).random((round(3 * edge**3), 3)) * edge
-        scene = dpd.Scene({"W": 1.0}, ["W"] * len(x), x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=[edge] * 3)
+        scene = beads(round(3 * edge**3), edge=edge)
         made = dpd.build(scene, dt=dt, scheme=scheme, conservative=conservative, platform="CPU", seed=4).simulation(None, {"Threads": "1"})
         raises(openmm.OpenMMException, TOO_FAST, made.step, 200)
 
@@ -104,7 +103,7 @@ def test_such_a_step_is_an_error_on_every_platform(device, box):
     edges = np.diag([5.0] * 3) if np.ndim(box) == 1 else np.array(box)
     rng = np.random.default_rng(1)
     x = (rng.random((N, 3)) + rng.integers(-3, 4, (N, 3))) @ edges
-    scene = dpd.Scene({"W": 1.0}, ["W"] * N, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=1.0, box=box)
+    scene = beads(N, positions=x, box=box)
     built = dpd.build(scene, dt=0.5, scheme="mvv", conservative="openmm", platform=device.platform, seed=4)
     made = built.simulation(None, device.properties)
     raises(openmm.OpenMMException, TOO_FAST, lambda: made.step(200))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cases import cases, raises
 from judged import LEVEL, SHIFT, any_seed, bounded, judge, ratios
+from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
@@ -259,9 +260,7 @@ def test_the_sentence():
 
 # -- scenes ----------------------------------------------------------------------------------------------------------------------
 def plan(kT=1.0, pair=None, **options):
-    x = np.random.default_rng(1).random((81, 3)) * 3
-    pairs = {("W", "W"): pair or dpd.DPD(A=25, gamma=4.5)}
-    return make_plan(dpd.Scene({"W": 1.0}, ["W"] * 81, x, pairs, kT=kT, box=[3.0] * 3, **options), dt=0.01, seed=1)
+    return make_plan(beads(table={("W", "W"): pair or dpd.DPD(A=25, gamma=4.5)}, kT=kT, **options), dt=0.01, seed=1)
 
 
 def test_scenes_with_a_set_temperature():

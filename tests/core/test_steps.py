@@ -112,11 +112,10 @@ def test_steps_on_reference(scene, name, conservative):
     compare(SCENES[scene](), DEVICES[0], name, conservative, (1e-12, 1e-11))
 
 
-@pytest.mark.parametrize("scene", ["moving walls"])
 @pytest.mark.parametrize("name", [name for name in SCHEMES if name != "mvv-0"])
-def test_steps_on_cpu(scene, name):
+def test_steps_on_cpu(name):
     """With the kernel, the CPU platform is as exact as Reference."""
-    compare(SCENES[scene](), DEVICES[1], name, "kernel", (1e-12, 1e-11))
+    compare(frozen_and_walls(), DEVICES[1], name, "kernel", (1e-12, 1e-11))
 
 
 def floats():

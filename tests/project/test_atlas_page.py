@@ -100,7 +100,6 @@ def test_g_norm_takes_noise_off():
     assert size == pytest.approx(0.05, abs=4 * sem) and sem < 0.01
 
 
-# -- samples ---------------------------------------------------------------------------------------------------------------------
 def test_diffusion_of_a_random_walk():
     """Steps of variance 2 D t along each axis, in a periodic box: D = 0.3 within four standard errors."""
     rng = np.random.default_rng(3)

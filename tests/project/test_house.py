@@ -64,20 +64,14 @@ def test_questions_are_found():
     assert _questions(ast.parse("\n".join(lines)), {"DPD", "EDPD"}) == [1, 2, 3, 4]
 
 
-def test_no_circles():
+def test_files_are_short_without_circles_and_names_stand_for_one_thing():
     assert circles(set(TREES)) == []
-
-
-def test_names_stand_for_one_thing():
     found = defaultdict(set)
     for module, tree in TREES.items():
         for node in tree.body:
             if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and not node.name.startswith("_"):
                 found[node.name].add(PATHS[module])
     assert not {name: sorted(files) for name, files in found.items() if len(files) > 1}
-
-
-def test_files_are_short():
     long = {path for path in PATHS.values() if len((ROOT / path).read_text(encoding="utf-8").splitlines()) > 400}
     assert not long
 

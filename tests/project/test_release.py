@@ -35,7 +35,6 @@ _, _head, PAPER = text("paper/paper.md").split("---\n", 2)
 PAPER_HEAD = yaml.safe_load(_head)
 
 
-# -- one version, one name -------------------------------------------------------------------------------------------------------
 def test_version_name_and_licence_are_the_same_everywhere():
     assert "version" in PROJECT["dynamic"] and "version" not in PROJECT  # read from the package
     changes = re.findall(r"^## (\S+)", text("CHANGELOG.md"), flags=re.MULTILINE)

@@ -168,8 +168,7 @@ def test_reporters_that_fold_and_that_do_not(tmp_path):
 def test_paths_that_cannot_be_unwrapped():
     x = walk(7, 20, 40, 1.2)
     box = np.eye(3) * 5
-    with pytest.raises(ParameterError, match="Write frames more often"):
-        mean_squared_displacement(trajectory_of(folded(x, box), ["A"] * 20, box), interval=1)
+    raises(ParameterError, "Write frames more often", mean_squared_displacement, trajectory_of(folded(x, box), ["A"] * 20, box), interval=1)
     continuous = trajectory_of(x * 2, ["A"] * 20, box)
     raises(ParameterError, "use unwrap=False if they are on continuous paths", lambda: mean_squared_displacement(continuous, interval=1))
     free = mean_squared_displacement(trajectory_of(x * 2, ["A"] * 20), interval=1)

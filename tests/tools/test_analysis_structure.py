@@ -80,8 +80,7 @@ def test_pairs_beyond_half_the_box():
     x = np.zeros((2, 3))
     assert len(pairs_within(x, None, TILTED, 2.2)[0]) == 1
     raises(ParameterError, "a distance of 2.6 is more than half the smallest width", lambda: pairs_within(x, None, BOXES["edges"], 2.6))
-    with pytest.raises(ParameterError, match="smallest width of the box, 4.8076"):  # 210 / |a x c|
-        pairs_within(x, None, TILTED, 2.45)
+    raises(ParameterError, "smallest width of the box, 4.8076", pairs_within, x, None, TILTED, 2.45)  # 210 / |a x c|
 
 
 # -- radial distribution ---------------------------------------------------------------------------------------------------------
@@ -147,16 +146,14 @@ def test_structure_factor_equals_naive_sums(box):
     assert length[np.abs(n[:, 0]) == 6].min() > q_max and length[np.abs(n[:, 2]) == 7].min() > q_max
     q, length = q[length <= q_max], length[length <= q_max]
     number = np.rint(length / width).astype(int)
-    for first, second in ((None, None), ("A", None), ("A", "B"), (["B"], np.arange(3))):
+    every, of_a, of_b, three = np.arange(30), np.arange(12), np.arange(12, 30), np.arange(3)
+    for first, second, *groups in (
+        (None, None, every, every),
+        ("A", None, of_a, of_a),
+        ("A", "B", of_a, of_b),
+        (["B"], three, of_b, three),
+    ):
         found = structure_factor(trajectory, first, second, q_max=q_max, width=width)
-        groups = [
-            {None: np.arange(30), "A": np.arange(12), "B": np.arange(12, 30)}.get(g if isinstance(g, (str, type(None))) else "B")
-            for g in (first, second if isinstance(second, str) or second is None else "B")
-        ]
-        if second is None:
-            groups[1] = groups[0]
-        if isinstance(second, np.ndarray):
-            groups[1] = second
         a, b = (np.exp(-1j * np.einsum("qk,fik->fqi", q, trajectory.xyz[:, g].astype(float))).sum(axis=2) for g in groups)
         expected = (a * b.conj()).real.mean(axis=0) / np.sqrt(len(groups[0]) * len(groups[1]))
         bins = np.unique(number)
@@ -182,8 +179,7 @@ def test_structure_factor_of_lattices():
 
 
 def test_default_bins_part_the_low_shells():
-    """A lamella of the period of a box that breathes by 20 %: its peak is at the shortest wave number, S = N (2/pi)^2/3 there (one of three
-    waves of a square profile), and all shells up to five times that are alone where the box is one cube."""
+    """A lamella in a box that breathes: its peak is at the shortest wave, S = N (2/pi)^2/3; in a cube all shells up to five times that are alone."""
     edges = np.linspace(9.0, 11.0, 40)[:, None, None]
     x = np.random.default_rng(0).random((40, 900, 3))
     x[..., 2] /= 2
@@ -346,7 +342,6 @@ def test_clusters_equal_a_naive_search():
     raises(ParameterError, "must be three box vectors", lambda: cluster_labels(x, 0.75, [5, 5, 5]))
 
 
-# -- bad input -----------------------------------------------------------------------------------------------------------------
 def test_errors():
     box = BOXES["edges"]
     trajectory = random_trajectory(1, 10, 3, box)

@@ -95,13 +95,26 @@ def test_bad_input_of_slopes():
     raises(dpd.ParameterError, "which types H and W do not have", lambda: measured_chi_slope(none, "H", "W"))
 
 
-def test_compositions_of_chains():
+def test_compositions_and_bounds_of_chains():
     for beads in (2, 7):
         phi = composition_from_chi(3.0 / beads, beads=beads)
         assert phi == pytest.approx(composition_from_chi(3.0), rel=1e-12)
         assert chi_from_composition(phi, beads=beads) == pytest.approx(3.0 / beads)
     raises(dpd.ParameterError, "chi times 4 beads above 2", lambda: composition_from_chi(0.4, beads=4))
     raises(dpd.ParameterError, "beads", lambda: chi_from_composition(0.1, beads=0))
+    raises(dpd.ParameterError, "r0 = 0.2 is outside of 0.3 to 0.9", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(64.0, 0.2)))
+    raises(dpd.ParameterError, "k = 3 is outside of 25 to 100", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(3.0, 0.0)))
+    raises(dpd.ParameterError, "beads = 30 is outside of 1 to 20", lambda: chain_chi_slope(30, SOFT))
+    raises(dpd.ParameterError, "beads is 4 and bond is None", lambda: repulsion_from_chi(0.5, beads=4))
+    raises(dpd.ParameterError, "beads is 1 and bond is a Spring", lambda: chi_from_repulsion(1.0, bond=SOFT))
+    raises(dpd.ParameterError, "bond must be a Spring", lambda: chain_chi_slope(4, FENESpring(10.0, 2.0)))
+    raises(dpd.ParameterError, "chains were measured at A = 75/density", lambda: repulsion_from_chi(0.5, beads=4, bond=SOFT, A=78.0))
+    with pytest.raises(dpd.ParameterError, match="for single beads; leave beads and bond out"):
+        repulsion_from_chi(0.5, beads=4, bond=SOFT, relation="groot-warren")
+    raises(dpd.ParameterError, "chi = 3 is outside of 0 to", lambda: repulsion_from_chi(3.0, beads=4, bond=SOFT))
+    far = repulsion_from_chi(3.0, beads=4, bond=SOFT, extrapolate=True)
+    assert far.extrapolated and far.error is None
+    assert math.isfinite(far.value)
 
 
 def test_chains_there_and_back_and_their_small_limit():
@@ -123,19 +136,3 @@ def test_longer_chains_and_shorter_bonds_have_fewer_contacts():
         assert np.all(np.diff(slopes, axis=0) < 0)
         assert np.all(np.diff(slopes, axis=1) < 0)
         assert slopes.max() < single
-
-
-def test_bounds_of_chains():
-    raises(dpd.ParameterError, "r0 = 0.2 is outside of 0.3 to 0.9", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(64.0, 0.2)))
-    raises(dpd.ParameterError, "k = 3 is outside of 25 to 100", lambda: repulsion_from_chi(0.5, beads=4, bond=Spring(3.0, 0.0)))
-    raises(dpd.ParameterError, "beads = 30 is outside of 1 to 20", lambda: chain_chi_slope(30, SOFT))
-    raises(dpd.ParameterError, "beads is 4 and bond is None", lambda: repulsion_from_chi(0.5, beads=4))
-    raises(dpd.ParameterError, "beads is 1 and bond is a Spring", lambda: chi_from_repulsion(1.0, bond=SOFT))
-    raises(dpd.ParameterError, "bond must be a Spring", lambda: chain_chi_slope(4, FENESpring(10.0, 2.0)))
-    raises(dpd.ParameterError, "chains were measured at A = 75/density", lambda: repulsion_from_chi(0.5, beads=4, bond=SOFT, A=78.0))
-    with pytest.raises(dpd.ParameterError, match="for single beads; leave beads and bond out"):
-        repulsion_from_chi(0.5, beads=4, bond=SOFT, relation="groot-warren")
-    raises(dpd.ParameterError, "chi = 3 is outside of 0 to", lambda: repulsion_from_chi(3.0, beads=4, bond=SOFT))
-    far = repulsion_from_chi(3.0, beads=4, bond=SOFT, extrapolate=True)
-    assert far.extrapolated and far.error is None
-    assert math.isfinite(far.value)

@@ -259,7 +259,6 @@ def test_positions_that_do_not_fit(tmp_path, monkeypatch, positions, change, mes
     raises(dpd.ParameterError, message, scene_from_psf, "top.psf", positions, **given)
 
 
-# -- mdtraj ----------------------------------------------------------------------------------------------------------------------
 def test_frames_of_mdtraj():
     topology, x = water_and_oil()
     trajectory = mdtraj.Trajectory(np.array([x, x + 1]), mdtraj.Topology.from_openmm(topology))

@@ -86,6 +86,7 @@ def made_up(density: float = 1.0) -> ExcessChemicalPotential:
 
 
 def test_values_errors_and_units():
+    """A dense solvent is corrected by the middle of 8, the value, and 10, the energy at a part of 0; half of the difference is the doubt."""
     found = made_up()
     expected = math.sqrt(np.sum((0.5 * np.polynomial.legendre.leggauss(5)[1]) ** 2) / 4000)
     assert found.error == pytest.approx(math.hypot(expected, 0.001 * 9), rel=0.1)
@@ -95,16 +96,11 @@ def test_values_errors_and_units():
     assert found.at(1.0, 0.5).value == pytest.approx(found.value - found.at(0.5).value)
     assert found.at(1.0, 0.5).error < math.hypot(found.error, found.at(0.5).error)
     raises(dpd.ParameterError, "from 0 to 1; 1.1", lambda: found.at(1.1))
-
-
-def test_a_dense_solvent_is_corrected():
-    """By the middle of 8, the value, and 10, the energy at a part of 0; half of the difference is the doubt about it."""
     plain, dense = made_up(), made_up(1.02)
     assert plain.value - dense.value == pytest.approx(0.02 * 9, rel=0.01)
     assert dense.error == pytest.approx(math.hypot(plain.error, 0.02 * 1), rel=0.02)
 
 
-# -- what is refused --------------------------------------------------------------------------------------------------------------
 def test_what_cannot_be_switched_is_refused():
     scene, one = solvent(), Molecule(("A",))
     still = np.ones(scene.n_beads, bool)

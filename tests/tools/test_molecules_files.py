@@ -22,6 +22,7 @@ def mixture():
 
 
 def test_psf_comes_back(mixture, tmp_path):
+    """Also in mdtraj, with molecules as residues, and by OpenMM's own reader, in the sections where they belong."""
     mixture.write_psf(tmp_path / "all.psf", masses={"A": 1.0, "B": 2.5, "Na": 1.0, "W": 1 / 3})
     beads = read_psf(tmp_path / "all.psf")
     assert beads.names == mixture.types and beads.residues == mixture.residues
@@ -29,20 +30,11 @@ def test_psf_comes_back(mixture, tmp_path):
     assert np.array_equal(beads.dihedrals, mixture.dihedral_quads) and len(beads.dihedrals)
     assert np.array_equal(beads.charges, mixture.charges) and np.array_equal(beads.molecules, mixture.molecules)
     assert beads.masses[3] == 2.5 and beads.masses[-1] == 1 / 3
-
-
-def test_mdtraj_has_molecules_as_residues(mixture, tmp_path):
-    mixture.write_psf(tmp_path / "all.psf")
     for topology in (load_topology(tmp_path / "all.psf"), mdtraj.load_psf(tmp_path / "all.psf")):
         residues = list(topology.residues)
         assert [residue.name for residue in residues[:6]] == ["DIBLOCK"] * 3 + ["Na"] * 2 + ["W"]
         assert [residue.n_atoms for residue in residues[:6]] == [4, 4, 4, 1, 1, 1] and len(residues) == 5 + mixture.count("W")
         assert [(a.index, b.index) for a, b in topology.bonds] == [tuple(pair) for pair in mixture.bond_pairs.tolist()]
-
-
-def test_openmm_reads_bonds_angles_and_dihedrals(mixture, tmp_path):
-    """OpenMM's own reader of PSF files finds them in the sections where they belong."""
-    mixture.write_psf(tmp_path / "all.psf")
     psf = app.CharmmPsfFile(str(tmp_path / "all.psf"))
     assert [(b.atom1.idx, b.atom2.idx) for b in psf.bond_list] == [tuple(pair) for pair in mixture.bond_pairs.tolist()]
     found = [(a.atom1.idx, a.atom2.idx, a.atom3.idx) for a in psf.angle_list]
@@ -64,16 +56,13 @@ def test_pdb_of_a_scene(mixture, tmp_path):
     assert np.allclose(trajectory.xyz[0], built.positions.value_in_unit(unit.nanometer), atol=1e-3)
 
 
-def test_files_without_names_are_as_before(tmp_path):
+def test_files_without_names_and_with_many_angles(tmp_path):
     write_psf(tmp_path / "plain.psf", names=["A", "B", "A"], masses=[1.0] * 3, bonds=[(0, 1)])
     beads = read_psf(tmp_path / "plain.psf")
     assert beads.residues == ["MOL"] * 3 and beads.angles.shape == (0, 3)
     text = (tmp_path / "plain.psf").read_text().replace("!NTHETA", "!NOTHING")
     (tmp_path / "less.psf").write_text(text)
     assert read_psf(tmp_path / "less.psf").angles.shape == (0, 3) and read_psf(tmp_path / "less.psf").dihedrals.shape == (0, 4)
-
-
-def test_many_angles_fill_lines(tmp_path):
     angles = [(k, k + 1, k + 2) for k in range(28)]
     write_psf(tmp_path / "long.psf", names=["A"] * 30, masses=[1.0] * 30, angles=angles)
     assert read_psf(tmp_path / "long.psf").angles.tolist() == [list(angle) for angle in angles]

@@ -146,11 +146,6 @@ def test_composition_is_where_both_phases_have_the_same_potential(chi):
     assert chi_from_composition(phi) == pytest.approx(chi, rel=1e-9)
 
 
-def test_wrong_compositions():
-    raises(ParameterError, "chi above 2", lambda: composition_from_chi(1.9))
-    raises(ParameterError, "between 0 and 1/2", lambda: chi_from_composition(0.5))
-
-
 def test_chi_from_solubility_parameters():
     root = unit.megapascal**0.5
     molar = chi_from_solubility(90 * unit.centimeter**3 / unit.mole, 20 * root, 17 * root, 300)
@@ -161,9 +156,12 @@ def test_chi_from_solubility_parameters():
     raises(ParameterError, "delta2 must be a single number", lambda: chi_from_solubility(0.1, 20 * root, [17, 18] * root, 300))
     for delta in (1e300, 1e300 * root):
         raises(ParameterError, "inf", chi_from_solubility, 0.1, delta, 16.0, 300)
+    raises(ParameterError, "chi above 2", lambda: composition_from_chi(1.9))
+    raises(ParameterError, "between 0 and 1/2", lambda: chi_from_composition(0.5))
 
 
 def test_chi_of_groot_and_warren():
+    """At density 4: what docs/measure/demixing.py finds, one by the free energy of mixing, three by demixed slabs; and back."""
     assert repulsion_from_chi(2.86, 3, relation="groot-warren").value == pytest.approx(10.0)
     assert chi_from_repulsion(10.0, 5, relation="groot-warren").value == pytest.approx(6.89)
     raises(ParameterError, "densities 3 and 5", lambda: repulsion_from_chi(2.0, 4, relation="groot-warren"))
@@ -171,16 +169,9 @@ def test_chi_of_groot_and_warren():
     for density, chi in ((3.0, 3.0), (3.0, 4.5), (5.0, 3.0), (5.0, 4.5)):
         theirs = repulsion_from_chi(chi, density, relation="groot-warren").value
         assert repulsion_from_chi(chi, density).value == pytest.approx(theirs, rel=0.1)
-
-
-def test_chi_at_a_density_between_those_of_the_table():
-    """What docs/measure/demixing.py --density 4 finds: one by the free energy of mixing, three by demixed slabs."""
     for dA, chi, error in ((2.0, 1.07265, 0.001), (6.75, 3.350, 0.024), (8.25, 4.100, 0.079), (10.5, 5.235, 0.099)):
         found = chi_from_repulsion(dA, 4.0)
         assert abs(found.value - chi) < 2 * math.hypot(found.error, error), dA
-
-
-def test_chi_there_and_back_and_its_small_limit():
     for density, A in ((3.0, None), (4.4, None), (3.3, 60.0)):
         for chi in (0.5, 2.2, 4.0):
             assert chi_from_repulsion(repulsion_from_chi(chi, density, A=A), density, A=A).value == pytest.approx(chi, rel=1e-9)
@@ -208,9 +199,6 @@ def test_transport_of_others():
     found = transport(6.75)
     assert found.diffusion.value == pytest.approx(0.306, rel=0.06)
     assert found.viscosity.value == pytest.approx(0.92, rel=0.06)
-
-
-def test_transport_outside_of_its_table():
     raises(ParameterError, r"drag = 500 is outside of 2 to 120", lambda: transport(500.0))
     assert transport(130.0, extrapolate=True).viscosity.extrapolated
     raises(ParameterError, "A = 50 and exponent = 0.5 were not varied together", lambda: transport(4.5, A=50, exponent=0.5))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cases, raises
+from cases import cases, refused
 
 import openmm_dpd as dpd
 from openmm_dpd.advice.recommend import advice, predicted_error, recommend
@@ -323,16 +323,14 @@ def test_fluids_that_are_one(of, gamma, a, cv):
     assert (at.gamma, at.a, at.cv) == (pytest.approx(gamma), a, cv if cv is None else pytest.approx(cv))
 
 
-@cases(
-    "message, call",
-    *(("error", lambda error=error: recommend(scene(), error)) for error in (0.0, -0.01, 0.2, "much", None)),
-    ("Scene", lambda: recommend("fluid")),
-    ("unknown quantity 'colour'", lambda: recommend(scene(), quantity="colour")),
-    ("step and scheme of the atoms", lambda: recommend(dpd.MixedSystem(*[None] * 7))),
-    ("two repulsions", lambda: StabilityTable(made_up(power, repulsions=(25.0,)))),
+test_what_is_refused = refused(
+    dpd.ParameterError,
+    *((lambda error=error: recommend(scene(), error), "error") for error in (0.0, -0.01, 0.2, "much", None)),
+    (lambda: recommend("fluid"), "Scene"),
+    (lambda: recommend(scene(), quantity="colour"), "unknown quantity 'colour'"),
+    (lambda: recommend(dpd.MixedSystem(*[None] * 7)), "step and scheme of the atoms"),
+    (lambda: StabilityTable(made_up(power, repulsions=(25.0,))), "two repulsions"),
 )
-def test_what_is_refused(message, call):
-    raises(dpd.ParameterError, message, call)
 
 
 # -- what has to be right ----------------------------------------------------------------------------------------------------------
