@@ -112,16 +112,11 @@ def close(got, expected, rtol=1e-12):
     assert np.abs(expected).max() > 1e-3
 
 
-def noise_matrices(n: int, seed: int, counter: int):
-    """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for the heat."""
-    draw = noise_of(n, seed, counter, 1.0)
-    motion, heat = np.zeros((n, n)), np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1, n):
-            motion[i, j] = motion[j, i] = draw(i, j, 0)
-            heat[i, j] = draw(i, j, 1)
-            heat[j, i] = -heat[i, j]
-    return motion, heat
+def noise_matrices(n: int, kT: float = 1.0, counter: int = COUNTER, flows: int = 1):
+    """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for the heat or each species."""
+    draw = noise_of(n, SEED, counter, kT, streams=1 + flows)
+    upper = np.array([[[draw(i, j, k) if i < j else 0.0 for j in range(n)] for i in range(n)] for k in range(1 + flows)])
+    return upper[0] + upper[0].T, *(one - one.T for one in upper[1:])
 
 
 @compiled

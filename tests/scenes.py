@@ -124,13 +124,13 @@ def _fill(key, table):
     for i in range(table.shape[0]):
         for j in range(i + 1, table.shape[0]):
             pair = hashed.pair_key(key, i, j)
-            for k in range(4):
+            for k in range(table.shape[2]):
                 table[i, j, k] = hashed.normal(pair, k)
 
 
-def noise_of(n: int, seed: int, counter: int, kT: float, layer: int = 0):
+def noise_of(n: int, seed: int, counter: int, kT: float, layer: int = 0, streams: int = 4):
     """The kernel's numbers as the oracle's callable noise(i, j, k), i < j."""
-    table = np.full((n, n, 4), np.nan)
+    table = np.full((n, n, streams), np.nan)
     _fill(hashed.noise_key(seed, counter, layer, kT), table)
     return lambda i, j, k: table[i, j, k]
 

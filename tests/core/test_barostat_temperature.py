@@ -10,7 +10,7 @@ from cases import cases, raises
 from judged import any_seed, bounded
 from kinds import KINDS
 from openmm import unit
-from scenes import stepped
+from scenes import beads, stepped
 
 import openmm_dpd as dpd
 from openmm_dpd.units import BOLTZMANN
@@ -18,10 +18,8 @@ from openmm_dpd.units import BOLTZMANN
 BARS = 16.6054
 
 
-def fluid(scheme: str = "middle", kT=1.0, n: int = 192, seed: int = 1) -> dpd.BuiltSystem:
-    x = np.random.default_rng(1).random((n, 3)) * 4
-    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): dpd.DPD(A=25, gamma=4.5)}, kT=kT, box=[4] * 3)
-    return dpd.build(scene, dt=0.02, scheme=scheme, platform="Reference", seed=seed)
+def fluid(scheme: str = "middle", kT=1.0, seed: int = 1) -> dpd.BuiltSystem:
+    return dpd.build(beads(192, edge=4.0, kT=kT), dt=0.02, scheme=scheme, platform="Reference", seed=seed)
 
 
 def barostats() -> list[openmm.Force]:

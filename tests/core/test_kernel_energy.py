@@ -43,8 +43,8 @@ def test_forces_and_heat_equal_the_oracle(box):
     engine, n = prepared(scene, "middle"), scene.n_beads
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     theta = u.sum(axis=1) / np.array([EOS[t].capacity for t in scene.types])
-    motion, heat = noise_matrices(n, SEED, COUNTER)
-    noise, state = {"xi": motion, "xi_q": heat}, (scene.positions, scene.velocities, theta, scene.type_ids, scene.bead_masses)
+    noise = dict(zip(("xi", "xi_q"), noise_matrices(n), strict=True))
+    state = (scene.positions, scene.velocities, theta, scene.type_ids, scene.bead_masses)
     expected = oracle.dpde_rates(*state, **matrices(scene), box=box, k_B=1.0, dt=DT, **noise)
     parts = {}
     for which in (CONSERVATIVE, DISSIPATIVE, RANDOM):
@@ -63,11 +63,11 @@ def test_frozen_sweep_equals_the_oracle(box):
     engine = prepared(scene, "shardlow")
     u = scene.internal.energies(scene.type_ids, scene.type_names)
     theta = u.sum(axis=1) / np.array([EOS[t].capacity for t in scene.types])
-    coefficients = matrices(scene)
+    coefficients, (motion, heat) = matrices(scene), noise_matrices(scene.n_beads)
     coefficients.pop("A")
     expected = oracle.shardlow_energy_sweep(
         scene.positions, scene.velocities, u[:, 0], u[:, 1], theta, listed_pairs(engine, 0), scene.type_ids, scene.bead_masses, **coefficients,
-        box=box, k_B=1.0, dt=DT, xi=noise_matrices(scene.n_beads, SEED, COUNTER)[0], xi_q=noise_matrices(scene.n_beads, SEED, COUNTER)[1],
+        box=box, k_B=1.0, dt=DT, xi=motion, xi_q=heat,
     )  # fmt: skip
     change = engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u)
     close(scene.velocities + change, expected.v)
@@ -205,13 +205,10 @@ def test_threads_give_the_same_bits():
     results = []
     for threads in (1, 2):
         set_threads(threads)
-        try:
-            engine = prepared(scene, "middle")
-            force = engine.forces(7, scene.velocities, 1.0, DT, SEED, COUNTER, u)[1]
-            rates = engine.rates.copy()
-            results.append((force, rates, engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u), engine.increments.copy()))
-        finally:
-            set_threads(None)
+        engine = prepared(scene, "middle")
+        force = engine.forces(7, scene.velocities, 1.0, DT, SEED, COUNTER, u)[1]
+        rates = engine.rates.copy()
+        results.append((force, rates, engine.sweep(scene.velocities, 1.0, DT, SEED, COUNTER, u), engine.increments.copy()))
     for one, two in zip(*results, strict=True):
         np.testing.assert_array_equal(one, two)
 

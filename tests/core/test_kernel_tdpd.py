@@ -4,16 +4,14 @@ import numpy as np
 import oracle as plain_oracle
 import oracle_meso as oracle
 import pytest
-from reference_forces import COUNTER, DT, PARTS, SEED, between, close, matrix, prepared, same_terms, scaled_by
+from reference_forces import COUNTER, DT, PARTS, SEED, between, close, matrix, noise_matrices, prepared, same_terms, scaled_by
 from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
 from scipy import stats
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels import noise as hashed
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.model.internal import Concentrations
 from openmm_dpd.model.tdpd import TDPD
-from openmm_dpd.runtime.decorators import compiled
 
 SPECIES = pytest.mark.parametrize("n_species", [1, 3, 4])
 KT = 0.8
@@ -42,26 +40,10 @@ def evaluate(scene, which, counter=COUNTER, kT=KT, engine=None):
     return *engine.forces(which, scene.velocities, kT, DT, SEED, counter, scene.internal.values), engine.rates.copy()
 
 
-@compiled
-def _fill(key, table):
-    for i in range(table.shape[1]):
-        for j in range(i + 1, table.shape[1]):
-            pair = hashed.pair_key(key, i, j)
-            for k in range(table.shape[0]):
-                table[k, i, j] = hashed.normal(pair, k)
-
-
-def noise_matrices(n: int, n_species: int, counter: int = COUNTER, kT: float = KT):
-    """The kernel's numbers: symmetric for the motion, antisymmetric (the lower index gets +) for each species."""
-    upper = np.zeros((1 + n_species, n, n))
-    _fill(hashed.noise_key(SEED, counter, 0, kT), upper)
-    return upper[0] + upper[0].T, upper[1:] - np.swapaxes(upper[1:], 1, 2)
-
-
 def oracle_rates(scene, kT=KT) -> oracle.TdpdRates:
     get = lambda key: matrix(scene, key)  # noqa: E731
     per_species = lambda key: list(np.moveaxis(get(key), -1, 0))  # noqa: E731
-    xi, xi_C = noise_matrices(scene.n_beads, scene.internal.n_species, kT=kT)
+    xi, *xi_C = noise_matrices(scene.n_beads, kT, flows=scene.internal.n_species)
     return oracle.tdpd_pair(
         scene.positions, scene.velocities, scene.internal.values, scene.type_ids, get("A"), get("gamma"), get("exponent"), get("cutoff"),
         get("cutoff_c"), per_species("kappa"), per_species("epsilon"), per_species("exponent_c"), kT, scene.box, DT, xi=xi, xi_C=xi_C,
@@ -114,7 +96,7 @@ def test_the_noise_of_species_does_not_depend_on_the_temperature_of_the_forces()
     scene = pair_of_beads(n_species=1)
     cold, warm = evaluate(scene, RANDOM, kT=0.0), evaluate(scene, RANDOM)
     assert not cold[1].any() and np.abs(warm[1]).max() > 1
-    numbers = [noise_matrices(2, 1, kT=kT)[1][0] for kT in (0.0, KT)]  # another temperature draws other numbers, of the same amplitude
+    numbers = [noise_matrices(2, kT)[1] for kT in (0.0, KT)]  # another temperature draws other numbers, of the same amplitude
     close(cold[3][:, 0] * numbers[1][0, 1], warm[3][:, 0] * numbers[0][0, 1])
 
 
@@ -171,8 +153,7 @@ def test_noise_has_the_right_variance_and_species_are_independent():
 def test_noise_of_species_is_cut_at_five_and_that_of_the_motion_is_not():
     """At these counts of the noise the number of the pair is beyond 5: it happens once in 1.7 million draws."""
     for stream, counter in ((1, 4109626), (0, 93252)):
-        xi, xi_C = noise_matrices(2, 1, counter)
-        drawn = (xi, *xi_C)[stream][0, 1]
+        drawn = noise_matrices(2, KT, counter)[stream][0, 1]
         assert abs(drawn) > 5.05
         _, force, _, rates = evaluate(pair_of_beads(n_species=1), RANDOM, counter=counter)
         if stream == 0:
@@ -192,12 +173,13 @@ def test_a_sweep_equals_the_oracle(n_species, dt, scheme):
     engine, n, c = prepared(scene, scheme, dt), scene.n_beads, scene.internal.values
     seen = engine.seen(scene.velocities)
     change = engine.sweep(scene.velocities, KT, dt, SEED, COUNTER, c)
+    xi, *xi_C = noise_matrices(n, KT, flows=n_species)
     get = lambda key: matrix(scene, key)  # noqa: E731
     per_species = lambda key: list(np.moveaxis(get(key), -1, 0))  # noqa: E731
     v, expected = oracle.tdpd_sweep(
         seen, c, scene.type_ids, np.where(mobile, scene.bead_masses, np.inf), get("gamma"), get("exponent"), get("cutoff"), get("cutoff_c"),
         per_species("kappa"), per_species("epsilon"), per_species("exponent_c"), KT, listed_pairs(engine, 0), between(scene), dt,
-        *noise_matrices(n, n_species), shardlow=scheme == "shardlow",
+        xi, xi_C, shardlow=scheme == "shardlow",
     )  # fmt: skip
     close(seen + change, v)
     close(engine.increments, expected - c)

@@ -237,10 +237,7 @@ def test_a_table_whose_pairs_are_all_overwritten_is_none():
     [("mvv", dpd.DPDReporter, 0), ("middle", dpd.DPDReporter, 1), ("mvv", StressReporter, 0), ("middle", StressReporter, 0)],
 )
 def test_evaluations_per_sample(scheme, reporter, more, counts):
-    """A sample in every step takes the list of the run, and what it computes the next step need not compute again.
-
-    It adds friction as a force in words.  Conservative forces alone and stress tensors come with the forces of the steps.
-    """
+    """A sample takes the list of the run and leaves what it computes; friction as a force in words adds to it, nothing else does."""
     built = build(beads(), scheme=scheme)
     simulation = stepped(built.simulation(), 3)
     counts.update(dict.fromkeys(counts, 0))

@@ -93,15 +93,12 @@ def test_what_ends_the_force(valid, engine):
     assert not valid.forced and not valid.has(CONSERVATIVE)
 
 
-def test_what_a_step_need_not_do(engine, valid):
+def test_what_a_step_need_not_do_and_a_recorded_one_that_is_there_once(engine, valid):
     there = moment(engine.held)
     assert valid.computed(there) == Computed(placed=True, forced=True, accelerated=False, given=False)
     assert valid.computed(moment(engine.held, acc=np.zeros((2, 3)))).accelerated
     valid.drift()  # the force that is left is not that of the present positions
     assert valid.computed(there) == (False, False, False, False)
-
-
-def test_a_recorded_step_is_there_once(valid):
     recorded = Recorded(SimpleNamespace(), Computed(True, True, False, False), ())
     valid.record(recorded)
     assert valid.take() is recorded and valid.take() is None
@@ -119,12 +116,6 @@ def test_the_loop_has_few_attributes():
     """What is valid has one place; a loop that needs more attributes has another thing to be split off."""
     (loop,) = ast.parse(inspect.getsource(steps.StepLoop)).body
     declared = {node.target.id for node in loop.body if isinstance(node, ast.AnnAssign)}
-    stored = {
-        node.attr
-        for node in ast.walk(loop)
-        if isinstance(node, ast.Attribute)
-        and isinstance(node.ctx, ast.Store)
-        and isinstance(node.value, ast.Name)
-        and node.value.id == "self"
-    }
+    attributes = [node for node in ast.walk(loop) if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)]
+    stored = {node.attr for node in attributes if ast.unparse(node.value) == "self"}
     assert len(declared | stored) <= 14, sorted(declared | stored)
