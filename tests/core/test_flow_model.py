@@ -34,15 +34,11 @@ def forces(scene: dpd.Scene, platform: str = "Reference", positions=None, **para
 
 # -- body forces ---------------------------------------------------------------------------------------------------------------
 @PLATFORM
-def test_uniform_on_a_type(platform):
+def test_uniform_on_a_type_and_each_bead_its_own_with_a_scale(platform):
     scene = fluid(body_forces=[dpd.BodyForce((0.5, 0, -2), types="B")])
     f, energy = forces(scene, platform)
     assert np.allclose(f, np.outer(np.array(scene.types) == "B", [0.5, 0, -2]), atol=1e-12)
     assert abs(energy) < 1e-3  # no potential energy, though beads are strewn over many boxes
-
-
-@PLATFORM
-def test_each_bead_its_own_and_a_scale(platform):
     own = np.random.default_rng(3).normal(size=(81, 3))
     scene = beads(body_forces=[dpd.BodyForce(own), dpd.BodyForce((1, 0, 0), beads=np.arange(81) < 5)])
     expected = own + np.outer(np.arange(81) < 5, [1, 0, 0])

@@ -97,16 +97,13 @@ def test_phases():
         np.testing.assert_allclose(force, result(), rtol=0, atol=1e-9)
 
 
-def test_what_is_asked_outside_of_a_step_does_not_disturb_the_next_one():
+def test_what_is_asked_outside_of_a_step_sees_the_conservative_force_alone_and_disturbs_nothing():
     function, engine = PairForceFunction(SPEC, True, True), PairEngine(SPEC)
     later = SCENE.positions - 0.01 * SCENE.velocities
     function(state(SCENE.positions, Phase.CONSERVE))
     assert np.array_equal(function(state(later, Phase.IDLE))[1], function(state(later, Phase.CONSERVE))[1])
     engine.prepare(later, SCENE.box)
     assert np.array_equal(function(state(later, Phase.IDLE))[1], engine.forces(CONSERVATIVE, None, 0.0, 1.0, 0, 0)[1])
-
-
-def test_outside_a_step_there_is_nothing_to_see_unless_it_holds_the_conservative_force():
     energy, force = PairForceFunction(SPEC, False, True)(state(SCENE.positions, Phase.IDLE))
     assert energy == 0.0 and not force.any()
     with pytest.raises(RunError, match="before any positions were stored"):

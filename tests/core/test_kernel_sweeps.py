@@ -59,13 +59,9 @@ def test_tables_and_step_sizes(table, scheme, dt):
 
 
 @UPDATE
-def test_friction_without_noise_and_factors(scheme):
+def test_friction_without_noise_factors_and_overlaid_tables_that_are_swept_one_after_the_other(scheme):
     check(fluid(EXTENDED, BOXES["tilted"], kT=0.0), scheme, 0.05, kT=0.0)
     check(chains(BOXES["ortho"], kT=KT), scheme, 0.05)
-
-
-@UPDATE
-def test_overlaid_tables_are_swept_one_after_the_other(scheme):
     first = fluid(EXTENDED, kT=KT)
     tables = [dpd.PairTable(EXTENDED), dpd.PairTable({("*", "*"): D(gamma=3.0, gamma_perp=1.0, cutoff=0.8)})]
     scene = dpd.Scene(first.masses, first.types, first.positions, tables, KT, box=first.box, velocities=first.velocities)

@@ -89,13 +89,10 @@ def test_no_exclusions_and_no_bond_force_without_need(conservative):
         assert kinds(built)["CustomNonbondedForce"].getNumExclusions() == 0
 
 
-def test_factors_of_zero_need_no_bond_force_that_puts_back():
+def test_factors_of_zero_and_walls_at_rest_need_nothing_of_their_own():
     built = build(chains(bonded_factors=(0.0, 1.0, 1.0), k=10.0), conservative="openmm")
     assert "CustomCompoundBondForce" not in kinds(built)
     assert kinds(built)["CustomNonbondedForce"].getNumExclusions() == len(built.plan.scene.bond_pairs)
-
-
-def test_no_wall_velocities_without_moving_walls():
     assert make_plan(beads(), dt=0.02, seed=1).spec.wall_velocity is None
     assert make_plan(beads(mobile=np.arange(81) > 9, velocities=np.zeros((81, 3))), dt=0.02, seed=1).spec.wall_velocity is None
     assert make_plan(beads(mobile=np.arange(81) > 9, velocities=np.ones((81, 3))), dt=0.02, seed=1).spec.wall_velocity is not None
@@ -131,14 +128,11 @@ def test_only_the_forces_of_the_scene_have_parameters_of_types():
     assert everything == integrated
 
 
-def test_auto_takes_the_kernel_where_everything_is_double_precision():
+def test_auto_takes_the_kernel_where_everything_is_double_precision_and_native_no_python_force():
     for platform, expected in (("CPU", "kernel"), ("Reference", "kernel"), ("OpenCL", "openmm"), ("CUDA", "openmm")):
         assert make_plan(beads(), dt=0.02, platform=platform, seed=1).execution.conservative == expected
     assert make_plan(beads(table=SOFT), dt=0.02, platform="CPU", seed=1).execution.conservative == "openmm"
     assert make_plan(beads(), dt=0.02, platform="CPU", scheme="native", seed=1).execution.conservative == "openmm"
-
-
-def test_native_builds_no_python_force():
     built = build(beads(), scheme="native")
     # the bond force is empty: it holds the box, and what states say of the scheme
     assert set(kinds(built)) == {"CustomNonbondedForce", "CustomBondForce"}

@@ -70,16 +70,13 @@ def private_names(tree: ast.AST) -> set[str]:
     return found
 
 
-def test_each_is_used_in_one_file():
+def test_each_is_used_in_one_file_which_says_what_to_do():
     found = {(p, module) for module, tree in TREES.items() for p in MODULES for name in imported(tree) if f"{name}.".startswith(f"{p}.")}
     assert found == {*MODULES.items(), ("llvmlite", ADDRESSES)}
     assert {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN} == set(ATTRIBUTES.items())
     tree = ast.parse("import gc\nfrom numba.core import event\nx._value\nself._held\nnjit(**{'_nrt': False})\nsuper()._take()")
     assert imported(tree) == {"gc", "numba.core.event"}
     assert private_names(tree) == {"_value", "_nrt", "_take"}
-
-
-def test_files_with_private_parts_say_what_to_do():
     for module in (NUMBA, OPENMM):
         tree, text = TREES[module], (ROOT / PATHS[module]).read_text(encoding="utf-8")
         (exported,) = [node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "__all__"]

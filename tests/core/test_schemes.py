@@ -232,14 +232,11 @@ def _constrained(word: str):
     return dpd.add_thermostat(system, dpd.DPD(gamma=5, cutoff=0.6), 300, 0.002, scheme=word, platform="Reference").integrator
 
 
-def test_the_word_of_middle_keeps_constraints_and_others_refuse_them():
+def test_constraints_and_other_parameters_that_do_not_go_with_words():
     for text in (BAOAB, "A/2 B/2 S B/2 A/2", "A B O"):
         raises(dpd.PlanError, "constrain.*middle", _constrained, text)
     made = _constrained("B A/2 O A/2")
     assert any(made.getComputationStep(k)[0] == made.ConstrainPositions for k in range(made.getNumComputations()))
-
-
-def test_other_parameters_that_do_not_go_with_words():
     raises((dpd.ParameterError, dpd.PlanError), "lam", lambda: dpd.build(beads(), dt=0.02, scheme=BAOAB, lam=0.65, platform="Reference"))
     scene = beads(table={("W", "W"): dpd.EDPD(A=25, gamma=4.5, kappa=1e-3)}, internal=dpd.BeadTemperatures(1.0, 30.0), compat="lammps")
     reason = "keeps the energy of a pair, which LAMMPS's heat does not; only scheme='mvv'.*B/2 A/2 O A/2 B/2"

@@ -189,6 +189,7 @@ def test_settings_of_the_style():
 
 
 SRP = "hybrid/overlay dpd 1 1 3 srp "
+MID = SRP + "0.8 * mid"
 SWAPPED = "pair_coeff 1 1 srp 80\npair_coeff 2 2 dpd 25 4.5\npair_coeff 1 2 none"
 DECK_ERRORS = {
     "alone": ("srp 0.8 * mid", "pair_coeff 2 2 80", "in.ours:12: pair style srp acts between bonds; use it in pair_style hybrid"),
@@ -198,14 +199,10 @@ DECK_ERRORS = {
     "bond type": (SRP + "0.8 3 mid", OVERLAY, "in.ours:12: pair style srp: bond type 3 is out of range: there are 2"),
     "bptype": (SRP + "0.8 * mid bptype 3", OVERLAY, "bptype 3 is out of range: there are 2 atom types"),
     "beads of the type": (SRP + "0.8 * mid bptype 1", SWAPPED, "120 beads have it"),
-    "not none": (
-        SRP + "0.8 * mid",
-        "pair_coeff * * dpd 25 4.5\npair_coeff 2 2 srp 80",
-        "types 1 2 have dpd coefficients; set them to none",
-    ),
-    "other types": (SRP + "0.8 * mid", OVERLAY + "\npair_coeff 1 2 srp 80", "coefficients for types 1 2; give them for 2 2"),
-    "no coefficient": (SRP + "0.8 * mid", "pair_coeff 1 1 dpd 25 4.5\npair_coeff * 2 none", "style srp is used by no type pair"),
-    "negative": (SRP + "0.8 * mid", OVERLAY.replace("80", "-80"), "in.ours:15: A must be >= 0, but is -80"),
+    "not none": (MID, "pair_coeff * * dpd 25 4.5\npair_coeff 2 2 srp 80", "types 1 2 have dpd coefficients; set them to none"),
+    "other types": (MID, OVERLAY + "\npair_coeff 1 2 srp 80", "coefficients for types 1 2; give them for 2 2"),
+    "no coefficient": (MID, "pair_coeff 1 1 dpd 25 4.5\npair_coeff * 2 none", "style srp is used by no type pair"),
+    "negative": (MID, OVERLAY.replace("80", "-80"), "in.ours:15: A must be >= 0, but is -80"),
     "twice": (SRP + "0.8 * mid srp 0.9 * mid", OVERLAY.replace("srp", "srp 1") + "\npair_coeff 2 2 srp 2 80", "it can be used only once"),
 }
 
