@@ -44,9 +44,7 @@ def properties() -> set:
     """Code of all properties of classes of the package."""
     modules = [vars(module) for name, module in list(sys.modules.items()) if name.split(".")[0] == "openmm_dpd"]
     members = [member for names in modules for kind in names.values() if isinstance(kind, type) for member in vars(kind).values()]
-    found = [
-        member.fget if isinstance(member, property) else member.func for member in members if isinstance(member, property | cached_property)
-    ]
+    found = [m.fget if isinstance(m, property) else m.func for m in members if isinstance(m, property | cached_property)]
     return {function.__code__ for function in found if hasattr(function, "__code__")}
 
 

@@ -177,7 +177,7 @@ def test_notes_of_a_deck(tmp_path):
     for compat in ("consistent", "lammps"):
         state = read_deck(put(tmp_path / "in.ours", text + "run 0\n"), stop_before_first_run=True, output=tmp_path)
         state.first_run.override(compat=compat).scene()
-        assert state.thermo.norm is False and any("not divided by the number of beads" in note for note in state.notes)
+        assert state.thermo.norm is False and any("thermo output is not normalised" in note for note in state.notes)
         assert any("the nearest points of two bonds are used" in note for note in state.notes) == (compat == "consistent")
 
 

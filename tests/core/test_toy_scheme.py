@@ -69,9 +69,8 @@ def written(export, entries) -> list[StyleUse]:
 
 @pytest.fixture
 def style(monkeypatch):
-    monkeypatch.setitem(
-        PAIR_STYLES, "toy/fluid", Spec(settings("toy/fluid", "T cutoff seed"), COLUMNS.coefficient, COLUMNS.builder(fluid), thermostat=True)
-    )
+    spec = Spec(settings("toy/fluid", "T cutoff seed"), COLUMNS.coefficient, COLUMNS.builder(fluid), thermostat=True)
+    monkeypatch.setitem(PAIR_STYLES, "toy/fluid", spec)
     monkeypatch.setitem(EXPORTS, dpd.DPD, written)
 
 
@@ -88,9 +87,10 @@ def thermo(path: Path) -> list[str]:
     return [line for line in lines if line.split()[:1] in (["0"], ["10"], ["20"])]
 
 
-def test_it_runs_as_what_it_stands_for(style, tmp_path):
+def test_it_runs_as_what_it_stands_for_and_its_words_are_checked(style, tmp_path):
     toy, same, other = (thermo(deck(tmp_path, *of)) for of in (("toy/fluid", "25.0 2.25"), ("dpd", "25.0 4.5"), ("dpd", "25.0 9.0")))
     assert len(toy) == 3 and toy == same and toy != other
+    raises(dpd.DeckError, "in.toy:9.*A half", lambda: deck_scene(deck(tmp_path, "toy/fluid", "25.0")))
 
 
 def test_a_scene_is_written_with_it_and_read_again(style, tmp_path):
@@ -101,7 +101,3 @@ def test_a_scene_is_written_with_it_and_read_again(style, tmp_path):
     assert "pair_style toy/fluid" in " ".join(text.split())
     again = deck_scene(next((tmp_path / "out").glob("in.*")))
     assert list(again.tables[0].entries.values()) == list(scene.tables[0].entries.values())
-
-
-def test_its_words_are_checked(style, tmp_path):
-    raises(dpd.DeckError, "in.toy:9.*A half", lambda: deck_scene(deck(tmp_path, "toy/fluid", "25.0")))
