@@ -109,7 +109,7 @@ class Tape:
     def __init__(self, make: Callable):
         self._make = make
         self.calls: list[KernelCall] = []
-        self._told: dict[str, dict[int, Changing]] = {}
+        self.told: dict[str, dict[int, Changing]] = {}
         #: whether all kernels returned 0
         self.smooth = True
         #: number of steps to play before Ctrl-C may act
@@ -129,7 +129,7 @@ class Tape:
         """Tell the tape of this thread, if it records, how a word was made that calls get under a name: it is ``make(numbers, counted, bits
         of the level)``."""
         if RUNNING.tape is not None:
-            RUNNING.tape._told.setdefault(name, {})[int(word)] = Changing(counted, level, numbers)
+            RUNNING.tape.told.setdefault(name, {})[int(word)] = Changing(counted, level, numbers)
 
     def finish(self, counter: int, counted: int, state: list[np.ndarray], at_levels: Callable) -> None:
         """Prepare the recorded step for :meth:`play`.
@@ -151,7 +151,7 @@ class Tape:
         changing, self._depending = [], []
         for call, words in both:
             places = call.layout.places
-            for name, told in self._told.items():
+            for name, told in self.told.items():
                 made = told.get(int(words.view(np.uint64)[places[name]])) if name in places else None
                 if made is not None:
                     bits = _BITS.unpack(_NUMBER.pack(made.level))[0]
