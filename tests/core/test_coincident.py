@@ -13,7 +13,6 @@ import openmm_dpd as dpd
 from openmm_dpd.base.geometry import coincident_pairs
 
 CONSERVATIVE = pytest.mark.parametrize("conservative", ["kernel", "openmm"])
-DISTANCES = pytest.mark.parametrize("distance", [0.0, 1e-12])
 EDGE = 4.0
 
 
@@ -33,7 +32,7 @@ PAIRS = [(0, 1), (2, 5), (7, 8), (7, 10), (8, 10), (20, 40), (50, 51), (52, 53)]
 
 
 @CONSERVATIVE
-@DISTANCES
+@pytest.mark.parametrize("distance", [0.0, 1e-12])
 def test_forces_are_those_of_all_other_pairs(device, conservative, distance):
     scene = scene_of(distance)
     assert coincident_pairs(scene.positions, scene.box, 1e-9) == PAIRS

@@ -21,7 +21,6 @@ sys.path.append(str(Path(__file__).parents[2] / "docs" / "measure"))
 import heat_steps
 
 WORD = "B/2 A/2 O A/2 B/2"
-MAKE = pytest.mark.parametrize("make", [heat_scene, species_scene])
 
 
 def ends(simulation):
@@ -29,7 +28,7 @@ def ends(simulation):
 
 
 @pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow"])
-@MAKE
+@pytest.mark.parametrize("make", [heat_scene, species_scene])
 def test_words_on_every_device(device, make, scheme):
     """Sources and beads that do not move included, against the Reference platform."""
     scene = make()

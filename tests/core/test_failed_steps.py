@@ -17,7 +17,6 @@ from openmm_dpd.simulation.fields import raw_fields
 
 SCHEMES = ("mvv", "shardlow", "middle", "aboba", "bababo")
 SCHEME = pytest.mark.parametrize("scheme", SCHEMES)
-CONSERVATIVE = pytest.mark.parametrize("conservative", ["openmm", "kernel"])
 DT = 0.02
 
 
@@ -106,7 +105,7 @@ def fails_at_every_call(kind, device, scheme, conservative, calls, limit) -> Non
 
 
 @SCHEME
-@CONSERVATIVE
+@pytest.mark.parametrize("conservative", ["openmm", "kernel"])
 @pytest.mark.parametrize("kind", ["plain", "ramp"])
 def test_a_force_that_raises_leaves_a_whole_step(host, scheme, conservative, kind):
     """Wherever in a step the force of the user's is asked."""

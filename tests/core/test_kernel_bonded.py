@@ -16,8 +16,6 @@ from openmm_dpd.plan.kinds import bonded_forces
 from openmm_dpd.plan.pair_spec import extras
 from openmm_dpd.runtime.threads import set_threads
 
-EVERY_BOX = pytest.mark.parametrize("box", BOXES)
-
 
 def varied(low, high, count):
     """A different coefficient for each term."""
@@ -52,7 +50,7 @@ def terms_of(scene):
 
 
 @EVERY_KIND
-@EVERY_BOX
+@pytest.mark.parametrize("box", BOXES)
 def test_openmm_gives_the_same_and_forces_are_the_gradient(kind, box):
     scene, x, vectors = chain_scene(kind, box)
     forces = bonded_forces((*scene.bonds, *scene.angles), vectors is not None)

@@ -10,7 +10,6 @@ from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEng
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.runtime.threads import set_threads
 
-TABLE = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 KT, DT, SEED, COUNTER = 1.3, 0.02, 21, 5
 
 
@@ -47,7 +46,7 @@ def compare(scene, layer=0):
 
 
 @BOX
-@TABLE
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
 def test_forces_equal_the_oracle(box, table):
     scene = fluid(table, box, kT=KT)
     conservative, _, _ = compare(scene)
@@ -106,8 +105,7 @@ def test_noise_of_two_runs_with_consecutive_seeds_has_nothing_in_common():
 
 def test_sigma_fixed_and_gamma_fixed():
     """Sigma alone: gamma follows as sigma^2/(2 kT), and falls as kT rises; gamma alone: sigma follows."""
-    x = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0]])
-    v = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    x, v = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
     def forces(coefficient, kT):
         engine = prepared(dpd.Scene({"W": 1.0}, ["W"] * 2, x, {("W", "W"): coefficient}, 1.0))

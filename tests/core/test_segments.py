@@ -19,7 +19,6 @@ from openmm_dpd.lammps.styles.srp import srp_settings
 LAMMPS = lammps_peer.needed()
 BOX = np.array([[6.2, 0, 0], [1.3, 5.9, 0], [-1.1, 1.7, 6.4]])
 DISTANCE = pytest.mark.parametrize("distance", ["mid", "min"])
-SCHEMES = pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 
 
 def melt(distance="mid", *, spread=1, seed=5, table=None, bonds=None, **options) -> dpd.Scene:
@@ -73,7 +72,7 @@ def gap(simulation) -> float:
     return float(z[[2, 3]].mean() - z[[8, 9]].mean())
 
 
-@SCHEMES
+@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
 def test_chains_cross_without_and_not_with_segmental_repulsion(scheme):
     gaps = {}
     for segments in (None, "mid", "min"):
