@@ -315,6 +315,6 @@ def cost(n_charges: int, box: np.ndarray | None, k_max: float, cutoff: float) ->
 
 
 def pme_cost(grid: tuple[int, int, int], n_beads: int) -> float:
-    """The same of the lattice part alone by OpenMM's PME on its CPU platform; beads without a charge count there."""
+    """Estimated time of the lattice part alone with OpenMM's PME on the CPU platform, where beads without a charge count too."""
     points = float(np.prod(np.array(grid, dtype=float)))
     return 196.0 + 0.116 * n_beads + 2.9e-4 * points * math.log2(points)

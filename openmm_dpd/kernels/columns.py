@@ -287,13 +287,13 @@ def change(v, i, j, wi, wj, dx, dy, dz):
 
 @inlined
 def on_forces(data):
-    """Pairs write on ``f``."""
+    """The array on which pairs write: forces."""
     return data.motion.f
 
 
 @inlined
 def on_velocities(data):
-    """Pairs write on ``v``."""
+    """The array on which pairs write: velocities."""
     return data.v
 
 

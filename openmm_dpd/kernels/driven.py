@@ -187,9 +187,9 @@ def _side(x, put, plane, start, period):
 
 
 def _reflect_driven(x, v, inv_mass, low, high, start, period, back, velocity, last, taken, impulses, part, parts, team):
-    """As :func:`.motion.reflect_beads`, at walls with velocities (3, 2, 3); if this is the ``last`` of the velocities, what each wall gets
-    of momentum is added to the impulses (3, 2, 3), by way of ``taken``.  In an edge each wall turns the component along its normal, the
-    first axis the rest."""
+    """Reflect beads (:func:`.motion.reflect_beads`) at walls with velocities (3, 2, 3); if this is the ``last`` of the velocities, what
+    each wall gets of momentum is added to the impulses (3, 2, 3), by way of ``taken``.  In an edge each wall turns the component along
+    its normal, the first axis the rest."""
     taken[:] = 0.0
     for i in range(len(x)):
         inside = True

@@ -146,7 +146,7 @@ def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
 
 @merged
 def any_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
-    """As :func:`motion_of_constants`, of beads with any equation of state."""
+    """(Relative velocity after an exact update, energy that each bead gets) for beads with any equation of state."""
     ci, cj, ki, kj = states
     if ki == CONSTANT and kj == CONSTANT:
         return motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn)
@@ -155,7 +155,7 @@ def any_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
 
 @merged
 def any_conduction(ui, uj, exchange, xi, drawn, states, curves):
-    """As :func:`conduction_of_constants`, of beads with any equation of state."""
+    """Energy that goes to bead i in one exact update of the heat, for beads with any equation of state."""
     ci, cj, ki, kj = states
     if ki == CONSTANT and kj == CONSTANT:
         return conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj)

@@ -27,7 +27,7 @@ class EOSTable:
     pieces: np.ndarray  # (P, 5) per interval: cubic coefficients of 1/theta, highest power first, and the entropy at its left end
 
     def of(self, beads: np.ndarray) -> EOSTable:
-        """The same for a choice of beads."""
+        """The table for a choice of beads."""
         return EOSTable(self.capacity[beads], self.curve[beads], self.start, self.nodes, self.pieces)
 
     @property

@@ -52,7 +52,7 @@ class Extra(Protocol):
         """What computes it, with scratch arrays of its own."""
 
     def few(self) -> tuple[Extra, np.ndarray, np.ndarray]:
-        """The same kind for a few beads with their positions and box, so that calling it compiles what this one needs."""
+        """An :class:`Extra` of this kind for a few beads, with positions and box: evaluating it compiles what this one needs."""
 
 
 def box_array(box: np.ndarray | None) -> np.ndarray:
@@ -90,7 +90,7 @@ def minimum_image(dx, dy, dz, box, inverse):
 
 @inlined
 def nearest_image(dx, dy, dz, ax, bx, by, cx, cy, cz, inverse):
-    """The same with the box vectors as numbers."""
+    """The vector (dx, dy, dz) by minimum image (:func:`minimum_image`), with the box vectors as numbers."""
     turns = np.floor(dz * inverse[2] + 0.5)
     dx -= turns * cx
     dy -= turns * cy

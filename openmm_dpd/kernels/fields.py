@@ -48,7 +48,7 @@ class FieldSpec:
         return -(-self.n_values // 3)
 
     def of(self, beads: np.ndarray) -> FieldSpec:
-        """The same for a choice of beads (without sources)."""
+        """The fields of a choice of beads, without sources."""
         eos = None if self.eos is None else self.eos.of(beads)
         capacity = None if self.capacity is None else self.capacity[beads]
         return FieldSpec(self.kind, self.initial[beads], self.immobile[beads], capacity, eos)

@@ -18,7 +18,7 @@ from .pairs import Exceptions, PairList, no_exceptions
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
 #: Added to them: the sum of r_ij F_ij as a tensor is wanted too.
 STRESS = 8
-#: The same for the sum over mobile beads of the Laplacian of the conservative energy, where that is all that is evaluated.
+#: Added to CONSERVATIVE alone: the sum over mobile beads of the Laplacian of the conservative energy is wanted too.
 LAPLACIAN = 16
 #: The two pair updates of :mod:`.sweeps`.
 EXACT, SHARDLOW = 0, 1

@@ -43,7 +43,7 @@ def over_beads(function: Callable, counts: bool = False, each: int = 1) -> Calla
     return call
 
 
-#: The same for one that counts, and over components.
+#: Decorators of passes that return a count, and of passes over components.
 counting, over_components = partial(over_beads, counts=True), partial(over_beads, each=3)
 counting_components = partial(counting, each=3)
 
@@ -175,7 +175,7 @@ def move(begin, end, x, v, force, inv_mass, kick, time, limit):
 
 @counting_components
 def move_accelerated(begin, end, x, v, acc, inv_mass, kick, time, limit):
-    """The same with accelerations in place of forces."""
+    """Kick and drift as :func:`move` does, with accelerations instead of forces."""
     count, first, last = 0, np.uint64(begin), np.uint64(end)
     if len(inv_mass) == 1:
         drift = time if inv_mass[0] > 0.0 else 0.0

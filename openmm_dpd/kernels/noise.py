@@ -18,7 +18,7 @@ from .elementary import exp, log, without_last_bits
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
 _M2 = np.uint64(0x94D049BB133111EB)
-#: The same as numbers of Python, and the largest of 64 bits.
+#: These three as integers of Python, and the largest integer of 64 bits.
 _KEYS = int(_GOLDEN), int(_M1), int(_M2), (1 << 64) - 1
 _STREAM = np.uint64(0xD1342543DE82EF95)
 _S30, _S27, _S31, _S12, _S32, _S55, _S63, _S3 = (np.uint64(k) for k in (30, 27, 31, 12, 32, 55, 63, 3))

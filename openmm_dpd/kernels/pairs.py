@@ -201,7 +201,7 @@ class PairList:
         self._stored, self._shares = self._stored._replace(start=start, pi=pi, pj=pj, geometry=geometry, factors=factors), None
 
     def make_passing_room(self) -> None:
-        """The same where each thread has room for one column."""
+        """Give each thread room for one column, an eighth more than the fullest one has needed."""
         found = int(self._stored.found.max())
         self._passing = self._room(self.threads * (found + found // 8 + 48))
 

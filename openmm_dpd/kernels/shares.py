@@ -86,7 +86,7 @@ def _even_first(n: int) -> np.ndarray:
 
 
 def _layers_each(layers: np.ndarray, work: np.ndarray, parts: int) -> list[list[np.ndarray]]:
-    """The same where each thread has layers of its own, an even number of them (or the only one)."""
+    """The blocks of each thread in two turns, where each thread has layers of its own: an even number of them, or the only one."""
     layers = layers[:, _even_first(layers.shape[1])]
     cuts = 2 * _split(np.add.reduceat(work[layers].sum(axis=1), np.arange(0, len(layers), 2)), parts)
     its = [layers[begin:end][_even_first(end - begin)] for begin, end in zip(cuts, np.minimum(cuts[1:], len(layers)), strict=False)]

@@ -74,7 +74,7 @@ def halvings(update: int, x: float) -> int:
 
 @helper
 def _plain_updates(pairs, data, begin, m, values):
-    """As in :func:`_updates`, where all pairs are alike: nothing here keeps the processor from doing several at once."""
+    """Fill the rows as :func:`_updates` does, for pairs that are all alike: without branches, so that loops are vectorised."""
     c, r = data.coefficients, pairs.geometry[3]
     im = 2.0 * pairs.inv_mass[0]
     cutoff, rate, heat = c[0, CUTOFF], c[0, GAMMA] * im * data.dt, data.kT * im
