@@ -48,18 +48,15 @@ class PairEngine(Engine):
         self._kept = False
 
     def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
-        """See :meth:`.interface.Engine.holds`."""
         same_box = self._box is None if box is None else self._box is not None and box.tobytes() == self._box.tobytes()
         return self._kept and same_box and motion.same(x, self._x)
 
     def prepare(self, x: np.ndarray, box: np.ndarray | None) -> bool:
-        """See :meth:`.interface.Engine.prepare`."""
         # numba would compile another version for a scene's read-only positions, or box
         given = (each if each is None or each.flags.writeable else each.copy() for each in (x, box))
         return super().prepare(*given)  # type: ignore[arg-type]
 
     def place(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """See :meth:`.interface.Engine.place`."""
         self._kept = False  # until the lists are complete
         for pairs in self.lists:
             pairs.build(x, box)
@@ -67,15 +64,12 @@ class PairEngine(Engine):
         self._x, self._box = x, box
 
     def keep(self) -> None:
-        """See :meth:`.interface.Engine.keep`."""
         self._x, self._box, self._kept = self._x.copy(), None if self._box is None else self._box.copy(), True
 
     def resume(self, x: np.ndarray, box: np.ndarray | None) -> None:
-        """See :meth:`.interface.Engine.resume`."""
         self._x, self._box, self._kept = x, box, False
 
     def sums(self, which: int, v, kT, dt, seed, counter, field_values=None, out=None, held=None) -> Totals:
-        """See :meth:`.interface.Engine.sums`."""
         force = np.empty((len(self.spec.types), 3)) if out is None else out
         for written in () if self._covered else (force, held):
             if written is not None:
@@ -112,7 +106,6 @@ class PairEngine(Engine):
         return Totals(energy, virial, drag, stress, laplacian, conservative)
 
     def swept(self, v: np.ndarray, kT, dt, seed, counter, field_values=None, out=None, update: int | None = None) -> np.ndarray:
-        """See :meth:`.interface.Engine.swept`."""
         out = np.empty_like(v) if out is None else out
         if self._prescribed is not None:
             motion.see(v, self._inv_mass, self._prescribed, out)
@@ -147,25 +140,20 @@ class PairEngine(Engine):
         return sum(layer.laplacian() for layer in self.layers)
 
     def set_flow(self, flow: np.ndarray) -> None:
-        """See :meth:`.interface.Engine.set_flow`."""
         for pairs in self.lists:
             pairs.flow = flow
 
     def passed(self) -> np.ndarray:
-        """See :meth:`.interface.Engine.passed`."""
         return sum((layer.passed for layer in self.layers if getattr(layer, "passed", None) is not None), np.zeros(6))  # type: ignore[attr-defined]
 
     def densities(self, layer: int) -> np.ndarray:
-        """See :meth:`.interface.Engine.densities`."""
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
     def another(self) -> "PairEngine":
-        """See :meth:`.interface.Engine.another`."""
         return type(self)(self.spec)
 
     @property
     def repeats(self) -> bool:
-        """See :meth:`.interface.Engine.repeats`."""
         # pairs of many beads that somebody has had stored are not there in the next step; and one thread alone gains nothing with them, but
         # would have to keep a state
         unlike = any(pairs.many and (pairs.stored or pairs.threads == 1) for pairs in self.lists)
@@ -173,7 +161,6 @@ class PairEngine(Engine):
         return steady and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])
 
     def tables(self, layer: int, heats: np.ndarray) -> dict[str, np.ndarray] | None:
-        """See :meth:`.interface.Engine.tables`."""
         its: Any = self.layers[layer]
         if not heats.min() > 0.0:
             return None
@@ -184,11 +171,9 @@ class PairEngine(Engine):
         return None if table is None else {"coefficients": table, "kT": heats}
 
     def sorted_beads(self) -> np.ndarray:
-        """See :meth:`.interface.Engine.sorted_beads`."""
         return self.lists[0].order.copy()
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
-        """See :meth:`.interface.Engine.seat`."""
         for each in (*self.lists, *self.extras):
             each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
         if self._prescribed is not None:
@@ -205,16 +190,13 @@ class PairEngine(Engine):
 
     @property
     def parts_forces(self) -> bool:
-        """See :meth:`.interface.Engine.parts_forces`."""
         return all(getattr(layer, "parts_forces", False) for layer in self.layers)
 
     @property
     def repels_by_pairs(self) -> bool:
-        """See :meth:`.interface.Engine.repels_by_pairs`."""
         return all(getattr(layer, "repels_by_pairs", False) for layer in self.layers)
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """See :meth:`.interface.Engine.tensors`."""
         found = [layer.tensors(v, kT) for layer in self.layers]  # type: ignore[attr-defined]
         return found[0] if len(found) == 1 else tuple(map(sum, zip(*found, strict=True)))  # type: ignore[return-value]
 

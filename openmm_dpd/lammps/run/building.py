@@ -15,7 +15,7 @@ from ...simulation.barostat import EnthalpyBarostat, add_barostat
 from ...simulation.build import BuiltSystem, build
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
-from ..state.records import StoppingRule
+from ..state.records import FORCE_FIXES, StoppingRule
 from ..values.resolver import Resolver
 from .options import RunOptions
 from .request import RunRequest
@@ -111,7 +111,7 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
         for style in state.pair.styles:
             if style.name in _NO_ENERGY:
                 raise ParameterError(f"minimize with pair style {style.name} is not supported: {_NO_ENERGY[style.name]}")
-        for fix in state.fixes_of("addforce", "gravity"):
+        for fix in state.fixes_of(*set(FORCE_FIXES) - {"setforce"}):
             raise ParameterError(f"minimize with fix {fix.style} ({fix.name}) is not supported: the energy of its force is not counted")
     for dump in request.dumps:
         dump.begin(state)

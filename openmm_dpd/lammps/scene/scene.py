@@ -13,6 +13,7 @@ from ...model.temperature import TemperatureRamp
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
+from ..state.records import FORCE_FIXES
 from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
@@ -122,7 +123,7 @@ def _bonded_terms(state: DeckState, what: str) -> list:
 def shear_of(state: DeckState) -> LeesEdwards | None:
     """The shear of ``fix deform``, or None.  DeckError if it is combined with an incompatible fix."""
     fixes = state.fixes_of("deform")
-    for other in (*fixes[1:], *state.fixes_of("nph", "momentum", "addforce", "gravity", "setforce", "wall/reflect", *SOURCE_FIXES)):
+    for other in (*fixes[1:], *state.fixes_of("nph", "momentum", *FORCE_FIXES, "wall/reflect", *SOURCE_FIXES)):
         if fixes:
             raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
     if not fixes or not fixes[0].parameters["rate"]:
