@@ -107,7 +107,7 @@ WRONG = {
     "variable s string a\nnext s": "variable s is string-style",
     "variable s index a b\nvariable t loop 2\nnext s t": "must all have the same style",
     "next nobody": "there is no variable 'nobody'",
-    "shell rm -r x": "runs no programs",
+    "shell rm -r x": "cannot run programs",
     "quit 3": "exit status",
     "run 5 every 2": "every M NULL",
 }
