@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import lammps_peer
@@ -23,11 +22,10 @@ def why_missing() -> str | None:
     return f"there is no {' and no '.join(lacking)} in {BIN}" if lacking else lammps_peer.why_missing()
 
 
-def run_lammps(folder: Path, name: str, processes: int = 2, folders: Sequence[str] = (".",)) -> str:
-    """Run ``in.NAME`` in folders within this one, unchanged, with several processes, one after the other; returns the log."""
-    (folder / "in.all").write_text("clear\n".join(f"shell cd {folder / each}\ninclude in.{name}\n" for each in folders))
+def run_lammps(folder: Path, name: str, processes: int = 2) -> str:
+    """Run ``in.NAME`` in its folder, unchanged, with several processes; returns the log."""
     environment = dict(os.environ, OMP_NUM_THREADS="1", LD_LIBRARY_PATH=str(Path(sys.prefix) / "lib"))
-    command = [str(BIN / "mpirun"), "-np", str(processes), str(BIN / "lmp"), "-in", "in.all", "-log", f"log.{name}", "-screen", "none"]
+    command = [str(BIN / "mpirun"), "-np", str(processes), str(BIN / "lmp"), "-in", f"in.{name}", "-log", f"log.{name}", "-screen", "none"]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
     log = (folder / f"log.{name}").read_text() if (folder / f"log.{name}").exists() else ""
     assert done.returncode == 0 and "Total wall time" in log, f"{log[-2000:]}\n{done.stdout[-1000:]}\n{done.stderr[-1000:]}"

@@ -41,8 +41,8 @@ def test_forces_of_the_first_step_and_the_state_that_comes_back(name, tmp_path):
             written[units] = export_lammps(scene, tmp_path / units, name, dt=0.001, steps=0, seed=3, units=units)
             assert not written[units].differences
             with_forces(written[units])
-    exported.run_lammps(tmp_path, name, folders=list(written))
     for units in written:
+        exported.run_lammps(tmp_path / units, name)  # a process of its own: after "clear" LAMMPS had other forces once
         # segments have placeholders behind the beads
         forces = read_lammps_dump(tmp_path / units / "forces.dump", units=units).forces[0][: scene.n_beads]
         np.testing.assert_allclose(forces, expected, rtol=0, atol=TOLERANCE.get(name, 1e-9) * largest)
