@@ -54,6 +54,8 @@ class Snapshot:
                 return cls(scene, scene.positions, scene.velocities, scene.box)
             velocities = source.velocities.value_in_unit(unit.nanometer / unit.picosecond)
             return cls(scene, source.positions.value_in_unit(unit.nanometer), velocities, scene.box)
+        if isinstance(state, openmm.Context):
+            state = state.getState(positions=True, velocities=True)
         if not isinstance(state, openmm.State):
             raise ParameterError(f"state must be an openmm.State, from context.getState(positions=True), not {what_is(state)}")
         try:

@@ -53,7 +53,7 @@ def drawn(centres: np.ndarray, radii: np.ndarray, colours: np.ndarray, axes: np.
     lit *= 1.0 - _SHADOW * _shadowed(seen, radii, points, light, scale, shape)
     half = light + [0.0, 0.0, 1.0]
     shine = _SHINE * np.clip(normals @ (half / np.linalg.norm(half)), 0.0, 1.0) ** 30
-    far = (found.max() - found) / max(float(np.ptp(found)), 1e-12) if len(found) else found
+    far = (seen[its, 2].max(initial=-np.inf) - seen[its, 2]) / max(float(np.ptp(seen[:, 2])), 1e-12) if len(its) else found
     colour = colours[its] * lit[:, None] + shine[:, None]
     picture = np.zeros((*shape, 4))
     picture[rows, columns, :3] = np.clip(colour + _FADED * far[:, None] * (1.0 - colour), 0.0, 1.0)
@@ -86,7 +86,9 @@ def _nearest(seen: np.ndarray, radii: np.ndarray, low: np.ndarray, scale: float,
     return depth.reshape(shape), front.reshape(shape)
 
 
-def _shadowed(seen: np.ndarray, radii: np.ndarray, points: np.ndarray, light: np.ndarray, scale: float, shape: tuple[int, int]) -> np.ndarray:
+def _shadowed(
+    seen: np.ndarray, radii: np.ndarray, points: np.ndarray, light: np.ndarray, scale: float, shape: tuple[int, int]
+) -> np.ndarray:
     """How far points lie in the shadow of spheres, from 0 to 1."""
     from scipy.ndimage import gaussian_filter
 
@@ -98,7 +100,10 @@ def _shadowed(seen: np.ndarray, radii: np.ndarray, points: np.ndarray, light: np
     depth, _ = _nearest(turned, radii, low, scale, size)
     column, row = np.minimum(((at[:, :2] - low) * scale).astype(int), np.array(size[::-1]) - 1).T
     dark = np.zeros(shape)
-    place = ((points[:, 1] - points[:, 1].min(initial=0.0)) * scale).astype(int), ((points[:, 0] - points[:, 0].min(initial=0.0)) * scale).astype(int)
+    place = (
+        ((points[:, 1] - points[:, 1].min(initial=0.0)) * scale).astype(int),
+        ((points[:, 0] - points[:, 0].min(initial=0.0)) * scale).astype(int),
+    )
     place = tuple(np.minimum(each, limit - 1) for each, limit in zip(place, shape, strict=True))
     dark[place] = depth[row, column] > at[:, 2] + 2.0 / scale + 0.02 * radii.max(initial=0.0)
     return gaussian_filter(dark, _FINER)[place]

@@ -11,7 +11,7 @@ from ..model.scene import Scene
 from .snapshot import Snapshot, pdb_text, scene_of
 
 #: Colours of the types in their order, those of matplotlib; repeated if there are more types.
-_COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
+COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
 
 
 def view(source, *, state=None, radii=None):
@@ -38,13 +38,13 @@ def view(source, *, state=None, radii=None):
     """
     nglview = optional_package("nglview", "view", "the view in a notebook needs")
     scene = scene_of(source)
-    sizes = _radii(scene, radii)
+    sizes = radii_of(scene, radii)
     widget = nglview.NGLWidget(nglview.TextStructure(pdb_text(Snapshot.of(source, state)), ext="pdb"))
     widget.clear_representations()
     for k, name in enumerate(scene.type_names):
         beads = np.flatnonzero(scene.type_ids == k)
         if len(beads) and sizes[name] > 0:
-            colour = _COLOURS[k % len(_COLOURS)]
+            colour = COLOURS[k % len(COLOURS)]
             widget.add_representation("spacefill", selection=_selection(beads), color=colour, radius=10 * sizes[name])
     bonded = np.unique(scene.bond_pairs)
     if len(bonded):
@@ -61,7 +61,7 @@ def _selection(beads: np.ndarray) -> str:
     return "@" + ",".join(map(str, beads.tolist()))
 
 
-def _radii(scene: Scene, given) -> dict[str, float]:
+def radii_of(scene: Scene, given) -> dict[str, float]:
     """Radius (nm) of every type."""
     if given is None:
         tables: list[dict[tuple[str, str], Any]] = [table.resolve(scene.type_names) for table in scene.tables]

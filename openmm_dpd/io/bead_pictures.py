@@ -1,0 +1,151 @@
+"""Pictures of beads: spheres by type, sticks for bonds, the edges of the box."""
+
+import os
+from typing import NamedTuple
+
+import mdtraj
+import numpy as np
+
+from ..base.errors import ParameterError
+from ..base.geometry import folded, minimum_images
+from ..model.pairs import checked
+from .pictures import new_figure, write_picture
+from .snapshot import Snapshot
+from .spheres import camera, drawn
+from .view import COLOURS, radii_of
+
+#: Radius of beads whose cutoff is unknown, by the edge of a cube with one bead; of bonds by the least radius; of edges by the box.
+_SIZE, _STICK, _EDGE = 0.36, 0.3, 0.002
+#: Beads cover the picture more often than this: what is inside is seen in a slice alone, so many times as thick as the largest bead.
+_DENSE, _THICK = 6.0, 2.0
+
+
+class _Beads(NamedTuple):
+    """What is drawn; nm."""
+
+    positions: np.ndarray  #: (N, 3)
+    types: np.ndarray  #: (N,) numbers of the names
+    names: list[str]
+    sizes: np.ndarray  #: Radius of each type
+    bonds: np.ndarray  #: (B, 2)
+    box: np.ndarray | None
+
+
+def bead_picture(
+    path: str | os.PathLike, source, *, state=None, radii=None, view=(65.0, -60.0), thickness=None, pixels: int = 900, title: str = ""
+) -> None:
+    """Draw beads as spheres with light, shadow and depth into a PNG file: coloured by type, folded into the box, with sticks for bonds.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG file to write.
+    source : Scene, BuiltSystem or mdtraj.Trajectory
+        A scene, what :func:`openmm_dpd.build` returned, or a trajectory of one frame, whose atom names are the types.
+    state : openmm.State or openmm.Context, optional
+        Positions and box of a run; by default those of the start.
+    radii : length, or mapping of types to lengths, optional
+        Radii of the beads; by default a quarter of the cutoff of their type with itself.  0 hides a type.
+    view : two float
+        Polar and azimuthal angle of the direction to the viewer, in degrees; z points up.
+    thickness : length, optional
+        Thickness of the slice through the middle of the box that is drawn, along the axis that points to the viewer most.  By default the
+        whole box where the beads do not hide each other, else twice the diameter of the largest bead.
+    pixels : int
+        Longer side of the picture.
+    title : str
+        A line above.
+
+    Raises
+    ------
+    ParameterError
+        If the source, the state or a radius is not what is described here, or no bead is left to draw.
+    OutputError
+        If the file cannot be written.
+    """
+    beads = _of_frame(source, radii) if isinstance(source, mdtraj.Trajectory) else _of_scene(source, state, radii)
+    axes, said = camera(*view), ""
+    shown = beads.sizes[beads.types] > 0.0
+    positions = folded(beads.positions, beads.box)
+    if beads.box is not None:
+        if thickness is None:
+            area = np.prod(np.ptp(np.array(_corners(beads.box)) @ axes[:2].T, axis=0))
+            dense = np.pi * np.sum(beads.sizes[beads.types] ** 2) > _DENSE * area
+            thickness = 2.0 * _THICK * beads.sizes.max(initial=0.0) if dense else None
+        if thickness is not None:
+            thickness = checked(thickness, "length", "the thickness of the slice")
+            axis = int(np.argmax(np.abs(axes[2] @ beads.box.T)))
+            part = (positions @ np.linalg.inv(beads.box))[:, axis] - 0.5
+            shown &= np.abs(part) * abs(beads.box[axis, axis]) <= 0.5 * thickness
+            said = f"a slice {thickness:.3g} thick through the middle of the box"
+    if not shown.any():
+        raise ParameterError("no bead is left to draw: all are hidden, or outside of the slice")
+    spheres = [(positions[shown], beads.sizes[beads.types[shown]], beads.types[shown])]
+    spheres += [*_sticks(beads, positions, shown), *_edges(beads.box, len(beads.names))]
+    centres, sizes, kinds = (np.concatenate(each) for each in zip(*spheres, strict=True))
+    colours = np.array([*(_rgb(COLOURS[k % len(COLOURS)]) for k in range(len(beads.names))), _rgb("#404040")])
+    picture = drawn(centres, sizes, colours[kinds], axes, pixels)
+    figure = new_figure(picture.shape[1] / 150, picture.shape[0] / 150 + 0.5)
+    axis = figure.subplots()
+    axis.imshow(picture, interpolation="antialiased")
+    axis.set_axis_off()
+    for k in np.unique(beads.types[shown]):
+        axis.plot([], [], "o", color=colours[k], label=beads.names[k])
+    figure.legend(loc="outside lower center", ncols=8, frameon=False, title=said or None, title_fontsize=9)
+    if title:
+        figure.suptitle(title, fontsize=12)
+    write_picture(path, figure)
+
+
+def _of_scene(source, state, radii) -> _Beads:
+    its = Snapshot.of(source, state)
+    sizes = radii_of(its.scene, radii)
+    names = list(its.scene.type_names)
+    return _Beads(its.positions, its.scene.type_ids, names, np.array([sizes[name] for name in names]), its.scene.bond_pairs, its.box)
+
+
+def _of_frame(frame: mdtraj.Trajectory, radii) -> _Beads:
+    if frame.n_frames != 1:
+        raise ParameterError(f"a picture shows one frame; the trajectory has {frame.n_frames}: give one of them, trajectory[-1] say")
+    names, types = np.unique([atom.name for atom in frame.topology.atoms], return_inverse=True)
+    positions, box = frame.xyz[0].astype(float), None if frame.unitcell_vectors is None else frame.unitcell_vectors[0].astype(float)
+    volume = np.prod(np.ptp(positions, axis=0)) if box is None else abs(np.linalg.det(box))
+    given = _SIZE * (volume / len(positions)) ** (1.0 / 3.0) if radii is None else radii
+    sizes = np.array([checked(given[name] if isinstance(given, dict) else given, "length", f"the radius of {name}") for name in names])
+    bonds = np.array([(one.index, other.index) for one, other in frame.topology.bonds], int).reshape(-1, 2)
+    return _Beads(positions, types, list(names), sizes, bonds, box)
+
+
+def _rgb(colour: str) -> list[float]:
+    return [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+
+
+def _line(begin: np.ndarray, along: np.ndarray, radius: float) -> np.ndarray:
+    """(N, 3): centres of spheres that touch each other along lines (L, 3) so closely that they look like rods."""
+    count = int(np.ceil(np.linalg.norm(along, axis=1).max(initial=0.0) / (0.5 * radius))) + 1
+    return (begin[:, None] + np.linspace(0.0, 1.0, count)[:, None] * along[:, None]).reshape(-1, 3)
+
+
+def _sticks(beads: _Beads, positions: np.ndarray, shown: np.ndarray):
+    """Half of each bond from each of its beads, in that bead's colour."""
+    radius = _STICK * min(beads.sizes[beads.sizes > 0.0], default=0.0)
+    for first, second in ((0, 1), (1, 0)):
+        ends = beads.bonds[shown[beads.bonds].all(1)]
+        apart = minimum_images(positions[ends[:, second]] - positions[ends[:, first]], beads.box)
+        if len(ends) and radius:
+            centres = _line(positions[ends[:, first]], 0.5 * apart, radius)
+            yield centres, np.full(len(centres), radius), np.repeat(beads.types[ends[:, first]], len(centres) // len(ends))
+
+
+def _corners(box: np.ndarray) -> list[np.ndarray]:
+    return [np.array([i, j, k]) @ box for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+
+
+def _edges(box: np.ndarray | None, kind: int):
+    """The twelve edges of the box."""
+    if box is not None:
+        radius = _EDGE * float(np.linalg.norm(box.diagonal()))
+        starts = [(a, np.array(corner) @ np.delete(box, a, 0)) for a in range(3) for corner in ((0, 0), (0, 1), (1, 0), (1, 1))]
+        for a, start in starts:
+            centres = _line(start[None], box[a][None], radius)
+            yield centres, np.full(len(centres), radius), np.full(len(centres), kind)
