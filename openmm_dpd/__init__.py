@@ -16,7 +16,7 @@ from .base.errors import (
 )
 from .base.platforms import fastest_platform as fastest_platform
 from .base.serialized import load_xml as load_xml
-from .io import trajectory as trajectory, view as view
+from .io import bead_pictures as pictures, trajectory as trajectory, view as view
 from .measure import (
     DPDReporter as DPDReporter,
     Observer as Observer,
@@ -62,7 +62,7 @@ from .simulation.thermostat import add_thermostat as add_thermostat
 __version__ = "0.2.0"
 
 #: Modules that scripts import by a name of their own, and where they are.
-PUBLIC_MODULES = {"stats": stats, "trajectory": trajectory, "units": units, "view": view}
+PUBLIC_MODULES = {"pictures": pictures, "stats": stats, "trajectory": trajectory, "units": units, "view": view}
 sys.modules.update({f"{__name__}.{name}": module for name, module in PUBLIC_MODULES.items()})
 
 

@@ -1,15 +1,15 @@
 """Pictures of beads: spheres by type, sticks for bonds, the edges of the box."""
 
 import os
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import mdtraj
 import numpy as np
 
 from ..base.errors import ParameterError
 from ..base.geometry import folded, minimum_images
 from ..model.pairs import checked
-from .pictures import new_figure, write_picture
+from . import pictures
+from .pictures import new_figure, thermo_picture as thermo_picture
 from .snapshot import Snapshot
 from .spheres import camera, drawn
 from .view import COLOURS, radii_of
@@ -63,7 +63,7 @@ def bead_picture(
     OutputError
         If the file cannot be written.
     """
-    beads = _of_frame(source, radii) if isinstance(source, mdtraj.Trajectory) else _of_scene(source, state, radii)
+    beads = _of_frame(source, radii) if hasattr(source, "n_frames") else _of_scene(source, state, radii)
     axes, said = camera(*view), ""
     shown = beads.sizes[beads.types] > 0.0
     positions = folded(beads.positions, beads.box)
@@ -77,7 +77,7 @@ def bead_picture(
             axis = int(np.argmax(np.abs(axes[2] @ beads.box.T)))
             part = (positions @ np.linalg.inv(beads.box))[:, axis] - 0.5
             shown &= np.abs(part) * abs(beads.box[axis, axis]) <= 0.5 * thickness
-            said = f"a slice {thickness:.3g} thick through the middle of the box"
+            said = "a slice through the middle of the box"
     if not shown.any():
         raise ParameterError("no bead is left to draw: all are hidden, or outside of the slice")
     spheres = [(positions[shown], beads.sizes[beads.types[shown]], beads.types[shown])]
@@ -94,7 +94,7 @@ def bead_picture(
     figure.legend(loc="outside lower center", ncols=8, frameon=False, title=said or None, title_fontsize=9)
     if title:
         figure.suptitle(title, fontsize=12)
-    write_picture(path, figure)
+    pictures.write_picture(path, figure)
 
 
 def _of_scene(source, state, radii) -> _Beads:
@@ -104,7 +104,7 @@ def _of_scene(source, state, radii) -> _Beads:
     return _Beads(its.positions, its.scene.type_ids, names, np.array([sizes[name] for name in names]), its.scene.bond_pairs, its.box)
 
 
-def _of_frame(frame: mdtraj.Trajectory, radii) -> _Beads:
+def _of_frame(frame: Any, radii) -> _Beads:
     if frame.n_frames != 1:
         raise ParameterError(f"a picture shows one frame; the trajectory has {frame.n_frames}: give one of them, trajectory[-1] say")
     names, types = np.unique([atom.name for atom in frame.topology.atoms], return_inverse=True)

@@ -65,7 +65,11 @@ def radii_of(scene: Scene, given) -> dict[str, float]:
     """Radius (nm) of every type."""
     if given is None:
         tables: list[dict[tuple[str, str], Any]] = [table.resolve(scene.type_names) for table in scene.tables]
-        return {name: 0.25 * max(table[name, name].cutoff for table in tables if (name, name) in table) for name in scene.type_names}
+        reach: dict[tuple[str, str], float] = {}
+        for pair, its in (item for table in tables for item in table.items()):
+            reach[pair] = max(reach.get(pair, 0.0), getattr(its, "cutoff", 0.0))
+        most = max(reach.values(), default=0.0) or 1.0  # of a type that has no interaction with itself
+        return {name: 0.25 * (reach.get((name, name)) or most) for name in scene.type_names}
     named = given if isinstance(given, Mapping) else dict.fromkeys(scene.type_names, given)
     wrong = sorted(map(str, set(named) ^ set(scene.type_names)))
     if wrong:
