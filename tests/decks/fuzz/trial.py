@@ -89,7 +89,7 @@ class Trial:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             for name, text in deck.files.items():
-                (folder / name).write_text(text)
+                (folder / name).write_text(text, encoding="utf-8")
 
         def outcome(kind: str, message: str, outputs: dict[str, tuple[str, str]] | None = None) -> Outcome:
             return Outcome(seed, area, kind, message, deck.texts, outputs or {})
@@ -129,7 +129,7 @@ class Trial:
     def _answer(self, folder: Path, side: str, number: int, text: str, deck: Deck) -> Answer:
         for theirs, ours in deck.ours.items() if side == "ours" else ():
             text = text.replace(theirs, ours)
-        (folder / f"in.{number}").write_text(text)
+        (folder / f"in.{number}").write_text(text, encoding="utf-8")
         return self.sides[side].run(folder, f"in.{number}", deck.options)
 
 
