@@ -71,7 +71,7 @@ def test_two_files_in_turn_and_no_more(tmp_path):
     rows(tmp_path, "turns", f"{start}{fixes}restart 2 a b\nrun 5\nrestart 0\nrun 5\n")
     found = {name: rows(tmp_path, f"from_{name}", f"read_restart {name}\n{fixes}run 0\n") for name in ("a", "b")}
     assert [found[name][0].split()[0] for name in ("a", "b")] == ["2", "4"]
-    assert sorted(path.name for path in tmp_path.glob("[ab]*")) == ["a", "b"]
+    assert sorted(path.name for path in tmp_path.glob("[ab]")) == ["a", "b"]
 
 
 def test_files_of_each_step_beside_two_in_turn(tmp_path):

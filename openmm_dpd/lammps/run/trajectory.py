@@ -122,7 +122,7 @@ class RunTrajectory:
 
     def draw_beads(self, title: str) -> None:
         """Draw the beads of the final state, if there is one, into ``beads.png``."""
-        if self._end is not None and np.all(np.isfinite(self._end[1].getPositions(asNumpy=True)._value)):
+        if self._end is not None and np.all(np.isfinite(self._end[1].getPositions(asNumpy=True).value_in_unit(unit.nanometer))):
             bead_picture(self.folder / "beads.png", self._end[0], state=self._end[1], title=title)
 
     def close(self) -> None:
