@@ -80,8 +80,8 @@ def run_deck(
     options : RunOptions, optional
         Settings that override the deck's.
     out : str or Path, optional
-        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), log (``log.txt``), checkpoint, final state, pictures (``thermo.png``,
-        ``beads.png``) and the deck's output; by default the deck's output goes to the working directory, and nothing else is written.
+        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), log (``log.txt``), checkpoint, final state, picture (``thermo.png``)
+        and the deck's output; by default the deck's output goes to the working directory, and nothing else is written.
     log : callable, optional
         Receives the lines of output.
     variables : mapping, optional
@@ -182,8 +182,6 @@ def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], N
     outputs: list[Callable[[], None]] = [lambda: keep(report)]
     if folder is not None:
         outputs.append(lambda: _picture(folder / "thermo.png", runner.results))
-    if (trajectory := runner.trajectory) is not None:
-        outputs.append(lambda: trajectory.draw_beads(runner.results[-1].request.state.path.name))
     for write in outputs:
         try:
             write()

@@ -8,7 +8,6 @@ import openmm
 from openmm import app, unit
 
 from ...base.files import writing
-from ...io.bead_pictures import bead_picture
 from ...io.dcd import DCDWriter
 from ...io.trajectory import write_psf
 from ...io.xtc import XTCWriter
@@ -54,7 +53,6 @@ class RunTrajectory:
         self._offset: np.ndarray = np.zeros((0, 3))
         self._every, self._first, self._last = 1, 0, 0
         self._written: int | None = None
-        self._end: tuple[BuiltSystem, openmm.State] | None = None
 
     @property
     def progress(self) -> tuple[int, int, int | None]:
@@ -118,12 +116,6 @@ class RunTrajectory:
     def save_state(self, simulation: app.Simulation) -> None:
         """Write the final state, from which OpenMM can continue exactly."""
         simulation.saveState(self.folder / "final_state.xml")
-        self._end = self._built, simulation.context.getState(positions=True)
-
-    def draw_beads(self, title: str) -> None:
-        """Draw the beads of the final state, if there is one, into ``beads.png``."""
-        if self._end is not None and np.all(np.isfinite(self._end[1].getPositions(asNumpy=True).value_in_unit(unit.nanometer))):
-            bead_picture(self.folder / "beads.png", self._end[0], state=self._end[1], title=title)
 
     def close(self) -> None:
         """Close the files."""
