@@ -5,14 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.errors import ParameterError
-from ..base.geometry import folded, minimum_images
+from ..base.errors import ParameterError, what_is
+from ..base.geometry import folded, minimum_images, widths
+from ..base.units import whole_number
 from ..model.pairs import checked
-from . import pictures
-from .pictures import new_figure, thermo_picture as thermo_picture
+from .pictures import DPI, new_figure, write_picture
 from .snapshot import Snapshot
 from .spheres import camera, drawn
-from .view import COLOURS, radii_of
+from .view import COLOURS, default_radii, radii_of
 
 #: Radius of beads whose cutoff is unknown, by the edge of a cube with one bead; of bonds by the least radius; of edges by the box.
 _SIZE, _STICK, _EDGE = 0.36, 0.3, 0.002
@@ -63,8 +63,14 @@ def bead_picture(
     OutputError
         If the file cannot be written.
     """
-    beads = _of_frame(source, radii) if hasattr(source, "n_frames") else _of_scene(source, state, radii)
-    axes, said = camera(*view), ""
+    whole_number(pixels, "the number of pixels", least=1)
+    angles = np.asarray(view, dtype=float)
+    if angles.shape != (2,) or not np.all(np.isfinite(angles)):
+        raise ParameterError(f"view must be two angles in degrees, not {what_is(view)}")
+    beads = _of_frame(source, state, radii) if hasattr(source, "n_frames") else _of_scene(source, state, radii)
+    if thickness is not None and beads.box is None:
+        raise ParameterError("without a box there is no slice through its middle; leave thickness out")
+    axes, said = camera(*angles), ""
     shown = beads.sizes[beads.types] > 0.0
     positions = folded(beads.positions, beads.box)
     if beads.box is not None:
@@ -76,7 +82,7 @@ def bead_picture(
             thickness = checked(thickness, "length", "the thickness of the slice")
             axis = int(np.argmax(np.abs(axes[2] @ beads.box.T)))
             part = (positions @ np.linalg.inv(beads.box))[:, axis] - 0.5
-            shown &= np.abs(part) * abs(beads.box[axis, axis]) <= 0.5 * thickness
+            shown &= np.abs(part) * widths(beads.box)[axis] <= 0.5 * thickness
             said = "a slice through the middle of the box"
     if not shown.any():
         raise ParameterError("no bead is left to draw: all are hidden, or outside of the slice")
@@ -85,7 +91,7 @@ def bead_picture(
     centres, sizes, kinds = (np.concatenate(each) for each in zip(*spheres, strict=True))
     colours = np.array([*(_rgb(COLOURS[k % len(COLOURS)]) for k in range(len(beads.names))), _rgb("#404040")])
     picture = drawn(centres, sizes, colours[kinds], axes, pixels)
-    figure = new_figure(picture.shape[1] / 150, picture.shape[0] / 150 + 0.5)
+    figure = new_figure(picture.shape[1] / DPI, picture.shape[0] / DPI + 0.5)
     axis = figure.subplots()
     axis.imshow(picture, interpolation="antialiased")
     axis.set_axis_off()
@@ -94,26 +100,28 @@ def bead_picture(
     figure.legend(loc="outside lower center", ncols=8, frameon=False, title=said or None, title_fontsize=9)
     if title:
         figure.suptitle(title, fontsize=12)
-    pictures.write_picture(path, figure)
+    write_picture(path, figure)
 
 
 def _of_scene(source, state, radii) -> _Beads:
     its = Snapshot.of(source, state)
-    sizes = radii_of(its.scene, radii)
     names = list(its.scene.type_names)
+    sizes = radii_of(names, default_radii(its.scene) if radii is None else radii)
     return _Beads(its.positions, its.scene.type_ids, names, np.array([sizes[name] for name in names]), its.scene.bond_pairs, its.box)
 
 
-def _of_frame(frame: Any, radii) -> _Beads:
+def _of_frame(frame: Any, state, radii) -> _Beads:
+    if state is not None:
+        raise ParameterError("a frame of a trajectory has its own positions; leave state out")
     if frame.n_frames != 1:
         raise ParameterError(f"a picture shows one frame; the trajectory has {frame.n_frames}: give one of them, trajectory[-1] say")
-    names, types = np.unique([atom.name for atom in frame.topology.atoms], return_inverse=True)
+    found, types = np.unique([atom.name for atom in frame.topology.atoms], return_inverse=True)
+    names = found.tolist()
     positions, box = frame.xyz[0].astype(float), None if frame.unitcell_vectors is None else frame.unitcell_vectors[0].astype(float)
     volume = np.prod(np.ptp(positions, axis=0)) if box is None else abs(np.linalg.det(box))
-    given = _SIZE * (volume / len(positions)) ** (1.0 / 3.0) if radii is None else radii
-    sizes = np.array([checked(given[name] if isinstance(given, dict) else given, "length", f"the radius of {name}") for name in names])
+    sizes = radii_of(names, _SIZE * float(volume / len(positions)) ** (1.0 / 3.0) if radii is None else radii)
     bonds = np.array([(one.index, other.index) for one, other in frame.topology.bonds], int).reshape(-1, 2)
-    return _Beads(positions, types, list(names), sizes, bonds, box)
+    return _Beads(positions, types, names, np.array([sizes[name] for name in names]), bonds, box)
 
 
 def _rgb(colour: str) -> list[float]:

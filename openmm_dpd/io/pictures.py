@@ -21,6 +21,8 @@ PANELS = (
 
 #: Colours (dark for means, light for rows) that colour-blind readers can tell apart.
 COLOURS = (("#1f5a99", "#a9c6e3"), ("#b3541e", "#efc9ae"))
+#: Pixels per inch of all pictures.
+DPI = 150
 #: Fewest rows of a run with a mean: three windows.
 LEAST_ROWS = 15
 #: Legends of lines with and without means, and of the shading.
@@ -107,7 +109,7 @@ def new_figure(width: float, height: float) -> Any:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

@@ -1,4 +1,4 @@
-"""Spheres drawn with light, shadow and depth, as an array of pixels: numpy and scipy alone, a second for 100,000 of them."""
+"""Spheres drawn with light, shadow and depth, as an array of pixels: numpy and scipy alone."""
 
 import numpy as np
 
@@ -26,6 +26,7 @@ def drawn(centres: np.ndarray, radii: np.ndarray, colours: np.ndarray, axes: np.
     Parameters
     ----------
     centres : (N, 3) array
+        Of at least one sphere.
     radii : (N,) array
     colours : (N, 3) array
         Red, green and blue from 0 to 1.
@@ -39,8 +40,10 @@ def drawn(centres: np.ndarray, radii: np.ndarray, colours: np.ndarray, axes: np.
     (H, W, 4) array
         Red, green, blue and opacity from 0 to 1, the top row first.
     """
+    from scipy.ndimage import gaussian_filter
+
     seen = centres @ axes.T
-    low, high = ((seen[:, :2] - radii[:, None]).min(0), (seen[:, :2] + radii[:, None]).max(0)) if len(seen) else (np.zeros(2), np.ones(2))
+    low, high = (seen[:, :2] - radii[:, None]).min(0), (seen[:, :2] + radii[:, None]).max(0)
     scale = _FINER * pixels / max(float((high - low).max()), 1e-12)
     shape = tuple(_FINER * np.maximum(np.ceil((high - low)[::-1] * scale / _FINER).astype(int), 1))
     depth, front = _nearest(seen, radii, low, scale, shape)
@@ -50,10 +53,12 @@ def drawn(centres: np.ndarray, radii: np.ndarray, colours: np.ndarray, axes: np.
     normals = (points - seen[its]) / radii[its, None]
     light = _LIGHT / np.linalg.norm(_LIGHT)
     lit = _AMBIENT + (1.0 - _AMBIENT) * np.clip(normals @ light, 0.0, 1.0)
-    lit *= 1.0 - _SHADOW * _shadowed(seen, radii, points, light, scale, shape)
+    dark = np.zeros(shape)
+    dark[rows, columns] = _shadowed(seen, radii, points, light, scale)
+    lit *= 1.0 - _SHADOW * gaussian_filter(dark, _FINER)[rows, columns]
     half = light + [0.0, 0.0, 1.0]
     shine = _SHINE * np.clip(normals @ (half / np.linalg.norm(half)), 0.0, 1.0) ** 30
-    far = (seen[its, 2].max(initial=-np.inf) - seen[its, 2]) / max(float(np.ptp(seen[:, 2])), 1e-12) if len(its) else found
+    far = (seen[its, 2].max() - seen[its, 2]) / max(float(np.ptp(seen[:, 2])), 1e-12)
     colour = colours[its] * lit[:, None] + shine[:, None]
     picture = np.zeros((*shape, 4))
     picture[rows, columns, :3] = np.clip(colour + _FADED * far[:, None] * (1.0 - colour), 0.0, 1.0)
@@ -86,24 +91,14 @@ def _nearest(seen: np.ndarray, radii: np.ndarray, low: np.ndarray, scale: float,
     return depth.reshape(shape), front.reshape(shape)
 
 
-def _shadowed(
-    seen: np.ndarray, radii: np.ndarray, points: np.ndarray, light: np.ndarray, scale: float, shape: tuple[int, int]
-) -> np.ndarray:
-    """How far points lie in the shadow of spheres, from 0 to 1."""
-    from scipy.ndimage import gaussian_filter
-
+def _shadowed(seen: np.ndarray, radii: np.ndarray, points: np.ndarray, light: np.ndarray, scale: float) -> np.ndarray:
+    """Whether each point lies in the shadow of a sphere."""
     right = np.cross([0.0, 1.0, 0.0], light)
-    axes = np.array([right / np.linalg.norm(right), np.cross(light, right / np.linalg.norm(right)), light])
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(light, right), light])
     turned, at = seen @ axes.T, points @ axes.T
-    low = turned[:, :2].min(0, initial=0.0) - radii.max(initial=0.0)
-    size = tuple(((turned[:, :2].max(0, initial=0.0) + radii.max(initial=0.0) - low) * scale).astype(int)[::-1] + 1)
-    depth, _ = _nearest(turned, radii, low, scale, size)
-    column, row = np.minimum(((at[:, :2] - low) * scale).astype(int), np.array(size[::-1]) - 1).T
-    dark = np.zeros(shape)
-    place = (
-        ((points[:, 1] - points[:, 1].min(initial=0.0)) * scale).astype(int),
-        ((points[:, 0] - points[:, 0].min(initial=0.0)) * scale).astype(int),
-    )
-    place = tuple(np.minimum(each, limit - 1) for each, limit in zip(place, shape, strict=True))
-    dark[place] = depth[row, column] > at[:, 2] + 2.0 / scale + 0.02 * radii.max(initial=0.0)
-    return gaussian_filter(dark, _FINER)[place]
+    low, high = (turned[:, :2] - radii[:, None]).min(0), (turned[:, :2] + radii[:, None]).max(0)
+    shape = tuple(((high - low)[::-1] * scale).astype(int) + 1)
+    depth, _ = _nearest(turned, radii, low, scale, shape)
+    column, row = np.clip(((at[:, :2] - low) * scale).astype(int), 0, np.array(shape[::-1]) - 1).T
+    return depth[row, column] > at[:, 2] + 2.0 / scale + 0.02 * radii.max()

@@ -1,7 +1,6 @@
 """View beads in a notebook, with nglview."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -38,7 +37,7 @@ def view(source, *, state=None, radii=None):
     """
     nglview = optional_package("nglview", "view", "the view in a notebook needs")
     scene = scene_of(source)
-    sizes = radii_of(scene, radii)
+    sizes = radii_of(scene.type_names, default_radii(scene) if radii is None else radii)
     widget = nglview.NGLWidget(nglview.TextStructure(pdb_text(Snapshot.of(source, state)), ext="pdb"))
     widget.clear_representations()
     for k, name in enumerate(scene.type_names):
@@ -61,19 +60,19 @@ def _selection(beads: np.ndarray) -> str:
     return "@" + ",".join(map(str, beads.tolist()))
 
 
-def radii_of(scene: Scene, given) -> dict[str, float]:
-    """Radius (nm) of every type."""
-    if given is None:
-        tables: list[dict[tuple[str, str], Any]] = [table.resolve(scene.type_names) for table in scene.tables]
-        reach: dict[tuple[str, str], float] = {}
-        for pair, its in (item for table in tables for item in table.items()):
-            reach[pair] = max(reach.get(pair, 0.0), getattr(its, "cutoff", 0.0))
-        most = max(reach.values(), default=0.0) or 1.0  # of a type that has no interaction with itself
-        return {name: 0.25 * (reach.get((name, name)) or most) for name in scene.type_names}
-    named = given if isinstance(given, Mapping) else dict.fromkeys(scene.type_names, given)
-    wrong = sorted(map(str, set(named) ^ set(scene.type_names)))
+def default_radii(scene: Scene) -> dict[str, float]:
+    """A quarter of the cutoff (nm) of each type with itself; of the largest cutoff where a type does not interact with itself."""
+    reach: dict[tuple[str, str], float] = {}
+    for pair, its in (item for table in scene.tables for item in table.resolve(scene.type_names).items()):
+        reach[pair] = max(reach.get(pair, 0.0), getattr(its, "cutoff", 0.0))
+    largest = max(reach.values(), default=0.0) or 1.0
+    return {name: 0.25 * (reach.get((name, name)) or largest) for name in scene.type_names}
+
+
+def radii_of(names: Sequence[str], given) -> dict[str, float]:
+    """Radius (nm) of every type, from one for all or a mapping."""
+    named = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    wrong = sorted(map(str, set(named) ^ set(names)))
     if wrong:
-        raise ParameterError(
-            f"radii must have one entry for each of the types {', '.join(scene.type_names)}; {wrong[0]} is missing or unknown"
-        )
+        raise ParameterError(f"radii must have one entry for each of the types {', '.join(names)}; {wrong[0]} is missing or unknown")
     return {name: checked(size, "length", f"the radius of type {what_is(name)}") for name, size in named.items()}

@@ -10,12 +10,6 @@ import openmm_dpd as dpd
 from openmm_dpd.io.bead_pictures import bead_picture
 from openmm_dpd.io.spheres import camera, drawn
 
-
-@pytest.fixture
-def undrawn():
-    """Pictures are drawn here."""
-
-
 RED, GREEN = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]
 FRONT = np.eye(3)  # x to the right, y to the top, seen along z
 
@@ -86,6 +80,10 @@ def test_scenes_runs_and_frames(scene, tmp_path):
     assert draw("run.png", built, state=simulation.context) == draw("state.png", built, state=simulation.context.getState(positions=True))
     topology = mdtraj.Topology.from_openmm(built.topology)
     frame = mdtraj.Trajectory(scene.positions[None], topology, unitcell_lengths=[[5.0] * 3], unitcell_angles=[[90.0] * 3])
+    raises(dpd.ParameterError, "leave state out", lambda: bead_picture(tmp_path / "none.png", frame, state=simulation.context))
+    raises(
+        dpd.ParameterError, "C is missing or unknown", lambda: bead_picture(tmp_path / "none.png", frame, radii={"A": 1, "B": 1, "C": 1})
+    )
     assert draw("frame.png", frame, radii=0.25) == pytest.approx((blue, orange), rel=0.02)
 
 
@@ -97,11 +95,25 @@ def test_a_dense_box_is_shown_as_a_slice(tmp_path):
     assert count(tmp_path / "dense.png", True) < 0.9 * count(tmp_path / "whole.png", True)
 
 
+def test_beads_without_a_box_and_far_from_the_origin(tmp_path):
+    """The array of the shadows is as large as the beads are apart; a type that does not interact with itself has the largest cutoff's radius."""
+    pairs = {("A", "A"): dpd.NONE, ("A", "B"): dpd.DPD(25, 4.5), ("B", "B"): dpd.DPD(25, 4.5, cutoff=0.5)}
+    scenes = [dpd.Scene({"A": 1.0, "B": 1.0}, ["A", "B"], np.array([[0, 0, 0], [0, 1, 1.0]]) + far, pairs, kT=1.0) for far in (0.0, 1e5)]
+    for k, scene in enumerate(scenes):
+        bead_picture(tmp_path / f"{k}.png", scene)
+    blue, orange = count(tmp_path / "0.png", True), count(tmp_path / "0.png", False)
+    assert 3.0 < blue / orange < 5.0
+    assert (count(tmp_path / "1.png", True), count(tmp_path / "1.png", False)) == pytest.approx((blue, orange), rel=0.01)
+    raises(dpd.ParameterError, "leave thickness out", lambda: bead_picture(tmp_path / "none.png", scenes[0], thickness=1.0))
+
+
 @cases(
     "how, said",
     ({"thickness": -1.0}, "the thickness of the slice"),
     ({"radii": 0.0}, "no bead is left to draw"),
     ({"radii": {"A": 1.0}}, "B is missing"),
+    ({"view": (1.0, float("nan"))}, "two angles in degrees"),
+    ({"pixels": 0}, "the number of pixels"),
 )
 def test_what_cannot_be_drawn_is_named(scene, tmp_path, how, said):
     raises(dpd.ParameterError, said, lambda: bead_picture(tmp_path / "none.png", scene, **how))
