@@ -81,14 +81,14 @@ def noise_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
 
 @inlined
 def key_again(numbers, counter, bits):
-    """The :func:`noise_key` of a layer, a seed (its :func:`call_key`), a counter and the bits of a thermal energy."""
-    return next_key(next_key(next_key(numbers[1], counter), numbers[0]), bits)
+    """The :func:`noise_key` of a layer and a seed, a counter and the bits of a thermal energy."""
+    return next_key(next_key(next_key(next_key(np.uint64(0), numbers[1]), counter), numbers[0]), bits)
 
 
 def told_key(seed: int, counter: int, layer: int, kT: float) -> np.uint64:
     """A :func:`noise_key`, of which a tape that is running is told, so that :func:`key_again` makes those of other steps."""
     key = noise_key(seed, counter, layer, kT)
-    Tape.tell("key", key, counter, kT, layer, call_key(seed))
+    Tape.tell("key", key, counter, kT, layer, seed)
     return key
 
 
