@@ -122,6 +122,7 @@ FILES = {  # Files beside the decks.
     ),
     "data.chain": _chains("three chains", "angle", 3, 3, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}"),
     "eos.table": "# U(T)\n\nSOFT\nN 3\n\n1 0.1 5.0\n2 2.0 100.0\n3 5.0 400.0\n",
+    "dimer.txt": "two beads\n\n2 atoms\n1 bonds\n\nCoords\n\n1 0 0 0\n2 0.4 0 0\n\nTypes\n\n1 1\n2 1\n\nBonds\n\n1 1 1 2\n",
     "more.in": "variable included equal 2*temp\n",
 }
 
@@ -230,6 +231,11 @@ SNIPPETS: dict[str, dict[str, str]] = {
             head="atom_modify sort 0 0", between="group gone id 3\ndelete_atoms group gone compress no\nreset_ids\nreset_atom_ids"
         ),
         "write_dump": deck(between="write_dump all custom now.txt id x vx modify sort id"),
+        "molecule": deck(
+            "bonds",
+            "molecule m dimer.txt\ncreate_atoms 0 random 3 17 NULL mol m 18",
+            "create_atoms 0 single 1 1 1 mol m 4\ncreate_bonds many all all 1 0.3 0.5\ndelete_bonds all bond 1 any",
+        ).replace("lj 1.0 1.0 1.0", "lj/coul 0 1 1"),
         "set": deck(between="variable v atom 0.1*id\nset atom * vx v_v\nset atom 1*3 type 2\nmass 2 1.5\nvelocity all scale 0.5"),
         "displace_atoms": deck(between="displace_atoms all random 0.1 0.1 0.1 31 units box"),
         "replicate": deck(before="replicate 1 1 2", between="velocity all scale $(temp)"),

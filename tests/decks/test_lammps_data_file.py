@@ -230,7 +230,7 @@ def test_bonds_need_a_style_that_has_them(tmp_path):
     raises(DeckError, r"data:23: atom_style atomic has no bonds", lambda: read_data_file(path, "atomic"))
 
 
-@cases("style, old, new, message", ("dpd", "300", "0", r"internal temperature \(theta\)"), ("bond", "2 8", "2 -1", "molecule numbers"))
+@cases("style, old, new, message", ("dpd", "300", "0", r"internal temperature \(theta\)"))
 def test_what_beads_have_is_in_bounds(tmp_path, style, old, new, message):
     text = HEADER + "\nAtoms\n\n" + "\n".join(ATOMS[style]).replace(old, new) + "\n"
     raises(DeckError, f"data:13: .*{message} must be >", lambda: read_data_file(write(tmp_path, text), style))

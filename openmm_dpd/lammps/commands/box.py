@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import DeckError, ParameterError
-from ...model.bonds import bonded_neighbours
+from ...base.geometry import pairs_within
 from ..files.data_file import ARRAYS, BONDED_STYLES, JOINED, DataFile, read_data_file
+from ..files.molecule_file import ParkMiller, Ranmar
 from ..language import arguments as read
 from ..language.lexer import Line, errors_at
 from ..state.atoms import Atoms
@@ -17,7 +18,10 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
+from ..values.resolver import present
 from .beads import subset
+from .joining import Placement, check_special, hidden_pairs
+from .moving import values_of_variable
 from .setup import COMMANDS, command
 
 
@@ -40,7 +44,9 @@ def region(state: DeckState, args: list[str]) -> None:
         return
     if name in state.regions:
         raise ParameterError(f"there already is a region '{name}'; delete it first")
-    state.regions[name] = parse_region(args[1:], state.lattice.spacing, state.box, state.regions)
+    state.regions[name] = parse_region(
+        args[1:], state.lattice.spacing, state.box, state.regions, lambda name: present(state).variable_alone(name)
+    )
 
 
 #: Options for memory that LAMMPS reserves; ignored.
@@ -76,21 +82,23 @@ def _set_box(state: DeckState, box: Box) -> None:
 
 @command("create_atoms type style ...", 2, None, box=True)
 def create_atoms(state: DeckState, args: list[str]) -> None:
-    """``create_atoms type box | region ID | random N seed ID|NULL | single x y z``, with options."""
-    kind = state.type_number(args[0])
+    """``create_atoms type box | region ID | random N seed ID|NULL | single x y z``, with options, ``mol ID seed`` among them."""
     sizes = {"box": 0, "region": 1, "random": 3, "single": 3}
     style = read.choice(args[1], "the style of create_atoms", list(sizes))
     words, rest = read.taken(args[2:], sizes[style], f"create_atoms {style}")
     options: dict[str, list[str]] = {}
     basis: dict[int, int] = {}
-    allowed = {"units": 1, "basis": 2, "overlap": 1, "maxtry": 1, "subset": 2, "ratio": 2}
+    allowed = {"units": 1, "basis": 2, "overlap": 1, "maxtry": 1, "subset": 2, "ratio": 2, "mol": 2, "rotate": 4}
     for keyword, values in read.options(rest, allowed, f"create_atoms {style}"):
         if keyword == "basis":
             basis[read.integer(values[0], "the number of the basis atom", 1)] = read.integer(values[1], "its type", 1)
         options[keyword] = values
     scale = state.spacing(options.get("units", ["lattice"])[0])
+    placement = Placement(state, options) if "mol" in options else None
+    # with molecules the type is added to theirs
+    kind = state.type_number(args[0]) if placement is None else read.integer(args[0], "the atom type")
     if style == "random":
-        points = _random_points(state, words, options)
+        points = _random_points(state, words, options, scale, placement)
         types = np.full(len(points), kind)
     elif style == "single":
         points = np.array([[read.number(word, "a coordinate") for word in words]]) * scale
@@ -100,6 +108,9 @@ def create_atoms(state: DeckState, args: list[str]) -> None:
             points, types = points[:0], types[:0]
     else:
         points, types = _lattice_points(state, kind, basis, words, options)
+    if placement is not None:
+        placement.add(state, kind, list(points) if style == "random" else [placement(point) for point in points])
+        return
     start = int(state.atoms.ids.max()) + 1 if len(state.atoms) else 1
     state.add_atoms(Atoms.new(np.arange(start, start + len(points)), types, points, state.n_species))
 
@@ -125,11 +136,15 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
     return points, types
 
 
-def _random_points(state: DeckState, words: list[str], options: dict[str, list[str]]) -> np.ndarray:
+def _random_points(
+    state: DeckState, words: list[str], options: dict[str, list[str]], scale: np.ndarray, placement: Placement | None
+) -> np.ndarray:
+    """(N, 3) random positions of beads, or with ``placement`` (N, beads, 3) of molecules, whose points LAMMPS draws alike."""
     wanted = read.integer(words[0], "the number of beads", 0)
     if wanted > 2**31 - 1:
         raise ParameterError(f"create_atoms random: {wanted} beads are too many")
-    rng = np.random.default_rng(read.integer(words[1], "the seed", 1))
+    seed = read.integer(words[1], "the seed", 1)
+    rng = np.random.default_rng(seed) if placement is None else ParkMiller(seed)
     limit = None if words[2] == "NULL" else state.region(words[2])
     box = state.require_box("create_atoms")
     low, high = box.bounds
@@ -137,32 +152,36 @@ def _random_points(state: DeckState, words: list[str], options: dict[str, list[s
         low, high = np.maximum(low, limit.bounds[0]), np.minimum(high, limit.bounds[1])
     if np.any(high <= low):
         raise ParameterError(f"region '{words[2]}' and the box have no volume in common")
-    overlap = read.non_negative(options["overlap"][0], "overlap") if "overlap" in options else 0.0
+    overlap = read.non_negative(options.get("overlap", ["0"])[0], "overlap") * float(scale[0])
     tries = read.integer(options["maxtry"][0], "maxtry", 1) if "maxtry" in options else 1000
-    present = state.atoms.positions
-    found, drawn = np.zeros((0, 3)), 0
-    while len(found) < wanted and drawn < wanted * tries:
-        points = low + (high - low) * rng.random((wanted - len(found), 3))
-        drawn += len(points)
-        inside = box.holds(points)
-        if limit is not None:
-            inside &= limit.contains(points)
-        for point in points[inside] if overlap else ():
-            if _closest(np.vstack([present, found]), point, box) >= overlap:
-                found = np.vstack([found, point])
-        if not overlap:
-            found = np.vstack([found, points[inside]])
+    found: list[np.ndarray] = []
+    there = state.atoms.positions
+    # as in LAMMPS each molecule has its own tries
+    batch = max(1, wanted) if placement is None else 1
+    for _ in range(wanted // batch):
+        drawn, goal = 0, len(found) + batch
+        while len(found) < goal and drawn < batch * tries:
+            points = low + (high - low) * rng.random((goal - len(found), 3))
+            drawn += len(points)
+            inside = box.holds(points)
+            if limit is not None:
+                inside &= limit.contains(points)
+            for point in points[inside]:
+                beads = point if placement is None else placement(point)
+                if not overlap or _closest(there, beads, box) >= overlap:
+                    found.append(beads)
+                    there = np.vstack([there, beads]) if overlap else there
     if len(found) < wanted:
-        state.note(f"create_atoms random: only {len(found)} of {wanted} beads could be placed")
-    return found
+        state.note(f"create_atoms random: only {len(found)} of {wanted} {'beads' if placement is None else 'molecules'} could be placed")
+    return np.array(found) if found else np.zeros((0, 3))
 
 
-def _closest(points: np.ndarray, point: np.ndarray, box: Box) -> float:
+def _closest(points: np.ndarray, beads: np.ndarray, box: Box) -> float:
     if not len(points):
         return np.inf
-    gap = points - point
+    gap = points[:, None] - beads.reshape(-1, 3)
     gap -= np.round(gap @ np.linalg.inv(box.vectors)) @ box.vectors
-    return float(np.sqrt(np.min(np.sum(gap * gap, axis=1))))
+    return float(np.sqrt(np.min(np.sum(gap * gap, axis=-1))))
 
 
 @command("read_data file ...", 1, None)
@@ -223,28 +242,59 @@ def _take_coefficients(state: DeckState, data: DataFile, path: Path) -> None:
     state.here = outer
 
 
-def _check_special(state: DeckState, gone: np.ndarray, bonds: np.ndarray) -> None:
-    """Raise ParameterError if remaining beads would no longer be bonded neighbours: in LAMMPS they remain so."""
-    largest = int(state.atoms.ids.max()) + 1 if len(state.bonds) else 0
-    before, after = (bonded_neighbours(terms[:, 1:], largest) for terms in (state.bonds, bonds))
-    for shell, factor, factor_of_charges in zip((1, 2, 3), state.special, state.special_charges, strict=True):
-        cut = [pair for pair in before[shell] - after[shell] if not np.isin(pair, gone).any()]
-        if cut and (factor, factor_of_charges) != (1, 1):
-            i, j = min(cut)
-            raise ParameterError(
-                f"delete_atoms: beads {i} and {j} are bonded neighbours through a deleted bead, and remain so in LAMMPS, "
-                "which is not supported; delete whole molecules, or set the special_bonds factors to 1"
-            )
+def _overlapping(state: DeckState, words: list[str]) -> np.ndarray:
+    """Beads of the first group closer to one of the second than the distance, in the order of LAMMPS's memory, unless that one is gone."""
+    first, second = state.group(words[1]), state.group(words[2])
+    if np.any(first & second):
+        _check_standing(state, "delete_atoms overlap", "use two groups without a common bead")
+    state.settle("delete_atoms overlap")
+    box, distance = state.require_box("delete_atoms"), read.positive(words[0], "the distance of overlap")
+    i, j, r = pairs_within(state.atoms.positions - box.low, None, box.reduced_vectors, distance)
+    close = {(int(a), int(b)) for a, b in zip(i[r < distance], j[r < distance], strict=True)} - hidden_pairs(state)
+    partners: dict[int, list[int]] = {}
+    for a, b in close | {(b, a) for a, b in close}:
+        if first[a] and second[b]:
+            partners.setdefault(a, []).append(b)
+    doomed = np.zeros(len(first), dtype=bool)
+    for bead in sorted(partners, key=state.atoms.slots.__getitem__):
+        doomed[bead] = not doomed[partners[bead]].all()
+    return doomed
 
 
-@command("delete_atoms group|region ID ...", 2, None)
+def _at_random(state: DeckState, words: list[str]) -> np.ndarray:
+    """``fraction|count value exact group region seed``; LAMMPS's numbers unless the count is exact."""
+    ratio = read.choice(words[0], "the style of delete_atoms random", ("fraction", "count")) == "fraction"
+    mask = state.group(words[3]) & (True if words[4] == "NULL" else state.region(words[4]).contains(state.atoms.positions))
+    eligible, doomed = np.flatnonzero(mask), np.zeros(len(mask), dtype=bool)
+    if read.switch(words[2], "exact") or not ratio:
+        amount = words[1] if ratio or read.switch(words[2], "exact") else str(min(read.integer(words[1], "the count", 0), len(eligible)))
+        doomed[subset(eligible, [amount, words[5]], ratio)] = True
+        return doomed
+    generator, fraction = Ranmar(read.integer(words[5], "the seed", 1)), read.non_negative(words[1], "the fraction")
+    for bead in eligible[np.argsort(state.atoms.slots[eligible])]:
+        doomed[bead] = generator.uniform() <= fraction
+    return doomed
+
+
+#: Styles of delete_atoms: number of words, and mask of the beads to be deleted.
+_DELETED: dict[str, tuple[int, Callable[[DeckState, list[str]], np.ndarray]]] = {
+    "group": (1, lambda state, words: state.group(words[0]).copy()),
+    "region": (1, lambda state, words: state.region(words[0]).contains(state.atoms.positions)),
+    "variable": (1, lambda state, words: values_of_variable(state, f"v_{words[0]}", "delete_atoms") != 0),
+    "overlap": (3, _overlapping),
+    "random": (6, _at_random),
+}
+
+
+@command("delete_atoms style ...", 2, None)
 def delete_atoms(state: DeckState, args: list[str]) -> None:
-    """``delete_atoms group ID | region ID [compress yes|no] [bond yes|no]``."""
-    kind = read.choice(args[0], "the style of delete_atoms", ("group", "region"))
-    doomed = state.group(args[1]).copy() if kind == "group" else state.region(args[1]).contains(state.atoms.positions)
-    options = read.single(args[2:], "delete_atoms", compress="yes", bond="no", mol="no")
+    """``delete_atoms group|region|variable ID | overlap r group group | random ... [compress yes|no] [bond yes|no] [mol yes|no]``."""
+    size, find = _DELETED[read.choice(args[0], "the style of delete_atoms", list(_DELETED))]
+    words, rest = read.taken(args[1:], size, f"delete_atoms {args[0]}")
+    options, doomed = read.single(rest, "delete_atoms", compress="yes", bond="no", mol="no"), find(state, words)
     if read.switch(options["mol"], "mol"):
-        raise ParameterError("delete_atoms mol yes is not supported")
+        state.require_atom_style("delete_atoms mol", *BONDED_STYLES)
+        doomed = doomed | np.isin(state.atoms.molecules, np.setdiff1d(state.atoms.molecules[doomed], 0))
     gone = state.atoms.ids[doomed]
     kept_terms = {f"{what}s": getattr(state, f"{what}s") for what in JOINED}
     kept_terms = {name: terms[~np.isin(terms[:, 1:], gone).any(axis=1)] for name, terms in kept_terms.items()}
@@ -252,9 +302,10 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     if any(lost.values()) and not read.switch(options["bond"], "bond"):
         broken = " and ".join(f"{count} {name}" for name, count in lost.items() if count)
         raise ParameterError(f"{broken} would lose a bead; add 'bond yes' to delete them, too")
-    _check_special(state, gone, kept_terms["bonds"])
+    before = state.bonds
     for name, terms in kept_terms.items():
         setattr(state, name, terms)
+    check_special(state, gone, before, "delete_atoms", "delete whole molecules")
     # LAMMPS assigns new ids only in atom styles without molecules, in the order of beads in its memory
     compress = read.switch(options["compress"], "compress") and state.atom_style not in BONDED_STYLES
     if compress:

@@ -52,8 +52,8 @@ def _place(state: DeckState, words: list[str], style: str) -> tuple[Block | Sphe
     rate, length = read.number(words[-1], "the rate of the source"), state.units.length
     if kind == "region":
         region = state.region(words[1])
-        if region.shape is None:
-            raise ParameterError(f"fix {style}: region '{words[1]}' must be the inside of a block or sphere")
+        if region.shape is None or state.regions[words[1]].renewed is not None:
+            raise ParameterError(f"fix {style}: region '{words[1]}' must be the inside of a block or sphere without variables")
         first, second = region.shape
         if region.style == "block":
             return Block(first * length, np.asarray(second) * length), rate

@@ -31,7 +31,9 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         images=atoms.images,
         velocities=atoms.velocities,
         masses={kind: mass / state.units.mass for kind, mass in state.masses.items()} if len(state.masses) == state.n_types else {},
-        **{name: getattr(state, name) for what in JOINED for name in (f"n_{what}_types", f"{what}s")},  # type: ignore[arg-type]
+        **{f"n_{what}_types": getattr(state, f"n_{what}_types") for what in JOINED},  # type: ignore[arg-type]
+        # as in LAMMPS, terms that are turned off get their type back
+        **{f"{what}s": abs(getattr(state, f"{what}s")) for what in JOINED},  # type: ignore[arg-type]
     )
     title = f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
     return data_lines(data, title, (state.atom_style,), state.n_species, coefficients=_coefficients(state, pair))

@@ -96,10 +96,11 @@ class DataFile:
 
 class DataReader:
     """The lines of a data file, split into header values and sections; each method parses a part.  Errors are DeckErrors with file and
-    line. With ``lenient`` unknown sections and header lines are ignored."""
+    line. With ``lenient`` unknown sections and header lines are ignored.  ``sections`` and ``headers`` (words after the values, and their
+    number) are those of the kind of file."""
 
-    def __init__(self, path: Path, lenient: bool = False):
-        self.file = TextFile.read(path, title=True)
+    def __init__(self, path: Path, lenient: bool = False, sections: Sequence[str] = SECTIONS, headers: Mapping = _HEADERS):
+        self.file, self._headers = TextFile.read(path, title=True), headers
         self.fail = self.file.error
         self.header: dict[tuple[str, ...], list[float]] = {}
         self.sections: dict[str, tuple[int, list[Row]]] = {}
@@ -110,9 +111,9 @@ class DataReader:
                 continue  # the first line is always a title
             name = " ".join(words)
             if name.replace(" ", "").isalpha():
-                if name not in SECTIONS and not lenient:
+                if name not in sections and not lenient:
                     raise self.fail(
-                        f"section or header line '{name}' is not supported; sections are {', '.join(SECTIONS)}{near(name, SECTIONS)}",
+                        f"section or header line '{name}' is not supported; sections are {', '.join(sections)}{near(name, sections)}",
                         number,
                     )
                 if name in self.sections:
@@ -127,13 +128,13 @@ class DataReader:
 
     def _header_line(self, words: list[str], number: int) -> bool:
         """Store a header value.  Return False if it is unknown."""
-        size = next((size for size in (1, 2, 3) if _HEADERS.get(tuple(words[size:])) == size), None)
+        size = next((size for size in (1, 2, 3, 6) if self._headers.get(tuple(words[size:])) == size), None)
         if size is None:
             return False
         key = tuple(words[size:])
         what = f"the header value before '{' '.join(key)}'"
         values = self.file.numbers((number, words), words[:size], size, f"numbers before '{' '.join(key)}'", what)
-        if size == 1 and not (values[0].is_integer() and values[0] >= 0):
+        if size == 1 and key != ("mass",) and not (values[0].is_integer() and values[0] >= 0):
             raise self.fail(f"expected a whole number >= 0 before '{' '.join(key)}', not '{words[0]}'", number)
         if key[0] in _UNSUPPORTED and len(key) == 1 and values[0]:
             raise self.fail(f"{key[0]} are not supported, but the header announces {words[0]}", number)
@@ -143,6 +144,13 @@ class DataReader:
     def count(self, *key: str) -> int:
         """A number from the header; 0 if it is missing."""
         return int(self.header.get(key, [0])[0])
+
+    def bead(self, row: Row, n: int) -> int:
+        """The bead, one of n, that a row begins with."""
+        (bead,) = self.file.integers(row, row[1][:1], "an atom")
+        if not 1 <= bead <= n:
+            raise self.fail(f"atom {bead} is out of range; there are {n}", row[0])
+        return bead
 
     def rows(self, name: str, expected: int, width: int | None = None, usage: str = "") -> list[Row]:
         """The rows of a section; empty if the section is missing.  With ``width`` each row must have this many words."""
@@ -216,7 +224,6 @@ class DataReader:
         for mask, message in (
             (ids < 1, "atom ids start at 1"),
             ((types < 1) | (types > n_types), f"the atom type is out of range; there are {n_types}"),
-            (columns.get("molecule", ones) < 0, "molecule numbers must be >= 0"),
             (columns.get("theta", ones) <= 0, "the internal temperature (theta) must be > 0"),
             (columns.get("temperature", ones) <= 0, "the temperature of a bead must be > 0"),
             (columns.get("capacity", ones) <= 0, "the heat capacity of a bead must be > 0"),

@@ -63,7 +63,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             segments=segments_of(state, compat),
             bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
             mobile=None if mobile.all() else mobile,
-            molecules=atoms.molecules if np.any(atoms.molecules) else None,
+            molecules=np.maximum(atoms.molecules, 0) if np.any(atoms.molecules) else None,  # -1 means none, as 0 does
             internal=internal_of(state),
             sources=sources_of(state, vectors),
             compat=compat,
@@ -107,7 +107,7 @@ def _bonded_terms(state: DeckState, what: str) -> list:
     for kind in np.unique(terms[:, 0]).tolist():
         style: str = "none"
         values: dict[str, float] = {}
-        if setup.style not in ("none", "zero"):
+        if setup.style not in ("none", "zero") and kind > 0:
             if kind not in setup.coefficients:
                 raise located(setup.where, f"no {what}_coeff for {what} type {kind} ({what}_style {setup.style})")
             style, values = setup.coefficients[kind]

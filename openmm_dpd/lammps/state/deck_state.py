@@ -52,13 +52,14 @@ class DeckState:
     masses: dict[int, float] = field(default_factory=dict)  #: Mass of each type that has one, Da
     atoms: Atoms = field(default_factory=Atoms)  #: Arrays in the order of the ids
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: (B, 3) bond type and the ids of the two beads
-    #: (A, 4) angle type and the ids of the three beads, the vertex in the middle.
+    #: (A, 4) angle type and the ids of the three beads, the vertex in the middle.  Types of terms that are turned off are negative.
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) dihedral type and the four ids
     #: Members of each group, ``all`` included.
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
     lattice: Lattice = field(default_factory=no_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
+    templates: dict[str, Any] = field(default_factory=dict)  #: The molecules of ``molecule``
     pair: PairSetup = field(default_factory=PairSetup)
     bond: BondedSetup = field(default_factory=BondedSetup)
     angle: BondedSetup = field(default_factory=BondedSetup)
@@ -139,9 +140,10 @@ class DeckState:
         """Mask of the members of a group."""
         return read.known(self.groups, name, "group")
 
-    def region(self, name: str) -> Region:
-        """The region with this name."""
-        return read.known(self.regions, name, "region")
+    def region(self, name: str, value: Callable[[str], float] | None = None) -> Region:
+        """The region with this name, with the present values of its variables; during a run these come from ``value``."""
+        found = read.known(self.regions, name, "region")
+        return found if found.renewed is None else found.renewed(value)
 
     def fixes_of(self, *styles: str) -> list[Fix]:
         """The fixes of these styles, in the order of the deck."""

@@ -199,5 +199,9 @@ class DeckMoment(ABC):
         """Value of ``c_name``, ``c_name[index]`` or ``c_name[index][column]``, not normalised."""
 
     @abstractmethod
+    def variable_alone(self, name: str) -> float:
+        """Value of ``v_name`` outside formulas."""
+
+    @abstractmethod
     def bead_values(self, word: str) -> np.ndarray:
         """(N,) values of a word such as ``vx``, of ``c_id``, ``c_id[column]``, or of ``v_name``, an atom-style variable."""

@@ -1,13 +1,18 @@
 """Regions of space, in the deck's unit of length."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...base.errors import ParameterError
 from ..language import arguments as read
 from .box import Box
+
+#: Value of a variable, by its name.
+Value = Callable[[str], float]
 
 
 @dataclass(frozen=True)
@@ -21,6 +26,8 @@ class Region:
     #: Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere; None for other regions.
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
     parts: tuple[str, ...] = ()  #: Names of the regions in a union or intersection
+    #: The region with the present values of its variables; None if it has none.
+    renewed: Callable[[Value | None], Region] | None = None
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
@@ -96,40 +103,91 @@ def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     return Region("cylinder", contains, (corner, opposite) if np.isfinite(high - low) else None)
 
 
+def _cone(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
+    wide = max(read.non_negative(word, "a radius of the cone") for word in words[3:5])
+    hull = _cylinder([*words[:3], repr(wide), *words[5:]], scale, box)
+    axis = "xyz".index(words[0])
+    others = [k for k in range(3) if k != axis]
+    if hull.bounds is None or hull.bounds[1][axis] <= hull.bounds[0][axis] or not wide:
+        raise ParameterError("a cone needs finite ends, the lower below the upper, and a radius > 0 at one of them")
+    (low, high), centre = (float(end[axis]) for end in hull.bounds), (hull.bounds[0] + hull.bounds[1])[others] / 2
+    first, last = (read.number(word, "a radius of the cone") * scale[others[0]] for word in words[3:5])
+
+    def contains(points: np.ndarray) -> np.ndarray:
+        along = points[:, axis]
+        radius = first + (along - low) * (last - first) / (high - low)
+        return (_distance(points[:, others], centre) <= radius) & (along >= low) & (along <= high)
+
+    return Region("cone", contains, hull.bounds)
+
+
+def _ellipsoid(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
+    centre = np.array([read.number(word, "the centre of the ellipsoid") for word in words[:3]]) * scale
+    half = np.array([read.positive(word, "an axis of the ellipsoid") for word in words[3:]]) * scale
+    bounds = (centre - half, centre + half)
+    return Region("ellipsoid", lambda points: np.sum(((points - centre) / half) ** 2, axis=1) <= 1, bounds)
+
+
+def _plane(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
+    point = np.array([read.number(word, "the point of the plane") for word in words[:3]]) * scale
+    normal = np.array([read.number(word, "the normal of the plane") for word in words[3:]]) * scale
+    if not normal.any():
+        raise ParameterError("the normal of the plane is zero")
+    return Region("plane", lambda points: (points - point) @ normal >= 0)
+
+
 #: Region styles given by coordinates: number of coordinates, and builder.
 REGION_STYLES: dict[str, tuple[int, Callable[[list[str], np.ndarray, Box | None], Region]]] = {
     "block": (6, _block),
     "prism": (9, _prism),
     "sphere": (4, _sphere),
     "cylinder": (6, _cylinder),
+    "cone": (7, _cone),
+    "ellipsoid": (6, _ellipsoid),
+    "plane": (6, _plane),
 }
+#: Styles of which no number can be a variable in LAMMPS.
+_FIXED = ("prism", "plane")
 
 
-def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: dict[str, Region]) -> Region:
+def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: dict[str, Region], value: Value) -> Region:
     """The region of ``region ID style values ... [side in|out] [units lattice|box]``; ``args`` begin with the style.  Coordinates are in
     lattice spacings (``spacing``) unless ``units box`` is given; ``EDGE`` refers to ``box``; ``known`` are the regions that ``union`` and
-    ``intersect`` may name."""
+    ``intersect`` may name; ``value`` is that of a variable (``v_name`` in place of a number) between two commands."""
     read.count(args, "region ID style values ...", 2, None)
     style = read.choice(args[0], "the region style", [*REGION_STYLES, "union", "intersect"])
     many = style not in REGION_STYLES
     used = 1 + read.integer(args[1], f"the number of regions of {style}", 2) if many else REGION_STYLES[style][0]
     words, rest = read.taken(args[1:], used, f"region style {style}")
-    outside, scale = False, spacing
-    for keyword, values in read.options(rest, {"side": 1, "units": 1}, "region"):
+    outside, scale, reason = False, spacing, "moving regions are not supported; use a variable for the coordinate, as in 'sphere v_x 0 0 5'"
+    for keyword, values in read.options(
+        rest, {"side": 1, "units": 1, "move": 3, "rotate": 7}, "region", only=dict.fromkeys(("move", "rotate"), ("NULL", reason))
+    ):
         if keyword == "side":
             outside = read.choice(values[0], "side", ("in", "out")) == "out"
-        elif read.choice(values[0], "units", ("lattice", "box")) == "box":
+        elif keyword == "units" and read.choice(values[0], "units", ("lattice", "box")) == "box":
             scale = np.ones(3)
-    region = _combined(style, words[1:], known) if many else REGION_STYLES[style][1](words, scale, box)
-    return Region(style, lambda points: ~region.contains(points), parts=region.parts) if outside else region
+    parts = [read.known(known, name, "region") for name in words[1:]] if many else []
+    varies = any(part.renewed for part in parts) or (not many and any(word.startswith("v_") for word in words))
+    if varies and style in _FIXED:
+        raise ParameterError(f"region style {style} takes no variables, as in LAMMPS; use the value, ${{name}}")
+
+    def made(of: Value | None) -> Region:
+        if many:
+            found = _combined(style, tuple(words[1:]), [part.renewed(of) if part.renewed else part for part in parts])
+        else:
+            numbers = [repr((of or value)(word[2:])) if word.startswith("v_") else word for word in words]
+            found = REGION_STYLES[style][1](numbers, scale, box)
+        return Region(style, lambda points: ~found.contains(points), parts=found.parts) if outside else found
+
+    return replace(made(None), renewed=made if varies else None)
 
 
-def _combined(style: str, names: list[str], known: dict[str, Region]) -> Region:
-    parts = [read.known(known, name, "region") for name in names]
+def _combined(style: str, names: tuple[str, ...], parts: list[Region]) -> Region:
     combine = np.logical_or if style == "union" else np.logical_and
     corners = [part.bounds for part in parts]
     bounds = None
     if all(pair is not None for pair in corners):
         lows, highs = (np.array([pair[n] for pair in corners if pair is not None]) for n in range(2))
         bounds = (lows.min(axis=0), highs.max(axis=0)) if style == "union" else (lows.max(axis=0), highs.min(axis=0))
-    return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds, parts=tuple(names))
+    return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds, parts=names)

@@ -154,7 +154,7 @@ def chunk_numbers(moment: DeckMoment, compute: Compute, bins: Bins) -> np.ndarra
     fractions = moment.box.fractions(positions) if binning.axes[0].reduced else positions
     counted = moment.state.group(compute.group)
     if binning.region is not None:
-        counted = counted & moment.state.region(binning.region).contains(positions)
+        counted = counted & moment.state.region(binning.region, moment.variable_alone).contains(positions)
     total = np.zeros(len(positions), dtype=np.int64)
     for axis, start, count in zip(binning.axes, bins.starts, bins.counts, strict=True):
         # multiplied by the inverse, as in LAMMPS: the last bit decides to which slice a bead on a face belongs

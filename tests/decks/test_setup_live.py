@@ -1,0 +1,165 @@
+"""Commands that set up beads, beside a live LAMMPS: molecules, bonds made and deleted, regions, groups, data files."""
+
+from collections.abc import Iterator
+
+import lammps_peer
+import pytest
+from fuzz.deck import Deck
+from fuzz.draw import Draw
+from fuzz.trial import Trial
+
+TRIMER = """three beads
+
+3 atoms
+2 bonds
+1 angles
+
+Coords
+
+1 0 0 0
+2 0.8 0.1 0
+3 0.9 0.9 0.3
+
+Types
+
+1 1
+2 2
+3 1
+
+Charges
+
+1 0.5
+2 -1
+3 0.5
+
+Bonds
+
+1 1 1 2
+2 1 2 3
+
+Angles
+
+1 1 1 2 3
+"""
+FILES = {
+    "trimer.txt": TRIMER,
+    "two.txt": TRIMER
+    + "\nMolecules\n\n1 1\n2 1\n3 2\n\nSpecial Bond Counts\n\n1 1 1 0\n2 2 0 0\n3 1 1 0\n\nSpecial Bonds\n\n1 2 3\n2 1 3\n3 2 1\n",
+    "solvent.txt": "one bead\n\n1 atoms\n\nCoords\n\n1 3 4 5\n\nTypes\n\n1 3\n",
+}
+HEAD = """units lj
+atom_style full
+atom_modify map yes sort 0 0
+comm_modify vel yes
+neigh_modify every 1 delay 0 check no
+special_bonds lj/coul 0.0 0.5 1.0
+lattice sc 0.3
+region box block 0 6 0 6.5 0 7 units box
+create_box 4 box bond/types 2 angle/types 2 dihedral/types 1 extra/bond/per/atom 9 extra/special/per/atom 30 &
+  extra/angle/per/atom 9 extra/dihedral/per/atom 9
+pair_style dpd 0.0 1.0 3
+bond_style harmonic
+angle_style harmonic
+dihedral_style harmonic
+mass * 1
+mass 2 1.5
+pair_coeff * * 25 4.5
+pair_coeff 2 3 40 2.0
+bond_coeff 1 40 0.7
+bond_coeff 2 60 0.6
+angle_coeff 1 5 120
+angle_coeff 2 3 90
+dihedral_coeff 1 2 1 2
+"""
+RUN = """velocity all ramp vx 0 1 y 0 6 units box
+fix 1 all nve
+timestep 0.01
+thermo 1
+thermo_style custom step temp pe epair ebond eangle edihed press bonds angles dihedrals atoms
+thermo_modify norm no format float %.15g
+print "=== run"
+run 30
+write_data end.data nocoeff
+"""
+MOLECULES = "molecule m trimer.txt\ncreate_atoms 0 random 20 17 box mol m 18\n"
+FOUR = "".join(f"create_atoms 3 single {0.1 + 0.5 * k} 3 {1 + 0.3 * (k == 1) - 0.2 * (k == 3)} units box\n" for k in range(4))
+
+DECKS = {
+    "random": MOLECULES + "molecule s solvent.txt\ncreate_atoms 0 random 150 44 NULL mol s 5\n",
+    "lattice and offsets": "molecule m two.txt offset 2 1 1 0 0 scale 0.9\nregion low block INF INF INF INF 0 1.5\n"
+    "create_atoms 0 region low mol m 77\nregion b sphere 3 3 5 1.4 units box\ncreate_atoms 0 random 9 7 b mol m 6\n",
+    "single": "molecule m trimer.txt toff 1 boff 1 aoff 1\ncreate_atoms 1 single 0.1 1 1 mol m 9 rotate 50 1 -1 0.5 units box\n"
+    "create_atoms 1 single 0.1 2 1 mol m 9\nset group all mol 4\ncreate_atoms 0 random 15 3 box mol m 31 rotate 90 0 0 1\n",
+    "overlap": "molecule m trimer.txt\ncreate_atoms 1 single 3 3 3 units box\ncreate_atoms 0 random 10 5 box mol m 21 overlap 1.1 maxtry 40\n",
+    "create_bonds": MOLECULES
+    + "group one id 1:30\ngroup other id 20:60\ncreate_bonds many one other 2 0.3 0.75\n"
+    + FOUR
+    + "create_bonds single/bond 1 61 62 special no\ncreate_bonds single/bond 1 62 63\ncreate_bonds single/bond 2 63 64 special yes\n"
+    "create_bonds single/angle 2 61 62 63\ncreate_bonds single/dihedral 1 61 62 63 64\n",
+    **{
+        f"delete_bonds {words}": MOLECULES + f"group some id 5:40\ndelete_bonds {words}\n"
+        for words in (
+            "some multi any",
+            "all bond 2 remove special",
+            "all atom 2",
+            "some angle 1*2 remove special",
+            "all bond 1\ndelete_bonds some bond 1*2 undo\ndelete_bonds some stats",
+        )
+    },
+}
+
+FLUID = MOLECULES + "molecule s solvent.txt\ncreate_atoms 0 random 120 44 NULL mol s 5\ncreate_atoms 1 random 60 9 NULL mol s 6\n"
+DECKS |= {
+    f"delete_atoms {words}": FLUID + f"group a type 3\ngroup b type 4\nvariable v atom x>2\n"
+    f"region r block 0 3 INF INF INF INF units box\ndelete_atoms {words} compress no\n"
+    for words in (
+        "overlap 0.5 a b",
+        "overlap 0.7 all all mol yes bond yes",
+        "overlap 0.6 b all mol yes bond yes",
+        "variable v mol yes bond yes",
+        "random fraction 0.3 no a r 55",
+    )
+}
+DECKS["regions"] = (
+    FLUID.replace("molecule s", "lattice custom 0.3 a1 1 0 0 a2 0 1.3 0 a3 0 0 0.8 basis 0 0 0\nmolecule s")
+    + """variable R equal 1.5+0.02*step
+variable y equal 1.4
+variable e equal 3-0.01*step
+region c cone z 2 1.5 0.3 2.1 0.5 4
+region o cone x 2 1.5 1.7 0.4 0.5 v_e units box side out
+region e ellipsoid 2 v_y 3 1.2 1.5 v_R
+region p plane 2 1 1 0.5 -1 1
+region s sphere v_y 2 2 v_R
+region y cylinder y v_y 2 v_R EDGE INF side out
+region b block 0.5 v_e INF v_y EDGE v_R
+region u union 3 c e b side out
+region i intersect 3 p u s
+create_atoms 0 random 20 12 i mol s 8
+group gc region c
+group gi region i
+compute x all chunk/atom bin/1d z lower 0.5 units reduced region i
+fix x all ave/chunk 2 3 10 x density/number file x.txt
+"""
+    + "".join(f"variable n{name} equal count(all,{name})\n" for name in "coepsybui")
+    + 'fix n all print 1 "$(v_nc) $(v_no) $(v_ne) $(v_np) $(v_ns) $(v_ny) $(v_nb) $(v_nu) $(v_ni) $(count(gc)) $(count(gi))" file n.txt screen no\n'
+    "region d ellipsoid 2 v_y 3 0.6 0.6 v_y\ndelete_atoms region d compress no mol yes bond yes\n"
+)
+
+
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory) -> Iterator[Trial]:
+    lammps_peer.need()
+    with Trial(tmp_path_factory.mktemp("setup")) as found:
+        yield found
+
+
+def agree(trial: Trial, text: str, **files: str) -> None:
+    deck = Deck(Draw(1), files=FILES | files)
+    deck.lines[:] = text.splitlines()
+    outcome = trial.of_deck(0, "setup", deck)
+    assert outcome.kind == "agree", f"{outcome.kind}: {outcome.message}"
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_both_programs_run_alike(trial, name):
+    agree(trial, HEAD + DECKS[name] + RUN)
