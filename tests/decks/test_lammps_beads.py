@@ -240,7 +240,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
     ("region b block 0 1 0 1 0", "region style block needs 6 values, but 5 follow"),
     ("region b block 0 1 2 1 0 1", "the region's lower y, 2, is above its upper one, 1"),
     ("region b block 0 1 0 EDGE 0 1", "is EDGE, but there is no box yet"),
-    ("region b cone 0", "the region style must be one of"),
+    ("region b wedge 0", "the region style must be one of"),
     ("region b union 2 a c", "there is no region 'a'; defined so far: none"),
     ("create_box 1 b", "there is no region 'b'"),
     ("region b sphere 0 0 0 1\ncreate_box 1 b", "create_box needs a bounded block or prism"),
