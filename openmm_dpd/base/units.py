@@ -4,13 +4,13 @@ All conversions are here:
 
 - :func:`to_md` takes a bare number (already in MD units, as everywhere in OpenMM) or an ``openmm.unit.Quantity``;
 - :func:`thermal_energy` takes an energy or a temperature for kT;
-- :class:`UnitSystem` has the LAMMPS unit styles *lj*, *real* and *metal*.  The units of a reduced scene are 1 nm, 1 Da, 1 ps and
+- :class:`UnitSystem` has the LAMMPS unit styles.  The units of a reduced scene are 1 nm, 1 Da, 1 ps and
   1 kJ/mol, so kT = 1 is 1 kJ/mol (a kinetic temperature of 120.27 K in OpenMM's own reporters), and a reduced pressure of 1 is
   16.605 bar.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -188,7 +188,7 @@ class UnitSystem:
     digits, although its constants are older than today's CODATA values.
     """
 
-    name: str  #: ``lj``, ``real`` or ``metal``
+    name: str  #: ``lj``, ``real``, ``metal``, ``si``, ``cgs``, ``micro`` or ``nano``
     length: float  # length, mass, time: nm, Da and ps per unit
     mass: float
     time: float
@@ -199,6 +199,13 @@ class UnitSystem:
     skin: float
     normalize: bool  #: Whether thermo output is per bead by default
     density: float  # mass/volume in the style's units to the printed density
+
+    def for_box(self, edge: float) -> "UnitSystem":
+        """The units of a deck whose box has this longest edge (in the deck's unit).  A box over 1 mm is one of reduced numbers, with their
+        units only in name: 1 then stays 1, as in ``lj``, so that numbers are of order one."""
+        if self.mvv2e != 1 or edge * self.length < _LARGEST:
+            return self
+        return replace(self, length=1.0, mass=1.0, time=1.0)
 
     @property
     def unit_names(self) -> dict[str, str]:
@@ -221,6 +228,14 @@ class UnitSystem:
 LJ = UnitSystem("lj", 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.005, 0.3, True, 1.0)
 REAL = UnitSystem("real", 0.1, 1.0, 1e-3, 48.88821291**2, 0.0019872067, 68568.415, 1.0, 2.0, False, 1.0 / 0.602214129)
 METAL = UnitSystem("metal", 0.1, 1.0, 1.0, 1.0364269e-4, 8.617343e-5, 1.6021765e6, 0.001, 2.0, False, 1.0 / 0.602214129)
+#: Kilogram and gram in Da.
+_KG, _G = 6.02214076e26, 6.02214076e23
+SI = UnitSystem("si", 1e9, _KG, 1e12, 1.0, 1.3806504e-23, 1.0, 1e-8, 0.001, False, 1.0)
+CGS = UnitSystem("cgs", 1e7, _G, 1e12, 1.0, 1.3806504e-16, 1.0, 1e-8, 0.1, False, 1.0)
+MICRO = UnitSystem("micro", 1e3, 1e-12 * _G, 1e6, 1.0, 1.3806504e-8, 1.0, 2.0, 0.1, False, 1.0)
+NANO = UnitSystem("nano", 1.0, 1e-18 * _G, 1e3, 1.0, 0.013806504, 1.0, 0.00045, 0.1, False, 1.0)
+#: Longest edge (nm) of a box in which the units are meant.
+_LARGEST = 1e6
 
 _UNIT_NAMES: dict[str, dict[str, str]] = {
     "lj": {},
@@ -232,14 +247,28 @@ _UNIT_NAMES: dict[str, dict[str, str]] = {
         **{"length": "Angstrom", "time": "ps", "energy": "eV", "thermal_energy": "K", "pressure": "bar"},
         **{"force": "eV/Angstrom", "inverse_length": "/Angstrom"},
     },
+    **{
+        name: {
+            **{"length": length, "time": time, "energy": energy, "thermal_energy": "K", "pressure": pressure},
+            **{"force": force, "inverse_length": f"/{length}"},
+        }
+        for name, length, time, energy, pressure, force in (
+            ("si", "m", "s", "J", "Pa", "N"),
+            ("cgs", "cm", "s", "erg", "dyn/cm^2", "dyn"),
+            ("micro", "um", "us", "pg um^2/us^2", "pg/um/us^2", "pg um/us^2"),
+            ("nano", "nm", "ns", "ag nm^2/ns^2", "ag/nm/ns^2", "ag nm/ns^2"),
+        )
+    },
 }
 
 #: LAMMPS unit styles by name.
-UNIT_SYSTEMS = {system.name: system for system in (LJ, REAL, METAL)}
+UNIT_SYSTEMS = {system.name: system for system in (LJ, REAL, METAL, SI, CGS, MICRO, NANO)}
 
 
-def unit_system(name: str) -> UnitSystem:
+def unit_system(name: str | UnitSystem) -> UnitSystem:
     """LAMMPS unit style of this name; ParameterError if there is none."""
+    if isinstance(name, UnitSystem):
+        return name
     if name not in UNIT_SYSTEMS:
         raise ParameterError(f"unknown units {what_is(name)}; they must be one of {', '.join(UNIT_SYSTEMS)}")
     return UNIT_SYSTEMS[name]

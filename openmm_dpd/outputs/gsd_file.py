@@ -30,7 +30,7 @@ def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj")
     source : Scene, or the result of :func:`openmm_dpd.build`
     state : openmm.State, optional
         Positions, velocities and box of a run, ``context.getState(positions=True, velocities=True)``; by default those of the start.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file; nm, Da and ps with ``lj``.  Charges are always in elementary charges.
 
     Raises
@@ -62,7 +62,7 @@ class GSDReporter(FrameReporter):
         Steps between frames.
     built : BuiltSystem
         The result of :func:`openmm_dpd.build`.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file; nm, Da and ps with ``lj``.
     append : bool, default False
         Append to the file; a missing one is started anew.

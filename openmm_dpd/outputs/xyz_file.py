@@ -26,7 +26,7 @@ def write_xyz(path: str | os.PathLike, source, *, state=None, units: str = "lj",
     source : Scene, or the result of :func:`openmm_dpd.build`
     state : openmm.State, optional
         Positions, velocities and box of a run; by default those of the start.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file: nm and ps with ``lj``, angstrom and fs with ``real``, angstrom and ps with ``metal``.
     species : mapping of types to text, optional
         Text in the first column for each type, by default its name.  ASE accepts chemical symbols only.
@@ -52,7 +52,7 @@ class XYZReporter(FrameReporter):
         Steps between frames.
     built : BuiltSystem
         The result of :func:`openmm_dpd.build`.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file: nm and ps with ``lj``, angstrom and fs with ``real``, angstrom and ps with ``metal``.
     species : mapping of types to text, optional
         Text in the first column for each type, by default its name.

@@ -77,6 +77,12 @@ def _set_box(state: DeckState, box: Box) -> None:
         if np.any(box.tilt):
             raise ParameterError("a tilted box must be periodic along all axes (boundary p p p)")
         box = replace(box, periodic=state.periodic)
+    before = state.units
+    state.units = before.for_box(float(box.edges.max()))
+    if state.units != before:
+        # all that is in other units than the deck's so far
+        state.timestep *= state.units.time / before.time
+        state.note(f"units {before.name}: the box is over 1 mm, so these are reduced numbers; OpenMM takes them as nm, Da and ps")
     state.box = box
 
 

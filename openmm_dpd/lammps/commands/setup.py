@@ -53,7 +53,7 @@ REDUCED = ("edpd", "tdpd", "mdpd")
 
 @command("units style", 1, box=False)
 def units(state: DeckState, args: list[str]) -> None:
-    """``units lj|real|metal``."""
+    """``units style``; numbers that are reduced ones are found by the size of the box (``UnitSystem.for_box``)."""
     if state.atom_style in REDUCED and args[0] != "lj":
         raise ParameterError(f"atom_style {state.atom_style} needs units lj, not units {args[0]}")
     state.units = UNIT_SYSTEMS[read.choice(args[0], "units", list(UNIT_SYSTEMS))]

@@ -54,7 +54,7 @@ def read_lammps_dump(
         The dump.
     scene : Scene, optional
         The scene of the run; needed for :meth:`LammpsFrames.scene` and :meth:`LammpsFrames.trajectory`, and checked against the file.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the run that wrote it.
     names : mapping of str to str, optional
         Additional columns of bead fields, such as {"c_mine[4]": "theta"}; values are those of :data:`NAMES`, and ``c1``, ``c2``, ... for
@@ -75,6 +75,7 @@ def read_lammps_dump(
     said = next((frame.units for frame in frames if frame.units), None)
     if said is not None and said != units:
         raise ParameterError(f"{path} states units {said}, not {units}; give units={said!r}")
+    system = system.for_box(float(frames[0].box.edges.max()))
     found = _assembled(file, frames, system, {**NAMES, **(names or {})}, scene)
     if scene is not None:
         found.check(scene)

@@ -65,7 +65,7 @@ def export_lammps(
         Seed of the noise, and of velocities that the scene lacks.
     every : int, optional
         Steps between frames and between lines of output; a hundredth of the steps by default.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of deck and data file.  ``lj`` writes the numbers of the scene unchanged: nm, Da, ps, kJ/mol, k_B = 1.
     corner : three lengths, optional
         Lower corner of the box; by default that of the sources, or the origin.
@@ -135,7 +135,7 @@ def export_deck(
     corner = state.require_box("an export").low * state.units.length
     lam = request.lambda_ if scheme_of(request.scheme).predicts else 0.5
     run = (request.dt, request.steps, request.scheme, lam, request.seed if seed is None else seed, every)
-    job = make_job(scene, name, *run, state.units.name, corner, state.atoms.images)
+    job = make_job(scene, name, *run, state.units, corner, state.atoms.images)
     if request.barostat is not None:
         raise ParameterError("fix nph cannot be exported; run the deck itself in LAMMPS, or remove the fix")
     if not np.array_equal(state.atoms.ids, np.arange(1, len(state.atoms) + 1)):

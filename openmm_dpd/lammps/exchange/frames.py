@@ -180,7 +180,7 @@ def read_lammps_data(path: str | Path, scene: Scene, *, units: str | None = None
         The data file.
     scene : Scene
         The scene of the run.
-    units : {"lj", "real", "metal"}, optional
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}, optional
         Units of the file; by default those in its first line (as written by LAMMPS and this package), else ``lj``.
     styles : tuple of str, optional
         Atom style, as a tuple of one or (for ``hybrid``) several names; by default that of the file, and that which
@@ -204,6 +204,7 @@ def read_lammps_data(path: str | Path, scene: Scene, *, units: str | None = None
     order = np.argsort(column["id"], kind="stable")
     column = {name: values[order] for name, values in column.items()}
     box, inside = reader.box(), positions[order]
+    system = system.for_box(float(box.edges.max()))
     images = None if flags is None else flags[order]
     said = re.search(r"timestep = (\d+)", title)
     found = LammpsFrames(

@@ -73,8 +73,9 @@ def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray
     x, y, z = header["periodic"]
     for name in _PLAIN:
         setattr(state, name, header[name])
-    state.units, state.periodic = UNIT_SYSTEMS[header["units"]], (x, y, z)
+    state.periodic = (x, y, z)
     state.box = Box(low, high, tilt, triclinic, state.periodic)
+    state.units = UNIT_SYSTEMS[header["units"]].for_box(float(state.box.edges.max()))
     time, step = header["time_origin"]
     state.time_origin = (time, step)
     state.masses = {kind: mass for kind, mass in header["masses"]}

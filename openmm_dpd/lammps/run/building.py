@@ -50,7 +50,7 @@ def _note_reduced(state: DeckState) -> None:
     """Add a note if numbers look like reduced units although the units have dimensions: too cold, or denser than atoms."""
     at, given = state.pair.where, [style.settings for style in state.pair.styles if "start" in style.settings]
     cold = 0 < sum(settings["start"] + settings["stop"] for settings in given) < 20 * len(given)
-    if state.units.name != "lj" and at is not None and (cold or len(state.atoms) > state.require_box("run").volume):
+    if state.units.mvv2e != 1 and at is not None and (cold or len(state.atoms) > state.require_box("run").volume):
         found = "the temperature is below 10 K, or there is more than one bead per cubic Angstrom, as in reduced units (units lj)"
         state.note(f"{at.file}:{at.number}: {found}; the deck has units {state.units.name}")
 

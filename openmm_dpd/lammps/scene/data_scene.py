@@ -35,7 +35,7 @@ def scene_from_lammps_data(
         Bead types by LAMMPS's numbers, ``{1: "W", 2: "A"}``; by default they are called ``"1"``, ``"2"``, ...
     pairs, kT
         As for :class:`openmm_dpd.Scene`.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file.
     atom_style : str, optional
         One of ``atomic``, ``charge``, ``bond``, ``angle``, ``molecular``, ``full``; by default the comment after ``Atoms #``.
@@ -52,6 +52,7 @@ def scene_from_lammps_data(
     """
     path, system = Path(path), unit_system(units)
     data = read_data_file(path, _style(path, atom_style))
+    system = system.for_box(float(data.box.edges.max()))
     order = np.argsort(data.columns["id"], kind="stable")
     ids = data.columns["id"][order]
     names = _names(types, data.n_types, path)

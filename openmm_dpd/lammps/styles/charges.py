@@ -18,7 +18,7 @@ from .dpd import STYLES as DPD_STYLES
 from .words import Differences, StyleUse, cutoff_of, exact, no_force, settings
 
 #: Coulomb constant of LAMMPS's unit styles, energy times length per squared charge.
-QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645}
+QQR2E = {"lj": 1.0, "real": 332.06371, "metal": 14.399645, "si": 8.9876e9, "cgs": 1.0, "micro": 8.987556e6, "nano": 230.7078669}
 
 
 def _dpd_slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:

@@ -28,7 +28,7 @@ def scene_from_gsd(source, *, pairs, kT, frame: int = -1, units: str = "lj", **c
         Pair coefficients and thermal energy, see :class:`openmm_dpd.Scene`.
     frame : int, default -1
         Number of the frame in the file; the last one by default.
-    units : {"lj", "real", "metal"}
+    units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file.  Charges are always in elementary charges; for HOOMD-blue's reduced charges give ``charges``.
     **choices
         Further arguments of :func:`scene_from_beads`; keys of ``bonds``, ``angles`` and ``dihedrals`` may be type names of the file,
