@@ -1,4 +1,4 @@
-"""The command line, ``openmm-dpd run | forces | explain | recommend | export | warm``: a thin layer over :mod:`openmm_dpd.lammps`."""
+"""The command line, ``openmm-dpd run | check | forces | explain | recommend | export | warm``: a layer over :mod:`openmm_dpd.lammps`."""
 
 import argparse
 import json
@@ -74,6 +74,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_run_options(run)
     # None means not given: then the default, or with --restart the interrupted run's option
     run.set_defaults(compat=None, conservative=None, engine=None, discard=None, format=None)
+    check = command("check", "say all that is not supported in a deck, and what is accepted with a remark", "deck var")
+    data = "write the same as data to this file (without FILE to standard output)"
+    check.add_argument("--json", type=Path, nargs="?", const=Path("-"), metavar="FILE", help=data)
     shared = "deck seed var platform precision threads conservative engine compat"
     forces = command("forces", "write the forces at the first configuration of a deck, term by term", shared)
     forces.add_argument("--json", type=Path, metavar="FILE", required=True, help="file for the forces")
@@ -114,24 +117,26 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status: 0, 1 after an error (one line on standard error), 2 for a bad option, 130 after Ctrl-C, 143
+    """Entry point; returns the exit status: 0, 1 after an error (in lines on standard error), 2 for a bad option, 130 after Ctrl-C, 143
     after SIGTERM."""
     options = _parser().parse_args(arguments)
     signals = Signals()
     with signals.caught():
         try:
-            commands = {"run": _run, "forces": _forces, "explain": _explain, "recommend": _recommend, "export": _export, "warm": _warm}
-            commands[options.command](options, signals)
+            commands: dict[str, Callable[[argparse.Namespace, Signals], int | None]] = {
+                **{"run": _run, "check": _check, "forces": _forces, "explain": _explain, "recommend": _recommend},
+                **{"export": _export, "warm": _warm},
+            }
+            return commands[options.command](options, signals) or 0
         except KeyboardInterrupt as error:
             return _interrupted(signals, str(error))
         except DPDError as error:
             if signals.seen:  # inside a force callback, a signal arrives as an OpenMM error without text
                 return _interrupted(signals)
-            print(f"openmm-dpd: error: {_with_dashes(error, options)}", file=sys.stderr)
+            print("\n".join(f"openmm-dpd: error: {line}" for line in _with_dashes(error, options).splitlines()), file=sys.stderr)
             return 1
         except BrokenPipeError:
             return 1
-    return 0
 
 
 def _with_dashes(error: DPDError, options: argparse.Namespace) -> str:
@@ -206,6 +211,23 @@ def _run(options: argparse.Namespace, signals: Signals) -> None:
         raise
     if not quiet:
         tqdm.write(f"files are in {out}/")
+
+
+def _check(options: argparse.Namespace, signals: Signals) -> int:
+    from .lammps import check_deck
+    from .lammps.run.check import as_data
+
+    found = check_deck(options.deck, variables=dict(options.var))
+    data = as_data(found)
+    if options.json == Path("-"):
+        print(json.dumps(data, indent=1))
+        return int(not data["runs"])
+    if options.json:
+        _check_target(options.json)
+        _write(options.json, data)
+    said = f"{len(data['refused'])} refused, {(n := len(data['notes']))} note{'s' * (n != 1)}"
+    print("\n".join([*map(str, found), f"{options.deck} {'runs' if data['runs'] else 'does not run'}: {said}"]))
+    return int(not data["runs"])
 
 
 def _forces(options: argparse.Namespace, signals: Signals) -> None:

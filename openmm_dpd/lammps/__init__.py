@@ -3,6 +3,7 @@
 from .exchange.dump_reader import read_lammps_dump as read_lammps_dump
 from .exchange.export import LammpsExport as LammpsExport, export_deck as export_deck, export_lammps as export_lammps
 from .exchange.frames import LammpsFrames as LammpsFrames, read_lammps_data as read_lammps_data, scene_from_data as scene_from_data
+from .run.check import Finding as Finding, check_deck as check_deck
 from .run.deck import read_deck as read_deck
 from .run.main import (
     deck_forces as deck_forces,

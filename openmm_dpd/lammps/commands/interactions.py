@@ -52,7 +52,7 @@ def _parts(name: str, words: list[str]) -> list[list[str]]:
     for word in words:
         is_style = word in PAIR_STYLES
         own = PAIR_STYLES[parts[-1][0]].words if parts else frozenset()
-        if not is_style and (not parts or not (word in (*MODES, "nocoeff") or word in own or _is_number(word))):
+        if not is_style and (not parts or not (word in (*MODES, "nocoeff") or word in own or is_number(word))):
             read.style(PAIR_STYLES, "pair", word, "none", *HYBRID)
         if is_style:
             parts.append([])
@@ -60,7 +60,8 @@ def _parts(name: str, words: list[str]) -> list[list[str]]:
     return parts
 
 
-def _is_number(word: str) -> bool:
+def is_number(word: str) -> bool:
+    """Whether a word is a number."""
     try:
         read.as_float(word)
     except ValueError:

@@ -103,9 +103,8 @@ class _Watch:
         return reason is not None
 
 
-def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: RunOptions, log: Callable[[str], None]) -> None:
-    """Minimise the potential energy of a deck, with a row of thermo output at the start and at the end.  DeckError if the deck has forces
-    without a potential energy."""
+def check_minimization(request: RunRequest) -> None:
+    """DeckError if the deck has forces without a potential energy."""
     state = request.state
     with errors_at(request.where):
         for style in state.pair.styles:
@@ -113,6 +112,13 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
                 raise ParameterError(f"minimize with pair style {style.name} is not supported: {_NO_ENERGY[style.name]}")
         for fix in state.fixes_of(*set(FORCE_FIXES) - {"setforce"}):
             raise ParameterError(f"minimize with fix {fix.style} ({fix.name}) is not supported: the energy of its force is not counted")
+
+
+def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: RunOptions, log: Callable[[str], None]) -> None:
+    """Minimise the potential energy of a deck, with a row of thermo output at the start and at the end.  DeckError if the deck has forces
+    without a potential energy."""
+    check_minimization(request)
+    state = request.state
     for dump in request.dumps:
         dump.begin(state)
     # box and velocities do not change

@@ -49,6 +49,8 @@ def include(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
 @command("quit [status]", 0, 1)
 def quit_(deck: DeckState, args: list[str]) -> None:
     """``quit [0]``: ignore the rest of the deck."""
+    if deck.findings is not None and deck.runs and deck.findings.conditional:
+        return  # a condition on values that no run has computed
     if args and read.integer(args[0], "the exit status", 0):
         raise ParameterError(f"quit {args[0]}: the deck ends here with a nonzero exit status")
     deck.finished = True
@@ -63,7 +65,7 @@ def label(deck: DeckState, args: list[str]) -> None:
 def jump(deck: DeckState, args: list[str]) -> None:
     """``jump file|SELF [label]``: continue there instead of the present file; skipped directly after a ``next`` that has exhausted its
     variables."""
-    if deck.skips_jump:
+    if deck.skips_jump or not (deck.findings is None or deck.findings.follows()):
         deck.skips_jump = False
         return
     script = deck.scripts[-1] if args[0] == "SELF" else Script(deck.find_file(args[0]))
@@ -120,6 +122,8 @@ def run_command(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
         yield from _run(deck, steps, begin, end)
         return
     every = read.integer(args[at + 1], "every", 1)
+    if deck.findings is not None:
+        every = max(every, steps // 10)
     last = deck.step + steps
     while True:
         # as in LAMMPS, each piece is a run with its own ramps, unless start and stop are given
@@ -180,7 +184,7 @@ def minimize(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
     if deck.min_style == "hftn" and deck.force_norm == "max":
         raise ParameterError("min_style hftn does not support 'min_modify norm max', as in LAMMPS; use norm two or inf")
     rule = StoppingRule(etol, ftol, most, evaluations, deck.force_norm)
-    if not deck.carried_out:
+    if not deck.carried_out and deck.findings is None:
         note = "minimize is not carried out here: the beads stay where they are"
         deck.note(note)
         _LOGGER.warning("%s:%d: %s", *((deck.here.file, deck.here.number) if deck.here else (deck.path, 0)), note)
@@ -210,16 +214,29 @@ def at_line(line: Line | None) -> Iterator[None]:
 
 
 def execute(deck: DeckState, line: Line) -> Iterator[RunRequest]:
-    """Carry out one logical line.  DeckError, with its file and number, if the command is unknown or its arguments are invalid."""
-    deck.here = line
-    with at_line(line):
-        words = split_words(output.expand(deck, line.text))
-        if not words:
-            return
-        if words[0] in INSTEAD:
-            raise ParameterError(f"{words[0]}: {INSTEAD[words[0]]}")
-        if words[0] not in COMMANDS:
-            raise ParameterError(f"unknown or unsupported command '{words[0]}'{read.near(words[0], COMMANDS)}")
+    """Carry out one logical line.  DeckError, with its file and number, if the command is unknown or its arguments are invalid; where
+    all errors of a deck are collected, the line is tried again without the refused word, if that makes sense."""
+    words: list[str] | None = None
+    while words is None or words:
+        deck.here = line
+        try:
+            with at_line(line):
+                words = words or split_words(output.expand(deck, line.text))
+                yield from carried_out(deck, words)
+                return
+        except DeckError as error:
+            if deck.findings is None:
+                raise
+            words = deck.findings.refuse(line, words or [], error)
+
+
+def carried_out(deck: DeckState, words: list[str]) -> Iterator[RunRequest]:
+    """Carry out the command that these words make."""
+    if words and words[0] in INSTEAD:
+        raise ParameterError(f"{words[0]}: {INSTEAD[words[0]]}")
+    if words and words[0] not in COMMANDS:
+        raise ParameterError(f"unknown or unsupported command '{words[0]}'{read.near(words[0], COMMANDS)}")
+    if words:
         yield from COMMANDS[words[0]](deck, words[1:]) or ()
 
 
@@ -227,6 +244,8 @@ def execute_file(deck: DeckState, path: Path) -> Iterator[RunRequest]:
     """Carry out every line of a file, and of files that it jumps to."""
     deck.scripts.append(Script(path))
     while not deck.finished and (line := deck.scripts[-1].take()) is not None:
+        if deck.findings is not None:
+            deck.findings.visit(line)
         yield from execute(deck, line)
     deck.scripts.pop()
 

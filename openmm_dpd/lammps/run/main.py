@@ -20,6 +20,7 @@ from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
 from ...runtime import set_threads
 from .building import build_request, connect_barostat
+from .check import all_said
 from .checkpoint import Checkpoints
 from .deck import deck_runs, open_deck
 from .options import RunOptions, first_request
@@ -110,7 +111,8 @@ def run_deck(
     Raises
     ------
     DeckError
-        For anything in the deck that is unknown, unsupported or wrong, with file and line.
+        For anything in the deck that is unknown, unsupported or wrong, with file and line; before the first run the message has a line for
+        everything of the kind in the whole deck (:func:`check_deck`).
     RunError
         If stepping fails, or an output file cannot be written.  Trajectories, dumps and averages then end with whole frames, and the
         state of the last step is kept.
@@ -140,7 +142,8 @@ def run_deck(
         said = RunLog(log, folder, append=latest is not None)
         try:
             runner = DeckRunner(options, said, folder, _bar if progress else None, signals, variables, checkpoints, latest)
-            report = _carried_out(Path(path), runner, folder, keep)
+            with all_said(path, variables, lambda: runner.results):
+                report = _carried_out(Path(path), runner, folder, keep)
         finally:
             with signals.later():
                 said.close()
@@ -239,9 +242,10 @@ def explain_deck(
     """The plan for the first run of a deck, with the integrator's program if asked for, the expected accuracy of the step, and notes about
     the deck."""
     options = options or RunOptions()
-    request = first_request(path, options, variables)
-    built = build_request(request, request.scene(), options)
-    connect_barostat(request, built)
+    with all_said(path, variables):
+        request = first_request(path, options, variables)
+        built = build_request(request, request.scene(), options)
+        connect_barostat(request, built)
     with read_by(request.state):
         text = [built.explain(program=program), "step: " + advice(built.plan.scene, request.scheme, request.dt)]
     return "\n".join([*text, *(f"note: {note}" for note in request.state.notes)])

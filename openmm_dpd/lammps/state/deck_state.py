@@ -98,6 +98,8 @@ class DeckState:
     finished: bool = False  #: Whether the rest of the deck is not read
     scripts: list[Script] = field(default_factory=list)  #: The deck and the open include files, with the position in each
     log: Callable[[str], None] = lambda _: None
+    #: Collects errors and remarks (:class:`openmm_dpd.lammps.run.check.Findings`) where a deck is only checked; None: errors are raised.
+    findings: Any = None
     generators: dict[str, np.random.Generator] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)  #: Checksums of the files read, taken when they were read
 
@@ -214,8 +216,11 @@ class DeckState:
         return self.output / (name if as_it_is else name.replace("*", str(self.step if step is None else step)))
 
     def output_file(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
-        """Path of a file that the deck writes, as from :meth:`output_path`, after creating its folder.  OutputError if that fails."""
+        """Path of a file that the deck writes, as from :meth:`output_path`, after creating its folder.  OutputError if that fails.  Where a
+        deck is only checked, a file that keeps nothing."""
         path = self.output_path(name, step, as_it_is=as_it_is)
+        if self.findings is not None:
+            return Path(os.devnull)
         with writing(path.parent, "the folder"):
             path.parent.mkdir(parents=True, exist_ok=True)
         return path
@@ -231,6 +236,8 @@ class DeckState:
         """Add a remark, unless it is already there."""
         if text not in self.notes:
             self.notes.append(text)
+            if self.findings is not None:
+                self.findings.note(text)
 
     def set_timestep(self, value: float) -> None:
         """Change the time step; the time simulated so far is kept."""
