@@ -236,6 +236,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
             "molecule m dimer.txt\ncreate_atoms 0 random 3 17 NULL mol m 18",
             "create_atoms 0 single 1 1 1 mol m 4\ncreate_bonds many all all 1 0.3 0.5\ndelete_bonds all bond 1 any",
         ).replace("lj 1.0 1.0 1.0", "lj/coul 0 1 1"),
+        "read_data": deck("bonds", "read_data data.chain add append shift 0 0 0.5 nocoeff", "read_data data.chain add 30 5 shift 0 0.4 0"),
         "set": deck(between="variable v atom 0.1*id\nset atom * vx v_v\nset atom 1*3 type 2\nmass 2 1.5\nvelocity all scale 0.5"),
         "displace_atoms": deck(between="displace_atoms all random 0.1 0.1 0.1 31 units box"),
         "replicate": deck(before="replicate 1 1 2", between="velocity all scale $(temp)"),

@@ -1,6 +1,8 @@
 """Data files: reading, wrapping, coefficients, writing and reading back; pair table files."""
 
+import bz2
 import gzip
+import importlib.util
 from dataclasses import replace
 
 import numpy as np
@@ -218,11 +220,16 @@ def test_errors_name_file_and_line(tmp_path, old, new, message):
 def test_the_good_file_is_good_packed_or_not(tmp_path):
     content = gzip.compress(GOOD.encode())
     (tmp_path / "data.gz").write_bytes(content)
-    for path in (write(tmp_path, GOOD), tmp_path / "data.gz"):
+    (tmp_path / "data.bz2").write_bytes(bz2.compress(GOOD.encode()))
+    for path in (write(tmp_path, GOOD), tmp_path / "data.gz", tmp_path / "data.bz2"):
         assert read_data_file(path, "atomic").masses == {1: 1.0, 2: 2.0} and len(scene_from_lammps_data(path, **GIVEN).types) == 3
     (tmp_path / "data.gz").write_bytes(content[:-20])
     raises(DeckError, "data.gz: cannot read the file: .*ended", lambda: deck(tmp_path, "read_data data.gz"))
-    raises(DeckError, "data.zst: of compressed files, only .gz is read", lambda: scene_from_lammps_data(tmp_path / "data.zst", **GIVEN))
+    (tmp_path / "data.lz4").write_bytes(content)
+    if importlib.util.find_spec("lz4") is None:
+        raises(DeckError, "data.lz4: files .lz4 need the Python package lz4", lambda: deck(tmp_path, "read_data data.lz4"))
+    (tmp_path / "data.xz").write_bytes(content)
+    raises(DeckError, "data.xz: cannot read the file", lambda: scene_from_lammps_data(tmp_path / "data.xz", **GIVEN))
 
 
 def test_bonds_need_a_style_that_has_them(tmp_path):

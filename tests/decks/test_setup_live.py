@@ -144,6 +144,88 @@ fix x all ave/chunk 2 3 10 x density/number file x.txt
     + 'fix n all print 1 "$(v_nc) $(v_no) $(v_ne) $(v_np) $(v_ns) $(v_ny) $(v_nb) $(v_nu) $(v_ni) $(count(gc)) $(count(gi))" file n.txt screen no\n'
     "region d ellipsoid 2 v_y 3 0.6 0.6 v_y\ndelete_atoms region d compress no mol yes bond yes\n"
 )
+FILES |= {
+    "one.txt": """two chains
+
+5 atoms
+2 bonds
+3 atom types
+2 bond types
+-1 5 xlo xhi
+0 5 ylo yhi
+0 5 zlo zhi
+
+Masses
+
+1 1
+2 2
+3 3
+
+Bond Coeffs # harmonic
+
+1 10 1
+2 20 1
+
+Atoms # bond
+
+1 1 1 1 1 1 1 0 0
+3 1 2 2 1 1 1 0 0
+5 4 1 4.8 4.9 1 0 -1 0
+6 4 2 4.1 4.9 1 0 -1 0
+9 -1 1 2.3 1.4 1 0 0 0
+
+Velocities
+
+1 1 0 0
+3 2 0 0
+5 3 0 0
+6 0 1 0
+9 0 0 1
+
+Bonds
+
+1 1 1 3
+2 2 6 5
+""",
+    "other.txt": """one chain
+
+2 atoms
+1 bonds
+1 atom types
+1 bond types
+1 6 xlo xhi
+0 5 ylo yhi
+0 5 zlo zhi
+
+Masses
+
+1 7
+
+Bond Coeffs # harmonic
+
+1 33 1.5
+
+Atoms # bond
+
+2 2 1 5.7 3 3 0 1 0
+4 1 1 4.9 3 3 0 1 0
+
+Velocities
+
+4 -1 0 0
+2 -2 0 0
+
+Bonds
+
+1 1 2 4
+""",
+}
+READ = {
+    "append": "read_data other.txt add append group new",
+    "merge": "read_data other.txt add merge shift 0 0.3 0 nocoeff\nread_data other.txt add 10 7 shift 0 -1.2 0.5",
+    "offset": "group new id 3\nread_data other.txt add append offset 2 1 0 0 0 shift 1 0 0 group new",
+    "molecule -1": "",
+}
 
 
 @pytest.fixture(scope="module")
@@ -163,3 +245,13 @@ def agree(trial: Trial, text: str, **files: str) -> None:
 @pytest.mark.parametrize("name", DECKS)
 def test_both_programs_run_alike(trial, name):
     agree(trial, HEAD + DECKS[name] + RUN)
+
+
+@pytest.mark.parametrize("name", READ)
+def test_both_programs_read_alike(trial, name):
+    head = HEAD.partition("lattice")[0].replace("full", "bond").partition("special")
+    text = "bond_style harmonic\nread_data one.txt extra/bond/per/atom 4 extra/special/per/atom 5\n" + READ[name]
+    text += "\npair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\n"
+    run = 'fix n all print 10 "$(count(new))" file n.txt screen no\n' if "new" in text else ""
+    run += RUN.partition("\n")[2].replace("nocoeff", "").replace("eangle edihed", "").replace("angles dihedrals", "")
+    agree(trial, head[0] + "special_bonds lj/coul 0.5 1 1\n" + text + run)

@@ -7,6 +7,8 @@ substituted outside quotes, and the result is split into words.  Other text file
 from __future__ import annotations
 
 import gzip
+import importlib
+import lzma
 import math
 import re
 import zlib
@@ -48,14 +50,32 @@ def errors_at(where: Line | None, prefix: str = "") -> Iterator[None]:
         raise located(where, f"{prefix}{error}") from None
 
 
+#: Modules that unpack files, by the ending of their names; any of them will do.
+UNPACKERS = {
+    **{".bz2": ("bz2",), ".xz": ("lzma",), ".lzma": ("lzma",)},
+    **{".zst": ("compression.zstd", "zstandard"), ".lz4": ("lz4.frame",)},
+}
+
+
+def _unpacker(path: Path) -> Callable[[bytes], bytes]:
+    names = UNPACKERS[path.suffix]
+    for name in names:
+        try:
+            return importlib.import_module(name).decompress
+        except ImportError:
+            continue
+    raise DeckError(f"files {path.suffix} need the Python package {names[-1].partition('.')[0]}; install it, or unpack the file", str(path))
+
+
 def file_content(path: Path) -> bytes:
-    """Content of a file, decompressed if it is gzipped.  DeckError if it cannot be read or is compressed in another format."""
-    if path.suffix in (".bz2", ".lz4", ".lzma", ".xz", ".zst"):
-        raise DeckError("of compressed files, only .gz is read; unpack it", str(path))
+    """Content of a file, decompressed if it is gzipped or its name ends as in :data:`UNPACKERS`.  DeckError if it cannot be read, or
+    nothing can unpack it."""
     try:
         content = path.read_bytes()
+        if path.suffix in UNPACKERS:
+            return _unpacker(path)(content)
         return gzip.decompress(content) if content.startswith(b"\x1f\x8b") else content
-    except (OSError, EOFError, zlib.error) as error:
+    except (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAError) as error:
         raise DeckError(f"cannot read the file: {getattr(error, 'strerror', None) or error}", str(path)) from None
 
 
