@@ -279,7 +279,7 @@ def test_velocity_set_ramp_scale_zero(tmp_path):
         "region b block 0 1 0 1 0 1\ncreate_box 1 b\ncreate_atoms 1 single 0 0 0\nvelocity all set 0 0 0\nvelocity all create 1 1",
         "no mass is set for atom type 1",
     ),
-    ("neigh_modify exclude type 1 1", "neigh_modify exclude is not supported"),
+    ("neigh_modify exclude type 1", "neigh_modify exclude type needs 2 values"),
     (TWENTY + "group a id 1\nneigh_modify every 1 include a", "neigh_modify include must be all"),
     (TWENTY + "group a id 1\ncomm_modify group a vel yes", "comm_modify group must be all"),
     ("run_style respa 2 2", "only run_style verlet"),

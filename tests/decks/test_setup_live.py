@@ -144,6 +144,17 @@ fix x all ave/chunk 2 3 10 x density/number file x.txt
     + 'fix n all print 1 "$(v_nc) $(v_no) $(v_ne) $(v_np) $(v_ns) $(v_ny) $(v_nb) $(v_nu) $(v_ni) $(count(gc)) $(count(gi))" file n.txt screen no\n'
     "region d ellipsoid 2 v_y 3 0.6 0.6 v_y\ndelete_atoms region d compress no mol yes bond yes\n"
 )
+DECKS |= {
+    f"exclude {words}": FLUID
+    + "group a id 1:120\ngroup b id 50:170\nneigh_modify exclude "
+    + words.replace("; ", "\nneigh_modify exclude ")
+    + "\n"
+    for words in (
+        "type 1 3 exclude group a b",
+        "molecule/intra a",
+        "type 2 2; none; molecule/inter b; group a a",
+    )
+}
 FILES |= {
     "one.txt": """two chains
 

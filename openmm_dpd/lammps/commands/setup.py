@@ -7,7 +7,7 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.units import UNIT_SYSTEMS
-from ..files.data_file import ATOM_STYLES
+from ..files.data_file import ATOM_STYLES, BONDED_STYLES
 from ..language import arguments as read
 from ..language.arguments import INSTEAD
 from ..state.deck_state import DeckState
@@ -87,13 +87,27 @@ def atom_style(state: DeckState, args: list[str]) -> None:
     state.atoms.concentrations = np.zeros((0, state.n_species))
 
 
+#: What neigh_modify may exclude: number of words.
+_EXCLUDED = {"type": 2, "group": 2, "molecule/intra": 1, "molecule/inter": 1, "none": 0}
+
+
 @command("neigh_modify", 0, None)
 def neigh_modify(state: DeckState, args: list[str]) -> None:
-    """``neigh_modify``: ignored, except for ``exclude`` and ``include``, which would change the forces."""
-    if "exclude" in args:
-        raise ParameterError("neigh_modify exclude is not supported; use 'pair_coeff i j none' or special_bonds")
-    _only_all("neigh_modify", "include", args)
-    _ignored("neigh_modify")(state, args)
+    """``neigh_modify exclude type|group|molecule/intra|molecule/inter|none ...``; other words concern LAMMPS's lists and are ignored."""
+    rest = list(args)
+    while "exclude" in rest:
+        at = rest.index("exclude")
+        kind = read.choice("".join(rest[at + 1 : at + 2]), "what neigh_modify excludes", list(_EXCLUDED))
+        words, after = read.taken(rest[at + 2 :], _EXCLUDED[kind], f"neigh_modify exclude {kind}")
+        for word in words:
+            (state.type_number if kind == "type" else state.group)(word)
+        if kind.startswith("molecule"):
+            state.require_atom_style(f"neigh_modify exclude {kind}", *BONDED_STYLES)
+        state.exclusions = [*state.exclusions, (kind, *words)] if words else []
+        rest = rest[:at] + after
+    _only_all("neigh_modify", "include", rest)
+    if rest:
+        _ignored("neigh_modify")(state, rest)
 
 
 @command("comm_modify", 0, None)

@@ -18,6 +18,7 @@ from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
 from ..styles.words import bonded_styles
+from .exclusion import scene_pairs
 from .flow import body_forces_of, interacting_beads, walls_of
 from .integration import integration
 
@@ -47,11 +48,12 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
     atoms, units = state.atoms, state.units
     vectors, shear = box.reduced_vectors * units.length, shear_of(state)
     with errors_at(state.here), read_by(state):
+        pairs = scene_pairs(state, pair_tables(state))
         return Scene(
-            masses={str(k): state.masses[k] for k in range(1, state.n_types + 1)},
-            types=[str(k) for k in atoms.types.tolist()],
+            masses={name: state.masses[k] for name, k in pairs.of_deck.items()},
+            types=pairs.types,
             positions=atoms.positions * units.length,
-            pairs=pair_tables(state),
+            pairs=pairs.tables,
             kT=deck_kT(state, window),
             box=vectors,
             velocities=atoms.velocities * units.velocity,

@@ -61,6 +61,7 @@ class DeckState:
     regions: dict[str, Region] = field(default_factory=dict)
     templates: dict[str, Any] = field(default_factory=dict)  #: The molecules of ``molecule``
     pair: PairSetup = field(default_factory=PairSetup)
+    exclusions: list[tuple[str, ...]] = field(default_factory=list)  #: Words after each ``neigh_modify exclude``
     bond: BondedSetup = field(default_factory=BondedSetup)
     angle: BondedSetup = field(default_factory=BondedSetup)
     dihedral: BondedSetup = field(default_factory=BondedSetup)
