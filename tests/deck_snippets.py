@@ -95,6 +95,7 @@ BASES["tilted"] = (
     .replace("block 0 3 0 3 0 3", "prism 0 3 0 3 0 3 0.5 0 0")
     .replace("BEFORE", "BEFORE\nfix slide all deform 1 xy erate 9.0 remap v")
 )
+BASES["flat"] = BASES["fluid"].replace("HEAD", "dimension 2").replace("block 0 3 0 3 0 3", "block 0 3 0 3 -0.1 0.1")
 BASES["dihedrals"] = (
     BASES["bonds"]
     .replace("atom_style angle", "atom_style molecular\ndihedral_style opls")
@@ -182,6 +183,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "addforce": deck(before="variable push atom 0.5*(x<1)\nfix push all addforce v_push 0 0.5\n" + averaged("f_push[1]")),
         "gravity": deck(before="variable g equal 0.1*PI\nfix down all gravity v_g vector 1 0 1"),
         "setforce": deck(before="group one id 1 2\nfix hold one setforce 0 NULL 0"),
+        "enforce2d": deck("flat", "fix plane all enforce2d\nset atom 3 vz 0.4\n" + averaged("c_thermo_temp", "c_thermo_press[1]")),
         "wall/reflect": deck(head="boundary p p f", before="fix wall all wall/reflect zlo EDGE zhi EDGE"),
         "deform": deck("tilted", "compute c all msd\ndump d all custom 2 d.txt id x ix vx xu\n" + averaged("c_c[1]", "c_thermo_press[4]")),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),

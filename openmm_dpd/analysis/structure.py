@@ -65,9 +65,10 @@ def radial_distribution(
     return curve_of(0.5 * (edges[1:] + edges[:-1]), rows, "g(r)")
 
 
-def distribution_of_counts(counts: np.ndarray, edges: np.ndarray, pairs: float, volume: float) -> np.ndarray:
+def distribution_of_counts(counts: np.ndarray, edges: np.ndarray, pairs: float, volume: float, dimension: int = 3) -> np.ndarray:
     """g(r) of one frame, (B,), from the number of pairs in each bin (B,), edges of the bins (B + 1,) and the number of all pairs."""
-    return counts * volume / (pairs * (4 * np.pi / 3 * np.diff(edges**3)))
+    shells = 4 * np.pi / 3 * np.diff(edges**3) if dimension == 3 else np.pi * np.diff(edges**2)
+    return counts * volume / (pairs * shells)
 
 
 def _counts(frame: Frame, a: np.ndarray, b: np.ndarray, labels: np.ndarray, edges: np.ndarray) -> np.ndarray:

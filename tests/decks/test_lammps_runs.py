@@ -248,7 +248,6 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
         "fix style 'langevin' is not supported: use fix nve and a pair style with friction and noise.* dpd/tstat",
     ),
     ("improper_style harmonic\n", "in.deck:13: improper_style: impropers are not supported; dihedral_style harmonic"),
-    ("dimension 2\n", "not dimension 2: use a box at least two cutoffs wide along z"),
     ("pair_coef 1 1 25 4.5\n", "unknown or unsupported command 'pair_coef'; did you mean pair_coeff?"),
     ("fix 1 all mvv/dpdd\n", "supported are nve, .*; did you mean mvv/dpd?"),
     ("fix 1 all nve/omp\n", "; did you mean nve?"),

@@ -2,10 +2,13 @@
 
 import lammps_peer
 import numpy as np
-from cases import cases, put
+import pytest
+from cases import cases, put, raises
+from lammps_peer import printed
 from test_lammps_thermo_live import both
 
-from openmm_dpd.lammps import export_deck
+from openmm_dpd.base.errors import DeckError
+from openmm_dpd.lammps import export_deck, read_deck
 
 pytestmark = lammps_peer.needed()
 
@@ -60,3 +63,84 @@ def test_reduced_numbers_are_exported_as_they_are(tmp_path):
     deck = put(tmp_path / "in.si", UNITS.format("si", *REDUCED) + "run 3\n")
     made = export_deck(deck, tmp_path / "out").deck.read_text(encoding="utf-8")
     assert all(f"\n{line}" in made for line in ("units si", "timestep 0.02\n", "pair_coeff * * 25.0 4.5 1.0\n"))
+
+
+# -- two dimensions -----------------------------------------------------------------------------------------------------------------
+FLAT = """dimension 2
+comm_modify vel yes
+neighbor 0.4 bin
+neigh_modify every 1 delay 0 check yes
+lattice {lattice}
+region box block 0 8 0 5 {z}
+create_box 2 box
+create_atoms 1 box
+set group all type/fraction 2 0.0 4
+mass * 1.0
+region low block INF INF INF 2.1 INF INF
+group low region low
+velocity all ramp vx -1 1 y 0 5
+displace_atoms low ramp x 0 0.1 y 0 3
+pair_style dpd 0.0 1.0 99
+pair_coeff * * 25.0 4.5
+fix 1 all nve
+{fixes}
+compute tl low temp
+compute tp all temp/partial 1 0 0
+compute pr all temp/profile 1 0 0 y 4
+compute g all rdf 8
+compute ch all chunk/atom bin/1d y lower 0.5
+fix av all ave/chunk 1 5 10 ch density/number density/mass temp vx file prof.txt
+compute vir all pressure NULL virial
+thermo_style custom step time temp press pe ke etotal enthalpy density vol pxx pyy pzz pxy fmax lx lz cellc zlo c_tl c_tp c_pr c_g[3][2] &
+    c_g[6][2] c_g[6][3] c_vir c_vir[1]
+"""
+
+
+@cases(
+    "lattice, z, fixes",
+    ("hex 2.0", "-0.1 0.1", "set atom 3 vz 1\nfix 2 all enforce2d"),
+    ("sq 2.0", "-0.5 0.5", "fix g all gravity 0.5 chute 30\nfix a low addforce 0.2 0.1 0\nfix s low setforce NULL 0 NULL"),
+    ("sq2 1.5 orient x 1 1 0 orient y -1 1 0", "-3 3", "fix g all gravity 0.5 vector 1 2 3\nfix 2 all enforce2d"),
+)
+def test_two_dimensions(tmp_path, lattice, z, fixes):
+    same_rows(tmp_path, FLAT.format(lattice=lattice, z=z, fixes=fixes))
+    assert (tmp_path / "ours" / "prof.txt").read_text() == (tmp_path / "theirs" / "prof.txt").read_text()
+
+
+def test_two_dimensions_with_noise(tmp_path):
+    """The plane keeps its temperature, and files and restarts keep the plane."""
+    text = FLAT.format(lattice="hex 3.0", z="-0.2 0.2", fixes="").replace("dpd 0.0", "dpd 1.0").replace("ramp vx -1 1 y 0 5", "create 1 5")
+    lines = printed(
+        tmp_path / "in.plane", text + "thermo 10\ntimestep 0.02\nrun 400\nwrite_restart r\nwrite_data d\nwrite_dump all custom f id z vz"
+    )
+    rows = np.array([row.split() for row in lines if row.split()[:1] and row.split()[0].isdigit()], dtype=float)
+    assert rows[10:, 2].mean() == pytest.approx(1.0, abs=0.05)
+    assert not np.loadtxt(tmp_path / "f", skiprows=9)[:, 1:].any()
+    again = printed(tmp_path / "in.again", "read_restart r\nfix 1 all nve\nthermo_style custom step temp vol press\nrun 0\n")
+    (row,) = (line.split() for line in again if line.split()[:1] == ["400"])
+    assert [float(row[1]), float(row[2])] == pytest.approx(rows[-1, [2, 9]].tolist(), rel=1e-6)
+
+
+@cases(
+    "change, message",
+    (("-0.1 0.1", "0 1"), "contain z = 0"),
+    (("hex 2.0", "sc 2.0"), "the lattice style in 2 dimensions must be one of sq, sq2, hex, custom, none"),
+    (("hex 2.0", "hex 2.0 origin 0 0 0.5"), "outside the plane"),
+    (("create_atoms 1 box", "create_atoms 1 single 1 1 0.05"), "all beads must have z = 0"),
+    (("fix 1", "set atom 1 vz 1\nfix 1"), "or use fix enforce2d"),
+    (("fix 1", "fix 2 all addforce 0 0 1\nfix 1"), "fix 2: in two dimensions its force along z must be 0"),
+    (("dpd 0.0 1.0 99\npair_coeff * * 25.0 4.5", "dpd/ext 0.0 1.0 99\npair_coeff * * 25.0 4.5 4.5 1 1"), "its noise has a z"),
+    (("temp/partial 1 0 0", "temp/partial 1 0 1"), "the flag of z must be 0"),
+    (("fix 1 all nve", "fix 1 all nph iso 1 1 1"), "fix nph is not supported in two dimensions"),
+    (("fix 1", "replicate 1 1 2\nfix 1"), "nz must be 1"),
+    (("dimension 2", "dimension 3\nlattice sc 1"), "the lattice style in 3 dimensions"),
+    (
+        ("dimension 2\ncomm_modify vel yes", "region q block 0 1 0 1 0 1\ncreate_box 2 q\nfix 2 all enforce2d"),
+        "enforce2d needs dimension 2",
+    ),
+)
+def test_two_dimensions_refused(tmp_path, change, message):
+    text = FLAT.format(lattice="hex 2.0", z="-0.1 0.1", fixes="") + "run 1\n"
+    raises(
+        DeckError, message, lambda: read_deck(put(tmp_path / "in.bad", text.replace(*change)), stop_before_first_run=True).first_run.scene()
+    )

@@ -162,7 +162,7 @@ def _set_theta(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     # as in LAMMPS, a negative value of a variable means NULL
     own = (values < 0) & (words[0] == "NULL" or words[0].startswith("v_"))
     speed2 = np.sum((state.atoms.velocities[mask] * state.units.velocity) ** 2, axis=1)
-    values = np.where(own, state.bead_masses()[mask] * speed2 / (3 * state.units.thermal_energy), values)
+    values = np.where(own, state.bead_masses()[mask] * speed2 / (state.dimension * state.units.thermal_energy), values)
     if np.any(own & (values <= 0)):
         bead = int(state.atoms.ids[mask][np.argmin(values)])
         raise ParameterError(f"set dpd/theta NULL uses the velocity of each bead, but bead {bead} is at rest")

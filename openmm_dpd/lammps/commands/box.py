@@ -25,7 +25,7 @@ from .setup import COMMANDS, command
 @command("lattice", 0, None)
 def lattice(state: DeckState, args: list[str]) -> None:
     """``lattice style scale ...``."""
-    state.lattice = parse_lattice(args, state.units.name == "lj")
+    state.lattice = parse_lattice(args, state.units.name == "lj", state.dimension)
 
 
 @command("region ID style values ...", 2, None)
@@ -68,12 +68,16 @@ def create_box(state: DeckState, args: list[str]) -> None:
 
 
 def set_box(state: DeckState, box: Box) -> None:
-    if np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()):
+    if box.overtilted:
         state.note("the box is tilted by more than half an edge; OpenMM uses the equivalent box with smaller tilts")
     if not all(state.periodic):
         if np.any(box.tilt):
             raise ParameterError("a tilted box must be periodic along all axes (boundary p p p)")
         box = replace(box, periodic=state.periodic)
+    if state.dimension == 2:
+        if not (box.low[2] < 0 < box.high[2] and state.periodic[2]) or box.tilt[1:].any():
+            raise ParameterError("in two dimensions the box must be periodic along z, contain z = 0 inside, and have no tilts xz and yz")
+        box = replace(box, flat=True)
     before = state.units
     state.units = before.for_box(float(box.edges.max()))
     if state.units != before:
@@ -165,6 +169,7 @@ def _random_points(
         drawn, goal = 0, len(found) + batch
         while len(found) < goal and drawn < batch * tries:
             points = low + (high - low) * rng.random((goal - len(found), 3))
+            points[:, 2] *= not box.flat
             drawn += len(points)
             inside = box.holds(points)
             if limit is not None:

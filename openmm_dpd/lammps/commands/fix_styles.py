@@ -93,6 +93,8 @@ def _nph(state: DeckState, group: str, words: list[str]) -> dict:
     start: list[float | None] = [None] * 3
     stop = [0.0] * 3
     coupled, unused = False, []
+    if state.dimension == 2:
+        raise ParameterError("fix nph is not supported in two dimensions")
     for keyword, values in read.options(words, sizes, "fix nph", only={"dilate": ("all", "all beads move with the box")}):
         if keyword == "couple":
             coupled = read.choice(values[0], "couple", ("none", "xyz")) == "xyz"
@@ -159,11 +161,17 @@ _DIRECTIONS: dict[str, tuple[int, tuple[str, str, str]]] = {
     "chute": (1, ("sin(PI*{0}/180)", "0", "-cos(PI*{0}/180)")),
     "spherical": (2, ("sin(PI*{1}/180)*cos(PI*{0}/180)", "sin(PI*{1}/180)*sin(PI*{0}/180)", "cos(PI*{1}/180)")),
 }
+#: Those in two dimensions.
+_FLAT_DIRECTIONS: dict[str, tuple[int, tuple[str, str, str]]] = {
+    "vector": (3, ("{0}/sqrt({0}^2+{1}^2)", "{1}/sqrt({0}^2+{1}^2)", "0")),
+    "chute": (1, ("sin(PI*{0}/180)", "-cos(PI*{0}/180)", "0")),
+    "spherical": (2, ("sin(PI*{1}/180)", "cos(PI*{1}/180)", "0")),
+}
 
 
 def _gravity(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group gravity magnitude style values ...", 3, None)
-    size, formulas = read.style(_DIRECTIONS, "fix gravity", words[1])
+    size, formulas = read.style(_DIRECTIONS if state.dimension == 3 else _FLAT_DIRECTIONS, "fix gravity", words[1])
     read.count(words[2:], f"fix ID group gravity magnitude {words[1]} values ...", size)
     magnitude, *values = (f"({_component(state, word, 'gravity', ('equal',))})" for word in (words[0], *words[2:]))
     if values == ["(0)"] * 3:
@@ -257,6 +265,13 @@ def _deform(state: DeckState, group: str, words: list[str]) -> dict:
     return {"rate": read.number(found["xy"], "the rate of fix deform") / state.units.time}
 
 
+def _enforce2d(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID group enforce2d", 0)
+    if state.dimension == 3:
+        raise ParameterError("fix enforce2d needs dimension 2")
+    return {}
+
+
 # -- motion --------------------------------------------------------------------------------------------------------------------
 def _moving(style: str, most: int) -> FixReader:
     """Parser of a fix that moves beads, with an optional lambda if ``most`` is 1."""
@@ -291,5 +306,5 @@ FIX_STYLES: dict[str, FixReader] = {
     **{style: _moving(style, 1) for style in ("mvv/dpd", "mvv/edpd", "mvv/tdpd")},
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "addforce": _addforce, "gravity": _gravity},
-    **{"setforce": _setforce, "wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform},
+    **{"setforce": _setforce, "wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform, "enforce2d": _enforce2d},
 }

@@ -11,7 +11,7 @@ from ...kernels.noise import mix
 from ..files.data_file import JOINED
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..state.records import Compute, Temperature, without_rotation
+from ..state.records import Compute, without_rotation
 from ..values.resolver import Resolver, present
 from .setup import command
 
@@ -105,6 +105,8 @@ def replicate(state: DeckState, args: list[str]) -> None:
         raise ParameterError("replicate: a compute msd stores the positions of beads; define it afterwards")
     if any(count > 1 and not periodic for count, periodic in zip(counts, box.periodic, strict=True)):
         raise ParameterError("replicate: the box is not periodic along a replicated axis")
+    if box.flat and counts[2] > 1:
+        raise ParameterError("replicate: in two dimensions nz must be 1")
     nx, ny, nz = counts.tolist()
     # in the order of the copies' ids, x fastest
     cells = np.array([(i, j, k) for k in range(nz) for j in range(ny) for i in range(nx)])
@@ -152,7 +154,7 @@ def velocity(state: DeckState, args: list[str]) -> None:
 
 def _rescale(state: DeckState, group: str, mask: np.ndarray, target: float, options: dict[str, str]) -> None:
     # the temperature of the group, or of the compute that the option names
-    compute = state.temperature_compute(options["temp"]) if options["temp"] else Compute("", group, "temp", settings=Temperature())
+    compute = state.temperature_compute(options["temp"]) if options["temp"] else Compute("", group, "temp", settings=state.temperature())
     # of the present velocities, since nothing has been measured
     current = Resolver(state).temperature(replace(compute, name="velocity"))
     if current <= 0:
@@ -187,6 +189,7 @@ def _create(state: DeckState, group: str, mask: np.ndarray, words: list[str], op
         drawn = without_last_bits(np.sqrt(-2 * np.log(1 - drawn[:, :3])) * np.cos(2 * np.pi * drawn[:, 3:]), 32)
     else:
         drawn = drawn[:, :3] - 0.5
+    drawn[:, state.dimension :] = 0.0
     atoms.velocities = np.where(mask[:, None], drawn / np.sqrt(masses)[:, None], before)
     if read.switch(options["mom"], "mom"):
         _zero_linear(state, mask)

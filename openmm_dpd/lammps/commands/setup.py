@@ -1,6 +1,7 @@
 """The table of commands; the commands that come before the beads (units, dimension, boundary, atom_style); and those without effect."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ from ...base.errors import ParameterError
 from ...base.units import UNIT_SYSTEMS
 from ..files.data_file import ATOM_STYLES, BONDED_STYLES
 from ..language import arguments as read
-from ..language.arguments import INSTEAD
 from ..state.deck_state import DeckState
 from ..state.records import MIN_STYLES, NORMS
 
@@ -60,10 +60,11 @@ def units(state: DeckState, args: list[str]) -> None:
     state.timestep = state.units.timestep * state.units.time
 
 
-@command("dimension 3", 1)
+@command("dimension 2|3", 1, box=False)
 def dimension(state: DeckState, args: list[str]) -> None:
-    if args[0] != "3":
-        raise ParameterError(f"only three dimensions are supported, not dimension {args[0]}: {INSTEAD['dimension 2']}")
+    """``dimension 2|3``."""
+    state.dimension = int(read.choice(args[0], "the dimension", ("2", "3")))
+    state.thermo_temp = replace(state.thermo_temp, settings=state.temperature())
 
 
 @command("boundary p p p", 3, box=False)

@@ -132,6 +132,8 @@ def export_deck(
         raise ParameterError(f"{target} is the deck itself; give another folder or name")
     request = first_request(path, RunOptions(dt=dt, steps=steps, scheme=scheme, compat=compat), variables)
     scene, state = request.scene(), request.state
+    if state.dimension == 2:
+        raise ParameterError("a deck in two dimensions cannot be exported; LAMMPS can run the deck itself")
     corner = state.require_box("an export").low * state.units.length
     lam = request.lambda_ if scheme_of(request.scheme).predicts else 0.5
     run = (request.dt, request.steps, request.scheme, lam, request.seed if seed is None else seed, every)

@@ -16,9 +16,11 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 
 #: Format identifier in the file; its number changes with the contents.
-FORMAT = "openmm-dpd restart 3"
+FORMAT = "openmm-dpd restart 4"
 #: Attributes of DeckState that are stored as plain numbers and words.
-_PLAIN = "atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs reordered noise_counter".split()
+_PLAIN = (
+    "dimension atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs reordered noise_counter"
+).split()
 #: First bytes of LAMMPS's own restart files.
 _LAMMPS = b"LammpS RestartT"
 
@@ -74,7 +76,7 @@ def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray
     for name in _PLAIN:
         setattr(state, name, header[name])
     state.periodic = (x, y, z)
-    state.box = Box(low, high, tilt, triclinic, state.periodic)
+    state.box = Box(low, high, tilt, triclinic, state.periodic, state.dimension == 2)
     state.units = UNIT_SYSTEMS[header["units"]].for_box(float(state.box.edges.max()))
     time, step = header["time_origin"]
     state.time_origin = (time, step)

@@ -212,7 +212,9 @@ class ChunkAverage(AveragingFix):
             if word not in _OWN:
                 check_bead_word(state, word, _COMPONENTS)
         norm = read.choice(options.get("norm", ["all"])[0], "norm", ("all", "sample", "none"))
-        self._adof, self._cdof = (read.number(options.get(word, [default])[0], word) for word, default in (("adof", "3"), ("cdof", "0")))
+        self._adof, self._cdof = (
+            read.number(options.get(word, [default])[0], word) for word, default in (("adof", str(state.dimension)), ("cdof", "0"))
+        )
         places = " ".join(f"Coord{k}" for k in range(1, len(compute.settings.axes) + 1))
         header = [
             f"# Chunk-averaged data for fix {name} and group {group}",

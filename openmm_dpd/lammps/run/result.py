@@ -48,8 +48,8 @@ class RunResult:
         for word, value in values.items():
             self.rows.setdefault(word, []).append(value)
         self.target_kT.append(target_kT)
-        self.kinetic_kT.append(measured.kT)
-        units = self.request.state.units
+        units, dimension = self.request.state.units, self.request.state.dimension
+        self.kinetic_kT.append(measured.kT * 3 / dimension)
         self.momentum = float(np.abs(measured.momentum).max()) / units.mass / units.velocity
         if measured.laplacian is not None:
             self.conf.append((measured.gradient2, measured.laplacian))

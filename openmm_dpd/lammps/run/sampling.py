@@ -141,7 +141,7 @@ class Sampler:
             virial_full=self.virials(measured)[1],
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),
-            kT_conf=measured.kT_conf,
+            kT_conf=measured.kT_conf if state.dimension == 3 else None,
             forces=forces,
             before=before,
         )

@@ -143,7 +143,9 @@ class DeckSteps:
         self.thermo, self.dumps, self.readers = request.thermo, request.dumps, request.readers
         self.momentum, self.restarts = MomentumFixes(request, simulation.context), RestartFiles(request, built, simulation.context)
         self.sampler = Sampler(request, built, simulation.context)
-        result.no_laplacian = self.sampler.observer.no_laplacian
+        result.no_laplacian = (
+            self.sampler.observer.no_laplacian if self.request.state.dimension == 3 else "it is not defined in two dimensions"
+        )
         self._sample: LiveSample | None = None
         self._measured: Sample | None = None
 
@@ -194,7 +196,7 @@ class DeckSteps:
             self.log(self.thermo.footer())
         assert self._measured is not None
         if has_set_temperature(self.built.plan):
-            self.result.check_temperature(self._measured.target_kT, self._measured.dof)
+            self.result.check_temperature(self._measured.target_kT, self._measured.dof * self.request.state.dimension // 3)
         context = self.simulation.context
         x, v, box = arrays(context)
         last = None if self._sample is None else self._sample.kept()

@@ -123,6 +123,10 @@ def driving(state: DeckState) -> Driving:
     interacting = np.ones((len(state.atoms), 3), dtype=bool)
     for fix in state.fixes_of(*FORCE_FIXES):
         acts = np.outer(state.group(fix.group), [word != "NULL" for word in words(fix)])
+        if state.dimension == 2:
+            if words(fix)[2] not in ("NULL", "0"):
+                raise fix.error("in two dimensions its force along z must be 0")
+            acts[:, 2] = False
         if fix.style == "setforce":
             interacting &= ~acts
             pushes = [(other, mask & ~acts) for other, mask in pushes]
@@ -144,7 +148,7 @@ def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
 def _added(state: DeckState, components: list[str], members: np.ndarray) -> list[BodyForce | PositionForce]:
     texts = [state.variables.get(word[2:]).text if word.startswith("v_") else word for word in components]
     box, follows = state.require_box("a force on single beads"), any(depends_on(text, state.variables, set(AXES)) for text in texts)
-    if follows and np.any(np.abs(box.reduced_vectors - box.vectors) > 1e-9 * box.edges.max()) and all(state.periodic):
+    if follows and box.overtilted:
         raise ParameterError("a position-dependent force needs a box tilted by at most half an edge")
     # type and mass are constants in a formula, hence one force per type
     by_type = any(depends_on(text, state.variables, set(BEAD_CONSTANTS)) for text in texts)

@@ -44,6 +44,8 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         state.note(
             "dpd/fdt: the noise of bonded neighbours scales with the square root of the special_bonds factor (LAMMPS: with the factor)"
         )
+    if state.dimension == 2:
+        _check_plane(state)
     mobile = integration(state).mobile if mobile is None else mobile
     atoms, units = state.atoms, state.units
     vectors, shear = box.reduced_vectors * units.length, shear_of(state)
@@ -75,6 +77,19 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             interacting=interacting_beads(state, mobile),
             shear=shear,
         )
+
+
+def _check_plane(state: DeckState) -> None:
+    """Raise DeckError if beads are not in the plane z = 0, or may leave it: forces between beads in a plane are in the plane."""
+    if state.atoms.positions[:, 2].any():
+        raise located(state.here, "in two dimensions all beads must have z = 0")
+    if state.atoms.velocities[:, 2].any():
+        raise located(state.here, "beads have velocities along z, so they would leave the plane: set them to 0, or use fix enforce2d")
+    for style in state.pair.styles:
+        if "cutoff_charges" in style.settings:
+            raise located(style.where, f"pair style {style.name}: lattice sums of charges need three dimensions")
+        if any(found.values.get("gamma_perp") for found in style.coefficients.values()):
+            raise located(style.where, f"pair style {style.name}: in two dimensions the friction across pairs must be 0: its noise has a z")
 
 
 def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:

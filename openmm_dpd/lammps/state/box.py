@@ -29,6 +29,8 @@ class Box:
     triclinic: bool = False  #: Whether the box was defined with tilts, even if they are 0
     periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box is periodic; if any is not, the box has no tilts
 
+    flat: bool = False  #: Whether beads are in the plane z = 0, and the edge along z has no meaning
+
     def __post_init__(self):
         for name in ("low", "high", "tilt"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
@@ -50,15 +52,23 @@ class Box:
     @property
     def reduced_vectors(self) -> np.ndarray:
         """Vectors of the same lattice in OpenMM's reduced form (no tilt above half an edge).  Along a non-periodic axis the vector is twice
-        as long; no cutoff reaches across the empty half."""
+        as long; no cutoff reaches across the empty half.  In a flat box z is as long as the shorter other edge, so that no cutoff reaches
+        images along z."""
         vectors = self.vectors * np.where(self.periodic, 1.0, 2.0)[:, None]
+        if self.flat:
+            vectors[2, 2] = min(vectors[0, 0], vectors[1, 1])
         return reduced(vectors) if self.tilt.any() else vectors
 
     @property
+    def overtilted(self) -> bool:
+        """Whether a tilt is over half an edge, so that OpenMM has another box of the same lattice."""
+        return bool(np.any(np.abs(reduced(self.vectors) - self.vectors) > 1e-9 * self.edges.max()))
+
+    @property
     def volume(self) -> float:
-        """Volume."""
+        """Volume, or area of a flat box."""
         x, y, z = self.edges.tolist()
-        return x * y * z
+        return x * y * (1.0 if self.flat else z)
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +90,8 @@ class Box:
         own, rounding = self._own
         if (np.abs(vectors - own) <= rounding).all():
             return self
-        return Box(self.low, self.low + np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]]), self.triclinic)
+        high, tilt = self.low + np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]])
+        return replace(self, high=np.where([True, True, not self.flat], high, self.high), tilt=tilt)
 
     @cached_property
     def _own(self) -> tuple[np.ndarray, np.ndarray]:

@@ -40,6 +40,7 @@ class DeckState:
     path: Path
     units: UnitSystem = LJ
     atom_style: str = "atomic"
+    dimension: int = 3  #: 2 for beads in the plane z = 0
     sorts: bool = True  #: Whether LAMMPS sorts beads in memory (``atom_modify sort``)
     box: Box | None = None  #: The periodic box, in the deck's unit of length
     periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box repeats
@@ -151,6 +152,10 @@ class DeckState:
     def fixes_of(self, *styles: str) -> list[Fix]:
         """The fixes of these styles, in the order of the deck."""
         return [fix for fix in self.fixes.values() if fix.style in styles]
+
+    def temperature(self, **settings: Any) -> Temperature:
+        """Settings of a temperature compute of this deck."""
+        return Temperature(**{"dimension": self.dimension, "extra": float(self.dimension)} | settings)
 
     def temperature_compute(self, name: str) -> Compute:
         """The temperature compute with this id.  ParameterError if there is none."""
@@ -267,6 +272,8 @@ class DeckState:
             )
         if command == "run":
             self.atoms.velocities = self.atoms.velocities - np.outer(shifts[:, 1], [self.sliding / self.units.velocity, 0.0, 0.0])
+        for fix in self.fixes_of("enforce2d") if command in ("run", "minimize") else ():
+            self.atoms.velocities = np.where(np.outer(self.group(fix.group), [False, False, True]), 0.0, self.atoms.velocities)
         if command in ("run", "minimize") and self.sorts:
             self.reordered = True
             if box.triclinic:

@@ -22,7 +22,12 @@ CELLS: dict[str, tuple[np.ndarray, np.ndarray]] = {
     "fcc": (_CUBE, np.array(_FCC)),
     "hcp": (_HCP, np.array([[0, 0, 0], [0.5, 0.5, 0], [0.5, 5 / 6, 0.5], [0, 1 / 3, 0.5]])),
     "diamond": (_CUBE, _DIAMOND),
+    "sq": (_CUBE, np.zeros((1, 3))),
+    "sq2": (_CUBE, np.array([[0, 0, 0], [0.5, 0.5, 0]])),
+    "hex": (np.diag([1.0, np.sqrt(3.0), 1.0]), np.array([[0, 0, 0], [0.5, 0.5, 0]])),
 }
+#: Those of two dimensions.
+_FLAT = ("sq", "sq2", "hex")
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ class Lattice:
         low = np.floor(reached.min(axis=0)).astype(int) - 1
         high = np.ceil(reached.max(axis=0)).astype(int) + 1
         axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
-        k, j, i = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+        k, j, i = np.meshgrid(np.zeros(1, dtype=int) if box.flat else axes[2], axes[1], axes[0], indexing="ij")
         cells = np.stack([i, j, k], axis=-1).reshape(-1, 1, 3)
         points = _placed((cells + self.basis).reshape(-1, 3), self.primitive, self.scale, self.rotation) + self.offset
         numbers = np.tile(np.arange(len(self.basis)), len(cells))
@@ -73,11 +78,12 @@ def no_lattice(spacing: float = 1.0) -> Lattice:
     return Lattice("none", np.eye(3), 1.0, np.eye(3), np.zeros((0, 3)), np.zeros(3), np.full(3, spacing))
 
 
-def parse_lattice(args: list[str], reduced: bool) -> Lattice:
+def parse_lattice(args: list[str], reduced: bool, dimension: int = 3) -> Lattice:
     """The lattice of ``lattice style scale keyword values ...``.  With ``reduced`` (units lj) the scale is a reduced density, otherwise a
     lattice constant."""
     read.count(args, "lattice style scale ...", 2, None)
-    style = read.choice(args[0], "the lattice style", [*CELLS, "custom", "none"])
+    cells = [name for name in CELLS if (name in _FLAT) == (dimension == 2)]
+    style = read.choice(args[0], f"the lattice style in {dimension} dimensions", [*cells, "custom", "none"])
     scale = read.positive(args[1], "the scale of the lattice")
     if style == "none":
         return no_lattice(scale)
@@ -97,10 +103,12 @@ def parse_lattice(args: list[str], reduced: bool) -> Lattice:
             basis = np.vstack([basis, values])
         else:
             cell[int(keyword[1]) - 1] = values
-    return _assemble(style, scale, cell, basis, origin, orient, spacing, reduced)
+    if dimension == 2 and np.any([*cell[:2, 2], *cell[2, :2], *basis[:, 2], origin[2], *orient[2, :2], *orient[:2, 2]]):
+        raise ParameterError("in two dimensions a lattice must have no vector, basis point or origin outside the plane")
+    return _assemble(style, scale, cell, basis, origin, orient, spacing, dimension if reduced else None)
 
 
-def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np.ndarray | None, reduced: bool) -> Lattice:
+def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np.ndarray | None, reduced: int | None) -> Lattice:
     if not len(basis):
         raise ParameterError("a custom lattice needs at least one basis point")
     (a, b, c), (u, v, w) = cell[1:]
@@ -114,7 +122,7 @@ def _assemble(style: str, scale: float, cell, basis, origin, orient, spacing: np
     rotation = orient / np.sqrt(x * x + y * y + z * z)[:, None]
     if not np.allclose(rotation @ rotation.T, np.eye(3)) or np.linalg.det(rotation) < 0:
         raise ParameterError("the three orient vectors must be perpendicular and right-handed")
-    constant = math.pow(len(basis) / volume / scale, 1.0 / 3.0) if reduced else scale
+    constant = math.pow(len(basis) / volume / scale, 1.0 / reduced) if reduced else scale
     primitive = cell.T.copy()
     # by default the extent of the unit cell along each axis
     spacing = np.ptp(_placed(_CORNERS, primitive, constant, rotation), axis=0) if spacing is None else spacing * constant

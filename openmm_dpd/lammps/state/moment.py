@@ -165,7 +165,7 @@ class DeckMoment(ABC):
 
     def pressure_of(self, kinetic: float, virial: float) -> float:
         """Pressure from a kinetic energy and a virial (kJ/mol)."""
-        return (2 * kinetic + virial) / (3 * (self.box.volume * self.units.length**3)) / self.units.pressure
+        return (2 * kinetic + virial) / (self.state.dimension * (self.box.volume * self.units.length**3)) / self.units.pressure
 
     def kinetic_tensor(self, compute: Compute) -> np.ndarray:
         """(6,) sums of m v v (kJ/mol), as counted by a temperature compute: xx, yy, zz, xy, xz, yz."""
@@ -182,6 +182,8 @@ class DeckMoment(ABC):
             parts += self.kinetic_tensor(self.state.temperature_of_pressure(name))
         if virial:
             parts += self.need("virial_tensor")
+        if self.state.dimension == 2:
+            parts[[2, 4, 5]] = 0.0
         return parts / (self.box.volume * self.units.length**3) / self.units.pressure
 
     def pressure_component(self, index: int) -> float:

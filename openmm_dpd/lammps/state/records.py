@@ -180,6 +180,7 @@ class Temperature:
     deformed: bool = False  #: Whether the flow of a ``fix deform`` is subtracted
     table: bool = False  #: Whether the compute has a table of the bins (``out bin``) instead of a vector
     extra: float = 3.0  #: Degrees of freedom to subtract in total (``compute_modify extra/dof``)
+    dimension: int = 3
 
     @property
     def count(self) -> int:
@@ -188,8 +189,8 @@ class Temperature:
 
     def freedom(self, n: int) -> float:
         """Degrees of freedom of n beads."""
-        counted = sum(self.counted)
-        return counted * n - counted / 3 * self.extra - sum(self.streaming) * self.count
+        counted = sum(self.counted[: self.dimension])
+        return counted * n - counted / self.dimension * self.extra - sum(self.streaming) * self.count
 
     def numbers(self, box: Box, positions: np.ndarray) -> np.ndarray:
         """(N,) bin of each bead, x fastest; positions are in the box."""

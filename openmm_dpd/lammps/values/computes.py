@@ -22,28 +22,30 @@ _CUTS = ("x", "y", "z", "xy", "yz", "xz", "xyz")
 
 def _whole(state: DeckState, group: str, words: list[str]) -> Temperature:
     read.count(words, "compute ID group temp (and no more)", 0)
-    return Temperature()
+    return state.temperature()
 
 
 def _deform(state: DeckState, group: str, words: list[str]) -> Temperature:
     read.count(words, "compute ID group temp/deform (and no more)", 0)
-    return Temperature(deformed=True)
+    return state.temperature(deformed=True)
 
 
-def _flags(words: list[str], what: str) -> tuple[bool, bool, bool]:
+def _flags(state: DeckState, words: list[str], what: str) -> tuple[bool, bool, bool]:
     x, y, z = (read.integer(word, f"a flag of compute {what}", 0) > 0 for word in words)
+    if z and state.dimension == 2:
+        raise ParameterError(f"compute {what}: the flag of z must be 0 in two dimensions")
     return x, y, z
 
 
 def _partial(state: DeckState, group: str, words: list[str]) -> Temperature:
     read.count(words, "compute ID group temp/partial xflag yflag zflag", 3)
-    return Temperature(_flags(words, "temp/partial"))
+    return state.temperature(counted=_flags(state, words, "temp/partial"))
 
 
 def _profile(state: DeckState, group: str, words: list[str]) -> Temperature:
     usage = "compute ID group temp/profile xflag yflag zflag x|y|z|xy|yz|xz|xyz N ... [out tensor|bin]"
     read.count(words, usage, 5, None)
-    streaming = _flags(words[:3], "temp/profile")
+    streaming = _flags(state, words[:3], "temp/profile")
     if not any(streaming):
         raise ParameterError("compute temp/profile subtracts nothing: at least one of its flags must be 1")
     axes = read.choice(words[3], "the division of compute temp/profile", _CUTS)
@@ -54,7 +56,8 @@ def _profile(state: DeckState, group: str, words: list[str]) -> Temperature:
     options = read.single(words[4 + len(axes) :], "compute temp/profile", out="tensor")
     table = read.choice(options["out"], "out", ("tensor", "bin")) == "bin"
     # the overall mean velocity is subtracted with those of the bins
-    return Temperature(streaming=streaming, bins=(bins[0], bins[1], bins[2]), table=table, extra=3.0 - sum(streaming))
+    extra = float(state.dimension - sum(streaming))
+    return state.temperature(streaming=streaming, bins=(bins[0], bins[1], bins[2]), table=table, extra=extra)
 
 
 def _of_bins(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -65,7 +68,7 @@ def _of_bins(moment: DeckMoment, compute: Compute) -> np.ndarray:
     counts = np.bincount(numbers, minlength=settings.count)
     sums = np.bincount(numbers, masses * np.sum((velocities * moment.units.velocity) ** 2, axis=1), settings.count)
     # each bead has its share of the uncounted degrees of freedom
-    freedom = counts * (3 - settings.extra / max(len(masses), 1)) - sum(settings.streaming)
+    freedom = counts * (settings.dimension - settings.extra / max(len(masses), 1)) - sum(settings.streaming)
     kT = np.divide(sums, freedom, out=np.zeros(settings.count), where=(freedom > 0) & (counts > 0))
     return np.column_stack([counts, kT / moment.units.thermal_energy])
 

@@ -75,7 +75,7 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
     reach = settings.cutoff or _longest_cutoff(moment)
     member = np.flatnonzero(state.group(compute.group))
     types = state.atoms.types[member]
-    i, j, r = pairs_within(moment.folded[0][member], None, box.vectors, reach)
+    i, j, r = pairs_within(moment.folded[0][member], None, box.reduced_vectors, reach)
     kept = ~np.isin(member[i] * len(state.atoms) + member[j], _excluded(state))
     i, j, r = i[kept], j[kept], r[kept]
     bins = (r * (1 / (reach / settings.bins))).astype(np.int64)
@@ -88,7 +88,9 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
         counts = np.bincount(np.concatenate([bins[a[i] & b[j]], bins[a[j] & b[i]]]), minlength=settings.bins)
         # a bead is not its own neighbour
         pairs = a.sum() * b.sum() - (a & b).sum()
-        columns.append(distribution_of_counts(counts, edges, float(pairs), box.volume) if pairs > 0 else np.zeros(settings.bins))
+        columns.append(
+            distribution_of_counts(counts, edges, float(pairs), box.volume, state.dimension) if pairs > 0 else np.zeros(settings.bins)
+        )
         columns.append(np.cumsum(counts) / a.sum() if pairs > 0 else np.zeros(settings.bins))
     return np.column_stack(columns)
 
