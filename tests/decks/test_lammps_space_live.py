@@ -111,13 +111,13 @@ def test_two_dimensions_with_noise(tmp_path):
     """The plane keeps its temperature, and files and restarts keep the plane."""
     text = FLAT.format(lattice="hex 3.0", z="-0.2 0.2", fixes="").replace("dpd 0.0", "dpd 1.0").replace("ramp vx -1 1 y 0 5", "create 1 5")
     lines = printed(
-        tmp_path / "in.plane", text + "thermo 10\ntimestep 0.02\nrun 400\nwrite_restart r\nwrite_data d\nwrite_dump all custom f id z vz"
+        tmp_path / "in.plane", text + "thermo 10\ntimestep 0.02\nrun 300\nwrite_restart r\nwrite_data d\nwrite_dump all custom f id z vz"
     )
     rows = np.array([row.split() for row in lines if row.split()[:1] and row.split()[0].isdigit()], dtype=float)
     assert rows[10:, 2].mean() == pytest.approx(1.0, abs=0.05)
     assert not np.loadtxt(tmp_path / "f", skiprows=9)[:, 1:].any()
     again = printed(tmp_path / "in.again", "read_restart r\nfix 1 all nve\nthermo_style custom step temp vol press\nrun 0\n")
-    (row,) = (line.split() for line in again if line.split()[:1] == ["400"])
+    (row,) = (line.split() for line in again if line.split()[:1] == ["300"])
     assert [float(row[1]), float(row[2])] == pytest.approx(rows[-1, [2, 9]].tolist(), rel=1e-6)
 
 

@@ -1,7 +1,6 @@
 """The table of commands; the commands that come before the beads (units, dimension, boundary, atom_style); and those without effect."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,8 +62,7 @@ def units(state: DeckState, args: list[str]) -> None:
 @command("dimension 2|3", 1, box=False)
 def dimension(state: DeckState, args: list[str]) -> None:
     """``dimension 2|3``."""
-    state.dimension = int(read.choice(args[0], "the dimension", ("2", "3")))
-    state.thermo_temp = replace(state.thermo_temp, settings=state.temperature())
+    state.set_dimension(int(read.choice(args[0], "the dimension", ("2", "3"))))
 
 
 @command("boundary p p p", 3, box=False)

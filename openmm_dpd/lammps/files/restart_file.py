@@ -75,6 +75,7 @@ def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray
     x, y, z = header["periodic"]
     for name in _PLAIN:
         setattr(state, name, header[name])
+    state.set_dimension(state.dimension)
     state.periodic = (x, y, z)
     state.box = Box(low, high, tilt, triclinic, state.periodic, state.dimension == 2)
     state.units = UNIT_SYSTEMS[header["units"]].for_box(float(state.box.edges.max()))

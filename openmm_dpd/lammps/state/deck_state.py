@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -244,6 +244,11 @@ class DeckState:
             self.notes.append(text)
             if self.findings is not None:
                 self.findings.note(text)
+
+    def set_dimension(self, dimension: int) -> None:
+        """Choose two or three dimensions."""
+        self.dimension = dimension
+        self.thermo_temp = replace(self.thermo_temp, settings=self.temperature())
 
     def set_timestep(self, value: float) -> None:
         """Change the time step; the time simulated so far is kept."""
