@@ -186,6 +186,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "enforce2d": deck("flat", "fix plane all enforce2d\nset atom 3 vz 0.4\n" + averaged("c_thermo_temp", "c_thermo_press[1]")),
         "wall/reflect": deck(head="boundary p p f", before="fix wall all wall/reflect zlo EDGE zhi EDGE"),
         "deform": deck("tilted", "compute c all msd\ndump d all custom 2 d.txt id x ix vx xu\n" + averaged("c_c[1]", "c_thermo_press[4]")),
+        "balance": deck(before="fix b all balance 5 1.1 shift x 5 1.1"),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),
         "print": deck(before='fix say all print 2 "at $(step) $(temp)" file say.txt title begun'),
         "ave/time": deck(before=averaged("c_thermo_temp", more="overwrite") + "\nfix b all ave/time 1 2 5 f_a append b.txt start 4"),
@@ -227,6 +228,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "echo": deck(
             head="echo none\ninfo system\nlog none\nnewton on\npackage omp 1\nprocessors * * *\nsuffix off\ntimer off\ncomm_style brick"
         ),
+        "clear": "clear\n" + deck(between="balance 1.1 shift x 2 1.1\nshell mkdir sub\nshell cd sub") + "clear\n" + deck(),
         "run_style": deck(before="run_style verlet\nmin_style cg\nmin_modify norm inf", between="minimize 1e-3 1e-3 5 20"),
         "delete_atoms": deck(head="atom_modify sort 0 0", between="group gone id 3 4\ndelete_atoms group gone\nreset_atoms id"),
         "reset_ids": deck(

@@ -250,7 +250,6 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
     ("improper_style harmonic\n", "in.deck:13: improper_style: impropers are not supported; dihedral_style harmonic"),
     ("pair_coef 1 1 25 4.5\n", "unknown or unsupported command 'pair_coef'; did you mean pair_coeff?"),
     ("fix 1 all mvv/dpdd\n", "supported are nve, .*; did you mean mvv/dpd?"),
-    ("fix 1 all nve/omp\n", "; did you mean nve?"),
     ("compute v all presure thermo_temp\n", "; did you mean pressure?"),
     ("thermo_style custom step prss\n", "; did you mean press?"),
     ("print '$(sqr(2))'\n", "there is no function sqr; .*; did you mean sqrt?"),

@@ -300,6 +300,11 @@ def _of_all(style: str, atom_style: str | None = None) -> FixReader:
     return reader
 
 
+def _balance(state: DeckState, group: str, words: list[str]) -> dict:
+    state.note("fix balance has no effect here; keep it for LAMMPS")
+    return {}
+
+
 #: Parsers of fixes, by style.  What the parameters do is in ``lammps/scene/`` and ``lammps/run/``.
 FIX_STYLES: dict[str, FixReader] = {
     "nve": _moving("nve", 0),
@@ -307,4 +312,5 @@ FIX_STYLES: dict[str, FixReader] = {
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "addforce": _addforce, "gravity": _gravity},
     **{"setforce": _setforce, "wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform, "enforce2d": _enforce2d},
+    "balance": _balance,
 }

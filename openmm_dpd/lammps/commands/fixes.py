@@ -67,7 +67,7 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
 @command("write_restart file", 1)
 def write_restart(state: DeckState, args: list[str]) -> None:
     """``write_restart file``; ``*`` stands for the step."""
-    write_whole(state.output_file(args[0]), restart_bytes(state), "the restart file")
+    write_whole(state.output_file(state.placed(args[0])), restart_bytes(state), "the restart file")
 
 
 @command("read_restart file", 1, box=False)
@@ -87,7 +87,6 @@ def restart(state: DeckState, args: list[str]) -> None:
         state.restarts = {}
         return
     read.count(args, "restart N file [file]", 2, 3)
-    for name in args[1:]:
-        state.output_path(name)  # a wrong name is reported for this line
-    names = (f"{args[1]}.*",) if len(args) == 2 and "*" not in args[1] else tuple(args[1:])
+    names = tuple(map(state.placed, args[1:]))
+    names = (f"{names[0]}.*",) if len(names) == 1 and "*" not in names[0] else names
     state.restarts = {**state.restarts, len(names): RestartSettings(every, names)}

@@ -225,7 +225,7 @@ def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, f
         raise ParameterError(f"dump file '{file}': one file per processor (%) is not supported")
     if style in BINARY and "*" in file:
         raise ParameterError(f"dump {style} '{file}': all frames go into one file; remove the *")
-    state.output_path(file)  # a wrong name is reported for this line
+    state.placed(file)  # a wrong name is reported for this line
     return Dump(name, group, style, every, file, {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words)}.get(style, ()))
 
 
@@ -309,7 +309,7 @@ def write_data(state: DeckState, args: list[str]) -> None:
         elif keyword == "nocoeff":
             pair = None
     state.settle("write_data")
-    write_whole(state.output_file(args[0]), "\n".join(data_file_lines(state, pair=pair)) + "\n", "the data file")
+    write_whole(state.output_file(state.placed(args[0])), "\n".join(data_file_lines(state, pair=pair)) + "\n", "the data file")
 
 
 # -- variables and text -----------------------------------------------------------------------------------------------------
@@ -326,7 +326,9 @@ def print_(state: DeckState, args: list[str]) -> None:
     text, show = expand(state, args[0]), True
     for keyword, values in read.options(args[1:], {"file": 1, "append": 1, "screen": 1, "universe": 1}, "print"):
         if keyword in ("file", "append"):
-            append_block(state.output_file(values[0], as_it_is=True), text + "\n", "the file of print", anew=keyword == "file")
+            append_block(
+                state.output_file(state.placed(values[0]), as_it_is=True), text + "\n", "the file of print", anew=keyword == "file"
+            )
         elif keyword == "screen":
             show = read.switch(values[0], "screen")
     if show:

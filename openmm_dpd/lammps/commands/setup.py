@@ -124,8 +124,9 @@ def _only_all(command: str, word: str, args: list[str]) -> None:
 @command("run_style", 0, None)
 def run_style(state: DeckState, args: list[str]) -> None:
     """``run_style verlet``."""
-    if args != ["verlet"]:
-        raise ParameterError(f"only run_style verlet is supported, not '{' '.join(args)}'")
+    one_step = args[:1] == ["respa"] and args[1:2] and set(args[2 : 1 + read.integer(args[1], "the number of levels", 1)]) <= {"1"}
+    if args != ["verlet"] and not one_step:
+        raise ParameterError(f"only run_style verlet, or respa whose levels have the same step, is supported, not '{' '.join(args)}'")
 
 
 @command("atom_modify", 0, None)
@@ -168,6 +169,6 @@ def _ignored(command: str) -> Handler:
 
 
 #: Commands about LAMMPS's internals: ignored with a note.
-IGNORED = tuple("comm_style echo info log neighbor newton package processors suffix timer".split())
+IGNORED = tuple("balance comm_style echo info log neighbor newton package processors suffix timer".split())
 
 COMMANDS |= {name: _ignored(name) for name in IGNORED}

@@ -113,7 +113,7 @@ class AverageFile:
         self._append, self._overwrite = "append" in options, "overwrite" in options
         self._begun = False
         if self._name is not None:
-            state.output_path(self._name, as_it_is=True)  # a wrong name is reported for this line
+            self._name = state.placed(self._name)
             if state.carried_out:
                 self._start(state, self._name)
 

@@ -1,6 +1,7 @@
 """Dumps: trajectory files of the deck (styles atom, custom, dcd, xtc and xyz)."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -62,6 +63,7 @@ class Dump:
     precision: int = 1000  #: Style xtc rounds to this fraction of a nm (units lj: of the unit of length)
     last_step: int | None = None  #: Step of the last configuration that was written
     opened: BlockFile | DCDWriter | XTCWriter | None = field(default=None, repr=False)  #: The file, once it has content
+    folder: str | None = None  #: Where ``shell cd`` had gone at its first run, or with ``*`` at its last; None before
     begun: bool = False  #: Whether a resumed run continues a file with content
 
     def __getstate__(self) -> dict:
@@ -77,8 +79,13 @@ class Dump:
 
     def begin(self, state: DeckState) -> None:
         """Create the empty file: LAMMPS does so at the start of a run, and for binary styles at once."""
+        if self.folder is None or "*" in self.file:
+            self.folder = state.folder
         if state.carried_out and "*" not in self.file and self.opened is None and not self.begun:
-            BlockFile(state.output_file(self.file), self._what, append=self.append).close()
+            BlockFile(self._path(state), self._what, append=self.append).close()
+
+    def _path(self, state: DeckState, step: int | None = None) -> Path:
+        return state.output_file(state.placed(self.file, self.folder), step)
 
     def write(self, moment: Resolver) -> None:
         """Write the configuration of a moment.  OutputError if this fails; earlier configurations stay readable."""
@@ -102,10 +109,10 @@ class Dump:
         state, step = moment.state, moment.step
         text = self._xyz_text(moment) if self.style == "xyz" else self._text(moment)
         if "*" in self.file:
-            write_whole(state.output_file(self.file, step), text, self._what)
+            write_whole(self._path(state, step), text, self._what)
             return
         if self.opened is None:
-            self.opened = BlockFile(state.output_file(self.file, step), self._what, append=self.append or self.begun)
+            self.opened = BlockFile(self._path(state, step), self._what, append=self.append or self.begun)
         assert isinstance(self.opened, BlockFile)
         self.opened.write(text)
 
@@ -143,7 +150,7 @@ class Dump:
         state, mask = moment.state, moment.state.group(self.group)
         x, box = (_unwrapped(moment) if self.unwrap else moment.folded[0])[mask], moment.box.vectors
         if self.opened is None:
-            path = state.output_file(self.file, 0)
+            path = self._path(state, 0)
             if self.style == "dcd":
                 dt = state.timestep / state.units.time
                 self.opened = DCDWriter(path, len(x), self._what, append=self.begun, first=moment.step, every=self.every, dt=dt)

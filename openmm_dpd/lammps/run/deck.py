@@ -16,6 +16,7 @@ from ...base.errors import DeckError, OutputError, ParameterError, read_by
 from ...base.files import digest
 from ..commands import beads, box, fixes, interactions, joining, moving, output, reading  # noqa: F401  each enters its commands
 from ..commands.setup import COMMANDS, command
+from ..commands.translated import translated
 from ..language import arguments as read
 from ..language.arguments import INSTEAD
 from ..language.expressions import condition_holds
@@ -232,12 +233,12 @@ def execute(deck: DeckState, line: Line) -> Iterator[RunRequest]:
 
 def carried_out(deck: DeckState, words: list[str]) -> Iterator[RunRequest]:
     """Carry out the command that these words make."""
-    if words and words[0] in INSTEAD:
-        raise ParameterError(f"{words[0]}: {INSTEAD[words[0]]}")
-    if words and words[0] not in COMMANDS:
-        raise ParameterError(f"unknown or unsupported command '{words[0]}'{read.near(words[0], COMMANDS)}")
-    if words:
-        yield from COMMANDS[words[0]](deck, words[1:]) or ()
+    for name, *args in translated(deck, words) if words else ():
+        if name in INSTEAD:
+            raise ParameterError(f"{name}: {INSTEAD[name]}")
+        if name not in COMMANDS:
+            raise ParameterError(f"unknown or unsupported command '{name}'{read.near(name, COMMANDS)}")
+        yield from COMMANDS[name](deck, args) or ()
 
 
 def execute_file(deck: DeckState, path: Path) -> Iterator[RunRequest]:

@@ -35,8 +35,8 @@ def write_topology(path: Path, scene: Scene) -> None:
 class RunTrajectory:
     """Writes ``trajectory.dcd`` (or ``.xtc``), ``topology.psf``, ``final_state.xml``, and ``fields.npz`` with bead fields into a folder.
 
-    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) is started when the number of beads changes.  Positions
-    are unwrapped.
+    All runs go to one file; a new one (``trajectory-2.dcd``, ``topology-2.psf``) is started when the number of beads changes, and after
+    ``clear``.  Positions are unwrapped.
 
     The folder is created if necessary; ``form`` is one of :data:`FORMATS`.  Frames are at multiples of ``every`` steps, each once; by
     default there are about :data:`FRAMES` per run, including the first and last step.  All methods raise OutputError if a file cannot be
@@ -49,19 +49,19 @@ class RunTrajectory:
         self.folder, self._form, self._given = folder, form, every
         self._file: DCDWriter | XTCWriter | None = None
         self._fields: FieldWriter | None = None
-        self._beads, self._part = 0, 0
+        self._beads, self._system, self._part = 0, 0, 0
         self._offset: np.ndarray = np.zeros((0, 3))
         self._every, self._first, self._last = 1, 0, 0
         self._written: int | None = None
 
     @property
-    def progress(self) -> tuple[int, int, int | None]:
+    def progress(self) -> tuple[int, int, int, int | None]:
         """The state that :meth:`resume` needs to continue the present files."""
-        return self._beads, self._part, self._written
+        return self._beads, self._system, self._part, self._written
 
-    def resume(self, progress: tuple[int, int, int | None]) -> None:
+    def resume(self, progress: tuple[int, int, int, int | None]) -> None:
         """Continue existing files."""
-        self._beads, self._part, self._written = progress
+        self._beads, self._system, self._part, self._written = progress
         if self._part:
             self._file = self._open(append=True)
             if self._named("fields.npz").exists():
@@ -76,9 +76,9 @@ class RunTrajectory:
         self._first, self._last = (0, -1) if self._given else (request.first_step, request.last_step)
         self._state = state = request.state
         self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length
-        if scene.n_beads != self._beads:
+        if (scene.n_beads, state.systems) != (self._beads, self._system):
             self.close()
-            self._beads, self._part = scene.n_beads, self._part + 1
+            self._beads, self._system, self._part = scene.n_beads, state.systems, self._part + 1
             write_topology(self._named("topology.psf"), scene)
             self._file = self._open(append=False)
         self._built = built

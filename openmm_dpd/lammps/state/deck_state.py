@@ -95,6 +95,8 @@ class DeckState:
     last_sample: DeckSample | None = None  #: The last row of the last run, for formulas evaluated between runs
     here: Line | None = None
     output: Path = field(default_factory=Path)
+    folder: str = ""  #: Where ``shell cd`` has gone, seen from the output folder
+    systems: int = 0  #: Number of ``clear`` commands so far
     carried_out: bool = False  #: Whether runs are carried out and output files are created
     first_run: Any = None  #: RunRequest of the first run, once it is reached
     finished: bool = False  #: Whether the rest of the deck is not read
@@ -201,12 +203,23 @@ class DeckState:
         return time + (step - origin) * self.timestep
 
     def find_file(self, name: str) -> Path:
-        """A file named in the deck, looked up relative to the deck's folder, then to the working directory."""
+        """A file named in the deck, looked up relative to the deck's folder, then to the working directory, then among its own output."""
+        name = os.path.normpath(os.path.join(self.folder, name)) if self.folder else name
         for candidate in (self.path.parent / name, Path(name)):
             if candidate.is_file():
                 self.inputs.setdefault(str(candidate.resolve()), digest(candidate))
                 return candidate
+        if (self.output / name).is_file():
+            return self.output / name
         raise ParameterError(f"there is no file '{name}' (looked in {self.path.parent} and in the working directory)")
+
+    def placed(self, name: str, folder: str | None = None) -> str:
+        """Name of a file or folder of the deck's output, seen from the output folder; ``folder`` is by default that of the last
+        ``shell cd``.  ParameterError if it is outside."""
+        folder = self.folder if folder is None else folder
+        name = os.path.normpath(os.path.join(folder, name)) if folder else name
+        self.output_path(name)
+        return name
 
     def output_path(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
         """Path of a file that the deck writes.  ``*`` is replaced by the step (by default the present one) unless ``as_it_is``.  Relative

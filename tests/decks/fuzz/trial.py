@@ -144,7 +144,8 @@ def _stopped_earlier(outputs: dict[str, tuple[str, str]]) -> bool:
 
 
 def _names(folder: Path) -> list[str]:
-    return [path.name for path in folder.iterdir() if path.name != "log.lammps" and path.suffix != ".restart"]
+    found = (path for path in folder.rglob("*") if path.is_file() and path.name != "log.lammps" and path.suffix != ".restart")
+    return [str(path.relative_to(folder)) for path in found]
 
 
 def _is_old(folders: dict[str, Path], name: str, before: dict[str, bytes]) -> bool:

@@ -1,0 +1,93 @@
+"""What decks have for LAMMPS's accelerators or from its older versions, in the present words; clear and shell."""
+
+import re
+from collections.abc import Callable
+from dataclasses import fields
+
+from ...base.errors import ParameterError
+from ..language import arguments as read
+from ..state.deck_state import DeckState
+from .setup import command
+
+#: Commands with names of styles, and the places of these; those of the last row may be anywhere.
+_STYLED: dict[str, tuple[int, ...]] = {
+    **dict.fromkeys(("fix", "compute", "dump", "pair_coeff"), (3,)),
+    **dict.fromkeys(("bond_coeff", "angle_coeff", "dihedral_coeff", "pair_modify", "region"), (2,)),
+    **dict.fromkeys(("kspace_style", "run_style", "min_style"), (1,)),
+    **dict.fromkeys("pair_style bond_style angle_style dihedral_style improper_style atom_style".split(), tuple(range(1, 99))),
+}
+_SUFFIX = re.compile(r"(?<=\w)/(omp|opt|gpu|intel|kk(/host|/device)?)$")
+#: Words of ``fix ave/spatial`` that are now those of ``compute chunk/atom``: number of values.
+_OF_BINS = {"units": 1, "region": 1, "bound": 3, "discard": 1}
+
+
+def _ave_spatial(state: DeckState, words: list[str]) -> list[list[str]]:
+    """``fix ave/spatial`` as a compute chunk/atom and a fix ave/chunk."""
+    name, group, _, *rest = words[1:]
+    steps, rest = read.taken(rest, 3, "fix ave/spatial")
+    bins, ours, others = list[str](), list[str](), list[str]()
+    while rest[:1] and rest[0] in ("x", "y", "z"):
+        place, rest = read.taken(rest, 3, "fix ave/spatial")
+        bins += place
+    while rest:
+        size = 1 + _OF_BINS.get(rest[0], 0)
+        (ours if rest[0] in _OF_BINS else others).extend(rest[:size])
+        rest = rest[size:]
+    chunks = f"{name}_spatial"
+    state.computes.pop(chunks, None)
+    return [
+        ["compute", chunks, group, "chunk/atom", f"bin/{len(bins) // 3}d", *bins, *ours],
+        ["fix", name, group, "ave/chunk", *steps, chunks, *others],
+    ]
+
+
+#: Older commands and styles: what they are called, and their lines in the present words.
+_OLDER: dict[tuple[str, str], tuple[str, Callable[[DeckState, list[str]], list[list[str]]]]] = {
+    ("communicate", ""): ("comm_modify mode", lambda state, words: [["comm_modify", "mode", *words[1:]]]),
+    ("fix", "ave/spatial"): ("compute chunk/atom and fix ave/chunk", _ave_spatial),
+}
+
+
+def translated(state: DeckState, words: list[str]) -> list[list[str]]:
+    """The words of a line in the words of this package, as one or more lines."""
+    places = [k for k in _STYLED.get(words[0], ()) if k < len(words)]
+    if any(_SUFFIX.search(words[k]) for k in places):
+        state.note("styles with the suffixes of LAMMPS's accelerators (/omp, /gpu, /intel, /kk, /opt) are the plain ones here")
+        words = [_SUFFIX.sub("", word) if k in places else word for k, word in enumerate(words)]
+    older = _OLDER.get((words[0], "")) or _OLDER.get((words[0], "".join(words[3:4])))
+    if older is None:
+        return [words]
+    state.note(f"{' '.join([words[0], *words[3:4]][: 1 + (words[0] == 'fix')])} is read as {older[0]}, its name in present LAMMPS")
+    return older[1](state, words)
+
+
+#: What ``clear`` leaves as it is: the deck and its variables, what runs have counted, and where output goes.
+_KEPT = set("path variables skips_jump notes runs systems here output folder carried_out first_run finished scripts log findings".split())
+_KEPT |= {"generators", "inputs"}
+
+
+@command("clear", 0)
+def clear_(state: DeckState, args: list[str]) -> None:
+    """``clear``: forgets the system and all settings; variables stay, and so do the files of earlier runs."""
+    for dump in state.dumps.values():
+        dump.close()
+    fresh = DeckState(state.path)
+    for item in fields(DeckState):
+        if item.name not in _KEPT:
+            setattr(state, item.name, getattr(fresh, item.name))
+    state.systems += 1
+
+
+@command("shell", 1, None)
+def shell(state: DeckState, args: list[str]) -> None:
+    """``shell cd|mkdir|echo ...``, in the output folder; other words of a shell are errors."""
+    word, *names = args
+    if word == "echo":
+        state.log(" ".join(names))
+    elif word == "mkdir":
+        for name in names:
+            state.output_file(f"{state.placed(name)}/.")
+    elif word == "cd" and len(names) == 1:
+        state.folder = state.placed(names[0])
+    else:
+        raise ParameterError(f"shell {' '.join(args)}: only cd, mkdir and echo; decks cannot run programs or move files here")
