@@ -144,3 +144,66 @@ def test_two_dimensions_refused(tmp_path, change, message):
     raises(
         DeckError, message, lambda: read_deck(put(tmp_path / "in.bad", text.replace(*change)), stop_before_first_run=True).first_run.scene()
     )
+
+
+# -- change_box ---------------------------------------------------------------------------------------------------------------------
+LATTICE = """units lj
+comm_modify vel yes
+neighbor 0.3 bin
+neigh_modify every 1 delay 0 check yes
+lattice fcc 3.0
+region box block 0 4 0 4 0 4
+create_box 1 box
+create_atoms 1 box
+mass * 1.0
+velocity all ramp vx -1 1 y 0 5
+group g id 1:50
+"""
+
+
+@cases(
+    "changes",
+    "x final 0 8",
+    "x scale 0.5",
+    "x scale 1.1 y volume z volume remap",
+    "x scale 1.1 z scale 1.2 y volume remap",
+    "triclinic xy final 1.5 remap xz delta 0.3 yz final -0.2 units box",
+    "triclinic xy final 3",
+    "set x final 0 5 set x final 0 6 remap boundary p f p",
+)
+def test_beads_in_a_changed_box(tmp_path, changes):
+    group = "g" if "scale" in changes else "all"
+    text = LATTICE + f"change_box {group} {changes}\n"
+    expected, _ = lammps_peer.theirs(tmp_path, text)
+    atoms = lammps_peer.ours(tmp_path, text).atoms
+    np.testing.assert_allclose(atoms.positions, expected[:, 2:5], rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(atoms.images, expected[:, 5:8])
+
+
+def test_runs_in_changed_boxes(tmp_path):
+    text = (
+        LATTICE
+        + "displace_atoms all ramp x 0 0.1 y 0 3\npair_style dpd 0.0 1.0 99\npair_coeff * * 25.0 4.5\nfix 1 all nve\ncompute m all msd\n"
+        "run 3\nchange_box all triclinic xy final 1.0 remap\nrun 3\n"
+        "change_box all x scale 1.1 y volume remap xz delta 0.2 units box\nrun 3\n"
+        "change_box all xy final 0 xz final 0 remap ortho z final -0.3 5 boundary p p f units box\nfix w all wall/reflect zlo EDGE zhi EDGE\n"
+        "thermo_style custom step temp press pe ke etotal enthalpy density vol pxx pyy pzz pxy fmax lx ly xy c_m[4]"
+    )
+    same_rows(tmp_path, text, 5)
+
+
+@cases(
+    "changes, message",
+    ("xy final 1", "put 'triclinic' before it"),
+    ("triclinic xy scale 2", "the change of xy must be one of final, delta"),
+    ("x volume", "x volume must follow a change of another edge"),
+    ("triclinic xy final 1 ortho", "the box is tilted"),
+    ("x final 0", "change_box x final needs 2 values"),
+    ("tilt xy", "a keyword of change_box must be one of"),
+    ("x final 0 3 boundary f p p", "lies outside the box along an axis that is not periodic"),
+    ("x final 3 2", "positive length along x"),
+)
+def test_changes_refused(tmp_path, changes, message):
+    raises(
+        DeckError, message, lambda: read_deck(put(tmp_path / "in.bad", LATTICE + f"change_box all {changes}\n"), stop_before_first_run=True)
+    )

@@ -68,6 +68,7 @@ def create_box(state: DeckState, args: list[str]) -> None:
 
 
 def set_box(state: DeckState, box: Box) -> None:
+    """Give the deck its box, or another one."""
     if box.overtilted:
         state.note("the box is tilted by more than half an edge; OpenMM uses the equivalent box with smaller tilts")
     if not all(state.periodic):
@@ -79,7 +80,8 @@ def set_box(state: DeckState, box: Box) -> None:
             raise ParameterError("in two dimensions the box must be periodic along z, contain z = 0 inside, and have no tilts xz and yz")
         box = replace(box, flat=True)
     before = state.units
-    state.units = before.for_box(float(box.edges.max()))
+    if state.box is None:
+        state.units = before.for_box(float(box.edges.max()))
     if state.units != before:
         # all that is in other units than the deck's so far
         state.timestep *= state.units.time / before.time

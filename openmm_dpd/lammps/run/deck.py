@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.errors import DeckError, OutputError, ParameterError, read_by
 from ...base.files import digest
-from ..commands import beads, box, fixes, interactions, joining, moving, output, reading  # noqa: F401  each enters its commands
+from ..commands import beads, box, fixes, interactions, joining, moving, output, reading, reshaping  # noqa: F401  each enters its commands
 from ..commands.setup import COMMANDS, command
 from ..commands.translated import translated
 from ..language import arguments as read
