@@ -235,6 +235,11 @@ SNIPPETS: dict[str, dict[str, str]] = {
             head="atom_modify sort 0 0", between="group gone id 3\ndelete_atoms group gone compress no\nreset_ids\nreset_atom_ids"
         ),
         "write_dump": deck(between="write_dump all custom now.txt id x vx modify sort id"),
+        "group": deck(
+            before="region r block 0 1.5 INF INF INF INF\ngroup g dynamic all region r every 2\nvariable n equal count(g)\n"
+            "fix a g ave/time 1 2 5 v_n file a.txt\ndump d g custom 3 d.txt id x",
+            between="group g static",
+        ),
         "molecule": deck(
             "bonds",
             "molecule m dimer.txt\ncreate_atoms 0 random 3 17 NULL mol m 18",

@@ -155,6 +155,31 @@ DECKS |= {
         "type 2 2; none; molecule/inter b; group a a",
     )
 }
+DECKS["group dynamic"] = (
+    FLUID
+    + """group old id 1:100
+region r block 0 2 INF INF INF INF units box
+variable v atom y>2+0.02*step
+group g dynamic all region r var v
+group h dynamic old region r every 4
+group f dynamic all var v
+compute t g temp
+compute c h com
+compute k g ke
+fix a all ave/time 1 2 6 c_t c_k file a.txt
+fix n all print 1 "$(step) $(count(g)) $(count(h)) $(c_t) $(c_c[1]) $(count(f))" file n.txt screen no
+print "$(count(g)) $(count(h))" file p.txt screen no
+dump d g custom 5 d.txt id x
+dump_modify d sort id format float %.12g
+fix 1 all nve
+print "=== run"
+run 9
+unfix 1
+print "$(count(g)) $(count(h))" append p.txt screen no
+group f static
+group m union f old
+"""
+)
 FILES |= {
     "one.txt": """two chains
 

@@ -7,6 +7,7 @@ import numpy as np
 from ...base.errors import ParameterError
 from ..files.data_file import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
+from ..output.averages import DynamicGroup
 from ..state.deck_state import DeckState
 from .moving import values_of_variable
 from .setup import command
@@ -74,12 +75,23 @@ def group(state: DeckState, args: list[str]) -> None:
         if users:
             raise ParameterError(f"group {name} is used by fix {', '.join(users)}")
         del state.groups[name]
+        state.dynamic.pop(name, None)
+        return
+    if style == "static":
+        state.dynamic.pop(name, None)
+        return
+    if style == "dynamic":
+        for fix in state.fixes.values():
+            if fix.group == name and "reader" not in fix.parameters:
+                raise ParameterError(f"group {name} is used by fix {fix.name}, whose beads cannot change")
+        state.groups.setdefault(name, np.zeros(len(state.atoms), dtype=bool))
+        state.dynamic[name] = DynamicGroup(state, name, words)
         return
     if style == "clear":
         state.groups[name] = np.zeros_like(state.group(name))
         return
     if style != "subtract":
-        read.style(GROUP_STYLES, "group", style, "subtract", "clear", "delete")
+        read.style(GROUP_STYLES, "group", style, "subtract", "clear", "delete", "dynamic", "static")
     # the group exists from here on, so that it may name itself
     present = state.groups.setdefault(name, np.zeros(len(state.atoms), dtype=bool))
     if style == "subtract":

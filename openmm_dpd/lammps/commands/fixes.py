@@ -33,6 +33,8 @@ def fix(state: DeckState, args: list[str]) -> None:
         raise ParameterError(f"there already is a fix {name} of style {old.style}; unfix it first, or use another id")
     assert state.here is not None
     reader = READERS.get(style)
+    if group in state.dynamic and reader is None:
+        raise ParameterError(f"fix {style} on the dynamic group {group} is not supported: the beads of a fix cannot change")
     parameters = FIX_STYLES[style](state, group, words) if reader is None else {"reader": reader(state, name, group, words)}
     state.fixes[name] = Fix(name, group, style, parameters, state.here)
 

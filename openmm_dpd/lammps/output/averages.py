@@ -243,3 +243,38 @@ class PrintFix:
             moment.state.log(text)
         self._file.write(moment.state, [text])
         self.next_due += self.every
+
+
+class DynamicGroup:
+    """``group ID dynamic parent [region R] [var V] [every N]``: at the first step of a run and at multiples of N, the beads of the parent
+    that are in a region and for which an atom-style variable is not 0."""
+
+    def __init__(self, state: DeckState, name: str, args: list[str]):
+        read.count(args, "group ID dynamic parent region|var|every value ...", 3, None)
+        self.name, self.parent, self.next_due = name, args[0], 0
+        if "property" in args:
+            raise ParameterError("group dynamic property is not supported; use var with an atom-style variable")
+        found = read.single(args[1:], "group dynamic", region="", var="", every="1")
+        self.region, self.variable, self.every = found["region"], found["var"], read.integer(found["every"], "every", 1)
+        if self.parent in (*state.dynamic, name):
+            raise ParameterError(f"group {name} dynamic: the parent group {self.parent} cannot be dynamic, too")
+        state.group(self.parent)
+        if self.region:
+            state.region(self.region)
+        if self.variable and state.variables.get(self.variable).style != "atom":
+            raise ParameterError(f"group {name} dynamic: variable {self.variable} must be atom-style")
+
+    def begin(self, state: DeckState, step: int) -> None:
+        """Prepare for a run that starts at ``step``."""
+        self.next_due = step
+
+    def take(self, moment: Resolver) -> None:
+        """Choose the members at a step at which this is due."""
+        state = moment.state
+        mask = state.group(self.parent).copy()
+        if self.region:
+            mask &= state.region(self.region, moment.variable_alone).contains(moment.folded[0])
+        if self.variable:
+            mask &= moment.bead_values(f"v_{self.variable}") != 0
+        state.groups = state.groups | {self.name: mask}
+        self.next_due = (moment.step // self.every + 1) * self.every

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model.scene import Scene
 from ..language.lexer import Line
-from ..output.averages import AveragingFix, PrintFix
+from ..output.averages import AveragingFix, DynamicGroup, PrintFix
 from ..output.dumps import Dump
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
@@ -82,9 +82,9 @@ class RunRequest:
         return tuple(reader for reader in self.readers if isinstance(reader, AveragingFix))
 
     @property
-    def readers(self) -> Sequence[AveragingFix | PrintFix]:
-        """Fixes that read values at the end of steps, including averages, in the order of the deck."""
-        return tuple(fix.parameters["reader"] for fix in self.state.fixes.values() if "reader" in fix.parameters)
+    def readers(self) -> Sequence[AveragingFix | PrintFix | DynamicGroup]:
+        """What reads values at the end of steps: dynamic groups, and fixes, including averages, in the order of the deck."""
+        return *self.state.dynamic.values(), *(fix.parameters["reader"] for fix in self.state.fixes.values() if "reader" in fix.parameters)
 
     @property
     def dumps(self) -> Sequence[Dump]:

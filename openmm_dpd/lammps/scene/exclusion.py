@@ -32,6 +32,8 @@ def scene_pairs(state: DeckState, tables: list[PairTable]) -> ScenePairs:
     columns = [state.atoms.types]
     for kind, *words in state.exclusions:
         for word in words if kind != "type" else ():
+            if word in state.dynamic:
+                raise ParameterError(f"neigh_modify exclude: group {word} is dynamic, but the excluded beads cannot change")
             mask = state.group(word)
             columns.append(mask if kind == "group" else np.where(mask, state.atoms.molecules, np.iinfo(np.int64).min))
     # types without beads come last, in no group

@@ -58,6 +58,7 @@ class DeckState:
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) dihedral type and the four ids
     #: Members of each group, ``all`` included.
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
+    dynamic: dict[str, Any] = field(default_factory=dict)  #: What renews each ``group ... dynamic`` during runs
     lattice: Lattice = field(default_factory=no_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
     templates: dict[str, Any] = field(default_factory=dict)  #: The molecules of ``molecule``

@@ -72,6 +72,8 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
     """Centres of the bins, then g(r) and the number of neighbours up to r for each pair of sets of types."""
     settings: Distribution = compute.settings
     state, box = moment.state, moment.box
+    if state.exclusions:
+        raise ParameterError("compute rdf with neigh_modify exclude is not supported: in LAMMPS excluded pairs do not count")
     reach = settings.cutoff or _longest_cutoff(moment)
     member = np.flatnonzero(state.group(compute.group))
     types = state.atoms.types[member]
@@ -118,6 +120,8 @@ class Displacements:
 def parse_displacements(state: DeckState, group: str, words: list[str]) -> Displacements:
     """Parse the arguments of ``msd [com yes|no] [average yes|no]``; the present positions become the reference."""
     options = read.single(words, "compute msd", com="no", average="no")
+    if group in state.dynamic:
+        raise ParameterError(f"compute msd: group {group} is dynamic, which is not supported, as in LAMMPS")
     com = read.switch(options["com"], "com")
     atoms = state.atoms
     origin = _members(state, state.require_box("compute msd").unwrap(atoms.positions, atoms.images), group, com)
