@@ -229,6 +229,11 @@ SNIPPETS: dict[str, dict[str, str]] = {
             head="echo none\ninfo system\nlog none\nnewton on\npackage omp 1\nprocessors * * *\nsuffix off\ntimer off\ncomm_style brick"
         ),
         "clear": "clear\n" + deck(between="balance 1.1 shift x 2 1.1\nshell mkdir sub\nshell cd sub") + "clear\n" + deck(),
+        "labelmap": deck(
+            head="",
+            before="labelmap atom 1 A 2 B\ngroup g type B\nset type A vx 0.1",
+            between="mass B 3\nlabelmap atom 1 C\npair_coeff C B 20 4.5",
+        ),
         "run_style": deck(before="run_style verlet\nmin_style cg\nmin_modify norm inf", between="minimize 1e-3 1e-3 5 20"),
         "delete_atoms": deck(head="atom_modify sort 0 0", between="group gone id 3 4\ndelete_atoms group gone\nreset_atoms id"),
         "reset_ids": deck(

@@ -88,6 +88,9 @@ REFUSED = {
     "respa": ("run_style respa 2 4 bond 1 pair 2\n", "or respa whose levels have the same step, is supported, not 'respa 2 4 bond"),
     "suffix of what there is not": ("fix 2 all langevn/kk 1 1 1 7\n", "fix style 'langevn' is not supported"),
     "group of communicate": ("communicate single group g\n", "comm_modify group must be all"),
+    "label": ("labelmap atom 1 1a\n", "the label of atom type 1 must not begin with a digit"),
+    "label twice": ("labelmap atom 1 a 2 a\n", "the label a already belongs to atom type 1"),
+    "no label": ("labelmap atom 1 W\nlabelmap clear\nmass W 1\n", "expected atom type as a number or a range such as .*, not 'W'"),
     "ave/spatial": ("fix 2 all ave/spatial 1 2\n", "fix ave/spatial needs 3 values"),
 }
 
@@ -105,3 +108,107 @@ def test_one_note_for_each(tmp_path):
     notes = [found.message for found in check_deck(put(tmp_path / "in.deck", "clear\n" + SYSTEM + text)) if found.kind == "note"]
     expected = "atom_modify neigh_modify styles communicate comm_modify fix balance"
     assert sorted(note.partition(" ")[0] for note in notes) == sorted(expected.split()), notes
+
+
+HYBRID = """units lj
+atom_style {style}
+comm_modify vel yes
+region b block 0 6 0 6 0 6 units box
+{made}
+mass * 1
+pair_style {pair}
+bond_style harmonic
+bond_coeff * 25 0.6
+set type 1 {property}
+velocity all ramp vx -1 1 y 0 6 units box
+fix 1 all {fix}
+timestep 0.01
+dump d all custom 5 d.txt id mol type x vx
+dump_modify d sort id format float %.15g pbc yes
+thermo_style custom step temp pe ebond press
+thermo 1
+"""
+MADE = """lattice sc 1.1
+create_box 2 b bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 4
+create_atoms 1 box basis 1 2
+lattice none 1
+group odd id 1:200:2
+mass * 1
+pair_style zero 2
+pair_coeff * *
+create_bonds many odd odd 1 1.0 1.2"""
+PLAIN = dict(pair="dpd 0 1 3\npair_coeff * * 25 0", property="mol 3", fix="nve")
+MANY = "hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 77\npair_coeff * * mdpd/rhosum 0.75\npair_coeff * * mdpd -50 25 0.0 1.0 0.75"
+STYLES = {
+    "bond": dict(PLAIN, style="hybrid bond"),
+    "full charge": dict(PLAIN, style="hybrid full charge", property="charge 0.25"),
+    "mdpd bond": dict(PLAIN, style="hybrid mdpd bond", pair=MANY, fix="mvv/dpd 0.65"),
+    "tdpd angle edpd": dict(PLAIN, style="hybrid tdpd 2 angle edpd", property="edpd/temp 0.9 cc 2 0.3"),
+}
+
+
+LABELS = """units lj
+atom_style bond
+comm_modify vel yes
+region b block 0 6 0 6 0 6 units box
+{made}
+mass W 1
+mass P-1 2.5
+pair_style dpd 0 1 3
+pair_coeff W W 25 0
+pair_coeff W P-1 20 0
+pair_coeff P-1 * 15 0.1
+bond_style harmonic
+bond_coeff W-W 25 0.6
+bond_coeff 2 25 0.8
+group w type W
+group p type P-1 W
+set atom 20*60 type P-1
+set atom 3*5 type W
+velocity all ramp vx -1 1 y 0 6 units box
+fix 1 all nve
+timestep 0.01
+compute r all rdf 5 W P-1 W *
+fix r all ave/time 1 2 5 c_r[*] mode vector file r.txt
+dump d all custom 5 d.txt id type x vx
+dump_modify d sort id format float %.15g pbc yes
+thermo_style custom step temp pe ebond press
+thermo 1
+"""
+LABELLED = """lattice sc 1.1
+create_box 2 b bond/types 2 extra/bond/per/atom 2 extra/special/per/atom 4
+labelmap atom 1 W 2 P-1
+labelmap bond 1 W-W 2 P:P
+create_atoms W box
+group odd id 1:99:2
+mass * 1
+pair_style zero 2
+pair_coeff * *
+create_bonds many odd odd 1 1.0 1.2
+lattice none 1"""
+
+
+def test_labels_of_types(trial):
+    deck = Deck(Draw(1))
+    texts = [LABELS.format(made=made) + RUN for made in (LABELLED, "read_data lammps_now.data", "read_data ours_now.data")]
+    deck.stages = [(text + "write_data now.data nocoeff\n").splitlines() for text in texts]
+    outcome = trial.of_deck(0, "words", deck)
+    assert outcome.kind == "agree", outcome.message
+
+
+def test_labels_stay_in_restart_files(tmp_path):
+    text = (
+        SYSTEM + "labelmap atom 1 W 2 P\nwrite_restart r\nwrite_data d nolabelmap\nlabelmap clear\nclear\nread_restart r\nmass W 7\nrun 0\n"
+    )
+    state = read_deck(put(tmp_path / "in.deck", text), output=tmp_path)
+    assert state.masses[1] == 7 and "Labels" not in (tmp_path / "d").read_text()
+
+
+@cases("settings", STYLES)
+def test_hybrid_atom_styles_and_their_data_files(trial, settings):
+    """What one program writes, the other reads, too."""
+    deck = Deck(Draw(1))
+    texts = [HYBRID.format(made=made, **settings) + RUN for made in (MADE, "read_data lammps_now.data", "read_data ours_now.data")]
+    deck.stages = [(text + "write_data now.data nocoeff\n").splitlines() for text in texts]
+    outcome = trial.of_deck(0, "words", deck)
+    assert outcome.kind == "agree", outcome.message

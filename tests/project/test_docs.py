@@ -103,7 +103,11 @@ TABLES = {  # What pages list, and what there is.
     "set": (DECKS["commands"].partition("and sets\n")[2].partition(".\n")[0], set(SETTERS) - {"mass"}),
     **{f"{what}s": (column("styles", "Bonds, angles and dihedrals", what, 2), {*bonded_styles(what), "none"}) for what in JOINED},
 }
-_OPTIONS = {"atom_style": ATOM_STYLES, "lattice": {*CELLS, "custom", "none"}, "region": {*REGION_STYLES, "union", "intersect", "delete"}}
+_OPTIONS = {
+    "atom_style": {*ATOM_STYLES, "hybrid"},
+    "lattice": {*CELLS, "custom", "none"},
+    "region": {*REGION_STYLES, "union", "intersect", "delete"},
+}
 _OPTIONS |= {"group": {*GROUP_STYLES, "subtract", "clear", "delete"}, "thermo`": {*OF_DECKS["layout"], "custom"}}
 _OPTIONS |= {"thermo_modify": THERMO_OPTIONS, "units": UNIT_SYSTEMS}
 TABLES |= {command: (column("commands", "Box and beads", command, 2, "Runs"), there) for command, there in _OPTIONS.items()}

@@ -259,7 +259,7 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
         setattr(state, name, terms)
     check_special(state, gone, before, "delete_atoms", "delete whole molecules")
     # LAMMPS assigns new ids only in atom styles without molecules, in the order of beads in its memory
-    compress = read.switch(options["compress"], "compress") and state.atom_style not in BONDED_STYLES
+    compress = read.switch(options["compress"], "compress") and not state.has_atom_style(*BONDED_STYLES)
     if compress:
         _check_standing(state, "delete_atoms", "keep the ids with 'compress no'")
     state.atoms.vacate(doomed)

@@ -70,7 +70,7 @@ class Placement:
         start = int(state.atoms.ids.max(initial=0))
         atoms = Atoms.new(start + np.arange(1, n * count + 1), np.tile(template.types + kind, count), inside, state.n_species)
         atoms.images, atoms.charges = shifts, np.tile(template.charges, count)
-        if state.atom_style in BONDED_STYLES:
+        if state.has_atom_style(*BONDED_STYLES):
             own = np.ones(n, dtype=np.int64) if template.molecules is None else template.molecules
             first = max(0, int(state.atoms.molecules.max(initial=0))) + own.max() * np.arange(count)
             atoms.molecules = (first[:, None] + own).ravel()

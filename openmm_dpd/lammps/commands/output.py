@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ...base.errors import ParameterError
 from ...base.files import append_block, write_whole
-from ..files.data_file import ARRAYS, JOINED, DataFile, data_lines
+from ..files.data_file import ARRAYS, JOINED, DataFile, data_lines, styles_of
 from ..language import arguments as read
 from ..output.dumps import BINARY, COLUMNS, STYLES as DUMP_STYLES, Dump
 from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
@@ -18,7 +18,7 @@ from ..values.resolver import present
 from .setup import command
 
 
-def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[str]:
+def data_file_lines(state: DeckState, *, pair: str | None = "ii", labels: bool = True) -> Iterator[str]:
     """Lines of a data file with the present state.  ``pair`` selects the pair coefficients: ``ii`` for like types, ``ij`` for all pairs,
     None for no coefficients at all.  Those of hybrid styles and tables do not fit into a data file and are left out."""
     box, atoms = state.require_box("write_data"), state.atoms
@@ -35,8 +35,11 @@ def data_file_lines(state: DeckState, *, pair: str | None = "ii") -> Iterator[st
         # as in LAMMPS, terms that are turned off get their type back
         **{f"{what}s": abs(getattr(state, f"{what}s")) for what in JOINED},  # type: ignore[arg-type]
     )
+    for what, found in state.labels.items() if labels else ():
+        if len(found) == (state.n_types if what == "atom" else getattr(state, f"n_{what}_types")):
+            data.labels[what] = found
     title = f"LAMMPS data file written by openmm-dpd, timestep = {state.step}, units = {state.units.name}"
-    return data_lines(data, title, (state.atom_style,), state.n_species, coefficients=_coefficients(state, pair))
+    return data_lines(data, title, styles_of(state.atom_style), state.n_species, coefficients=_coefficients(state, pair))
 
 
 def _coefficients(state: DeckState, pair: str | None) -> Iterator[str]:
@@ -301,15 +304,17 @@ def _atom_columns(found: Dump, keyword: str, value: bool) -> None:
 
 @command("write_data file ...", 1, None)
 def write_data(state: DeckState, args: list[str]) -> None:
-    """``write_data file [pair ii|ij] [nocoeff] [nofix]``."""
+    """``write_data file [pair ii|ij] [nocoeff] [nofix] [nolabelmap]``."""
     pair: str | None = "ii"
+    labels = "nolabelmap" not in args[1:]
     for keyword, values in read.options(args[1:], {"pair": 1, "nocoeff": 0, "nofix": 0, "nolabelmap": 0}, "write_data"):
         if keyword == "pair":
             pair = read.choice(values[0], "pair", ("ii", "ij"))
         elif keyword == "nocoeff":
             pair = None
     state.settle("write_data")
-    write_whole(state.output_file(state.placed(args[0])), "\n".join(data_file_lines(state, pair=pair)) + "\n", "the data file")
+    text = "\n".join(data_file_lines(state, pair=pair, labels=labels)) + "\n"
+    write_whole(state.output_file(state.placed(args[0])), text, "the data file")
 
 
 # -- variables and text -----------------------------------------------------------------------------------------------------

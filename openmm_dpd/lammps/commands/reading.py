@@ -34,13 +34,16 @@ def read_data(state: DeckState, args: list[str]) -> None:
     if wrong:
         raise ParameterError(f"read_data {wrong[0]} cannot be used {'with' if adds else 'without'} add, as in LAMMPS")
     path = state.find_file(args[0])
-    data = read_data_file(path, state.atom_style, state.n_species)
+    data = read_data_file(path, state.atom_style, state.n_species, state.labels)
     for option, name in more.items() if not adds else ():
         setattr(state, name, getattr(data, name) + read.integer(chosen.get(option, ["0"])[0], option, 0))
     if state.n_types < 1:
         raise DeckError("the header announces no atom types", str(path))
+    for what, labels in data.labels.items():
+        for label, kind in labels.items():
+            state.add_label(what, kind, label)
     hint = data.hints.get("Atoms", "")
-    if hint and hint.split()[0] != state.atom_style:
+    if hint and hint.split()[0] != state.atom_style.split()[0]:
         state.note(f"{path.name}: the Atoms section is marked '{hint}', but read as atom_style {state.atom_style}")
     offsets = dict(zip(["atom", *JOINED], (read.integer(word, "offset", 0) for word in chosen.get("offset", ["0"] * 5)), strict=False))
     if adds:
@@ -72,7 +75,7 @@ def _move(state: DeckState, data: DataFile, words: list[str], shift: list[float]
         ids = 0
     else:
         ids, molecules = (read.integer(word, "an offset of add", 0) for word in (*words, "0")[:2])
-        if (len(words) == 2) != (state.atom_style in BONDED_STYLES):
+        if (len(words) == 2) != state.has_atom_style(*BONDED_STYLES):
             raise ParameterError("read_data add takes an offset of the ids and, if beads have molecules, another one of these")
     if np.any(own.tilt != data.box.tilt):
         raise ParameterError("read_data add: the two boxes have different tilts")

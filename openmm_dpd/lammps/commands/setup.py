@@ -53,7 +53,7 @@ REDUCED = ("edpd", "tdpd", "mdpd")
 @command("units style", 1, box=False)
 def units(state: DeckState, args: list[str]) -> None:
     """``units style``; numbers that are reduced ones are found by the size of the box (``UnitSystem.for_box``)."""
-    if state.atom_style in REDUCED and args[0] != "lj":
+    if state.has_atom_style(*REDUCED) and args[0] != "lj":
         raise ParameterError(f"atom_style {state.atom_style} needs units lj, not units {args[0]}")
     state.units = UNIT_SYSTEMS[read.choice(args[0], "units", list(UNIT_SYSTEMS))]
     state.timestep = state.units.timestep * state.units.time
@@ -76,13 +76,19 @@ def boundary(state: DeckState, args: list[str]) -> None:
 
 @command("atom_style style", 1, None, box=False)
 def atom_style(state: DeckState, args: list[str]) -> None:
-    """``atom_style style``, or ``atom_style tdpd N`` with the number of species."""
-    style = read.choice(args[0], "the atom style", list(ATOM_STYLES))
-    read.count(args, f"atom_style {style}{' N' * (style == 'tdpd')}", 1 + (style == "tdpd"))
-    if style in REDUCED and state.units.name != "lj":
-        raise ParameterError(f"atom_style {style} needs units lj, but the deck's are {state.units.name}")
-    state.atom_style = style
-    state.n_species = read.integer(args[1], "the number of species", 1) if style == "tdpd" else 0
+    """``atom_style style``, ``tdpd N`` with the number of species, or ``hybrid`` with several of them."""
+    styles, rest, state.n_species = list[str](), args[args[0] == "hybrid" :], 0
+    while rest:
+        style, *rest = rest
+        styles.append(read.choice(style, "the atom style", list(ATOM_STYLES)))
+        if style == "tdpd":
+            words, rest = read.taken(rest, 1, "atom_style tdpd")
+            state.n_species = read.integer(words[0], "the number of species", 1)
+        if style in REDUCED and state.units.name != "lj":
+            raise ParameterError(f"atom_style {style} needs units lj, but the deck's are {state.units.name}")
+    if not styles or len(styles) != (len(set(styles)) if args[0] == "hybrid" else 1):
+        raise ParameterError(f"expected 'atom_style style' or 'atom_style hybrid style style ...', not '{' '.join(args)}'")
+    state.atom_style = " ".join(args[:1] + styles if args[0] == "hybrid" else styles)
     state.atoms.concentrations = np.zeros((0, state.n_species))
 
 

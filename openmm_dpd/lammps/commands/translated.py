@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import fields
 
 from ...base.errors import ParameterError
+from ..files.data_file import JOINED
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from .setup import command
@@ -17,6 +18,16 @@ _STYLED: dict[str, tuple[int, ...]] = {
     **dict.fromkeys("pair_style bond_style angle_style dihedral_style improper_style atom_style".split(), tuple(range(1, 99))),
 }
 _SUFFIX = re.compile(r"(?<=\w)/(omp|opt|gpu|intel|kk(/host|/device)?)$")
+#: Commands with types, for which labels may stand: of what they are types, and the places of these; the last rows also need a word.
+_TYPED: dict[str, tuple[str, tuple[int, ...]]] = {
+    **{"mass": ("atom", (1,)), "pair_coeff": ("atom", (1, 2)), "create_atoms": ("atom", (1,))},
+    **{f"{what}_coeff": (what, (1,)) for what in JOINED},
+    **{f"delete_bonds {what}": (what, (3,)) for what in ("atom", *JOINED)},
+    **{"group type": ("atom", tuple(range(3, 99))), "set type": ("atom", (2,)), "neigh_modify exclude": ("atom", (3, 4))},
+    "compute rdf": ("atom", tuple(range(5, 99))),
+}
+#: Words of ``set`` before a type.
+_SETS = {"type": "atom", **dict.fromkeys(("type/fraction", "type/ratio", "type/subset"), "atom"), **{what: what for what in JOINED}}
 #: Words of ``fix ave/spatial`` that are now those of ``compute chunk/atom``: number of values.
 _OF_BINS = {"units": 1, "region": 1, "bound": 3, "discard": 1}
 
@@ -54,11 +65,37 @@ def translated(state: DeckState, words: list[str]) -> list[list[str]]:
     if any(_SUFFIX.search(words[k]) for k in places):
         state.note("styles with the suffixes of LAMMPS's accelerators (/omp, /gpu, /intel, /kk, /opt) are the plain ones here")
         words = [_SUFFIX.sub("", word) if k in places else word for k, word in enumerate(words)]
+    words = _numbered(state, words) if state.labels else words
     older = _OLDER.get((words[0], "")) or _OLDER.get((words[0], "".join(words[3:4])))
     if older is None:
         return [words]
     state.note(f"{' '.join([words[0], *words[3:4]][: 1 + (words[0] == 'fix')])} is read as {older[0]}, its name in present LAMMPS")
     return older[1](state, words)
+
+
+def _numbered(state: DeckState, words: list[str]) -> list[str]:
+    """The words of a line with numbers in the place of labels of types."""
+    what, places = next((_TYPED[key] for key in (words[0], *(f"{words[0]} {word}" for word in words[1:4])) if key in _TYPED), ("", ()))
+    found = [state.numbered(what, word) if k in places else word for k, word in enumerate(words)]
+    for k in range(3, len(words) - 1) if words[0] == "set" else ():
+        if words[k] in _SETS:
+            found[k + 1] = state.numbered(_SETS[words[k]], words[k + 1])
+    return found
+
+
+@command("labelmap option args ...", 1, None)
+def labelmap(state: DeckState, args: list[str]) -> None:
+    """``labelmap atom|bond|angle|dihedral type label ...``, or ``labelmap clear``."""
+    if args == ["clear"]:
+        state.labels = {}
+        return
+    what = read.choice(args[0], "the option of labelmap", ("atom", *JOINED, "clear"))
+    most = state.n_types if what == "atom" else getattr(state, f"n_{what}_types")
+    state.require_box("labelmap")
+    read.count(args[1:], f"labelmap {what} type label ...", 2, None)
+    for number, label in zip(args[1::2], [*args[2::2], ""], strict=False):
+        (kind,) = read.numeric_range(number, most, f"the {what} type")
+        state.add_label(what, kind, label)
 
 
 #: What ``clear`` leaves as it is: the deck and its variables, what runs have counted, and where output goes.

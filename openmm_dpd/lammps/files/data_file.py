@@ -40,19 +40,27 @@ ARRAYS = {
 }
 
 
+def styles_of(atom_style: str) -> tuple[str, ...]:
+    """The atom styles that ``atom_style`` names: one, or after ``hybrid`` several, with those of every bead first."""
+    first, *others = atom_style.split()
+    return (first,) if first != "hybrid" else ("atomic", *others)
+
+
 def atom_columns(styles: Sequence[str], n_species: int = 0) -> tuple[str, ...]:
     """Columns of the Atoms section, without image flags: of the atom style, or of several that follow ``hybrid``, with the columns ``c1``,
     ``c2``, ... of ``n_species`` concentrations of ``tdpd``."""
     plain = ATOM_STYLES["atomic"]
     columns = list(ATOM_STYLES[styles[0]] if len(styles) == 1 else plain)
     for style in styles:
-        columns += [name for name in ATOM_STYLES[style] if len(styles) > 1 and name not in plain]
+        columns += [name for name in ATOM_STYLES[style] if len(styles) > 1 and name not in columns]
         columns += [f"c{k}" for k in range(1, n_species + 1)] if style == "tdpd" else []
     return tuple(columns)
 
 
 SECTIONS = ("Atoms", "Velocities", "Masses", *(f"{what.capitalize()}s" for what in JOINED), "Pair Coeffs", "PairIJ Coeffs")
-SECTIONS += tuple(f"{what.capitalize()} Coeffs" for what in JOINED)
+SECTIONS += tuple(f"{what.capitalize()} Coeffs" for what in JOINED) + tuple(
+    f"{what.capitalize()} Type Labels" for what in ("atom", *JOINED)
+)
 
 _COUNTS = ("atoms", "bonds", "angles", "dihedrals", "impropers")
 _HEADERS: dict[tuple[str, ...], int] = {
@@ -92,6 +100,7 @@ class DataFile:
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) type and four ids
     coefficients: dict[str, list[Row]] = field(default_factory=dict)  #: Lines of the Coeffs sections by section name
     hints: dict[str, str] = field(default_factory=dict)  #: Comments on section lines, by section
+    labels: dict[str, dict[str, int]] = field(default_factory=dict)  #: Types by their labels, for ``atom``, ``bond``, ...
 
 
 class DataReader:
@@ -140,6 +149,22 @@ class DataReader:
             raise self.fail(f"{key[0]} are not supported, but the header announces {words[0]}", number)
         self.header[key] = values
         return True
+
+    def number_types(self, styles: Sequence[str], labels: Mapping[str, Mapping[str, int]]) -> dict[str, dict[str, int]]:
+        """Put numbers in the place of labels of types: those of the file, which are returned by what they are types of, and ``labels``."""
+        found: dict[str, dict[str, int]] = {}
+        for what in ("atom", *JOINED):
+            for row in self.rows(f"{what.capitalize()} Type Labels", self.count(what, "types"), 2, "type label"):
+                found.setdefault(what, {})[row[1][1]] = self.file.integers(row, row[1][:1], "a type")[0]
+            title = "Atoms" if what == "atom" else f"{what.capitalize()}s"
+            column = atom_columns(styles).index("type") if what == "atom" else 1
+            places: dict[str, tuple[int, ...]] = {title: (column,), f"{what.capitalize()} Coeffs": (0,)}
+            places |= {"Masses": (0,), "Pair Coeffs": (0,), "PairIJ Coeffs": (0, 1)} if what == "atom" else {}
+            numbers = {**labels.get(what, {}), **found.get(what, {})}
+            for name, at in places.items() if numbers else ():
+                for _, words in self.sections.get(name, (0, []))[1]:
+                    words[:] = [str(numbers.get(word, word)) if k in at else word for k, word in enumerate(words)]
+        return found
 
     def count(self, *key: str) -> int:
         """A number from the header; 0 if it is missing."""
@@ -271,7 +296,7 @@ class DataReader:
         section, announced, n_types = f"{what.capitalize()}s", self.count(f"{what}s"), self.count(what, "types")
         usage = "id type " + " ".join(f"atom{k}" for k in range(1, size + 1))
         rows = self.rows(section, announced, 2 + size, usage)
-        if rows and atom_style not in styles:
+        if rows and not set(styles_of(atom_style)) & set(styles):
             raise self.fail(f"atom_style {atom_style} has no {what}s; use {' or '.join(styles)}", self.sections[section][0])
         if announced and not rows:
             raise self.fail(f"the header announces {announced} {what}s, but there is no {section} section")
@@ -289,12 +314,14 @@ class DataReader:
         return found
 
 
-def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
-    """Content of a data file.  ``atom_style`` is a key of :data:`ATOM_STYLES` (the comment behind ``Atoms #`` is only reported),
-    ``n_species`` the number of concentrations of ``atom_style tdpd``.  DeckError, with file and line, for unknown sections, wrong counts,
-    values that are not finite numbers, duplicate ids, and types out of range."""
+def read_data_file(path: Path, atom_style: str, n_species: int = 0, labels: Mapping[str, Mapping[str, int]] | None = None) -> DataFile:
+    """Content of a data file.  ``atom_style`` is a key of :data:`ATOM_STYLES`, or several after ``hybrid`` (the comment behind ``Atoms #``
+    is only reported), ``n_species`` the number of concentrations of ``atom_style tdpd``, ``labels`` has those of types that are known
+    before.  DeckError, with file and line, for unknown sections, wrong counts, values that are not finite numbers, duplicate ids, and types
+    out of range."""
     reader = DataReader(path)
-    columns, positions, images = reader.atoms((atom_style,), n_species)
+    own = reader.number_types(styles_of(atom_style), labels or {})
+    columns, positions, images = reader.atoms(styles_of(atom_style), n_species)
     ids = columns["id"]
     velocities = reader.velocities(ids)
     return DataFile(
@@ -309,6 +336,7 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0) -> DataFile:
         **{f"{what}s": reader.joined(what, ids, atom_style) for what in JOINED},  # type: ignore[arg-type]
         coefficients={name: reader.sections[name][1] for name in SECTIONS if "Coeffs" in name and name in reader.sections},
         hints=reader.hints,
+        labels=own,
     )
 
 
@@ -334,6 +362,8 @@ def data_lines(
         yield f"{low!r} {high!r} {axis}lo {axis}hi"
     if data.box.triclinic:
         yield f"{' '.join(map(repr, data.box.tilt.tolist()))} xy xz yz"
+    for what, labels in data.labels.items():
+        yield from ("", f"{what.capitalize()} Type Labels", "", *(f"{kind} {label}" for label, kind in labels.items()))
     if data.masses:
         yield from ("", "Masses", "")
         for kind, mass in sorted(data.masses.items()):

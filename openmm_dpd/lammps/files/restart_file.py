@@ -16,10 +16,11 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 
 #: Format identifier in the file; its number changes with the contents.
-FORMAT = "openmm-dpd restart 4"
+FORMAT = "openmm-dpd restart 5"
 #: Attributes of DeckState that are stored as plain numbers and words.
 _PLAIN = (
-    "dimension atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs reordered noise_counter"
+    "labels dimension atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs "
+    "reordered noise_counter"
 ).split()
 #: First bytes of LAMMPS's own restart files.
 _LAMMPS = b"LammpS RestartT"

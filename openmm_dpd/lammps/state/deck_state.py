@@ -27,7 +27,7 @@ def bead_fields(atom_style: str, units: UnitSystem) -> dict[str, tuple[str, floa
     """By name in :func:`openmm_dpd.simulation.fields.read_fields`: the array of Atoms that holds a field, and its unit."""
     return {
         **{name: (name, 1.0) for name in ("u_cond", "u_mech", "concentrations")},
-        "theta": ("temperatures" if atom_style == "edpd" else "thetas", units.thermal_energy),
+        "theta": ("temperatures" if "edpd" in atom_style.split() else "thetas", units.thermal_energy),
         "density": ("densities", units.mass / units.length**3),
     }
 
@@ -39,7 +39,7 @@ class DeckState:
 
     path: Path
     units: UnitSystem = LJ
-    atom_style: str = "atomic"
+    atom_style: str = "atomic"  #: After ``hybrid`` several
     dimension: int = 3  #: 2 for beads in the plane z = 0
     sorts: bool = True  #: Whether LAMMPS sorts beads in memory (``atom_modify sort``)
     box: Box | None = None  #: The periodic box, in the deck's unit of length
@@ -49,6 +49,7 @@ class DeckState:
     n_bond_types: int = 0
     n_angle_types: int = 0
     n_dihedral_types: int = 0
+    labels: dict[str, dict[str, int]] = field(default_factory=dict)  #: Types by their labels, for ``atom``, ``bond``, ...
     n_species: int = 0  #: Number of concentrations of ``atom_style tdpd``, 0 for other styles
     masses: dict[int, float] = field(default_factory=dict)  #: Mass of each type that has one, Da
     atoms: Atoms = field(default_factory=Atoms)  #: Arrays in the order of the ids
@@ -120,9 +121,13 @@ class DeckState:
         if self.box is not None:
             raise ParameterError(f"{command} must come before the simulation box is defined")
 
+    def has_atom_style(self, *styles: str) -> bool:
+        """Whether the beads have what one of these atom styles has."""
+        return not set(styles).isdisjoint(self.atom_style.split())
+
     def require_atom_style(self, what: str, *styles: str) -> None:
         """Raise ParameterError unless the deck has an atom style that ``what`` needs."""
-        if self.atom_style not in styles:
+        if not self.has_atom_style(*styles):
             raise ParameterError(f"{what} needs atom_style {' or '.join(styles)}, but the deck has atom_style {self.atom_style}")
 
     def species(self, word: str, what: str) -> int:
@@ -131,6 +136,19 @@ class DeckState:
         if number > self.n_species:
             raise ParameterError(f"{what}: there is no species {number}; atom_style tdpd has {self.n_species}")
         return number - 1
+
+    def add_label(self, what: str, kind: int, label: str) -> None:
+        """Give a type of beads, bonds, ... a label.  ParameterError if it is not one, or belongs to another type."""
+        if not label or label[0] in "0123456789#*":
+            raise ParameterError(f"the label of {what} type {kind} must not begin with a digit, # or *, but is '{label}'")
+        others = {name: number for name, number in self.labels.get(what, {}).items() if number != kind}
+        if label in others:
+            raise ParameterError(f"the label {label} already belongs to {what} type {others[label]}")
+        self.labels[what] = {**others, label: kind}
+
+    def numbered(self, what: str, word: str) -> str:
+        """The number of a type as a word, if ``word`` is its label; otherwise the word itself."""
+        return str(self.labels.get(what, {}).get(word, word))
 
     def type_number(self, word: str) -> int:
         """The bead type that a word names."""

@@ -95,7 +95,7 @@ def electrostatics_of(state: DeckState) -> SlaterCharges | None:
         raise located(style.where, f"there are two pair styles with charges, {style.name} and {styles[1].name}; use one")
     if state.kspace is None:
         raise located(style.where, f"pair style {style.name} needs a kspace_style, ewald or pppm")
-    if state.atom_style not in CHARGED_STYLES:
+    if not state.has_atom_style(*CHARGED_STYLES):
         raise located(style.where, f"pair style {style.name} needs charges; atom_style {state.atom_style} has none; use charge or full")
     if not all(state.periodic):
         raise located(style.where, f"pair style {style.name} needs periodic boundaries along all axes")
