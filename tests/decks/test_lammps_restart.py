@@ -84,7 +84,6 @@ def test_files_of_each_step_beside_two_in_turn(tmp_path):
 
 WRONG = {
     "read_restart text\n": "is not a restart file of this package",
-    "read_restart theirs\n": "is a restart file of LAMMPS",
     "read_restart r.*\n": "give the name of one file",
     "read_restart nothing\n": "there is no file 'nothing'",
     "region b block 0 4 0 4 0 4\ncreate_box 1 b\nread_restart text\n": "must come before the simulation box",
@@ -97,10 +96,4 @@ WRONG = {
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes(tmp_path, text):
     (tmp_path / "text").write_text("no restart\n", encoding="utf-8")
-    if lammps_peer.why_missing() is None:
-        with lammps_peer.instance() as lmp:
-            start = "region b block 0 4 0 4 0 4\ncreate_box 1 b\nmass 1 1\npair_style zero 1\npair_coeff * *\n"
-            lmp.commands_string(f"{start}write_restart {tmp_path}/theirs")
-    elif "theirs" in text:
-        pytest.skip("no LAMMPS to write one")
     raises(DeckError, WRONG[text], lambda: run_deck(put(tmp_path / "in.bad", text), RunOptions(platform="Reference"), out=tmp_path / "out"))

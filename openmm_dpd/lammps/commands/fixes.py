@@ -1,17 +1,23 @@
 """Commands about fixes, time steps and restart files: fix, unfix, timestep, reset_timestep, write_restart, read_restart, restart."""
 
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.files import write_whole
-from ..files.restart_file import load_restart, restart_bytes
+from ..files.data_file import JOINED
+from ..files.lammps_restart import converted
+from ..files.restart_file import LAMMPS_MAGIC, load_restart, restart_bytes
 from ..language import arguments as read
 from ..output.averages import AveragingFix, PrintFix
 from ..output.averaging_fixes import ChunkAverage, Correlation, TimeAverage
 from ..state.deck_state import DeckState
 from ..state.records import Fix, RestartSettings
 from .fix_styles import FIX_STYLES
-from .setup import REMEMBERED, command
+from .setup import COMMANDS, REMEMBERED, command
 
 #: Fixes that read values at the end of steps: constructors with the arguments (state, id, group, words).
 READERS: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix | PrintFix]] = {
@@ -77,8 +83,39 @@ def read_restart(state: DeckState, args: list[str]) -> None:
     """``read_restart file``: restores the system as if the commands that made it were part of this deck."""
     if "*" in args[0]:
         raise ParameterError(f"read_restart '{args[0]}': give the name of one file")
-    for name, words in load_restart(state, state.find_file(args[0])):
+    path = state.find_file(args[0])
+    if path.read_bytes().startswith(LAMMPS_MAGIC):
+        _read_lammps(state, path)
+        return
+    for name, words in load_restart(state, path):
         REMEMBERED[name](state, words)
+
+
+def _read_lammps(state: DeckState, path: Path) -> None:
+    """Take the system from a restart file of LAMMPS; its pair style, of which only LAMMPS can read the arguments, is left to the deck."""
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "data"
+        found = converted(path, data)
+        x, y, z = found["periodicity"]
+        parts = ((what, data.read_text().partition(f"{what.capitalize()} Coeffs # ")[2]) for what in JOINED)
+        styles = {what: text.split(None, 1)[0] for what, text in parts if text}
+        special = [f"{factor!r}" for name in ("special_lj", "special_coul") for factor in found[name][1:]]
+        commands: list[tuple[str, list[str]]] = [
+            ("units", [found["units"]]),
+            ("atom_style", [found["atom_style"]]),
+            ("boundary", ["p" if flag else "f" for flag in (x, y, z)]),
+            ("special_bonds", ["lj", *special[:3], "coul", *special[3:]]),
+            *((f"{what}_style", [style]) for what, style in styles.items()),
+        ]
+        for name, words in commands:
+            COMMANDS[name](state, words)
+        COMMANDS["read_data"](state, [str(data)])
+        state.inputs.pop(str(data.resolve()))
+    for name, members in found["groups"].items():
+        state.groups[name] = np.isin(state.atoms.ids, members)
+    state.step, state.timestep, state.reordered = found["ntimestep"], found["dt"] * state.units.time, state.sorts
+    state.time_origin = (found["atime"] * state.units.time, found["atimestep"])
+    state.note(f"{path.name}: read by LAMMPS; give again what it does not tell: the pair style, and all hybrid styles")
 
 
 @command("restart N file [file]", 1, 3)

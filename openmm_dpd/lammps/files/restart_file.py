@@ -23,7 +23,7 @@ _PLAIN = (
     "reordered noise_counter"
 ).split()
 #: First bytes of LAMMPS's own restart files.
-_LAMMPS = b"LammpS RestartT"
+LAMMPS_MAGIC = b"LammpS RestartT"
 
 
 def restart_bytes(state: DeckState) -> bytes:
@@ -52,11 +52,6 @@ def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
     """Load a restart file into the state and return its commands about interactions.  ParameterError if it is not a restart file of this
     package."""
     content = path.read_bytes()
-    if content.startswith(_LAMMPS):
-        raise ParameterError(
-            f"'{path.name}' is a restart file of LAMMPS, whose format depends on its version; convert it to a data file with "
-            "'lmp -restart2data FILE DATA' and read that"
-        )
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as found:
             arrays = {name: found[name] for name in found.files}
