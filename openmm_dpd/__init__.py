@@ -27,12 +27,21 @@ from .measure import (
 )
 from .model.angles import (
     CosineAngles as CosineAngles,
+    CosineDeltaAngles as CosineDeltaAngles,
+    CosineSquaredAngles as CosineSquaredAngles,
     HarmonicAngles as HarmonicAngles,
     HarmonicDihedrals as HarmonicDihedrals,
     MultiHarmonicDihedrals as MultiHarmonicDihedrals,
     OPLSDihedrals as OPLSDihedrals,
+    PeriodicAngles as PeriodicAngles,
 )
-from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
+from .model.bonds import (
+    FENEBonds as FENEBonds,
+    HarmonicBonds as HarmonicBonds,
+    MorseBonds as MorseBonds,
+    NonlinearBonds as NonlinearBonds,
+    QuarticBonds as QuarticBonds,
+)
 from .model.edpd import EDPD as EDPD
 from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterCharges as SlaterCharges
 from .model.energy_dpd import EnergyDPD as EnergyDPD

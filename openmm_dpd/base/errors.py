@@ -176,6 +176,20 @@ def overstretched(pairs: np.ndarray, r: np.ndarray, longest: np.ndarray, epsilon
     return f"{bead_names(*pairs[bad[0]])} are at the same point, where the repulsion of their FENE bond is infinite" if len(bad) else None
 
 
+def out_of_range(name: str, pairs: np.ndarray, r: np.ndarray, low: np.ndarray, high: np.ndarray, end: str) -> str | None:
+    """Error message about the first bond (of ``pairs``, with lengths r) that is not between low and high, or None; ``end`` says why."""
+    bad = np.flatnonzero((r <= low) | (r >= high))
+    if not len(bad):
+        return None
+    ends = " and ".join(in_length(limit[bad[0]]) for limit in (low, high) if limit[bad[0]] > 0)
+    return f"the {name} bond between {bead_names(*pairs[bad[0]])} is {in_length(r[bad[0]])} long{end} {ends}"
+
+
+#: What ends bonds: :func:`out_of_range`.
+NONLINEAR_END = ", which is not between its limits"
+QUARTIC_END = ": a bond that breaks ends a run here, and it does so at its Rc of"
+
+
 def fact_table(title: str, facts: Mapping[str, object]) -> str:
     """An HTML table of names and values; rows with the value None are left out."""
     rows = (f"<tr><th>{escape(name)}</th><td>{escape(str(value))}</td></tr>" for name, value in facts.items() if value is not None)

@@ -40,6 +40,7 @@ DIMENSIONS = {
     "noise": _E / _L * _T**0.5,  # force*time^(1/2): sigma of the DPD literature
     "force_constant": _E / _L**2,
     "inverse_length": _L**-1,
+    "quartic_constant": _E / _L**4,
     "rate": _T**-1,
     "angle": unit.radian,
     "angle_constant": _E / unit.radian**2,

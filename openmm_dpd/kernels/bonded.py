@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import bead_names, in_length, overstretched
+from ..base.errors import NONLINEAR_END, QUARTIC_END, bead_names, in_length, out_of_range, overstretched
 from ..base.geometry import minimum_images
 from ..runtime import inlined
-from .elementary import exp, log
+from .elementary import exp, log, sine
 from .extras import CHUNK, BondedKernel, minimum_image, nearest_image
 
 #: r/sigma where the repulsion of a FENE bond ends, the minimum of Lennard-Jones.
@@ -109,6 +109,43 @@ class MorseBondTerms(BondTerms):
         return p[0, n] * (1.0 - e) * (1.0 - e), -slope / r if r > 0.0 else 0.0
 
 
+class NonlinearBondTerms(BondTerms):
+    """U = epsilon (r - r0)^2/(lamda^2 - (r - r0)^2) with p = epsilon, r0, lamda; infinite where there is none."""
+
+    @staticmethod
+    def formula(r, r2, p, n):
+        stretch, rest = r - p[1, n], p[2, n] * p[2, n] - (r - p[1, n]) * (r - p[1, n])
+        if not rest > 0.0:
+            return np.inf, 0.0
+        slope = 2.0 * p[0, n] * p[2, n] * p[2, n] * stretch / (rest * rest)
+        return p[0, n] * stretch * stretch / rest, -slope / r if r > 0.0 else 0.0
+
+    def beyond(self, r: np.ndarray) -> str | None:
+        _, r0, lamda = self.parameters
+        return out_of_range("nonlinear", self.beads, r, r0 - lamda, r0 + lamda, NONLINEAR_END)
+
+
+class QuarticBondTerms(BondTerms):
+    """U = k s^2 (s - B1)(s - B2) + U0, s = r - Rc, + 4 [(1/r)^12 - (1/r)^6] + 1 for r < 2^(1/6), with p = k, B1, B2, Rc, U0; infinite from
+    Rc on."""
+
+    @staticmethod
+    def formula(r, r2, p, n):
+        s, total, product = r - p[3, n], p[1, n] + p[2, n], p[1, n] * p[2, n]
+        if not s < 0.0 or r2 == 0.0:
+            return np.inf, 0.0
+        energy = p[0, n] * s * s * (s * s - total * s + product) + p[4, n]
+        pull = -p[0, n] * s * (4.0 * s * s - 3.0 * total * s + 2.0 * product) / r
+        if r < WCA_END:
+            s6 = 1.0 / (r2 * r2 * r2)
+            energy += 4.0 * s6 * (s6 - 1.0) + 1.0
+            pull += 24.0 * s6 * (2.0 * s6 - 1.0) / r2
+        return energy, pull
+
+    def beyond(self, r: np.ndarray) -> str | None:
+        return out_of_range("quartic", self.beads, r, -self.parameters[3], self.parameters[3], QUARTIC_END)
+
+
 #: Least |a x b| (nm^2) that a force is divided by: beads in line have no direction to bend in, and OpenMM has the same bound.
 LEAST_CROSS = 1e-6
 
@@ -196,6 +233,36 @@ class CosineAngleTerms(AngleTerms):
     @staticmethod
     def formula(cross, dot, arms, p, n):
         return p[0, n] * (1.0 + dot * arms), -p[0, n] * cross * arms
+
+
+class CosineDeltaAngleTerms(AngleTerms):
+    """U = k [1 - cos(theta - theta0)] with p = k, theta0."""
+
+    @staticmethod
+    def formula(cross, dot, arms, p, n):
+        s, c = sine(p[1, n] * (0.5 / np.pi)), sine(p[1, n] * (0.5 / np.pi) + 0.25)
+        return p[0, n] * (1.0 - (dot * c + cross * s) * arms), p[0, n] * (cross * c - dot * s) * arms
+
+
+class CosineSquaredAngleTerms(AngleTerms):
+    """U = k (cos theta - cos theta0)^2 with p = k, theta0."""
+
+    @staticmethod
+    def formula(cross, dot, arms, p, n):
+        off = dot * arms - sine(p[1, n] * (0.5 / np.pi) + 0.25)
+        return p[0, n] * off * off, -2.0 * p[0, n] * off * cross * arms
+
+
+class PeriodicAngleTerms(AngleTerms):
+    """U = 2 C/n^2 [1 - B (-1)^n cos(n theta)] with p = C, B, n."""
+
+    @staticmethod
+    def formula(cross, dot, arms, p, n):
+        wave, slope, c, s = 1.0, 0.0, -dot * arms, -cross * arms
+        for _ in range(int(p[2, n])):
+            wave, slope = wave * c - slope * s, slope * c + wave * s
+        size = 2.0 * p[0, n] / (p[2, n] * p[2, n])
+        return size * (1.0 - p[1, n] * wave), size * p[1, n] * p[2, n] * slope
 
 
 #: Least square of the sine between two bonds that a force is divided by.

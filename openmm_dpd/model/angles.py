@@ -82,6 +82,81 @@ class CosineAngles(Angles):
         return self.k * (1 + np.cos(theta)), -self.k * np.sin(theta), -self.k * np.cos(theta)
 
 
+@dataclass(frozen=True, eq=False)
+class CosineDeltaAngles(Angles):
+    """U = k [1 - cos(theta - theta0)] (LAMMPS: ``angle_style cosine/delta``).
+
+    Parameters
+    ----------
+    triples : (K, 3) array of int
+        Bead indices from 0, with the vertex in the middle.
+    k : energy, or (K,) array
+        Stiffness, kJ/mol, >= 0.
+    theta0 : angle, or (K,) array
+        Rest angle; a bare number is in radians.
+
+    Raises
+    ------
+    ParameterError
+        If shapes differ, a value is out of bounds or an angle names a bead twice.
+    """
+
+    triples: np.ndarray
+    k: np.ndarray
+    theta0: np.ndarray
+    _DIMENSIONS = {"k": ("energy", ">= 0"), "theta0": ("angle", "from 0 to pi")}
+
+    def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        bend = theta - self.theta0
+        return self.k * (1 - np.cos(bend)), self.k * np.sin(bend), self.k * np.cos(bend)
+
+
+@dataclass(frozen=True, eq=False)
+class CosineSquaredAngles(Angles):
+    """U = k (cos theta - cos theta0)^2 (LAMMPS: ``angle_style cosine/squared``); parameters as of :class:`CosineDeltaAngles`."""
+
+    triples: np.ndarray
+    k: np.ndarray
+    theta0: np.ndarray
+    _DIMENSIONS = {"k": ("energy", ">= 0"), "theta0": ("angle", "from 0 to pi")}
+
+    def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        off, sine = np.cos(theta) - np.cos(self.theta0), np.sin(theta)
+        return self.k * off**2, -2 * self.k * off * sine, 2 * self.k * (sine**2 - off * np.cos(theta))
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicAngles(Angles):
+    """U = 2 C/n^2 [1 - B (-1)^n cos(n theta)] (LAMMPS: ``angle_style cosine/periodic``).
+
+    Parameters
+    ----------
+    triples : (K, 3) array of int
+        Bead indices from 0, with the vertex in the middle.
+    C : energy, or (K,) array
+        Stiffness, kJ/mol, >= 0.
+    B : 1 or -1, or (K,) array
+        Sign: with 1 the energy is least at pi, with -1 it is highest there.
+    n : whole number, or (K,) array
+        Periodicity, > 0.
+
+    Raises
+    ------
+    ParameterError
+        If shapes differ, a value is out of bounds or an angle names a bead twice.
+    """
+
+    triples: np.ndarray
+    C: np.ndarray
+    B: np.ndarray
+    n: np.ndarray
+    _DIMENSIONS = {"C": ("energy", ">= 0"), "B": ("dimensionless", "1 or -1"), "n": ("dimensionless", "a whole number > 0")}
+
+    def curve(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        size, wave = 2 * self.C / self.n**2, self.B * (-1) ** self.n * np.cos(self.n * theta)
+        return size * (1 - wave), size * self.n * self.B * (-1) ** self.n * np.sin(self.n * theta), size * self.n**2 * wave
+
+
 def check_angles(groups: Sequence[Angles], n_beads: int) -> None:
     """Raise ParameterError if an angle names a bead that does not exist, or is listed twice."""
     triples = np.concatenate([angles.triples for angles in groups]) if groups else np.zeros((0, 3), dtype=np.int64)

@@ -20,8 +20,17 @@ CURVES = {
         (0.6, 0.97, 1.0, 1.02, 1.3),
     ),
     "morse": (dpd.MorseBonds(PAIR, 12.0, 1.7, 0.6), lambda r: 12 * (1 - np.exp(-1.7 * (r - 0.6))) ** 2, (0.05, 0.6, 2.0)),
+    "nonlinear": (dpd.NonlinearBonds(PAIR, 12.0, 0.7, 0.5), lambda r: 12 * (r - 0.7) ** 2 / (0.25 - (r - 0.7) ** 2), (0.3, 0.7, 1.1)),
+    "quartic": (
+        dpd.QuarticBonds(PAIR, 1200.0, -0.55, 0.25, 1.3, 34.7),
+        lambda r: 1200 * (r - 1.3) ** 2 * (r - 0.75) * (r - 1.55) + 34.7 + (4 * (r**-12 - r**-6) + 1 if r < 2 ** (1 / 6) else 0),
+        (0.8, 0.97, 1.12, 1.2),
+    ),
     "harmonic angle": (dpd.HarmonicAngles([(0, 1, 2)], 6.0, 1.9), lambda t: 6 * (t - 1.9) ** 2, (0.3, 1.9, 3.0)),
     "cosine angle": (dpd.CosineAngles([(0, 1, 2)], 4.0), lambda t: 4 * (1 + np.cos(t)), (0.3, 1.9, np.pi)),
+    "delta angle": (dpd.CosineDeltaAngles([(0, 1, 2)], 4.0, 1.2), lambda t: 4 * (1 - np.cos(t - 1.2)), (0.3, 1.2, np.pi)),
+    "squared angle": (dpd.CosineSquaredAngles([(0, 1, 2)], 4.0, 1.2), lambda t: 4 * (np.cos(t) - np.cos(1.2)) ** 2, (0.3, 1.2, np.pi)),
+    "periodic angle": (dpd.PeriodicAngles([(0, 1, 2)], 4.0, -1, 3), lambda t: 8 / 9 * (1 - np.cos(3 * t)), (0.3, 1.2, np.pi)),
 }
 
 
@@ -45,6 +54,8 @@ def test_laplacians_and_virials_by_finite_differences():
     fene, morse = dpd.FENEBonds([(1, 2), (3, 4)], 30, 1.5, 0.2, 0.4), dpd.MorseBonds([(4, 5)], 12, 2, 0.6)
     terms = {"bonds": [dpd.HarmonicBonds([(0, 1)], 20, 0.7), fene, morse]}
     terms["angles"] = [dpd.HarmonicAngles([(0, 1, 2), (3, 4, 5)], 6, 1.9), dpd.CosineAngles([(1, 2, 3)], 4)]
+    terms["angles"] += [dpd.CosineDeltaAngles([(0, 2, 4)], 5, 1.2), dpd.CosineSquaredAngles([(1, 3, 5)], 5, 1.2)]
+    terms["angles"].append(dpd.PeriodicAngles([(2, 1, 4)], 5, -1, 3))
     plan = dpd.make_plan(beads(6, positions=x, mobile=mobile, **terms), dt=0.01, seed=1)
 
     def energy(y) -> float:
@@ -90,7 +101,10 @@ BAD = {
     "angle twice": (lambda: scene(angles=_TWICE), r"0, 1 and 2 \(counted from 0\) is listed twice"),
     "not a sequence": (lambda: scene(angles=_TWICE[0]), "angles must be a sequence of HarmonicAngles or CosineAngles"),
     "bond for an angle": (lambda: scene(angles=[dpd.MorseBonds(PAIR, 1, 1, 1)]), "not of MorseBonds"),
-    "angle for a bond": (lambda: scene(bonds=_TWICE[:1]), "HarmonicBonds or FENEBonds or MorseBonds, not of CosineAngles"),
+    "angle for a bond": (
+        lambda: scene(bonds=_TWICE[:1]),
+        "HarmonicBonds or FENEBonds or MorseBonds or NonlinearBonds or QuarticBonds, not of CosineAngles",
+    ),
     "too long": (lambda: scene(bonds=[dpd.FENEBonds([(0, 1), (2, 3)], 1, 1.1)]), _TOO_LONG),
     "at one point": (lambda: beads(2, **_POINT), r"beads 0 and 1 \(counted from 0\) are at the same point"),
 }

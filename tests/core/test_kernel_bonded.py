@@ -27,8 +27,19 @@ KINDS = {  # Kind -> terms for the bonds (B, 2) or angles (K, 3) of a chain.
     "fene": lambda b, a: {"bonds": [dpd.FENEBonds(b, varied(10, 60, len(b)), varied(1.2, 2, len(b)))]},
     "fene with repulsion": lambda b, a: {"bonds": [dpd.FENEBonds(b, 30.0, 1.5, np.arange(len(b)) % 3 * 0.4, varied(0.6, 1.1, len(b)))]},
     "morse": lambda b, a: {"bonds": [dpd.MorseBonds(b, varied(5, 20, len(b)), varied(1, 3, len(b)), varied(0.3, 1, len(b)))]},
+    "nonlinear": lambda b, a: {"bonds": [dpd.NonlinearBonds(b, varied(5, 20, len(b)), varied(0.6, 1, len(b)), varied(0.4, 1, len(b)))]},
+    "quartic": lambda b, a: {"bonds": [dpd.QuarticBonds(b, varied(500, 900, len(b)), -0.55, varied(0.2, 0.4, len(b)), 1.3, 3.0)]},
     "harmonic angle": lambda b, a: {"angles": [dpd.HarmonicAngles(a, varied(2, 8, len(a)), varied(0, np.pi, len(a)))]},
     "cosine angle": lambda b, a: {"angles": [dpd.CosineAngles(a, varied(2, 8, len(a)))]},
+    "delta and squared angles": lambda b, a: {
+        "angles": [
+            dpd.CosineDeltaAngles(a[::2], varied(2, 8, len(a[::2])), varied(0, np.pi, len(a[::2]))),
+            dpd.CosineSquaredAngles(a[1::2], varied(2, 8, len(a[1::2])), varied(0, np.pi, len(a[1::2]))),
+        ]
+    },
+    "periodic angles": lambda b, a: {
+        "angles": [dpd.PeriodicAngles(a, varied(2, 8, len(a)), 1 - np.arange(len(a)) % 2 * 2, 1 + np.arange(len(a)) % 6)]
+    },
     "all": lambda b, a: {
         "bonds": [dpd.HarmonicBonds(b[::3], 20, 0.7), dpd.FENEBonds(b[1::3], 30, 1.5, 0.8, 0.9), dpd.MorseBonds(b[2::3], 12, 1.7, 0.6)],
         "angles": [dpd.HarmonicAngles(a[::2], 6.0, 1.9), dpd.CosineAngles(a[1::2], 4.0)],

@@ -1,8 +1,8 @@
 """A bond, an angle and a dihedral that the package does not know, registered here: they build, run, explain, measure, and are read, written
 or refused.
 
-Stiff springs that are soft at rest, U = k (r - r0)^4, which LAMMPS does not have; LAMMPS's angle style cosine/squared,
-U = k (cos theta - cos theta0)^2; its dihedral style helix, U = A [1 - cos phi] + B [1 + cos 3 phi] + C [1 + cos(phi + pi/4)], which is not the
+Stiff springs that are soft at rest, U = k (r - r0)^4, which LAMMPS does not have; LAMMPS's angle style cosine/shift,
+U = -k/2 [1 + cos(theta - theta0)]; its dihedral style helix, U = A [1 - cos phi] + B [1 + cos 3 phi] + C [1 + cos(phi + pi/4)], which is not the
 same for a left and a right turn.
 """
 
@@ -37,7 +37,7 @@ BOX = np.diag([EDGE] * 3)
 
 
 @dataclass(frozen=True, eq=False)
-class QuarticBonds(Bonds):
+class ToyBonds(Bonds):
     pairs: np.ndarray
     k: np.ndarray
     r0: np.ndarray
@@ -51,7 +51,7 @@ class QuarticBonds(Bonds):
         return self.r0 + (40 * kT / self.k) ** 0.25
 
 
-class QuarticBondTerms(BondTerms):
+class ToyBondTerms(BondTerms):
     @staticmethod
     def formula(r, r2, p, n):
         stretch = r - p[1, n]
@@ -59,7 +59,7 @@ class QuarticBondTerms(BondTerms):
 
 
 @dataclass(frozen=True, eq=False)
-class SquaredAngles(Angles):
+class ShiftedAngles(Angles):
     triples: np.ndarray
     k: np.ndarray
     theta0: np.ndarray
@@ -67,15 +67,15 @@ class SquaredAngles(Angles):
     _DIMENSIONS = {"k": ("energy", ">= 0"), "theta0": ("angle", ">= 0")}
 
     def curve(self, theta):
-        off, sine = np.cos(theta) - np.cos(self.theta0), np.sin(theta)
-        return self.k * off**2, -2 * self.k * off * sine, 2 * self.k * (sine**2 - off * np.cos(theta))
+        wave, slope = (0.5 * self.k * f(theta - self.theta0) for f in (np.cos, np.sin))
+        return -0.5 * self.k - wave, slope, wave
 
 
-class SquaredAngleTerms(AngleTerms):
+class ShiftedAngleTerms(AngleTerms):
     @staticmethod
     def formula(cross, dot, arms, p, n):
-        off = dot * arms - np.cos(p[1, n])
-        return p[0, n] * off * off, -2.0 * p[0, n] * off * cross * arms
+        s, c = 0.5 * p[0, n] * np.sin(p[1, n]), 0.5 * p[0, n] * np.cos(p[1, n])
+        return -0.5 * p[0, n] - (dot * c + cross * s) * arms, (cross * c - dot * s) * arms
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,19 +103,19 @@ class HelixDihedralTerms(DihedralTerms):
 
 
 @dataclass(frozen=True)
-class QuarticSpring(AnySpring):
+class ToySpring(AnySpring):
     k: float
     r0: float
 
-    KIND = QuarticBonds
+    KIND = ToyBonds
 
 
 @dataclass(frozen=True)
-class SquaredBend(AnyBend):
+class ShiftedBend(AnyBend):
     k: float
     theta0: float
 
-    KIND = SquaredAngles
+    KIND = ShiftedAngles
 
 
 @dataclass(frozen=True)
@@ -127,12 +127,12 @@ class HelixTwist(AnyTwist):
     KIND = HelixDihedrals
 
 
-BOND = kinds.BondedKind(terms=QuarticBonds, kernel=QuarticBondTerms, energies=(kinds.Energy("quartic bonds", "k*(r-r0)^4"),))
+BOND = kinds.BondedKind(terms=ToyBonds, kernel=ToyBondTerms, energies=(kinds.Energy("toy bonds", "k*(r-r0)^4"),))
 ANGLE = kinds.BondedKind(
-    terms=SquaredAngles,
-    kernel=SquaredAngleTerms,
-    energies=(kinds.Energy("squared angles", "k*(cos(theta)-cos(theta0))^2"),),
-    style="cosine/squared",
+    terms=ShiftedAngles,
+    kernel=ShiftedAngleTerms,
+    energies=(kinds.Energy("shifted angles", "-0.5*k*(1+cos(theta-theta0))"),),
+    style="cosine/shift",
     words={"k": ("energy", "K"), "theta0": ("degrees", "theta0")},
 )
 
@@ -161,8 +161,8 @@ def scene(**options) -> dpd.Scene:
     x, bonds, angles = chains.walks(40, 8, BOX, 3)
     quads, k = all_quads(), np.linspace(20, 60, len(bonds[::2]))
     terms = {
-        "bonds": [QuarticBonds(bonds[::2], k, 0.6), dpd.HarmonicBonds(bonds[1::2], 20, 0.7)],
-        "angles": [dpd.CosineAngles(angles[::3], 4), SquaredAngles(angles[1::3], 6, 2.0)],
+        "bonds": [ToyBonds(bonds[::2], k, 0.6), dpd.HarmonicBonds(bonds[1::2], 20, 0.7)],
+        "angles": [dpd.CosineAngles(angles[::3], 4), ShiftedAngles(angles[1::3], 6, 2.0)],
         "dihedrals": [dpd.HarmonicDihedrals(quads[::2], 2, 1, 3), HelixDihedrals(quads[1::2], 3.0, -2.0, 5.0)],
     }
     return beads(len(x), positions=x, box=BOX, **terms, **options)
@@ -175,7 +175,7 @@ def all_quads() -> np.ndarray:
 
 def energy_of(made: dpd.Scene, x: np.ndarray, box=BOX) -> float:
     """The formulas once more, of all bonds, angles and dihedrals."""
-    (quartic, harmonic), (cosine, squared), (wave, helix) = made.bonds, made.angles, made.dihedrals
+    (toy, harmonic), (cosine, shifted_), (wave, helix) = made.bonds, made.angles, made.dihedrals
 
     def length(pairs):
         d = x[pairs[:, 0]] - x[pairs[:, 1]]
@@ -196,8 +196,8 @@ def energy_of(made: dpd.Scene, x: np.ndarray, box=BOX) -> float:
 
     phi, total = turns(helix.quads), np.sum(2 * (1 + np.cos(3 * turns(wave.quads))))
     total += np.sum(3 * (1 - np.cos(phi)) - 2 * (1 + np.cos(3 * phi)) + 5 * (1 + np.cos(phi + np.pi / 4)))
-    total += np.sum(quartic.k * (length(quartic.pairs) - 0.6) ** 4) + np.sum(20 * (length(harmonic.pairs) - 0.7) ** 2)
-    return float(total + np.sum(4 * (1 + cosines(cosine.triples))) + np.sum(6 * (cosines(squared.triples) - np.cos(2.0)) ** 2))
+    total += np.sum(toy.k * (length(toy.pairs) - 0.6) ** 4) + np.sum(20 * (length(harmonic.pairs) - 0.7) ** 2)
+    return float(total + np.sum(4 * (1 + cosines(cosine.triples))) + np.sum(-3 * (1 + np.cos(np.arccos(cosines(shifted_.triples)) - 2.0))))
 
 
 def shifted(made: dpd.Scene, place: tuple[int, int], h: float) -> float:
@@ -244,9 +244,9 @@ def test_they_are_measured(known):
 
 def test_they_are_explained_and_have_steps(known):
     text = dpd.explain_plan(dpd.make_plan(scene(), dt=0.005, seed=1))
-    assert "140 quartic bonds, 140 harmonic bonds; 0 bonded neighbours" in text
-    assert "\n80 cosine angles\n80 squared angles\n100 harmonic dihedrals\n100 helix dihedrals" in text
-    stiff = [dict(bonds=[QuarticBonds([(0, 1)], k, 0.6)]) for k in (1e2, 1e4)]
+    assert "140 toy bonds, 140 harmonic bonds; 0 bonded neighbours" in text
+    assert "\n80 cosine angles\n80 shifted angles\n100 harmonic dihedrals\n100 helix dihedrals" in text
+    stiff = [dict(bonds=[ToyBonds([(0, 1)], k, 0.6)]) for k in (1e2, 1e4)]
     fastest = [bonded_modes(beads(2, positions=np.array([[1.0, 1, 1], [1.6, 1, 1]]), **bonds))[0].fastest for bonds in stiff]
     # <(r - r0)^2> goes with k^-1/2, so the mean of k (r - r0)^2 does with k^1/2, and the frequency with k^1/4
     assert fastest[1] / fastest[0] == pytest.approx(100**0.25, rel=0.05)
@@ -254,13 +254,13 @@ def test_they_are_explained_and_have_steps(known):
 
 def test_lammps_has_two_of_them(known, tmp_path):
     x, bonds, angles = chains.walks(40, 8, BOX, 3)
-    message = "bonds of kind QuarticBonds cannot be exported to LAMMPS"
+    message = "bonds of kind ToyBonds cannot be exported to LAMMPS"
     raises(dpd.ParameterError, message, export_lammps, scene(), tmp_path / "first", "toy", dt=0.005)
-    terms = {"angles": [SquaredAngles(angles, 6, 2.0)], "dihedrals": [HelixDihedrals(all_quads(), 3.0, -2.0, 5.0)]}
+    terms = {"angles": [ShiftedAngles(angles, 6, 2.0)], "dihedrals": [HelixDihedrals(all_quads(), 3.0, -2.0, 5.0)]}
     made = beads(len(x), positions=x, box=BOX, bonds=[dpd.HarmonicBonds(bonds, 20, 0.7)], **terms)
     export_lammps(made, tmp_path, "toy", dt=0.005, steps=0)
     deck = tmp_path / "in.toy"
-    assert re.search(r"angle_style cosine/squared\nangle_coeff 1 6(\.0)? 114\.59155902616", deck.read_text(encoding="utf-8"))
+    assert re.search(r"angle_style cosine/shift\nangle_coeff 1 6(\.0)? 114\.59155902616", deck.read_text(encoding="utf-8"))
     again = deck_scene(deck)
     for found, expected in zip((*again.angles, *again.dihedrals), (*made.angles, *made.dihedrals), strict=True):
         assert type(found) is type(expected) and np.array_equal(found.beads, expected.beads)
@@ -273,33 +273,33 @@ def test_lammps_has_two_of_them(known, tmp_path):
         plan, x, all_move = dpd.make_plan(made, dt=0.005, seed=1), made.positions, np.ones(made.n_beads, bool)
         expected = [sums(plan, x, BOX, all_move)[0] for sums in (bond_sums, angle_sums, dihedral_sums)]
         np.testing.assert_allclose(energies, expected, rtol=1e-6)
-    for kind, what in ((HelixDihedrals, "dihedral"), (SquaredAngles, "angle")):
+    for kind, what in ((HelixDihedrals, "dihedral"), (ShiftedAngles, "angle")):
         kinds.BONDED_KINDS.pop(kind)
         raises(dpd.DeckError, f"the {what} style must be one of", deck_scene, deck)
 
 
 def test_molecules_of_them(known):
-    chain = linear("A4", QuarticSpring(50, 0.5), SquaredBend(5, 2.0), twist=HelixTwist(3, -2, 5))
+    chain = linear("A4", ToySpring(50, 0.5), ShiftedBend(5, 2.0), twist=HelixTwist(3, -2, 5))
     mixture = pack({chain: 10}, solvent="W", density=3.0, box=[4.0] * 3, seed=1)
     (bonds,), (angles,), (dihedrals,) = mixture.bonds, mixture.angles, mixture.dihedrals
-    assert type(bonds) is QuarticBonds and len(bonds.pairs) == 30 and type(angles) is SquaredAngles and len(angles.triples) == 20
+    assert type(bonds) is ToyBonds and len(bonds.pairs) == 30 and type(angles) is ShiftedAngles and len(angles.triples) == 20
     assert type(dihedrals) is HelixDihedrals and dihedrals.coefficients.tolist() == [[3, -2, 5]] * 10
     np.testing.assert_allclose(bonds.lengths(mixture.positions, mixture.box), 0.5, rtol=1e-9)
 
 
 @pytest.mark.parametrize("loop", [True, False])
 def test_a_kind_that_was_not_registered_is_refused(loop):
-    message = "nothing is known of QuarticBonds; register their kind"
+    message = "nothing is known of ToyBonds; register their kind"
     raises(dpd.ParameterError, message, dpd.build, scene(), dt=0.005, platform="CPU", seed=1, loop=loop)
 
 
 def test_kinds_that_make_no_sense(known):
-    raises(dpd.ParameterError, "there is a kind for QuarticBonds already", kinds.register_bonded, replace(BOND))
-    kinds.BONDED_KINDS.pop(QuarticBonds)
+    raises(dpd.ParameterError, "there is a kind for ToyBonds already", kinds.register_bonded, replace(BOND))
+    kinds.BONDED_KINDS.pop(ToyBonds)
     taken = replace(BOND, energies=(kinds.Energy("harmonic bonds", "0"),))
-    message = "there are harmonic bonds already; give the energy of QuarticBonds another name"
+    message = "there are harmonic bonds already; give the energy of ToyBonds another name"
     raises(dpd.ParameterError, message, kinds.register_bonded, taken)
-    raises(dpd.ParameterError, "the kernel of the kind QuarticBonds is for 3 beads, not 2", replace, BOND, kernel=SquaredAngleTerms)
+    raises(dpd.ParameterError, "the kernel of the kind ToyBonds is for 3 beads, not 2", replace, BOND, kernel=ShiftedAngleTerms)
 
 
 def test_systems_with_them_are_read_where_they_are_known(known, tmp_path):
@@ -308,4 +308,4 @@ def test_systems_with_them_are_read_where_they_are_known(known, tmp_path):
     path.write_text(openmm.XmlSerializer.serialize(built.system), encoding="utf-8")
     assert dpd.load_xml(path).getNumForces() == built.system.getNumForces()
     serialized._REGISTERED.discard(__name__)
-    raises(dpd.ParameterError, "asks for test_toy_bonded.QuarticBondTerms", lambda: dpd.load_xml(path))
+    raises(dpd.ParameterError, "asks for test_toy_bonded.ToyBondTerms", lambda: dpd.load_xml(path))

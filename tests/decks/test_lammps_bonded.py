@@ -86,10 +86,13 @@ def test_delete_atoms_takes_angles_along(tmp_path):
 
 
 ERRORS = {
-    "style": ("angle_style charmm\n", "in.deck:4: the angle style must be one of none, harmonic, cosine, zero, hybrid, not 'charmm'"),
+    "style": (
+        "angle_style charmm\n",
+        "in.deck:4: the angle style must be one of none, harmonic, cosine, cosine/delta, cosine/squared, cosine/periodic, zero, hybrid, not 'charmm'",
+    ),
     "style arguments": ("bond_style fene 3\n", "the argument of bond_style fene"),
     "hybrid of nothing": ("bond_style hybrid\n", "expected 'bond_style hybrid style style ...'"),
-    "hybrid of unknown": ("bond_style hybrid harmonic quartic\n", "a style of bond_style hybrid must be one of"),
+    "hybrid of unknown": ("bond_style hybrid harmonic class2\n", "a style of bond_style hybrid must be one of"),
     "hybrid twice": ("bond_style hybrid morse morse\n", "bond_style hybrid gives morse twice"),
     "no style": ("angle_coeff 1 2\n", "angle_coeff needs a preceding angle_style, such as 'angle_style cosine'"),
     "few": ("bond_style fene\nbond_coeff 1 30 1.5\n", "expected 'bond_coeff type K R0 epsilon sigma', but found 2 arguments"),

@@ -235,7 +235,7 @@ def _setup(job: Job, uses: list[StyleUse]) -> Iterator[str]:
     yield f"neighbor {exact(job.skin / length)} bin"
     yield "neigh_modify every 1 delay 0 check yes"
     if len(scene.bond_pairs):
-        yield of_scene.special_line(scene)
+        yield of_scene.special_line(scene, job.units)
     yield f"read_data data.{job.name}"
     for what in JOINED:
         yield from of_scene.style_lines(what, getattr(job, f"{what}s"))

@@ -197,6 +197,14 @@ def _fields(scene: Scene, units: UnitSystem) -> dict[str, np.ndarray]:
 _MOST_BONDED = 100000
 
 
+#: Bounds of whole numbers.
+_WHOLE = ("1 or -1", "a whole number >= 0", "a whole number > 0")
+
+
+def _word(value: float, whole: bool) -> str:
+    return f"{value:.0f}" if whole else exact(value)
+
+
 def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
     """The bonds, angles or dihedrals (``what``) of a scene, with one type for each set of coefficients."""
     types: dict[tuple[str, str], int] = {}
@@ -205,9 +213,12 @@ def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
         style = bonded_kind(type(term)).style
         if style is None:
             raise ParameterError(f"{what}s of kind {type(term).__name__} cannot be exported to LAMMPS")
-        beads, values = term.beads, np.column_stack(bonded_styles(what)[style].columns.of(term, units))
+        columns = bonded_styles(what)[style].columns
+        # LAMMPS reads no 2.0 where it wants a whole number
+        whole = [term._DIMENSIONS[name][1] in _WHOLE for name in columns.dimensions]
+        beads, values = term.beads, np.column_stack(columns.of(term, units))
         different, which = np.unique(values, axis=0, return_inverse=True)
-        numbered = [types.setdefault((style, exact(row)), len(types) + 1) for row in different]
+        numbered = [types.setdefault((style, " ".join(map(_word, row, whole))), len(types) + 1) for row in different]
         if len(beads):
             rows.append(np.column_stack([np.array(numbered)[which.ravel()], beads]))
     if len(types) > _MOST_BONDED:
@@ -317,8 +328,19 @@ def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str
     yield f"kspace_style pppm {exact(accuracy)}"
 
 
-def special_line(scene: Scene) -> str:
-    """The special_bonds command; charges may have separate factors."""
+def special_line(scene: Scene, units: UnitSystem) -> str:
+    """The special_bonds command; charges may have separate factors.  LAMMPS's bonds of style quartic need factors of 1 and take the pair
+    terms of their beads off; ParameterError where that is something else."""
+    styles = {bonded_kind(type(bonds)).style for bonds in scene.bonds if len(bonds.pairs)}
+    if "quartic" in styles:
+        friction = any(getattr(c, "has_thermostat", False) for table in scene.tables for c in table.entries.values())
+        others = len(styles) > 1 or friction or scene.angles or scene.dihedrals or scene.electrostatics is not None
+        if others or tuple(scene.bonded_factors) != (0, 1, 1) or units.name != "lj":
+            raise ParameterError(
+                "quartic bonds are exported in units lj, with bonded_factors (0, 1, 1), and without other bonds, angles, friction and "
+                "charges: bonded beads have no other pair terms in LAMMPS"
+            )
+        return "special_bonds lj/coul 1 1 1"
     factors = getattr(scene.electrostatics, "bonded_factors", None)
     if factors is None or tuple(factors) == tuple(scene.bonded_factors):
         return "special_bonds lj/coul " + " ".join(map(exact, scene.bonded_factors))

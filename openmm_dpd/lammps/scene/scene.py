@@ -65,7 +65,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             angles=_bonded_terms(state, "angle"),
             dihedrals=_bonded_terms(state, "dihedral"),
             segments=segments_of(state, compat),
-            bonded_factors=state.special if len(state.bonds) else (1.0, 1.0, 1.0),
+            bonded_factors=bonded_factors(state),
             mobile=None if mobile.all() else mobile,
             molecules=np.maximum(atoms.molecules, 0) if np.any(atoms.molecules) else None,  # -1 means none, as 0 does
             internal=internal_of(state),
@@ -135,6 +135,26 @@ def _bonded_terms(state: DeckState, what: str) -> list:
         elif what == "bond":
             found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
     return found
+
+
+def bonded_factors(state: DeckState) -> tuple[float, float, float]:
+    """Factors of bonded neighbours.  In LAMMPS bonds of style quartic take the conservative pair terms of their beads off, which the
+    factors 1 1 1 that they need have put there; DeckError where a factor of 0 would do anything else."""
+    setup = state.bond
+    if "quartic" not in setup.styles or not len(state.bonds):
+        return state.special if len(state.bonds) else (1.0, 1.0, 1.0)
+    others = {setup.coefficients[kind][0] for kind in np.unique(state.bonds[:, 0]).tolist() if kind in setup.coefficients} - {"quartic"}
+    reasons = {
+        "it needs units lj: its repulsion has sigma = epsilon = 1": state.units.name != "lj",
+        "it needs special_bonds lj 1 1 1, as in LAMMPS": set(state.special) != {1.0},
+        f"it cannot be combined with bonds of style {', '.join(sorted(others))} in one deck": bool(others),
+        "it needs pair styles without friction and charges, since bonded beads keep these": any(
+            style.spec.thermostat or "cutoff_charges" in style.settings for style in state.pair.styles
+        ),
+    }
+    for reason in (reason for reason, holds in reasons.items() if holds):
+        raise located(setup.where, f"bond_style quartic: {reason}")
+    return (0.0, 1.0, 1.0)
 
 
 def shear_of(state: DeckState) -> LeesEdwards | None:

@@ -25,6 +25,7 @@ FACTORS: dict[str, Callable[[UnitSystem], float]] = {
     "1/length": lambda units: 1.0 / units.length,
     "energy": lambda units: units.energy,
     "energy/length^2": lambda units: units.energy / units.length**2,
+    "energy/length^4": lambda units: units.energy / units.length**4,
     "degrees": lambda units: np.pi / 180.0,
     "force": lambda units: units.force,
     "force/kT": lambda units: units.force / units.thermal_energy,

@@ -3,14 +3,24 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
 import openmm
 
 from ...base.errors import ParameterError
 from ...base.serialized import trust
 from ...kernels import bonded as compiled
 from ...kernels.extras import BondedKernel
-from ...model.angles import CosineAngles, HarmonicAngles, HarmonicDihedrals, MultiHarmonicDihedrals, OPLSDihedrals
-from ...model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds
+from ...model.angles import (
+    CosineAngles,
+    CosineDeltaAngles,
+    CosineSquaredAngles,
+    HarmonicAngles,
+    HarmonicDihedrals,
+    MultiHarmonicDihedrals,
+    OPLSDihedrals,
+    PeriodicAngles,
+)
+from ...model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds, NonlinearBonds, QuarticBonds
 from ..forces.bonded import Energy, bonded_force
 
 
@@ -92,6 +102,28 @@ _KINDS = (
         words={"k": ("energy", "K")},
     ),
     BondedKind(
+        terms=CosineDeltaAngles,
+        kernel=compiled.CosineDeltaAngleTerms,
+        energies=(Energy("cosine delta angles", "k*(1-cos(theta-theta0))"),),
+        style="cosine/delta",
+        words={"k": ("energy", "K"), "theta0": ("degrees", "theta0")},
+    ),
+    BondedKind(
+        terms=CosineSquaredAngles,
+        kernel=compiled.CosineSquaredAngleTerms,
+        energies=(Energy("cosine squared angles", "k*(cos(theta)-cos(theta0))^2"),),
+        style="cosine/squared",
+        words={"k": ("energy", "K"), "theta0": ("degrees", "theta0")},
+    ),
+    BondedKind(
+        terms=PeriodicAngles,
+        kernel=compiled.PeriodicAngleTerms,
+        # (-1)^n cos(n theta) is cos(n (theta - pi))
+        energies=(Energy("periodic angles", f"2*C/n^2*(1-B*cos(n*(theta-{np.pi!r})))"),),
+        style="cosine/periodic",
+        words={"C": ("energy", "C"), "B": ("1", "B"), "n": ("1", "n")},
+    ),
+    BondedKind(
         terms=HarmonicBonds,
         kernel=compiled.HarmonicBondTerms,
         energies=(Energy("harmonic bonds", None),),
@@ -115,6 +147,28 @@ _KINDS = (
         energies=(Energy("Morse bonds", "D*(1-exp(-alpha*(r-r0)))^2"),),
         style="morse",
         words={"D": ("energy", "D"), "alpha": ("1/length", "alpha"), "r0": ("length", "r0")},
+    ),
+    BondedKind(
+        terms=NonlinearBonds,
+        kernel=compiled.NonlinearBondTerms,
+        energies=(Energy("nonlinear bonds", "epsilon*(r-r0)^2/(lamda^2-(r-r0)^2)"),),
+        style="nonlinear",
+        words={"epsilon": ("energy", "epsilon"), "r0": ("length", "r0"), "lamda": ("length", "lambda")},
+    ),
+    BondedKind(
+        terms=QuarticBonds,
+        kernel=compiled.QuarticBondTerms,
+        energies=(
+            Energy(
+                "quartic bonds",
+                f"k*s^2*(s-B1)*(s-B2)+U0+step({WCA_END!r}-r)*(4*s6*(s6-1)+1); s=r-Rc; s6=1/r^6",
+            ),
+        ),
+        style="quartic",
+        words={
+            **{"k": ("energy/length^4", "K"), "B1": ("length", "B1"), "B2": ("length", "B2")},
+            **{"Rc": ("length", "Rc"), "U0": ("energy", "U0")},
+        },
     ),
     BondedKind(
         terms=HarmonicDihedrals,

@@ -1,0 +1,111 @@
+"""Bonds, angles and pair styles of decks beside a live LAMMPS, without noise: every row of thermo output of a few steps."""
+
+import re
+from pathlib import Path
+
+import chains_of_beads as chains
+import lammps_peer
+import numpy as np
+from cases import raises
+from lammps_peer import printed
+
+from openmm_dpd.base.errors import DeckError, RunError
+from openmm_dpd.lammps import export_deck
+
+pytestmark = lammps_peer.needed()
+
+BOX = np.diag([6.0, 6.0, 6.0])
+CHAINS = """units lj
+atom_style angle
+special_bonds lj 0 0.5 0.25
+comm_modify vel yes cutoff 3.0
+pair_style dpd 0.0 1.0 33
+read_data data.chains
+bond_style {bond}
+{bonds}
+angle_style {angle}
+{angles}
+pair_coeff 1 1 25.0 4.5
+fix 1 all nve
+timestep 0.002
+"""
+THERMO = """neigh_modify every 1 delay 0 check yes
+thermo_style custom step pe ke ebond emol epair press pxx pyy pxy pyz
+thermo_modify norm no format float %.15g
+thermo 1
+run 30
+"""
+
+
+def rows(text: str) -> np.ndarray:
+    """The last table of thermo output."""
+    lines = text.splitlines()
+    titles = max(k for k, line in enumerate(lines) if line.split()[:1] == ["Step"])
+    width, found = len(lines[titles].split()), []
+    while len(lines[titles + 1 + len(found)].split()) == width:
+        found.append(lines[titles + 1 + len(found)].split())
+    return np.array(found, dtype=float)
+
+
+def theirs(folder: Path, text: str) -> str:
+    """LAMMPS's log of a deck."""
+    with lammps_peer.instance() as lmp:
+        lmp.commands_list([f"shell cd {folder}", "log log.theirs"])
+        lmp.commands_string(text)
+        lmp.command("log none")
+    return (folder / "log.theirs").read_text()
+
+
+def same_rows(folder: Path, text: str) -> None:
+    """Every row of both, to a millionth of the largest value of its column; the deck exported has the same energies and pressures."""
+    expected = rows(theirs(folder, text + THERMO))
+    found = rows("\n".join(printed(folder / "in.ours", text + THERMO, platform="CPU")))
+    off = np.abs(found - expected).max(axis=0) / np.maximum(np.abs(expected).max(axis=0), 1e-300)
+    assert len(expected) == 31 and off.max() < 1e-6, off
+    written = export_deck(folder / "in.ours", folder / "out", name="again", steps=0)
+    again = theirs(written.deck.parent, written.deck.read_text().replace("\nrun ", "\n" + THERMO.replace("run 30\n", "run ")))
+    off = np.abs(rows(again)[0] - expected[0]) / np.maximum(np.abs(expected).max(axis=0), 1e-300)
+    assert off.max() < 1e-6, (off, written.deck.read_text())
+
+
+def several(what: str, styles: list[str]) -> dict[str, str]:
+    """Commands for hybrid styles, each with a type of its own."""
+    names = dict.fromkeys(style.split()[0] for style in styles)
+    coefficients = "\n".join(f"{what}_coeff {k} {style}" for k, style in enumerate(styles, start=1))
+    return {what: "hybrid " + " ".join(names), f"{what}s": coefficients}
+
+
+def write_chains(folder: Path, bond_types: int, angle_types: int) -> None:
+    x, bonds, angles = chains.walks(20, 6, BOX, 1)
+    text = chains.data_file(x, bonds, angles, BOX, bond_types=bond_types, angle_types=angle_types)
+    (folder / "data.chains").write_text(text)
+
+
+def test_bonds_and_angles(tmp_path):
+    angles = ["cosine/delta 5 110", "cosine/delta 5 180", "cosine/squared 5 110", "cosine/periodic 5 1 1", "cosine/periodic 5 -1 4"]
+    bonds = ["harmonic 30 0.9", "nonlinear 30 0.9 0.7"]
+    write_chains(tmp_path, len(bonds), len(angles))
+    same_rows(tmp_path, CHAINS.format(**several("bond", bonds), **several("angle", angles)))
+
+
+def test_quartic_bonds(tmp_path):
+    """A bond that breaks ends the run with a reason; friction that bonded beads would keep is refused."""
+    x = [[0.7 + 2.6 * i + 0.25 * (-1) ** k, 0.7 + 2.6 * j + 0.1 * k, 0.5 + 0.95 * k] for i in range(3) for j in range(3) for k in range(6)]
+    bonds = np.array([(6 * c + k, 6 * c + k + 1) for c in range(9) for k in range(5)])
+    text = chains.data_file(np.array(x), bonds, np.zeros((0, 3), int), np.diag([7.8] * 3), bond_types=1, angle_types=1)
+    text = text.replace("0 angles\n", "").replace("1 angle types\n", "").replace("# angle", "# bond").replace("\nAngles\n", "")
+    (tmp_path / "data.chains").write_text(text)
+    deck = re.sub("angle_style.*|{angles}", "", CHAINS).replace("atom_style angle", "atom_style bond").replace("lj 0 0.5 0.25", "lj 1 1 1")
+    deck = deck.replace("dpd 0.0 1.0 33", "lj/cut 2.5").replace("25.0 4.5", "1 1").replace("0.002", "0.001")
+    quartic = {"bond": "quartic", "bonds": "bond_coeff 1 1200 -0.55 0.25 1.3 34.6878"}
+    same_rows(tmp_path, deck.format(**quartic))
+    broken = deck.format(**quartic) + "velocity all set 0 0 5\nset atom 3 vz -5\nrun 300\n"
+    raises(
+        RunError,
+        "the quartic bond between beads .* long: a bond that breaks ends a run here.* Rc of 1.3",
+        printed,
+        tmp_path / "in.broken",
+        broken,
+    )
+    friction = deck.format(**quartic).replace("lj/cut 2.5", "dpd 0 1 33") + "run 0\n"
+    raises(DeckError, "it needs pair styles without friction and charges", printed, tmp_path / "in.friction", friction)
