@@ -35,21 +35,17 @@ from .model.angles import (
     OPLSDihedrals as OPLSDihedrals,
     PeriodicAngles as PeriodicAngles,
 )
-from .model.bonds import (
-    FENEBonds as FENEBonds,
-    HarmonicBonds as HarmonicBonds,
-    MorseBonds as MorseBonds,
-    NonlinearBonds as NonlinearBonds,
-    QuarticBonds as QuarticBonds,
-)
+from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
 from .model.edpd import EDPD as EDPD
 from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterCharges as SlaterCharges
 from .model.energy_dpd import EnergyDPD as EnergyDPD
 from .model.eos import ConstantHeatCapacity as ConstantHeatCapacity, TabulatedEOS as TabulatedEOS
 from .model.flow import BodyForce as BodyForce, PositionForce as PositionForce, Wall as Wall
 from .model.internal import BeadTemperatures as BeadTemperatures, Concentrations as Concentrations, InternalEnergy as InternalEnergy
+from .model.limited_bonds import NonlinearBonds as NonlinearBonds, QuarticBonds as QuarticBonds
 from .model.mdpd import MDPD as MDPD
 from .model.pairs import DPD as DPD, NONE as NONE, LennardJones as LennardJones, PairTable as PairTable, TabulatedPair as TabulatedPair
+from .model.radial import RadialPair as RadialPair
 from .model.scene import Scene as Scene
 from .model.segments import SegmentalRepulsion as SegmentalRepulsion
 from .model.shear import LeesEdwards as LeesEdwards

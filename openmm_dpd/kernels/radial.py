@@ -1,8 +1,9 @@
-"""Radial pair potentials that lie over the pair terms: Lennard-Jones and tables, between all beads of some types.
+"""Radial pair potentials that lie over the pair terms: Lennard-Jones, formulas and tables, between all beads of some types.
 
-Lennard-Jones is U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) - shift.  A table is a piecewise cubic in r, with a constant force below its
-first distance.  Both are 0 from the cutoff of the two types on.  Bonded neighbours have a factor for energy and force, 0 leaves them out;
-two beads at the same point leave each other alone.
+Lennard-Jones is U = 4 epsilon ((sigma/r)^12 - (sigma/r)^6) - shift.  A formula is a constant, a slope times r, an amplitude times a cosine,
+and a sum of a r^-p exp(-b r - c r^2).  A table is a piecewise cubic in r, with a constant force below its first distance.  All are 0 from
+the cutoff of the two types on.  Bonded neighbours have a factor for energy and force, 0 leaves them out; two beads at the same point leave
+each other alone.
 """
 
 from __future__ import annotations
@@ -14,7 +15,11 @@ import numpy as np
 
 from ..runtime import helper, inlined
 from .columns import Motion, Totals, clear, deliver, factor_of, over_pairs, push_apart
+from .elementary import exp, log, sine
 from .pairs import Exceptions, PairList, no_exceptions
+
+#: The number of a table for types with a formula.
+FORMULA = -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +48,9 @@ class RadialTerms:
     term: ClassVar[str] = "conservative"
     types: np.ndarray  # (N,) int32 type of each bead, -1 for one that takes no part
     cutoff: np.ndarray  # (T, T) nm; 0 where two types do not interact
-    which: np.ndarray  #: (T, T) number of the table of two types, -1 for Lennard-Jones
-    lennard_jones: np.ndarray  #: (T, T, 3) epsilon, sigma and shift of two types
+    which: np.ndarray  #: (T, T) number of the table of two types, -1 for Lennard-Jones, -2 for a formula
+    #: (T, T, K) epsilon, sigma and shift of two types; or the numbers of :meth:`openmm_dpd.model.radial.RadialPair.numbers`
+    numbers: np.ndarray
     tables: Tables
     # Bonded neighbours in compressed rows: start (N + 1,), bead (E,), factor (E,); start is empty if there are none
     exceptions: Exceptions = field(default_factory=no_exceptions)
@@ -58,7 +64,7 @@ class RadialTerms:
         reach = float(self.cutoff.max())
         x = np.array([[0.0, 0, 0], [2.0, 0, 0], [0, 2.0, 0], [2.0, 2.0, 2.0]]) * reach
         types = np.zeros(len(x), np.int32)
-        return RadialTerms(types, self.cutoff, self.which, self.lennard_jones, self.tables), x, np.diag([4.0 * reach] * 3)
+        return RadialTerms(types, self.cutoff, self.which, self.numbers, self.tables), x, np.diag([4.0 * reach] * 3)
 
 
 @inlined
@@ -67,6 +73,20 @@ def _lennard_jones(r, epsilon, sigma, shift):
     s2 = sigma * sigma / (r * r)
     s6 = s2 * s2 * s2
     return 4.0 * epsilon * s6 * (s6 - 1.0) - shift, 24.0 * epsilon * s6 * (2.0 * s6 - 1.0) / r
+
+
+@inlined
+def _formula(r, n):
+    """Energy and force at the distance r, from the numbers n."""
+    energy, force, logarithm = n[0] + n[1] * r, -n[1], log(r)
+    if n[2] != 0.0:
+        energy += n[2] * sine(n[3] * r + 0.25)
+        force += 2.0 * np.pi * n[3] * n[2] * sine(n[3] * r)
+    for k in range(4, len(n), 4):
+        part = n[k] * exp(-n[k + 1] * logarithm - (n[k + 2] + n[k + 3] * r) * r)
+        energy += part
+        force += part * (n[k + 1] / r + n[k + 2] + 2.0 * n[k + 3] * r)
+    return energy, force
 
 
 @inlined
@@ -90,7 +110,7 @@ class Potential(NamedTuple):
     """What the loop reads and writes beside the pairs."""
 
     which: np.ndarray
-    lennard_jones: np.ndarray
+    numbers: np.ndarray
     start: np.ndarray
     knots: np.ndarray
     cubics: np.ndarray
@@ -102,8 +122,10 @@ def _radial_pair(pairs, data, scratch, n, k, column):
     i, j, r = pairs.pi[n], pairs.pj[n], pairs.geometry[3, n]
     a, b = pairs.types[i], pairs.types[j]
     table = data.which[a, b]
-    if table < 0:
-        energy, size = _lennard_jones(r, data.lennard_jones[a, b, 0], data.lennard_jones[a, b, 1], data.lennard_jones[a, b, 2])
+    if table == FORMULA:
+        energy, size = _formula(r, data.numbers[a, b])
+    elif table < 0:
+        energy, size = _lennard_jones(r, data.numbers[a, b, 0], data.numbers[a, b, 1], data.numbers[a, b, 2])
     else:
         energy, size = _cubic(r, data.start[table], data.start[table + 1] - 1, data.knots, data.cubics)
     factor = factor_of(pairs, n)
@@ -122,7 +144,7 @@ class RadialEvaluator:
         self.terms = terms
         self.list = PairList(terms.types, np.ones(len(terms.types)), terms.cutoff, terms.exceptions)
         self._f, tables = np.zeros((len(self.list.beads), 3)), terms.tables
-        self._tables = terms.which, terms.lennard_jones, tables.start, tables.knots, tables.cubics
+        self._tables = terms.which, terms.numbers, tables.start, tables.knots, tables.cubics
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""

@@ -6,7 +6,7 @@ import chains_of_beads as chains
 import numpy as np
 import pytest
 import reference_forces as check
-from cases import raises
+from cases import cases, raises
 from reference_forces import BOXES
 from scenes import BOXES as MORE_BOXES, MASSES, beads, fluid
 
@@ -17,6 +17,7 @@ from openmm_dpd.kernels.external import BodyTerms
 from openmm_dpd.kernels.extras import warm_up_extras
 from openmm_dpd.kernels.radial import RadialTerms
 from openmm_dpd.kernels.segments import SegmentSpec
+from openmm_dpd.model.radial import FORMULAS
 from openmm_dpd.plan.forces.expressions import energy_spline, exception_force, nonbonded_force
 from openmm_dpd.plan.forces.external import external_force
 from openmm_dpd.plan.forces.segments import segment_force, segment_spec
@@ -40,6 +41,11 @@ TABLES = {
     "one lennard-jones": {("*", "*"): LJ(1.2, 0.45, 1.1)},
     "lennard-jones": {("A", "A"): LJ(1.2, 0.45, 1.1, shift=True), ("A", "B"): LJ(0.7, 0.5, 0.9), ("B", "B"): LJ(1.5, 0.4, 1.2, shift=True)},
     "some lennard-jones": {("A", "A"): dpd.NONE, ("A", "B"): dpd.NONE, ("B", "B"): LJ(1.2, 0.45, 1.1)},
+    "formulas": {
+        ("A", "A"): dpd.RadialPair("soft", {"A": 9.0}, 1.1),
+        ("A", "B"): dpd.RadialPair("morse", {"D": 2.0, "alpha": 3.0, "r0": 0.5}, 0.9, shift=True),
+        ("B", "B"): dpd.RadialPair("gauss", {"A": -7.0, "B": 2.5}, 1.2),
+    },
     "one table": {("*", "*"): WELL},
     "tables": {("A", "A"): WELL, ("A", "B"): smooth_table(200.0, 1.0, 45, forces=False), ("B", "B"): smooth_table(400.0, 1.2, cutoff=0.8)},
     "some tables": {("A", "A"): WELL, ("A", "B"): WELL, ("B", "B"): dpd.NONE},
@@ -59,6 +65,76 @@ def lattice(vectors, seed=1, spread=2):
     if vectors is not None:
         x += rng.integers(-spread, spread + 1, x.shape) @ vectors
     return np.ascontiguousarray(x), rng.integers(0, 2, len(x)).astype(np.int32), factors
+
+
+def mie(r, e, s, n, m, _):
+    return n / (n - m) * (n / m) ** (m / (n - m)) * e * ((s / r) ** n - (s / r) ** m)
+
+
+def smooth(energy):
+    """Shifted so that energy and force are 0 at the cutoff."""
+
+    def shifted(r, *values):
+        end, h = values[-1], 1e-30j
+        return energy(r, *values) - energy(end, *values) - (r - end) * np.imag(energy(end + h, *values)) / 1e-30
+
+    return shifted
+
+
+def morse(r, depth, alpha, r0, _):
+    return depth * (np.exp(-2 * alpha * (r - r0)) - 2 * np.exp(-alpha * (r - r0)))
+
+
+#: Energies of the formulas, of the distance, the coefficients and the cutoff.
+ENERGIES = {
+    "soft": lambda r, A, rc: A * (1 + np.cos(np.pi * r / rc)),
+    "gauss": lambda r, A, B, _: -A * np.exp(-B * r * r),
+    "gauss/cut": lambda r, H, r0, s, _: H / (s * np.sqrt(2 * np.pi)) * np.exp(-((r - r0) ** 2) / (2 * s * s)),
+    "morse": morse,
+    "morse/smooth/linear": smooth(morse),
+    "yukawa": lambda r, A, kappa, _: A * np.exp(-kappa * r) / r,
+    "lj/smooth/linear": smooth(lambda r, e, s, rc: mie(r, e, s, 12, 6, rc)),
+    "mie/cut": mie,
+    "lj/class2": lambda r, e, s, _: e * (2 * (s / r) ** 9 - 3 * (s / r) ** 6),
+    "buck": lambda r, A, rho, C, _: A * np.exp(-r / rho) - C / r**6,
+}
+
+
+def slope_of(c, r):
+    """The force: minus the derivative of the energy, by a complex step."""
+    return -np.imag(ENERGIES[c.form](r + 1e-30j, *c.values, c.cutoff)) / 1e-30
+
+
+@pytest.mark.parametrize("form", FORMULAS)
+def test_energies_and_forces_of_formulas(form):
+    """Beside the formulas in plain numpy; OpenMM's expression follows them."""
+    values = dict(zip(FORMULAS[form].dimensions, (1.7, 0.6, 0.8) if form != "mie/cut" else (1.7, 0.4, 14.0, 8.0), strict=False))
+    for shift in (False, True):
+        c = dpd.RadialPair(form, values, 1.3, shift)
+        terms = radial_terms({("A", "A"): c}, np.zeros(2, np.int32), ["A"], {})
+        expression = resolved_kind({("A", "A"): c}).potential({("A", "A"): c}, ["A"])
+        for r in (0.3, 0.61, 1.29, 1.31):
+            x = np.array([[1.0, 1, 1], [1.0 + r, 1, 1]])
+            energy, force = check.evaluate([terms], x, None)
+            expected = ENERGIES[form](r, *c.values, 1.3) - (shift and not FORMULAS[form].smooth) * ENERGIES[form](1.3, *c.values, 1.3)
+            assert energy == pytest.approx(expected if r < 1.3 else 0.0, rel=1e-11, abs=1e-12)
+            assert force[1, 0] == pytest.approx(slope_of(c, r) if r < 1.3 else 0.0, rel=1e-11, abs=1e-12)
+            found = check.reference([nonbonded_force(expression, np.zeros(2, np.int32), [], False)], x, None)
+            assert found[0] == pytest.approx(energy, rel=1e-9, abs=1e-9) and found[1][1, 0] == pytest.approx(
+                force[1, 0], rel=1e-9, abs=1e-9
+            )
+
+
+@cases(
+    "form, values, message",
+    ("sofd", {}, "form must be one of soft, gauss, .*, not 'sofd'"),
+    ("gauss", {"A": 1.0}, "gauss has the coefficients A, B; got A"),
+    ("gauss", {"A": 1.0, "B": -1.0}, "B must be >= 0"),
+    ("morse", {"D": 1.0, "alpha": 900.0, "r0": 1.0}, "morse has no finite energy with"),
+    ("mie/cut", {"epsilon": 1.0, "sigma": 1.0, "n": 6.0, "m": 6.0}, "mie/cut has no finite energy with"),
+)
+def test_formulas_that_make_no_sense(form, values, message):
+    raises(dpd.ParameterError, message, dpd.RadialPair, form, values, 1.0)
 
 
 def resolved(name):
@@ -100,7 +176,9 @@ def test_the_sum_over_all_pairs(name, box):
         r, factor = np.linalg.norm(d), factors.get((i, j), 1.0)
         if not 0 < r < c.cutoff:
             continue
-        if isinstance(c, LJ):
+        if isinstance(c, dpd.RadialPair):
+            u, f = ENERGIES[c.form](r, *c.values, c.cutoff) - c.shift * ENERGIES[c.form](c.cutoff, *c.values, c.cutoff), slope_of(c, r)
+        elif isinstance(c, LJ):
             u, end = (4 * c.epsilon * ((c.sigma / s) ** 12 - (c.sigma / s) ** 6) for s in (r, c.cutoff))
             u -= end if c.shift else 0.0
             f = 24 * c.epsilon * (2 * (c.sigma / r) ** 12 - (c.sigma / r) ** 6) / r

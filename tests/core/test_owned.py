@@ -53,6 +53,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.HarmonicDihedrals: lambda: dihedrals("k", "d", "n"),
     dpd.OPLSDihedrals: lambda: dihedrals("K1", "K2", "K3", "K4"),
     dpd.MultiHarmonicDihedrals: lambda: dihedrals("A1", "A2", "A3", "A4", "A5"),
+    dpd.RadialPair: lambda: {"form": "gauss", "values": {"A": 1.0, "B": 2.0}, "cutoff": 1.0},
     dpd.TabulatedPair: lambda: {"distances": DISTANCES.copy(), "energies": 1 - DISTANCES, "forces": np.ones(12)},
     dpd.TabulatedEOS: lambda: {"thetas": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
     dpd.SegmentalRepulsion: lambda: {"A": 1.0, "bonds": np.array(PAIRS)},

@@ -6,7 +6,7 @@ from pathlib import Path
 import chains_of_beads as chains
 import lammps_peer
 import numpy as np
-from cases import raises
+from cases import cases, raises
 from lammps_peer import printed
 
 from openmm_dpd.base.errors import DeckError, RunError
@@ -59,13 +59,54 @@ def theirs(folder: Path, text: str) -> str:
 def same_rows(folder: Path, text: str) -> None:
     """Every row of both, to a millionth of the largest value of its column; the deck exported has the same energies and pressures."""
     expected = rows(theirs(folder, text + THERMO))
-    found = rows("\n".join(printed(folder / "in.ours", text + THERMO, platform="CPU")))
+    found = rows("\n".join(printed(folder / "in.ours", text + THERMO, platform="Reference")))
     off = np.abs(found - expected).max(axis=0) / np.maximum(np.abs(expected).max(axis=0), 1e-300)
     assert len(expected) == 31 and off.max() < 1e-6, off
     written = export_deck(folder / "in.ours", folder / "out", name="again", steps=0)
     again = theirs(written.deck.parent, written.deck.read_text().replace("\nrun ", "\n" + THERMO.replace("run 30\n", "run ")))
     off = np.abs(rows(again)[0] - expected[0]) / np.maximum(np.abs(expected).max(axis=0), 1e-300)
     assert off.max() < 1e-6, (off, written.deck.read_text())
+
+
+FLUID = """units lj
+atom_style atomic
+comm_modify vel yes
+lattice sc 0.85
+region box block 0 5 0 5 0 5
+create_box 2 box
+create_atoms 1 region box
+mass 1 1.0
+mass 2 1.5
+set group all type/fraction 2 0.0 5
+group odd id 1:125:2
+set group odd type 2
+displace_atoms odd move 0.21 -0.13 0.17
+pair_style {style}
+{coefficients}
+fix 1 all nve
+timestep 0.002
+"""
+MIXED = "pair_coeff 1 1 {}\npair_coeff 2 2 {}\npair_modify shift yes mix {}"
+
+
+@cases(
+    "style, coefficients",
+    ("soft 1.2", MIXED.format("10", "20 1.4", "sixthpower")),
+    ("gauss 2.0", MIXED.format("-10 2", "5 3 1.5", "sixthpower")),
+    ("gauss/cut 2.0", MIXED.format("-10 0.5 0.4", "5 0.3 0.5 1.5", "arithmetic")),
+    ("yukawa 2.0 2.5", MIXED.format("20", "10 2.2", "arithmetic")),
+    ("mie/cut 2.4", MIXED.format("1 0.9 14 7", "2 0.8 12 6 2.2", "sixthpower")),
+    ("lj/class2 2.4", MIXED.format("1 0.9", "2 0.8 2.2", "arithmetic")),
+    ("lj/smooth/linear 2.4", MIXED.format("1 0.9", "2 0.8 2.2", "geometric")),
+    (
+        "hybrid morse 2.4 buck 2.4 morse/smooth/linear 2.2",
+        "pair_coeff 1 1 morse 3 2 1.1\npair_coeff 1 2 buck 1000 0.3 2\npair_coeff 2 2 morse/smooth/linear 1 3 1\npair_modify shift yes",
+    ),
+    ("hybrid/overlay soft 1.2 dpd/tstat 0 0 1.3 8", "pair_coeff * * soft 10\npair_coeff * * dpd/tstat 4.5"),
+)
+def test_radial_potentials(tmp_path, style, coefficients):
+    """With LAMMPS's mixing rules and shifts."""
+    same_rows(tmp_path, FLUID.format(style=style, coefficients=coefficients))
 
 
 def several(what: str, styles: list[str]) -> dict[str, str]:

@@ -27,6 +27,9 @@ FACTORS: dict[str, Callable[[UnitSystem], float]] = {
     "energy/length^2": lambda units: units.energy / units.length**2,
     "energy/length^4": lambda units: units.energy / units.length**4,
     "degrees": lambda units: np.pi / 180.0,
+    "1/area": lambda units: units.length**-2,
+    "energy*length": lambda units: units.energy * units.length,
+    "energy*length^6": lambda units: units.energy * units.length**6,
     "force": lambda units: units.force,
     "force/kT": lambda units: units.force / units.thermal_energy,
     "force/density": lambda units: units.force * units.length**3 / units.mass,
@@ -92,6 +95,7 @@ _WORDS: dict[str, tuple[tuple[str, ...], Callable[[str, str], float], str]] = {
     "cutoff": (("cutoff",), read.positive, "the cutoff"),
     "cut_dpd": (("cutoff",), read.positive, "the cutoff"),
     "cut_coul": (("cutoff_charges",), read.positive, "the cutoff of the charges"),
+    "kappa": (("kappa",), read.non_negative, "kappa"),
     "lambda": (("lamda",), read.positive, "lambda"),
     "seed": (("seed",), lambda word, what: read.integer(word, what, 1), "the seed"),
 }

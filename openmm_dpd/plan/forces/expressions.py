@@ -154,6 +154,30 @@ def lennard_jones_expression(table: Mapping, names: list[str]) -> PairExpression
     return radial_expression("Lennard-Jones", table, names, energy, columns)
 
 
+def formula_numbers(table: Mapping, names: list[str]) -> np.ndarray:
+    """(T, T, K) numbers of the formulas of a table (:meth:`.RadialPair.numbers`); zeros for terms that a formula does not have."""
+    rows = {id(c): c.numbers() for c in table.values() if c.cutoff > 0}
+    wide = {key: np.append(row, np.zeros(max(map(len, rows.values())) - len(row))) for key, row in rows.items()}
+    columns = range(len(next(iter(wide.values()), np.zeros(4))))
+    return np.ascontiguousarray(np.stack([type_pairs(table, names, lambda c, k=k: wide[id(c)][k], 0.0) for k in columns], axis=-1))
+
+
+def formula_expression(table: Mapping, names: list[str]) -> PairExpression:
+    """Sum of all that a formula may have, without what none of the table has."""
+    numbers, used, parts = formula_numbers(table, names), set[int](), []
+    terms = [(0, "n{0}"), (1, "n{1}*r"), (2, f"n{{2}}*cos({2 * np.pi!r}*n{{3}}*r)")]
+    terms += [(k, f"n{{{k}}}*r^(-n{{{k + 1}}})*exp(-(n{{{k + 2}}}+n{{{k + 3}}}*r)*r)") for k in range(4, numbers.shape[-1], 4)]
+    for first, text in terms:
+        if np.any(numbers[..., first]):
+            parts.append(text.replace("{", "").replace("}", ""))
+            used |= {k for k in range(first, first + 4) if f"{{{k}}}" in text}
+    named = {f"n{k}": numbers[..., k] for k in sorted(used)}
+    named["rc"] = type_pairs(table, names, lambda c: c.cutoff, 1.0)
+    text, functions = parameters(named)
+    cutoff = max(c.cutoff for c in table.values())
+    return PairExpression("radial formula", f"step(rc-r)*({'+'.join(parts) or '0'}){text}", cutoff, functions)
+
+
 def energy_spline(pair: TabulatedPair) -> "scipy.interpolate.PPoly":
     """Energy as a smooth function of the distance: through energies and forces if both are given."""
     if pair.forces is None:

@@ -20,7 +20,8 @@ from ...model.angles import (
     OPLSDihedrals,
     PeriodicAngles,
 )
-from ...model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds, NonlinearBonds, QuarticBonds
+from ...model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds
+from ...model.limited_bonds import NonlinearBonds, QuarticBonds
 from ..forces.bonded import Energy, bonded_force
 
 

@@ -1,10 +1,19 @@
-"""Radial potentials that DPD thermostats are laid over: Lennard-Jones and tabulated."""
+"""Radial potentials that DPD thermostats are laid over: Lennard-Jones, formulas and tables."""
 
 import numpy as np
 
-from ...kernels.radial import Tables
+from ...kernels.radial import FORMULA, Tables
 from ...model.pairs import LennardJones, TabulatedPair
-from ..forces.expressions import energy_spline, lennard_jones_expression, lennard_jones_shift, tabulated_expression, type_pairs
+from ...model.radial import RadialPair
+from ..forces.expressions import (
+    energy_spline,
+    formula_expression,
+    formula_numbers,
+    lennard_jones_expression,
+    lennard_jones_shift,
+    tabulated_expression,
+    type_pairs,
+)
 from .record import Curves, Kind, Resolved, register
 
 
@@ -12,6 +21,11 @@ def _lennard_jones_curves(table: Resolved, names: list[str]) -> Curves:
     columns = (lambda c: c.epsilon, lambda c: c.sigma, lennard_jones_shift)
     values = np.stack([type_pairs(table, names, column, 0.0) for column in columns], axis=-1)
     return Curves(np.full(values.shape[:2], -1, np.int64), np.ascontiguousarray(values), Tables.of([]))
+
+
+def _formula_curves(table: Resolved, names: list[str]) -> Curves:
+    values = formula_numbers(table, names)
+    return Curves(np.full(values.shape[:2], FORMULA, np.int64), values, Tables.of([]))
 
 
 def _tabulated_curves(table: Resolved, names: list[str]) -> Curves:
@@ -24,6 +38,7 @@ def _tabulated_curves(table: Resolved, names: list[str]) -> Curves:
 
 for _coefficient, _overlay, _potential in (
     (LennardJones, _lennard_jones_curves, lennard_jones_expression),
+    (RadialPair, _formula_curves, formula_expression),
     (TabulatedPair, _tabulated_curves, tabulated_expression),
 ):
     register(
@@ -31,7 +46,7 @@ for _coefficient, _overlay, _potential in (
             coefficient=_coefficient,
             overlay=_overlay,
             potential=_potential,
-            why_no_laplacian=lambda _: "a conservative term (Lennard-Jones or tabulated) has no Laplacian here",
+            why_no_laplacian=lambda _: "a radial potential beside the pair terms has no Laplacian here",
             beside_atoms=True,
         )
     )

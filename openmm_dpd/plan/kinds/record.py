@@ -30,10 +30,10 @@ class BeadData(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """A table of radial potentials for :class:`openmm_dpd.kernels.radial.RadialTerms`: Lennard-Jones, or any other as piecewise cubics."""
+    """A table of radial potentials for :class:`openmm_dpd.kernels.radial.RadialTerms`: Lennard-Jones, formulas, or piecewise cubics."""
 
     which: np.ndarray
-    lennard_jones: np.ndarray
+    numbers: np.ndarray
     tables: Tables
 
 
