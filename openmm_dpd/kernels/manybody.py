@@ -9,7 +9,7 @@ Per listed pair, with w = 1 - r/cutoff, w_d = max(0, 1 - r/cutoff_B) and f the f
 A first pass over the pairs adds up the densities rho_i at the listed positions; beads do not count themselves.
 
 - Lucy kernel: rho_i = sum over j of m_j 105/(16 pi h^3) (1 + 3 r/h)(1 - r/h)^3 with h = cutoff_density.  As in LAMMPS bonded neighbours
-  count in full for any factor, and the energy is that of the pairs with the densities held fixed.  There is no potential.
+  count in full for any factor but 0, and the energy is that of the pairs with the densities held fixed.  There is no potential.
 - Quadratic kernel: rho_i = sum over j of f 15/(2 pi h^3) (1 - r/h)^2 with h = cutoff_B.  With B and h the same for all pairs that
   interact, the force is minus the gradient of sum over pairs of f A cutoff w^2/2 + sum over i of pi B h^4 rho_i^2/30.  The factor has to
   be in the density as well: only then is there a potential.
@@ -32,9 +32,6 @@ from .pairs import PairList
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`, which the sweep reads.
 B, CUTOFF_B, CUTOFF_DENSITY = 8, 9, 10
-#: In place of the factor 0 of bonded neighbours: a pair list leaves pairs of factor 0 out, but LAMMPS's density counts them.
-#: Forces times this are lost in rounding.
-_NO_FORCE = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +64,7 @@ class ManyBodyLayer(SweptLayer):
     repeats = True
 
     def __init__(self, table: ManyBodyTable, spec: PairSpec, number: int):
-        start, bead, factor = spec.exceptions
-        factor = np.maximum(factor, _NO_FORCE) if table.lucy else factor
-        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, (start, bead, factor))
+        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
         super().__init__(table, number, pairs, pairs.alike, transverse=False)
         self._n_beads = len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones

@@ -169,15 +169,18 @@ def bonded(table, box=BOXES["ortho"]) -> Fluid:
 
 @pytest.mark.parametrize("box", [BOXES["none"], BOXES["ortho"], BOXES["narrow"]], ids=["none", "ortho", "narrow"])
 def test_factors_of_bonded_neighbours_lucy(box):
-    """The density counts all neighbours in full; C and D have the factor, R its root: the difference to factor 1 is that of single pairs."""
+    """The density counts neighbours in full, or with a factor of 0 not at all; C and D have the factor, R its root: the difference to factor
+    1 is that of single pairs."""
     fluid = bonded(TABLES["lucy"], box)
-    scaled, full = fluid.engine(factors=FACTORS), fluid.engine()
+    scaled, full = fluid.engine(factors=FACTORS), fluid.engine(factors={pair: f for pair, f in FACTORS.items() if f == 0.0})
+    every = fluid.engine().layers[0].densities - full.layers[0].densities
+    assert np.all(every[[0, 1, 4, 5]] > 0.1) and np.all(np.delete(every, [0, 1, 4, 5]) == 0.0)
     assert np.array_equal(scaled.layers[0].densities, full.layers[0].densities)
     rho, noise = full.layers[0].densities, noise_of(fluid.n, SEED, COUNTER, KT)
     arguments = (fluid.v, KT, DT, SEED, COUNTER)
     expected = {which: full.forces(which, *arguments)[1] for which in (CONSERVATIVE, DISSIPATIVE, RANDOM)}
     energy = full.forces(CONSERVATIVE, *arguments)[0]
-    for (i, j), f in FACTORS.items():
+    for (i, j), f in ((pair, f) for pair, f in FACTORS.items() if f):
         two, keys = np.array([i, j]), ("A", "B", "gamma", "cutoff", "cutoff_B")
         arrays = [matrix(fluid.table, key)[np.ix_(fluid.types[two], fluid.types[two])] for key in keys]
         xi = np.array([[0.0, noise(i, j, 0)], [noise(i, j, 0), 0.0]])

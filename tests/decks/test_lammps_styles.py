@@ -29,6 +29,11 @@ WORDS = {  # Words after the name of each style, and those of a coefficient: # i
     "mdpd/rhosum": ("", "#"),
     "mdpd": ("1.0 1.5 7", "# # # # #"),
     "lj/cut": ("1.5", "# # [#]"),
+    "yukawa": ("2.5 1.5", "# [#]"),
+    "soft": ("1.5", "# [#]"),
+    **dict.fromkeys(("gauss", "lj/class2", "lj/smooth/linear", "lj/sf"), ("1.5", "# # [#]")),
+    **dict.fromkeys(("gauss/cut", "morse", "morse/smooth/linear", "buck"), ("1.5", "# # # [#]")),
+    "mie/cut": ("1.5", "# # # # [#]"),
     "table": ("linear 100", "pair.table LJ [#]"),
     "dpd/coul/slater/long": ("1.0 1.5 7 0.25 3.0", "# # yes [#]"),
     "coul/slater/long": ("0.25 3.0", ""),
@@ -98,6 +103,14 @@ TERMS = {
     dpd.TDPD: [dpd.TDPD(A=18.3, gamma=4.7, kappa=(1.3, 0.7), epsilon=(0.02, 0.0), exponent=0.7, exponent_c=(2.0, 1.5), cutoff_c=0.9)],
     dpd.MDPD: [dpd.MDPD(A=-40.3, B=25.7, gamma=18.1, cutoff=1.1, cutoff_B=0.75, cutoff_density=0.8, kernel="lucy")],
     dpd.LennardJones: [dpd.LennardJones(1.3, 0.7, cutoff=1.9), dpd.LennardJones(1.3, 0.7, cutoff=1.9, shift=True)],
+    dpd.RadialPair: [
+        dpd.RadialPair("soft", {"A": 1.3}, 1.1),
+        dpd.RadialPair("gauss", {"A": 1.3, "B": 2.7}, 1.9, shift=True),
+        dpd.RadialPair("gauss/cut", {"H": 1.3, "r0": 0.7, "sigma": 0.4}, 1.9),
+        dpd.RadialPair("yukawa", {"A": 1.3, "kappa": 2.7}, 1.9),
+        dpd.RadialPair("buck", {"A": 130.0, "rho": 0.3, "C": 1.7}, 1.9),
+        dpd.RadialPair("lj/smooth/linear", {"epsilon": 1.3, "sigma": 0.7}, 1.9),
+    ],
     dpd.TabulatedPair: [dpd.TabulatedPair(R, 3 * (1.25 - R) ** 2, 6 * (1.25 - R))],
 }
 

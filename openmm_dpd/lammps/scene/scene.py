@@ -141,6 +141,9 @@ def bonded_factors(state: DeckState) -> tuple[float, float, float]:
     """Factors of bonded neighbours.  In LAMMPS bonds of style quartic take the conservative pair terms of their beads off, which the
     factors 1 1 1 that they need have put there; DeckError where a factor of 0 would do anything else."""
     setup = state.bond
+    for style in state.pair.styles:
+        if style.name == "mdpd/rhosum" and any(f == 0 and q != 0 for f, q in zip(state.special, state.special_charges, strict=True)):
+            raise style.error("a factor 0 of special_bonds lj needs one of coul: only then does LAMMPS leave neighbours out of densities")
     if "quartic" not in setup.styles or not len(state.bonds):
         return state.special if len(state.bonds) else (1.0, 1.0, 1.0)
     others = {setup.coefficients[kind][0] for kind in np.unique(state.bonds[:, 0]).tolist() if kind in setup.coefficients} - {"quartic"}
