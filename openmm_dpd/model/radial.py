@@ -19,7 +19,7 @@ from .pairs import PairCoefficient, checked
 Terms = list[tuple[float, float, float, float]]
 
 
-class Formula(NamedTuple):
+class RadialFormula(NamedTuple):
     """One potential."""
 
     energy: str  #: In words of mathematics
@@ -42,33 +42,33 @@ _LJ, _MORSE = {"epsilon": ("energy", ">= 0"), "sigma": ("length", "> 0")}, {"D":
 _R0 = {"r0": ("length", ">= 0")}
 
 #: All of them, by LAMMPS's names.
-FORMULAS: dict[str, Formula] = {
-    "soft": Formula("A [1 + cos(pi r/cutoff)]", {"A": ("energy", "")}, lambda A: [(A, 0.0, 0.0, 0.0)], lambda A: A),
-    "gauss": Formula("-A exp(-B r^2)", {"A": ("energy", ""), "B": ("inverse_area", ">= 0")}, lambda A, B: [(-A, 0.0, 0.0, B)]),
-    "gauss/cut": Formula(
+FORMULAS: dict[str, RadialFormula] = {
+    "soft": RadialFormula("A [1 + cos(pi r/cutoff)]", {"A": ("energy", "")}, lambda A: [(A, 0.0, 0.0, 0.0)], lambda A: A),
+    "gauss": RadialFormula("-A exp(-B r^2)", {"A": ("energy", ""), "B": ("inverse_area", ">= 0")}, lambda A, B: [(-A, 0.0, 0.0, B)]),
+    "gauss/cut": RadialFormula(
         "H/(sigma sqrt(2 pi)) exp(-(r - r0)^2/(2 sigma^2))",
         {"H": ("energy*length", ""), "r0": ("length", ""), "sigma": ("length", "> 0")},
         lambda H, r0, sigma: [
             (H / (sigma * math.sqrt(2 * math.pi)) * math.exp(-0.5 * (r0 / sigma) ** 2), 0.0, -r0 / sigma**2, 0.5 / sigma**2)
         ],
     ),
-    "morse": Formula("D [exp(-2 alpha (r - r0)) - 2 exp(-alpha (r - r0))]", {**_MORSE, **_R0}, _morse),
-    "morse/smooth/linear": Formula("morse, with energy and force shifted to 0 at the cutoff", {**_MORSE, **_R0}, _morse, smooth=True),
-    "yukawa": Formula(
+    "morse": RadialFormula("D [exp(-2 alpha (r - r0)) - 2 exp(-alpha (r - r0))]", {**_MORSE, **_R0}, _morse),
+    "morse/smooth/linear": RadialFormula("morse, with energy and force shifted to 0 at the cutoff", {**_MORSE, **_R0}, _morse, smooth=True),
+    "yukawa": RadialFormula(
         "A exp(-kappa r)/r", {"A": ("energy*length", ""), "kappa": ("inverse_length", ">= 0")}, lambda A, kappa: [(A, 1.0, kappa, 0.0)]
     ),
-    "lj/smooth/linear": Formula(
+    "lj/smooth/linear": RadialFormula(
         "LennardJones, with energy and force shifted to 0 at the cutoff", _LJ, lambda e, s: _mie(e, s, 12.0, 6.0), smooth=True
     ),
-    "mie/cut": Formula(
+    "mie/cut": RadialFormula(
         "n/(n - m) (n/m)^(m/(n - m)) epsilon [(sigma/r)^n - (sigma/r)^m]",
         {**_LJ, "n": ("dimensionless", "> 0"), "m": ("dimensionless", "> 0")},
         _mie,
     ),
-    "lj/class2": Formula(
+    "lj/class2": RadialFormula(
         "epsilon [2 (sigma/r)^9 - 3 (sigma/r)^6]", _LJ, lambda e, s: [(2 * e * s**9, 9.0, 0.0, 0.0), (-3 * e * s**6, 6.0, 0.0, 0.0)]
     ),
-    "buck": Formula(
+    "buck": RadialFormula(
         "A exp(-r/rho) - C/r^6",
         {"A": ("energy", ""), "rho": ("length", "> 0"), "C": ("energy*length^6", "")},
         lambda A, rho, C: [(A, 0.0, 1 / rho, 0.0), (-C, 6.0, 0.0, 0.0)],
