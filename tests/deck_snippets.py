@@ -214,6 +214,9 @@ SNIPPETS: dict[str, dict[str, str]] = {
     "variable": {
         "equal": deck(before='variable v equal "random(0,1,77) + temp"\nthermo_style custom step v_v', between="print $(v_v)"),
         "atom": deck(before="variable v atom x*vx\ncompute c all reduce sum v_v\n" + averaged("c_c")),
+        "vector": deck(before="variable v vector [1,2]\nvariable w vector v_v*2\nthermo_style custom step v_v[2]", between="print ${w}"),
+        "internal": deck(before="variable v internal 2", between="print ${v}"),
+        "timer": deck(before="variable v timer", between="print $(v_v>0)"),
         "string": deck(before="variable v string first", between='variable v string "$(temp)"\nprint ${v}'),
         "index": deck(before="variable v index a b", between="next v\nprint ${v}"),
         "loop": deck(before="variable v loop 2", between="label again\nrun 2\nnext v\njump SELF again"),

@@ -56,7 +56,25 @@ thermo 5
 {FRAMES}
 {RUN}
 """
+VECTORS = """compute m all momentum
+compute r all rdf 6 * *
+variable v vector [1,-2.5,3e2]
+variable w vector c_m+v_v*2
+variable u vector sqrt(abs(v_w))^2-2.5
+variable i internal 2.5
+variable t timer
+fix a all ave/correlate 1 4 5 c_m[1] c_m[2] type full ave running
+variable e equal sum(v_v)+max(v_w)*min(v_u)-ave(v_w)
+fix b all ave/time 1 1 1 v_v[1] v_e v_i file b.txt format " %.15g"
+variable c equal trap(f_a[3])
+variable s equal sum(c_r[2])+slope(v_v)+trap(v_w)
+variable x atom v_v[2]*x
+compute x all reduce sum v_x
+thermo_style custom step v_v[2] v_w[3] v_i v_e v_c v_s c_x
+"""
+AFTER = 'variable i internal -1\nprint "${v} ${i} $(v_v[3]-v_i) $(v_t>0)" append said.txt\n'
 DECKS = {
+    "vectors": (SYSTEM + VECTORS + RUN + AFTER + RUN, {}),
     **{name: (SYSTEM + new + "\n" + FRAMES + RUN, {new: old}) for name, (old, new) in OLD.items()},
     "clear": (SWEEP, {}),
     "respa": (SYSTEM + "run_style respa 2 1\n" + RUN, {}),
@@ -91,6 +109,14 @@ REFUSED = {
     "label": ("labelmap atom 1 1a\n", "the label of atom type 1 must not begin with a digit"),
     "label twice": ("labelmap atom 1 a 2 a\n", "the label a already belongs to atom type 1"),
     "no label": ("labelmap atom 1 W\nlabelmap clear\nmass W 1\n", "expected atom type as a number or a range such as .*, not 'W'"),
+    "a whole vector": ("variable v vector [1,2]\nthermo_style custom v_v\n", "variable v is vector-style; only equal-style"),
+    "a vector in a formula": (
+        "variable v vector [1,2]\nprint $(v_v+1)\n",
+        "variable v is vector-style: use v_v.i., or a function such as sum",
+    ),
+    "no such value": ("variable v vector [1,2]\nprint $(v_v[3])\n", "v_v.3. is out of range: the vector has 2 values"),
+    "lengths": ("variable v vector [1,2]+[1,2,3]\nprint ${v}\n", "variable v: cannot evaluate the formula"),
+    "internal": ("variable v internal 1+1\n", "expected a number for variable v, not '1.1'"),
     "ave/spatial": ("fix 2 all ave/spatial 1 2\n", "fix ave/spatial needs 3 values"),
 }
 

@@ -124,6 +124,12 @@ FUNCTIONS: dict[str, tuple[int, Operation]] = {
 T = TypeVar("T")
 #: Group functions: their arguments are names, not formulas.
 GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
+#: Functions of all values of a vector, whose argument is its name.
+VECTOR_FUNCTIONS: dict[str, Callable[[np.ndarray], float]] = {
+    **{"sum": lambda x: float(np.sum(x)), "min": lambda x: float(np.min(x)), "max": lambda x: float(np.max(x))},
+    **{"ave": lambda x: float(np.mean(x)), "trap": lambda x: float(np.sum(x) - (x[0] + x[-1]) / 2)},
+    "slope": lambda x: float(np.polyfit(np.arange(len(x)), x, 1)[0]),
+}
 #: Values of a single bead that formulas may use, by its id: ``x[17]``.
 ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz", "q")
 CONSTANTS = {"PI": math.pi, "yes": 1.0, "on": 1.0, "true": 1.0, "no": 0.0, "off": 0.0, "false": 0.0}
@@ -254,7 +260,7 @@ class Formula(Expression):
 
     def name(self, token: str) -> float:
         if token.startswith("v_"):
-            return self.resolver.variable(token[2:])
+            return self.resolver.variable(token[2:], self.index()) if self.peek()[1] == "[" else self.resolver.variable(token[2:])
         if token.startswith("c_"):
             return self.indexed(self.resolver.compute, token[2:])
         if token.startswith("f_"):
@@ -282,9 +288,14 @@ class Formula(Expression):
     def function(self, token: str) -> float:
         if token in GROUP_FUNCTIONS:
             return self.resolver.group(token, self.listed(lambda: self.take()[1]))
+        if token in VECTOR_FUNCTIONS:
+            self.expect("(")
+            index = self.index() if (word := self.take()[1]) and self.peek()[1] == "[" else None
+            self.expect(")")
+            return VECTOR_FUNCTIONS[token](self.resolver.vector(word if index is None else f"{word}[{index}]"))
         expected = FUNCTIONS[token][0] if token in FUNCTIONS else STATE_FUNCTIONS.get(token)
         if expected is None:
-            known = sorted([*FUNCTIONS, *STATE_FUNCTIONS, *GROUP_FUNCTIONS])
+            known = sorted([*FUNCTIONS, *STATE_FUNCTIONS, *GROUP_FUNCTIONS, *VECTOR_FUNCTIONS])
             self.fail(f"there is no function {token}; known are {', '.join(known)}{near(token, known)}")
         arguments = self.listed(lambda: self.binary(0))
         if len(arguments) != expected:
@@ -293,14 +304,14 @@ class Formula(Expression):
             return getattr(FUNCTIONS[token][1], self.kind)(*arguments)
         return self.resolver.call(token, arguments)
 
-    def listed(self, one: Callable[[], T]) -> list[T]:
-        """Parse comma-separated items between parentheses."""
-        self.expect("(")
+    def listed(self, one: Callable[[], T], marks: str = "()") -> list[T]:
+        """Parse comma-separated items between parentheses, or two other marks."""
+        self.expect(marks[0])
         found = [one()]
         while self.peek()[1] == ",":
             self.take()
             found.append(one())
-        self.expect(")")
+        self.expect(marks[1])
         return found
 
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -13,7 +14,9 @@ from . import arguments as read
 from .arguments import as_float, identifier, integer, known
 from .lexer import Line, errors_at
 
-STYLES = ("equal", "atom", "string", "index", "loop", "format", "getenv", "delete")
+STYLES = ("equal", "atom", "vector", "string", "index", "loop", "format", "getenv", "internal", "timer", "delete")
+#: Styles with a single number, that output may have.
+NUMBERS = ("equal", "internal", "timer")
 #: Styles whose text is a formula.
 FORMULAS = ("equal", "atom")
 #: Styles with a series of values, one at a time.
@@ -69,7 +72,7 @@ class Variables:
         if style == "delete":
             self._found.pop(name, None)
             return
-        least, most = {"loop": (1, 3), "index": (1, None), "format": (2, 2)}.get(style, (1, 1))
+        least, most = {"loop": (1, 3), "index": (1, None), "format": (2, 2), "timer": (0, 0)}.get(style, (1, 1))
         if len(values) < least or (most is not None and len(values) > most):
             hint = "; put a formula that contains blanks in quotes" if style in FORMULAS else ""
             wanted = "one value" if most == 1 else f"{least} to {most} values" if most else "values"
@@ -87,7 +90,9 @@ class Variables:
             )
         if style == "format" and not _FORMAT.fullmatch(values[1]):
             raise ParameterError(f"variable {name} format: expected a format such as %12.6f, not '{values[1]}'")
-        content = expand(values[0]) if style == "string" else values[0]
+        if style == "internal":
+            read.number(values[0], f"variable {name}")
+        content = str(time.monotonic()) if style == "timer" else expand(values[0]) if style == "string" else values[0]
         self._found[name] = Variable(style, content, where, form=values[1] if style == "format" else "")
 
     def advance(self, names: list[str]) -> bool:
@@ -116,6 +121,8 @@ class Variables:
     def value(self, name: str, evaluate: Callable[[str], float]) -> float:
         """The number that ``v_name`` stands for; ``evaluate`` computes formulas."""
         variable = self.get(name)
+        if variable.style == "vector":
+            raise ParameterError(f"variable {name} is vector-style: use v_{name}[i], or a function such as sum(v_{name})")
         if variable.style == "atom":
             raise ParameterError(f"variable {name} is atom-style: it has a value for every bead; use compute reduce or fix ave/chunk")
         if variable.style != "equal":
@@ -130,11 +137,11 @@ class Variables:
         """Value of ``v_name`` within another formula.  There LAMMPS uses the variable's text, which has 15 digits."""
         return as_float(self.text(name, evaluate)) if self.get(name).style in FORMULAS else self.value(name, evaluate)
 
-    def bead_values(self, name: str, evaluate: Callable[[str], np.ndarray]) -> np.ndarray:
-        """(N,) values of an atom-style variable."""
+    def values(self, name: str, style: str, evaluate: Callable[[str], np.ndarray]) -> np.ndarray:
+        """All values of a variable of style ``atom`` or ``vector``."""
         variable = self.get(name)
-        if variable.style != "atom":
-            raise ParameterError(f"variable {name} is {variable.style}-style; expected an atom-style variable")
+        if variable.style != style:
+            raise ParameterError(f"variable {name} is {variable.style}-style; expected a{'n' * (style == 'atom')} {style}-style variable")
         return self._evaluated(name, variable, evaluate)
 
     def _evaluated(self, name: str, variable: Variable, evaluate: Callable[[str], T]) -> T:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..language.lexer import errors_at, located
+from ..language.variables import NUMBERS
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.records import DeckSample
@@ -32,9 +33,10 @@ _FORMAT = re.compile(r"%[-+ #0-9.]*l{0,2}[dioxXeEfFgG]")
 def check_word(state: DeckState, word: str) -> None:
     """Raise ParameterError unless ``word`` can be a column of thermo output."""
     if word.startswith("v_"):
-        variable = state.variables.get(word[2:])
-        if variable.style != "equal":
-            raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only equal-style variables can be printed")
+        _, name, indices = reference(word)
+        style = state.variables.get(name).style
+        if style not in (("vector",) if indices else NUMBERS):
+            raise ParameterError(f"{word}: variable {name} is {style}-style; only equal-style variables can be printed")
         return
     if word.startswith("c_"):
         _, name, indices = reference(word)

@@ -26,7 +26,13 @@ class Resolver(DeckMoment):
 
     def substituted(self, text: str) -> str:
         """Text with ``$`` substituted."""
-        return substitute(text, lambda name: self.state.variables.text(name, self.formula), self.formula)
+        return substitute(text, self._text, self.formula)
+
+    def _text(self, name: str) -> str:
+        """The text that replaces ``${name}``."""
+        if self.state.variables.get(name).style != "vector":
+            return self.state.variables.text(name, self.formula)
+        return f"[{','.join(f'{value:.15g}' for value in self.vector(f'v_{name}'))}]"
 
     def thermo(self, word: str) -> float:
         """Value of a thermo word."""
@@ -34,9 +40,27 @@ class Resolver(DeckMoment):
             raise ParameterError(f"there is no thermo word '{word}'; known are {', '.join(WORDS)}{read.near(word, WORDS)}")
         return float(WORDS[word].value(self))
 
-    def variable(self, name: str) -> float:
-        """Value of ``v_name`` within a formula."""
-        return self.state.variables.operand(name, self.formula)
+    def variable(self, name: str, index: int | None = None) -> float:
+        """Value of ``v_name``, or of ``v_name[index]`` of a vector, within a formula."""
+        if index is None:
+            return self.state.variables.operand(name, self.formula)
+        values = self.vector(f"v_{name}")
+        if not 1 <= index <= len(values):
+            raise ParameterError(f"v_{name}[{index}] is out of range: the vector has {len(values)} values")
+        return float(values[index - 1])
+
+    def vector(self, word: str) -> np.ndarray:
+        """All values of ``v_name``, a vector-style variable, of ``c_id`` or ``f_id``, or of a column of its table, such as ``f_id[2]``."""
+        kind, name, indices = reference(word)
+        if kind == "v":
+            return self.state.variables.values(name, "vector", lambda text: evaluate_vector(text, self))
+        if kind == "c":
+            return self.compute_vector(name, *indices)
+        found = average_of(self.state, name)
+        if not indices or isinstance(found, ForceVector) or len(found.shape) < 2:
+            return self.fix_vector(name)
+        found.check_index(1, *indices)
+        return found.values[:, indices[0] - 1]
 
     def variable_alone(self, name: str) -> float:
         """Value of ``v_name`` outside formulas."""
@@ -97,7 +121,7 @@ class Resolver(DeckMoment):
         """Value of ``c_id``, ``f_id`` or ``v_name``, possibly with indices, outside formulas."""
         kind, name, indices = reference(word)
         if kind == "v":
-            return self.variable_alone(name)
+            return self.variable(name, *indices) if indices else self.variable_alone(name)
         return self.fix(name, *indices) if kind == "f" else self.compute(name, *indices)
 
     def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
@@ -134,7 +158,7 @@ class Resolver(DeckMoment):
         """Value of ``v_name``: a number, or (N,) values if it is an atom-style variable."""
         if self.state.variables.get(name).style != "atom":
             return self.variable(name)
-        return self.state.variables.bead_values(name, lambda text: evaluate_beads(text, self, len(self.state.atoms)))
+        return self.state.variables.values(name, "atom", lambda text: evaluate_beads(text, self, len(self.state.atoms)))
 
     def is_bead_compute(self, name: str) -> bool:
         """Whether a compute has per-bead values."""
@@ -221,7 +245,7 @@ class _BeadFormula(Formula):
     def name(self, token: str):
         if token in ("random", "normal"):
             self.fail(f"{token} is only supported in equal-style variables")
-        if token.startswith("v_"):
+        if token.startswith("v_") and self.peek()[1] != "[":
             return self.resolver.bead_variable(token[2:])
         if token.startswith("c_") and self.resolver.is_bead_compute(token[2:]):
             return self._of_compute(token[2:])
@@ -240,6 +264,30 @@ class _BeadFormula(Formula):
         if not 1 <= index <= whole.shape[1]:
             self.fail(f"c_{name}[{index}] is out of range: compute {name} has {whole.shape[1]} values per bead")
         return whole[:, index - 1]
+
+
+class _VectorFormula(Formula):
+    """A formula evaluated for every value of vectors."""
+
+    kind = "beads"
+    resolver: Resolver
+
+    def unary(self):
+        return np.array(self.listed(lambda: self.binary(0), "[]")) if self.peek()[1] == "[" else super().unary()
+
+    def name(self, token: str):
+        whole = token[:2] in ("c_", "f_") or (token[:2] == "v_" and self.resolver.state.variables.get(token[2:]).style == "vector")
+        return self.resolver.vector(token) if whole and self.peek()[1] != "[" else super().name(token)
+
+
+def evaluate_vector(text: str, resolver: Resolver) -> np.ndarray:
+    """(n,) values of a vector-style formula such as ``[1,2,3]`` or ``2*v_name``; ParameterError as :func:`evaluate` raises it."""
+    formula = _VectorFormula(text, resolver)
+    try:
+        with np.errstate(divide="raise", invalid="raise", over="raise"):
+            return np.atleast_1d(np.asarray(formula.value(), dtype=np.float64))
+    except FloatingPointError as error:
+        raise ParameterError(f"cannot evaluate the formula '{text}': {error}") from None
 
 
 def evaluate_beads(text: str, resolver: Resolver, n: int) -> np.ndarray:
