@@ -256,7 +256,10 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "read_data": deck("bonds", "read_data data.chain add append shift 0 0 0.5 nocoeff", "read_data data.chain add 30 5 shift 0 0.4 0"),
         "set": deck(between="variable v atom 0.1*id\nset atom * vx v_v\nset atom 1*3 type 2\nmass 2 1.5\nvelocity all scale 0.5"),
         "displace_atoms": deck(between="displace_atoms all random 0.1 0.1 0.1 31 units box"),
-        "change_box": deck(between="change_box all triclinic x scale 1.2 y volume z volume xy final 0.5 remap boundary p p p units box"),
+        "change_box": deck(
+            between="change_box all triclinic x scale 1.2 y volume z volume xy final 0.5 remap boundary p p p units box\n"
+            "dump d all custom 2 d.txt id x xu ix\nfix grow all deform 2 x scale 1.1 xz delta 0.2 yz wiggle 0.1 0.2"
+        ),
         "replicate": deck(before="replicate 1 1 2", between="velocity all scale $(temp)"),
         "pair_modify": deck(before="pair_modify shift no", between="pair_coeff * * 20.0 4.0"),
         "write_restart": deck(before="restart 3 a.*.restart", between="write_restart b.restart\nrestart 4 c.restart d.restart"),

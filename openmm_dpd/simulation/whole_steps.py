@@ -191,6 +191,16 @@ class WholeSteps:
         context.setStepCount(reached[0])
         context.setTime(reached[1])
 
+    def keep_forces(self, integrator: PairIntegrator, context: openmm.Context) -> None:
+        """Have the next step begin with the forces of the last one (``mvv``), though positions and box have been changed since."""
+        if self.spec.predicts:
+            own, state = self.function.thread_state(), context.getState(positions=True, parameters=True)
+            own.fingerprints.forget()
+            parameters = state.getParameters().asdict() | {shared.DT: bare(integrator.getStepSize())}
+            last = own.fingerprints.of(self.function.positions(state), self.function.box(state), parameters)
+            for name in ("valid_for", "fingerprint"):
+                openmm.CustomIntegrator.setGlobalVariableByName(integrator, name, last)
+
     def kept(self, integrator: PairIntegrator) -> dict[str, np.ndarray]:
         """Per-DOF variables that the last steps have written, by name, if nobody has changed any since.  Reading them from OpenMM takes
         longer than a step."""

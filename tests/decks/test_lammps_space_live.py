@@ -1,14 +1,16 @@
 """Units and boxes: all rows of thermo output beside a live LAMMPS, in runs without noise."""
 
+from pathlib import Path
+
 import lammps_peer
 import numpy as np
 import pytest
 from cases import cases, put, raises
-from lammps_peer import printed
 from test_lammps_thermo_live import both
 
-from openmm_dpd.base.errors import DeckError
-from openmm_dpd.lammps import export_deck, read_deck
+from openmm_dpd.base.errors import DeckError, RunError
+from openmm_dpd.lammps import RunOptions, export_deck, read_deck
+from openmm_dpd.lammps.run.runner import DeckRunner
 
 pytestmark = lammps_peer.needed()
 
@@ -23,6 +25,15 @@ def same_rows(folder, text: str, steps: int = 30) -> np.ndarray:
     rough = np.argwhere(np.abs(found - expected) > 1e-8 * np.maximum(np.abs(expected), scale))
     assert not len(rough), [(ours[0].split()[k], found[n, k], expected[n, k]) for n, k in rough[:5]]
     return found
+
+
+def run(path: Path, text: str) -> list[str]:
+    """Lines that a deck prints; its files are beside it."""
+    lines: list[str] = []
+    read_deck(
+        put(path, text), run_callback=DeckRunner(RunOptions(platform="Reference", threads=1), lines.append).carry_out, output=path.parent
+    )
+    return "\n".join(lines).splitlines()
 
 
 # -- units --------------------------------------------------------------------------------------------------------------------------
@@ -115,13 +126,13 @@ def test_two_dimensions_with_noise(tmp_path):
         .replace("ramp vx -1 1 y 0 5", "create 1 5")
         .replace("fix av", "# ")
     )
-    lines = printed(
+    lines = run(
         tmp_path / "in.plane", text + "thermo 10\ntimestep 0.02\nrun 300\nwrite_restart r\nwrite_data d\nwrite_dump all custom f id z vz"
     )
     rows = np.array([row.split() for row in lines if row.split()[:1] and row.split()[0].isdigit()], dtype=float)
     assert rows[10:, 2].mean() == pytest.approx(1.0, abs=0.05)
     assert not np.loadtxt(tmp_path / "f", skiprows=9)[:, 1:].any()
-    again = printed(tmp_path / "in.again", "read_restart r\nfix 1 all nve\nthermo_style custom step temp vol press\nrun 0\n")
+    again = run(tmp_path / "in.again", "read_restart r\nfix 1 all nve\nthermo_style custom step temp vol press\nrun 0\n")
     (row,) = (line.split() for line in again if line.split()[:1] == ["300"])
     assert [float(row[1]), float(row[2])] == pytest.approx(rows[-1, [2, 9]].tolist(), rel=1e-6)
 
@@ -212,3 +223,57 @@ def test_changes_refused(tmp_path, changes, message):
     raises(
         DeckError, message, lambda: read_deck(put(tmp_path / "in.bad", LATTICE + f"change_box all {changes}\n"), stop_before_first_run=True)
     )
+
+
+# -- fix deform ---------------------------------------------------------------------------------------------------------------------
+MOVING = (
+    LATTICE.replace("block 0 4 0 4 0 4", "prism 0 4 0 4 0 4 0.3 0 0").replace("delay 0 check yes", "delay 0 check no")
+    + """velocity all ramp vz -0.5 1 x 0 5
+displace_atoms all ramp x 0 0.1 y 0 3
+pair_style dpd 0.0 1.0 99
+pair_coeff * * 25.0 4.5
+timestep 0.01
+compute m all msd
+fix 1 all nve
+fix d {0}
+thermo_style custom step time temp press pe ke etotal enthalpy density vol pxx pyy pzz pxy pxz fmax lx ly xlo zhi xy xz yz c_m[4]
+dump d all custom 5 f.dump id x y z ix iy iz xu vx fx
+dump_modify d sort id format float %.8f pbc yes
+run 20 {1}
+"""
+)
+
+
+@cases(
+    "deform, ramp",
+    ("all deform 1 x final 0 5 y delta -0.1 0.2 z scale 0.9", "start 0 stop 35"),
+    ("all deform 3 x vel 0.5 y erate -0.2 z trate 0.3 xy final 0.5 xz erate 0.2 yz delta -0.3 units box", ""),
+    ("all deform 1 xz wiggle 0.2 0.3 xy trate 0.3 x wiggle 0.1 0.5 y vel 0.1 z volume units box", ""),
+    ("all deform 1 x final 0 5.5 y volume z volume units box", ""),
+    ("g deform 2 x erate 0.5", ""),
+    ("all deform 1 x erate 0.5 yz erate 0.2 remap none", ""),
+)
+def test_changing_boxes(tmp_path, deform, ramp):
+    same_rows(tmp_path, MOVING.format(deform, ramp), 15)
+    found, expected = (np.array((tmp_path / name / "f.dump").read_text().split()) for name in ("ours", "theirs"))
+    numeric = np.array([word[-1].isdigit() for word in expected])
+    assert (found[~numeric] == expected[~numeric]).all()
+    np.testing.assert_allclose(found[numeric].astype(float), expected[numeric].astype(float), rtol=0, atol=3e-8)
+
+
+@cases(
+    "deform, message",
+    ("all deform 1 y erate 1 remap v", "deform y with remap v is not supported: friction"),
+    ("all deform 1 xz erate 1 remap v", "deform xz with remap v is not supported: friction"),
+    ("all deform 1 xy vel 1 remap v", "deform xy with remap v is not supported: friction"),
+    ("all deform 1 x variable v_a v_b", "style 'variable' is not supported"),
+    ("all deform 1 x erate 1 flip no", "flip no is not supported"),
+    ("all deform 1 remap x", "fix deform changes nothing"),
+    ("all deform 1 x erate 1\nfix e all deform 1 y erate 1", "fix e: deform cannot be combined with fix deform"),
+    ("all deform 1 x erate 1\ncompute t all temp/deform", "compute temp/deform needs a fix deform with remap v"),
+    ("all deform 1 x erate 1\nvariable a atom x\nfix a all addforce v_a 0 0", "fix a: a variable force cannot follow"),
+    ("all deform 1 x scale 0.3", "step 16: .*the cutoff"),
+    ("all deform 1 xy delta 3", "step 12: the box would be tilted by more than half an edge"),
+)
+def test_changes_during_runs_refused(tmp_path, deform, message):
+    raises((DeckError, RunError), message, lambda: run(tmp_path / "in.bad", MOVING.format(deform, "")))

@@ -12,6 +12,7 @@ from ..files.table_file import read_eos
 from ..language import arguments as read
 from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
+from ..state.deforming import Deforming, parse_deforming
 from ..state.records import MomentumRemoval, PressureControl
 
 #: Parser of a fix: its parameters from (state, group, words).
@@ -222,47 +223,36 @@ def _momentum(state: DeckState, group: str, words: list[str]) -> dict:
     return {"momentum": MomentumRemoval(every, (x, y, z), "angular" in found, "rescale" in found)}
 
 
-#: Unsupported options of fix deform, and why.
-_DEFORM = {
-    **dict.fromkeys("xyz", "the edges of the box are fixed"),
-    **dict.fromkeys(("xz", "yz"), "the flow is along x, its gradient along y"),
-}
-_DEFORM |= {"flip": "the box is tilted by at most half an edge; remove it", "vol": "the volume of the box is fixed"}
-
-
 def _deform(state: DeckState, group: str, words: list[str]) -> dict:
     usage = "fix ID all deform 1 xy erate R remap v"
-    read.count(words, usage, 1, None)
-    every, rest, found = read.integer(words[0], "the interval of fix deform", 1), words[1:], {"remap": "x"}
-    while rest:
-        keyword, *rest = rest
-        if keyword == "xy":
-            style, *rest = rest or [""]
-            if style != "erate":
-                raise ParameterError(f"fix deform xy {style} is not supported: the strain rate must be constant, '{usage}'")
-        elif keyword not in ("remap", "units", "flip"):
-            reason = _DEFORM.get(keyword, "there is no such option here")
-            raise ParameterError(f"fix deform {keyword} is not supported: {reason}; expected '{usage}'")
-        value, rest = read.taken(rest, 1, f"fix deform {keyword}")
-        found[keyword] = value[0]
-    if found.get("flip", "yes") != "yes":
-        raise ParameterError(f"fix deform flip {found['flip']} is not supported: {_DEFORM['flip']}")
-    if "xy" not in found:
-        raise ParameterError(f"fix deform changes nothing; expected '{usage}'")
-    if found["remap"] != "v":
-        raise ParameterError(f"fix deform remap {found['remap']} (x by default) moves beads without friction; use 'remap v' with fix nve")
+    read.count(words, f"{usage}, or edges and tilts with remap x", 1, None)
+    every, box = read.integer(words[0], "the interval of fix deform", 1), state.require_box("fix deform")
+    changes, options = parse_deforming(words[1:], state.spacing)
+    if not all(box.periodic):
+        raise ParameterError("fix deform needs a box that is periodic along all axes")
+    tilts = [part for part in changes if len(part) == 2]
+    if tilts and not box.triclinic:
+        raise ParameterError(
+            f"fix deform {tilts[0]} needs a triclinic box: change_box all triclinic, a region prism, or a data file with a line xy xz yz"
+        )
+    if state.dimension == 2 and {"z", "xz", "yz"} & set(changes):
+        raise ParameterError("fix deform: in two dimensions z does not change")
+    if options["flip"] != "yes":
+        raise ParameterError("fix deform flip no is not supported: the box is tilted by at most half an edge; remove it")
+    if options["remap"] != "v":
+        return {"deforming": Deforming(every, changes, options["remap"] == "x", box)}
+    if list(changes) != ["xy"] or changes["xy"][0] != "erate":
+        raise ParameterError(
+            f"fix deform {' '.join(changes)} with remap v is not supported: friction between beads and images that move is there for a "
+            f"constant rate of shear along x that grows with y only, '{usage}'; rename the axes, or move the beads with the box by remap x"
+        )
     if group != "all":
         raise ParameterError("fix deform shears all beads; its group must be all")
-    box = state.require_box("fix deform")
-    if not box.triclinic:
-        raise ParameterError(
-            "fix deform xy needs a triclinic box: use a region prism with tilts 0 0 0, or a data file with a line xy xz yz"
-        )
-    if not all(box.periodic) or box.tilt[1:].any():
-        raise ParameterError("fix deform xy needs a box that is periodic along all axes, without tilts xz and yz")
+    if box.tilt[1:].any():
+        raise ParameterError("fix deform xy with remap v needs a box without tilts xz and yz")
     if every > 1:
         state.note(f"fix deform: the images move at every step, not only every {every} steps")
-    return {"rate": read.number(found["xy"], "the rate of fix deform") / state.units.time}
+    return {"rate": changes["xy"][1][0] / state.units.time}
 
 
 def _enforce2d(state: DeckState, group: str, words: list[str]) -> dict:

@@ -134,6 +134,8 @@ def export_deck(
     scene, state = request.scene(), request.state
     if state.dimension == 2:
         raise ParameterError("a deck in two dimensions cannot be exported; LAMMPS can run the deck itself")
+    if state.moving_box:
+        raise ParameterError("a box that fix deform changes with remap x or none cannot be exported; LAMMPS can run the deck itself")
     corner = state.require_box("an export").low * state.units.length
     lam = request.lambda_ if scheme_of(request.scheme).predicts else 0.5
     run = (request.dt, request.steps, request.scheme, lam, request.seed if seed is None else seed, every)

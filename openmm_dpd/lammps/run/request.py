@@ -14,6 +14,7 @@ from ..output.dumps import Dump
 from ..output.thermo import Thermo
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
+from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.records import NO_SLIDE, DeckSample, PressureControl, Slide, StoppingRule
@@ -109,7 +110,7 @@ class RunRequest:
         positions: np.ndarray,
         velocities: np.ndarray,
         *,
-        box: np.ndarray | None = None,
+        box: np.ndarray | Box | None = None,
         sample: DeckSample | None = None,
         fields: Mapping[str, np.ndarray] | None = None,
         slide: Slide = NO_SLIDE,

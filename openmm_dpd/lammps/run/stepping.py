@@ -23,6 +23,7 @@ from ...simulation.watching import PIECE
 from ..files.restart_file import restart_bytes
 from ..state.records import DeckSample, Fix, MomentumRemoval
 from ..values.resolver import Resolver
+from .moving_box import MovingBox, measured
 from .request import RunRequest
 from .result import RunResult
 from .sampling import LiveSample, Sampler, arrays, slide_of
@@ -48,7 +49,13 @@ class RestartFiles:
         state = copy(self._request.state)
         state.atoms = copy(state.atoms)
         x, v, box = arrays(self._context)
-        state.write_back(x, v, box, read_fields(self._context, self._built.plan), slide_of(self._built, self._context))
+        state.write_back(
+            x,
+            v,
+            state.box_at(step, self._request.window) or box,
+            read_fields(self._context, self._built.plan),
+            slide_of(self._built, self._context),
+        )
         state.step, state.runs = step, state.runs + 1
         if COUNTER in self._context.getParameters():
             state.noise_counter = self._context.getParameter(COUNTER)
@@ -143,6 +150,7 @@ class DeckSteps:
         self.thermo, self.dumps, self.readers = request.thermo, request.dumps, request.readers
         self.momentum, self.restarts = MomentumFixes(request, simulation.context), RestartFiles(request, built, simulation.context)
         self.sampler = Sampler(request, built, simulation.context)
+        self.moving = MovingBox(request, built, simulation.context)
         result.no_laplacian = (
             self.sampler.observer.no_laplacian if self.request.state.dimension == 3 else "it is not defined in two dimensions"
         )
@@ -183,12 +191,13 @@ class DeckSteps:
             begun = time.perf_counter()
             self.simulation.step(stop - step)
             self.sampler.observer.present.changed = self.momentum.act(stop)
+            sample = self._change_box(stop)
             spent = time.perf_counter() - begun
             self.result.seconds += spent
             pace.took(stop - step, spent)
             update(stop - step)
             step = stop
-            self._look(step)
+            self._look(step, sample)
 
     def finish(self) -> None:
         """Do everything that is due after the last step, and return the beads to the deck."""
@@ -201,11 +210,19 @@ class DeckSteps:
         x, v, box = arrays(context)
         last = None if self._sample is None else self._sample.kept()
         slide = slide_of(self.built, context)
-        self.request.finish(x, v, box=box, sample=last, fields=read_fields(context, self.built.plan), slide=slide)
+        self.request.finish(
+            x, v, box=self.moving.box(self.request.last_step) or box, sample=last, fields=read_fields(context, self.built.plan), slide=slide
+        )
 
     def _next(self, step: int) -> int:
         """The next step at which something is due."""
-        due = [self.request.last_step, self.thermo.next_due(step), self.momentum.next_due(step), self.restarts.next_due(step)]
+        due = [
+            self.request.last_step,
+            self.thermo.next_due(step),
+            self.momentum.next_due(step),
+            self.moving.next_due(step),
+            self.restarts.next_due(step),
+        ]
         due += [dump.next_due(step) for dump in self.dumps]
         due += [reader.next_due for reader in self.readers if reader.next_due > step]
         if self.trajectory is not None:
@@ -214,11 +231,22 @@ class DeckSteps:
             due.append((step // self.interval + 1) * self.interval)
         return min(due)
 
-    def _look(self, step: int) -> None:
-        """Measure, average, print and write what is due at a step."""
+    def _change_box(self, step: int) -> LiveSample | None:
+        """Change the box if that is due; as in LAMMPS, output has the forces and energies before that."""
+        if not self.moving.due(step):
+            return None
+        outputs = [self.thermo, *self.dumps]
+        sample = None
+        if any(output.due(step) for output in outputs) or any(reader.next_due == step for reader in self.readers):
+            sample = measured(self.sampler, self.sampler.sample(step, time.perf_counter() - self._started))
+        self.moving.act(step, sample)
+        return sample
+
+    def _look(self, step: int, sample: LiveSample | None = None) -> None:
+        """Measure, average, print and write what is due at a step; ``sample`` if there is one already."""
         begun = time.perf_counter()
         state, sampler, thermo, result = self.request.state, self.sampler, self.thermo, self.result
-        sample = self._sample = sampler.sample(step, begun - self._started)
+        sample = self._sample = sample or sampler.sample(step, begun - self._started)
         if thermo.due(step):
             self._measured = sampler.measure(sample)
         for reader in self.readers:

@@ -101,7 +101,7 @@ class RunTrajectory:
 
     def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int, slid: float = 0.0) -> None:
         """Write one frame (nm) and the bead fields; ``slid`` is the displacement of the images above the box since the run began."""
-        x = x + self._offset
+        x = x + (self._state.atoms.images @ box if self._state.moving_box else self._offset)
         x[:, 0] += slid * self._state.atoms.images[:, 1]
         if self._fields is not None:
             self._fields.write(context.getTime().value_in_unit(unit.picosecond), step, read_fields(context, self._built.plan))

@@ -13,7 +13,7 @@ from ...model.temperature import TemperatureRamp
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import FORCE_FIXES
+from ..state.records import FORCE_FIXES, Fix
 from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
@@ -163,12 +163,26 @@ def bonded_factors(state: DeckState) -> tuple[float, float, float]:
 def shear_of(state: DeckState) -> LeesEdwards | None:
     """The shear of ``fix deform``, or None.  DeckError if it is combined with an incompatible fix."""
     fixes = state.fixes_of("deform")
+    if state.moving_box:
+        _check_moving_box(state, fixes)
+        return None
     for other in (*fixes[1:], *state.fixes_of("nph", "momentum", *FORCE_FIXES, "wall/reflect", *SOURCE_FIXES)):
         if fixes:
             raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
     if not fixes or not fixes[0].parameters["rate"]:
         return None
     return LeesEdwards(rate=fixes[0].parameters["rate"])
+
+
+def _check_moving_box(state: DeckState, fixes: list[Fix]) -> None:
+    """Raise DeckError if something cannot follow a box whose edges or tilts a ``fix deform`` changes."""
+    for other in (*fixes[1:], *state.fixes_of("nph", "wall/reflect", *SOURCE_FIXES)):
+        raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
+    for other in state.fixes_of(*FORCE_FIXES):
+        if any(word.startswith("v_") for word in other.parameters["force"]):
+            raise other.error(f"a variable force cannot follow the box of fix deform ({fixes[0].name}); use numbers")
+    if electrostatics_of(state) is not None:
+        raise fixes[0].error("charges with lattice sums are not supported in a box that changes")
 
 
 EOS_FIXES = ("eos/cv", "eos/table")

@@ -19,7 +19,7 @@ from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import NO_SLIDE, Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Slide, Temperature, ThermoSettings
+from .records import NO_SLIDE, Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Slide, Temperature, ThermoSettings, Window
 from .regions import Region
 
 
@@ -267,7 +267,20 @@ class DeckState:
     def sliding(self) -> float:
         """Velocity (nm/ps) along x with which ``fix deform`` moves the images above the box."""
         height = self.require_box("fix deform").edges[1] * self.units.length
-        return sum(fix.parameters["rate"] * height for fix in self.fixes_of("deform"))
+        return sum(fix.parameters.get("rate", 0.0) * height for fix in self.fixes_of("deform"))
+
+    @property
+    def moving_box(self) -> bool:
+        """Whether a ``fix deform`` changes edges or tilts of the box."""
+        return any("deforming" in fix.parameters for fix in self.fixes_of("deform"))
+
+    def box_at(self, step: int, window: Window | None) -> Box | None:
+        """The box at a step of the run with this window, if a ``fix deform`` changes its edges or tilts; otherwise None."""
+        for fix in self.fixes_of("deform") if window is not None else ():
+            if "deforming" in fix.parameters:
+                box, dt = self.require_box("fix deform"), self.timestep / self.units.time
+                return fix.parameters["deforming"].box_at(box, step, *vars(window).values(), dt)
+        return None
 
     # -- changes -------------------------------------------------------------------------------------------------------------
     def note(self, text: str) -> None:
@@ -327,14 +340,16 @@ class DeckState:
         self,
         positions: np.ndarray,
         velocities: np.ndarray,
-        box: np.ndarray | None = None,
+        box: np.ndarray | Box | None = None,
         fields: Mapping[str, np.ndarray] | None = None,
         slide: Slide = NO_SLIDE,
     ) -> None:
-        """Store the result of a run: positions (nm), continuous with those of its scene, and velocities (nm/ps).  ``box`` has the new box
-        vectors if they have changed (the lower corner stays), ``fields`` the fields of the beads as from
+        """Store the result of a run: positions (nm), continuous with those of its scene, and velocities (nm/ps).  ``box`` is the new box,
+        or its vectors if they have changed (the lower corner stays), ``fields`` the fields of the beads as from
         :func:`openmm_dpd.simulation.fields.read_fields`, ``slide`` the displacement of the images above the box."""
-        if box is not None:
+        if isinstance(box, Box):
+            self.box = box
+        elif box is not None:
             before = self.require_box("a run")
             self.box = before.following(np.asarray(box) / self.units.length)
             self.atoms.images = self.box.turned(self.atoms.images, before, slide.distance / self.units.length)

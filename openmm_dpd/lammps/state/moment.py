@@ -1,7 +1,6 @@
 """The values of a deck at one moment: its state plus a measurement."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,16 +10,7 @@ from ...base.geometry import symmetric_products
 from ...base.units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
-from .records import NO_SLIDE, Compute, DeckSample, Slide
-
-
-@dataclass(frozen=True)
-class Window:
-    """First step of a run, and the first and last step of its ramps (options ``start`` and ``stop``)."""
-
-    first: int
-    begin: int
-    end: int
+from .records import NO_SLIDE, Compute, DeckSample, Slide, Window as Window
 
 
 class DeckMoment(ABC):
@@ -47,7 +37,9 @@ class DeckMoment(ABC):
     def box(self) -> Box:
         """The box in the deck's unit of length."""
         box = self.state.require_box("a formula with the box")
-        return box if self.sample is None or self.sample.box is None else box.following(self.sample.box / self.units.length)
+        if self.sample is None or self.sample.box is None:
+            return box
+        return self.state.box_at(self.step, self.window) or box.following(self.sample.box / self.units.length)
 
     @property
     def measured(self) -> bool:
@@ -67,6 +59,8 @@ class DeckMoment(ABC):
     @cached_property
     def images(self) -> np.ndarray:
         """(N, 3) image flags of :attr:`positions`."""
+        if self.state.box_at(self.step, self.window) is not None:
+            return self.state.atoms.images
         return self.box.turned(self.state.atoms.images, self.state.require_box("image flags"), self.slide.distance / self.units.length)
 
     @property

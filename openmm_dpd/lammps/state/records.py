@@ -118,6 +118,15 @@ class ThermoSettings:
 
 
 @dataclass(frozen=True)
+class Window:
+    """First step of a run, and the first and last step of its ramps (options ``start`` and ``stop``)."""
+
+    first: int
+    begin: int
+    end: int
+
+
+@dataclass(frozen=True)
 class Slide:
     """Displacement along x of the images above the box since the run began, and their velocity, due to ``fix deform``; in MD units."""
 

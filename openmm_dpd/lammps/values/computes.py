@@ -27,6 +27,8 @@ def _whole(state: DeckState, group: str, words: list[str]) -> Temperature:
 
 def _deform(state: DeckState, group: str, words: list[str]) -> Temperature:
     read.count(words, "compute ID group temp/deform (and no more)", 0)
+    if state.moving_box:
+        raise ParameterError("compute temp/deform needs a fix deform with remap v")
     return state.temperature(deformed=True)
 
 
