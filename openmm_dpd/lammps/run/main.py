@@ -210,7 +210,10 @@ def deck_scene(path: str | Path, *, variables: Mapping[str, str] | None = None) 
     DeckError
         For anything in the deck that is unknown, unsupported or wrong, with file and line.
     """
-    return first_request(path, RunOptions(), variables).scene()
+    request = first_request(path, RunOptions(), variables)
+    for fix in request.state.fixes_of("deform") if request.state.moving_box else ():
+        raise fix.error("a scene has no box that changes; run the deck")
+    return request.scene()
 
 
 def deck_forces(

@@ -235,9 +235,8 @@ class DeckSteps:
         """Change the box if that is due; as in LAMMPS, output has the forces and energies before that."""
         if not self.moving.due(step):
             return None
-        outputs = [self.thermo, *self.dumps]
-        sample = None
-        if any(output.due(step) for output in outputs) or any(reader.next_due == step for reader in self.readers):
+        sample, dumped = None, any(dump.due(step) for dump in self.dumps)
+        if self.thermo.due(step) or dumped or any(reader.next_due == step for reader in self.readers):
             sample = measured(self.sampler, self.sampler.sample(step, time.perf_counter() - self._started))
         self.moving.act(step, sample)
         return sample

@@ -99,16 +99,16 @@ def parse_deforming(words: list[str], spacing: Callable[[str], np.ndarray]) -> t
             (way,), words = read.taken(words, 1, f"fix deform {keyword}")
             table = EDGES if len(keyword) == 1 else TILTS
             size, _, _ = read.style(table, f"fix deform {keyword}", way)
-            values, words = read.taken(words, size, f"fix deform {keyword} {way}")
-            changes[keyword] = way, values
+            changed, words = read.taken(words, size, f"fix deform {keyword} {way}")
+            changes[keyword] = way, changed
         else:
             read.choice(keyword, "an option of fix deform", [*PARTS, *options])
             (options[keyword],), words = read.taken(words, 1, f"fix deform {keyword}")
     read.choice(options["remap"], "remap", ("x", "v", "none"))
     scale, found = spacing(options["units"]), {}
-    for part, (way, words) in changes.items():
+    for part, (way, given) in changes.items():
         lengths = (EDGES if len(part) == 1 else TILTS)[way][1]
-        values = [read.number(word, f"a value of fix deform {part} {way}") for word in words]
+        values = [read.number(word, f"a value of fix deform {part} {way}") for word in given]
         # the period of a wiggle is a time
         found[part] = (
             way,
