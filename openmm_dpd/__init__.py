@@ -45,6 +45,7 @@ from .model.internal import BeadTemperatures as BeadTemperatures, Concentrations
 from .model.limited_bonds import NonlinearBonds as NonlinearBonds, QuarticBonds as QuarticBonds
 from .model.mdpd import MDPD as MDPD
 from .model.pairs import DPD as DPD, NONE as NONE, LennardJones as LennardJones, PairTable as PairTable, TabulatedPair as TabulatedPair
+from .model.point_charges import PointCharges as PointCharges
 from .model.radial import RadialPair as RadialPair
 from .model.scene import Scene as Scene
 from .model.segments import SegmentalRepulsion as SegmentalRepulsion

@@ -2,6 +2,7 @@
 friction, and stiffness at their own density."""
 
 import json
+import math
 from functools import lru_cache
 from importlib.resources import files
 from itertools import combinations_with_replacement
@@ -138,12 +139,13 @@ def surroundings(pairs: list[Groups]) -> float:
 
 
 def charge_frequency(scene: Scene) -> float:
-    """Largest frequency of two opposite charges at the same point, from the curvature at r = 0, rad/ps; 0 without charges."""
+    """Largest frequency of two opposite charges at the same point, from the curvature at r = 0, rad/ps; 0 without charges, and for point
+    charges, which something else keeps apart."""
     if scene.electrostatics is None or scene.charges is None:
         return 0.0
     q, inverse = scene.charges, 1.0 / scene.bead_masses
     ions = {sign: np.unique(np.stack([q, inverse], axis=1)[sign * q > 0], axis=0) for sign in (1, -1)}
-    if not len(ions[1]) or not len(ions[-1]):
+    if not len(ions[1]) or not len(ions[-1]) or scene.electrostatics.steepness == math.inf:
         return 0.0
     ends = [-a[0] * b[0] * (a[1] + b[1]) for a in ions[1] for b in ions[-1]]
     h = 1e-3 / scene.electrostatics.steepness

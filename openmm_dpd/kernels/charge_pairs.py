@@ -59,10 +59,13 @@ def _quintic(r, per_length, coefficients):
 
 
 @inlined
-def smooth(r, end, per_length, coefficients):
-    """The function and its slope; 1/r from the end on."""
+def smooth(r, end, per_length, coefficients, bare):
+    """The function and its slope, with bare/r for point charges; 1/r from the end on."""
     if r < end:
-        return _quintic(r, per_length, coefficients)
+        value, slope = _quintic(r, per_length, coefficients)
+        if bare != 0.0:
+            value, slope = value + bare / r, slope - bare / (r * r)
+        return value, slope
     return 1.0 / r, -1.0 / (r * r)
 
 
@@ -91,7 +94,7 @@ def _differences(xs, n, room, i, box, inverse, row):
 
 
 @helper
-def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row, hits, f, to, tensor):
+def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, bare, row, hits, f, to, tensor):
     """Energy of charge i with those after it within the cutoff, and if wanted six sums of r F; without the Coulomb constant.  Adds the
     forces to f[to:], x of all ``room`` charges first."""
     _differences(xs, n, room, i, box, inverse_edges(box), row)
@@ -109,7 +112,7 @@ def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row,
         r2 = row[at_r + j]
         # at the same point the slope is 0
         inverse = 1.0 / np.sqrt(max(r2, TINY))
-        value, slope = smooth(r2 * inverse, end, per_length, coefficients)
+        value, slope = smooth(r2 * inverse, end, per_length, coefficients, bare)
         qq = charge * q[j]
         pull = -qq * slope * inverse
         energy += qq * value
@@ -135,12 +138,14 @@ def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, row,
 
 
 @inlined
-def exception(r, factor, cutoff, alpha, end, per_length, coefficients):
+def exception(r, factor, cutoff, alpha, end, per_length, coefficients, bare):
     """What a pair with the factor f has beyond that of all pairs: energy and slope of (f - 1) s(r), and of s(r) - erf(alpha r)/r where
     the others have nothing, from the cutoff on."""
-    value, slope = smooth(r, end, per_length, coefficients)
+    value, slope = smooth(r, end, per_length, coefficients, bare)
     if r < cutoff:
         return (factor - 1.0) * value, (factor - 1.0) * slope
+    if alpha == 0.0:
+        return 0.0, 0.0
     image = (1.0 - erfc(alpha * r)) / r
     image_slope = (2.0 / math.sqrt(math.pi) * alpha * exp(-alpha * alpha * r * r) - image) / r
     return factor * value - image, factor * slope - image_slope

@@ -42,6 +42,7 @@ class ChargeTerms:
     whole: Quintics  #: s(r), and 1/r from its end on; for bonded neighbours
     pairs: np.ndarray  #: (E, 2) bonded neighbours, as numbers of charges (not of beads)
     factors: np.ndarray  #: (E,) theirs
+    bare: float = 0.0  #: 1 for point charges: their functions are 1/r more than what ``short`` and ``whole`` hold
 
     def evaluator(self) -> ChargeEvaluator:
         """What computes it."""
@@ -66,6 +67,7 @@ class Law(NamedTuple):
     whole_end: float
     whole_per_length: float
     whole: np.ndarray
+    bare: float
 
 
 class ChargeSpace(NamedTuple):
@@ -121,7 +123,8 @@ def _pairs_and_blocks(n, box, law, waves, space, tensor, part, parts):
             store_lanes(f, k, splat(0.0))
         space.of_shares[share] = 0.0
         for i in range(share, n, SHARES):
-            found = charge_row(space.xs, space.q, n, room, i, box, cut2, law.end, law.per_length, law.short, outer, hits, f, to, tensor)
+            pieces = law.end, law.per_length, law.short, law.bare
+            found = charge_row(space.xs, space.q, n, room, i, box, cut2, *pieces, outer, hits, f, to, tensor)
             for k in range(7):
                 space.of_shares[share, k] += found[k]
 
@@ -156,7 +159,7 @@ def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force, stress)
         dx, dy, dz = minimum_image(xs[i] - xs[j], xs[room + i] - xs[room + j], xs[2 * room + i] - xs[2 * room + j], box, inverse)
         r2 = dx * dx + dy * dy + dz * dz
         r = np.sqrt(r2)
-        value, slope = exception(r, factors[n], law.cutoff, law.alpha, law.whole_end, law.whole_per_length, law.whole)
+        value, slope = exception(r, factors[n], law.cutoff, law.alpha, law.whole_end, law.whole_per_length, law.whole, law.bare)
         qq = constant * q[i] * q[j]
         pull = -qq * slope / r if r > 0.0 else 0.0
         energy += qq * value
@@ -209,7 +212,7 @@ class ChargeEvaluator:
         self._charge, self._alone = float(terms.charges.sum()), _alone(terms)
         short, whole = terms.short, terms.whole
         pieces = short.end, short.per_length, short.coefficients, whole.end, whole.per_length, whole.coefficients
-        self._law = Law(terms.cutoff, terms.alpha, *pieces)
+        self._law = Law(terms.cutoff, terms.alpha, *pieces, terms.bare)
         self._box, self._key, self._waves = box_array(None), b"", Waves.none()
         self._space: ChargeSpace | None = None
         self._strains: np.ndarray | None = None
@@ -227,7 +230,7 @@ class ChargeEvaluator:
             if box is not None and not terms.cutoff <= 0.5 * float(np.diag(box).min()) * (1 + 1e-9):
                 raise RunError(f"the box is narrower than twice the cutoff of the charges, {in_length(terms.cutoff)}")
             present = box_array(box).copy()
-            waves = Waves.none() if box is None else Waves.of(present, terms.k_max, terms.alpha, terms.constant)
+            waves = Waves.none() if box is None or terms.alpha == 0.0 else Waves.of(present, terms.k_max, terms.alpha, terms.constant)
             work = len(terms.beads) * (len(terms.beads) + LANES * int(waves.blocks[:, 2].sum()))
             # together: an error before, or Ctrl-C, leaves those of the last box
             self._box, self._waves, self._work, self._space, self._strains, self._key = present, waves, work, None, None, key
@@ -247,7 +250,7 @@ class ChargeEvaluator:
             if len(bad):
                 raise RunError(f"the position of bead {bead_number(bad[0])} is not finite: {x[bad[0]].tolist()}")
             raise RunError("the energy of the charges is not finite")
-        if box is not None:
+        if box is not None and terms.alpha > 0.0:
             background = -math.pi * terms.constant * (self._charge / terms.alpha) ** 2 / (2 * float(np.prod(np.diag(box))))
             lattice += self._alone[0] + background
             if len(stress):

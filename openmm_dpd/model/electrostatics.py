@@ -41,11 +41,12 @@ class SmearedCharges:
     grid: tuple[int, int, int] | None = None
     bonded_factors: tuple[float, float, float] | None = None
     #: Name of the parameter with the width of the clouds.
-    _WIDTH: ClassVar[str]
+    _WIDTH: ClassVar[str] = ""
 
     def __post_init__(self):
         what = f"of {type(self).__name__}"
-        keep(self, **{self._WIDTH: checked(getattr(self, self._WIDTH), "length", f"{self._WIDTH} {what}", positive=True)})
+        if self._WIDTH:
+            keep(self, **{self._WIDTH: checked(getattr(self, self._WIDTH), "length", f"{self._WIDTH} {what}", positive=True)})
         given = [name for name in ("permittivity", "bjerrum_length") if getattr(self, name) is not None]
         if len(given) != 1:
             got = "both are given" if given else "neither is given"
@@ -86,6 +87,11 @@ class SmearedCharges:
     def describe(self) -> str:
         """Kind and width of the clouds, for the plan."""
         raise NotImplementedError
+
+    @property
+    def all_images(self) -> bool:
+        """Whether there is a lattice sum; if not, pairs within the cutoff interact."""
+        return True
 
     # -- common to all kinds ---------------------------------------------------------------------------------------------------
     def coulomb(self, kT: float) -> float:
@@ -246,7 +252,7 @@ def short_series(charges: SmearedCharges, alpha: float, scale: float) -> np.ndar
 
 @dataclass(frozen=True)
 class EwaldSum:
-    """Settings of the lattice sum: cutoff (nm), splitting parameter (1/nm) and grid points."""
+    """Settings of the lattice sum: cutoff (nm), splitting parameter (1/nm, 0 without a lattice sum) and grid points."""
 
     cutoff: float
     alpha: float
@@ -257,7 +263,7 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
     """Cutoff, alpha and grid for forces within the tolerance.  ParameterError if the cutoff, given or required, is over half the box, or
     cutoff, alpha and grid do not match."""
     half = 0.5 * float(np.diag(box).min())
-    cutoff = charges.cutoff
+    cutoff = None if charges.cutoff is None else _within(charges, box)
     if cutoff is None:
         cutoff = charges.reach(charges.tolerance)
         if cutoff > half:
@@ -269,11 +275,6 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
         # narrow charges need a short cutoff only, which would need a fine grid; some 40 charges in range are a good balance
         balanced = (3 * 40 * float(np.prod(np.diag(box))) / (4 * math.pi * n_charges)) ** (1 / 3)
         cutoff = min(half, max(cutoff, without_last_digits(balanced)))
-    elif cutoff > half * (1 + 1e-12):
-        raise ParameterError(
-            f"the cutoff {in_length(cutoff)} of {type(charges).__name__} is over half the box, whose smallest width is "
-            f"{in_length(2 * half)}"
-        )
     # factors fitted to exact sums, see tests/core/test_electrostatics.py
     alpha = charges.alpha or without_last_digits(math.sqrt(-math.log(0.3 * charges.tolerance)) / cutoff)
     grid = charges.grid
@@ -282,6 +283,16 @@ def ewald_sum(charges: SmearedCharges, box: np.ndarray, n_charges: int) -> Ewald
         grid = tuple(max(8, math.ceil(width / spacing)) for width in np.linalg.norm(box, axis=1))  # type: ignore[assignment]
     _check_sum(charges, cutoff, alpha, grid, box)  # type: ignore[arg-type]
     return EwaldSum(cutoff, alpha, grid)  # type: ignore[arg-type]
+
+
+def _within(charges: SmearedCharges, box: np.ndarray) -> float:
+    """The cutoff of charges; ParameterError if it is over half the box."""
+    cutoff, width = charges.cutoff, float(np.diag(box).min())
+    assert cutoff is not None
+    if cutoff > 0.5 * width * (1 + 1e-12):
+        name = type(charges).__name__
+        raise ParameterError(f"the cutoff {in_length(cutoff)} of {name} is over half the box, whose smallest width is {in_length(width)}")
+    return cutoff
 
 
 def _check_sum(charges: SmearedCharges, cutoff: float, alpha: float, grid: tuple[int, int, int], box: np.ndarray) -> None:
@@ -313,8 +324,8 @@ def checked_ewald(charges: SmearedCharges | None, q: np.ndarray | None, box: np.
     if charges is None:
         return None
     name = type(charges).__name__
-    if not isinstance(charges, (SlaterCharges, GaussianCharges)):
-        raise ParameterError(f"electrostatics must be SlaterCharges(...) or GaussianCharges(...), not {what_is(charges)}")
+    if not isinstance(charges, SmearedCharges):
+        raise ParameterError(f"electrostatics must be SlaterCharges, GaussianCharges or PointCharges, not {what_is(charges)}")
     if q is None:
         raise ParameterError(f"electrostatics needs the charges of the beads; give one per bead in `charges` ({name})")
     if not np.any(q):
@@ -322,13 +333,15 @@ def checked_ewald(charges: SmearedCharges | None, q: np.ndarray | None, box: np.
     if charges.bjerrum_length is not None and kT == 0:
         raise ParameterError(f"{name}: a Bjerrum length needs a temperature, but kT is 0; give the permittivity")
     if box is None:
-        given = [setting for setting in ("cutoff", "alpha", "grid") if getattr(charges, setting) is not None]
+        given = [setting for setting in ("cutoff", "alpha", "grid", "screening") if getattr(charges, setting, None)]
         if given:
             raise ParameterError(
                 f"{name}: a scene without a periodic box has no lattice sum, and all pairs of charges interact, so that "
                 f"{' and '.join(given)} would have no effect; leave that out, or give the scene a box"
             )
         return None
+    if not charges.all_images:
+        return EwaldSum(_within(charges, box), 0.0, (0, 0, 0))
     settings = ewald_sum(charges, box, int(np.count_nonzero(q)))
     total = float(q.sum())
     if abs(total) > 1e-6 * max(1.0, float(np.abs(q).sum())):

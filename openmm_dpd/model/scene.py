@@ -9,7 +9,7 @@ from ..base.errors import ParameterError, bead_number, either, fact_table, what_
 from ..base.units import keep, known_under, thermal_energy, to_md
 from .angles import Angles, Dihedrals, check_angles, check_dihedrals
 from .bonds import BondedTerms, Bonds, check_members
-from .electrostatics import EwaldSum, GaussianCharges, SlaterCharges, checked_ewald, special_factors
+from .electrostatics import EwaldSum, SmearedCharges, checked_ewald, special_factors
 from .flow import BodyForce, Gap, PositionForce, Wall, check_inside, gaps
 from .internal import Internal, check_internal
 from .pairs import NONE, PairTable, require_complete
@@ -98,7 +98,7 @@ class Scene:
         Planes that reflect beads.
     residues : sequence of N str, optional
         Name of the molecule of each bead, for the topology.
-    electrostatics : SlaterCharges or GaussianCharges, optional
+    electrostatics : SlaterCharges, GaussianCharges or PointCharges, optional
         Interaction of the ``charges``, to which ``bonded_factors`` apply as well.  None: no interaction.
     interacting : (N, 3) array of bool, optional
         False: along this axis only ``body_forces`` act on the bead, but no pair terms (including friction and noise), bonds or charges
@@ -135,7 +135,7 @@ class Scene:
     body_forces: Sequence[BodyForce | PositionForce] = ()
     walls: Sequence[Wall] = ()
     residues: Sequence[str] | None = None
-    electrostatics: SlaterCharges | GaussianCharges | None = None
+    electrostatics: SmearedCharges | None = None
     interacting: np.ndarray | None = None
     dihedrals: Sequence[Dihedrals] = ()
     shear: LeesEdwards | None = None

@@ -12,7 +12,8 @@ import numpy as np
 from ..kernels.charge_pairs import Quintics
 from ..kernels.charges import ChargeTerms, cost, pme_cost
 from ..kernels.elementary import erfc, exp
-from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, short_series, without_last_digits
+from ..model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, short_series, without_last_digits
+from ..model.point_charges import PointCharges
 from ..model.scene import Scene
 from .pair_spec import Factors
 
@@ -32,15 +33,22 @@ def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> C
     beads = np.flatnonzero(scene.charges).astype(np.int64)
     number = {int(bead): k for k, bead in enumerate(beads)}
     bonded = {(number[i], number[j]): f for (i, j), f in sorted(exceptions.items()) if i in number and j in number and f != 1.0}
-    whole = quintics(_whole(charges), charges.reach(1e-17), charges.steepness)
-    if ewald is None:
-        short, cutoff, alpha, k_max = whole, math.inf, 0.0, 0.0
+    bare = float(isinstance(charges, PointCharges))
+    if isinstance(charges, PointCharges):
+        whole = _without_point(charges.screening, 0.0, 1.0 if ewald is None else ewald.cutoff)
+    else:
+        whole = quintics(_whole(charges), charges.reach(1e-17), charges.steepness)
+    if ewald is None or ewald.alpha == 0.0:
+        short, cutoff, alpha, k_max = whole, math.inf if ewald is None else ewald.cutoff, 0.0, 0.0
+    elif bare:
+        short, cutoff, alpha = _without_point(0.0, ewald.alpha, ewald.cutoff), ewald.cutoff, ewald.alpha
+        k_max = longest_wave(alpha, min(charges.tolerance, LARGEST_ERROR))
     else:
         short, cutoff, alpha = quintics(_difference(charges, ewald), ewald.cutoff, charges.steepness), ewald.cutoff, ewald.alpha
         k_max = longest_wave(alpha, min(charges.tolerance, LARGEST_ERROR))
     q, constant = scene.charges[beads].astype(np.float64), charges.coulomb(scene.initial_kT)
     pairs, factors = np.array(list(bonded), np.int64).reshape(-1, 2), np.array(list(bonded.values()), np.float64)
-    return ChargeTerms(beads, q, constant, short, cutoff, alpha, k_max, whole, pairs, factors)
+    return ChargeTerms(beads, q, constant, short, cutoff, alpha, k_max, whole, pairs, factors, bare)
 
 
 def few_charges(scene: Scene) -> bool:
@@ -48,7 +56,7 @@ def few_charges(scene: Scene) -> bool:
     if scene.electrostatics is None or scene.charges is None:
         return False
     count, ewald = int(np.count_nonzero(scene.charges)), scene.ewald
-    if ewald is None:
+    if ewald is None or ewald.alpha == 0.0:
         return count < 2000
     k_max = longest_wave(ewald.alpha, min(scene.electrostatics.tolerance, LARGEST_ERROR))
     return cost(count, scene.box, k_max, ewald.cutoff) < pme_cost(ewald.grid, scene.n_beads)
@@ -75,6 +83,26 @@ def quintics(function: Radial, end: float, steepness: float) -> Quintics:
             worst[1] = max(worst[1], float(np.abs(found.coefficients @ slopes - slope).max()) / steepness**2)
         if (worst[0] < VALUE_ERROR and worst[1] < SLOPE_ERROR) or pieces > 10_000:
             return found
+
+
+def _without_point(screening: float, alpha: float, end: float) -> Quintics:
+    """What point charges have up to the distance ``end`` beside 1/r: -erf(alpha r)/r, or (exp(-screening r) - 1)/r, or nothing."""
+    if alpha:
+        series, scale = -erf_series(alpha, 1.0 / alpha), 1.0 / alpha
+    elif screening:
+        scale = 1.0 / screening
+        series = np.array([(-1.0) ** n / math.factorial(n) for n in range(1, 25)]) / scale
+    else:
+        return Quintics(np.zeros((1, 6)), end)
+
+    def outer(r):
+        if alpha:
+            value, slope, curvature = _error_function(alpha, r)
+            return _over_r(r, value - 1.0, slope, curvature)
+        e = exp(-screening * r)
+        return _over_r(r, e - 1.0, -screening * e, screening**2 * e)
+
+    return quintics(_joined(series, scale, outer), end, 1.0 / scale)
 
 
 def _joined(series: np.ndarray, scale: float, outer: Radial) -> Radial:

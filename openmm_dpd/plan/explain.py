@@ -109,6 +109,8 @@ def _charge_lines(plan: Plan) -> list[str]:
     text += either(f", Coulomb constant {charges.coulomb(plan.scene.initial_kT):.6g} kJ/mol nm/e^2", "")
     if ewald is None:
         return [text + "; no box: every pair, no cutoff"]
+    if ewald.alpha == 0.0:
+        return [f"{text}; pairs to {in_length(ewald.cutoff, 4)}, no lattice sum"]
     grid = "a direct sum over waves" if "charges" in plan.execution.held else "PME on a grid of " + " x ".join(map(str, ewald.grid))
     lines = [text, f"  real space to {in_length(ewald.cutoff, 4)}, {grid}, alpha = {in_units(ewald.alpha, 'inverse_length', 4)}"]
     error = charges.tail(ewald.cutoff)

@@ -317,7 +317,7 @@ def charge_lines(scene: Scene, units: UnitSystem, of_deck: bool) -> Iterator[str
     assert scene.charges is not None
     strength = charges.coulomb(scene.initial_kT) / (units.energy * units.length)
     yield f"dielectric {exact(QQR2E[units.name] / strength)}"
-    if scene.box is None:
+    if scene.box is None or not charges.all_images:
         return
     accuracy = charges.tolerance
     if not of_deck:

@@ -1,13 +1,16 @@
 """Pair styles with charges: their arguments, the charges of a scene, and their export."""
 
 import math
+from collections.abc import Callable
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.units import COULOMB, UnitSystem
-from ...model.electrostatics import GaussianCharges, SlaterCharges, ewald_sum
+from ...model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
+from ...model.point_charges import PointCharges
 from ...model.scene import Scene
 from ..files.data_file import CHARGED_STYLES
 from ..language import arguments as read
@@ -15,6 +18,7 @@ from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Find, PairStyle, Spec, Values
 from .dpd import STYLES as DPD_STYLES
+from .radial import STYLES as RADIAL_STYLES
 from .words import Differences, StyleUse, cutoff_of, exact, no_force, settings
 
 #: Coulomb constant of LAMMPS's unit styles, energy times length per squared charge.
@@ -34,10 +38,51 @@ def _slater_settings(words: list[str]) -> dict:
     return {"lamda": found["lamda"], "cutoff_charges": found["cutoff"]}
 
 
-def _slater_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
+def _no_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     """Check that ``pair_coeff * *`` has no coefficients."""
-    read.count(words, "pair_coeff i j (coul/slater/long has no coefficients)", 0)
+    read.count(words, f"pair_coeff i j ({style.name} has no coefficients)", 0)
     return {}, None
+
+
+def _own_cutoff(style: PairStyle, words: list[str], _: Find) -> Values:
+    """Parse the optional cutoff of ``coul/cut`` and ``coul/debye``, which has to be that of the style."""
+    read.count(words, "[cutoff]", 0, 1)
+    _same_cutoff(style, cutoff_of(words, 0))
+    return {}, None
+
+
+def _same_cutoff(style: PairStyle, cutoff: float | None) -> None:
+    if cutoff is not None and cutoff != style.settings["cutoff_charges"]:
+        raise ParameterError(f"all charges have one cutoff here, {style.settings['cutoff_charges']:g} of pair_style; leave {cutoff:g} out")
+
+
+def _lj_coefficient(style: PairStyle, words: list[str], find: Find) -> Values:
+    """Parse ``epsilon sigma [cut_lj] [cut_coul]``."""
+    if not style.settings["lattice"]:
+        read.count(words, "epsilon sigma [cut_lj] [cut_coul]", 2, 4)
+        _same_cutoff(style, cutoff_of(words, 3))
+    return RADIAL_STYLES["lj/cut"].coefficient(style, words[:3], find)
+
+
+def _point_settings(name: str) -> Callable[[list[str]], dict]:
+    """Arguments of a style with point charges: kappa of those that are screened, the cutoff of Lennard-Jones, that of the charges."""
+    usage = (["kappa"] if name.endswith("debye") else []) + (["cutoff"] if name.startswith("lj") else [])
+
+    def reader(words: list[str]) -> dict:
+        longest = [*usage, "cut_coul"]
+        found = settings(name, " ".join(usage if len(words) == len(usage) and name.startswith("lj") else longest))(words)
+        return {"cutoff_charges": found.get("cutoff"), **found, "lattice": name.endswith("long")}
+
+    return reader
+
+
+def _point_style(name: str) -> Spec:
+    """A style with point charges, alone or with Lennard-Jones."""
+    if name.startswith("lj"):
+        lj = RADIAL_STYLES["lj/cut"]
+        return Spec(_point_settings(name), _lj_coefficient, lj.build, mixed=lj.mixed)
+    coefficient = _no_coefficient if name.endswith("long") else _own_cutoff
+    return Spec(_point_settings(name), coefficient, no_force, own_cutoffs=True)
 
 
 _DPD_SLATER = settings("dpd/coul/slater/long", "T cut_dpd seed lambda cut_coul")
@@ -45,7 +90,8 @@ _DPD_SLATER = settings("dpd/coul/slater/long", "T cut_dpd seed lambda cut_coul")
 STYLES = {
     # build makes the DPD part; charges belong to the beads
     "dpd/coul/slater/long": Spec(_DPD_SLATER, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
-    "coul/slater/long": Spec(_slater_settings, _slater_coefficient, no_force, own_cutoffs=True),
+    "coul/slater/long": Spec(_slater_settings, _no_coefficient, no_force, own_cutoffs=True),
+    **{name: _point_style(name) for before in ("", "lj/cut/") for name in (f"{before}coul/{how}" for how in ("cut", "debye", "long"))},
 }
 
 
@@ -57,16 +103,26 @@ def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: D
         return None
     if scene.walls:
         raise ParameterError("charges between walls cannot be exported: LAMMPS's lattice sums need a periodic box")
-    width = _width(charges, differences)
     words = dict.fromkeys(combinations_with_replacement(types, 2), "")
+    if isinstance(charges, PointCharges):
+        reach = _farthest(scene, 0.0) if scene.ewald is None else scene.ewald.cutoff
+        name = "coul/long" if charges.lattice and scene.box is not None else "coul/debye" if charges.screening else "coul/cut"
+        before = f"{exact(charges.screening * units.length)} " if charges.screening else ""
+        return StyleUse(name, f"{before}{exact(reach / units.length)}", words, reach)
+    width = _width(charges, differences)
     if scene.box is None:
         # the scene has no cutoff: take one that no pair reaches
-        reach = 2.0 * float(np.linalg.norm(np.ptp(scene.positions, axis=0))) + 10 * width
+        reach = _farthest(scene, width)
         differences.remark(f"charges interact up to a distance of {exact(reach / units.length)}, which should exceed all distances")
         return StyleUse("coul/slater/cut", f"{exact(width / units.length)} {exact(reach / units.length)}", words, reach)
-    assert scene.charges is not None
-    reach = ewald_sum(charges, scene.box, int(np.count_nonzero(scene.charges))).cutoff
+    assert scene.ewald is not None
+    reach = scene.ewald.cutoff
     return StyleUse("coul/slater/long", f"{exact(width / units.length)} {exact(reach / units.length)}", words, reach)
+
+
+def _farthest(scene: Scene, width: float) -> float:
+    """A cutoff (nm) that no pair of charges without a box reaches."""
+    return 2.0 * float(np.linalg.norm(np.ptp(scene.positions, axis=0))) + 10 * width
 
 
 def _width(charges, differences: Differences) -> float:
@@ -83,35 +139,36 @@ def _width(charges, differences: Differences) -> float:
 
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
-def electrostatics_of(state: DeckState) -> SlaterCharges | None:
-    """The smeared charges of the scene; None if no pair style has charges.  DeckError if styles, charges and box are inconsistent."""
+def electrostatics_of(state: DeckState) -> SmearedCharges | None:
+    """The charges of the scene; None if no pair style has charges.  DeckError if styles, charges and box are inconsistent."""
     styles = [style for style in state.pair.styles if "cutoff_charges" in style.settings]
     if not styles:
         if state.kspace is not None:
-            raise located(state.kspace.where, "kspace_style needs a pair style with charges: dpd/coul/slater/long or coul/slater/long")
+            raise located(state.kspace.where, "kspace_style needs a pair style with charges: coul/slater/long, coul/long, ...")
         return None
     style = styles[0]
     if len(styles) > 1:
         raise located(style.where, f"there are two pair styles with charges, {style.name} and {styles[1].name}; use one")
-    if state.kspace is None:
+    lattice = style.settings.get("lattice", True)
+    if lattice and state.kspace is None:
         raise located(style.where, f"pair style {style.name} needs a kspace_style, ewald or pppm")
+    if not lattice and state.kspace is not None:
+        raise located(state.kspace.where, f"pair style {style.name} has no lattice sum; leave kspace_style out, or use coul/long")
     if not state.has_atom_style(*CHARGED_STYLES):
         raise located(style.where, f"pair style {style.name} needs charges; atom_style {state.atom_style} has none; use charge or full")
-    if not all(state.periodic):
+    if lattice and not all(state.periodic):
         raise located(style.where, f"pair style {style.name} needs periodic boundaries along all axes")
     _check_flags(state, style)
     settings, units, kspace = style.settings, state.units, state.kspace
     constant = QQR2E[units.name] * units.energy * units.length / state.dielectric
+    known: dict[str, Any] = {"permittivity": COULOMB / constant, "cutoff": settings["cutoff_charges"] * units.length}
+    known["bonded_factors"] = state.special_charges if len(state.bonds) else None
+    if kspace is not None:
+        known |= {"tolerance": kspace.accuracy, "alpha": kspace.gewald, "grid": kspace.mesh}
     with errors_at(style.where, f"pair style {style.name}: "):
-        return SlaterCharges(
-            lamda=settings["lamda"] * units.length,
-            permittivity=COULOMB / constant,
-            cutoff=settings["cutoff_charges"] * units.length,
-            tolerance=kspace.accuracy,
-            alpha=kspace.gewald,
-            grid=kspace.mesh,  # type: ignore[arg-type]
-            bonded_factors=state.special_charges if len(state.bonds) else None,
-        )
+        if "lattice" in settings:
+            return PointCharges(screening=settings.get("kappa", 0.0) / units.length, lattice=lattice, **known)
+        return SlaterCharges(lamda=settings["lamda"] * units.length, **known)
 
 
 def _check_flags(state: DeckState, style: PairStyle) -> None:
@@ -123,14 +180,16 @@ def _check_flags(state: DeckState, style: PairStyle) -> None:
             if i == j and counts[i] == 1:
                 continue
             found = style.coefficients.get((i, j))
+            if found is None and style.spec.mixed and {(i, i), (j, j)} <= set(style.coefficients):
+                continue  # mixed
             if found is not None and found.values.get("charged", "yes") == "yes":
                 continue
             where = style.where if found is None else found.where
-            remedy = "say 'yes' on its pair_coeff line" if style.name.startswith("dpd") else "add a pair_coeff line of coul/slater/long"
+            remedy = "say 'yes' on its pair_coeff line" if style.name.startswith("dpd") else f"add a pair_coeff line of {style.name}"
             raise located(
                 where,
-                f"types {i} {j} both have charges, but pair style {style.name} does not treat the pair as charged. The lattice sum "
-                f"includes all charges, so their interaction would be wrong without the real-space part; {remedy}",
+                f"types {i} {j} both have charges, but pair style {style.name} does not treat the pair as charged. All charges interact "
+                f"here, and in a lattice sum, so their interaction would be wrong without the real-space part; {remedy}",
             )
     if not charged:
         raise style.error("no bead has a charge; read charges from the data file, or use 'set type'")

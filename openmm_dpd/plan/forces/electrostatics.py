@@ -22,6 +22,7 @@ import openmm
 from ...base.names import COULOMB_GROUP, LATTICE_GROUP
 from ...base.units import COULOMB
 from ...model.electrostatics import EwaldSum, SlaterCharges, SmearedCharges, erf_series, short_series
+from ...model.point_charges import PointCharges
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,21 @@ class Radial:
         )
 
 
-def smeared(charges: SmearedCharges, scale: float) -> Radial:
+@dataclass(frozen=True)
+class Singular:
+    """A function of r that is infinite at 0."""
+
+    expression: str
+
+    def text(self, name: str) -> str:
+        """See :class:`Radial`."""
+        return f"; {name}={self.expression}"
+
+
+def smeared(charges: SmearedCharges, scale: float) -> Radial | Singular:
     """s(r) = U/(C q q)."""
+    if isinstance(charges, PointCharges):
+        return Singular(f"exp({-charges.screening!r}*r)/r" if charges.screening else "1/r")
     k = charges.steepness
     outer = f"(1-(1+{k!r}*far)*exp({-2 * k!r}*far))/far" if isinstance(charges, SlaterCharges) else f"erf({k!r}*far)/far"
     return Radial(charges.series(scale), outer, scale)
@@ -56,8 +70,12 @@ def lattice_part(alpha: float, scale: float) -> Radial:
     return Radial(erf_series(alpha, scale), f"erf({alpha!r}*far)/far", scale)
 
 
-def difference(charges: SmearedCharges, alpha: float, scale: float) -> Radial:
+def difference(charges: SmearedCharges, alpha: float, scale: float) -> Radial | Singular:
     """s(r) - erf(alpha r)/r, without a difference of nearly equal numbers at any distance."""
+    if alpha == 0.0:
+        return smeared(charges, scale)
+    if isinstance(charges, PointCharges):
+        return Singular(f"erfc({alpha!r}*r)/r")
     k = charges.steepness
     cloud = f"(1+{k!r}*far)*exp({-2 * k!r}*far)" if isinstance(charges, SlaterCharges) else f"erfc({k!r}*far)"
     return Radial(short_series(charges, alpha, scale), f"(erfc({alpha!r}*far)-{cloud})/far", scale)
@@ -70,11 +88,15 @@ def electrostatic_forces(
     of pairs that are excluded from the pair force: bonded neighbours, and beads that start at the same point (factor 1).  ``listed``: it
     uses the neighbour list of all beads rather than all pairs of charged beads."""
     # where the polynomial ends: the series of both parts still converge fast there
-    scale = 1.0 / charges.steepness if ewald is None else min(1.0 / charges.steepness, 1.0 / ewald.alpha, ewald.cutoff)
+    of_clouds = [1.0 / charges.steepness] if charges.steepness < math.inf else []
+    of_waves = [1.0 / ewald.alpha, ewald.cutoff] if ewald is not None and ewald.alpha else []
+    scale = min([*of_clouds, *of_waves], default=0.0)
     short = smeared(charges, scale) if ewald is None else difference(charges, ewald.alpha, scale)
     whole = smeared(charges, scale).text("whole")
     if ewald is None:
         bonded = f"factor*whole{whole}"
+    elif ewald.alpha == 0.0:
+        bonded = f"step({ewald.cutoff!r}-r)*factor*whole{whole}"
     else:
         bonded = f"(factor*whole-image){whole}{lattice_part(ewald.alpha, scale).text('image')}"
     pairs = f"{constant!r}*charge1*charge2*"
@@ -82,7 +104,7 @@ def electrostatic_forces(
     made: list[openmm.Force] = [_pair_force(f"{pairs}short{short.text('short')}", q, ewald, factors, listed)]
     if bonds:
         made.append(_bond_force(f"{constant!r}*qq*{bonded}", q, bonds, ewald))
-    if ewald is not None:
+    if ewald is not None and ewald.alpha:
         made.append(lattice_force(q, constant, ewald, factors))
     return made
 
