@@ -316,3 +316,30 @@ def test_costs_are_estimated():
     assert cost(20_000, cubes[30], k_max, 2.0) > pme_cost((120, 120, 120), 81_000)
     assert cost(100, None, 0.0, np.inf) < cost(1000, None, 0.0, np.inf)
     assert cost(1000, cubes[5], k_max, 2.0) < cost(1000, cubes[6], 1.5 * k_max, 2.0)
+
+
+@pytest.mark.parametrize("box", ["none", "tilted"])
+@pytest.mark.parametrize("options", [SMOOTH, {"lattice": False, "cutoff": 2.3}, {"lattice": False, "cutoff": 2.3, "screening": 1.7}])
+def test_point_charges(options, box):
+    """With a lattice sum and with a cutoff, screened or not: OpenMM's, and the derivative of the energy."""
+    options = {"permittivity": 0.5 * COULOMB, **options}
+    if box == "none":
+        options = {"permittivity": 0.5 * COULOMB}
+    x, q = beads(box)
+    x[7] += 0.3
+    electrostatics, vectors = dpd.PointCharges(**options), BOXES[box]
+    made = scene(x, q, electrostatics, vectors)
+    terms = charge_terms(made, made.ewald, FACTORS)
+    check.check_agreement([terms], electrostatic_forces(electrostatics, q, 2.0, made.ewald, FACTORS, listed=False), x, vectors, 2e-6, 2e-6)
+    check.check_gradient([terms], x, vectors, every=7)
+    if options.get("lattice") is False:
+        pairs, energy = np.array(list(combinations(range(len(q)), 2))), 0.0
+        r = np.linalg.norm([image(x[i] - x[j], vectors) for i, j in pairs], axis=1)
+        f = np.array([FACTORS.get((i, j), 1.0) for i, j in pairs.tolist()])
+        energy = np.sum(2.0 * f * q[pairs[:, 0]] * q[pairs[:, 1]] * np.where(r < 2.3, np.exp(-electrostatics.screening * r) / r, 0.0))
+        assert check.evaluate([terms], x, vectors)[0] == pytest.approx(energy, rel=1e-10)
+
+
+def test_point_charges_that_make_no_sense():
+    raises(dpd.ParameterError, "screened charges have no lattice sum", dpd.PointCharges, permittivity=1.0, screening=1.0)
+    raises(dpd.ParameterError, "without a lattice sum need a cutoff", dpd.PointCharges, permittivity=1.0, lattice=False)

@@ -68,6 +68,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.TDPD: lambda: {"A": 1.0, "gamma": 1.0, "kappa": np.ones(2), "epsilon": np.ones(2), "exponent_c": [2.0, 2.0]},
     dpd.EDPD: lambda: {"A": 1.0, "gamma": 1.0, "kappa": 1.0, "kappa_polynomial": [1.0, 0.0, 0.0, 0.0]},
     dpd.SlaterCharges: lambda: {"permittivity": 1.0, "lamda": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
+    dpd.PointCharges: lambda: {"permittivity": 1.0, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
     dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
 }
 

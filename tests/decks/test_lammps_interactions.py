@@ -30,11 +30,15 @@ fix 1 all nve
 timestep 0.002
 """
 THERMO = """neigh_modify every 1 delay 0 check yes
-thermo_style custom step pe ke ebond emol epair press pxx pyy pxy pyz
+thermo_style custom step pe ke ebond emol evdwl ecoul elong press pxx pyy pxy pyz
 thermo_modify norm no format float %.15g
 thermo 1
 run 30
 """
+
+
+#: Columns of pe, ecoul and elong, which cancel each other, while the error functions of LAMMPS have errors of 1e-7.
+CANCEL = [1, 6, 7]
 
 
 def rows(text: str) -> np.ndarray:
@@ -42,7 +46,7 @@ def rows(text: str) -> np.ndarray:
     lines = text.splitlines()
     titles = max(k for k, line in enumerate(lines) if line.split()[:1] == ["Step"])
     width, found = len(lines[titles].split()), []
-    while len(lines[titles + 1 + len(found)].split()) == width:
+    while len(lines[titles + 1 + len(found)].split()) == width and not lines[titles + 1 + len(found)].startswith("Loop"):
         found.append(lines[titles + 1 + len(found)].split())
     return np.array(found, dtype=float)
 
@@ -60,25 +64,27 @@ def same_rows(folder: Path, text: str) -> None:
     """Every row of both, to a millionth of the largest value of its column; the deck exported has the same energies and pressures."""
     expected = rows(theirs(folder, text + THERMO))
     found = rows("\n".join(printed(folder / "in.ours", text + THERMO, platform="Reference")))
-    off = np.abs(found - expected).max(axis=0) / np.maximum(np.abs(expected).max(axis=0), 1e-300)
+    scale = np.maximum(np.abs(expected).max(axis=0), 1e-300)
+    scale[CANCEL] = scale[CANCEL].max()
+    off = np.abs(found - expected).max(axis=0) / scale
     assert len(expected) == 31 and off.max() < 1e-6, off
     written = export_deck(folder / "in.ours", folder / "out", name="again", steps=0)
     again = theirs(written.deck.parent, written.deck.read_text().replace("\nrun ", "\n" + THERMO.replace("run 30\n", "run ")))
-    off = np.abs(rows(again)[0] - expected[0]) / np.maximum(np.abs(expected).max(axis=0), 1e-300)
-    assert off.max() < 1e-6, (off, written.deck.read_text())
+    off = np.abs(rows(again)[0] - expected[0]) / scale
+    # the parts of a lattice sum depend on how it is split, its pressure on the grid of pppm
+    assert off[: CANCEL[1] if "kspace" in text else None].max() < 1e-6, (off, written.deck.read_text())
 
 
 FLUID = """units lj
 atom_style atomic
 comm_modify vel yes
 lattice sc 0.85
-region box block 0 5 0 5 0 5
+region box block 0 6 0 6 0 6
 create_box 2 box
 create_atoms 1 region box
 mass 1 1.0
 mass 2 1.5
-set group all type/fraction 2 0.0 5
-group odd id 1:125:2
+group odd id 1:216:2
 set group odd type 2
 displace_atoms odd move 0.21 -0.13 0.17
 pair_style {style}
@@ -107,6 +113,38 @@ MIXED = "pair_coeff 1 1 {}\npair_coeff 2 2 {}\npair_modify shift yes mix {}"
 def test_radial_potentials(tmp_path, style, coefficients):
     """With LAMMPS's mixing rules and shifts."""
     same_rows(tmp_path, FLUID.format(style=style, coefficients=coefficients))
+
+
+@cases(
+    "style, coefficients",
+    ("lj/cut/coul/cut 2.2 3.0", "pair_coeff 1 1 1 1.0\npair_coeff 2 2 2 0.9 2.0 3.0\npair_modify shift yes"),
+    ("lj/cut/coul/debye 1.5 2.2 3.0", "pair_coeff * * 1 1.0 2.0 3.0"),
+    ("hybrid/overlay dpd 0 1.2 7 coul/debye 0.7 3.0", "pair_coeff * * dpd 25 4.5\npair_coeff * * coul/debye"),
+    (
+        "hybrid/overlay dpd 0 1.2 7 coul/long 3.0",
+        "pair_coeff * * dpd 25 4.5\npair_coeff * * coul/long\npair_modify table 0\nkspace_style ewald 1e-7\nkspace_modify gewald 1.2",
+    ),
+)
+def test_point_charges(tmp_path, style, coefficients):
+    text = FLUID.format(style=style, coefficients=coefficients).replace("atom_style atomic", "atom_style charge")
+    same_rows(tmp_path, text.replace("timestep", "set type 1 charge 1\nset type 2 charge -1\ndielectric 0.5\ntimestep"))
+
+
+@cases(
+    "style, coefficients, message",
+    ("coul/cut 3.0", "pair_coeff * *\npair_coeff 1 2 2.0", "all charges have one cutoff here, 3 of pair_style; leave 2 out"),
+    ("lj/cut/coul/cut 2.2 3.0", "pair_coeff * * 1 1 2.0", "all charges have one cutoff here, 3 of pair_style; leave 2 out"),
+    ("coul/cut 3.0", "pair_coeff * *\nkspace_style ewald 1e-5", "coul/cut has no lattice sum; leave kspace_style out, or use coul/long"),
+    ("coul/long 3.0", "pair_coeff * *", "pair style coul/long needs a kspace_style, ewald or pppm"),
+    (
+        "hybrid/overlay soft 1 coul/cut 3.0",
+        "pair_coeff * * soft 1\npair_coeff 1 1 coul/cut",
+        "types 1 2 both have charges, but pair style coul/cut",
+    ),
+)
+def test_point_charges_that_are_refused(tmp_path, style, coefficients, message):
+    text = FLUID.format(style=style, coefficients=coefficients).replace("atom_style atomic", "atom_style charge")
+    raises(DeckError, message, printed, tmp_path / "in.deck", text + "set type 1 charge 1\nset type 2 charge -1\nrun 0\n")
 
 
 def several(what: str, styles: list[str]) -> dict[str, str]:

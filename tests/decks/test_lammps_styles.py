@@ -37,6 +37,12 @@ WORDS = {  # Words after the name of each style, and those of a coefficient: # i
     "table": ("linear 100", "pair.table LJ [#]"),
     "dpd/coul/slater/long": ("1.0 1.5 7 0.25 3.0", "# # yes [#]"),
     "coul/slater/long": ("0.25 3.0", ""),
+    "coul/cut": ("3.0", ""),
+    "coul/debye": ("2.0 3.0", ""),
+    "coul/long": ("3.0", ""),
+    "lj/cut/coul/cut": ("1.5 3.0", "# #"),
+    "lj/cut/coul/debye": ("2.0 1.5 3.0", "# #"),
+    "lj/cut/coul/long": ("1.5 3.0", "# # [#]"),
     "srp": ("0.8 * mid", "# [#]"),
     "zero": ("1.5", "[#]"),
 }

@@ -16,7 +16,7 @@ from ..files.data_file import CHARGED_STYLES
 from ..language import arguments as read
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
-from ..state.pair_setup import Find, PairStyle, Spec, Values
+from ..state.pair_setup import Coefficient, Find, PairStyle, Spec, Values
 from .dpd import STYLES as DPD_STYLES
 from .radial import STYLES as RADIAL_STYLES
 from .words import Differences, StyleUse, cutoff_of, exact, no_force, settings
@@ -60,8 +60,13 @@ def _lj_coefficient(style: PairStyle, words: list[str], find: Find) -> Values:
     """Parse ``epsilon sigma [cut_lj] [cut_coul]``."""
     if not style.settings["lattice"]:
         read.count(words, "epsilon sigma [cut_lj] [cut_coul]", 2, 4)
-        _same_cutoff(style, cutoff_of(words, 3))
+        _same_cutoff(style, cutoff_of(words, len(words) - 1) if len(words) > 2 else None)  # one cutoff is that of both
     return RADIAL_STYLES["lj/cut"].coefficient(style, words[:3], find)
+
+
+def _lj_words(style: PairStyle, found: Coefficient) -> list[str]:
+    """The words that :func:`_lj_coefficient` reads, with both cutoffs: one alone would be that of both."""
+    return [f"{value:.15g}" for value in (*found.values.values(), style.cutoff(found), style.settings["cutoff_charges"])]
 
 
 def _point_settings(name: str) -> Callable[[list[str]], dict]:
@@ -80,7 +85,8 @@ def _point_style(name: str) -> Spec:
     """A style with point charges, alone or with Lennard-Jones."""
     if name.startswith("lj"):
         lj = RADIAL_STYLES["lj/cut"]
-        return Spec(_point_settings(name), _lj_coefficient, lj.build, mixed=lj.mixed)
+        write = None if name.endswith("long") else _lj_words
+        return Spec(_point_settings(name), _lj_coefficient, lj.build, write, mixed=lj.mixed)
     coefficient = _no_coefficient if name.endswith("long") else _own_cutoff
     return Spec(_point_settings(name), coefficient, no_force, own_cutoffs=True)
 
