@@ -17,6 +17,7 @@ from .mistakes import mistakes
 from .moving import moving
 from .output import output
 from .pairs import pairs
+from .published import published
 from .restarts import restarts
 from .runs import runs
 from .setup import setup
@@ -43,5 +44,6 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {  # Areas by name: wei
     "restarts": (0.5, restarts),
     "shear": (0.1, shear),
     "streaming": (1.0, streaming),
+    "published": (1.0, published),
     "mistakes": (2.0, mistakes),
 }
