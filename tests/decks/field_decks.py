@@ -189,8 +189,8 @@ neigh_modify exclude group slab slab; fix move fluid nve; timestep 0.01
 = lipid pulled out : lipids : angle :
 @bent harmonic; @membrane; group one id 1; fix pull one smd cvel 5.0 0.5 tether NULL NULL 8 0.5; @move
 = lipids placed as molecules :  : bond :
-region box block 0 4.2 0 4.2 0 4.2; create_box 3 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 4; mass * 1.0
-molecule lipid mol.lipid; create_atoms 0 single 0.5 0.5 1 mol lipid 7 rotate 0 1 0 0 units box; bond_style harmonic; bond_coeff 1 99 0.5
+molecule lipid mol.lipid; region box block 0 4.2 0 4.2 0 4.2; create_box 3 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 4; mass * 1.0
+create_atoms 0 single 0.5 0.5 1 mol lipid 7 rotate 0 1 0 0 units box; bond_style harmonic; bond_coeff 1 99 0.5
 create_atoms 0 single 1.1 0.5 1.3 mol lipid 7 rotate 40 1 0 0 units box; create_atoms 0 single 1 1 3 mol lipid 7 rotate 180 1 0 0 units box
 special_bonds lj 1 1 1; @membrane; @move
 = lipids in a plane : flat lipids : bond : @chains 64 0.5; @membrane; @flat
@@ -292,7 +292,31 @@ HEAD package omp 1; HEAD suffix omp; @chains 4 0; pair_style dpd/omp 0 1.0 7; pa
 region ball sphere 3.5 3.5 3.5 3.6; BEADS; @one; fix ball all wall/region ball harmonic 10 1 0.5; @move
 """
 
-LIPID = "lipid\n\n3 atoms\n2 bonds\n\nCoords\n\n1 0 0 0\n2 0 0 0.6\n3 0 0 1.2\n\nTypes\n\n1 1\n2 2\n3 2\n\nBonds\n\n1 1 1 2\n2 1 2 3\n"
+LIPID = """lipid
+
+3 atoms
+2 bonds
+
+Coords
+
+1 0 0 0\n2 0 0 0.6\n3 0 0 1.2
+
+Types
+
+1 1\n2 2\n3 2
+
+Bonds
+
+1 1 1 2\n2 1 2 3
+
+Special Bond Counts
+
+1 1 1 0\n2 2 0 0\n3 1 1 0
+
+Special Bonds
+
+1 2 3\n2 1 3\n3 2 1
+"""
 
 
 def _statements(text: str) -> list[str]:

@@ -16,12 +16,16 @@ from .setup import command
 _OFFSETS = {f"{what[0]}off": what for what in JOINED} | {"toff": "atom"}
 
 
-@command("molecule ID file ...", 2, None, box=True)
+@command("molecule ID file ...", 2, None)
 def molecule(state: DeckState, args: list[str]) -> None:
     """``molecule ID file [offset T B A D I] [toff|boff|aoff|doff N] [scale S]``: the template of create_atoms."""
     name = read.identifier(args[0], "the id of a molecule")
     if name in state.templates:
         raise ParameterError(f"there already is a molecule '{name}'")
+    if state.box is None:  # Which types there may be is known with the box: create_atoms reads the file.
+        state.find_file(args[1])
+        state.templates[name] = args
+        return
     offsets, scale, at = {"atom": 0, **dict.fromkeys(JOINED, 0)}, 1.0, len(args)
     sizes = {"offset": 5, "scale": 1, "ioff": 1, **dict.fromkeys(_OFFSETS, 1)}
     at = next((k for k, word in enumerate(args) if k > 1 and word in sizes), len(args))
@@ -44,7 +48,9 @@ class Placement:
     """Beads of molecules at points, for the options ``mol ID seed`` and ``rotate theta Rx Ry Rz`` of create_atoms."""
 
     def __init__(self, state: DeckState, options: dict[str, list[str]]):
-        self._template: MoleculeTemplate = read.known(state.templates, options["mol"][0], "molecule")
+        if isinstance(read.known(state.templates, options["mol"][0], "molecule"), list):
+            molecule(state, state.templates.pop(options["mol"][0]))
+        self._template: MoleculeTemplate = state.templates[options["mol"][0]]
         self._generator, self._turn = Ranmar(read.integer(options["mol"][1], "the seed of mol", 1)), None
         if "rotate" in options:
             angle, *axis = (read.number(word, "a value of rotate") for word in options["rotate"])
