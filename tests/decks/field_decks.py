@@ -372,10 +372,7 @@ REFUSED: dict[str, tuple[str, ...]] = {
     ),
     "'smd'": ("lipid pulled out",),
     "'element'": ("clear, folders and names of elements",),
-    "fix deform x": (
-        "copolymer drawn out",
-        "fluid sheared in another plane",
-    ),
+    "fix deform x": ("fluid sheared in another plane",),
     "'group/group'": ("energies between blocks",),
     "'langevin'": (
         "melt in a cold bath",
