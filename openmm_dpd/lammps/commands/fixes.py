@@ -102,6 +102,7 @@ def _read_lammps(state: DeckState, path: Path) -> None:
         special = [f"{factor!r}" for name in ("special_lj", "special_coul") for factor in found[name][1:]]
         commands: list[tuple[str, list[str]]] = [
             ("units", [found["units"]]),
+            ("dimension", [str(found["dimension"])]),
             ("atom_style", [found["atom_style"]]),
             ("boundary", ["p" if flag else "f" for flag in (x, y, z)]),
             ("special_bonds", ["lj", *special[:3], "coul", *special[3:]]),

@@ -29,6 +29,7 @@ names = "units atom_style ntimestep dt atime atimestep special_lj special_coul p
 found = {name: lmp.extract_global(name) for name in names}
 n = lmp.extract_global("nlocal")
 found["ids"], masks = lmp.numpy.extract_atom("id")[:n].tolist(), lmp.numpy.extract_atom("mask")[:n].tolist()
+found["dimension"] = lmp.extract_setting("dimension")
 groups = enumerate(lmp.available_ids("group"))
 found["groups"] = {name: [i for i, m in zip(found["ids"], masks) if m >> k & 1] for k, name in groups if name and name != "all"}
 json.dump(found, open(sys.argv[2] + ".json", "w"))
