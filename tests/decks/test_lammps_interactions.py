@@ -115,6 +115,15 @@ def test_radial_potentials(tmp_path, style, coefficients):
     same_rows(tmp_path, FLUID.format(style=style, coefficients=coefficients))
 
 
+def test_a_push_off_by_a_soft_repulsion_that_grows(tmp_path):
+    """What stands for fix adapt: LAMMPS's rows of each piece of the run, and of the next after the coefficient has changed."""
+    text = FLUID.format(style="soft 1.2", coefficients="pair_coeff * * 1.0\nvariable A equal 1+0.5*step")
+    text += THERMO.replace("run 30", 'run 30 every 5 "pair_coeff * * ${A}"')
+    expected, found = rows(theirs(tmp_path, text)), rows("\n".join(printed(tmp_path / "in.ours", text, platform="Reference")))
+    assert expected[-1, 0] == 30 and len(expected) == 6
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+
+
 @cases(
     "style, coefficients",
     ("lj/cut/coul/cut 2.2 3.0", "pair_coeff 1 1 1 1.0\npair_coeff 2 2 2 0.9 2.0 3.0\npair_modify shift yes"),
