@@ -164,6 +164,8 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "gyration": deck(before="compute c all gyration\n" + averaged("c_c", "c_c[5]")),
         "property/atom": deck(before="compute c all property/atom xu vx\ndump d all custom 2 d.txt id c_c[1] c_c[2]"),
         "ke/atom": deck(before="compute c all ke/atom\ncompute r all reduce sumsq c_c\n" + averaged("c_r")),
+        "pe/atom": deck(before="compute c all pe/atom pair\ncompute r all reduce max c_c\n" + averaged("c_r")),
+        "stress/atom": deck(before="compute c all stress/atom thermo_temp\ndump d all custom 2 d.txt id c_c[1] c_c[4]"),
         "dpd/atom": deck("energy", "compute c all dpd/atom\ndump d all custom 2 d.txt id c_c[1] c_c[4]", head=_HEAT),
         "edpd/temp/atom": deck("edpd", "compute c all edpd/temp/atom\ndump d all custom 2 d.txt id c_c"),
         "tdpd/cc/atom": deck("tdpd", "compute c all tdpd/cc/atom 2\ndump d all custom 2 d.txt id c_c"),

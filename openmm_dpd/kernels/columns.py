@@ -215,6 +215,7 @@ def over_pairs(
             pairs.make_passing_room()
         stress = None
         if tensor:
+            pairs.tensors = arrays.stress
             found = arrays.stress.reshape(1 + drags, -1, 6).sum(axis=1)
             stress = found if drags else found[0]
         energy, virial, drag, *apart = sums.tolist()

@@ -116,6 +116,8 @@ class PairList:
         #: see :class:`Pairs`; and whether the images of the box slide in a shear, which then writes to the box vectors
         self.flow: np.ndarray | int = 0
         self.slides = False
+        #: whether each pair is a column of its own, so that loops leave what they sum for each of them; and the last tensors (columns, 6)
+        self.apart, self.tensors = False, np.zeros((0, 6))
         #: of kernels that are given the arrays of this list, see :class:`openmm_dpd.runtime.native.Kernel`
         kept = Pairs, Scratch, Shares, listing.SortedCells, cells.Grid, cells.CellScratch, cells.OfBeads
         self.memory: dict[type, Any] = dict.fromkeys(kept)
@@ -253,8 +255,28 @@ class PairList:
         self._age += 1
         if self.many and self._age % _SHARED == 0:
             self._share_again(threads)
-        if not self.many or (grid.periodic and self._shape == (1, 1, 1)):
+        if not self.many or self.apart or (grid.periodic and self._shape == (1, 1, 1)):
             self.list(grid, threads)
+        if self.apart:
+            self._separate(threads)
+
+    def _separate(self, parts: int) -> None:
+        """Make a column of each pair, which the first of so many threads goes through."""
+        now, rows = self._stored, self.rows
+        count, ends = len(rows), np.concatenate([[0], np.full(parts, len(rows)), np.arange(len(rows))])
+        listed = now.pi[rows], now.pj[rows], np.ascontiguousarray(now.geometry[:, rows]), now.factors[rows if len(now.factors) else []]
+        one_each = np.arange(count + 1, dtype=np.uint64), np.ones(count, np.uint64), np.zeros((count, 5))
+        self._stored = now._make((*now[:5], *listed, *one_each, *now[12:]))
+        self._shares, self._shape = Shares(ends[: parts + 1].reshape(1, -1), ends[parts + 1 :]), (0, 0, 0)
+
+    def shared(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where pairs are ``apart``: the beads (P, 2) of each, and (P, 7) the energy and the tensor r F (xx, yy, zz, xy, xz, yz) that the
+        last loop has found."""
+        now, tensors = self.arrays, self.tensors
+        if len(tensors) != len(now.sums):  # all forces are along the lines between beads
+            (x, y, z), virial = now.geometry[:3], now.sums[:, 1]
+            tensors = np.stack([virial * x * x, virial * y * y, virial * z * z, virial * x * y, virial * x * z, virial * y * z], axis=1)
+        return self.order[np.stack([now.pi, now.pj], axis=1)], np.column_stack([now.sums[:, 0], tensors])
 
     @property
     def stored(self) -> bool:

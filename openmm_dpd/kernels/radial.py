@@ -159,6 +159,10 @@ class RadialEvaluator:
         found = self._sums(x, box, np.zeros_like(x), tensor=True).stress
         return np.zeros(6) if found is None else found
 
+    def shared(self) -> tuple[np.ndarray, np.ndarray]:
+        """See :meth:`.pairs.PairList.shared`."""
+        return self.list.shared()
+
     def _sums(self, x: np.ndarray, box: np.ndarray | None, force: np.ndarray, tensor: bool = False) -> Totals:
         if not len(self.list.beads):
             return Totals(0.0, 0.0, 0.0)

@@ -282,6 +282,12 @@ class SegmentEngine:
         """The sum alone; RunError as :meth:`forces`."""
         return self.forces(x, box)[2]
 
+    def shared(self) -> tuple[np.ndarray, np.ndarray]:
+        """See :meth:`.pairs.PairList.shared`; the beads (P, 4) of both segments of each contact."""
+        self.list.tensors = self._data.stress
+        segments, values = self.list.shared()
+        return self.spec.pairs[segments].reshape(-1, 4), values
+
     def _set_reach(self, x: np.ndarray, longest: float, box: np.ndarray | None) -> None:
         """Distance of midpoints up to which two segments can meet; it depends on the longest of them where ends can meet."""
         spec, pairs = self.spec, self.list

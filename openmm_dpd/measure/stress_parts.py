@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..base.geometry import minimum_images, symmetric_products
+from ..base.geometry import AXES_OF_TENSOR, minimum_images, symmetric_products
 from ..kernels.charges import ChargeEvaluator
-from ..kernels.extras import warm_up_extras
+from ..kernels.extras import Extra, warm_up_extras
 from ..kernels.motion import second_moments
 from ..model.schemes import SWEEPS, Letter, Scheme
 from ..plan.charge_forces import charge_terms
@@ -25,9 +25,15 @@ Part = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 
 def stress_parts(plan: Plan) -> list[Part]:
     """Stress functions of bonds and angles, overlays and segments.  Forces on single beads have none."""
+    found = beside_pairs(plan)
+    return [BondedStress(extra) if extra.term == "bond" else extra.evaluator().stress for extra in found]  # type: ignore[attr-defined]
+
+
+def beside_pairs(plan: Plan) -> list[Extra]:
+    """Kernels of bonds and angles, overlays and segments, compiled."""
     found = [extra for extra in extras(plan.scene, plan.overlays, plan.exceptions) if extra.term != "external"]
     warm_up_extras(found)
-    return [BondedStress(extra) if extra.term == "bond" else extra.evaluator().stress for extra in found]  # type: ignore[attr-defined]
+    return found
 
 
 def charge_evaluator(plan: Plan) -> ChargeEvaluator | None:
@@ -48,10 +54,20 @@ class BondedStress:
 
     def __call__(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
         """(6,) sums of r F (xx, yy, zz, xy, xz, yz) at positions x (N, 3), kJ/mol."""
+        r, force = self._pulls(x, box)
+        return symmetric_products(r.reshape(-1, 3), force.reshape(-1, 3))
+
+    def each(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Beads (T, 2), (T, 3) or (T, 4) of each term, and its own sums (T, 6)."""
+        products = np.einsum("tka,tkb->tab", *self._pulls(x, box))
+        return self._beads, np.stack([products[:, a, b] for a, b in AXES_OF_TENSOR], axis=1)
+
+    def _pulls(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """For each term: its beads relative to the first one, and the forces on them."""
         copies, force = x[self._beads], np.zeros((self._beads.size, 3))
         self._alone.add_to(copies.reshape(-1, 3), box, force, 1.0)
         steps = minimum_images(np.diff(copies, axis=1).reshape(-1, 3), box).reshape(len(copies), -1, 3)
-        return symmetric_products(np.cumsum(steps, axis=1).reshape(-1, 3), force.reshape(copies.shape)[:, 1:].reshape(-1, 3))
+        return np.cumsum(steps, axis=1), force.reshape(copies.shape)[:, 1:]
 
 
 def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from ...kernels.motion import second_moments
 from ...kernels.shear import rate_at, strain_at
 from ...measure import Sample
 from ...measure.observer import SceneSampler
+from ...measure.of_beads import bead_shares
 from ...measure.present import require_stress, why_no_stress
 from ...model.schemes import scheme_of
 from ...simulation.built import BuiltSystem
@@ -70,8 +71,13 @@ class LiveSample(DeckSample):
         return getattr(self, name)
 
     def kept(self) -> DeckSample:
-        """The part that outlasts the step: everything but the forces on single beads."""
-        return DeckSample(**{name: value for name, value in vars(self).items() if name not in ("sampler", "measured", "forces")})
+        """The part that outlasts the step: everything but the forces, energies and stresses of single beads."""
+        gone = "sampler", "measured", "forces", "shares"
+        return DeckSample(**{name: value for name, value in vars(self).items() if name not in gone})
+
+    @cached_property
+    def shares(self) -> dict[str, np.ndarray]:
+        return bead_shares(self.sampler.observer.present)
 
     @cached_property
     def virial(self) -> float:

@@ -1,9 +1,12 @@
 """Per-bead values: the words of ``compute property/atom`` and ``fix ave/chunk``, and the computes with per-bead values."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ...base.errors import ParameterError
+from ...base.geometry import AXES_OF_TENSOR
 from ..files.data_file import BONDED_STYLES, CHARGED_STYLES
 from ..language import arguments as read
 from ..state.atoms import Atoms
@@ -107,6 +110,44 @@ def _internal(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return _in_group(moment, compute, np.column_stack(columns))
 
 
+#: Keywords of computes pe/atom and stress/atom; the last ones are parts that beads have nothing of.
+_PARTS = ("pair", "bond", "angle", "dihedral", "improper", "kspace", "fix")
+
+
+def _potential_parts(state: DeckState, group: str, words: list[str]) -> tuple[str, ...]:
+    return tuple(read.choice(word, "an argument of compute pe/atom", _PARTS) for word in words) or _PARTS
+
+
+def _potential(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    return _in_group(moment, compute, _shares(moment, compute.settings)[:, 0] / moment.units.energy)
+
+
+def _shares(moment: DeckMoment, parts: Sequence[str]) -> np.ndarray:
+    """(N, 7) energies and r F (xx, yy, zz, xy, xz, yz) of the beads, summed over parts, kJ/mol."""
+    return sum((values for part, values in moment.need("shares").items() if part in parts), np.zeros((len(moment.state.atoms), 7)))
+
+
+def _stress_parts(state: DeckState, group: str, words: list[str]) -> tuple[str, ...]:
+    read.count(words, "compute ID group stress/atom temp-ID|NULL [ke|virial|pair|bond|angle|dihedral|improper|kspace|fix ...]", 1, None)
+    if words[0] != "NULL" and (temp := state.temperature_compute(words[0])).group != "all" and any(temp.settings.streaming):
+        raise ParameterError("compute stress/atom: a compute temp/profile that it uses must have the group all")
+    allowed = ("ke", "virial", *_PARTS)
+    found = [read.choice(word, "an argument of compute stress/atom", allowed) for word in words[1:]] or ["ke", "virial"]
+    return (*found, *(_PARTS if "virial" in found else ()))
+
+
+def _stress(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """Minus m v v and r F of each bead, with the velocities that the temperature compute counts."""
+    found = _shares(moment, compute.settings)[:, 1:]
+    if "ke" in compute.settings:
+        velocities, masses, temp = moment.velocities, moment.state.bead_masses(), compute.arguments[0]
+        if temp != "NULL":  # what it subtracts, from the velocities of all beads
+            velocities = moment.thermal(replace(moment.state.temperature_compute(temp), group="all"))[1]
+        v = velocities * moment.units.velocity
+        found = found + np.stack([masses * v[:, a] * v[:, b] for a, b in AXES_OF_TENSOR], axis=1)
+    return _in_group(moment, compute, -found / (moment.units.length**3 * moment.units.pressure))
+
+
 def _species(state: DeckState, group: str, words: list[str]) -> int:
     read.count(words, "compute ID group tdpd/cc/atom species", 1)
     state.require_atom_style("compute tdpd/cc/atom", "tdpd")
@@ -118,6 +159,8 @@ PER_BEAD: dict[str, ComputeSpec] = {
     "property/atom": ComputeSpec(
         _check_property, per_bead=_property, columns=lambda compute: len(compute.arguments) if len(compute.arguments) > 1 else 0
     ),
+    "pe/atom": ComputeSpec(_potential_parts, per_bead=_potential),
+    "stress/atom": ComputeSpec(_stress_parts, per_bead=_stress, columns=lambda compute: 6),
     "ke/atom": ComputeSpec(no_arguments("ke/atom"), per_bead=_kinetic),
     "dpd/atom": ComputeSpec(no_arguments("dpd/atom", "dpd"), per_bead=_internal, columns=lambda compute: 4),
     "edpd/temp/atom": ComputeSpec(

@@ -1,0 +1,144 @@
+"""Computes, fixes and dumps that measure, beside a live LAMMPS without noise: rows of a run, and files word by word."""
+
+import gzip
+from pathlib import Path
+
+import lammps_peer
+import numpy as np
+import pytest
+from deck_snippets import FILES
+from test_lammps_tensor_live import decks
+from test_lammps_thermo_live import both
+
+from openmm_dpd.lammps import RunOptions, run_deck
+
+LAMMPS = lammps_peer.needed()
+
+MDPD = """pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 98
+pair_coeff * * mdpd/rhosum 0.75
+pair_coeff * * mdpd -40 25 18.0 1.0 0.75
+fix 1 all mvv/dpd 0.5
+"""
+CHAINS = """atom_style molecular
+special_bonds lj 0.5 0.3 1.0
+bond_style harmonic
+angle_style harmonic
+dihedral_style opls
+read_data {folder}/data.turns
+comm_modify vel yes
+group ga id 1:5
+bond_coeff 1 50 0.5
+angle_coeff 1 5 120
+dihedral_coeff 1 1 -2 3 0.5
+pair_style dpd 0.0 1.0 3
+pair_coeff * * 25 0.1
+velocity all ramp vy -1 1 z 0 3
+fix 1 all nve
+timestep 0.005
+"""
+SHARES = """compute s all stress/atom NULL
+compute sv ga stress/atom NULL virial
+compute tp ga temp/partial 1 0 1
+compute sk all stress/atom tp ke pair
+compute e all pe/atom
+compute ep all pe/atom pair fix
+compute c all chunk/atom bin/1d z lower 0.3 units reduced
+variable x atom c_e*c_s[2]
+compute r all reduce sum c_s[*] c_sv[1] c_sv[6] c_sk[1] c_sk[2] c_sk[4] c_e c_ep
+compute m all reduce max c_s[1] v_x c_e
+variable p equal press+(c_r[1]+c_r[2]+c_r[3])/3/vol
+fix a all ave/chunk 1 3 3 c c_s[1] c_s[4] v_x c_e file f.chunk format " %.10g"
+dump d all custom 3 f.dump id c_s[*] c_e c_sv[1] v_x
+dump_modify d sort id format float %.10g
+thermo_style custom step press c_r[*] c_m[*] v_p
+"""
+
+
+def start(folder: Path, base: str) -> str:
+    """The beginning of a deck."""
+    if base == "chains":
+        (folder / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+        return CHAINS.format(folder=folder)
+    text = decks(folder, "predicted" if base == "mdpd" else base, "orthogonal" if base == "mdpd" else "tilted")
+    return text[: text.index("pair_style")] + MDPD if base == "mdpd" else text
+
+
+#: By name: how the deck begins, and what it measures.
+DECKS = {
+    **{f"shares {base}": (base, SHARES) for base in ("dpd", "predicted", "transverse", "two thermostats", "mdpd", "frozen")},
+    "shares chains": (
+        "chains",
+        SHARES.replace("c_ep\n", "c_ep c_b[4] c_a[5] c_t[1] c_pa c_pb\n", 1).replace(
+            "compute c ",
+            "compute b all stress/atom NULL bond\ncompute a all stress/atom NULL angle\ncompute t all stress/atom NULL dihedral ke\n"
+            "compute pa all pe/atom angle\ncompute pb all pe/atom bond dihedral improper\ncompute c ",
+        ),
+    ),
+}
+
+
+def same_words(one: Path, other: Path) -> None:
+    """Files of words and numbers agree."""
+    texts = [gzip.open(path, "rt").read() if path.suffix == ".gz" else path.read_text() for path in (one, other)]
+    there, here = (text.split() for text in texts)
+    assert len(there) == len(here), one.name
+    for k, (a, b) in enumerate(zip(there, here, strict=True)):
+        if a != b:
+            assert float(b) == pytest.approx(float(a), rel=1e-6, abs=1e-7), f"{one.name}, word {k}: {there[max(k - 30, 0) : k + 5]}"
+
+
+@LAMMPS
+@pytest.mark.parametrize("name", DECKS)
+def test_rows_and_files(tmp_path, name):
+    base, text = DECKS[name]
+    tail = "thermo 1\nthermo_modify format float %.12g\nrun 3\n"
+    theirs, ours = both(tmp_path, start(tmp_path, base) + text + tail)
+    a, b = (np.array([row.split() for row in rows[1:] if row.split()[0].isdigit()], float) for rows in (theirs, ours))
+    assert a.shape == b.shape
+    np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-10 * np.abs(a).max())
+    files = sorted(path.name for path in (tmp_path / "theirs").glob("f*"))
+    assert files == sorted(path.name for path in (tmp_path / "ours").glob("f*"))
+    for file in files:
+        same_words(tmp_path / "theirs" / file, tmp_path / "ours" / file)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("style", ["dpd 1.0 1.0 3", "dpd/ext 1.0 1.0 3", "tdpd 1 1 7", "srp"])
+def test_shares_add_up_with_noise(tmp_path, style, threads):
+    """To the pressure and the energy, where there is no LAMMPS to compare with."""
+    coefficients = {"dpd": "25 4.5", "dpd/ext": "25 4.5 3.0 0.5 1.0 1.0", "tdpd": "25 4.5 0.5 1 1 0.1 0.0 2"}.get(style.split()[0])
+    text = f"""atom_style {"tdpd 1" if "tdpd" in style else "atomic"}
+region box block 0 4 0 4 0 4
+create_box 1 box
+create_atoms 1 random 150 5 NULL
+mass 1 1
+velocity all create 1 4
+pair_style {style}
+pair_coeff 1 1 {coefficients}
+fix 1 all {"mvv/tdpd" if "tdpd" in style else "nve"}
+"""
+    if style == "srp":
+        text = CHAINS.format(folder=tmp_path).replace("pair_style dpd 0.0", "pair_style hybrid/overlay srp 0.8 * mid dpd 1.0")
+        text = text.replace("pair_coeff * * 25", "pair_coeff 2 2 srp 60\npair_coeff 1 2 none\npair_coeff 1 1 dpd 25").replace(
+            "data.turns", "data.turns extra/atom/types 1"
+        )
+        text = text.replace("bond_coeff", "mass 2 1.0\nbond_coeff", 1)
+        (tmp_path / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+    (tmp_path / "in.sums").write_text(
+        text
+        + """compute s all stress/atom NULL
+compute e all pe/atom
+compute v all pressure NULL virial
+compute r all reduce sum c_s[*] c_e
+variable p equal press+(c_r[1]+c_r[2]+c_r[3])/3/vol
+thermo 2
+thermo_style custom step press v_p c_r[7] c_thermo_pe
+thermo_modify norm no
+run 4
+""",
+        encoding="utf-8",
+    )
+    report = run_deck(tmp_path / "in.sums", RunOptions(platform="Reference", threads=threads))
+    rows = report["runs"][0]["thermo"]
+    assert abs(rows["v_p"]["last"]) < 1e-9 * abs(rows["press"]["last"])
+    assert rows["c_r[7]"]["last"] == pytest.approx(rows["c_thermo_pe"]["last"], rel=1e-9)
