@@ -17,11 +17,12 @@ if sys.dont_write_bytecode:  # without it each process that tests start would co
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import numba
+import numpy as np
 import pytest
 from devices import DEVICES, MARKS, Device, available
 
 from openmm_dpd.base.files import write_whole
-from openmm_dpd.io import pictures
+from openmm_dpd.io import bead_pictures, pictures
 from openmm_dpd.plan import device as device_engine
 from openmm_dpd.runtime import threads
 from openmm_dpd.runtime.threads import set_threads
@@ -65,7 +66,9 @@ def engine_of_the_host(monkeypatch) -> None:
 def undrawn(monkeypatch) -> None:
     """Pictures of runs have no content: to draw one takes longer than a short run.  Tests of pictures have a fixture of this name that does nothing."""
     blank = b"\x89PNG" + bytes(100_000)
-    monkeypatch.setattr(pictures, "write_picture", lambda path, figure: write_whole(path, blank, "the picture"))
+    monkeypatch.setattr(bead_pictures, "drawn", lambda *_: np.zeros((2, 2, 4)))
+    for room, name in ((pictures, "write_picture"), (bead_pictures, "write_picture"), (bead_pictures, "write_pixels")):
+        monkeypatch.setattr(room, name, lambda path, figure: write_whole(path, blank, "the picture"))
 
 
 @pytest.fixture(autouse=True)

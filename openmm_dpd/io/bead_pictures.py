@@ -9,7 +9,7 @@ from ..base.errors import ParameterError, what_is
 from ..base.geometry import folded, minimum_images, widths
 from ..base.units import whole_number
 from ..model.pairs import checked
-from .pictures import DPI, new_figure, write_picture
+from .pictures import DPI, new_figure, write_picture, write_pixels
 from .snapshot import Snapshot
 from .spheres import camera, drawn
 from .view import COLOURS, default_radii, radii_of
@@ -86,11 +86,14 @@ def bead_picture(
             said = "a slice through the middle of the box"
     if not shown.any():
         raise ParameterError("no bead is left to draw: all are hidden, or outside of the slice")
-    spheres = [(positions[shown], beads.sizes[beads.types[shown]], beads.types[shown])]
-    spheres += [*_sticks(beads, positions, shown), *_edges(beads.box, len(beads.names))]
-    centres, sizes, kinds = (np.concatenate(each) for each in zip(*spheres, strict=True))
-    colours = np.array([*(_rgb(COLOURS[k % len(COLOURS)]) for k in range(len(beads.names))), _rgb("#404040")])
-    picture = drawn(centres, sizes, colours[kinds], axes, pixels)
+    colours = np.array([_rgb(COLOURS[k % len(COLOURS)]) for k in range(len(beads.names))])
+    stick, edge = (
+        _STICK * min(beads.sizes[beads.sizes > 0.0], default=0.0),
+        _EDGE * float(0.0 if beads.box is None else np.linalg.norm(beads.box.diagonal())),
+    )
+    bonds = beads.bonds[shown[beads.bonds].all(1)]
+    of_beads = positions, beads.sizes[beads.types], colours[beads.types]
+    picture = drawn(*_spheres(*of_beads, shown, [(bonds, stick, None)], beads.box, edge, _rgb("#404040")), axes, pixels)
     figure = new_figure(picture.shape[1] / DPI, picture.shape[0] / DPI + 0.5)
     axis = figure.subplots()
     axis.imshow(picture, interpolation="antialiased")
@@ -134,26 +137,38 @@ def _line(begin: np.ndarray, along: np.ndarray, radius: float) -> np.ndarray:
     return (begin[:, None] + np.linspace(0.0, 1.0, count)[:, None] * along[:, None]).reshape(-1, 3)
 
 
-def _sticks(beads: _Beads, positions: np.ndarray, shown: np.ndarray):
-    """Half of each bond from each of its beads, in that bead's colour."""
-    radius = _STICK * min(beads.sizes[beads.sizes > 0.0], default=0.0)
-    for first, second in ((0, 1), (1, 0)):
-        ends = beads.bonds[shown[beads.bonds].all(1)]
-        apart = minimum_images(positions[ends[:, second]] - positions[ends[:, first]], beads.box)
-        if len(ends) and radius:
-            centres = _line(positions[ends[:, first]], 0.5 * apart, radius)
-            yield centres, np.full(len(centres), radius), np.repeat(beads.types[ends[:, first]], len(centres) // len(ends))
+def _spheres(positions, sizes, colours, shown, sticks, box, edge, edge_colour) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres, radii and colours of all that is drawn: the beads that are shown; sticks, each of bonds (B, 2), a radius, and a colour or
+    None for those of the beads; and edges of the box, of a radius that may be 0."""
+    parts = [(positions[shown], sizes[shown], colours[shown])]
+    for bonds, radius, colour in sticks if len(positions) else ():
+        for first, second in ((0, 1), (1, 0)) if len(bonds) and radius else ():
+            # half of each bond from each of its beads
+            begin, apart = positions[bonds[:, first]], minimum_images(positions[bonds[:, second]] - positions[bonds[:, first]], box)
+            centres = _line(begin, 0.5 * apart, radius)
+            of_bonds = colours[bonds[:, first]] if colour is None else np.tile(colour, (len(bonds), 1))
+            parts.append((centres, np.full(len(centres), radius), np.repeat(of_bonds, len(centres) // len(bonds), axis=0)))
+    if box is not None and edge:
+        starts = [(a, np.array(corner) @ np.delete(box, a, 0)) for a in range(3) for corner in ((0, 0), (0, 1), (1, 0), (1, 1))]
+        centres = np.concatenate([_line(start[None], box[a][None], edge) for a, start in starts])
+        parts.append((centres, np.full(len(centres), edge), np.tile(edge_colour, (len(centres), 1))))
+    centres, radii, rgb = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return centres, radii, rgb
+
+
+def draw_spheres(path, positions, radii, colours, sticks, box, *, view, size, height, edge, edge_colour, background) -> None:
+    """Draw beads (N, 3) with their radii and colours (N, 3) into a PNG file of ``size`` pixels, without words around it, the box in the
+    middle, and ``height`` nm from below to above; ``view`` is as in :func:`bead_picture`, what else there is as in :func:`_spheres`.
+    OutputError if it cannot be written."""
+    shown = np.ones(len(positions), bool)
+    parts = _spheres(positions, radii, colours, shown, sticks, box, edge, edge_colour)
+    if len(parts[0]):
+        seen = drawn(*parts, camera(*view), max(size), (size, 0.5 * box.sum(axis=0), height))
+        colour = seen[..., :3] * seen[..., 3:] + np.asarray(background) * (1.0 - seen[..., 3:])
+    else:
+        colour = np.tile(np.asarray(background, dtype=float), (size[1], size[0], 1))
+    write_pixels(path, colour)
 
 
 def _corners(box: np.ndarray) -> list[np.ndarray]:
     return [np.array([i, j, k]) @ box for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-
-
-def _edges(box: np.ndarray | None, kind: int):
-    """The twelve edges of the box."""
-    if box is not None:
-        radius = _EDGE * float(np.linalg.norm(box.diagonal()))
-        starts = [(a, np.array(corner) @ np.delete(box, a, 0)) for a in range(3) for corner in ((0, 0), (0, 1), (1, 0), (1, 1))]
-        for a, start in starts:
-            centres = _line(start[None], box[a][None], radius)
-            yield centres, np.full(len(centres), radius), np.full(len(centres), kind)

@@ -122,6 +122,16 @@ def write_picture(path: str | os.PathLike, figure: Any) -> None:
     write_whole(path, picture.getvalue(), "the picture")
 
 
+def write_pixels(path: str | os.PathLike, colours: np.ndarray) -> None:
+    """Write (H, W, 3) red, green and blue from 0 to 1 as a PNG file; OutputError if that fails."""
+    picture = io.BytesIO()
+    with _DRAWING:
+        from matplotlib.image import imsave
+
+        imsave(picture, np.clip(colours, 0.0, 1.0), format="png")
+    write_whole(path, picture.getvalue(), "the picture")
+
+
 def _numbers(values: Any, name: str) -> np.ndarray:
     try:
         return np.asarray(values, dtype=np.float64)

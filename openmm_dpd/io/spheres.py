@@ -20,7 +20,14 @@ def camera(theta: float, phi: float) -> np.ndarray:
     return np.array([right, np.cross(toward, right), toward])
 
 
-def drawn(centres: np.ndarray, radii: np.ndarray, colours: np.ndarray, axes: np.ndarray, pixels: int) -> np.ndarray:
+def drawn(
+    centres: np.ndarray,
+    radii: np.ndarray,
+    colours: np.ndarray,
+    axes: np.ndarray,
+    pixels: int,
+    frame: tuple[tuple[int, int], np.ndarray, float] | None = None,
+) -> np.ndarray:
     """Draw spheres in a parallel projection.
 
     Parameters
@@ -34,6 +41,8 @@ def drawn(centres: np.ndarray, radii: np.ndarray, colours: np.ndarray, axes: np.
         Right, top and viewer, see :func:`camera`.
     pixels : int
         Longer side of the picture.
+    frame : tuple, optional
+        Width and height of the picture in pixels, the point in its middle, and how high it is in units of the radii.
 
     Returns
     -------
@@ -46,6 +55,10 @@ def drawn(centres: np.ndarray, radii: np.ndarray, colours: np.ndarray, axes: np.
     low, high = (seen[:, :2] - radii[:, None]).min(0), (seen[:, :2] + radii[:, None]).max(0)
     scale = _FINER * pixels / max(float((high - low).max()), 1e-12)
     shape = tuple(_FINER * np.maximum(np.ceil((high - low)[::-1] * scale / _FINER).astype(int), 1))
+    if frame is not None:
+        (width, height), middle, high_is = frame
+        scale, shape = _FINER * height / high_is, (_FINER * height, _FINER * width)
+        low = axes[:2] @ middle - 0.5 * _FINER * np.array([width, height]) / scale
     depth, front = _nearest(seen, radii, low, scale, shape)
     rows, columns = np.nonzero(front >= 0)
     its, found = front[rows, columns], depth[rows, columns]

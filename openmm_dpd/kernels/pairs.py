@@ -266,7 +266,7 @@ class PairList:
         count, ends = len(rows), np.concatenate([[0], np.full(parts, len(rows)), np.arange(len(rows))])
         listed = now.pi[rows], now.pj[rows], np.ascontiguousarray(now.geometry[:, rows]), now.factors[rows if len(now.factors) else []]
         one_each = np.arange(count + 1, dtype=np.uint64), np.ones(count, np.uint64), np.zeros((count, 5))
-        self._stored = now._make((*now[:5], *listed, *one_each, *now[12:]))
+        self._stored = Pairs(*now[:5], *listed, *one_each, *now[12:])  # type: ignore[arg-type, misc]
         self._shares, self._shape = Shares(ends[: parts + 1].reshape(1, -1), ends[parts + 1 :]), (0, 0, 0)
 
     def shared(self) -> tuple[np.ndarray, np.ndarray]:

@@ -50,6 +50,11 @@ def test_the_camera_has_z_to_the_top():
 
 
 @pytest.fixture
+def undrawn():
+    """Pictures are drawn here."""
+
+
+@pytest.fixture
 def scene():
     pairs = {("A", "A"): dpd.DPD(25, 4.5), ("A", "B"): dpd.DPD(25, 4.5), ("B", "B"): dpd.DPD(25, 4.5)}
     positions = np.random.default_rng(1).random((60, 3)) * 5

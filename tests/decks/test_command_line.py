@@ -46,7 +46,7 @@ def test_run_writes_everything(deck, tmp_path, capsys):
     # the second run starts where the first one ends
     assert report["thermo"]["step"]["first"] == 50 and report["thermo"]["step"]["last"] == 80
     assert report["runs"][1]["thermo"]["pe"]["first"] == pytest.approx(report["runs"][0]["thermo"]["pe"]["last"], rel=1e-9)
-    for name in ("trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png"):
+    for name in ("trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png", "beads.png"):
         assert (out / name).stat().st_size > 0
     printed = capsys.readouterr().out.splitlines()
     assert sum("Step" in line and "v_twice" in line for line in printed) == 2

@@ -80,7 +80,7 @@ def test_each_file_that_cannot_be_written_has_one_line(deck, capsys, name, line,
 
 
 def test_a_full_disk_is_named(deck, capsys):
-    """A real one, where a mount is allowed: the picture finds no space, all else is complete."""
+    """A real one, where a mount is allowed: the pictures find no space, all else is complete."""
     out = deck.parent / "out"
     with small_disk(out, 1000):
         (out / "ballast").write_bytes(bytes(780 * 1024))
@@ -88,7 +88,7 @@ def test_a_full_disk_is_named(deck, capsys):
         assert (out / "final_state.xml").stat().st_size > 50_000 and no_traces(out)
     error = capsys.readouterr().err
     reason = "cannot be written (No space left on device); free some space there, or write elsewhere"
-    assert error == f"openmm-dpd: error: the picture {out}/thermo.png {reason}\n"
+    assert error == f"openmm-dpd: error: the picture {out}/thermo.png {reason}; the picture {out}/beads.png {reason}\n"
     report = json.loads((deck.parent / "report.json").read_text())
     assert report["stopped"] is None and report["steps"] == 20
 

@@ -107,7 +107,7 @@ WRONG = {
     "dump a all xyz 2 a.xyz\ndump_modify a element C\n": "needs 2 values",
     "dump a all xyz 2 a.xyz\ndump_modify a unwrap yes\n": "unwrap is for dump style dcd and xtc",
     "dump a all xyz 2 a.xyz\ndump_modify a format line '%s %g %g'\n": "style xyz expects a line such as",
-    "dump_modify t element C O\n": "element is for dump style xyz",
+    "dump a all atom 2 a.txt\ndump_modify a element C O\n": "element is for dump style xyz",
     "dump_modify t sfactor 2\n": "sfactor is for dump style xtc",
 }
 

@@ -6,11 +6,14 @@ from pathlib import Path
 import lammps_peer
 import numpy as np
 import pytest
+from cases import put, raises
 from deck_snippets import FILES
+from matplotlib.image import imread
 from test_lammps_tensor_live import decks
 from test_lammps_thermo_live import both
 
-from openmm_dpd.lammps import RunOptions, run_deck
+from openmm_dpd.base.errors import DeckError
+from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 
 LAMMPS = lammps_peer.needed()
 
@@ -20,6 +23,7 @@ pair_coeff * * mdpd -40 25 18.0 1.0 0.75
 fix 1 all mvv/dpd 0.5
 """
 CHAINS = """atom_style molecular
+atom_modify sort 0 0
 special_bonds lj 0.5 0.3 1.0
 bond_style harmonic
 angle_style harmonic
@@ -63,9 +67,41 @@ def start(folder: Path, base: str) -> str:
     return text[: text.index("pair_style")] + MDPD if base == "mdpd" else text
 
 
+DUMPS = """neigh_modify every 1 delay 0 check no
+region left block 0 1.5 0 3 0 3
+compute b all bond/local dist dx dy dz engpot force fx
+compute bi ga property/local btype batom1 batom2
+compute bg ga bond/local dist
+compute ai all property/local atype aatom1 aatom2 aatom3
+compute an all angle/local theta eng
+compute d all dihedral/local phi
+compute di all property/local dtype datom1 datom4
+compute ke all ke/atom
+compute rl all reduce max c_b[1] c_b[5] inputs local
+compute v ga vacf
+compute ra all reduce avesq c_an[1] inputs local
+compute rr all reduce/region left sum x vy
+dump l all local 2 f.l index c_b[*]
+dump_modify l label BONDS format line "%d %g %g %g %.8g %g %10.5f %g"
+dump a all local/gz 2 f.al.*.gz index c_ai[*] c_an[*]
+dump i ga local 2 f.i c_bi[*] c_bg
+dump j all local 2 f.dl.gz c_d c_di[2] c_di[*]
+dump_modify j units yes time yes
+dump c all custom/gz 1 f.c.gz id element x proc procp1
+dump_modify c element O thresh x < 1.5 thresh c_ke != 0 region left time yes units yes sort id format 3 %.9f
+dump g all atom/gz 1 f.g.*.gz
+dump_modify g pad 5 sort id
+dump h all xyz 1 f.x.gz
+dump o ga custom 2 f.o id x vy
+dump_modify o thresh vy >= 0 thresh none thresh x > 1 header no sort id thresh y <= 2.5 format line "%d %.8g %g"
+dump z all atom 2 f.z.*
+dump_modify z units yes time yes delay 2 format line "%d %d %.10g %.10g %.10g"
+thermo_style custom step c_rl[*] c_ra c_rr[*] c_v[*]
+"""
 #: By name: how the deck begins, and what it measures.
 DECKS = {
     **{f"shares {base}": (base, SHARES) for base in ("dpd", "predicted", "transverse", "two thermostats", "mdpd", "frozen")},
+    "dumps": ("chains", DUMPS),
     "shares chains": (
         "chains",
         SHARES.replace("c_ep\n", "c_ep c_b[4] c_a[5] c_t[1] c_pa c_pb\n", 1).replace(
@@ -142,3 +178,57 @@ run 4
     rows = report["runs"][0]["thermo"]
     assert abs(rows["v_p"]["last"]) < 1e-9 * abs(rows["press"]["last"])
     assert rows["c_r[7]"]["last"] == pytest.approx(rows["c_thermo_pe"]["last"], rel=1e-9)
+
+
+# -- pictures ------------------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def undrawn():
+    """Pictures are drawn here."""
+
+
+def test_pictures_have_what_the_deck_says(tmp_path):
+    """Colours by type and by value, the box in LAMMPS's projection, sticks, and names of files."""
+    (tmp_path / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+    (tmp_path / "in.pictures").write_text(
+        CHAINS.format(folder=tmp_path)
+        + """variable phi equal 30*step
+region left block INF 10 INF INF INF INF
+dump i all image 2 i.*.jpg type type view 70 v_phi zoom 1.4 size 80 60 box yes 0.01 bond atom 0.1 adiam 0.5 axes yes 1 1
+dump_modify i backcolor white boxcolor black acolor 1 blue element C
+dump m ga movie 2 m.mpg id mass view 90 90 size 60 60 box no 0.02 bond none none
+dump_modify m region left color own 0 1 0 backcolor own
+run 2
+""",
+        encoding="utf-8",
+    )
+    run_deck(tmp_path / "in.pictures", RunOptions(platform="Reference"), out=tmp_path / "out")
+    pictures = {path.name: imread(path)[..., :3] for path in (tmp_path / "out").glob("[im].*.png")}
+    assert sorted(pictures) == ["i.0.png", "i.2.png", "m.0.png", "m.2.png"]
+    first, turned, film = pictures["i.0.png"], pictures["i.2.png"], pictures["m.2.png"]
+    assert first.shape == turned.shape == (60, 80, 3) and not np.array_equal(first, turned)
+    blue = (first[..., 2] > 0.5) & (first[..., 0] < 0.4)
+    assert 0.02 < blue.mean() < 0.3 and np.all(first[0, 0] == 1.0)
+    # five beads of diameter 1 in a row, in a window of twice the box, from blue to red before green
+    green = np.all(film == [0.0, 1.0, 0.0], axis=-1)
+    assert film.shape == (60, 60, 3) and 0.05 < 1.0 - green.mean() < 0.35
+    assert np.any((film[..., 0] > 0.6) & (film[..., 2] < 0.4)) and np.any((film[..., 2] > 0.6) & (film[..., 0] < 0.4))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("dump i all image 2 i.png type type", "put a \\* into the name"),
+        ("dump i all movie 2 i.*.mpg type type", "remove the \\*"),
+        ("dump i all image 2 i.*.png type type bond red 1", "the colour of bonds must be one of"),
+        ("dump i all image 2 i.*.png type type\ndump_modify i backcolor wite", "there is no colour 'wite'; did you mean white"),
+        ("dump i all image 2 i.*.png typ type", "a column of dump image must be one of"),
+        ("dump i all custom/gz 2 i.txt id", "must end with .gz"),
+        ("dump i all local 2 i.txt id", "a column of dump local must be one of index"),
+        ("dump i all custom 2 i.txt id\ndump_modify i thresh x ~ 2", "the sign of dump_modify thresh"),
+        ("compute c all property/local batom1 aatom1", "are of different kinds"),
+        ("compute s all stress/atom NULL bonds", "an argument of compute stress/atom must be one of"),
+    ],
+)
+def test_what_is_refused(tmp_path, line, message):
+    (tmp_path / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+    raises(DeckError, message, lambda: read_deck(put(tmp_path / "in.bad", CHAINS.format(folder=tmp_path) + line + "\nrun 0\n")))

@@ -74,7 +74,7 @@ def test_the_main_job_as_printed(tmp_path):
     script = "\n".join(["set -eu", RUN[0], "rm -r openmm_dpd build", RUN[1]])
     done = subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    wanted = {"trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png"}
+    wanted = {"trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png", "beads.png"}
     assert {path.name for path in (tmp_path / "out" / "dpd").iterdir()} >= wanted
     assert (tmp_path / "out" / "dpd.json").is_file()
 

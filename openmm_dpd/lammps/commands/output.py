@@ -8,7 +8,8 @@ from ...base.errors import ParameterError
 from ...base.files import append_block, write_whole
 from ..files.data_file import ARRAYS, JOINED, DataFile, data_lines, styles_of
 from ..language import arguments as read
-from ..output.dumps import BINARY, COLUMNS, STYLES as DUMP_STYLES, Dump
+from ..output.dumps import BINARY, COLUMNS, COMPARED, PICTURES, STYLES as DUMP_STYLES, Dump
+from ..output.pictures import MODIFIED, parse_picture, picture_name
 from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
 from ..state.deck_state import DeckState
 from ..state.records import Compute, ThermoSettings
@@ -188,7 +189,7 @@ def uncompute(state: DeckState, args: list[str]) -> None:
 # -- dumps ------------------------------------------------------------------------------------------------------------------
 @command("dump ID group style N file ...", 5, None)
 def dump(state: DeckState, args: list[str]) -> None:
-    """``dump ID group atom|custom|dcd|xtc|xyz N file [columns ...]``."""
+    """``dump ID group style N file [columns, or colour diameter keyword value ...]``."""
     name, group, style, interval, file, *words = args
     if name in state.dumps:
         raise ParameterError(f"there already is a dump {name}; undump it first")
@@ -215,21 +216,32 @@ def write_dump(state: DeckState, args: list[str]) -> None:
 def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, file: str, words: list[str]) -> Dump:
     state.group(group)
     read.style(dict.fromkeys(DUMP_STYLES), "dump", style)
-    if style == "custom":
-        read.count(words, "dump ID group custom N file column ...", 1, None)
-        words = list(expanded(state, words))
-        for word in words:
-            check_bead_word(state, word, tuple(COLUMNS), "a column of dump custom")
+    if style.endswith("/gz") and not file.endswith(".gz"):
+        raise ParameterError(f"dump {style} '{file}': the name of the file must end with .gz")
+    style, columns, picture = style.removesuffix("/gz"), list[str](), None
+    allowed, local = (*COLUMNS, *(["element"] if style == "custom" else [])), style == "local"
+    if style in ("custom", "local"):
+        read.count(words, f"dump ID group {style} N file column ...", 1, None)
+        columns = list(expanded(state, words))
+    elif style in PICTURES:
+        read.count(words, f"dump ID group {style} N file colour diameter ...", 2, None)
+        picture = parse_picture(state, words)
+        columns = [word for word in picture.words["shown"] if word != "type"]
+        file = picture_name(state, style, file)
     else:
         read.count(words, f"dump ID group {style} N file", 0)
-    if file.endswith((".gz", ".bz2", ".zst", ".bin")):
-        raise ParameterError(f"dump file '{file}': compressed and binary files are not supported")
+    for word in columns:
+        if word != "index" or not local:
+            check_bead_word(state, word, allowed if not local else ("index",), f"a column of dump {style}", local)
+    if file.endswith((".bz2", ".zst", ".bin", ".xz")) or (file.endswith(".gz") and style in BINARY):
+        raise ParameterError(f"dump file '{file}': of compressed and binary files only text with .gz is supported")
     if "%" in file:
         raise ParameterError(f"dump file '{file}': one file per processor (%) is not supported")
     if style in BINARY and "*" in file:
         raise ParameterError(f"dump {style} '{file}': all frames go into one file; remove the *")
     state.placed(file)  # a wrong name is reported for this line
-    return Dump(name, group, style, every, file, {"atom": ("id", "type", "xs", "ys", "zs"), "custom": tuple(words)}.get(style, ()))
+    columns = ["id", "type", "xs", "ys", "zs"] if style == "atom" else [] if style in PICTURES else columns
+    return Dump(name, group, style, every, file, tuple(columns), picture=picture)
 
 
 @command("undump ID", 1)
@@ -244,20 +256,35 @@ def dump_modify(state: DeckState, args: list[str]) -> None:
 
 
 def _modify_dump(state: DeckState, found: Dump, args: list[str]) -> None:
-    once = ("every", "first", "append", "sort", "unwrap", "scale", "image", "flush", "pbc", "precision", "sfactor", "tfactor")
-    sizes = dict.fromkeys(once, 1) | {"format": 2, "element": state.n_types}
-    for keyword, values in read.options(args, sizes, "dump_modify"):
+    sizes = {"format": 2, "element": state.n_types, "thresh": 3, "colname": 2} | dict.fromkeys(_ONE_VALUE, 1)
+    sizes |= {"amap": 5} | (MODIFIED if found.picture is not None else {})
+    alone = {"format": "none", "thresh": "none", "colname": "default"}
+    only = {"types": ("numeric", "types are numbers"), "maxfiles": ("-1", "files are not removed")}
+    only |= {"amap": ("", "the colours of values go from blue (least) to red"), "colname": ("default", "columns have their own names")}
+    for keyword, values in read.options(args, sizes, "dump_modify", alone=alone, only=only):
         word = values[0]
         if keyword in _OF_STYLES and found.style not in _OF_STYLES[keyword]:
             raise ParameterError(f"dump_modify {keyword} is for dump style {' and '.join(_OF_STYLES[keyword])}")
-        if keyword == "every":
+        if found.picture is not None and keyword in MODIFIED:
+            found.picture.modify(state, keyword, values)
+        elif keyword == "every":
             found.every = read.integer(word, "the interval of the dump", 1)
-        elif keyword in ("first", "append", "unwrap", "pbc"):
+        elif keyword in ("first", "append", "unwrap", "pbc", "time", "units", "header"):
             setattr(found, keyword, read.switch(word, keyword))
+        elif keyword in ("pad", "delay"):
+            setattr(found, keyword, read.integer(word, keyword, 0))
+        elif keyword == "label":
+            found.label = word
+        elif keyword == "region":
+            if word != "none":
+                state.region(word)
+            found.region = None if word == "none" else word
+        elif keyword == "thresh":
+            found.thresholds = () if word == "none" else (*found.thresholds, _threshold(state, values))
         elif keyword in ("scale", "image"):
             _atom_columns(found, keyword, read.switch(word, keyword))
         elif keyword == "format":
-            _dump_format(found, word, values[1])
+            _dump_format(found, word, values[-1])
         elif keyword == "element":
             found.elements = tuple(values)
         elif keyword in ("sfactor", "tfactor"):
@@ -270,8 +297,22 @@ def _modify_dump(state: DeckState, found: Dump, args: list[str]) -> None:
             raise ParameterError(f"dump_modify sort off: dump {found.style} is sorted by id")
         elif keyword == "sort" and word not in ("id", "off"):
             raise ParameterError("dump_modify sort: beads are always sorted by id; only 'sort id' is supported")
-    if found.append and found.style in BINARY:
+    if found.append and (found.style in BINARY or found.picture is not None):
         raise ParameterError(f"dump_modify append is for text styles only: LAMMPS overwrites {found.style} files regardless")
+
+
+#: Keywords of dump_modify with one value; those of the last row have no effect.
+_ONE_VALUE = (
+    *("every", "first", "append", "sort", "unwrap", "scale", "image", "pbc", "precision", "sfactor", "tfactor"),
+    *("region", "time", "units", "header", "pad", "delay", "label", "types", "maxfiles"),
+    *("flush", "buffer", "nfile", "fileper", "compression_level"),
+)
+
+
+def _threshold(state: DeckState, values: list[str]) -> tuple[str, str, float]:
+    check_bead_word(state, values[0], tuple(COLUMNS), "the value of dump_modify thresh")
+    sign = read.choice(values[1], "the sign of dump_modify thresh", tuple(COMPARED))
+    return values[0], sign, read.number(values[2], "the number of dump_modify thresh")
 
 
 #: Allowed values of dump_modify precision.
@@ -279,18 +320,27 @@ _PRECISIONS = tuple(10**k for k in range(1, 7))
 
 #: Keywords of dump_modify that are limited to some styles.
 _OF_STYLES = {
-    **{"unwrap": BINARY, "scale": ("atom",), "image": ("atom",), "format": ("atom", "custom", "xyz"), "element": ("xyz",)},
+    **{"unwrap": BINARY, "scale": ("atom",), "image": ("atom",), "format": ("atom", "custom", "xyz", "local")},
+    **{"element": ("xyz", "custom", *PICTURES), "label": ("local",), "thresh": ("custom", *PICTURES), "region": ("custom", *PICTURES)},
+    **dict.fromkeys(("time", "units", "header"), ("atom", "custom", "local")),
     **dict.fromkeys(("precision", "sfactor", "tfactor"), ("xtc",)),
 }
 
 
 def _dump_format(found: Dump, word: str, form: str) -> None:
+    if word == "none":
+        found.formats.clear()
+        return
+    if word.isdigit() and 0 < int(word) <= len(found.columns):
+        word = found.columns[int(word) - 1]
     if found.style == "xyz":
         if word != "line" or not re.fullmatch(r"[^%]*%-?\d*s" + 3 * r"[^%]*%[-+ #0]*\d*(?:\.\d+)?[eEfFgG]" + "[^%]*", form):
             raise ParameterError(f"dump_modify format: style xyz expects a line such as '%s %g %g %g', not '{word} {form}'")
+    elif word == "line":
+        check_format(re.sub(r"%-?\d*s", "%d", form), len(found.columns))
     elif word not in ("int", "float", *found.columns):
-        raise ParameterError(f"dump_modify format: expected int, float or a column, not '{word}'")
-    else:
+        raise ParameterError(f"dump_modify format: expected line, int, float, a column or its number, not '{word}'")
+    elif word != "element":
         check_format(form, of=word if word in ("int", "float") else None)
     found.formats[word] = form
 

@@ -1,10 +1,14 @@
-"""Dumps: trajectory files of the deck (styles atom, custom, dcd, xtc and xyz)."""
+"""Dumps: trajectory files and pictures of the deck."""
 
+import gzip
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from ...base.errors import ParameterError
 from ...base.files import BlockFile, write_whole
 from ...base.units import UnitSystem
 from ...io.dcd import DCDWriter
@@ -13,10 +17,13 @@ from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..values.per_bead import BEAD_WORDS, BeadWord, axis_of
 from ..values.resolver import Resolver
+from .pictures import PictureSettings, draw_frame
 
-STYLES = ("atom", "custom", "dcd", "xtc", "xyz")
+STYLES = ("atom", "custom", "dcd", "xtc", "xyz", "local", "image", "movie", "atom/gz", "custom/gz", "xyz/gz", "local/gz")
 #: Binary styles, with all frames in one file.
 BINARY = ("dcd", "xtc")
+#: Styles that draw a picture of each frame.
+PICTURES = ("image", "movie")
 
 
 def _unwrapped(moment: DeckMoment) -> np.ndarray:
@@ -34,10 +41,17 @@ COLUMNS = BEAD_WORDS | {
     "uCond": _field("u_cond", "energy"),
     "uMech": _field("u_mech", "energy"),
     "dpdTheta": _field("theta", "thermal_energy"),
+    "proc": lambda moment: np.zeros(len(moment.state.atoms)),
+    "procp1": lambda moment: np.ones(len(moment.state.atoms)),
 }
 
 #: Columns of whole numbers.
-_WHOLE = ("id", "type", "mol", "ix", "iy", "iz")
+_WHOLE = ("id", "type", "mol", "ix", "iy", "iz", "proc", "procp1")
+#: Comparisons of ``dump_modify thresh``.
+COMPARED: dict[str, Callable] = {
+    **{"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "==": operator.eq, "!=": operator.ne},
+    "|^": lambda a, b: (a != 0) != (b != 0),
+}
 
 
 @dataclass
@@ -57,7 +71,17 @@ class Dump:
     unwrap: bool = False
     pbc: bool = False
     formats: dict[str, str] = field(default_factory=dict)
-    elements: tuple[str, ...] = ()  #: Names of the types in style xyz; empty means their numbers
+    elements: tuple[str, ...] = ()  #: Names of the types; empty means their numbers, and C in a column
+    thresholds: tuple[tuple[str, str, float], ...] = ()  #: Beads are written whose values compare so: word, sign and number
+    region: str | None = None  #: Region of the beads that are written
+    header: bool = True
+    #: Whether the header has the time, and the units.
+    time: bool = False
+    units: bool = False
+    pad: int = 0  #: Digits of the step in file names
+    delay: int = 0  #: First step that is written
+    label: str = "ENTRIES"  #: What style local calls its rows
+    picture: PictureSettings | None = None  #: Settings of the styles image and movie
     #: Factors ``sfactor`` and ``tfactor`` of lengths and times in style xtc.
     factors: dict[str, float] = field(default_factory=dict)
     precision: int = 1000  #: Style xtc rounds to this fraction of a nm (units lj: of the unit of length)
@@ -71,7 +95,8 @@ class Dump:
 
     def due(self, step: int) -> bool:
         """Whether a configuration is due at this step (never twice at the same step)."""
-        return step != self.last_step and (step % self.every == 0 or (self.first and self.last_step is None))
+        wanted = step % self.every == 0 or (self.first and self.last_step is None)
+        return step != self.last_step and step >= self.delay and wanted
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which a configuration is due."""
@@ -85,12 +110,14 @@ class Dump:
             BlockFile(self._path(state), self._what, append=self.append).close()
 
     def _path(self, state: DeckState, step: int | None = None) -> Path:
-        return state.output_file(state.placed(self.file, self.folder), step)
+        return state.output_file(state.placed(self.file, self.folder), None if step is None else f"{step:0{self.pad}d}")
 
     def write(self, moment: Resolver) -> None:
         """Write the configuration of a moment.  OutputError if this fails; earlier configurations stay readable."""
         if self.style in BINARY:
             self._write_frame(moment)
+        elif self.picture is not None:
+            draw_frame(self.picture, moment, self.chosen(moment), self._path(moment.state, moment.step))
         else:
             self._write_text(moment)
         self.last_step = moment.step
@@ -105,9 +132,19 @@ class Dump:
     def _what(self) -> str:
         return f"the file of dump {self.name},"
 
+    def chosen(self, moment: Resolver) -> np.ndarray:
+        """Mask of the beads that are written."""
+        mask = moment.state.group(self.group)
+        if self.region is not None:
+            mask = mask & moment.state.region(self.region).contains(moment.folded[0])
+        for word, sign, number in self.thresholds:
+            mask = mask & COMPARED[sign](column(moment, word), number)
+        return mask
+
     def _write_text(self, moment: Resolver) -> None:
         state, step = moment.state, moment.step
-        text = self._xyz_text(moment) if self.style == "xyz" else self._text(moment)
+        texts = {"xyz": self._xyz_text, "local": self._local_text}.get(self.style, self._text)(moment)
+        text = gzip.compress(texts.encode(), mtime=0) if self.file.endswith(".gz") else texts
         if "*" in self.file:
             write_whole(self._path(state, step), text, self._what)
             return
@@ -116,9 +153,16 @@ class Dump:
         assert isinstance(self.opened, BlockFile)
         self.opened.write(text)
 
-    def _text(self, moment: Resolver) -> str:
-        box, mask = moment.box, moment.state.group(self.group)
-        lines = [f"ITEM: TIMESTEP\n{moment.step}\nITEM: NUMBER OF ATOMS\n{mask.sum()}\n"]
+    def _head(self, moment: Resolver, count: int, what: str) -> list[str]:
+        """Lines before the rows, but for the names of the columns."""
+        if not self.header:
+            return []
+        box, lines = moment.box, []
+        if self.units and ("*" in self.file or (self.opened is None and not self.begun)):
+            lines.append(f"ITEM: UNITS\n{moment.units.name}\n")
+        if self.time:
+            lines.append(f"ITEM: TIME\n{moment.state.time_at(moment.step) / moment.units.time:.16g}\n")
+        lines.append(f"ITEM: TIMESTEP\n{moment.step}\nITEM: NUMBER OF {what}\n{count}\n")
         if box.triclinic:
             low, high = box.bounds
             lines.append("ITEM: BOX BOUNDS xy xz yz pp pp pp\n")
@@ -126,19 +170,36 @@ class Dump:
         else:
             lines.append("ITEM: BOX BOUNDS " + " ".join("pp" if periodic else "ff" for periodic in box.periodic) + "\n")
             lines += (f"{box.low[k]:.16e} {box.high[k]:.16e}\n" for k in range(3))
-        lines.append(f"ITEM: ATOMS {' '.join(self.columns)}\n")
-        forms, values = [], []
+        return [*lines, f"ITEM: {what} {' '.join(self.columns)}\n"]
+
+    def _text(self, moment: Resolver) -> str:
+        mask = self.chosen(moment)
+        types, values = moment.state.atoms.types[mask], []
         for name in self.columns:
-            whole = name in _WHOLE
-            forms.append(self.formats.get(name) or self.formats.get("int" if whole else "float") or ("%d" if whole else "%g"))
-            found = (COLUMNS[name](moment) if name in COLUMNS else moment.bead_values(name))[mask]
-            values.append(found.astype(np.int64) if whole else found)
-        line = " ".join(forms) + " \n"
-        lines += (line % row for row in zip(*values, strict=True))
-        return "".join(lines)
+            if name == "element":
+                values.append(np.array(self.elements or ["C"] * moment.state.n_types)[types - 1])
+            else:
+                values.append(column(moment, name)[mask].astype(np.int64 if name in _WHOLE else np.float64))
+        return self._rows(self._head(moment, int(mask.sum()), "ATOMS"), values)
+
+    def _local_text(self, moment: Resolver) -> str:
+        values = [moment.local_values(name) for name in self.columns if name != "index"]
+        count = len(values[0]) if values else 0
+        if any(len(each) != count for each in values):
+            raise ParameterError(f"dump {self.name} (style local): {' '.join(self.columns)} are of different terms")
+        if "index" in self.columns:
+            values.insert(self.columns.index("index"), np.arange(1, count + 1))
+        return self._rows(self._head(moment, count, self.label), values)
+
+    def _rows(self, head: list[str], values: list[np.ndarray]) -> str:
+        kinds, usual = [each.dtype.kind for each in values], {"i": ("int", "%d"), "f": ("float", "%g"), "U": ("", "%s")}
+        lines = self.formats["line"].split() if "line" in self.formats else [usual[kind][1] for kind in kinds]
+        forms = [self.formats.get(usual[kind][0], form) for kind, form in zip(kinds, lines, strict=True)]
+        line = " ".join(self.formats.get(name, form) for name, form in zip(self.columns, forms, strict=True)) + " \n"
+        return "".join([*head, *(line % row for row in zip(*values, strict=True))])
 
     def _xyz_text(self, moment: Resolver) -> str:
-        mask = moment.state.group(self.group)
+        mask = self.chosen(moment)
         types = moment.state.atoms.types[mask].tolist()
         names = [self.elements[kind - 1] for kind in types] if self.elements else map(str, types)
         form = self.formats.get("line", "%s %g %g %g")
@@ -163,6 +224,11 @@ class Dump:
         else:
             assert isinstance(self.opened, DCDWriter)
             self.opened.write(x, box, moment.step)
+
+
+def column(moment: Resolver, word: str) -> np.ndarray:
+    """(N,) values of a column of ``dump custom``."""
+    return COLUMNS[word](moment) if word in COLUMNS else moment.bead_values(word)
 
 
 def xtc_factors(units: UnitSystem) -> dict[str, float]:

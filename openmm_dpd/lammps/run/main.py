@@ -3,17 +3,18 @@
 import logging
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...advice.recommend import advice, recommend
-from ...base.errors import OutputError, ParameterError, read_by
+from ...base.errors import DeckError, OutputError, ParameterError, read_by
 from ...base.file_ledger import ledger_in_use
 from ...base.files import BlockFile
 from ...base.signals import Signals
+from ...io.bead_pictures import bead_picture
 from ...io.pictures import thermo_picture
 from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
@@ -24,6 +25,7 @@ from .check import all_said
 from .checkpoint import Checkpoints
 from .deck import deck_runs, open_deck
 from .options import RunOptions, first_request
+from .request import RunRequest
 from .result import RunResult, averages_text, results_json
 from .runner import DeckRunner
 
@@ -81,8 +83,8 @@ def run_deck(
     options : RunOptions, optional
         Settings that override the deck's.
     out : str or Path, optional
-        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), log (``log.txt``), checkpoint, final state, picture (``thermo.png``)
-        and the deck's output; by default the deck's output goes to the working directory, and nothing else is written.
+        Folder for trajectory (``trajectory.dcd``, ``topology.psf``), log (``log.txt``), checkpoint, final state, pictures (``thermo.png``,
+        ``beads.png``) and the deck's output; by default the deck's output goes to the working directory, and nothing else is written.
     log : callable, optional
         Receives the lines of output.
     variables : mapping, optional
@@ -119,7 +121,7 @@ def run_deck(
     ParameterError
         If there is nothing to resume, or the options or the deck do not match.
     OutputError
-        If the run is complete, but its picture cannot be written; if a file that a resumed run would continue is missing.
+        If the run is complete, but a picture cannot be written; if a file that a resumed run would continue is missing.
     """
     options, folder = options or RunOptions(), None if out is None else Path(out)
     signals, variables, latest = signals or Signals(), dict(variables or {}), None
@@ -169,22 +171,25 @@ def _carried_out(path: Path, runner: DeckRunner, folder: Path | None, keep: Call
         if any(result.steps_done for result in runner.results):
             with signals.later():
                 try:
-                    _hand_over(runner, folder, keep)
+                    _hand_over(runner, folder, keep, done=False)
                 except OutputError as error:
                     _LOGGER.warning("%s", error)  # in addition to the first error
         raise
     finally:
         with signals.later():
             runner.close()
-    return _hand_over(runner, folder, keep)
+    return _hand_over(runner, folder, keep, done=True)
 
 
-def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None]) -> dict:
-    """Write all outputs that can be written, and return the report.  OutputError with the failures."""
+def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], None], done: bool) -> dict:
+    """Write all outputs that can be written, and return the report.  OutputError with the failures.  Beads are drawn when the deck is done:
+    what a checkpoint keeps of them is their state between two runs."""
     report, failed = results_json(runner.results), list[str]()
     outputs: list[Callable[[], None]] = [lambda: keep(report)]
     if folder is not None:
         outputs.append(lambda: _picture(folder / "thermo.png", runner.results))
+        if done and runner.results:
+            outputs.append(lambda: _beads(folder / "beads.png", runner.results[-1].request))
     for write in outputs:
         try:
             write()
@@ -300,3 +305,9 @@ def _picture(path: Path, results: list[RunResult]) -> None:
         counted += [row >= result.start() for row in range(len(times))]
     labels = {panel: state.units.unit_names.get(dimension, "") for panel, dimension in PANELS.items()}
     thermo_picture(path, columns, runs=boundaries[:-1], target=target, counted=counted, labels=labels, title=state.path.name)
+
+
+def _beads(path: Path, request: RunRequest) -> None:
+    """Draw the beads that the deck has at its end, if it could go on with them."""
+    with suppress(DeckError, ParameterError):
+        bead_picture(path, request.scene(), title=request.state.path.name)

@@ -71,12 +71,11 @@ class LiveSample(DeckSample):
         return getattr(self, name)
 
     def kept(self) -> DeckSample:
-        """The part that outlasts the step: everything but the forces, energies and stresses of single beads."""
-        gone = "sampler", "measured", "forces", "shares"
-        return DeckSample(**{name: value for name, value in vars(self).items() if name not in gone})
+        """The part that outlasts the step: everything but the forces on single beads."""
+        return DeckSample(**{name: value for name, value in vars(self).items() if name not in ("sampler", "measured", "forces")})
 
     @cached_property
-    def shares(self) -> dict[str, np.ndarray]:
+    def shares_of_beads(self) -> dict[str, np.ndarray]:
         return bead_shares(self.sampler.observer.present)
 
     @cached_property

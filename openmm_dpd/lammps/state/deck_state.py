@@ -240,7 +240,7 @@ class DeckState:
         self.output_path(name)
         return name
 
-    def output_path(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
+    def output_path(self, name: str, step: int | str | None = None, *, as_it_is: bool = False) -> Path:
         """Path of a file that the deck writes.  ``*`` is replaced by the step (by default the present one) unless ``as_it_is``.  Relative
         names are put into the output folder; absolute ones are used as they are, with a note.  ParameterError if a relative name points
         outside the output folder."""
@@ -253,7 +253,7 @@ class DeckState:
             )
         return self.output / (name if as_it_is else name.replace("*", str(self.step if step is None else step)))
 
-    def output_file(self, name: str, step: int | None = None, *, as_it_is: bool = False) -> Path:
+    def output_file(self, name: str, step: int | str | None = None, *, as_it_is: bool = False) -> Path:
         """Path of a file that the deck writes, as from :meth:`output_path`, after creating its folder.  OutputError if that fails.  Where a
         deck is only checked, a file that keeps nothing."""
         path = self.output_path(name, step, as_it_is=as_it_is)

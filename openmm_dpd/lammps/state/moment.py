@@ -201,3 +201,7 @@ class DeckMoment(ABC):
     @abstractmethod
     def bead_values(self, word: str) -> np.ndarray:
         """(N,) values of a word such as ``vx``, of ``c_id``, ``c_id[column]``, or of ``v_name``, an atom-style variable."""
+
+    @abstractmethod
+    def local_values(self, word: str) -> np.ndarray:
+        """Values of ``c_id`` or ``c_id[column]``, a compute of bonds, angles or dihedrals, for each of them."""

@@ -172,7 +172,8 @@ class DeckSample:
     before: Mapping[str, np.ndarray] | None = None  #: By fix addforce or setforce: total force on its group before it acts
     #: Fields of the beads, as from :func:`openmm_dpd.simulation.fields.read_fields`; empty if there are none.
     fields: Mapping[str, np.ndarray] | None = None
-    shares: Mapping[str, np.ndarray] | None = None  #: By part, (N, 7) energies and r F, as from :func:`.measure.of_beads.bead_shares`
+    #: By part, (N, 7) energies and r F of the beads, as from :func:`.measure.of_beads.bead_shares`.
+    shares_of_beads: Mapping[str, np.ndarray] | None = None
     cpu: float = 0.0  #: Seconds since the run began
 
     def read(self, name: str) -> Any:

@@ -24,6 +24,8 @@ class ComputeSpec:
     vector: Callable[[DeckMoment, Compute], np.ndarray] | None = None  #: Vector in deck units, not normalised
     #: Per-bead values in deck units, (N,) or (N, columns); 0 for beads outside the group.
     per_bead: Callable[[DeckMoment, Compute], np.ndarray] | None = None
+    #: Values (rows, columns) of bonds, angles or dihedrals, in deck units.
+    local: Callable[[DeckMoment, Compute], np.ndarray] | None = None
     #: Table (rows, columns) in deck units, which is never normalised.
     array: Callable[[DeckMoment, Compute], np.ndarray] | None = None
     rows: Callable[[Compute], int] = lambda compute: 0  #: Number of rows of the table; 0 without a table

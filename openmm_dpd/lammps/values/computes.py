@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ..state.moment import DeckMoment
 from ..state.records import VECTOR_FIXES, Compute, ForceVector, Temperature, Valued
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
+from .local import LOCAL
 from .per_bead import BEAD_WORDS, PER_BEAD, check_carried
 from .structure_computes import STRUCTURE
 
@@ -160,8 +161,10 @@ def _dpd(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 
 # -- values of single beads, by name -------------------------------------------------------------------------------------------
-def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads") -> None:
-    """Raise ParameterError unless a word names a per-bead value."""
+def check_bead_word(
+    state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads", local: bool = False
+) -> None:
+    """Raise ParameterError unless a word names a per-bead value, or with ``local`` one of bonds, angles or dihedrals."""
     if word.startswith("v_"):
         style = state.variables.get(word[2:]).style
         if style != "atom":
@@ -173,13 +176,13 @@ def check_bead_word(state: DeckState, word: str, allowed: tuple[str, ...] = tupl
         return
     _, name, indices = reference(word)
     compute, spec = compute_of(state, name, word)
-    if spec.per_bead is None:
-        raise ParameterError(f"{word}: compute style {compute.style} has no values of single beads")
-    columns = spec.columns(compute)
+    if (spec.local if local else spec.per_bead) is None:
+        raise ParameterError(f"{word}: compute style {compute.style} has no values of single {'bonds or angles' if local else 'beads'}")
+    columns, per = spec.columns(compute), "term" if local else "bead"
     if columns == 0 and indices:
-        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has one value per bead; use c_{name}")
+        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has one value per {per}; use c_{name}")
     if columns and (len(indices) != 1 or not 1 <= indices[0] <= columns):
-        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has {columns} values per bead; use c_{name}[1] and so on")
+        raise ParameterError(f"{word}: compute {name} (style {compute.style}) has {columns} values per {per}; use c_{name}[1] and so on")
 
 
 # -- compute reduce -----------------------------------------------------------------------------------------------------------
@@ -199,34 +202,52 @@ _MODES: dict[str, Callable[[np.ndarray], float]] = {
 _OF_NONE = {"min": 1e20, "max": -1e20}
 
 
-def _check_reduce(state: DeckState, group: str, words: list[str]) -> None:
-    read.count(words, "compute ID group reduce mode value value ...", 2, None)
-    read.choice(words[0], "the mode of compute reduce", list(_MODES))
+class Reduction(NamedTuple):
+    """Settings of compute reduce and reduce/region; ``local``: whether the values are those of bonds, angles or dihedrals."""
+
+    mode: str
+    words: tuple[str, ...]
+    local: bool = False
+    region: str | None = None
+
+
+def _parse_reduce(state: DeckState, group: str, words: list[str]) -> Reduction:
+    read.count(words, "compute ID group reduce mode value value ... [inputs peratom|local]", 2, None)
+    mode, local = read.choice(words[0], "the mode of compute reduce", list(_MODES)), False
+    if words[-2] == "inputs":
+        local, words = read.choice(words[-1], "inputs", ("peratom", "local")) == "local", words[:-2]
     for word in words[1:]:
-        check_bead_word(state, word, tuple(f"{kind}{axis}" for kind in ("", "v", "f") for axis in "xyz"))
+        check_bead_word(state, word, tuple(f"{kind}{axis}" for kind in ("", "v", "f") for axis in "xyz"), local=local)
+    return Reduction(mode, tuple(words[1:]), local)
+
+
+def _parse_region(state: DeckState, group: str, words: list[str]) -> Reduction:
+    read.count(words, "compute ID group reduce/region region mode value value ...", 3, None)
+    state.region(words[0])
+    return _parse_reduce(state, group, words[1:])._replace(region=words[0])
 
 
 def _reduced(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    mask = moment.state.group(compute.group)
-    mode, *words = compute.arguments
-    if not mask.any():
-        return np.full(len(words), _OF_NONE.get(mode, 0.0))
-    return np.array([_MODES[mode](moment.bead_values(word)[mask]) for word in words])
+    mode, words, local, region = compute.settings
+    if local:
+        found = [moment.local_values(word) for word in words]
+    else:
+        mask = moment.state.group(compute.group)
+        if region is not None:
+            mask = mask & moment.state.region(region).contains(moment.folded[0])
+        found = [moment.bead_values(word)[mask] for word in words] if mask.any() else [np.zeros(0)] * len(words)
+    return np.array([_MODES[mode](values) if len(values) else _OF_NONE.get(mode, 0.0) for values in found])
 
 
 def _reduced_one(moment: DeckMoment, compute: Compute) -> float:
-    if len(compute.arguments) > 2:
-        raise ParameterError(f"compute {compute.name} (style reduce) has {len(compute.arguments) - 1} values; use c_{compute.name}[1]")
+    if (count := len(compute.settings.words)) > 1:
+        raise ParameterError(f"compute {compute.name} (style {compute.style}) has {count} values; use c_{compute.name}[1]")
     return float(_reduced(moment, compute)[0])
 
 
-REDUCE = ComputeSpec(
-    _check_reduce,
-    _reduced_one,
-    _reduced,
-    extensive=lambda compute: compute.arguments[0].startswith("sum"),
-    size=lambda compute: len(compute.arguments) - 1,
-)
+def _reduce(prepare: Callable[[DeckState, str, list[str]], Reduction]) -> ComputeSpec:
+    extensive = lambda compute: compute.settings.mode.startswith("sum")  # noqa: E731
+    return ComputeSpec(prepare, _reduced_one, _reduced, extensive=extensive, size=lambda compute: len(compute.settings.words))
 
 
 #: Compute styles by name.
@@ -240,10 +261,12 @@ COMPUTES: dict[str, ComputeSpec] = {
     ),
     "momentum": ComputeSpec(no_arguments("momentum"), vector=_momentum, extensive=True, size=lambda compute: 3),
     "dpd": ComputeSpec(no_arguments("dpd", "dpd"), vector=_dpd, size=lambda compute: 5),
-    "reduce": REDUCE,
+    "reduce": _reduce(_parse_reduce),
+    "reduce/region": _reduce(_parse_region),
     "chunk/atom": CHUNKS,
     **STRUCTURE,
     **PER_BEAD,
+    **LOCAL,
 }
 
 
@@ -342,4 +365,5 @@ def count_of(state: DeckState, kind: str, name: str) -> int:
     if kind == "f":
         return average_of(state, name).size
     compute, spec = compute_of(state, name)
-    return spec.columns(compute) if spec.per_bead is not None or spec.tabled(compute) else spec.size(compute)
+    listed = spec.per_bead is not None or spec.local is not None or spec.tabled(compute)
+    return spec.columns(compute) if listed else spec.size(compute)

@@ -124,7 +124,7 @@ def _potential(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 def _shares(moment: DeckMoment, parts: Sequence[str]) -> np.ndarray:
     """(N, 7) energies and r F (xx, yy, zz, xy, xz, yz) of the beads, summed over parts, kJ/mol."""
-    return sum((values for part, values in moment.need("shares").items() if part in parts), np.zeros((len(moment.state.atoms), 7)))
+    return sum((values for part, values in moment.need("shares_of_beads").items() if part in parts), np.zeros((len(moment.state.atoms), 7)))
 
 
 def _stress_parts(state: DeckState, group: str, words: list[str]) -> tuple[str, ...]:

@@ -101,6 +101,13 @@ class Resolver(DeckMoment):
             raise ParameterError(f"compute {name} (style {compute.style}) no longer has a column {column}")
         return values if column is None else values[:, column - 1]
 
+    def local_values(self, word: str) -> np.ndarray:
+        """Values of ``c_name`` or ``c_name[column]`` for each bond, angle or dihedral of a compute."""
+        _, name, indices = reference(word)
+        compute, spec = compute_of(self.state, name)
+        assert spec.local is not None
+        return spec.local(self, compute)[:, indices[0] - 1 if indices else 0]
+
     def _of_bead(self, name: str, bead: int | None) -> float:
         """Value of a compute for the bead with the id ``bead``."""
         if bead is None:

@@ -1,4 +1,4 @@
-"""Computes of structure and motion: ``rdf``, ``msd`` and ``gyration``."""
+"""Computes of structure and motion: ``rdf``, ``msd``, ``vacf`` and ``gyration``."""
 
 from dataclasses import dataclass, field
 
@@ -158,6 +158,21 @@ def _gyration_tensor(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return gyration_tensors(moment.unwrapped[mask], moment.state.bead_masses()[mask], np.zeros(mask.sum(), dtype=np.int64))[0]
 
 
+# -- compute vacf -------------------------------------------------------------------------------------------------------------
+def _start_velocities(state: DeckState, group: str, words: list[str]) -> np.ndarray:
+    no_arguments("vacf")(state, group, words)
+    return state.atoms.velocities[state.group(group)]
+
+
+def _autocorrelation(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """Means of v(0) v along x, y, z, and their sum; v(0) are the velocities at the definition."""
+    before, now = compute.settings, moment.velocities[moment.state.group(compute.group)]
+    if len(before) != len(now):
+        raise ParameterError(f"compute {compute.name} (style vacf): its group had {len(before)} beads at its definition, now {len(now)}")
+    found = np.mean(before * now, axis=0) if len(now) else np.zeros(3)
+    return np.append(found, found.sum())
+
+
 #: Computes of structure and motion.
 STRUCTURE: dict[str, ComputeSpec] = {
     "rdf": ComputeSpec(
@@ -173,4 +188,5 @@ STRUCTURE: dict[str, ComputeSpec] = {
         _gyration_tensor,
         size=lambda compute: 6,
     ),
+    "vacf": ComputeSpec(vector=_autocorrelation, size=lambda compute: 4, prepare=_start_velocities),
 }
