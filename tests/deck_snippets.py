@@ -104,24 +104,24 @@ BASES["dihedrals"] = (
 )
 
 
-def _chains(said: str, style: str, chains: int, length: int, place: Callable[[int, int], str]) -> str:
+def chains(said: str, style: str, number: int, length: int, place: Callable[[int, int], str]) -> str:
     """A data file of chains with all bonds, angles and dihedrals that they have."""
     kinds = ("atoms", "bonds", "angles", "dihedrals")[:length]
-    lines = [said, "", *(f"{chains * (length - k)} {kind}" for k, kind in enumerate(kinds)), *(f"1 {kind[:-1]} types" for kind in kinds)]
+    lines = [said, "", *(f"{number * (length - k)} {kind}" for k, kind in enumerate(kinds)), *(f"1 {kind[:-1]} types" for kind in kinds)]
     lines += [*(f"0 3 {axis}lo {axis}hi" for axis in "xyz"), "", "Masses", "", "1 1.0", "", f"Atoms # {style}", ""]
-    lines += [f"{length * m + k + 1} {m + 1} 1 {place(m, k)}" for m in range(chains) for k in range(length)]
+    lines += [f"{length * m + k + 1} {m + 1} 1 {place(m, k)}" for m in range(number) for k in range(length)]
     for order, kind in enumerate(kinds[1:], start=2):
         lines += ["", kind.capitalize(), ""]
-        for n, (m, k) in enumerate(product(range(chains), range(length - order + 1)), start=1):
+        for n, (m, k) in enumerate(product(range(number), range(length - order + 1)), start=1):
             lines.append(f"{n} 1 " + " ".join(str(length * m + k + j + 1) for j in range(order)))
     return "\n".join(lines) + "\n"
 
 
 FILES = {  # Files beside the decks.
-    "data.turns": _chains(
+    "data.turns": chains(
         "two chains", "molecular", 2, 4, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m + 0.3 * (k % 2)} {0.5 + m + 0.2 * (k == 3)}"
     ),
-    "data.chain": _chains("three chains", "angle", 3, 3, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}"),
+    "data.chain": chains("three chains", "angle", 3, 3, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}"),
     "eos.table": "# U(T)\n\nSOFT\nN 3\n\n1 0.1 5.0\n2 2.0 100.0\n3 5.0 400.0\n",
     "dimer.txt": "two beads\n\n2 atoms\n1 bonds\n\nCoords\n\n1 0 0 0\n2 0.4 0 0\n\nTypes\n\n1 1\n2 1\n\nBonds\n\n1 1 1 2\n",
     "more.in": "variable included equal 2*temp\n",
@@ -159,7 +159,24 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "dpd": deck("energy", "compute c all dpd\n" + averaged("c_c[*]"), head=_HEAT),
         "reduce": deck(before="compute c all reduce max vx y\n" + averaged("c_c[1]", "c_c[2]", more="off 2")),
         "chunk/atom": deck(before="compute c all chunk/atom bin/1d x lower 0.7 units box\nfix a all ave/chunk 1 2 5 c vx temp file a.txt"),
+        "com/chunk": deck(
+            "bonds", "compute m all chunk/atom molecule\ncompute c all com/chunk m\n" + averaged("c_c[*]", more="mode vector")
+        ),
+        "vcm/chunk": deck(before="compute m all chunk/atom type\ncompute c all vcm/chunk m\n" + averaged("c_c[1][2]")),
+        "msd/chunk": deck("bonds", "compute m all chunk/atom molecule\ncompute c all msd/chunk m\n" + averaged("c_c[2][4]")),
+        "gyration/chunk": deck("bonds", "compute m all chunk/atom molecule\ncompute c all gyration/chunk m\n" + averaged("c_c[3]")),
+        "property/chunk": deck(
+            before="compute m all chunk/atom bin/sphere 1 1 1 0 1.4 3\ncompute c all property/chunk m count coord1\n"
+            + averaged("c_c[2][1]")
+        ),
         "vacf": deck(before="compute c all vacf\n" + averaged("c_c[4]")),
+        "coord/atom": deck(before="compute c all coord/atom cutoff 0.6 1 2\ndump d all custom 2 d.txt id c_c[*]"),
+        "cluster/atom": deck(
+            before="compute c all cluster/atom 0.5\ncompute h all chunk/atom c_c compress yes\nfix a all ave/chunk 1 2 2 h vx file a.txt"
+        ),
+        "fragment/atom": deck("bonds", "compute c all fragment/atom\ndump d all custom 2 d.txt id c_c"),
+        "aggregate/atom": deck("bonds", "compute c all aggregate/atom 0.4\ndump d all custom 2 d.txt id c_c"),
+        "group/group": deck(before="group one type 1\ncompute c one group/group all\n" + averaged("c_c", "c_c[2]")),
         "rdf": deck(before="compute c all rdf 10 1 2 * *\n" + averaged("c_c[*]", more="mode vector")),
         "msd": deck(before="compute c all msd average yes\ncompute d all msd com yes\n" + averaged("c_c[4]", "c_d[4]")),
         "gyration": deck(before="compute c all gyration\n" + averaged("c_c", "c_c[5]")),
@@ -201,6 +218,14 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "ave/correlate": deck(
             before="fix c all ave/correlate 1 3 6 c_thermo_temp c_thermo_press type auto/upper ave running file a.txt\n"
             "fix d all ave/correlate 2 2 4 c_thermo_temp c_thermo_temp type full ave running overwrite file b.txt"
+        ),
+        "ave/histo": deck(before="fix a all ave/histo 1 2 4 -2 2 5 vx mode vector ave running file a.txt"),
+        "vector": deck(
+            before="fix a all vector 2 c_thermo_temp c_thermo_press\nthermo_style custom step",
+            between='print "$(trap(f_a[1])) $(f_a[2][2])"',
+        ),
+        "store/state": deck(
+            before="fix a all store/state 3 x vy\nfix b all store/state 0 xu\nvariable v atom x-f_b\ndump d all custom 2 d.txt id f_a[*] v_v f_b"
         ),
         "ave/chunk": deck(
             before="compute c all chunk/atom bin/2d x lower 0.7 z center 1.1 units box\n"

@@ -270,13 +270,14 @@ class PairList:
         self._shares, self._shape = Shares(ends[: parts + 1].reshape(1, -1), ends[parts + 1 :]), (0, 0, 0)
 
     def shared(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where pairs are ``apart``: the beads (P, 2) of each, and (P, 7) the energy and the tensor r F (xx, yy, zz, xy, xz, yz) that the
-        last loop has found."""
+        """Where pairs are ``apart``: the beads (P, 2) of each, and (P, 10) what the last loop has found: the energy, the tensor r F (xx,
+        yy, zz, xy, xz, yz), and the force along the line between them on the first bead."""
         now, tensors = self.arrays, self.tensors
         if len(tensors) != len(now.sums):  # all forces are along the lines between beads
             (x, y, z), virial = now.geometry[:3], now.sums[:, 1]
             tensors = np.stack([virial * x * x, virial * y * y, virial * z * z, virial * x * y, virial * x * z, virial * y * z], axis=1)
-        return self.order[np.stack([now.pi, now.pj], axis=1)], np.column_stack([now.sums[:, 0], tensors])
+        force = (now.sums[:, 1] / now.geometry[3] * now.geometry[:3]).T
+        return self.order[np.stack([now.pi, now.pj], axis=1)], np.column_stack([now.sums[:, 0], tensors, force])
 
     @property
     def stored(self) -> bool:

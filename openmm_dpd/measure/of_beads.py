@@ -18,36 +18,17 @@ def bead_shares(present: Present) -> dict[str, np.ndarray]:
     """By part, (N, 7) energy and r F (xx, yy, zz, xy, xz, yz) of each bead, kJ/mol, at the state that ``present`` has looked at.
 
     Their sums are the energies, and what :meth:`.Present.stress` has: with friction and noise where these are forces (``mvv``).
-    ParameterError if the scene has charges, whose lattice sum belongs to no bead, or shapes of the engine's own.
+    ParameterError if the scene has charges, whose lattice sum belongs to no bead.
     """
     plan, x, box = present.plan, present.x, present.box
-    if plan.scene.electrostatics is not None:
-        raise ParameterError("charges have no energies and stresses of single beads here")
-    found: dict[str, Any] = {part: np.zeros((len(x), 7)) for part in BEADS_OF}
-    if plan.layers:
-        engine, which = host_engine(plan.spec), CONSERVATIVE
-        v = None
-        for pairs in engine.lists:
-            pairs.apart = True
-        if plan.options.predicting:
-            v, which = present.force_velocities(), CONSERVATIVE | DISSIPATIVE | RANDOM
-        if plan.scene.shear is not None:
-            engine.set_flow(np.array([present.rate]))
-        engine.prepare(x, box)
-        tensors = 0 if plan.spec.fields is not None else STRESS  # of forces along the lines alone, these are known without
-        engine.sums(which | tensors, v, present.kT, present.dt, present.seed, present.counter, present.values)
-        for pairs in engine.lists:
-            _share(found["pair"], *pairs.shared())
+    found: dict[str, np.ndarray] = {part: np.zeros((len(x), 7)) for part in BEADS_OF}
+    for beads, values in pair_terms(present, friction=plan.options.predicting):
+        _share(found["pair"], beads, values[:, :7])
     for extra in beside_pairs(plan):
         if extra.term == "bond":
-            beads, tensors_of = BondedStress(extra).each(x, box)
+            beads, tensors = BondedStress(extra).each(x, box)
             part = next(name for name, count in BEADS_OF.items() if count == beads.shape[1])
-            _share(found[part], beads, np.column_stack([np.zeros(len(beads)), tensors_of]))
-        else:
-            evaluator: Any = extra.evaluator()
-            evaluator.list.apart = True
-            evaluator.stress(x, box)
-            _share(found["pair"], *evaluator.shared())
+            _share(found[part], beads, np.column_stack([np.zeros(len(beads)), tensors]))
     scene = plan.scene
     for part, groups, curves in (
         ("bond", scene.bonds, lambda its: its.curve(its.lengths(x, box))),
@@ -56,6 +37,34 @@ def bead_shares(present: Present) -> dict[str, np.ndarray]:
     ):
         for group in groups:
             _share(found[part], group.beads, np.asarray(curves(group)[0])[:, None])
+    return found
+
+
+def pair_terms(present: Present, friction: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Beads (P, 2), or (P, 4) of contacts of bonds, and values (P, 10) of the pairs of each table of coefficients, as
+    :meth:`.pairs.PairList.shared` has them: of the conservative forces, or with ``friction`` of all forces of a step of ``mvv``.
+    ParameterError if the scene has charges."""
+    plan, x, box, found, v = present.plan, present.x, present.box, list[tuple[np.ndarray, np.ndarray]](), None
+    if plan.scene.electrostatics is not None:
+        raise ParameterError("charges have no energies and stresses of single beads or pairs here")
+    if plan.layers:
+        engine, which = host_engine(plan.spec), CONSERVATIVE
+        for pairs in engine.lists:
+            pairs.apart = True
+        if friction:
+            v, which = present.force_velocities(), CONSERVATIVE | DISSIPATIVE | RANDOM
+        if plan.scene.shear is not None:
+            engine.set_flow(np.array([present.rate]))
+        engine.prepare(x, box)
+        tensors = 0 if plan.spec.fields is not None else STRESS  # of forces along the lines alone, these are known without
+        engine.sums(which | tensors, v, present.kT, present.dt, present.seed, present.counter, present.values)
+        found += [pairs.shared() for pairs in engine.lists]
+    for extra in beside_pairs(plan):
+        if extra.term != "bond":
+            evaluator: Any = extra.evaluator()
+            evaluator.list.apart = True
+            evaluator.stress(x, box)
+            found.append(evaluator.shared())
     return found
 
 

@@ -7,7 +7,7 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import put, raises
-from deck_snippets import FILES
+from deck_snippets import chains
 from matplotlib.image import imread
 from test_lammps_tensor_live import decks
 from test_lammps_thermo_live import both
@@ -17,6 +17,14 @@ from openmm_dpd.lammps import RunOptions, read_deck, run_deck
 
 LAMMPS = lammps_peer.needed()
 
+#: Chains that are folded into their box.
+TURNS = chains(
+    "chains",
+    "molecular",
+    12,
+    5,
+    lambda m, k: f"{0.4 + 0.55 * k} {0.2 + 0.235 * m + 0.3 * (k % 2)} {(0.5 + 0.7 * m + 0.2 * (k == 3) + 0.01 * k) % 3}",
+)
 MDPD = """pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 98
 pair_coeff * * mdpd/rhosum 0.75
 pair_coeff * * mdpd -40 25 18.0 1.0 0.75
@@ -30,7 +38,7 @@ angle_style harmonic
 dihedral_style opls
 read_data {folder}/data.turns
 comm_modify vel yes
-group ga id 1:5
+group ga id 1:43
 bond_coeff 1 50 0.5
 angle_coeff 1 5 120
 dihedral_coeff 1 1 -2 3 0.5
@@ -61,7 +69,7 @@ thermo_style custom step press c_r[*] c_m[*] v_p
 def start(folder: Path, base: str) -> str:
     """The beginning of a deck."""
     if base == "chains":
-        (folder / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+        (folder / "data.turns").write_text(TURNS, encoding="utf-8")
         return CHAINS.format(folder=folder)
     text = decks(folder, "predicted" if base == "mdpd" else base, "orthogonal" if base == "mdpd" else "tilted")
     return text[: text.index("pair_style")] + MDPD if base == "mdpd" else text
@@ -98,10 +106,82 @@ dump z all atom 2 f.z.*
 dump_modify z units yes time yes delay 2 format line "%d %d %.10g %.10g %.10g"
 thermo_style custom step c_rl[*] c_ra c_rr[*] c_v[*]
 """
+CHUNKS = """neigh_modify every 1 delay 0 check no
+compute m all chunk/atom molecule
+compute mg ga chunk/atom molecule compress yes
+compute s all chunk/atom bin/sphere 1.5 1.4 1.5 0.3 1.2 3
+compute sp all chunk/atom bin/sphere 0.5 0.4 0.5 0.3 1.2 3 pbc yes discard no
+compute sd all chunk/atom bin/sphere 0.5 0.4 0.5 0.3 1.2 3 discard yes
+compute c all chunk/atom bin/cylinder z lower 1.0 1.5 1.4 0.2 1.3 4
+compute cd ga chunk/atom bin/cylinder x center 1.0 1.5 1.4 0.2 1.3 4 discard no
+compute t all chunk/atom type
+compute cl all cluster/atom 0.6
+compute clc all chunk/atom c_cl compress yes
+compute com all com/chunk m
+compute msd all msd/chunk m
+compute gyr all gyration/chunk m
+compute gyt ga gyration/chunk m tensor
+compute vcm all vcm/chunk m
+compute pc all property/chunk mg count id
+compute pp all property/chunk c coord1 coord2 count
+compute size all property/chunk clc count
+fix am all ave/chunk 1 2 2 m vx density/number file f.m
+fix amg all ave/chunk 1 2 2 mg vx density/mass temp file f.mg
+fix as all ave/chunk 1 2 2 s vx density/number file f.s
+fix asp all ave/chunk 1 2 2 sp vx density/number file f.sp
+fix ac all ave/chunk 1 2 2 c vx density/number file f.c
+fix acd all ave/chunk 1 2 2 cd vx density/number file f.cd
+fix at all ave/chunk 1 2 2 t mass density/number file f.t
+fix acl all ave/chunk 2 1 2 clc mass file f.clc
+fix a1 all ave/time 1 2 2 c_com[*] c_msd[*] c_gyr mode vector file f.a1
+fix a2 all ave/time 1 2 2 c_pc[*] mode vector file f.a2
+fix a3 all ave/time 1 2 2 c_gyt[*] c_vcm[2] mode vector file f.a3
+fix a4 all ave/time 1 2 2 c_pp[*] mode vector file f.a4
+fix h all ave/histo 2 1 2 0 70 7 c_size mode vector file f.h beyond end
+dump d all custom 2 f.d id c_m c_mg c_s c_sp c_sd c_c c_cd c_cl c_clc
+dump_modify d sort id
+thermo_style custom step c_com[2][1] c_msd[3][4] c_gyr[2] c_vcm[4][2]
+"""
+NEIGHBOURS = """neigh_modify every 1 delay 0 check no
+group gb subtract all ga
+compute v ga vacf
+compute co all coord/atom cutoff 0.8
+compute co2 ga coord/atom cutoff 0.9 group gb 1 *
+compute cl ga cluster/atom 0.6
+compute fr ga fragment/atom
+compute fs ga fragment/atom single yes
+compute ag all aggregate/atom 0.7
+compute r all reduce max c_co c_co2[1] c_co2[2] c_cl c_fr c_ag
+compute r2 all reduce sum c_co c_co2[1] c_co2[2] c_cl c_fr c_ag
+compute gg ga group/group gb
+compute gi all group/group gb molecule inter
+compute gs ga group/group ga molecule intra
+compute b all bond/local dist
+fix h all ave/histo 1 2 2 -1 1 8 vx vy mode vector file f.h
+fix h2 all ave/histo 1 2 2 0.0 5 6 c_gg[1] c_r[1] c_v[4] file f.h2 ave window 2 beyond extra
+fix h3 ga ave/histo 1 2 2 -0.5 0.5 5 vy v_speed mode vector file f.h3 ave running
+fix h4 all ave/histo 1 2 2 0.5 0.7 5 c_b mode vector kind local file f.h4 ave window 2
+fix vv all vector 1 c_v[4]
+fix vw all vector 2 c_v[1] c_thermo_temp nmax 5
+fix st ga store/state 0 xu vy c_co
+fix st2 all store/state 2 x com yes
+variable d equal dt*trap(f_vv)
+variable sl equal slope(f_vv)
+variable mx equal max(f_vv)+ave(f_vv)+sum(f_vv)-min(c_v)
+variable hh equal f_h2[2][3]+f_h[2][2]
+fix a5 all ave/time 2 1 2 f_h[1] f_h[2] f_h[3] v_hh file f.a5
+variable dsp atom vy-f_st[2]
+compute dr ga reduce sum v_dsp f_st[1] f_st2
+dump d all custom 2 f.d id c_cl c_fr c_fs c_ag c_co c_co2[*] f_st[*] f_st2 v_dsp
+dump_modify d sort id
+thermo_style custom step c_v[*] c_r[*] c_r2[*] c_gg c_gg[1] c_gg[2] c_gi c_gi[3] c_gs c_gs[1] v_d v_sl v_mx c_dr[*]
+"""
 #: By name: how the deck begins, and what it measures.
 DECKS = {
     **{f"shares {base}": (base, SHARES) for base in ("dpd", "predicted", "transverse", "two thermostats", "mdpd", "frozen")},
     "dumps": ("chains", DUMPS),
+    "chunks": ("chains", CHUNKS),
+    "neighbours": ("chains", NEIGHBOURS.replace("fix h3", "variable speed atom vx^2-vz\nfix h3")),
     "shares chains": (
         "chains",
         SHARES.replace("c_ep\n", "c_ep c_b[4] c_a[5] c_t[1] c_pa c_pb\n", 1).replace(
@@ -159,7 +239,7 @@ fix 1 all {"mvv/tdpd" if "tdpd" in style else "nve"}
             "data.turns", "data.turns extra/atom/types 1"
         )
         text = text.replace("bond_coeff", "mass 2 1.0\nbond_coeff", 1)
-        (tmp_path / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+        (tmp_path / "data.turns").write_text(TURNS, encoding="utf-8")
     (tmp_path / "in.sums").write_text(
         text
         + """compute s all stress/atom NULL
@@ -188,7 +268,7 @@ def undrawn():
 
 def test_pictures_have_what_the_deck_says(tmp_path):
     """Colours by type and by value, the box in LAMMPS's projection, sticks, and names of files."""
-    (tmp_path / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+    (tmp_path / "data.turns").write_text(TURNS, encoding="utf-8")
     (tmp_path / "in.pictures").write_text(
         CHAINS.format(folder=tmp_path)
         + """variable phi equal 30*step
@@ -226,9 +306,18 @@ run 2
         ("dump i all local 2 i.txt id", "a column of dump local must be one of index"),
         ("dump i all custom 2 i.txt id\ndump_modify i thresh x ~ 2", "the sign of dump_modify thresh"),
         ("compute c all property/local batom1 aatom1", "are of different kinds"),
+        ("compute c all chunk/atom bin/sphere 1 1 1 2 1 3", "the largest radius 1 is not above"),
+        ("compute c all chunk/atom mol", "compute chunk/atom style 'mol' is not supported"),
+        ("compute v all ke/atom\ncompute c all chunk/atom c_v ids once", "ids must be every"),
+        ("compute c all com/chunk k", "'k' is not the id of a compute chunk/atom"),
+        ("compute c all chunk/atom type\ncompute p all property/chunk c size", "a value of a compute of chunks must be one of"),
+        ("compute g all group/group all kspace yes", "compute group/group kspace yes is not supported"),
+        ("fix h all ave/histo 1 1 1 1 0 5 vx mode vector", "is not above the lower end"),
+        ("fix v all vector 1 c_thermo_temp\nvariable t equal trap(f_v)\nthermo_style custom v_t\nprint $(v_t)", "has no values yet"),
+        ("fix s all store/state 0 x\nthermo_style custom f_s", "use them in formulas and outputs of single beads"),
         ("compute s all stress/atom NULL bonds", "an argument of compute stress/atom must be one of"),
     ],
 )
 def test_what_is_refused(tmp_path, line, message):
-    (tmp_path / "data.turns").write_text(FILES["data.turns"], encoding="utf-8")
+    (tmp_path / "data.turns").write_text(TURNS, encoding="utf-8")
     raises(DeckError, message, lambda: read_deck(put(tmp_path / "in.bad", CHAINS.format(folder=tmp_path) + line + "\nrun 0\n")))

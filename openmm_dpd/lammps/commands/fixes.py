@@ -14,14 +14,16 @@ from ..files.restart_file import LAMMPS_MAGIC, load_restart, restart_bytes
 from ..language import arguments as read
 from ..output.averages import AveragingFix, PrintFix
 from ..output.averaging_fixes import ChunkAverage, Correlation, TimeAverage
+from ..output.collecting_fixes import BeadStore, Histogram, Series
 from ..state.deck_state import DeckState
-from ..state.records import Fix, RestartSettings
+from ..state.records import Fix, RestartSettings, Valued
 from .fix_styles import FIX_STYLES
 from .setup import COMMANDS, REMEMBERED, command
 
 #: Fixes that read values at the end of steps: constructors with the arguments (state, id, group, words).
-READERS: dict[str, Callable[[DeckState, str, str, list[str]], AveragingFix | PrintFix]] = {
-    **{"ave/time": TimeAverage, "ave/chunk": ChunkAverage, "ave/correlate": Correlation, "print": PrintFix}
+READERS: dict[str, Callable[[DeckState, str, str, list[str]], Valued | PrintFix]] = {
+    **{"ave/time": TimeAverage, "ave/chunk": ChunkAverage, "ave/correlate": Correlation, "print": PrintFix},
+    **{"ave/histo": Histogram, "vector": Series, "store/state": BeadStore},
 }
 #: All fix styles by name.
 STYLES: dict[str, Callable] = {**FIX_STYLES, **READERS}

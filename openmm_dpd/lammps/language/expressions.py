@@ -128,7 +128,7 @@ GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
 VECTOR_FUNCTIONS: dict[str, Callable[[np.ndarray], float]] = {
     **{"sum": lambda x: float(np.sum(x)), "min": lambda x: float(np.min(x)), "max": lambda x: float(np.max(x))},
     **{"ave": lambda x: float(np.mean(x)), "trap": lambda x: float(np.sum(x) - (x[0] + x[-1]) / 2)},
-    "slope": lambda x: float(np.polyfit(np.arange(len(x)), x, 1)[0]),
+    "slope": lambda x: float(np.polyfit(np.arange(len(x)), x, 1)[0]) if len(x) > 1 else 1e20,
 }
 #: Values of a single bead that formulas may use, by its id: ``x[17]``.
 ATOM_VALUES = ("id", "mass", "type", "mol", "x", "y", "z", "vx", "vy", "vz", "fx", "fy", "fz", "q")
@@ -292,7 +292,8 @@ class Formula(Expression):
             self.expect("(")
             index = self.index() if (word := self.take()[1]) and self.peek()[1] == "[" else None
             self.expect(")")
-            return VECTOR_FUNCTIONS[token](self.resolver.vector(word if index is None else f"{word}[{index}]"))
+            values = self.resolver.vector(word if index is None else f"{word}[{index}]")
+            return VECTOR_FUNCTIONS[token](values) if len(values) else self.fail(f"{word} has no values yet")
         expected = FUNCTIONS[token][0] if token in FUNCTIONS else STATE_FUNCTIONS.get(token)
         if expected is None:
             known = sorted([*FUNCTIONS, *STATE_FUNCTIONS, *GROUP_FUNCTIONS, *VECTOR_FUNCTIONS])

@@ -2,6 +2,7 @@
 (averages of per-bead values in bins of the box)."""
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from ...base.geometry import sums_in_slices
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import ForceVector
-from ..values.chunks import Bins, chunk_numbers
+from ..values.chunk_computes import known_chunks
+from ..values.chunks import chunk_numbers
 from ..values.compute_spec import check_place, reference
 from ..values.computes import average_of, check_bead_word, compute_of, count_of, expanded, is_extensive
 from ..values.per_bead import BEAD_WORDS
@@ -197,10 +199,7 @@ class ChunkAverage(AveragingFix):
 
     def __init__(self, state: DeckState, name: str, group: str, args: list[str]):
         read.count(args, "fix ID group ave/chunk Nevery Nrepeat Nfreq chunkID value value ...", 5, None)
-        compute = state.computes.get(args[3])
-        if compute is None or compute.style != "chunk/atom":
-            known = ", ".join(other.name for other in state.computes.values() if other.style == "chunk/atom") or "none"
-            raise ParameterError(f"fix ave/chunk: '{args[3]}' is not the id of a compute chunk/atom; defined are {known}")
+        compute = known_chunks(state, args[3], "fix ave/chunk")
         own = {"norm": 1, "adof": 1, "cdof": 1, "append": 1, "format": 1}
         words, options = split_values(args[4:], ("c_", "v_", *_COMPONENTS, *_OWN), own, "ave/chunk")
         if not words:
@@ -215,30 +214,29 @@ class ChunkAverage(AveragingFix):
         self._adof, self._cdof = (
             read.number(options.get(word, [default])[0], word) for word, default in (("adof", str(state.dimension)), ("cdof", "0"))
         )
-        places = " ".join(f"Coord{k}" for k in range(1, len(compute.settings.axes) + 1))
+        places = ["OrigID"] * compute.settings.compress + [f"Coord{k}" for k in range(1, len(compute.settings.axes) + 1)]
         header = [
             f"# Chunk-averaged data for fix {name} and group {group}",
             "# Timestep Number-of-chunks Total-count",
-            f"# Chunk {places} Ncount {' '.join(words)}",
+            " ".join(["# Chunk", *places, "Ncount", *words]),
         ]
         super().__init__(state, name, Schedule(*intervals("ave/chunk", args[:3]), state.step), options, header)
         self._group, self._compute, self.words, self._norm = group, compute, words, norm
         self.profile: dict[str, list[float]] | None = None
-        columns = len(compute.settings.axes) + 1 + len(words)
+        columns = len(places) + 1 + len(words)
         self.shape, self.what, self.values = (None, columns), f"the fix has {columns} columns", np.zeros((0, columns))
         self.forget()
 
     def forget(self) -> None:
-        self._bins: Bins | None = None
+        self._bins: Any = None
         self._counts, self._sums, self._samples = np.zeros(0), np.zeros((0, 0)), 0
 
     def sample(self, moment: Resolver) -> None:
-        if self._bins is None:
-            self._bins = self._compute.settings.bins(moment.box)
+        number, self._bins = chunk_numbers(moment, self._compute, self._bins)
+        if not self._samples:
             self._counts = np.zeros(self._bins.count)
             self._sums = np.zeros((len(self.words), self._bins.count))
         bins = self._bins
-        number = chunk_numbers(moment, self._compute, bins)
         kept = (number >= 0) & moment.state.group(self._group)
         number = number[kept]
         counts = sums_in_slices(number, None, bins.count)
@@ -284,10 +282,12 @@ class ChunkAverage(AveragingFix):
             values = np.array([self._normalised(moment, word, sums, self._counts, samples) for word, sums in pairs])
         table = self._window.add(np.vstack([self._counts / samples, values]))
         self.forget()
-        centres = bins.centres
+        centres, dims = bins.centres, bins.centres.shape[1]
+        names = ["coord"] if dims == 1 else [f"coord{k}" for k in range(1, dims + 1)]
+        if bins.ids is not None:
+            centres, names = np.column_stack([bins.ids, centres]), ["id", *names]
         self._write(moment, centres, table)
         self.values = np.vstack([centres.T, table]).T
-        names = ["coord"] if centres.shape[1] == 1 else [f"coord{k}" for k in range(1, centres.shape[1] + 1)]
         self.profile = {name: column.tolist() for name, column in zip(names, centres.T, strict=True)} | {"ncount": table[0].tolist()}
         self.profile |= {word: row.tolist() for word, row in zip(self.words, table[1:], strict=True)}
 
@@ -295,6 +295,6 @@ class ChunkAverage(AveragingFix):
         # LAMMPS divides everything except this number by the number of windows
         lines = [f"{moment.step} {table.shape[1]} {table[0].sum() * self._window.count:.15g}"]
         for k, (centre, column) in enumerate(zip(centres, table.T, strict=True), start=1):
-            place = " ".join(f"{coordinate:g}" for coordinate in centre)
-            lines.append(f"  {k} {place} {column[0]:g}" + "".join(self._form % value for value in column[1:]))
+            place = " ".join(f"{coordinate:g}" for coordinate in (k, *centre, column[0]))
+            lines.append(f"  {place}" + "".join(self._form % value for value in column[1:]))
         self._file.write(moment.state, lines)

@@ -12,7 +12,7 @@ from ...kernels.motion import second_moments
 from ...kernels.shear import rate_at, strain_at
 from ...measure import Sample
 from ...measure.observer import SceneSampler
-from ...measure.of_beads import bead_shares
+from ...measure.of_beads import bead_shares, pair_terms
 from ...measure.present import require_stress, why_no_stress
 from ...model.schemes import scheme_of
 from ...simulation.built import BuiltSystem
@@ -71,8 +71,13 @@ class LiveSample(DeckSample):
         return getattr(self, name)
 
     def kept(self) -> DeckSample:
-        """The part that outlasts the step: everything but the forces on single beads."""
-        return DeckSample(**{name: value for name, value in vars(self).items() if name not in ("sampler", "measured", "forces")})
+        """The part that outlasts the step: everything but forces."""
+        gone = "sampler", "measured", "forces", "pair_terms"
+        return DeckSample(**{name: value for name, value in vars(self).items() if name not in gone})
+
+    @cached_property
+    def pair_terms(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        return pair_terms(self.sampler.observer.present, friction=False)
 
     @cached_property
     def shares_of_beads(self) -> dict[str, np.ndarray]:

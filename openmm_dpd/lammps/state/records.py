@@ -1,7 +1,7 @@
 """The arguments of single commands as plain data (fixes, computes, temperatures, pressure, minimisation, thermo output), and samples."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -174,6 +174,8 @@ class DeckSample:
     fields: Mapping[str, np.ndarray] | None = None
     #: By part, (N, 7) energies and r F of the beads, as from :func:`.measure.of_beads.bead_shares`.
     shares_of_beads: Mapping[str, np.ndarray] | None = None
+    #: Beads and values of the conservative pair forces, as from :func:`.measure.of_beads.pair_terms`.
+    pair_terms: Sequence[tuple[np.ndarray, np.ndarray]] | None = None
     cpu: float = 0.0  #: Seconds since the run began
 
     def read(self, name: str) -> Any:

@@ -11,6 +11,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import VECTOR_FIXES, Compute, ForceVector, Temperature, Valued
+from .chunk_computes import OF_CHUNKS
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
 from .local import LOCAL
@@ -170,8 +171,15 @@ def check_bead_word(
         if style != "atom":
             raise ParameterError(f"{word}: variable {word[2:]} is {style}-style; only atom-style ones have values of single beads")
         return
+    if word.startswith("f_") and not local:
+        _, name, indices = reference(word)
+        store = state.fixes[name].parameters.get("reader") if name in state.fixes else None
+        columns = getattr(store, "columns", None)
+        if columns is None or len(indices) != (columns > 0) or not all(1 <= index <= columns for index in indices):
+            raise ParameterError(f"{word}: there is no such value of single beads; fix store/state has f_id, or f_id[1] and so on")
+        return
     if not word.startswith("c_"):
-        read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name"])
+        read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name", "f_id"])
         check_carried(state, word)
         return
     _, name, indices = reference(word)
@@ -183,6 +191,21 @@ def check_bead_word(
         raise ParameterError(f"{word}: compute {name} (style {compute.style}) has one value per {per}; use c_{name}")
     if columns and (len(indices) != 1 or not 1 <= indices[0] <= columns):
         raise ParameterError(f"{word}: compute {name} (style {compute.style}) has {columns} values per {per}; use c_{name}[1] and so on")
+
+
+def is_of_beads(state: DeckState, word: str) -> bool:
+    """Whether a word names values of single beads."""
+    if word.startswith("v_"):
+        return state.variables.get(word[2:]).style == "atom"
+    if word.startswith("f_"):
+        fix = state.fixes.get(reference(word).name)
+        return fix is not None and hasattr(fix.parameters.get("reader"), "of_beads")
+    return not word.startswith("c_") or compute_of(state, reference(word).name, word)[1].per_bead is not None
+
+
+def is_of_terms(state: DeckState, word: str) -> bool:
+    """Whether a word names values of bonds, angles or dihedrals."""
+    return word.startswith("c_") and compute_of(state, reference(word).name, word)[1].local is not None
 
 
 # -- compute reduce -----------------------------------------------------------------------------------------------------------
@@ -264,6 +287,7 @@ COMPUTES: dict[str, ComputeSpec] = {
     "reduce": _reduce(_parse_reduce),
     "reduce/region": _reduce(_parse_region),
     "chunk/atom": CHUNKS,
+    **OF_CHUNKS,
     **STRUCTURE,
     **PER_BEAD,
     **LOCAL,
@@ -363,7 +387,8 @@ def expanded(state: DeckState, words: Sequence[str], tables: bool = False) -> tu
 def count_of(state: DeckState, kind: str, name: str) -> int:
     """Number of values of a compute (kind ``c``) or fix (``f``): columns for per-bead values and tables, 0 for a single value."""
     if kind == "f":
-        return average_of(state, name).size
+        found = average_of(state, name)
+        return getattr(found, "columns", 0) or found.size
     compute, spec = compute_of(state, name)
     listed = spec.per_bead is not None or spec.local is not None or spec.tabled(compute)
     return spec.columns(compute) if listed else spec.size(compute)

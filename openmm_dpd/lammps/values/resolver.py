@@ -12,7 +12,7 @@ from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import ForceVector
 from .compute_spec import check_place, reference
-from .computes import COMPUTES, average_of, check_value, compute_of
+from .computes import COMPUTES, average_of, check_bead_word, check_value, compute_of, is_of_beads
 from .per_bead import BEAD_WORDS, check_carried
 from .words import WORDS
 
@@ -147,7 +147,7 @@ class Resolver(DeckMoment):
             if name not in before:
                 raise ParameterError(f"f_{name}: the fix has not acted yet; it acts in the next run")
             return before[name] / self.units.force
-        if not average.size:
+        if np.ndim(getattr(average, "values", 0.0)) != 1:
             raise ParameterError(f"there is no fix '{name}' with a vector")
         return average.values
 
@@ -159,6 +159,9 @@ class Resolver(DeckMoment):
         if word.startswith("c_"):
             _, name, indices = reference(word)
             return self.bead_compute(name, *indices or (None,))
+        if word.startswith("f_"):
+            _, name, indices = reference(word)
+            return self.state.fixes[name].parameters["reader"].of_beads(self.state, *indices or (None,))
         return BEAD_WORDS[word](self)
 
     def bead_variable(self, name: str) -> np.ndarray | float:
@@ -256,6 +259,11 @@ class _BeadFormula(Formula):
             return self.resolver.bead_variable(token[2:])
         if token.startswith("c_") and self.resolver.is_bead_compute(token[2:]):
             return self._of_compute(token[2:])
+        if token.startswith("f_") and is_of_beads(self.resolver.state, token):
+            index = self.index()
+            word = token if index is None else f"{token}[{index}]"
+            check_bead_word(self.resolver.state, word)
+            return self.resolver.bead_values(word)
         following = self.peek()[1]
         if following == "(" or (following == "[" and token in ATOM_VALUES):
             return super().name(token)

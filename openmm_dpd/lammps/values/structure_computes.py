@@ -1,8 +1,12 @@
-"""Computes of structure and motion: ``rdf``, ``msd``, ``vacf`` and ``gyration``."""
+"""Computes of structure and motion: ``rdf``, ``msd``, ``vacf``, ``gyration``, neighbours, clusters, forces between two groups."""
 
 from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ...analysis.chains import gyration_tensors
 from ...analysis.diffusion import mean_squares
@@ -16,6 +20,7 @@ from ..state.moment import DeckMoment, Window
 from ..state.records import Compute
 from ..styles.pair_styles import pair_tables
 from .compute_spec import ComputeSpec, no_arguments
+from .per_bead import check_carried
 
 
 # -- compute rdf --------------------------------------------------------------------------------------------------------------
@@ -173,6 +178,102 @@ def _autocorrelation(moment: DeckMoment, compute: Compute) -> np.ndarray:
     return np.append(found, found.sum())
 
 
+# -- neighbours and clusters --------------------------------------------------------------------------------------------------
+class Neighbourhood(NamedTuple):
+    """Settings of computes of neighbours: the cutoff (0 for bonds alone), the group of the neighbours, sets of their types."""
+
+    cutoff: float
+    group: str = "all"
+    types: tuple[range, ...] = ()
+
+
+def _parse_neighbours(style: str, state: DeckState, group: str, words: list[str]) -> Neighbourhood:
+    if style == "fragment/atom":
+        read.single(words, "compute fragment/atom", single="no")
+        return Neighbourhood(0.0)
+    if style != "coord/atom":
+        read.count(words, f"compute ID group {style} cutoff", 1)
+        return Neighbourhood(read.positive(words[0], f"the cutoff of compute {style}"))
+    read.count(words, "compute ID group coord/atom cutoff R [group G] [type type ...]", 2, None)
+    read.choice(words[0], "the criterion of compute coord/atom", ("cutoff",))
+    named, kinds = (words[3:4], words[4:]) if words[2:3] == ["group"] else (["all"], words[2:])
+    state.group("".join(named))
+    types = tuple(read.numeric_range(word, state.n_types, "atom type") for word in kinds or ("*",))
+    return Neighbourhood(read.positive(words[1], "the cutoff of compute coord/atom"), named[0], types)
+
+
+def _neighbours(moment: DeckMoment, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of beads within a distance, but for bonded ones whose factor is 0."""
+    state = moment.state
+    if any(state.periodic) != all(state.periodic):
+        raise ParameterError("neighbours of beads are counted in boxes that are periodic along all axes, or along none")
+    i, j, r = pairs_within(moment.folded[0], None, moment.box.vectors if all(state.periodic) else None, reach)
+    kept = (r < reach) & ~np.isin(i * len(state.atoms) + j, _excluded(state))
+    return i[kept], j[kept]
+
+
+def _coordination(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    state, settings = moment.state, compute.settings
+    one, other = _neighbours(moment, settings.cutoff)
+    i, j = np.concatenate([one, other]), np.concatenate([other, one])
+    counted, n = state.group(settings.group)[j] & state.group(compute.group)[i], len(state.atoms)
+    columns = [np.bincount(i[counted & np.isin(state.atoms.types[j], kinds)], minlength=n) for kinds in settings.types]
+    return np.stack(columns, axis=1).astype(float) if len(columns) > 1 else columns[0].astype(float)
+
+
+def _clusters(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """Smallest id of the beads of the group that neighbours (aggregates: and bonds; fragments: bonds alone) join to each bead; 0 for beads
+    outside, and for those without a bond in a fragment unless ``single yes``."""
+    state, mask, n = moment.state, moment.state.group(compute.group), len(moment.state.atoms)
+    i, j = _neighbours(moment, compute.settings.cutoff) if compute.settings.cutoff else np.zeros((2, 0), int)
+    if compute.style != "cluster/atom":
+        ends = state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2)
+        i, j = np.append(i, ends[:, 0]), np.append(j, ends[:, 1])
+    inside = mask[i] & mask[j]
+    _, label = connected_components(coo_array((np.ones(inside.sum()), (i[inside], j[inside])), shape=(n, n)), directed=False)
+    least = np.full(n, np.inf)
+    np.minimum.at(least, label, state.atoms.ids)
+    single = compute.style != "fragment/atom" or compute.arguments[-1:] == ("yes",)
+    return np.where(mask & (single | np.isin(np.arange(n), [i, j])), least[label], 0.0)
+
+
+# -- compute group/group ------------------------------------------------------------------------------------------------------
+class Between(NamedTuple):
+    """Settings of compute group/group: the other group, and which molecules the pairs may be of."""
+
+    group: str
+    molecule: str = "off"
+
+
+def _parse_between(state: DeckState, group: str, words: list[str]) -> Between:
+    read.count(words, "compute ID group group/group group2 [pair yes] [kspace no] [molecule off|inter|intra]", 1, None)
+    state.group(words[0])
+    only = {"pair": (read.YES, ""), "kspace": (read.NO, "charges have no forces of single pairs here")}
+    sizes = dict.fromkeys(("pair", "kspace", "boundary", "molecule"), 1)
+    found = dict(read.options(words[1:], sizes, "compute group/group", only=only))
+    molecule = read.choice(found.get("molecule", ["off"])[0], "molecule", ("off", "inter", "intra"))
+    if molecule != "off":
+        check_carried(state, "mol")
+    return Between(words[0], molecule)
+
+
+def _between(moment: DeckMoment, compute: Compute) -> np.ndarray:
+    """Energy, and force on the group, of its pairs with the other group."""
+    state, settings, total = moment.state, compute.settings, np.zeros(4)
+    one, other = state.group(compute.group), state.group(settings.group)
+    for beads, values in moment.need("pair_terms"):
+        if beads.shape[1] > 2:
+            raise ParameterError("compute group/group: contacts of bonds (srp) belong to no two beads")
+        i, j = beads.T
+        along, against = one[i] & other[j], one[j] & other[i]
+        if settings.molecule != "off":
+            alike = state.atoms.molecules[i] == state.atoms.molecules[j]
+            along, against = ((each & (alike == (settings.molecule == "intra"))) for each in (along, against))
+        total[0] += values[along | against, 0].sum()
+        total[1:] += values[along, 7:].sum(axis=0) - values[against, 7:].sum(axis=0)
+    return total / ([moment.units.energy] + 3 * [moment.units.force])
+
+
 #: Computes of structure and motion.
 STRUCTURE: dict[str, ComputeSpec] = {
     "rdf": ComputeSpec(
@@ -189,4 +290,20 @@ STRUCTURE: dict[str, ComputeSpec] = {
         size=lambda compute: 6,
     ),
     "vacf": ComputeSpec(vector=_autocorrelation, size=lambda compute: 4, prepare=_start_velocities),
+    "coord/atom": ComputeSpec(
+        partial(_parse_neighbours, "coord/atom"),
+        per_bead=_coordination,
+        columns=lambda compute: len(compute.settings.types) if len(compute.settings.types) > 1 else 0,
+    ),
+    **{
+        style: ComputeSpec(partial(_parse_neighbours, style), per_bead=_clusters)
+        for style in ("cluster/atom", "fragment/atom", "aggregate/atom")
+    },
+    "group/group": ComputeSpec(
+        _parse_between,
+        lambda moment, compute: float(_between(moment, compute)[0]),
+        lambda moment, compute: _between(moment, compute)[1:],
+        extensive=True,
+        size=lambda compute: 3,
+    ),
 }
