@@ -84,6 +84,7 @@ class Findings:
         self._rounds: dict[tuple[str, int], int] = {}
         self._said: dict[tuple[str, int | None], int] = {}  # the visit at which a line was said to be wrong
         self._visits = 0
+        self.written: set[str] = set()  # files that a run would have written here
         self.has_run = self.conditional = False
 
     # -- what the reader of the deck asks --------------------------------------------------------------------------------------
@@ -92,6 +93,8 @@ class Findings:
         self._visits += 1
         word = line.text.split()[0]
         self.has_run, self.conditional = self.has_run or word == "run", word == "if"
+        if word == "clear":
+            self._lost = {name for name in self._lost if name.startswith("variable")}
 
     def note(self, text: str) -> None:
         """A remark of the line that is being carried out."""
@@ -139,6 +142,9 @@ class Findings:
             or (missing and lost.intersection(_ANYTHING))
             or lost & (_NEEDS.get(command, set()))
             or (command in ("run", "minimize") and lost - _ONLY_OUTPUT - {name for name in lost if " " in name})
+            or any(
+                str(self.deck.output / self.deck.placed(name)) in self.written for name in re.findall("there is no file '([^']*)'", message)
+            )
             or ("atom_style" in lost and "atom_style" in message)
             or ("units" in lost and "units" in message)
             or ("cannot evaluate the formula" in message and self.deck.runs)  # of values that no run has computed

@@ -258,6 +258,7 @@ class DeckState:
         deck is only checked, a file that keeps nothing."""
         path = self.output_path(name, step, as_it_is=as_it_is)
         if self.findings is not None:
+            self.findings.written.add(str(path))
             return Path(os.devnull)
         with writing(path.parent, "the folder"):
             path.parent.mkdir(parents=True, exist_ok=True)
