@@ -390,10 +390,8 @@ REFUSED: dict[str, tuple[str, ...]] = {
     "'time' depends": ("oscillating force",),
     "'spring/self'": ("ends held by springs",),
     "'coul/": (
-        "clay with charges cut off",
         "clay with soft charges",
         "clay with soft long-range charges",
-        "electrolyte, screened",
     ),
     "'rigid/": (
         "rigid clay",

@@ -49,6 +49,10 @@ class Lattice:
         reached = (_CORNERS @ box.vectors + box.low - self.offset) @ inverse.T
         low = np.floor(reached.min(axis=0)).astype(int) - 1
         high = np.ceil(reached.max(axis=0)).astype(int) + 1
+        if np.prod(high - low + 1.0) > 1e9:
+            raise ParameterError(
+                f"the box holds about {np.prod(high - low - 1.0):.0e} cells of the lattice; is its scale what it should be?"
+            )
         axes = [np.arange(a, b + 1) for a, b in zip(low, high, strict=True)]
         k, j, i = np.meshgrid(np.zeros(1, dtype=int) if box.flat else axes[2], axes[1], axes[0], indexing="ij")
         cells = np.stack([i, j, k], axis=-1).reshape(-1, 1, 3)

@@ -42,8 +42,7 @@ MORE = {
     "set group all image 0 0 0": "",
     "change_box all boundary p p p": "",
     "reset_timestep {1,9}": "",
-    "dump more all custom 3 more.dump id mol element x y z; dump_modify more sort id format float %.12g": "",
-    "dump more all xyz 5 more.xyz; dump_modify more sort id format line '%s %.12g %.12g %.12g'": "",
+    "dump more all custom 3 more.dump id mol element xu yu zu; dump_modify more sort id format float %.12g": "",
 }
 
 
