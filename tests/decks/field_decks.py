@@ -188,8 +188,8 @@ neigh_modify exclude group slab slab; fix move fluid nve; timestep 0.01
 = bilayer, pushed apart first : lipids : molecular : @bent harmonic; @membrane; timestep 0.01; @limits
 = lipid pulled out : lipids : angle :
 @bent harmonic; @membrane; group one id 1; fix pull one smd cvel 5.0 0.5 tether NULL NULL 8 0.5; @move
-= lipids placed as molecules :  : bond :
-molecule lipid mol.lipid; region box block 0 4.2 0 4.2 0 4.2; create_box 3 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 4; mass * 1.0
+= lipids placed as molecules :  : template lipid :
+HEAD molecule lipid mol.lipid; region box block 0 4.2 0 4.2 0 4.2; create_box 3 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 4; mass * 1.0
 create_atoms 0 single 0.5 0.5 1 mol lipid 7 rotate 0 1 0 0 units box; bond_style harmonic; bond_coeff 1 99 0.5
 create_atoms 0 single 1.1 0.5 1.3 mol lipid 7 rotate 40 1 0 0 units box; create_atoms 0 single 1 1 3 mol lipid 7 rotate 180 1 0 0 units box
 special_bonds lj 1 1 1; @membrane; @move
@@ -199,7 +199,7 @@ special_bonds lj 1 1 1; @membrane; @move
 @chains 50 0.7; variable chi equal 8; variable a equal 25+3.27*${chi}; @one; pair_coeff 1 2 ${a} 4.5; @move
 = triblock, relaxed : triblocks : bond : @chains 50 0.7; @two; @move; RUNS minimize 0 0 0 0; RUNS reset_timestep 0; RUNS run 10
 = clear, folders and names of elements : diblocks : bond :
-HEAD clear; HEAD shell mkdir frames; @chains 50 0.7; @two; @move; dump f all custom 5 frames.dump id type element xu yu zu
+HEAD clear; HEAD shell "mkdir frames"; @chains 50 0.7; @two; @move; dump f all custom 5 frames.dump id type element xu yu zu
 dump_modify f sort id element A B format float %.10g
 = hybrid of ordinary atom styles : diblocks : hybrid bond : @chains 50 0.7; @two; @move
 = copolymer drawn out : diblocks : bond :

@@ -76,10 +76,14 @@ def boundary(state: DeckState, args: list[str]) -> None:
 
 @command("atom_style style", 1, None, box=False)
 def atom_style(state: DeckState, args: list[str]) -> None:
-    """``atom_style style``, ``tdpd N`` with the number of species, or ``hybrid`` with several of them."""
+    """``atom_style style``, ``tdpd N`` with the number of species, ``template ID`` of a molecule, or ``hybrid`` with several of them."""
     styles, rest, state.n_species = list[str](), args[args[0] == "hybrid" :], 0
     while rest:
         style, *rest = rest
+        if style == "template":  # Saves LAMMPS memory; the beads have the same as those of molecular.
+            words, rest = read.taken(rest, 1, "atom_style template")
+            read.known(state.templates, words[0], "molecule")
+            style = "molecular"
         styles.append(read.choice(style, "the atom style", list(ATOM_STYLES)))
         if style == "tdpd":
             words, rest = read.taken(rest, 1, "atom_style tdpd")

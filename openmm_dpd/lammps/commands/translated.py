@@ -118,7 +118,7 @@ def clear_(state: DeckState, args: list[str]) -> None:
 @command("shell", 1, None)
 def shell(state: DeckState, args: list[str]) -> None:
     """``shell cd|mkdir|echo ...``, in the output folder; other words of a shell are errors."""
-    word, *names = args
+    word, *names = [*args[0].split(), *args[1:]] if args[0].startswith(("mkdir ", "echo ")) else args  # Words in quotes, too.
     if word == "echo":
         state.log(" ".join(names))
     elif word == "mkdir":
