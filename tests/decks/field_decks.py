@@ -371,9 +371,7 @@ REFUSED: dict[str, tuple[str, ...]] = {
         "melt pushed apart by a soft potential",
     ),
     "'smd'": ("lipid pulled out",),
-    "'element'": ("clear, folders and names of elements",),
     "fix deform x": ("fluid sheared in another plane",),
-    "'group/group'": ("energies between blocks",),
     "'langevin'": (
         "melt in a cold bath",
         "gel of lj in a bath",
@@ -384,8 +382,6 @@ REFUSED: dict[str, tuple[str, ...]] = {
     "'wall/lj93'": ("drop under a wall of lj",),
     "addforce region": ("polymers driven by opposite forces",),
     "'move'": ("plates that move",),
-    "'stress/atom'": ("stress of single beads",),
-    "'vacf'": ("velocities remembered",),
     "'viscosity'": ("viscosity by exchange of momentum",),
     "'time' depends": ("oscillating force",),
     "'spring/self'": ("ends held by springs",),
@@ -398,6 +394,5 @@ REFUSED: dict[str, tuple[str, ...]] = {
         "rods as rigid bodies",
     ),
     "'efield'": ("electrolyte in a field",),
-    "'pe/atom'": ("balanced, with energies of beads",),
     "'wall/region'": ("held in a region",),
 }
