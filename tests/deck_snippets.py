@@ -212,6 +212,31 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "wall/reflect": deck(head="boundary p p f", before="fix wall all wall/reflect zlo EDGE zhi EDGE"),
         "deform": deck("tilted", "compute c all msd\ndump d all custom 2 d.txt id x ix vx xu\n" + averaged("c_c[1]", "c_thermo_press[4]")),
         "balance": deck(before="fix b all balance 5 1.1 shift x 5 1.1"),
+        "npt": deck(before="unfix move\nfix move all npt temp 1.0 1.0 0.5 iso 20.0 20.0 1.0 tchain 2"),
+        "nvt": deck(before="unfix move\nfix move all nvt temp 1.0 0.5 0.1 tchain 2\n" + averaged("f_move", "f_move[3]")),
+        "nve/limit": deck(before="unfix move\nfix move all nve/limit 0.01\n" + averaged("f_move")),
+        "langevin": deck(before="fix bath all langevin 1.0 1.0 0.5 42 tally yes zero yes\n" + averaged("f_bath")),
+        "viscous": deck(before="fix slow all viscous 0.5 scale 2 3.0"),
+        "temp/rescale": deck(before="fix heat all temp/rescale 2 2.0 1.0 0.01 0.5\n" + averaged("f_heat")),
+        "temp/berendsen": deck(before="fix heat all temp/berendsen 2.0 1.0 0.1\nfix_modify heat temp thermo_temp"),
+        "aveforce": deck(before="region r block 0 1 INF INF INF INF units box\nfix push all aveforce 0 NULL 1 region r"),
+        "efield": deck(
+            head="atom_style charge",
+            before="set type 1 charge 0.5\nvariable e equal step\nfix push all efield 0.5 v_e 0\n" + averaged("f_push[2]"),
+        ),
+        "spring": deck(before="group one type 1\nfix pull one spring tether 10 1 1 NULL 0.1\n" + averaged("f_pull", "f_pull[4]")),
+        "spring/self": deck(before="fix pull all spring/self 5\nfix_modify pull energy yes\n" + averaged("f_pull")),
+        **{
+            f"wall/{style}": deck(
+                head="boundary p p f",
+                before=f"fix soft all wall/{style} zlo -1.2 {values} zhi 4.2 {values} units box\nfix wall all wall/reflect zlo EDGE zhi EDGE",
+            )
+            for style, values in {
+                **dict.fromkeys(("lj93", "lj126", "lj1043", "harmonic"), "1.0 1.0 2.5"),
+                "morse": "1.0 1.5 1.5 2.5",
+            }.items()
+        },
+        "wall/region": deck(before="region r sphere 1.5 1.5 1.5 0.1 side out units box\nfix soft all wall/region r harmonic 5.0 1.0 1.5"),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),
         "print": deck(before='fix say all print 2 "at $(step) $(temp)" file say.txt title begun'),
         "ave/time": deck(before=averaged("c_thermo_temp", more="overwrite") + "\nfix b all ave/time 1 2 5 f_a append b.txt start 4"),

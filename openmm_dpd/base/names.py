@@ -48,6 +48,8 @@ PORTABLE = ("ahead", "unused", "fingerprint", "valid_for", "stamp")
 ALONE = "alone"
 #: Global variable of an integrator: number of steps already done, in which only barostats still have to act.
 AHEAD = "ahead"
+#: Prefix of global variables of an integrator with what a guide of its steps keeps.
+GUIDE = "guide"
 #: Global variable of an integrator whose slow forces do not kick in every step: steps since their last kick.
 SLOW_STEP = "slow_step"
 #: Global variable of an integrator: fingerprint of the per-DOF variables left by a loop of steps, 0 if something else wrote them.

@@ -296,7 +296,7 @@ class Present:
         integrator, options, groups = self._context.getIntegrator(), self.plan.options, self._beside
         begun = integrator.getGlobalVariableByName("valid_for") != -1.0
         waiting = options.slow_every > 1 and integrator.getGlobalVariableByName(SLOW_STEP) != 0.0
-        if not self.plan.execution.looped or not groups or not begun or waiting:
+        if not self.plan.execution.looped or self.plan.options.guided or not groups or not begun or waiting:
             return 0.0
         slow = bare(self._context.getState(forces=True, groups=groups).getForces(asNumpy=True))
         return options.slow_kicks[1] * self.dt * slow * self.plan.spec.inv_mass[:, None]

@@ -103,7 +103,11 @@ LEAST_ROWS = 6
 
 def sets_temperature(plan: Plan) -> bool:
     """Whether anything sets a temperature; nothing does without friction, or for beads with internal temperatures."""
-    return plan.options.thermostat and (plan.spec.fields is None or plan.spec.fields.kind not in (ENERGY, BEAD_TEMPERATURE))
+    return (
+        plan.options.thermostat
+        and not plan.options.frictionless
+        and (plan.spec.fields is None or plan.spec.fields.kind not in (ENERGY, BEAD_TEMPERATURE))
+    )
 
 
 def has_set_temperature(plan: Plan) -> bool:
@@ -115,7 +119,11 @@ def has_set_temperature(plan: Plan) -> bool:
     scene = plan.scene
     moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
     moving_wall = moving_wall or any(np.any(wall.velocity) for wall in scene.walls if wall.velocity is not None)
-    return sets_temperature(plan) and plan.options.ramp is None and not (scene.body_forces or moving_wall or scene.interacting is not None)
+    return (
+        sets_temperature(plan)
+        and plan.options.ramp is None
+        and not (scene.body_forces or plan.options.guided or moving_wall or scene.interacting is not None)
+    )
 
 
 def temperature_warning(kT: Sequence[float], target: float, dof: int, unit: str = "") -> str | None:

@@ -166,6 +166,8 @@ def _execution_lines(plan: Plan) -> list[str]:
     device = f"whole ones on the device; {beside}"
     steps = {"loop": loop, "program": "one by one, by the program", "openmm": "one by one", "device": device}
     lines.append(f"steps: {steps[execution.steps]} ({execution.why['steps']})")
+    if options.guided:
+        lines.append(f"within each step, in Python: {options.guided}")
     parts: dict[tuple[bool, str], list[str]] = {}
     for part, why in execution.why.items():
         if part not in ("engine", "steps", "conservative", "precision"):

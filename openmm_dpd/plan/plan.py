@@ -14,6 +14,7 @@ from ..kernels.engines import EngineKind, engine_kind
 from ..kernels.fields import ENERGY
 from ..kernels.interface import Engine
 from ..kernels.layer import PairSpec
+from ..kernels.moment import Guide
 from ..model.bonds import BondedTerms
 from ..model.flow import kind_of
 from ..model.pairs import NONE
@@ -188,6 +189,7 @@ def make_plan(
     slow_every: int = 1,
     engine: str = "auto",
     host: Host | None = None,
+    guide: Guide | None = None,
 ) -> Plan:
     """Decide what to build: the plan of a scene.
 
@@ -221,6 +223,8 @@ def make_plan(
     engine : str, default "auto"
         What evaluates the pair terms: "host" is the compiled kernel, "device" the plugin openmm-dpd-device, which "auto" takes on a GPU
         where it can; others have to be registered (:func:`openmm_dpd.kernels.engines.register_engine`).
+    guide : Guide, optional
+        What acts within the steps of ``mvv``; it needs whole steps of the pair kernel.
     host : Host, optional
         A System made elsewhere whose particles are the first of the scene; its forces act beside the pair terms.
 
@@ -253,13 +257,15 @@ def make_plan(
         )
     (exceptions, charge_exceptions), reach = neighbour_factors(scene), longest(layers)
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
-    thermostat = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
+    rubs = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
+    thermostat = rubs or guide is not None  # a guide changes forces, which has steps of mvv only
     reasons = (kind.kernel_only(table, scene, exceptions, platform) for kind, table in zip(kinds, layers, strict=True))
     only = next(filter(None, reasons), None)
     double, driven = platform in DOUBLE_PLATFORMS, any(wall.driven for wall in scene.walls)
     check_driven(scene, chosen, tables, thermostat)
     only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
-    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, driven)
+    only = only or (None if guide is None or not repulsive else f"{guide.what} need whole steps of the pair kernel")
+    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, driven or guide is not None)
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, reach)
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
@@ -268,6 +274,9 @@ def make_plan(
     choices = field_options(scene, fields, reach, double, lam) | ({"field_names": carriers[0].field_text} if carriers else {})
     no_loop = "the device does them" if on_device else None
     no_loop = no_loop or why_no_loop(where, thermostat, chosen, platform, loop, choices.get("compensated", False), scene, host is not None)
+    if guide is not None and (no_loop is not None or not chosen.predicts):
+        why = no_loop or f"scheme {chosen.name!r} has no sum of all forces; use {predicting()}"
+        raise PlanError(f"{guide.what} need whole steps of the pair kernel with all forces: {why}")
     if driven and no_loop is not None:
         raise PlanError(f"{_DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
     if scene.shear is not None:
@@ -300,7 +309,7 @@ def make_plan(
         thermostat=thermostat,
         execution=execution,
         slow_every=checked_interval(slow_every, no_loop),
-        settable=thermostat and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
+        settable=rubs and not isinstance(scene.kT, TemperatureRamp) and (fields is None or fields.kind != ENERGY),
         pair_group=PAIR_GROUP if host is None else host.pair_group,
         constraints=constrained,
         seeded=seed is not None,
@@ -308,6 +317,9 @@ def make_plan(
         tau_ratio=tau_ratio(double),
         walls=kind_of(scene.gaps),
         partial=scene.interacting is not None,
+        guided="" if guide is None else guide.what,
+        numbers=() if guide is None else guide.numbers,
+        frictionless=thermostat and not rubs,
         **choices,
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))

@@ -12,7 +12,7 @@ from ..base.names import ALONE
 from ..base.platforms import platform_here
 from ..io.trajectory import openmm_topology
 from ..kernels.elementary import without_last_bits
-from ..kernels.moment import StepSpec
+from ..kernels.moment import NO_GUIDE, Guide, StepSpec
 from ..kernels.shear import add_flow, rate_at
 from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms
@@ -42,11 +42,13 @@ def build(
     loop: bool = True,
     slow_every: int = 1,
     engine: str = "auto",
+    guide: Guide | None = None,
 ) -> BuiltSystem:
     """Make System, Topology, positions, velocities and integrator of a scene.
 
-    Parameters are those of :func:`openmm_dpd.plan.plan.make_plan`; ``platform`` is the fastest one by default.  Velocities that the scene
-    does not give are drawn from the Maxwell distribution, with no total momentum and exactly the scene's kinetic temperature.
+    Parameters are those of :func:`openmm_dpd.plan.plan.make_plan`; ``platform`` is the fastest one by default; a ``guide``
+    (:class:`openmm_dpd.kernels.moment.Guide`) acts within the steps of ``mvv``.  Velocities that the scene does not give are drawn from the
+    Maxwell distribution, with no total momentum and exactly the scene's kinetic temperature.
 
     Raises
     ------
@@ -63,11 +65,11 @@ def build(
     >>> simulation.step(10)
     """
     choices = {"scheme": scheme, "lam": lam, "conservative": conservative, "seed": seed, "loop": loop, "slow_every": slow_every}
-    choices |= {"engine": engine}
-    return build_plan(make_plan(scene, dt=dt, platform=platform_here(platform), **choices))  # type: ignore[arg-type]
+    choices |= {"engine": engine, "guide": guide}
+    return build_plan(make_plan(scene, dt=dt, platform=platform_here(platform), **choices), guide)  # type: ignore[arg-type]
 
 
-def build_plan(plan: Plan) -> BuiltSystem:
+def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     """Make System, Topology, positions, velocities and integrator of a plan."""
     scene, options = plan.scene, plan.options
     program = None if options.scheme.native else make_program(options)
@@ -76,7 +78,7 @@ def build_plan(plan: Plan) -> BuiltSystem:
     function = _pair_function(plan) if options.kernel and program is not None and not execution.on_device else None
     system = scene_system(plan, integrator, function)
     if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
-        integrator.whole = WholeSteps(function, options.pair_group)
+        integrator.whole = WholeSteps(function, options.pair_group, guide or NO_GUIDE)
     if isinstance(integrator, PairIntegrator) and function is not None and plan.spec.fields is not None and plan.spec.fields.acts:
         integrator.shown_to = function
     if plan.spec.fields is not None:

@@ -65,6 +65,41 @@ def descend(
         raise
 
 
+def follow(
+    forces: Callable[[np.ndarray], np.ndarray], x: np.ndarray, longest: float, done: Callable[[np.ndarray, np.ndarray], bool]
+) -> np.ndarray:
+    """Move particles from positions x (N, 3) along their forces (N, 3), which need not derive from an energy, until ``done(x, force)``.
+
+    No component of a move is longer than ``longest`` (nm); a place where forces are not finite is not taken.  Returns the last positions.
+
+    References
+    ----------
+    E. Bitzek, P. Koskinen, F. Gaehler, M. Moseler and P. Gumbsch, Phys. Rev. Lett. 97, 170201 (2006).
+    """
+    force, v = forces(x), np.zeros_like(x)
+    dt = first = np.sqrt(0.1 * longest / max(float(np.abs(force).max(initial=0.0)), 1e-300))
+    turn, uphill = 0.1, 0
+    while dt > 1e-9 * first:
+        CTRL_C.check()
+        if np.vdot(force, v) > 0:
+            uphill += 1
+            v = (1 - turn) * v + turn * np.linalg.norm(v) / np.linalg.norm(force) * force
+            if uphill > 5:
+                dt, turn = min(1.1 * dt, 100 * first), 0.99 * turn
+        elif v.any():
+            v, turn, uphill, dt = np.zeros_like(x), 0.1, 0, 0.5 * dt
+        v = v + dt * force
+        v *= min(1.0, longest / max(dt * float(np.abs(v).max()), 1e-300))
+        there, after = x + dt * v, forces(x + dt * v)
+        if not np.isfinite(after).all():
+            v, dt = np.zeros_like(x), 0.5 * dt
+            continue
+        x, force = there, after
+        if done(x, force):
+            break
+    return x
+
+
 class _Slope:
     """Energy and gradient of a Context, with springs in the place of constraints."""
 

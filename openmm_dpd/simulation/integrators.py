@@ -40,6 +40,7 @@ class StepsAtOnce(Protocol):
     """Carries out many whole steps of a Context (:class:`openmm_dpd.simulation.whole_steps.WholeSteps`)."""
 
     function: Any
+    guide: Any
 
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
         """Carry out n steps; ``slow``: some forces are OpenMM's, ``barostats``: a barostat acts behind them."""

@@ -13,7 +13,7 @@ from ..base import names as shared
 from ..base.errors import PlanError, RunError
 from ..base.openmm_private import bare, vectors
 from ..kernels import motion
-from ..kernels.moment import Moment, StepSpec
+from ..kernels.moment import NO_GUIDE, Guide, Moment, StepSpec
 from ..kernels.shear import TIME, flow_at, sheared_box, strain_at
 from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.pair_force import PairForceFunction
@@ -22,11 +22,16 @@ from .fields import field_variables, per_dof, raw_fields, raw_rates
 from .integrators import PairIntegrator
 
 
-class WholeSteps:
-    """Does whole steps of one System; ``function`` is the callable of its pair force, ``pair_group`` the group of that force."""
+def guide_variables(guide: Guide) -> list[str]:
+    """Global variables of an integrator with what a guide keeps from step to step."""
+    return [f"{shared.GUIDE}{k}" for k in range(len(guide.numbers))]
 
-    def __init__(self, function: PairForceFunction, pair_group: int):
-        self.function, self.pair_group = function, pair_group
+
+class WholeSteps:
+    """Does whole steps of one System; ``function`` is the callable of its pair force in ``pair_group``, ``guide`` acts within the steps."""
+
+    def __init__(self, function: PairForceFunction, pair_group: int, guide: Guide = NO_GUIDE):
+        self.function, self.pair_group, self.guide = function, pair_group, guide
         self._still = np.flatnonzero(function.spec.inv_mass == 0.0)
         self._moving = np.flatnonzero(function.spec.inv_mass) if len(self._still) else slice(None)
         fields = () if function.spec.fields is None else range(function.spec.fields.n_blocks)
@@ -62,9 +67,11 @@ class WholeSteps:
             assert loop is not None
             # free arrays early: each has 24 bytes per bead
             loop.forget()
+            loop.guide = self.guide
             x, box = self.function.positions(state), self.function.box(state)
             del state
             moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, own)
+            moment.number = count
 
             def forces(m: Moment, done: int) -> np.ndarray:
                 if done:
@@ -106,6 +113,7 @@ class WholeSteps:
         v[self._still] = 0.0
         kT = function.thermal_energy(parameters)
         moment = Moment(x, v, box, dt, kT, *function.noise(parameters))
+        moment.numbers = np.array([integrator.getGlobalVariableByName(name) for name in guide_variables(self.guide)])
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
         if spec.driven is not None:
@@ -152,6 +160,8 @@ class WholeSteps:
             now[shared.SHEARED] = float(moment.flow[TIME])
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
+        for name, value in zip(guide_variables(self.guide), moment.numbers.tolist(), strict=True):
+            put(integrator, name, value)
         if spec.slow_every > 1:
             put(integrator, shared.SLOW_STEP, float(moment.slow_step))
         if spec.ramp is not None:

@@ -175,7 +175,7 @@ def test_reduced_numbers_in_other_units_are_noted(deck, units, T, spacing, said)
     (("2 2 25.0 4.5", "2 2 25.0 4.5 2.5"), "in.fluid:14: the cutoff 2.5 of types 2 2 exceeds half the box"),
     (("timestep", "tempstep"), "in.fluid:17: unknown or unsupported command 'tempstep'"),
     (("run 50\nrun 30\n", ""), "in.fluid: the deck has no run command"),
-    (("fix move all nve", "fix move all nvt temp 1 1 1"), "in.fluid:16:"),
+    (("fix move all nve", "fix move all adapt 1"), "in.fluid:16:"),
     (
         ("pair_style dpd 1.0 1.0 34387\npair_coeff 1 1 25.0 4.5\npair_coeff 1 2 30.0 4.5\npair_coeff 2 2 25.0 4.5\n", ""),
         "needs a preceding pair_style",

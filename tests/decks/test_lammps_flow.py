@@ -94,25 +94,14 @@ def test_walls_at_the_faces(tmp_path):
 # -- what is refused -----------------------------------------------------------------------------------------------------------
 NVE = "fix 1 all nve\n"
 REFUSED = {
-    "region": (NVE + "region s sphere 0 0 4 1\nfix 2 all addforce 1 0 0 region s\n", "p p p", "addforce region s is not supported"),
-    "every": (NVE + "fix 2 all addforce 1 0 0 every 2\n", "p p p", "every"),
     "no variable": (NVE + "fix 2 all addforce v_f 0 0\n", "p p p", "no variable 'f'"),
-    "step": ("variable f equal 0.1*step\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
-    "velocity": ("variable f atom -vx\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'vx' depends"),
-    "ramp": ("variable f atom x*ramp(0,1)\n" + NVE + "fix 2 all addforce v_f 0 0\nrun 1\n", "p p p", "'ramp' depends"),
-    "setforce region": (
-        NVE + "region s sphere 0 0 4 1\nfix 2 all setforce 1 0 0 region s\n",
-        "p p p",
-        "setforce region s is not supported",
-    ),
-    "setforce step": ("variable f equal step\n" + NVE + "fix 2 all setforce v_f 0 0\nrun 1\n", "p p p", "'step' depends on something else"),
     "setforce word": (NVE + "fix 2 all setforce null 0 0\n", "p p p", "a component of fix setforce"),
     "setforce vector": (
         NVE + "fix 2 all setforce 1 0 0\nthermo_style custom step f_2[4]\n",
         "p p p",
-        "f_2[4] is out of range: its values are the three components",
+        "f_2[4] is out of range: fix setforce has a vector of 3",
     ),
-    "setforce scalar": (NVE + "fix 2 all addforce 1 0 0\nthermo_style custom step f_2\n", "p p p", "f_2[1] to f_2[3]"),
+    "setforce scalar": (NVE + "fix 2 all setforce 1 0 0\nthermo_style custom step f_2\n", "p p p", "f_2[1] to f_2[3]"),
     "setforce beside shardlow": (
         "pair_style dpd/fdt 1 1 1\npair_coeff * * 25 3\nfix 3 all shardlow\n" + NVE + "fix 2 low setforce NULL NULL 0\nrun 1\n",
         "p p p",
@@ -126,7 +115,7 @@ REFUSED = {
     "open 2": (NVE + "run 1\n", "p f p", "wall/reflect ylo EDGE yhi EDGE"),
     "group": (NVE + "fix 2 low wall/reflect zlo EDGE zhi EDGE\nrun 1\n", "p p f", "are not in group low"),
     "beyond": (NVE + "fix 2 all wall/reflect zlo 4.5 zhi EDGE units box\nrun 1\n", "p p f", "beyond a wall"),
-    "lj wall": (NVE + "fix 2 all wall/lj93 zlo EDGE 1 1 2.5\n", "p p f", "fix style 'wall/lj93' is not supported"),
+    "lj wall": (NVE + "fix 2 all wall/lj93 zlo EDGE 1 1 2.5\n", "p p f", "close it with 'fix ID all wall/reflect zhi EDGE'"),
     "shrink": ("", "p p s", "boundaries must be periodic"),
 }
 

@@ -38,11 +38,21 @@ def ours(folder: Path, text: str) -> tuple[list[list[float]], list[str]]:
     return [[float(w) for w in line.split()] for line in lines if line.split()[:1] and line.split()[0].isdigit()], lines
 
 
+#: Forces of fixes, which beads follow.
+PUSHED = CRYSTAL + "fix s all spring/self 5\nfix_modify s energy yes\nfix t all setforce NULL NULL 0\n"
+PUSHED += "group few id 5:9\nfix u few addforce 0.1 0 0\n"
+
+
 @LAMMPS
-@pytest.mark.parametrize(("start", "words"), [(CRYSTAL, "pe press pxx pxy fnorm"), (CHAINS, "pe ebond eangle")], ids=["crystal", "chains"])
+@pytest.mark.parametrize(
+    ("start", "words"),
+    [(CRYSTAL, "pe press pxx pxy fnorm"), (CHAINS, "pe ebond eangle"), (PUSHED, "pe press pxx pxy")],
+    ids=["crystal", "chains", "pushed"],
+)
 @pytest.mark.parametrize("style", ["cg", "fire"])
 def test_the_minimum_is_lammps_s(tmp_path, monkeypatch, start, words, style):
     """The first row, and the last one as far as the tolerance of the forces says."""
+    style = "fire" if start is PUSHED else style  # LAMMPS's line searches go by an energy without that of all fixes
     text = f"{start}thermo_style custom step {words}\nthermo_modify format float %.12g\nmin_style {style}\nminimize 0 1e-4 5000 50000\n"
     rows, lines = ours(tmp_path, text + "run 0\n")
     monkeypatch.chdir(tmp_path)
@@ -123,9 +133,6 @@ WRONG = {
     "min_style hftn\nmin_modify norm max\nminimize 0 0 1 1\n": "hftn does not support 'min_modify norm max'",
     "min_style lbfgs\n": "the style of min_style must be one of",
     "min_modify norm three\n": "norm must be one of",
-    "fix a all addforce 1 0 0\nminimize 0 0 1 1\n": "with fix addforce",
-    "fix a all setforce 0 NULL 0\nminimize 0 0 1 1\n": "can only hold whole beads, not single components",
-    "fix a all setforce 0 0 1\nminimize 0 0 1 1\n": "a set force other than 0",
     "minimize 0 1 1 1\n": "has no run command",
 }
 
@@ -133,3 +140,31 @@ WRONG = {
 @pytest.mark.parametrize("text", WRONG)
 def test_mistakes(tmp_path, text):
     raises(DeckError, WRONG[text], lambda: ours(tmp_path, CRYSTAL + text))
+
+
+DROP = """atom_style mdpd
+comm_modify vel yes
+lattice fcc 6
+region b block 0 3 0 3 0 3
+create_box 1 b
+create_atoms 1 box
+mass 1 1
+variable jx atom 0.03*sin(id*1.3)
+displace_atoms all move v_jx v_jx 0.0
+pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1 3
+pair_coeff * * mdpd/rhosum 0.75
+pair_coeff * * mdpd -40 25 18 1.0 0.75
+"""
+
+
+@LAMMPS
+def test_many_body_beads_follow_their_forces(tmp_path, monkeypatch):
+    text = f"{DROP}thermo_style custom step pe press fnorm\nthermo_modify format float %.12g\nmin_style fire\nminimize 0 1e-4 5000 50000\n"
+    rows, lines = ours(tmp_path, text + "run 0\n")
+    monkeypatch.chdir(tmp_path)
+    with lammps_peer.instance() as lmp:
+        lmp.commands_string(f"{text}")
+        expected = [lmp.get_thermo(word) for word in ("pe", "press")]
+    assert any("force tolerance after" in line for line in lines)
+    assert any("follow their forces" in line for line in lines)
+    np.testing.assert_allclose(rows[1][1:3], expected, rtol=1e-5)

@@ -10,10 +10,10 @@ from ...model.flow import AXES
 from ...model.sources import Block, Sphere
 from ..files.table_file import read_eos
 from ..language import arguments as read
-from ..language.variables import FORMULAS
 from ..state.deck_state import DeckState
 from ..state.deforming import Deforming, parse_deforming
 from ..state.records import MomentumRemoval, PressureControl
+from .motion_styles import ACTING_STYLES, FACES, component, nose_hoover
 
 #: Parser of a fix: its parameters from (state, group, words).
 FixReader = Callable[[DeckState, str, list[str]], dict]
@@ -89,16 +89,25 @@ _DYNAMICS = {"drag": 1, "pchain": 1, "ploop": 1, "nreset": 1, "mtk": 1, "ptemp":
 _DYNAMICS |= {"scalexy": 1, "scalexz": 1, "scaleyz": 1}
 
 
-def _nph(state: DeckState, group: str, words: list[str]) -> dict:
+def _npt(state: DeckState, group: str, words: list[str]) -> dict:
+    """The words of fix nvt, and those of fix nph."""
+    mine = list[str]()
+    for word, size in {"temp": 4, "tchain": 2, "tloop": 2}.items():
+        k = words.index(word) if word in words else len(words)
+        mine, words = mine + words[k : k + size], words[:k] + words[k + size :]
+    return _nph(state, group, words, "npt") | nose_hoover(state, group, mine, "npt")
+
+
+def _nph(state: DeckState, group: str, words: list[str], fix: str = "nph") -> dict:
     sizes = {**dict.fromkeys(("iso", "aniso", "x", "y", "z"), 3), "couple": 1, "dilate": 1, **_DYNAMICS}
     start: list[float | None] = [None] * 3
     stop = [0.0] * 3
-    coupled, unused = False, []
+    coupled, plane, unused = False, False, []
     if state.dimension == 2:
-        raise ParameterError("fix nph is not supported in two dimensions")
-    for keyword, values in read.options(words, sizes, "fix nph", only={"dilate": ("all", "all beads move with the box")}):
+        raise ParameterError(f"fix {fix} is not supported in two dimensions")
+    for keyword, values in read.options(words, sizes, f"fix {fix}", only={"dilate": ("all", "all beads move with the box")}):
         if keyword == "couple":
-            coupled = read.choice(values[0], "couple", ("none", "xyz")) == "xyz"
+            coupled, plane = (read.choice(values[0], "couple", ("none", "xyz", "xy")) == word for word in ("xyz", "xy"))
         elif keyword in _DYNAMICS:
             unused.append(keyword)
         elif keyword != "dilate":
@@ -111,51 +120,17 @@ def _nph(state: DeckState, group: str, words: list[str]) -> dict:
     low = tuple(state.units.pressure * (value or 0.0) for value in start)
     high = tuple(state.units.pressure * value for value in stop)
     if not any(axes):
-        raise ParameterError("expected 'fix ID group nph iso|aniso|x|y|z Pstart Pstop Pdamp ...', but no pressure is given")
+        raise ParameterError(f"expected 'fix ID group {fix} iso|aniso|x|y|z Pstart Pstop Pdamp ...', but no pressure is given")
     if coupled and not (all(axes) and len(set(low)) == len(set(high)) == 1):
-        raise ParameterError("fix nph: coupled edges (couple xyz) need the same pressure along x, y and z")
+        raise ParameterError(f"fix {fix}: coupled edges (couple xyz) need the same pressure along x, y and z")
+    if plane and (not all(axes[:2]) or len({p for p, used in zip(low, axes, strict=True) if used}) > 1):
+        raise ParameterError(f"fix {fix}: coupled edges (couple xy) need the same pressure along x, y and z, or none along z")
     if unused:
-        state.note(f"fix nph: {', '.join(unused)} (LAMMPS's motion of the box) has no effect here and is ignored")
-    return {"lambda": 0.5, "pressure": PressureControl(axes, coupled, low, high)}  # type: ignore[arg-type]
+        state.note(f"fix {fix}: {', '.join(unused)} (LAMMPS's motion of the box) has no effect here and is ignored")
+    return {"lambda": 0.5, "pressure": PressureControl(axes, coupled, low, high, plane)}  # type: ignore[arg-type]
 
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------
-_FACES = tuple(f"{axis}{end}" for axis in AXES for end in ("lo", "hi"))
-
-
-def _component(state: DeckState, word: str, fix: str, styles: tuple[str, ...] = FORMULAS) -> str:
-    """A force component: a number, or a variable with a formula; ``0`` for no force."""
-    if word.startswith("v_"):
-        variable = state.variables.get(word[2:])
-        if variable.style not in styles:
-            raise ParameterError(
-                f"fix {fix}: variable {word[2:]} is {variable.style}-style; expected an {'- or '.join(styles)}-style variable"
-            )
-        return word
-    number = read.number(word, f"a component of fix {fix}")
-    return repr(number) if number else "0"
-
-
-#: Options of fix addforce: their supported values, and why there are no others.
-_ADDFORCE_ONLY = {
-    "every": ("1", "the force acts at every step"),
-    "region": ("", "use an atom-style variable such as 0.1*(z<5)"),
-    "energy": ("", "the force has no potential energy here"),
-}
-
-
-def _addforce(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group addforce fx fy fz", 3, None)
-    read.options(words[3:], dict.fromkeys(_ADDFORCE_ONLY, 1), "fix addforce", only=_ADDFORCE_ONLY)
-    return {"force": [_component(state, word, "addforce") for word in words[:3]]}
-
-
-def _setforce(state: DeckState, group: str, words: list[str]) -> dict:
-    read.count(words, "fix ID group setforce fx fy fz", 3, None)
-    read.options(words[3:], {"region": 1}, "fix setforce", only={"region": ("", "make a group of the region")})
-    return {"force": [word if word == "NULL" else _component(state, word, "setforce") for word in words[:3]]}
-
-
 #: Directions of fix gravity by style: number of words, and formulas of the three components.
 _DIRECTIONS: dict[str, tuple[int, tuple[str, str, str]]] = {
     "vector": (3, ("{0}/sqrt({0}^2+{1}^2+{2}^2)", "{1}/sqrt({0}^2+{1}^2+{2}^2)", "{2}/sqrt({0}^2+{1}^2+{2}^2)")),
@@ -174,7 +149,7 @@ def _gravity(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group gravity magnitude style values ...", 3, None)
     size, formulas = read.style(_DIRECTIONS if state.dimension == 3 else _FLAT_DIRECTIONS, "fix gravity", words[1])
     read.count(words[2:], f"fix ID group gravity magnitude {words[1]} values ...", size)
-    magnitude, *values = (f"({_component(state, word, 'gravity', ('equal',))})" for word in (words[0], *words[2:]))
+    magnitude, *values = (f"({component(state, word, 'gravity', ('equal',))})" for word in (words[0], *words[2:]))
     if values == ["(0)"] * 3:
         raise ParameterError("fix gravity vector 0 0 0 has no direction")
     return {"force": ["0" if formula == "0" else f"mass*{magnitude}*({formula.format(*values)})" for formula in formulas]}
@@ -184,7 +159,7 @@ def _wall_reflect(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group wall/reflect face position ...", 2, None)
     box, scale = state.require_box("fix wall/reflect"), state.lattice.spacing
     faces: dict[str, str] = {}
-    for keyword, values in read.options(words, {**dict.fromkeys(_FACES, 1), "units": 1}, "fix wall/reflect"):
+    for keyword, values in read.options(words, {**dict.fromkeys(FACES, 1), "units": 1}, "fix wall/reflect"):
         if keyword == "units":
             scale = state.spacing(values[0])
         elif keyword in faces:
@@ -300,7 +275,7 @@ FIX_STYLES: dict[str, FixReader] = {
     "nve": _moving("nve", 0),
     **{style: _moving(style, 1) for style in ("mvv/dpd", "mvv/edpd", "mvv/tdpd")},
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
-    **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "addforce": _addforce, "gravity": _gravity},
-    **{"setforce": _setforce, "wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform, "enforce2d": _enforce2d},
+    **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "npt": _npt, "gravity": _gravity},
+    **{"wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform, "enforce2d": _enforce2d, **ACTING_STYLES},
     "balance": _balance,
 }

@@ -16,7 +16,7 @@ from ..output.averages import AveragingFix, PrintFix
 from ..output.averaging_fixes import ChunkAverage, Correlation, TimeAverage
 from ..output.collecting_fixes import BeadStore, Histogram, Series
 from ..state.deck_state import DeckState
-from ..state.records import Fix, RestartSettings, Valued
+from ..state.records import COUPLED, FIX_VALUES, Fix, RestartSettings, Valued
 from .fix_styles import FIX_STYLES
 from .setup import COMMANDS, REMEMBERED, command
 
@@ -45,6 +45,23 @@ def fix(state: DeckState, args: list[str]) -> None:
         raise ParameterError(f"fix {style} on the dynamic group {group} is not supported: the beads of a fix cannot change")
     parameters = FIX_STYLES[style](state, group, words) if reader is None else {"reader": reader(state, name, group, words)}
     state.fixes[name] = Fix(name, group, style, parameters, state.here)
+
+
+@command("fix_modify ID energy yes|no | temp ID | virial no", 3, None)
+def fix_modify(state: DeckState, args: list[str]) -> None:
+    """``fix_modify ID energy yes|no | temp ID | virial no``."""
+    found = read.known(state.fixes, args[0], "fix")
+    only = {"virial": (read.NO, "forces of fixes are not part of the pressure here"), "respa": ("", "there is one level of time steps")}
+    for keyword, values in read.options(args[1:], dict.fromkeys(("energy", "temp", *only), 1), "fix_modify", only=only):
+        if keyword == "energy":
+            if not FIX_VALUES.get(found.style, (False,))[0] or found.style in (*COUPLED, "nve/limit"):
+                raise ParameterError(f"fix_modify {found.name} energy: fix {found.style} has no energy here")
+            found.parameters["counted"] = read.switch(values[0], "energy")
+        elif keyword == "temp":
+            if found.style not in COUPLED or found.style == "langevin":
+                raise ParameterError(f"fix_modify {found.name} temp: fix {found.style} has no temperature here")
+            state.temperature_compute(values[0])
+            found.parameters["temp"] = values[0]
 
 
 @command("unfix ID", 1)

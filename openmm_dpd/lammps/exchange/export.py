@@ -13,6 +13,8 @@ from ...model.schemes import scheme_of
 from ...plan.plan import Plan
 from ...simulation.built import BuiltSystem
 from ..run.options import RunOptions, first_request
+from ..scene.flow import guided
+from ..state.records import GUIDED
 from .export_job import DUMP, FINAL, Job, export_texts, make_job
 
 
@@ -86,6 +88,8 @@ def export_lammps(
         options = source.options
         dt, scheme = (options.dt if dt is None else dt), scheme or options.scheme.name
         lam, seed = (options.lam if lam is None and scheme_of(scheme).predicts else lam), (options.seed if seed is None else seed)
+        if source.options.guided:
+            raise ParameterError(f"{source.options.guided} act within steps and cannot be exported")
         source = source.scene
     if not isinstance(source, Scene):
         raise ParameterError(f"expected a Scene, a Plan or what build() made, not {what_is(source)}")
@@ -136,6 +140,9 @@ def export_deck(
         raise ParameterError("a deck in two dimensions cannot be exported; LAMMPS can run the deck itself")
     if state.moving_box:
         raise ParameterError("a box that fix deform changes with remap x or none cannot be exported; LAMMPS can run the deck itself")
+    if guided(state):
+        which = [f"fix {fix.name} ({fix.style})" for fix in state.fixes_of(*GUIDED)]
+        raise ParameterError(f"{', '.join(which)}: what acts within steps cannot be exported; run the deck itself in LAMMPS")
     corner = state.require_box("an export").low * state.units.length
     lam = request.lambda_ if scheme_of(request.scheme).predicts else 0.5
     run = (request.dt, request.steps, request.scheme, lam, request.seed if seed is None else seed, every)

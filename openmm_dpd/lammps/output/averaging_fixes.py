@@ -10,7 +10,7 @@ from ...base.errors import ParameterError
 from ...base.geometry import sums_in_slices
 from ..language import arguments as read
 from ..state.deck_state import DeckState
-from ..state.records import ForceVector
+from ..state.records import FixValues
 from ..values.chunk_computes import known_chunks
 from ..values.chunks import chunk_numbers
 from ..values.compute_spec import check_place, reference
@@ -101,7 +101,7 @@ def _rows(state: DeckState, word: str) -> int:
     kind, name, indices = reference(word)
     if kind == "f":
         average = average_of(state, name)
-        if indices or not isinstance(average, (TimeAverage, ForceVector)) or not average.size:
+        if indices or not isinstance(average, (TimeAverage, FixValues)) or not average.size:
             raise ParameterError(f"fix ave/time mode vector: {word} is not a fix with a vector")
         return average.size
     if kind == "c" and len(indices) < 2 and name in state.computes:

@@ -5,18 +5,24 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from openmm import unit
+import openmm
 
 from ...base.errors import ParameterError, read_by
+from ...measure.present import Present
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
 from ...plan.kinds import kind_for
+from ...plan.pair_spec import longest as plan_longest
 from ...simulation.barostat import EnthalpyBarostat, add_barostat
 from ...simulation.build import BuiltSystem, build
+from ...simulation.built import FARTHEST
+from ...simulation.downhill import follow
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
-from ..state.records import FORCE_FIXES, StoppingRule
+from ..state.records import GUIDED, DeckSample, StoppingRule
 from ..values.resolver import Resolver
+from .acting import FORCES, acted_on
+from .guide import DeckGuide
 from .options import RunOptions
 from .request import RunRequest
 from .sampling import Sampler, arrays
@@ -28,9 +34,10 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
         if scene.compat == "consistent" and kind.unlike_lammps is not None:
             request.state.note(kind.unlike_lammps)
     _note_reduced(request.state)
-    if scene.interacting is not None and not scheme_of(request.scheme).predicts:
-        raise request.state.fixes_of("setforce")[0].error(
-            f"it removes all forces on mobile beads, friction included, but scheme {request.scheme} does not apply friction as a force; "
+    guide, predicts = None if request.minimization else DeckGuide.of(request), scheme_of(request.scheme).predicts
+    for fix in [] if predicts else request.state.fixes_of(*("setforce",) * (scene.interacting is not None), *GUIDED * (guide is not None)):
+        raise fix.error(
+            f"it acts on the sum of all forces, friction included, but scheme {request.scheme} does not apply friction as a force; "
             "use the deck's own scheme, mvv"
         )
     with errors_at(request.where), read_by(request.state):
@@ -38,11 +45,12 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             scene,
             dt=request.dt,
             scheme=request.scheme,
-            lam=request.lambda_ if scheme_of(request.scheme).predicts else 0.5,
+            lam=request.lambda_ if predicts else 0.5,
             conservative=options.conservative,
             engine=options.engine,
             platform=options.platform,
             seed=options.seed if options.seed is not None else request.seed,
+            guide=guide,
         )
 
 
@@ -68,21 +76,22 @@ def connect_barostat(request: RunRequest, built: BuiltSystem) -> EnthalpyBarosta
     pressures = {p for p, used in zip(control.start, control.axes, strict=True) if used}
     with errors_at(request.where):
         if not control.constant or len(pressures) > 1:
-            raise ParameterError("fix nph: volume moves need a constant pressure that is the same along all axes")
-        choices: dict[str, Any] = {"interval": VOLUME_INTERVAL, "axes": control.axes, "coupled": control.coupled}
-        if control.isothermal:
-            add_barostat(built, pressures.pop(), **choices)
-            return None
-        return EnthalpyBarostat(built, pressures.pop(), **choices)
+            raise ParameterError("fix nph or npt: volume moves need a constant pressure that is the same along all axes")
+        if control.plane and not control.isothermal:
+            raise ParameterError("couple xy needs a thermostat")
+        choices: dict[str, Any] = {"axes": control.axes, "coupled": control.coupled}
+        if control.plane:
+            choices = {"surface_tension": 0.0, "zmode": "free" if control.axes[2] else "fixed"}
+        if not control.isothermal:
+            return EnthalpyBarostat(built, pressures.pop(), interval=VOLUME_INTERVAL, **choices)
+        add_barostat(built, pressures.pop(), interval=VOLUME_INTERVAL, **choices)
+        return None
 
 
-_KJ, _F = unit.kilojoule_per_mole, unit.kilojoule_per_mole / unit.nanometer
-
-#: Pair styles whose forces have no potential energy that can be minimised, and why.
-_NO_ENERGY = {
-    "edpd": "its forces depend on the temperatures of the beads",
-    "mdpd": "its density-dependent force has no potential",
-}
+#: Pair styles whose forces derive from no potential energy, or not from one that OpenMM knows.
+_NO_ENERGY = ("edpd", "mdpd")
+#: Fixes that act as forces in a minimisation: all but friction and noise.
+_PUSHING = tuple(style for style in FORCES if style not in ("viscous", "langevin"))
 
 
 class _Watch:
@@ -103,37 +112,58 @@ class _Watch:
         return reason is not None
 
 
-def check_minimization(request: RunRequest) -> None:
-    """DeckError if the deck has forces without a potential energy."""
-    state = request.state
-    with errors_at(request.where):
-        for style in state.pair.styles:
-            if style.name in _NO_ENERGY:
-                raise ParameterError(f"minimize with pair style {style.name} is not supported: {_NO_ENERGY[style.name]}")
-        for fix in state.fixes_of(*set(FORCE_FIXES) - {"setforce"}):
-            raise ParameterError(f"minimize with fix {fix.style} ({fix.name}) is not supported: the energy of its force is not counted")
+class _Pushed:
+    """Energy and forces in a minimisation, as the deck's fixes have changed them."""
+
+    def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
+        self._request, self._plan, self._context, self._present, self.energy = request, built.plan, context, Present(built), 0.0
+
+    def forces(self, x: np.ndarray | None = None) -> np.ndarray:
+        """Forces (N, 3) at positions x, or the present ones, 0 on beads that are held; not finite where a bond is too long."""
+        present, request, units = self._present, self._request, self._request.state.units
+        if x is not None:
+            self._context.setPositions(x)
+        present.look(self._context)
+        if any(group.overstretched(present.x, present.box) for group in self._plan.scene.bonds):
+            return np.full_like(present.x, np.nan)
+        found = present.conservative()
+        now = DeckSample(request.first_step, positions=present.x, velocities=present.v, box=present.box)
+        moment = Resolver(request.state, now, request.window)
+        force, values = acted_on(moment, found.force / units.force, _PUSHING)
+        counted = (fix.name for fix in request.state.fixes.values() if fix.parameters.get("counted") and fix.name in values)
+        self.energy = found.potential + sum(values[name][0] for name in counted) * units.energy
+        return np.where(request.mobile[:, None], force * units.force, 0.0)
+
+    def follow(self, watch: _Watch) -> None:
+        """Move the beads along their forces until the watch says so."""
+        longest, start = FARTHEST * plan_longest((*self._plan.layers, *self._plan.overlays)) or 1.0, np.array(self._present.x)
+        end = follow(self.forces, start, longest, lambda _, force: watch.report(0, None, -force, {"system energy": self.energy}))
+        self._context.setPositions(end)
 
 
 def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: RunOptions, log: Callable[[str], None]) -> None:
-    """Minimise the potential energy of a deck, with a row of thermo output at the start and at the end.  DeckError if the deck has forces
-    without a potential energy."""
-    check_minimization(request)
+    """Minimise the potential energy of a deck, with a row of thermo output at the start and at the end; where forces derive from no energy
+    that OpenMM knows, follow these forces."""
     state = request.state
     for dump in request.dumps:
         dump.begin(state)
-    # box and velocities do not change
-    built = build_request(request, replace(request.scene(), shear=None), options)
+    # box and velocities do not change; forces of fixes are added where they are needed
+    built = build_request(request, replace(request.scene(), shear=None, body_forces=(), interacting=None), options)
     simulation = built.simulation(properties=options.properties(built.plan.platform or ""))
     context, mobile = simulation.context, request.mobile
     first = _row(request, Sampler(request, built, context), log, title=True)
-    found = context.getState(energy=True, forces=True, groups=built.integrator.getIntegrationForceGroups())
-    energy = found.getPotentialEnergy().value_in_unit(_KJ) / state.units.energy
-    force = found.getForces(asNumpy=True).value_in_unit(_F)[mobile] / state.units.force
-    watch = _Watch(rule, energy, state.units, mobile)
+    why = next((f"pair style {style.name}" for style in state.pair.styles if style.name in _NO_ENERGY), None)
+    why = why or next((f"fix {fix.style}" for fix in state.fixes_of(*_PUSHING) if state.group(fix.group)[mobile].any()), None)
+    pushed = _Pushed(request, built, context)
+    force = pushed.forces()[mobile]
+    watch = _Watch(rule, pushed.energy / state.units.energy, state.units, mobile)
     if not rule.iterations:
         watch.reason = "max iterations"
     elif not force.any():
         watch.iterations, watch.reason = 1, "forces are zero"  # LAMMPS counts the iteration that detects this
+    elif why is not None:
+        state.note(f"minimize beside {why}: beads follow their forces (FIRE), whatever the min_style is; there is no energy to go down")
+        pushed.follow(watch)
     else:
         # stopped by the rule, or by the minimiser when it cannot lower the energy
         simulation.minimizeEnergy(1e-10, 0, watch)

@@ -18,7 +18,7 @@ from ..language.lexer import Line
 from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.records import DeckSample
-from .building import build_request, check_minimization, connect_barostat
+from .building import build_request, connect_barostat
 from .deck import at_line, execute_file, open_deck
 from .options import RunOptions
 from .request import RunRequest
@@ -176,7 +176,7 @@ def _measured(request: RunRequest) -> DeckSample:
     state, n = request.state, len(request.state.atoms)
     values: dict[str, Any] = dict.fromkeys("kinetic pair_energy virial virial_full force_norm force_max kT_conf".split(), 1.0)
     values |= {"virial_tensor": np.ones(6), "kinetic_tensor": np.ones(6), "forces": np.ones((n, 3))}
-    return DeckSample(request.last_step, **values, before={fix.name: np.ones(3) for fix in state.fixes.values()})
+    return DeckSample(request.last_step, **values, acted={fix.name: [1.0] * 100 for fix in state.fixes.values()})
 
 
 def _pass_over(request: RunRequest, findings: Findings, built: set[tuple[str, int]]) -> None:
@@ -190,8 +190,6 @@ def _pass_over(request: RunRequest, findings: Findings, built: set[tuple[str, in
                 scene = request.scene()
                 if request.minimization is None:
                     connect_barostat(request, build_request(request, scene, RunOptions()))
-                else:
-                    check_minimization(request)
         except DPDError as error:
             where = error if isinstance(error, DeckError) else DeckError(str(error), at.file, at.number)
             findings.refuse(at, at.text.split(), where)

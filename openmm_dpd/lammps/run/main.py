@@ -24,6 +24,7 @@ from .building import build_request, connect_barostat
 from .check import all_said
 from .checkpoint import Checkpoints
 from .deck import deck_runs, open_deck
+from .guide import DeckGuide
 from .options import RunOptions, first_request
 from .request import RunRequest
 from .result import RunResult, averages_text, results_json
@@ -210,6 +211,8 @@ def _bar(total: int, done: int):
 def deck_scene(path: str | Path, *, variables: Mapping[str, str] | None = None) -> Scene:
     """The scene of a deck's first run, to build it in Python instead of running the deck.
 
+    Fixes that act within steps, such as ``nvt``, are not part of a scene; a warning names them.
+
     Raises
     ------
     DeckError
@@ -218,6 +221,8 @@ def deck_scene(path: str | Path, *, variables: Mapping[str, str] | None = None) 
     request = first_request(path, RunOptions(), variables)
     for fix in request.state.fixes_of("deform") if request.state.moving_box else ():
         raise fix.error("a scene has no box that changes; run the deck")
+    if (guide := DeckGuide.of(request)) is not None:
+        _LOGGER.warning("%s act within steps of a deck's runs and are not part of its scene", guide.what)
     return request.scene()
 
 

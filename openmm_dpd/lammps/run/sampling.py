@@ -17,23 +17,13 @@ from ...measure.present import require_stress, why_no_stress
 from ...model.schemes import scheme_of
 from ...simulation.built import BuiltSystem
 from ...simulation.fields import read_fields
-from ..state.records import FORCE_FIXES, NO_SLIDE, VECTOR_FIXES, DeckSample, Slide
-from ..values.resolver import Resolver, evaluate_beads
+from ...simulation.whole_steps import guide_variables
+from ..scene.flow import guided
+from ..state.records import ACTING_FIXES, FIX_VALUES, NO_SLIDE, DeckSample, Slide
+from ..values.resolver import Resolver
+from .acting import acted_on
+from .guide import DeckGuide
 from .request import RunRequest
-
-
-def acted_on(moment: Resolver, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Forces (N, 3) after the fixes have changed them, and the total force on the group of each fix before it acts; in the deck's units."""
-    found, before = forces.copy(), {}
-    for fix in moment.state.fixes_of(*FORCE_FIXES):
-        members = moment.state.group(fix.group)
-        before[fix.name] = found[members].sum(axis=0)
-        for k, word in enumerate(fix.parameters["force"]):
-            if word != "NULL":
-                kept = 0.0 if fix.style == "setforce" else found[members, k]
-                found[members, k] = kept + evaluate_beads(word, moment, len(found))[members]
-    return found, before
-
 
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
 
@@ -102,7 +92,7 @@ class LiveSample(DeckSample):
 
 
 #: Energies that are not measured yet.
-_NO_ENERGIES = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy"))
+_NO_ENERGIES = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy", "fix_energy"))
 
 
 class Sampler:
@@ -111,7 +101,9 @@ class Sampler:
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
         self.observer = SceneSampler(built)
-        self._masses = request.state.bead_masses()
+        guide = getattr(built.integrator.whole, "guide", None)
+        self.guide = guide if isinstance(guide, DeckGuide) else None  #: What acts within the steps of this run
+        self._masses, self._guided = request.state.bead_masses(), guided(request.state) or request.minimization is not None
 
     def virials(self, measured: Sample) -> tuple[float, float]:
         """The virial counted by LAMMPS, which includes the dissipative and random parts only if they are forces, and the one that always
@@ -135,11 +127,11 @@ class Sampler:
             return sample.measured
         measured, state = self.observer.sample(self.context), self.request.state
         # of all beads, as in LAMMPS: forces act on immobile beads, too
-        forces, before = measured.forces, None
-        if state.fixes_of(*VECTOR_FIXES):
-            found, before = self._acted_on(sample, measured.untaken)
+        forces, acted = measured.forces, dict[str, list[float]]()
+        if state.fixes_of(*FIX_VALUES, *ACTING_FIXES):
+            found, acted = self._acted_on(sample, measured.untaken)
             # otherwise they are those of the simulation
-            forces = found if state.fixes_of("setforce") else forces
+            forces = found if self._guided or state.fixes_of("setforce") else forces
         vars(sample).update(
             measured=measured,
             pair_energy=measured.pair,
@@ -153,17 +145,29 @@ class Sampler:
             force_max=float(np.abs(forces).max()),
             kT_conf=measured.kT_conf if state.dimension == 3 else None,
             forces=forces,
-            before=before,
+            acted=acted,
+            fix_energy=sum(acted[fix.name][0] for fix in state.fixes.values() if fix.parameters.get("counted")) * state.units.energy,
         )
         return measured
 
-    def _acted_on(self, sample: LiveSample, forces: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Forces as changed by the deck's fixes, if the simulation's forces acted on all beads, and the force that each fix found."""
-        state = self.request.state
-        moment, unit = Resolver(state, sample, self.request.window), state.units.force
-        added, _ = acted_on(moment, np.zeros_like(forces))
-        found, before = acted_on(moment, forces / unit - added)
-        return found * unit, {name: vector * unit for name, vector in before.items()}
+    def _acted_on(self, sample: LiveSample, forces: np.ndarray) -> tuple[np.ndarray, dict[str, list[float]]]:
+        """Forces as changed by the deck's fixes, if the simulation's forces acted on all beads, and the values of these fixes."""
+        state, window = self.request.state, self.request.window
+        moment, unit = Resolver(state, sample, window), state.units.force
+        if not self._guided:
+            added, _ = acted_on(moment, np.zeros_like(forces))
+            found, values = acted_on(moment, forces / unit - added)
+            return found * unit, values
+        # a guide has seen the velocities of the half step
+        v = sample.velocities if self.guide is None else self.observer.present.force_velocities()
+        halfway = DeckSample(sample.step, positions=sample.positions, velocities=v, box=sample.box)
+        found, values = acted_on(Resolver(state, halfway, window), forces / unit)
+        return found * unit, values if self.guide is None else values | self.guide.values(self.numbers(), moment)
+
+    def numbers(self) -> np.ndarray:
+        """What the guide has kept in the Context."""
+        names = () if self.guide is None else guide_variables(self.guide)
+        return np.array([self.built.integrator.getGlobalVariableByName(name) for name in names])
 
     def _velocities(self, slide: Slide) -> np.ndarray:
         """Velocities (N, 3), which with a shear include the flow, as in LAMMPS."""

@@ -190,7 +190,7 @@ class DeckSteps:
             stop = min(step + pace.steps, self._next(step))
             begun = time.perf_counter()
             self.simulation.step(stop - step)
-            self.sampler.observer.present.changed = self.momentum.act(stop)
+            self.sampler.observer.present.changed = self._changed(self.momentum.act(stop))
             sample = self._change_box(stop)
             spent = time.perf_counter() - begun
             self.result.seconds += spent
@@ -199,6 +199,11 @@ class DeckSteps:
             step = stop
             self._look(step, sample)
 
+    def _changed(self, changed: np.ndarray | None) -> np.ndarray | None:
+        """What was added to the velocities after the forces of the last step: by fix momentum, and by a guide."""
+        more = None if self.sampler.guide is None else self.sampler.guide.changed
+        return changed if more is None else more + (0.0 if changed is None else changed)
+
     def finish(self) -> None:
         """Do everything that is due after the last step, and return the beads to the deck."""
         if self.thermo.footer():
@@ -206,7 +211,9 @@ class DeckSteps:
         assert self._measured is not None
         if has_set_temperature(self.built.plan):
             self.result.check_temperature(self._measured.target_kT, self._measured.dof * self.request.state.dimension // 3)
-        context = self.simulation.context
+        context, guide = self.simulation.context, self.sampler.guide
+        if guide is not None:
+            guide.keep(self.sampler.numbers())
         x, v, box = arrays(context)
         last = None if self._sample is None else self._sample.kept()
         slide = slide_of(self.built, context)

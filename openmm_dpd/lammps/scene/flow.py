@@ -6,20 +6,21 @@ Formulas of variables become OpenMM expressions of the position.  Their grammar 
 
 import re
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 
 from ...base.errors import ParameterError
 from ...model.flow import AXES, SPECULAR, BodyForce, PositionForce, Wall
-from ..language.expressions import CONSTANTS, Formula, evaluate
+from ..language.expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
 from ..language.lexer import errors_at
 from ..language.variables import Variables
 from ..state.deck_state import DeckState
-from ..state.records import FORCE_FIXES, Fix
+from ..state.records import ACTING_FIXES, COUPLED, FORCE_FIXES, Fix
 
 #: Words that have one value for all beads of a type.
 BEAD_CONSTANTS = ("type", "mass")
+#: Words of the box as it is at the start.
+BOX_WORDS = (*(f"{axis}{end}" for axis in AXES for end in ("lo", "hi")), *(f"l{axis}" for axis in AXES), "vol")
 
 
 @dataclass(frozen=True)
@@ -30,41 +31,29 @@ class Known:
     length: float
     words: dict[str, float]
 
-    def refuse(self, what: str) -> NoReturn:
-        raise ParameterError(
-            f"the variable of a force may depend only on x, y, z, type, mass and the box; '{what}' depends on something else (the step, "
-            "velocities, the state of the run), which is not supported"
-        )
-
     def thermo(self, word: str) -> float:
-        return self.words[word] if word in self.words else self.refuse(word)
+        return self.words[word]
 
     def variable(self, name: str) -> float:
-        return self.variables.operand(name, lambda text: evaluate(text, self))
-
-    def compute(self, name: str, *_: int | None) -> NoReturn:
-        self.refuse(f"c_{name}")
-
-    def fix(self, name: str, *_: int | None) -> NoReturn:
-        self.refuse(f"f_{name}")
-
-    def group(self, function: str, _: list) -> NoReturn:
-        self.refuse(function)
-
-    call = group
-
-    def atom(self, quantity: str, bead: int) -> NoReturn:
-        self.refuse(f"{quantity}[{bead}]")
+        return self.variables.operand(name, lambda text: evaluate(text, self))  # type: ignore[arg-type]  # of these names alone
 
 
-def depends_on(text: str, variables: Variables, words: set[str], within: tuple[str, ...] = ()) -> bool:
+def names_in(text: str, variables: Variables, within: tuple[str, ...] = ()) -> set[str]:
+    """Names in a formula, and in the variables that it uses, and ``[`` if that is in one."""
+    found = set(re.findall(r"(?<![\w.])[A-Za-z_]\w*|\[", text))
+    for name in found - set(within):
+        if name.startswith("v_"):
+            found = found | names_in(variables.get(name[2:]).text, variables, (*within, name))
+    return found
+
+
+def depends_on(text: str, variables: Variables, words: set[str]) -> bool:
     """Whether a formula, or a variable that it uses, contains one of these words."""
-    for name in re.findall(r"(?<![\w.])[A-Za-z_]\w*", text):
-        if name in words:
-            return True
-        if name.startswith("v_") and name not in within and depends_on(variables.get(name[2:]).text, variables, words, (*within, name)):
-            return True
-    return False
+    return not words.isdisjoint(names_in(text, variables))
+
+
+#: Names in formulas that a force of OpenMM can have.
+_FIXED = {*AXES, *BEAD_CONSTANTS, *CONSTANTS, *FUNCTIONS, *BOX_WORDS}
 
 
 def position_formula(text: str, known: Known) -> str:
@@ -78,8 +67,6 @@ class _PositionFormula(Formula):
     resolver: Known
 
     def name(self, token: str):
-        if self.peek()[1] == "[":
-            self.resolver.refuse(f"{token}[...]")
         if token in ("x", "y", "z"):
             return f"({token}/{self.resolver.length!r})"
         if token.startswith("v_"):
@@ -112,6 +99,17 @@ class Driving:
         return ~np.logical_or.reduce([self.interacting, *pushed]).any(axis=1)
 
 
+def guided(state: DeckState) -> bool:
+    """Whether some fix acts within steps in a way that no force of OpenMM can; then all fixes that change forces do."""
+    if state.fixes_of(*ACTING_FIXES, *COUPLED, "nve/limit"):
+        return True
+    fixes = state.fixes_of(*FORCE_FIXES)
+    used = (name for fix in fixes for word in words(fix) if word != "NULL" for name in names_in(word, state.variables))
+    return any(set(fix.parameters) - {"force", "energy", "counted"} for fix in fixes) or any(
+        name not in _FIXED and not name.startswith("v_") for name in used
+    )
+
+
 def words(fix: Fix) -> list[str]:
     """The three formulas of an addforce, gravity or setforce; ``0`` means no force."""
     return fix.parameters["force"]
@@ -137,6 +135,8 @@ def driving(state: DeckState) -> Driving:
 def body_forces_of(state: DeckState) -> list[BodyForce | PositionForce]:
     """Forces of all these fixes; variables are translated into formulas of the position."""
     found: list[BodyForce | PositionForce] = []
+    if guided(state):
+        return found
     for fix, mask in driving(state).pushes:
         with errors_at(fix.where, f"fix {fix.name}: "):
             for axes in np.unique(mask[mask.any(axis=1)], axis=0):
@@ -174,20 +174,19 @@ def _known(state: DeckState, kind: int) -> Known:
 
 
 def held_beads(state: DeckState) -> np.ndarray:
-    """Mask (N,) of the beads that ``fix setforce`` holds during a minimisation.  DeckError if a setforce is not ``0 0 0``."""
+    """Mask (N,) of the beads that ``fix setforce 0 0 0`` holds during a minimisation, unless a later fix acts on them."""
     held = np.zeros(len(state.atoms), dtype=bool)
-    for fix in state.fixes_of("setforce"):
-        if "NULL" in words(fix):
-            raise fix.error("minimize can only hold whole beads, not single components; use setforce 0 0 0")
-        if any(word != "0" for word in words(fix)):
-            raise fix.error("minimize is not possible with a set force other than 0, which has no energy")
-        held |= state.group(fix.group)
+    for fix in state.fixes_of(*FORCE_FIXES, *ACTING_FIXES):
+        holds = fix.style == "setforce" and set(words(fix)) == {"0"} and "region" not in fix.parameters
+        held = np.where(state.group(fix.group), holds, held)
     return held
 
 
 def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
     """Mask of the beads at rest on which no force acts: they stay in place.  DeckError if fix shardlow would change velocities of beads
     whose forces a setforce removes."""
+    if guided(state):
+        return np.zeros_like(mobile)
     found = driving(state)
     taken = mobile & ~found.interacting.all(axis=1)
     for fix in state.fixes_of("setforce"):
@@ -200,6 +199,8 @@ def still_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray:
 
 def interacting_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray | None:
     """Mask (N, 3) of the components on which not only body forces act; immobile beads count as interacting.  None if all do."""
+    if guided(state):
+        return None
     found = driving(state).interacting | ~mobile[:, None]
     return None if found.all() else found
 
@@ -210,13 +211,19 @@ def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
     group."""
     walls: list[Wall] = []
     closed: dict[str, str] = {}
+    for fix in state.fixes_of(*ACTING_FIXES):
+        if fix.style == "wall/region":
+            closed |= {f"{axis}{end}": fix.name for axis in AXES for end in ("lo", "hi")}
+        closed |= dict.fromkeys(fix.parameters.get("faces", ()), fix.name)
+    soft = set(closed)
     for fix in state.fixes_of("wall/reflect"):
         if np.any(mobile & ~state.group(fix.group)):
             raise fix.error(f"some mobile beads are not in group {fix.group}; here, walls reflect all of them")
         for face, position in fix.parameters["faces"].items():
-            if face in closed:
+            if face in closed and face not in soft:
                 raise fix.error(f"there already is a wall at {face} (fix {closed[face]})")
             closed[face] = fix.name
+            soft.discard(face)
             walls.append(Wall(face[0], position, "above" if face.endswith("lo") else "below", SPECULAR))
     for axis, periodic in zip(AXES, state.periodic, strict=True):
         missing = [face for face in (f"{axis}lo", f"{axis}hi") if face not in closed]

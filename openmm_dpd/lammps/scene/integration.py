@@ -6,11 +6,11 @@ import numpy as np
 
 from ..language.lexer import located
 from ..state.deck_state import DeckState
-from ..state.records import Fix, PressureControl
+from ..state.records import COUPLED, Fix, PressureControl
 from .flow import still_beads
 
 #: Fixes that move beads.
-INTEGRATORS = ("nve", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph")
+INTEGRATORS = ("nve", "nve/limit", "nvt", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph", "npt")
 #: Pair styles whose friction and noise fix shardlow applies.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
 #: Pair styles with a bead field that only one fix advances: that fix, and the field.
@@ -87,17 +87,18 @@ def _check_advanced(state: DeckState, owners: list[Fix]) -> None:
 
 def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
     """The pressure of fix nph, and whether a thermostat holds the temperature."""
-    fixes = [fix for fix in owners if fix.style == "nph"]
+    fixes = [fix for fix in owners if fix.style in ("nph", "npt")]
     if not fixes:
         return None
     if not all(state.periodic):
         raise fixes[0].error("constant pressure needs a box that is periodic along all axes")
     if len(fixes) > 1:
-        raise fixes[1].error(f"there already is a fix nph ({fixes[0].name}); use only one")
+        raise fixes[1].error(f"there already is a fix {fixes[0].style} ({fixes[0].name}); use only one")
     state.note(
-        "fix nph: Monte Carlo volume moves replace LAMMPS's equations of motion of the box; averages are comparable, trajectories are not"
+        f"fix {fixes[0].style}: Monte Carlo volume moves replace LAMMPS's equations of motion of the box; averages are comparable, "
+        "trajectories are not"
     )
-    isothermal = any("start" in style.settings for style in state.pair.styles if style.spec.thermostat)
+    isothermal = bool(state.fixes_of(*COUPLED)) or any("start" in style.settings for style in state.pair.styles if style.spec.thermostat)
     return replace(fixes[0].parameters["pressure"], isothermal=isothermal)
 
 

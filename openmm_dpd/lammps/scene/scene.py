@@ -13,13 +13,13 @@ from ...model.temperature import TemperatureRamp
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import FORCE_FIXES, Fix
+from ..state.records import COUPLED, FORCE_FIXES, GUIDED, Fix
 from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
 from ..styles.words import bonded_styles
 from .exclusion import scene_pairs
-from .flow import body_forces_of, interacting_beads, walls_of
+from .flow import body_forces_of, guided, interacting_beads, walls_of
 from .integration import integration
 
 
@@ -98,7 +98,8 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     temperatures."""
     styles = [style for style in state.pair.styles if style.spec.thermostat and "start" in style.settings]
     if not styles:
-        return internal_scale(state)
+        baths = state.fixes_of(*COUPLED)
+        return internal_scale(state) or (baths[0].parameters["kT"][0] if baths else 0.0)
     # styles without friction have no noise and no temperature; if no style has any, the first one counts
     frictions = ("gamma", "gamma_perp", "sigma")
     active = [any(found.values.get(name) for found in style.coefficients.values() for name in frictions) for style in styles]
@@ -166,7 +167,7 @@ def shear_of(state: DeckState) -> LeesEdwards | None:
     if state.moving_box:
         _check_moving_box(state, fixes)
         return None
-    for other in (*fixes[1:], *state.fixes_of("nph", "momentum", *FORCE_FIXES, "wall/reflect", *SOURCE_FIXES)):
+    for other in (*fixes[1:], *state.fixes_of("nph", "momentum", *GUIDED, "wall/reflect", *SOURCE_FIXES)):
         if fixes:
             raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
     if not fixes or not fixes[0].parameters["rate"]:
@@ -178,9 +179,10 @@ def _check_moving_box(state: DeckState, fixes: list[Fix]) -> None:
     """Raise DeckError if something cannot follow a box whose edges or tilts a ``fix deform`` changes."""
     for other in (*fixes[1:], *state.fixes_of("nph", "wall/reflect", *SOURCE_FIXES)):
         raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
-    for other in state.fixes_of(*FORCE_FIXES):
-        if any(word.startswith("v_") for word in other.parameters["force"]):
-            raise other.error(f"a variable force cannot follow the box of fix deform ({fixes[0].name}); use numbers")
+    for other in state.fixes_of(*GUIDED):
+        if other.style not in FORCE_FIXES or guided(state) or any(word.startswith("v_") for word in other.parameters["force"]):
+            what = "a variable force" if other.style in FORCE_FIXES else other.style
+            raise other.error(f"{what} cannot follow the box of fix deform ({fixes[0].name}); use addforce or setforce with numbers")
     if electrostatics_of(state) is not None:
         raise fixes[0].error("charges with lattice sums are not supported in a box that changes")
 

@@ -10,7 +10,7 @@ from ...base.geometry import symmetric_products
 from ...base.units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
-from .records import NO_SLIDE, Compute, DeckSample, Slide, Window as Window
+from .records import COUPLED, NO_SLIDE, Compute, DeckSample, Slide, Window as Window
 
 
 class DeckMoment(ABC):
@@ -111,6 +111,13 @@ class DeckMoment(ABC):
     def energy(self, name: str) -> float:
         """An energy of the sample in the deck's units."""
         return self.need(name) / self.units.energy
+
+    @property
+    def coupled(self) -> float:
+        """Energy that thermostats have taken, in the deck's units."""
+        if self.state.fixes_of("nph", "npt"):
+            raise ParameterError("with fix nph or npt there is no conserved energy here: the volume changes by Monte Carlo moves")
+        return sum(self.need("acted")[fix.name][0] for fix in self.state.fixes_of(*COUPLED))
 
     def freedom(self, compute: Compute) -> float:
         """Degrees of freedom counted by a temperature compute.  ParameterError if their number is negative."""

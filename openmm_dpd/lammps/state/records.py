@@ -30,8 +30,22 @@ class Fix:
 
 #: Fixes that change the forces on single beads; their parameter ``force`` has three formulas, some may be NULL.
 FORCE_FIXES = ("addforce", "setforce", "gravity")
-#: Fixes whose vector is the total force on their group before they act.
-VECTOR_FIXES = ("addforce", "setforce")
+#: Other fixes that change forces, or add friction, which only a guide of whole steps does.
+ACTING_FIXES = (
+    *("aveforce", "efield", "spring", "spring/self", "viscous", "langevin", "wall/region"),
+    *("wall/lj93", "wall/lj126", "wall/lj1043", "wall/harmonic", "wall/morse"),
+)
+#: Fixes that take energy from beads or give it to them; thermo word ``ecouple`` is its sum.
+COUPLED = ("nvt", "npt", "temp/rescale", "temp/berendsen", "langevin")
+#: All fixes that a guide of whole steps may carry out.
+GUIDED = (*FORCE_FIXES, *ACTING_FIXES, *COUPLED, "nve/limit")
+#: Values of fixes by style: whether there is a scalar, the length of the vector (None: it varies), and whether that is a sum over beads.
+FIX_VALUES: dict[str, tuple[bool, int | None, bool]] = {
+    **{"addforce": (True, 3, True), "setforce": (False, 3, True), "aveforce": (False, 3, True), "efield": (True, 3, True)},
+    **{"spring": (True, 4, True), "spring/self": (True, 0, True), "wall/region": (True, 3, True), "nvt": (True, None, False)},
+    **dict.fromkeys(("temp/rescale", "temp/berendsen", "langevin", "nve/limit"), (True, 0, True)),
+    **dict.fromkeys([style for style in ACTING_FIXES if style.startswith("wall/") and style != "wall/region"], (True, None, True)),
+}
 
 
 class Valued:
@@ -60,17 +74,23 @@ class Valued:
             raise ParameterError(f"f_{self.name}{''.join(f'[{index}]' for index in indices)} is out of range: {self.what}")
 
 
-@dataclass(frozen=True)
-class ForceVector(Valued):
-    """The vector of a fix addforce or setforce: the total force on its group before the fix acts."""
+class FixValues(Valued):
+    """The values of a fix that acts: an energy, a total force and the like."""
 
-    name: str
-    shape = (3,)
-    what = "its values are the three components of the force before the fix acts"
+    def __init__(self, fix: Fix):
+        self.name, (self._scalar, length, self._extensive) = fix.name, FIX_VALUES[fix.style]
+        if length is None:  # one for each wall, or four for each thermostat of a chain
+            length = len(fix.parameters.get("faces", ())) or 4 * len(fix.parameters["numbers"]) // 3
+        self.shape, self.what = (length,), f"fix {fix.style} has {'a value and ' * self._scalar}a vector of {length}"
+
+    def check_index(self, *indices: int) -> None:
+        """Raise ParameterError unless the fix has a value with these indices."""
+        if indices or not self._scalar:
+            super().check_index(*indices)
 
     def is_extensive(self, *indices: int) -> bool:
-        """True: a total force is a sum over beads."""
-        return True
+        """Whether it is a sum over beads."""
+        return self._extensive or not indices
 
 
 @dataclass(frozen=True)
@@ -169,7 +189,9 @@ class DeckSample:
     positions: np.ndarray | None = None
     velocities: np.ndarray | None = None
     forces: np.ndarray | None = None  #: (N, 3) total forces; friction and noise are included where they are forces (``mvv``)
-    before: Mapping[str, np.ndarray] | None = None  #: By fix addforce or setforce: total force on its group before it acts
+    #: Values of the fixes that act, by name: the scalar and then the vector, in the deck's units.
+    acted: Mapping[str, list[float]] | None = None
+    fix_energy: float | None = 0.0  #: Energy of the fixes that ``fix_modify energy yes`` counts
     #: Fields of the beads, as from :func:`openmm_dpd.simulation.fields.read_fields`; empty if there are none.
     fields: Mapping[str, np.ndarray] | None = None
     #: By part, (N, 7) energies and r F of the beads, as from :func:`.measure.of_beads.bead_shares`.
@@ -297,6 +319,7 @@ class PressureControl:
     #: Pressure along each axis at the start and end of the run, kJ/mol/nm^3 (0 for fixed edges).
     start: Three
     stop: Three
+    plane: bool = False  #: Whether x and y change by one factor and z by another, where there is no tension
     isothermal: bool = False  #: Whether a thermostat holds the temperature; otherwise the enthalpy is constant
 
     @property

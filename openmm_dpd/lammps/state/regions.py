@@ -13,6 +13,7 @@ from .box import Box
 
 #: Value of a variable, by its name.
 Value = Callable[[str], float]
+Distances = Callable[[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,9 @@ class Region:
     box: Box | None = None  #: The box that ``create_box`` makes of it (block and prism only)
     #: Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere; None for other regions.
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
+    #: Distances (N,) of points to each face, seen from the points that the region contains, and the directions (N, 3) away from it.
+    distances: Distances | None = None
+    outer: Distances | None = None  #: The same of the region's outside, until it is known that it is meant
     parts: tuple[str, ...] = ()  #: Names of the regions in a union or intersection
     #: The region with the present values of its variables; None if it has none.
     renewed: Callable[[Value | None], Region] | None = None
@@ -56,7 +60,20 @@ def _block(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     low, high = _corners(words, scale, box)
     solid = np.all(np.isfinite(low)) and np.all(np.isfinite(high)) and np.all(high > low)
     made = Box(low, high, np.zeros(3)) if solid else None
-    return Region("block", lambda points: np.all((points >= low) & (points <= high), axis=1), (low, high), made, (low, high))
+    faces = [(k, side, end) for k in range(3) for side, end in ((1.0, low), (-1.0, high))]
+    return Region(
+        "block",
+        lambda points: np.all((points >= low) & (points <= high), axis=1),
+        *((low, high), made, (low, high)),
+        lambda x: [(side * (x[:, k] - end[k]), np.broadcast_to(side * np.eye(3)[k], x.shape)) for k, side, end in faces],
+        lambda x: [_away(x - np.clip(x, low, high))],
+    )
+
+
+def _away(arms: np.ndarray, radius: float = 0.0, side: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths of arms beyond a radius, and their directions; ``side`` -1: short of it, towards the middle."""
+    length = np.linalg.norm(arms, axis=1)
+    return side * (length - radius), side * arms / np.where(length > 0, length, 1.0)[:, None]
 
 
 def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -82,8 +99,10 @@ def _distance(points: np.ndarray, centre: np.ndarray) -> np.ndarray:
 def _sphere(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     centre = np.array([read.number(word, "the centre of the sphere") for word in words[:3]]) * scale
     radius = read.non_negative(words[3], "the radius of the sphere") * scale[0]
-    bounds = (centre - radius, centre + radius)
-    return Region("sphere", lambda points: _distance(points, centre) <= radius, bounds, shape=(centre, radius))
+    bounds, inner = (centre - radius, centre + radius), lambda x: [_away(x - centre, radius, -1.0)]
+    return Region(
+        "sphere", lambda x: _distance(x, centre) <= radius, bounds, None, (centre, radius), inner, lambda x: [_away(x - centre, radius)]
+    )
 
 
 def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -100,7 +119,19 @@ def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         along = points[:, axis]
         return (_distance(points[:, others], centre) <= radius) & (along >= low) & (along <= high)
 
-    return Region("cylinder", contains, (corner, opposite) if np.isfinite(high - low) else None)
+    across = np.array([k != axis for k in range(3)])
+    middle, ends = np.where(across, np.insert(centre, axis, 0.0), 0.0), np.eye(3)[axis]
+
+    def inner(x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        caps = [(side * (x[:, axis] - end), np.broadcast_to(side * ends, x.shape)) for side, end in ((1.0, low), (-1.0, high))]
+        return [_away((x - middle) * across, radius, -1.0), *caps]
+
+    def outer(x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        beyond, direction = _away((x - middle) * across, radius)
+        return [_away(np.maximum(beyond, 0.0)[:, None] * direction + (x - np.clip(x, low, high)) * ends)]
+
+    bounds = (corner, opposite) if np.isfinite(high - low) else None
+    return Region("cylinder", contains, bounds, None, None, inner, outer)
 
 
 def _cone(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -178,7 +209,7 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
         else:
             numbers = [repr((of or value)(word[2:])) if word.startswith("v_") else word for word in words]
             found = REGION_STYLES[style][1](numbers, scale, box)
-        return Region(style, lambda points: ~found.contains(points), parts=found.parts) if outside else found
+        return Region(style, lambda points: ~found.contains(points), parts=found.parts, distances=found.outer) if outside else found
 
     return replace(made(None), renewed=made if varies else None)
 

@@ -10,7 +10,7 @@ from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import VECTOR_FIXES, Compute, ForceVector, Temperature, Valued
+from ..state.records import FIX_VALUES, Compute, FixValues, Temperature, Valued
 from .chunk_computes import OF_CHUNKS
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
@@ -317,13 +317,13 @@ def compute_of(state: DeckState, name: str, word: str = "") -> tuple[Compute, Co
 
 
 def average_of(state: DeckState, name: str) -> Any:
-    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` or force fix with this name.  ParameterError if there is none."""
+    """The :class:`~openmm_dpd.lammps.output.averages.AveragingFix` or fix that acts with this name.  ParameterError if there is none."""
     fix = state.fixes.get(name)
-    found = None if fix is None else ForceVector(name) if fix.style in VECTOR_FIXES else fix.parameters.get("reader")
+    found = None if fix is None else FixValues(fix) if fix.style in FIX_VALUES else fix.parameters.get("reader")
     if not isinstance(found, Valued):
         raise ParameterError(
             f"f_{name}: there is no fix '{name}' with a value; fix ave/time has values, fix ave/chunk f_id[bin][column], "
-            "fix addforce and setforce f_id[1] to f_id[3]"
+            "so have forces, walls and thermostats"
         )
     return found
 

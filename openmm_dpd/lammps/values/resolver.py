@@ -10,7 +10,7 @@ from ..language.expressions import ATOM_VALUES, Formula, evaluate
 from ..language.lexer import substitute
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
-from ..state.records import ForceVector
+from ..state.records import FixValues
 from .compute_spec import check_place, reference
 from .computes import COMPUTES, average_of, check_bead_word, check_value, compute_of, is_of_beads
 from .per_bead import BEAD_WORDS, check_carried
@@ -57,7 +57,7 @@ class Resolver(DeckMoment):
         if kind == "c":
             return self.compute_vector(name, *indices)
         found = average_of(self.state, name)
-        if not indices or isinstance(found, ForceVector) or len(found.shape) < 2:
+        if not indices or isinstance(found, FixValues) or len(found.shape) < 2:
             return self.fix_vector(name)
         found.check_index(1, *indices)
         return found.values[:, indices[0] - 1]
@@ -134,22 +134,25 @@ class Resolver(DeckMoment):
     def fix(self, name: str, index: int | None = None, column: int | None = None) -> float:
         """Value of ``f_name``, ``f_name[index]`` or ``f_name[index][column]``: the last average, 0 before the first."""
         found, indices = average_of(self.state, name), [k for k in (index, column) if k is not None]
-        if isinstance(found, ForceVector):
+        if isinstance(found, FixValues):
             found.check_index(*indices)
-            return float(self.fix_vector(name)[indices[0] - 1])
+            return float(self._acted(name)[indices[0] if indices else 0])
         return found.value(*indices)
 
     def fix_vector(self, name: str) -> np.ndarray:
         """All values of ``f_name``.  ParameterError if it has no vector."""
         average = average_of(self.state, name)
-        if isinstance(average, ForceVector):
-            before = self.need("before")
-            if name not in before:
-                raise ParameterError(f"f_{name}: the fix has not acted yet; it acts in the next run")
-            return before[name] / self.units.force
+        if isinstance(average, FixValues):
+            return np.array(self._acted(name)[1:])
         if np.ndim(getattr(average, "values", 0.0)) != 1:
             raise ParameterError(f"there is no fix '{name}' with a vector")
         return average.values
+
+    def _acted(self, name: str) -> list[float]:
+        acted = self.need("acted")
+        if name not in acted:
+            raise ParameterError(f"f_{name}: the fix has not acted yet; it acts in the next run")
+        return acted[name]
 
     # -- values of all beads ----------------------------------------------------------------------------
     def bead_values(self, word: str) -> np.ndarray:

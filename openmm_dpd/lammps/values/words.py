@@ -66,7 +66,7 @@ def _rate(moment: DeckMoment, per_step: bool) -> float:
 
 
 _BONDED = ("bond_energy", "angle_energy", "dihedral_energy")
-_ENERGIES = ("pair_energy", *_BONDED)
+_ENERGIES = ("pair_energy", *_BONDED, "fix_energy")
 _CHARGES = ("short_energy", "lattice_energy")
 
 
@@ -118,6 +118,8 @@ WORDS: dict[str, Word] = {
     "pe": Word("PotEng", _per_bead(*_ENERGIES)),
     "ke": Word("KinEng", _kinetic),
     "etotal": Word("TotEng", _total),
+    "ecouple": Word("Ecouple", lambda c: c.coupled / c.norm),
+    "econserve": Word("Econserve", lambda c: _total(c) + c.coupled / c.norm),
     "enthalpy": Word("Enthalpy", _enthalpy),
     "evdwl": Word("E_vdwl", _without_charges),
     "ecoul": Word("E_coul", _per_bead("short_energy")),

@@ -71,7 +71,8 @@ class PairForceFunction:
         self.spec, self.conservative, self.periodic = spec, conservative, periodic
         self.scale, self.balanced, self.length_checked, self.steps = scale, balanced, length_checked, steps
         self.engine = engine
-        self._cutoff = max(float(term.cutoff.max()) for term in spec.terms)
+        tables = spec.terms or [extra for extra in spec.extras if hasattr(extra, "cutoff")]  # beside a guide there may be overlays alone
+        self._cutoff = max((float(np.max(table.cutoff)) for table in tables), default=1.0)
         fixed = [(getattr(term, "gamma", 0.0), getattr(term, "sigma", 0.0)) for term in spec.terms]
         self._by_sigma = any(np.any(np.isnan(gamma) & (sigma > 0)) for gamma, sigma in fixed)
         self._zero = np.zeros((len(spec.types), 3))

@@ -105,6 +105,8 @@ class Program:
         if self.options.execution.looped:
             self.declare(shared.AHEAD, 0.0, "steps already done, in which only barostats still act")
             self.steps.append(Step("if", expression=f"{shared.AHEAD} < 1", why="is this step still to be done?"))
+        for k, value in enumerate(self.options.numbers):
+            self.declare(f"{shared.GUIDE}{k}", value, "what acts within steps keeps it")
         if self.options.kernel:
             self.set(shared.DT, "dt", "so that setStepSize works")
         if self.options.settable:

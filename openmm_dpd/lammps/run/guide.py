@@ -1,0 +1,156 @@
+"""Thermostats and other fixes that act within steps, as the loop of whole steps calls them."""
+
+import numpy as np
+
+from ...kernels import chain
+from ...kernels.moment import Guide, Moment
+from ..language.lexer import errors_at
+from ..scene.flow import guided
+from ..state.records import COUPLED, Compute, DeckSample, Fix
+from ..values.resolver import Resolver
+from .acting import FORCES, acted_on, target
+from .request import RunRequest
+
+
+class _Scaling:
+    """Velocities v of the beads of a thermostat, with the compute of its group or that of fix_modify; it scales them."""
+
+    def __init__(self, fix: Fix, moment: Resolver, v: np.ndarray, masses: np.ndarray):
+        state, name = moment.state, fix.parameters.get("temp")
+        compute = state.temperature_compute(name) if name else Compute("", fix.group, "temp", settings=state.temperature())
+        self.freedom, members, self._v = moment.freedom(compute), state.group(compute.group), v
+        self._rows, self._part = slice(None) if members.all() else members, None
+        if compute.settings != state.temperature(extra=compute.settings.extra):
+            self._part = moment.thermal(compute)[1] * moment.units.velocity  # what is scaled is a part of the velocities
+        used = v[self._rows] if self._part is None else self._part
+        self.twice = float(np.einsum("i,ij,ij", masses[self._rows], used, used))  #: Twice the kinetic energy
+
+    def by(self, factor: float) -> None:
+        """Scale the thermal part of the velocities."""
+        self._v[self._rows] += (factor - 1.0) * (self._v[self._rows] if self._part is None else self._part)
+
+
+class DeckGuide(Guide):
+    """The fixes of a deck that act within steps (:class:`openmm_dpd.kernels.moment.Guide`)."""
+
+    def __init__(self, request: RunRequest):
+        self.request, self.state, state = request, request.state, request.state
+        kept = [fix for fix in state.fixes.values() if "numbers" in fix.parameters]
+        ends = np.cumsum([0, *(len(fix.parameters["numbers"]) for fix in kept)]).tolist()
+        self._places = {fix.name: slice(*ends[k : k + 2]) for k, fix in enumerate(kept)}
+        self._masses, self._pushes = state.bead_masses(), bool(state.fixes_of(*FORCES))
+        self.what = "fixes " + ", ".join(dict.fromkeys(fix.style for fix in state.fixes_of(*FORCES, *COUPLED, "nve/limit")))
+        self.changed: np.ndarray | None = None  #: What was added to the velocities at the end of the last step
+        x, v = state.atoms.positions * state.units.length, state.atoms.velocities * state.units.velocity
+        moment = Resolver(state, DeckSample(request.first_step, positions=x, velocities=v), request.window)
+        for fix in state.fixes_of(*FORCES):  # what is wrong is reported for its line
+            with errors_at(fix.where, f"fix {fix.name}: "):
+                FORCES[fix.style](fix, moment, state.group(fix.group), np.zeros_like(x))
+        for fix in kept:
+            numbers = np.array(fix.parameters["numbers"])
+            if "loop" in fix.parameters:
+                numbers = numbers.reshape(3, -1)
+                masses = self._chain(fix, numbers, moment, _Scaling(fix, moment, v, self._masses).freedom)
+                numbers[2, 1:] = chain.pushes(masses, numbers[1], target(fix, moment))
+            elif fix.style in ("nve/limit", "langevin"):
+                numbers[:] = 0.0  # each run counts anew
+            fix.parameters["numbers"] = numbers.ravel().tolist()
+        self.numbers = tuple(number for fix in kept for number in fix.parameters["numbers"])
+        limits = state.fixes_of("nve/limit")
+        self.limits, self._most = bool(limits), np.full((len(x), 1), np.inf)
+        for fix in limits:
+            self._most[state.group(fix.group)] = fix.parameters["most"] / request.dt
+
+    @classmethod
+    def of(cls, request: RunRequest) -> "DeckGuide | None":
+        """The guide of a run, if it needs one."""
+        return cls(request) if guided(request.state) else None
+
+    def _chain(self, fix: Fix, numbers: np.ndarray, moment: Resolver, freedom: float) -> np.ndarray:
+        return chain.masses(numbers.shape[1], target(fix, moment), fix.parameters["damp"], freedom)
+
+    def _moment(self, m: Moment, step: int, v: np.ndarray) -> Resolver:
+        return Resolver(self.state, DeckSample(self.request.first_step + step, positions=m.x, velocities=v, box=m.box), self.request.window)
+
+    def begin(self, m: Moment) -> None:
+        """Half a step of the Nose-Hoover chains."""
+        self._chains(m, m.number + 1)
+
+    def forces(self, m: Moment, v: np.ndarray, force: np.ndarray, step: int) -> np.ndarray:
+        """All forces, as the fixes have changed them."""
+        if not self._pushes:
+            return force
+        unit, moment = self.state.units.force, self._moment(m, step, v)
+        found, _ = acted_on(moment, force / unit)
+        for fix in self.state.fixes_of("langevin") if step == 0 else ():
+            energy = m.numbers[self._places[fix.name]]
+            energy[1] = self._given(fix, moment)
+            energy[0] = 0.5 * energy[1]
+        return found * unit
+
+    def _given(self, fix: Fix, moment: Resolver) -> float:
+        """Energy that fix langevin gives to the beads in a step with the present forces and velocities, if it counts."""
+        if not fix.parameters["tally"]:
+            return 0.0
+        power = np.sum(fix.parameters["last"] * moment.velocities[self.state.group(fix.group)])
+        return float(power) * self.state.timestep / moment.units.time
+
+    def limit(self, m: Moment) -> None:
+        """Velocities that would carry a bead too far in a step are shortened."""
+        if not self.limits:
+            return
+        speeds = np.linalg.norm(m.v, axis=1, keepdims=True)
+        fast = (speeds > self._most)[:, 0]
+        m.v[fast] *= (self._most / np.maximum(speeds, 1e-300))[fast]
+        for fix in self.state.fixes_of("nve/limit"):
+            m.numbers[self._places[fix.name]] += np.count_nonzero(fast & self.state.group(fix.group))
+
+    def end(self, m: Moment) -> None:
+        """Half a step of the Nose-Hoover chains, then the other thermostats."""
+        before = m.v.copy() if self.state.fixes_of(*COUPLED) else m.v
+        self._chains(m, m.number)
+        for fix in self.state.fixes_of("temp/rescale", "temp/berendsen", "langevin"):
+            moment, energy = self._moment(m, m.number, m.v), m.numbers[self._places[fix.name]]
+            if fix.style == "langevin":
+                energy[1] = self._given(fix, moment)
+                energy[0] += energy[1]
+            elif moment.step % fix.parameters.get("every", 1) == 0:
+                self._rescale(fix, m, moment, energy)
+        self.changed = None if before is m.v else m.v - before
+
+    def _rescale(self, fix: Fix, m: Moment, moment: Resolver, energy: np.ndarray) -> None:
+        given, kT, beads = fix.parameters, target(fix, moment), _Scaling(fix, moment, m.v, self._masses)
+        now = beads.twice / beads.freedom if beads.freedom > 0 else 0.0
+        if not now:
+            raise fix.error("it cannot scale velocities: the temperature of its group is 0")
+        part = m.dt / given["damp"] if "damp" in given else given["fraction"] * (abs(now - kT) > given["window"])
+        goal = now + part * (kT - now)
+        energy += 0.5 * beads.freedom * (now - goal) / moment.units.energy
+        beads.by(float(np.sqrt(max(goal, 0.0) / now)))
+
+    def _chains(self, m: Moment, step: int) -> None:
+        for fix in self.state.fixes_of("nvt", "npt"):
+            moment, given = self._moment(m, step, m.v), fix.parameters
+            beads, kT = _Scaling(fix, moment, m.v, self._masses), target(fix, moment)
+            settings = given["damp"], beads.freedom, beads.twice, given["loop"], given["drag"]
+            beads.by(chain.half_step(m.numbers[self._places[fix.name]], m.dt, kT, *settings))
+
+    def keep(self, numbers: np.ndarray) -> None:
+        """Hand what the fixes keep back to the deck, for the next run."""
+        for name, place in self._places.items():
+            self.state.fixes[name].parameters["numbers"] = numbers[place].tolist()
+
+    def values(self, numbers: np.ndarray, moment: Resolver) -> dict[str, list[float]]:
+        """Values of the fixes that change velocities: an energy or a count, and what a chain consists of."""
+        found = {name: [float(numbers[place][0])] for name, place in self._places.items()}
+        for fix in self.state.fixes_of("langevin", "nvt"):
+            own, units = numbers[self._places[fix.name]], moment.units
+            found[fix.name] = [float(0.5 * own[-1] - own[0])]
+            if fix.style == "nvt":
+                eta, rate, _ = chained = own.reshape(3, -1)
+                freedom = _Scaling(fix, moment, moment.velocities, self._masses).freedom
+                masses = self._chain(fix, chained, moment, freedom)
+                potential, kinetic = target(fix, moment) * eta / units.energy, 0.5 * masses * rate**2 / units.energy
+                potential[0] *= freedom
+                found[fix.name] = [float((potential + kinetic).sum()), *eta, *(rate * units.time), *potential, *kinetic]
+        return found

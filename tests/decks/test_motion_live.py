@@ -1,0 +1,186 @@
+"""Fixes that act within steps, beside a live LAMMPS: thermostats, friction, forces, walls; and that no fix is read without effect."""
+
+from collections.abc import Iterator
+
+import lammps_peer
+import pytest
+from cases import put
+from deck_snippets import FILES, SNIPPETS
+from fuzz.deck import Deck
+from fuzz.draw import Draw
+from fuzz.trial import Trial
+from test_commands_live import BEADS, FRAMES, RUN
+
+from openmm_dpd.base.errors import DeckError, DPDError
+from openmm_dpd.lammps import RunOptions, explain_deck, export_deck, run_deck
+from openmm_dpd.lammps.commands.fixes import READERS
+from openmm_dpd.lammps.run.acting import FORCES
+from openmm_dpd.lammps.state.records import ACTING_FIXES, COUPLED, FIX_VALUES, FORCE_FIXES
+
+START = BEADS.replace("pair_coeff * * 25 0.5", "pair_coeff * * 25 4.5")
+#: Beads some way from the faces, for walls all around.
+WALLED = START.replace("atom_modify map yes\n", "atom_modify map yes\nboundary f f f\n").replace("-0.7 1.4 1", "0.7 1.9 1.5")
+WALLED = WALLED.replace("pair_coeff * * 25 4.5", "pair_coeff * * 2.5 4.5")
+OFF = "unfix 1\ngroup rest subtract all g\n"
+SPHERE = "region s sphere 1 2.5 2.5 1.6 units box\n"
+
+
+def words(name: str, *values: str) -> str:
+    """Thermo output of a fix."""
+    return f"thermo_style custom step temp pe etotal fmax fnorm press {' '.join(f'f_{name}{value}' for value in values)}\n{FRAMES}{RUN}"
+
+
+def wall(style: str, *values: str) -> str:
+    return f"fix w all wall/{style}\nfix_modify w energy yes\n" + words("w", "", "[1]", *values) + RUN
+
+
+ALONE = ("", "[1]", "[2]", "[3]")
+DECKS = {
+    "nvt": f"{OFF}fix n all nvt temp 0.5 2 0.1\nthermo_style custom step temp pe ecouple econserve f_n f_n[1] f_n[5] f_n[7] f_n[12]\n{FRAMES}{RUN}{RUN}",
+    "nvt of a group": f"{OFF}compute t g temp/partial 1 1 0\nfix m rest nve\nfix n g nvt temp 1 1 0.1 tchain 1 tloop 2 drag 0.3\n"
+    "fix_modify n temp t\n" + words("n", *ALONE),
+    "nvt, lj": f"pair_style lj/cut 1.2\npair_coeff * * 1 0.5\n{OFF}fix n all nvt temp 0.5 2 0.1\n" + words("n", *ALONE),
+    "temp/rescale": "fix t g temp/rescale 1 0.5 1 0.01 0.6\n" + words("t", "") + RUN,
+    "temp/berendsen": "fix t all temp/berendsen 0.5 1 0.2\nthermo_style custom step temp ecouple econserve\n" + FRAMES + RUN,
+    "nve/limit": f"{OFF}fix l all nve/limit 0.012\n" + words("l", "") + RUN,
+    "langevin": "fix l g langevin 0 0 0.3 77 scale 2 1.5 tally yes zero yes\n" + words("l", "") + RUN,
+    "viscous": f"fix l g viscous 0.7 scale 2 1.5\n{FRAMES}{RUN}",
+    "predicted": f"{OFF}fix 1 all mvv/dpd 0.65\nfix l g viscous 0.7\nfix s all spring/self 3\n" + words("s", ""),
+    "addforce region": f"{SPHERE}fix a g addforce 1 NULL -2 region s\n".replace("NULL", "0") + words("a", *ALONE),
+    "addforce v": "variable p equal 2*sin(step*0.3)\nvariable q atom vx*2+x\nvariable e atom vy\nfix a g addforce v_p v_q 0 energy v_e\n"
+    "fix_modify a energy yes\n" + words("a", *ALONE),
+    "addforce every": f"fix a g addforce 3 2 1 every 3\n{FRAMES}{RUN}",
+    "setforce region": f"{SPHERE}fix a all setforce 0 NULL 0.5 region s\n" + words("a", *ALONE[1:]),
+    "aveforce": f"{SPHERE}fix d g gravity 0.5 chute 30\nfix a g aveforce 1 NULL -2\nfix b all aveforce 0 0 0 region s\n"
+    + words("a", *ALONE[1:]),
+    "efield": "set group g charge 1.5\nset group rest charge -0.5\nvariable q equal step\nfix a all efield 0.2 v_q -0.3\n"
+    + words("a", *ALONE[1:]),
+    "spring": "fix a g spring tether 50 1 NULL 2 0.1\nfix b g spring couple rest 5 0.2 0.3 1 0.5\nfix_modify a energy yes\n"
+    + words("a", *ALONE, "[4]").replace("f_a ", "f_a f_b f_b[2] f_b[4] "),
+    "spring/self": "fix a g spring/self 50\nfix b rest spring/self 20 xz\nfix_modify b energy yes\n" + words("a", "") + RUN,
+    "lj93": wall("lj93 zlo -0.2 1.0 0.7 1.5 zhi EDGE 0.6 0.5 1.5 units box", "[2]"),
+    "lj126": wall("lj126 zlo EDGE 1.0 0.7 1.5 xhi 3.33 0.6 0.5 1.5 yhi 4.6 1 0.6 2", "[3]"),
+    "lj1043": wall("lj1043 xlo -1.17 1.0 0.3 1.5 zhi EDGE 0.6 0.5 1.5", "[2]"),
+    "harmonic": "variable m equal 0.1+0.01*step\nvariable e equal 5+step\n" + wall("harmonic zlo v_m v_e 1.0 1.5 zhi 4.9 9 1 1.5", "[2]"),
+    "morse": wall("morse zlo EDGE 1.0 1.3 0.7 1.5 yhi EDGE 2 3 0.5 1.5", "[2]"),
+}
+FLAT = "\n".join(line.rsplit(" ", 3)[0] + " 0 units box" if "single" in line else line for line in START.splitlines()) + "\n"
+FLAT = FLAT.replace("velocity all ramp vz 0.3 1 x -1 3 units box\n", "").replace(
+    "box\nvelocity all ramp vy 0.3 1.7 z 0 5", "box\nvelocity all ramp vy 0.3 1.7 x -1 3"
+)
+DECKS["two dimensions"] = f"{OFF}fix n all nvt temp 0.5 2 0.1\nfix l g viscous 0.5\nfix s g spring/self 3\nfix e all enforce2d\n" + words(
+    "n", *ALONE
+)
+REGIONS = {
+    "block": "block -1.2 3.1 -0.1 4.2 -0.2 5.3",
+    "sphere": "sphere 1 2.3 2.3 4",
+    "cylinder": "cylinder z 1 2.2 3 -0.3 5.2",
+    "block, outside": "block 1.1 1.2 1.4 1.5 1.9 2.0 side out",
+    "sphere, outside": "sphere 1.1 1.4 2 0.1 side out",
+    "cylinder, outside": "cylinder x 1.4 2 0.1 1 1.3 side out",
+}
+STYLES = ("lj93 1 0.5 1.2", "harmonic 7 1 1.6", "morse 2 1.5 0.6 1.4", "lj126 1 0.4 1.2", "lj1043 1 0.3 1.2", "harmonic 9 1 1.5")
+DECKS |= {
+    f"wall/region {name}": f"region w {region} units box\n" + wall(f"region w {style}", "[3]")
+    for (name, region), style in zip(REGIONS.items(), STYLES, strict=True)
+}
+
+
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory) -> Iterator[Trial]:
+    lammps_peer.need()
+    with Trial(tmp_path_factory.mktemp("motion")) as found:
+        yield found
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_both_programs_write_the_same(trial, name):
+    deck, body = Deck(Draw(1)), DECKS[name]
+    walls = "fix w all wall/" in body
+    units = "real" if name in ("langevin", "efield") else "lj"
+    flat = name == "two dimensions"
+    start = (WALLED if walls else FLAT if flat else START).format(
+        units=units, box="block -1 3 0 4 -0.5 0.5" if flat else "block -1 3 0 4 0 5"
+    )
+    start = start.replace("atom_modify", "dimension 2\natom_modify") if flat else start
+    style = {"efield": "charge", "predicted": "mdpd"}.get(name, "atomic")
+    start = start.replace("atom_modify", f"atom_style {style}\natom_modify")
+    if "rest" in body and OFF not in body:
+        body = OFF.replace("unfix 1\n", "") + body
+    if walls:  # no bead gets as far as this one, without which LAMMPS would lose those that do
+        body = "fix r all wall/reflect xlo EDGE xhi EDGE ylo EDGE yhi EDGE zlo EDGE zhi EDGE\n" + body
+    deck.lines[:] = (start + body).splitlines()
+    outcome = trial.of_deck(0, "commands", deck)
+    assert outcome.kind == "agree", outcome.message
+
+
+#: Fixes that are accepted without an effect.
+ACCEPTED = {"balance"}
+
+
+@pytest.mark.parametrize("style", sorted(set(SNIPPETS["fix"]) - set(READERS) - ACCEPTED))
+def test_every_fix_has_an_effect(tmp_path, monkeypatch, style):
+    """A style that is read and has no consumer would be ignored without a word."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        put(tmp_path / name, text)
+    text = SNIPPETS["fix"][style].partition("\nrun ")[0].replace("\nthermo 3", "\nthermo 1")
+    text = "\n".join(line for line in text.splitlines() if "ave/" not in line)
+    lines = text.splitlines()
+    own = [k for k, line in enumerate(lines) if line.split()[:1] == ["fix"] and line.split()[3] == style]
+    assert own
+    names = {lines[k].split()[1] for k in own}
+    less = [line for k, line in enumerate(lines) if k not in own and not (line.startswith("fix_modify") and line.split()[1] in names)]
+    ends = []
+    for name, kept in (("with", lines), ("without", less)):
+        deck = put(tmp_path / name, "\n".join(kept) + f"\nrun 3\nwrite_data {name}.data\n")
+        try:
+            run_deck(deck, RunOptions(platform="Reference", threads=1, discard=0))
+            ends.append((tmp_path / f"{name}.data").read_text())
+        except (DPDError, RuntimeWarning) as error:
+            assert name == "without", error
+            ends.append("the deck needs it")
+    assert ends[0] != ends[1]
+
+
+def test_tables_agree():
+    assert set(FORCES) == {*FORCE_FIXES, *ACTING_FIXES}
+    assert set(FIX_VALUES) <= {*FORCES, *COUPLED, "nve/limit"}
+
+
+def _explained(tmp_path, before: str, **options) -> str:
+    return explain_deck(
+        put(tmp_path / "in.deck", START.format(units="lj", box="block -1 3 0 4 0 5") + before + "run 1\n"), RunOptions(**options)
+    )
+
+
+def test_what_acts_within_steps_is_said_and_not_exported(tmp_path):
+    text = f"{OFF}fix 1 all nvt temp 1 1 0.1\nfix s all spring/self 1\n"
+    assert "within each step, in Python: fixes nvt, spring/self" in _explained(tmp_path, text)
+    with pytest.raises(DPDError, match="fix 1 .nvt., fix s .spring/self.: .*cannot be exported"):
+        export_deck(tmp_path / "in.deck", tmp_path / "out")
+
+
+WRONG = {
+    "fix l all langevin 1 1 1 7 gjf yes": "gjf yes is not supported",
+    "fix l all wall/lj93 zlo EDGE 1 1 1": "the box is periodic along z",
+    "fix l all temp/rescale 1 1 1 0 2": "fraction must be at most 1",
+    "fix l all nvt temp 0 1 1": "must be above 0",
+    "fix l all efield 1 1 1": "needs atom_style charge or full",
+    "fix l all spring tether 1 0 0 0": "needs 5|expected",
+    "region r block 0 1 0 1 0 1\nregion u union 2 r r\nfix l all wall/region u harmonic 1 1 1": "must be the inside or outside of",
+    "fix l all viscous 1\nfix_modify l energy yes": "has no energy here",
+    "fix l all viscous 1\nfix_modify l virial yes": "virial yes is not supported",
+    "variable v equal c_x\nfix l g addforce v_v 0 0": "there is no compute 'x'",
+}
+
+
+@pytest.mark.parametrize("lines", WRONG)
+def test_what_is_refused(tmp_path, lines):
+    with pytest.raises(DeckError, match=WRONG[lines]):
+        _explained(tmp_path, lines + "\n")
+
+
+def test_a_word_has_no_sum_of_all_forces(tmp_path):
+    with pytest.raises(DeckError, match="fix l: it acts on the sum of all forces"):
+        _explained(tmp_path, "fix l all viscous 1\n", scheme="middle")
