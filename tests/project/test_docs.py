@@ -108,7 +108,7 @@ _OPTIONS = {
     "lattice": {*CELLS, "custom", "none"},
     "region": {*REGION_STYLES, "union", "intersect", "delete"},
 }
-_OPTIONS |= {"group": {*GROUP_STYLES, "subtract", "clear", "delete"}, "thermo`": {*OF_DECKS["layout"], "custom"}}
+_OPTIONS |= {"group": {*GROUP_STYLES, "subtract", "clear", "delete", "static", "dynamic"}, "thermo`": {*OF_DECKS["layout"], "custom"}}
 _OPTIONS |= {"thermo_modify": THERMO_OPTIONS, "units": UNIT_SYSTEMS}
 TABLES |= {command: (column("commands", "Box and beads", command, 2, "Runs"), there) for command, there in _OPTIONS.items()}
 

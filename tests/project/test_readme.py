@@ -54,9 +54,9 @@ def test_every_command_is_run():
 def test_restart_and_export_are_commands():
     """The parser takes them; what they do is tested in test_resume.py and test_export.py."""
     lines = [RUN[1], *(line for line in INLINE if line.startswith("openmm-dpd "))]
-    run, restart, export = (cli._parser().parse_args(shlex.split(line)[1:]) for line in lines)
+    run, restart, export, check = (cli._parser().parse_args(shlex.split(line)[1:]) for line in lines)
     assert restart.restart == run.out and restart.deck == run.deck
-    assert (ROOT / export.deck).is_file()
+    assert (ROOT / export.deck).is_file() and check.command == "check"
 
 
 @pytest.mark.slow
