@@ -193,6 +193,9 @@ HEAD molecule lipid mol.lipid; region box block 0 4.2 0 4.2 0 4.2; create_box 3 
 create_atoms 0 single 0.5 0.5 1 mol lipid 7 rotate 0 1 0 0 units box; bond_style harmonic; bond_coeff 1 99 0.5
 create_atoms 0 single 1.1 0.5 1.3 mol lipid 7 rotate 40 1 0 0 units box; create_atoms 0 single 1 1 3 mol lipid 7 rotate 180 1 0 0 units box
 special_bonds lj 1 1 1; @membrane; @move
+= molecules placed anywhere in a plane :  : bond : HEAD dimension 2; region box block 0 8 0 8 -0.5 0.5
+create_box 3 box bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 4; mass * 1.0; molecule lipid mol.flat
+create_atoms 0 random 20 77 box mol lipid 99; bond_style harmonic; bond_coeff 1 99 0.5; special_bonds lj 1 1 1; @membrane; @flat
 = lipids in a plane : flat lipids : bond : @chains 64 0.5; @membrane; @flat
 = diblock lamella : diblocks : bond : @chains 50 0.7; @two; @move
 = diblock with a table of chi : diblocks : bond :
@@ -347,7 +350,7 @@ def _deck(beads: str, style: str, text: str) -> FieldDeck:
     tail = [f"thermo_style custom step {shown} {said.get('show', '')}", "thermo_modify norm no format float %.15g", "thermo 5"]
     last = "write_dump all custom last.dump id type xu yu zu vx vy vz modify sort id format float %.12g"
     text = "\n".join([*head, f"atom_style {style}", *body, *tail, *(runs or ["run 15"]), last]) + "\n"
-    files = {"mol.lipid": LIPID}
+    files = {"mol.lipid": LIPID, "mol.flat": LIPID.replace("2 0 0 0.6", "2 0.6 0 0").replace("3 0 0 1.2", "3 1.2 0 0")}
     if beads:
         files["data.beads"] = BEADS[beads]().text(style, int(said.get("types", 0)))
     return FieldDeck(text.replace("BEADS", f"read_data data.beads {said.get('reads', '')}"), files, float(said.get("accuracy", 1e-6)))
@@ -360,7 +363,10 @@ for part in TEXTS.split("\n= ")[1:]:
 
 #: What is said to decks that are refused, and which they are.
 REFUSED: dict[str, tuple[str, ...]] = {
-    "that of the scene is 0": ("ionomer at constant pressure", "bilayer without tension"),
+    "that of the scene is 0": (
+        "ionomer at constant pressure",
+        "bilayer without tension",
+    ),
     "'adapt'": ("melt pushed apart by a soft potential",),
     "boundary f along z": ("drop under a wall of lj",),
     "'smd'": ("lipid pulled out",),

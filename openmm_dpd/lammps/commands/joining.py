@@ -52,6 +52,7 @@ class Placement:
             molecule(state, state.templates.pop(options["mol"][0]))
         self._template: MoleculeTemplate = state.templates[options["mol"][0]]
         self._generator, self._turn = Ranmar(read.integer(options["mol"][1], "the seed of mol", 1)), None
+        self._flat = state.require_box("create_atoms").flat
         if "rotate" in options:
             angle, *axis = (read.number(word, "a value of rotate") for word in options["rotate"])
             if not any(axis):
@@ -62,8 +63,9 @@ class Placement:
         """(n, 3) positions of the beads of the next molecule around a point."""
         if self._turn is not None:
             return self._template.turned(*self._turn) + point
-        a, b, c, turn = (self._generator.uniform() for _ in range(4))
-        return self._template.turned(np.array([a, b, c]) - 0.5, 2 * np.pi * turn) + point
+        draw = self._generator.uniform
+        axis = np.array([0.0, 0.0, 1.0]) if self._flat else np.array([draw(), draw(), draw()]) - 0.5
+        return self._template.turned(axis, 2 * np.pi * draw()) + point
 
     def add(self, state: DeckState, kind: int, placed: list[np.ndarray]) -> None:
         """Add molecules with these positions to the deck; ``kind`` is added to their types."""
