@@ -303,5 +303,6 @@ def keep(instance, **values) -> None:
 
 
 def known_under(kind: Any) -> list[str]:
-    """Names of the subclasses of a class that are in its own file, since others may have been added elsewhere."""
-    return [under.__name__ for under in kind.__subclasses__() if under.__module__ == kind.__module__]
+    """Names of the subclasses of a class that are in its own room, since others may have been added elsewhere."""
+    room = kind.__module__.rpartition(".")[0]
+    return [under.__name__ for under in kind.__subclasses__() if under.__module__.startswith(f"{room}.")]

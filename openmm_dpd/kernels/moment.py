@@ -79,6 +79,35 @@ class Masses:
             self.components.reshape(-1, 3)[...] = self.inverse[:, None]
 
 
+class Guide:
+    """Acts within steps where friction is a force: on velocities, and on the sum of all forces, in ways that no force of OpenMM can.  This
+    one does nothing."""
+
+    what = ""  #: What it is, in words
+    numbers: tuple[float, ...] = ()  #: What it keeps from step to step, at the start
+    limits = False  #: Whether :meth:`limit` changes anything
+
+    def begin(self, m: "Moment") -> None:
+        """Change velocities at the beginning of a step."""
+
+    def forces(self, m: "Moment", v: np.ndarray, force: np.ndarray, step: int) -> np.ndarray:
+        """All forces (N, 3) at the positions of the moment, which belong to this step of the Context, from those of the scene, and the
+        velocities v that friction sees."""
+        return force
+
+    def limit(self, m: "Moment") -> None:
+        """Change velocities after a kick."""
+
+    def place(self, m: "Moment", step: int) -> None:
+        """Put beads that do not move by themselves where they are at this step of the Context."""
+
+    def end(self, m: "Moment") -> None:
+        """Change velocities at the end of a step."""
+
+
+NO_GUIDE = Guide()
+
+
 @dataclass(eq=False)
 class Moment:
     """Everything that a step depends on; a :class:`Stepper` changes it in place."""
@@ -106,6 +135,9 @@ class Moment:
     number: int = 0  #: Steps done in the Context
     #: (K,) what a :class:`Guide` keeps from step to step
     numbers: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    guide: Guide = NO_GUIDE  #: Acts within the steps
+    #: Forces (N, 3) of others at a step of the Context, where a guide acts on the sum of all: they do not kick by themselves then
+    others: Callable[["Moment", int], np.ndarray] | None = None
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
@@ -131,35 +163,6 @@ Watch = Callable[[np.ndarray, np.ndarray, Moment], None]
 SlowForces = Callable[[Moment, int], np.ndarray]
 
 
-class Guide:
-    """Acts within steps where friction is a force: on velocities, and on the sum of all forces, in ways that no force of OpenMM can.  This
-    one does nothing."""
-
-    what = ""  #: What it is, in words
-    numbers: tuple[float, ...] = ()  #: What it keeps from step to step, at the start
-    limits = False  #: Whether :meth:`limit` changes anything
-
-    def begin(self, m: Moment) -> None:
-        """Change velocities at the beginning of a step."""
-
-    def forces(self, m: Moment, v: np.ndarray, force: np.ndarray, step: int) -> np.ndarray:
-        """All forces (N, 3) at the positions of the moment, which belong to this step of the Context, from those of the scene, and the
-        velocities v that friction sees."""
-        return force
-
-    def limit(self, m: Moment) -> None:
-        """Change velocities after a kick."""
-
-    def place(self, m: Moment, step: int) -> None:
-        """Put beads that do not move by themselves where they are at this step of the Context."""
-
-    def end(self, m: Moment) -> None:
-        """Change velocities at the end of a step."""
-
-
-NO_GUIDE = Guide()
-
-
 class Stepper(Protocol):
     """Does whole steps with one engine, and keeps what the last one has computed."""
 
@@ -167,7 +170,6 @@ class Stepper(Protocol):
     #: Where friction is a force, what the last step of a run sums beside its forces: STRESS, and LAPLACIAN, with conservative forces apart,
     #: from engines that can
     more: int
-    guide: Guide
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """Do n steps; ``slow`` computes forces of others, which kick before and after them.  RunError if a step fails; it has the number of

@@ -18,7 +18,7 @@ from .columns import Totals
 from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM
-from .moment import FASTEST, NO_GUIDE, Guide, LastStep, Masses, Moment, SlowForces, StepSpec, Watch, ramped_energy
+from .moment import FASTEST, NO_GUIDE, LastStep, Masses, Moment, SlowForces, StepSpec, Watch, ramped_energy
 from .noise import key_again
 from .seats import Seats
 from .shear import AFTER, BEFORE, change_flow, join_flow, leave_flow, slide
@@ -39,7 +39,6 @@ class StepLoop:
     reach: float  #: ``watch`` is called where a component of a velocity would carry a bead this far in a step and is not thermal
     parts: bool = False  #: Whether this loop does parts of the runs of another loop, in arrays of its own
     force: np.ndarray = field(init=False)
-    guide: Guide = NO_GUIDE  #: Acts within steps, on the sum of all forces: those of others do not kick by themselves then
 
     def __post_init__(self):
         n = len(self.engine.spec.types)
@@ -72,8 +71,9 @@ class StepLoop:
         positions of the moment."""
         step = self._predicting if self.spec.predicts else self._word
         before, after = self.spec.slow_kicks
-        self._begun, self._beside = moment.number, slow if self.guide is not NO_GUIDE else None
-        slow = slow if self._beside is None else None
+        if moment.guide is not NO_GUIDE and slow is not None:
+            forces, start, slow = slow, moment.number, None
+            moment.others = lambda m, step: forces(m, step - start)
         # the last step of a run is not played, so that its lists, forces and sums are there
         done, last = 0, n if self.parts else n - 1
         try:
@@ -102,7 +102,7 @@ class StepLoop:
                     self.valid.record(Recorded(tape, begun, self._conditions(moment)))
                 self._count(moment, 1)
                 done += 1
-                self.guide.end(moment)
+                moment.guide.end(moment)
                 if slow is not None and moment.slow_step == 0:
                     force = slow(moment, done) if after or done < n else None
                     if after and force is not None:
@@ -124,7 +124,7 @@ class StepLoop:
         """Whether each step calls the same kernels with other noise, and there are enough steps left for recording one to pay."""
         spec = self.spec
         plain = slow is None and m.box is not None and (spec.driven is None or spec.driven.steady and not self._heats(m))
-        plain = plain and self.guide is NO_GUIDE
+        plain = plain and m.guide is NO_GUIDE
         return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
     def _conditions(self, m: Moment) -> tuple:
@@ -340,7 +340,7 @@ class StepLoop:
             # with the noise of the last half kick: another one would halve its variance, as both halves of a step share it
             m.acc = np.empty_like(self.force)
             self._accelerate(m, m.v if m.unkicked is None else m.unkicked, m.values, 0.0)
-        guide = self.guide
+        guide = m.guide
         guide.begin(m)
         predicted = None if lam == 0.5 else self._predicted(m, lam)
         m.unkicked = None
@@ -389,7 +389,7 @@ class StepLoop:
         which = CONSERVATIVE | DISSIPATIVE | RANDOM | more
         self._sum(which, self._seen(m, v)[0], m.kT, m.dt, m.seed, m.counter, values, **apart)
         step = m.number + (kick > 0.0)
-        force = self.guide.forces(m, v, self.force if self._beside is None else self.force + self._beside(m, step - self._begun), step)
+        force = m.guide.forces(m, v, self.force if m.others is None else self.force + m.others(m, step), step)
         motion.accelerate(m.acc.ravel(), m.v.ravel(), force.ravel(), self.masses.components, kick)
         if values is not None:
             motion.take_moving(m.rates, self.engine.rates, self.masses.inverse)

@@ -235,6 +235,8 @@ def make_plan(
     """
     if not isinstance(scene, Scene):
         raise ParameterError(f"expected a Scene, not {what_is(scene)}")
+    if not isinstance(guide, Guide | None):
+        raise ParameterError(f"guide must be a Guide, not {what_is(guide)}")
     resolved = [table.resolve(scene.type_names) for table in scene.tables]
     tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
     chosen = scheme_of(scheme)

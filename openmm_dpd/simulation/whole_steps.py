@@ -67,11 +67,10 @@ class WholeSteps:
             assert loop is not None
             # free arrays early: each has 24 bytes per bead
             loop.forget()
-            loop.guide = self.guide
             x, box = self.function.positions(state), self.function.box(state)
             del state
             moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, own)
-            moment.number = count
+            moment.number, moment.guide = count, self.guide
 
             def forces(m: Moment, done: int) -> np.ndarray:
                 if done:

@@ -66,7 +66,6 @@ DECKS = {
         [(9, "nonsense"), (9, "fix foo"), (10, "more")],
     ),
     "a run": (START.replace("pair_coeff * *", "pair_coeff 1 2") + RUN + RUN, [(6, "run")]),
-    "minimisation": (START + "fix 2 all addforce 1 0 0\nminimize 1 1 1 1\n" + RUN, [(10, "minimize")]),
     "a sweep": (
         START.replace("dpd", "foo") + RUN + "write_data a.data\nclear\nread_data a.data\nclear\n" + START + "pair_coeff 1 1 2\n" + RUN,
         [(6, "pair foo"), (22, "pair_coeff")],

@@ -236,7 +236,7 @@ def test_nothing_is_written_when_a_deck_is_only_read(tmp_path):
 # -- what is refused ---------------------------------------------------------------------------------------------------------------
 @cases(
     "text, message",
-    ("compute x all chunk/atom bin/sphere 1 1 1 0 1 2\n", "supported are bin/1d, bin/2d, bin/3d"),
+    ("compute x all chunk/atom bin/cone 1 1 1 0 1 2\n", "'bin/cone' is not supported"),
     ("compute x all chunk/atom bin/1d x lower 0\n", "the thickness of the slices must be > 0"),
     ("compute x all chunk/atom bin/1d x middle 1\n", "the origin of the slices"),
     ("compute x all chunk/atom bin/1d x lower 1 bound y 0 1\n", "bound y, but the slices are along x"),

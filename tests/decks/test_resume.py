@@ -247,7 +247,7 @@ def test_an_interruption_near_the_end_can_be_resumed_or_changes_nothing(tmp_path
     deck, whole, found = put(tmp_path / "in.tiny", f"{TINY.partition('compute m')[0]}run 4\n"), tmp_path / "whole", set[int]()
     with signal_at(0, 0) as calls:
         assert main(arguments(deck, whole, "Reference")) == 0
-    for call in range(calls[0] - 60, calls[0] + 1, 4):
+    for call in range(calls[0] - 240, calls[0] + 1, 15):
         out = tmp_path / f"out-{call}"
         found.add(status := interrupted(call, signal.SIGINT, arguments(deck, out, "Reference")))
         assert status in (0, 130) and (out / "checkpoint").exists() == (status == 130)

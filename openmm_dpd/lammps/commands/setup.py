@@ -86,7 +86,8 @@ def atom_style(state: DeckState, args: list[str]) -> None:
             style = "molecular"
         styles.append(read.choice(style, "the atom style", list(ATOM_STYLES)))
         if style == "tdpd":
-            words, rest = read.taken(rest, 1, "atom_style tdpd")
+            read.count(rest[:1], "atom_style tdpd N", 1, 1)
+            words, rest = rest[:1], rest[1:]
             state.n_species = read.integer(words[0], "the number of species", 1)
         if style in REDUCED and state.units.name != "lj":
             raise ParameterError(f"atom_style {style} needs units lj, but the deck's are {state.units.name}")
