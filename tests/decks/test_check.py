@@ -31,6 +31,10 @@ DECKS = {
     "nothing": (START + RUN, []),
     "after what is refused": (START + "nonsense 1\nthermo -1\n" + RUN + "more\n", [(9, "nonsense"), (10, "thermo"), (12, "more")]),
     "no run": (START, [(None, "run")]),
+    "a box and what fills it": (
+        START.replace("create_box 2 box", "lattice fcc 100\ncreate_box 2 nobox\ncreate_atoms 1 box\nreplicate 9 9 9") + RUN,
+        [(4, "create_box")],
+    ),
     "a fix and what names it": (START + "fix a all foo 1\nfix b all ave/time 1 1 1 f_a\nunfix a\n" + RUN, [(9, "fix foo")]),
     "a compute and what names it": (
         START + "compute a all foo\nthermo_style custom step c_a bar temp v_b\nthermo_modify temp a\nvariable c equal 2*c_a\n"

@@ -113,6 +113,10 @@ class Findings:
             self.note(f"this jump was followed {MOST_ROUNDS} times and no more: its loop is longer, ends by values of runs, or never does")
         return self._rounds[at] < MOST_ROUNDS
 
+    def passes_over(self, command: str) -> bool:
+        """Whether a command would fill the large box that stands for the deck's."""
+        return command in ("create_atoms", "replicate") and bool(self._lost & {"box", "lattice"})
+
     def refuse(self, line: Line, words: list[str], error: DeckError) -> list[str]:
         """Take an error of a line with these words; return words of the line that can be tried without the one that was refused."""
         command = words[0] if words else line.text.split()[0]

@@ -238,6 +238,8 @@ def carried_out(deck: DeckState, words: list[str]) -> Iterator[RunRequest]:
             raise ParameterError(f"{name}: {INSTEAD[name]}")
         if name not in COMMANDS:
             raise ParameterError(f"unknown or unsupported command '{name}'{read.near(name, COMMANDS)}")
+        if deck.findings is not None and deck.findings.passes_over(name):
+            continue
         yield from COMMANDS[name](deck, args) or ()
 
 
