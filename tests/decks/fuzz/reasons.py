@@ -20,6 +20,7 @@ EXPECTED: tuple[tuple[str | None, str | None, str | None, str], ...] = (
     (None, r"Fix momentum group has no atoms", None, "nothing is taken out of no beads"),
     (None, r"Failed to reorder neighbor lists", None, "LAMMPS asks for reports of this one"),
     (None, r"Cannot reset timestep with active dump", None, "frames are counted anew here"),
+    (None, r"coord/atom cutoff is longer than pairwise cutoff", None, "neighbours are counted at any distance here"),
     (None, r"exceeds ghost atom range|requires ghost atoms store velocity", None, "there are no ghosts here"),
     (None, r"Lost atoms|Non-numeric|simulation unstable", None, "beads that fly apart: each program has its own bound"),
 )

@@ -55,9 +55,10 @@ def published(draw: Draw) -> Deck:
     def number(found: re.Match) -> str:
         low, high = map(float, found[1].split(","))
         value = draw.real(low, high)
-        return draw.word(int(value) if "step" in found.string[:10] else value)
+        return draw.word(int(value) if "step" in found.string[:10] else value).lstrip("+")
 
-    said = draw.some(list(MORE), 0, 3)
+    # LAMMPS's compute group/group has no energies of mdpd
+    said = draw.some([words for words in MORE if "mdpd" not in plain.text or "group/group" not in words], 0, 3)
     more = [re.sub(r"\{(.*?)\}", number, part.strip()) for words in said for part in words.split(";")]
     factor = draw.uniform(0.7, 1.0)
     for line in plain.text.splitlines():
