@@ -181,6 +181,12 @@ DECKS = {
     **{f"shares {base}": (base, SHARES) for base in ("dpd", "predicted", "transverse", "two thermostats", "mdpd", "frozen")},
     "dumps": ("chains", DUMPS),
     "chunks": ("chains", CHUNKS),
+    # neighbours are hidden where both factors are 0
+    "hidden neighbours": (
+        "chains",
+        "special_bonds lj 0 0 1 coul 1 0 1\nneigh_modify every 1 delay 0 check no\ncompute co all coord/atom cutoff 0.8\n"
+        "compute r all reduce sum c_co\ncompute g all rdf 8 cutoff 0.9\nthermo_style custom step c_r c_g[5][3] c_g[7][3] c_g[8][3]\n",
+    ),
     "neighbours": ("chains", NEIGHBOURS.replace("fix h3", "variable speed atom vx^2-vz\nfix h3")),
     "shares chains": (
         "chains",

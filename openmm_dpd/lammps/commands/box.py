@@ -16,8 +16,9 @@ from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
 from ..values.resolver import present
+from ..values.structure_computes import hidden_pairs
 from .beads import subset
-from .joining import Placement, check_special, hidden_pairs
+from .joining import Placement, check_special
 from .moving import values_of_variable
 from .setup import COMMANDS, command
 

@@ -10,6 +10,7 @@ from ..files.molecule_file import MoleculeTemplate, Ranmar, read_molecule
 from ..language import arguments as read
 from ..state.atoms import Atoms
 from ..state.deck_state import DeckState
+from ..values.structure_computes import hidden_pairs
 from .setup import command
 
 #: Options of molecule with an offset of the types: whose types.
@@ -131,12 +132,6 @@ def _many(state: DeckState, words: list[str]) -> np.ndarray:
     kept = (r >= low) & (first[i] & second[j] | first[j] & second[i])
     pairs = sorted(set(zip(i[kept].tolist(), j[kept].tolist(), strict=True)) - hidden_pairs(state))
     return np.array([(kind, ids[a], ids[b]) for a, b in pairs], dtype=np.int64).reshape(-1, 3)
-
-
-def hidden_pairs(state: DeckState) -> set[tuple[int, int]]:
-    """Pairs of beads (indices i < j) that LAMMPS's neighbour lists leave out: bonded neighbours with factors 0."""
-    shells = bonded_neighbours(state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2), len(state.atoms))
-    return {pair for k, pairs in shells.items() if not state.special[k - 1] and not state.special_charges[k - 1] for pair in pairs}
 
 
 @command("delete_bonds group style ...", 2, None, box=True)

@@ -63,14 +63,16 @@ def _longest_cutoff(moment: DeckMoment) -> float:
     return max(cutoffs)
 
 
-def _excluded(state: DeckState) -> np.ndarray:
-    """Bonded neighbours excluded from the pair list, as i * N + j with i < j."""
-    n = len(state.atoms)
-    if not len(state.bonds) or 0.0 not in state.special:
-        return np.zeros(0, dtype=np.int64)
-    ends = state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2)
-    found = bonded_neighbours(ends, n)
-    return np.array([i * n + j for k, factor in enumerate(state.special, start=1) if factor == 0 for i, j in found[k]], dtype=np.int64)
+def hidden_pairs(state: DeckState) -> set[tuple[int, int]]:
+    """Pairs of beads (indices i < j) that LAMMPS's neighbour lists leave out: bonded neighbours with factors 0."""
+    shells = bonded_neighbours(state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2), len(state.atoms))
+    return {pair for k, pairs in shells.items() if not state.special[k - 1] and not state.special_charges[k - 1] for pair in pairs}
+
+
+def _hidden(state: DeckState, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Which of the pairs i < j are :func:`hidden_pairs`."""
+    n, found = len(state.atoms), hidden_pairs(state)
+    return np.isin(i * n + j, np.array([a * n + b for a, b in found], dtype=np.int64))
 
 
 def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
@@ -83,7 +85,7 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
     member = np.flatnonzero(state.group(compute.group))
     types = state.atoms.types[member]
     i, j, r = pairs_within(moment.folded[0][member], None, box.reduced_vectors, reach)
-    kept = ~np.isin(member[i] * len(state.atoms) + member[j], _excluded(state))
+    kept = ~_hidden(state, member[i], member[j])
     i, j, r = i[kept], j[kept], r[kept]
     bins = (r * (1 / (reach / settings.bins))).astype(np.int64)
     inside = bins < settings.bins
@@ -210,7 +212,7 @@ def _neighbours(moment: DeckMoment, reach: float) -> tuple[np.ndarray, np.ndarra
     if any(state.periodic) != all(state.periodic):
         raise ParameterError("neighbours of beads are counted in boxes that are periodic along all axes, or along none")
     i, j, r = pairs_within(moment.folded[0], None, moment.box.vectors if all(state.periodic) else None, reach)
-    kept = (r < reach) & ~np.isin(i * len(state.atoms) + j, _excluded(state))
+    kept = (r < reach) & ~_hidden(state, i, j)
     return i[kept], j[kept]
 
 
