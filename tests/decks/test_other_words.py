@@ -11,7 +11,7 @@ from fuzz.trial import Trial
 from test_commands_live import BEADS, FRAMES, RUN
 
 from openmm_dpd.base.errors import DeckError
-from openmm_dpd.lammps import check_deck, read_deck
+from openmm_dpd.lammps import RunOptions, check_deck, read_deck, run_deck
 
 SYSTEM = BEADS.format(units="lj", box="block -1 3 0 4 0 5")
 #: What stands in a deck, and what LAMMPS is given in its place.
@@ -238,3 +238,14 @@ def test_hybrid_atom_styles_and_their_data_files(trial, settings):
     deck.stages = [(text + "write_data now.data nocoeff\n").splitlines() for text in texts]
     outcome = trial.of_deck(0, "words", deck)
     assert outcome.kind == "agree", outcome.message
+
+
+def test_each_run_is_reported_in_its_own_units(tmp_path):
+    text = (
+        SYSTEM.replace("comm_modify", "timestep 0.01\nmass * 1\ncomm_modify", 1)
+        + "pair_style zero 0.4\npair_coeff * *\nfix 1 all nve\nrun 1\n"
+    )
+    runs = run_deck(put(tmp_path / "in.deck", f"{text}clear\n{text.replace('units lj', 'units real')}"), RunOptions(platform="Reference"))[
+        "runs"
+    ]
+    assert [run["dt"] for run in runs] == pytest.approx([0.01, 0.01])

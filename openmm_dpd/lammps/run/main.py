@@ -299,14 +299,14 @@ def _picture(path: Path, results: list[RunResult]) -> None:
     elapsed = 0.0
     for result in (result for result in results if result.steps_done):
         request = result.request
-        dt = request.dt / state.units.time
+        dt = request.dt / result.units.time
         times = [elapsed + (step - request.first_step) * dt for step in result.steps_done]
         elapsed = times[-1]
         boundaries.append(elapsed)
         columns["time"] += times
         for name in drawn:
             columns[name] += result.rows[name]
-        target += [kT / state.units.thermal_energy for kT in result.target_kT]
+        target += [kT / result.units.thermal_energy for kT in result.target_kT]
         counted += [row >= result.start() for row in range(len(times))]
     labels = {panel: state.units.unit_names.get(dimension, "") for panel, dimension in PANELS.items()}
     thermo_picture(path, columns, runs=boundaries[:-1], target=target, counted=counted, labels=labels, title=state.path.name)

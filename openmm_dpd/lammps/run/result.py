@@ -7,6 +7,7 @@ import numpy as np
 
 from ...base.errors import DeckError, ParameterError
 from ...base.stats import MIN_BLOCKS, block_average, equilibrated, ratio_average
+from ...base.units import UnitSystem
 from ...measure import Sample
 from ...measure.temperature import temperature_warning
 from ...runtime import get_threads
@@ -24,6 +25,7 @@ class RunResult:
     precision: str
     discard: int | None  #: Steps excluded from averages if the run is at least as long; None means those before equilibrium
     words: tuple[str, ...]
+    units: UnitSystem = field(init=False)  #: Those of the run, though the deck may have others after a later ``clear``
     seconds: float = 0.0  #: Wall time of stepping and thermo, without compilation, trajectory and pictures
     steps_taken: int = 0  #: Number of steps carried out
     stopped: str | None = None  #: Why the run ended early; None if it did not
@@ -42,14 +44,17 @@ class RunResult:
     #: Warning about the mean temperature, see :func:`openmm_dpd.measure.temperature.temperature_warning`.
     temperature_warning: str | None = None
 
+    def __post_init__(self):
+        self.units = self.request.state.units
+
     def add(self, step: int, values: dict[str, float], measured: Sample, target_kT: float) -> None:
         """Append a row."""
         self.steps_done.append(step)
         for word, value in values.items():
             self.rows.setdefault(word, []).append(value)
         self.target_kT.append(target_kT)
-        units, dimension = self.request.state.units, self.request.state.dimension
-        self.kinetic_kT.append(measured.kT * 3 / dimension)
+        units = self.units
+        self.kinetic_kT.append(measured.kT * (3 / self.request.state.dimension))
         self.momentum = float(np.abs(measured.momentum).max()) / units.mass / units.velocity
         if measured.laplacian is not None:
             self.conf.append((measured.gradient2, measured.laplacian))
@@ -89,7 +94,7 @@ class RunResult:
 
     def check_temperature(self, target_kT: float, dof: int) -> None:
         """Compare the mean temperature with the target."""
-        kelvin = self.request.state.units.thermal_energy
+        kelvin = self.units.thermal_energy
         # temperature_warning uses the second half of these
         rows = [kT / kelvin for kT in self.kinetic_kT[self.start() if self.discard else 0 :]]
         self.temperature_warning = temperature_warning(rows, target_kT / kelvin, dof)
@@ -98,7 +103,7 @@ class RunResult:
         """The average configurational temperature, and why it, or its error, is missing."""
         if self.no_laplacian is not None:
             return None, self.no_laplacian
-        kelvin = self.request.state.units.thermal_energy
+        kelvin = self.units.thermal_energy
         gradient2, laplacian = np.array(self.conf).T
         counted = laplacian[start:]
         if len(counted) and not counted.any():
@@ -131,7 +136,7 @@ class RunResult:
         summary: dict[str, Any] = {
             "steps": self.steps_taken,
             "stopped": self.stopped,
-            "dt": request.dt / request.state.units.time,
+            "dt": request.dt / self.units.time,
             "seconds_per_step": self.seconds / self.steps_taken if self.steps_taken else None,
             "averages_from": next(iter(self.steps_done[self.start() :]), None),
             "thermo": self.averages(),
@@ -173,7 +178,7 @@ def results_json(results: list[RunResult]) -> dict:
     runs = [result.summary() for result in results]
     return {
         "natoms": len(last.request.state.atoms),
-        "units": last.request.state.units.name,
+        "units": last.units.name,
         "scheme": last.request.scheme,
         "platform": last.platform,
         "precision": last.precision,

@@ -194,7 +194,7 @@ class DeckRunner:
         kept = {
             "run": _fingerprint(request),
             "memory": recorded(request.state),
-            "result": {name: value for name, value in vars(result).items() if name != "request"},
+            "result": {name: value for name, value in vars(result).items() if name not in ("request", "units")},
             "notes": self._notes,
             "trajectory": self.trajectory and self.trajectory.progress,
         }
