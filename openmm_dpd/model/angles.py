@@ -113,7 +113,22 @@ class CosineDeltaAngles(Angles):
 
 @dataclass(frozen=True, eq=False)
 class CosineSquaredAngles(Angles):
-    """U = k (cos theta - cos theta0)^2 (LAMMPS: ``angle_style cosine/squared``); parameters as of :class:`CosineDeltaAngles`."""
+    """U = k (cos theta - cos theta0)^2 (LAMMPS: ``angle_style cosine/squared``).
+
+    Parameters
+    ----------
+    triples : (K, 3) array of int
+        Bead indices from 0, with the vertex in the middle.
+    k : energy, or (K,) array
+        Stiffness, kJ/mol, >= 0.
+    theta0 : angle, or (K,) array
+        Rest angle; a bare number is in radians.
+
+    Raises
+    ------
+    ParameterError
+        If shapes differ, a value is out of bounds or an angle names a bead twice.
+    """
 
     triples: np.ndarray
     k: np.ndarray
