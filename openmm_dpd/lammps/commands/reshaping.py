@@ -8,11 +8,11 @@ from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..state.box import Box
 from ..state.deck_state import DeckState
+from ..state.deforming import PARTS
 from .box import set_box
 from .setup import boundary, command
 
-#: Edges and tilts, with the axis in whose lattice spacings they are; and the number of values of what is done to an edge.
-_PARTS = {"x": 0, "y": 1, "z": 2, "xy": 0, "xz": 0, "yz": 1}
+#: Number of values of what is done to an edge.
 _WAYS = {"final": 2, "delta": 2, "scale": 1, "volume": 0}
 _OTHERS = {"boundary": 3, "ortho": 0, "triclinic": 0, "set": 0, "remap": 0}
 
@@ -48,7 +48,7 @@ def change_box(state: DeckState, args: list[str]) -> None:
             if way == "volume":
                 values = [_compensating(box, saved, operations, k)]
             elif way != "scale":
-                values = [value * float(spacing[_PARTS[keyword]]) for value in values]
+                values = [value * float(spacing[PARTS[keyword]]) for value in values]
             set_box(state, _changed(box, saved, keyword, way, values))
     box = state.require_box("change_box")
     inside, shifts = box.wrap(state.atoms.positions)
@@ -68,11 +68,11 @@ def _parsed(words: list[str]) -> tuple[list[Operation], str]:
         if keyword == "units":
             (units,), words = read.taken(words, 1, "change_box units")
             continue
-        if keyword in _PARTS:
+        if keyword in PARTS:
             (way,), words = read.taken(words, 1, f"change_box {keyword}")
             read.choice(way, f"the change of {keyword}", list(_WAYS)[: 4 if len(keyword) == 1 else 2])
         else:
-            read.choice(keyword, "a keyword of change_box", [*_PARTS, *_OTHERS, "units"])
+            read.choice(keyword, "a keyword of change_box", [*PARTS, *_OTHERS, "units"])
         size = _OTHERS.get(keyword, 1 if len(keyword) == 2 else _WAYS.get(way, 0))
         values, words = read.taken(words, size, f"change_box {keyword} {way}".rstrip())
         found.append((keyword, way, values))
@@ -81,7 +81,7 @@ def _parsed(words: list[str]) -> tuple[list[Operation], str]:
 
 def _changed(box: Box, saved: Box, keyword: str, way: str, values: list[float]) -> Box:
     """The box with another edge or tilt; ``saved`` is what the change refers to."""
-    low, high, tilt, k = box.low.copy(), box.high.copy(), box.tilt.copy(), _PARTS[keyword]
+    low, high, tilt, k = box.low.copy(), box.high.copy(), box.tilt.copy(), PARTS[keyword]
     if len(keyword) == 2:
         k = ("xy", "xz", "yz").index(keyword)
         if not box.triclinic:
@@ -105,4 +105,4 @@ def _compensating(box: Box, saved: Box, operations: list[Operation], k: int) -> 
     edges = [keyword for keyword, _, _ in operations[first : last + 1]]
     if first == k or len(edges[0]) > 1 or edges[0] in edges[1:]:
         raise ParameterError(f"change_box {operations[k][0]} volume must follow a change of another edge")
-    return float(box.edges[_PARTS[edges[0]]] / saved.edges[_PARTS[edges[0]]]) ** (-1.0 / len(edges[1:]))
+    return float(box.edges[PARTS[edges[0]]] / saved.edges[PARTS[edges[0]]]) ** (-1.0 / len(edges[1:]))

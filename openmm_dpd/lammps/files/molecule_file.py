@@ -1,4 +1,4 @@
-"""MoleculeTemplate files: the template that ``create_atoms ... mol`` and other commands place, and its random orientations."""
+"""Molecule files: the template that ``create_atoms ... mol`` and other commands place, and its random orientations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -273,7 +273,7 @@ class DynamicGroup:
         state = moment.state
         mask = state.group(self.parent).copy()
         if self.region:
-            mask &= state.region(self.region, moment.variable_alone).contains(moment.folded[0])
+            mask &= moment.region(self.region).contains(moment.folded[0])
         if self.variable:
             mask &= moment.bead_values(f"v_{self.variable}") != 0
         state.groups = state.groups | {self.name: mask}

@@ -136,7 +136,7 @@ class Dump:
         """Mask of the beads that are written."""
         mask = moment.state.group(self.group)
         if self.region is not None:
-            mask = mask & moment.state.region(self.region, moment.variable_alone).contains(moment.folded[0])
+            mask = mask & moment.region(self.region).contains(moment.folded[0])
         for word, sign, number in self.thresholds:
             mask = mask & COMPARED[sign](column(moment, word), number)
         return mask

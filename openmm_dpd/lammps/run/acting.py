@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from ...base.errors import RunError
-from ...base.geometry import weighted_sum
 from ...kernels.wall_potentials import WALLS
 from ..state.records import Fix
 from ..values.resolver import Resolver, evaluate_beads
@@ -25,7 +24,7 @@ def target(fix: Fix, moment: Resolver) -> float:
 def _inside(fix: Fix, moment: Resolver, members: np.ndarray) -> np.ndarray:
     """Members in the region of a fix, if it has one."""
     region = fix.parameters.get("region")
-    return members if region is None else members & moment.state.region(region, moment.variable_alone).contains(moment.folded[0])
+    return members if region is None else members & moment.region(region).contains(moment.folded[0])
 
 
 def _values(word: str, moment: Resolver, chosen: np.ndarray) -> np.ndarray | float:
@@ -74,7 +73,7 @@ def _spring(fix: Fix, moment: Resolver, members: np.ndarray, forces: np.ndarray)
     """Between the centre of mass of the group and a point, or that of another group at a distance."""
     given, masses, x = fix.parameters, moment.state.bead_masses(), moment.unwrapped
     groups = [members] if given["other"] is None else [members, moment.state.group(given["other"])]
-    centres = [weighted_sum(masses[mask], x[mask]) / masses[mask].sum() for mask in groups]
+    centres = [moment.state.mass_average(x, mask) for mask in groups]
     place = np.array([np.nan if place is None else place for place in given["place"]])
     way = np.nan_to_num(place - centres[0] if len(groups) == 1 else centres[1] - centres[0] - place)
     length = max(float(np.linalg.norm(way)), 1e-10)
@@ -123,7 +122,7 @@ def _contacts(fix: Fix, moment: Resolver, beads: np.ndarray) -> Iterator[Contact
     """The walls of a fix as beads with these indices see them."""
     given = fix.parameters
     if fix.style == "wall/region":
-        region, x = moment.state.region(given["region"], moment.variable_alone), moment.folded[0][beads]
+        region, x = moment.region(given["region"]), moment.folded[0][beads]
         if region.distances is None or not region.contains(x).all():
             raise RunError(f"fix {fix.name} ({fix.style}): beads are behind the wall, or the region has none any more")
         for r, normal in region.distances(x):

@@ -11,6 +11,7 @@ from ...base.units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
 from .records import COUPLED, NO_SLIDE, Compute, DeckSample, Slide, Window as Window
+from .regions import Region
 
 
 class DeckMoment(ABC):
@@ -111,6 +112,10 @@ class DeckMoment(ABC):
     def energy(self, name: str) -> float:
         """An energy of the sample in the deck's units."""
         return self.need(name) / self.units.energy
+
+    def region(self, name: str) -> Region:
+        """The region with this name, with the values that its variables have at this moment."""
+        return self.state.region(name, self.variable_alone)
 
     @property
     def coupled(self) -> float:

@@ -241,7 +241,7 @@ def chunk_numbers(moment: DeckMoment, compute: Compute, kept: Bins | None = None
     positions, _ = moment.folded
     counted = moment.state.group(compute.group)
     if binning.region is not None:
-        counted = counted & moment.state.region(binning.region, moment.variable_alone).contains(positions)
+        counted = counted & moment.region(binning.region).contains(positions)
     if binning.word is not None:
         numbers, bins = binning.of_values(moment.bead_values(binning.word), counted, moment.box.volume)
         return np.where(numbers < (kept or bins).count, numbers, -1), kept or bins

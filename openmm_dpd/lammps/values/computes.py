@@ -257,7 +257,7 @@ def _reduced(moment: DeckMoment, compute: Compute) -> np.ndarray:
     else:
         mask = moment.state.group(compute.group)
         if region is not None:
-            mask = mask & moment.state.region(region, moment.variable_alone).contains(moment.folded[0])
+            mask = mask & moment.region(region).contains(moment.folded[0])
         found = [moment.bead_values(word)[mask] for word in words] if mask.any() else [np.zeros(0)] * len(words)
     return np.array([_MODES[mode](values) if len(values) else _OF_NONE.get(mode, 0.0) for values in found])
 

@@ -205,7 +205,7 @@ class Resolver(DeckMoment):
             raise ParameterError(f"the second argument of {function} is x, y or z, not '{arguments[1]}'")
         mask = self.state.group(arguments[0])
         if len(arguments) > needed:
-            mask = mask & self.state.region(arguments[-1], self.variable_alone).contains(self.folded[0])
+            mask = mask & self.region(arguments[-1]).contains(self.folded[0])
         return mask
 
     def _bound(self, positions: np.ndarray, arguments: list[str]) -> float:
