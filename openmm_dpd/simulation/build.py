@@ -12,7 +12,7 @@ from ..base.names import ALONE
 from ..base.platforms import platform_here
 from ..io.trajectory import openmm_topology
 from ..kernels.elementary import without_last_bits
-from ..kernels.moment import NO_GUIDE, Guide, StepSpec
+from ..kernels.moment import Guide, StepSpec
 from ..kernels.shear import add_flow, rate_at
 from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms
@@ -78,7 +78,7 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     function = _pair_function(plan) if options.kernel and program is not None and not execution.on_device else None
     system = scene_system(plan, integrator, function)
     if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
-        integrator.whole = WholeSteps(function, options.pair_group, guide or NO_GUIDE)
+        integrator.whole = WholeSteps(function, options.pair_group, guide)
     if isinstance(integrator, PairIntegrator) and function is not None and plan.spec.fields is not None and plan.spec.fields.acts:
         integrator.shown_to = function
     if plan.spec.fields is not None:

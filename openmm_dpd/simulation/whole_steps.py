@@ -22,15 +22,15 @@ from .fields import field_variables, per_dof, raw_fields, raw_rates
 from .integrators import PairIntegrator
 
 
-def guide_variables(guide: Guide) -> list[str]:
+def guide_variables(guide: Guide | None) -> list[str]:
     """Global variables of an integrator with what a guide keeps from step to step."""
-    return [f"{shared.GUIDE}{k}" for k in range(len(guide.numbers))]
+    return [] if guide is None else [f"{shared.GUIDE}{k}" for k in range(len(guide.numbers))]
 
 
 class WholeSteps:
     """Does whole steps of one System; ``function`` is the callable of its pair force in ``pair_group``, ``guide`` acts within the steps."""
 
-    def __init__(self, function: PairForceFunction, pair_group: int, guide: Guide = NO_GUIDE):
+    def __init__(self, function: PairForceFunction, pair_group: int, guide: Guide | None = None):
         self.function, self.pair_group, self.guide = function, pair_group, guide
         self._still = np.flatnonzero(function.spec.inv_mass == 0.0)
         self._moving = np.flatnonzero(function.spec.inv_mass) if len(self._still) else slice(None)
@@ -70,7 +70,7 @@ class WholeSteps:
             x, box = self.function.positions(state), self.function.box(state)
             del state
             moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, own)
-            moment.number, moment.guide = count, self.guide
+            moment.number, moment.guide = count, self.guide or NO_GUIDE
 
             def forces(m: Moment, done: int) -> np.ndarray:
                 if done:

@@ -3,6 +3,7 @@
 foreign_forces.py has the cells and what must come of each.
 """
 
+import copy
 import itertools
 
 import foreign_forces as cells
@@ -371,11 +372,12 @@ def test_forces_can_come_and_go_between_steps(scheme, platform, conservative):
 
 
 @pytest.mark.parametrize("scheme", OWN)
+@pytest.mark.parametrize("way", [openmm.XmlSerializer.clone, copy.copy, copy.deepcopy], ids=["XML", "copy", "deepcopy"])
 @HOST
-def test_a_serialized_system_takes_a_force(scheme, platform):
-    """System and integrator travel as XML, and the System gets its force on the way."""
+def test_copies_of_a_system_and_its_integrator_take_a_force(scheme, platform, way):
+    """They travel as XML, or are copied, and the System gets its force on the way."""
     built = dpd.build(pushed(), dt=DT, scheme=scheme, platform=platform, seed=3)
-    system, integrator = openmm.XmlSerializer.clone(built.system), openmm.XmlSerializer.clone(built.integrator)
+    system, integrator = way(built.system), way(built.integrator)
     push(system, FORCE, 7)
     simulation = app.Simulation(built.topology, system, integrator, openmm.Platform.getPlatformByName(platform))
     place(simulation.context, built.positions, built.velocities)
