@@ -215,6 +215,11 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "npt": deck(before="unfix move\nfix move all npt temp 1.0 1.0 0.5 iso 20.0 20.0 1.0 tchain 2"),
         "nvt": deck(before="unfix move\nfix move all nvt temp 1.0 0.5 0.1 tchain 2\n" + averaged("f_move", "f_move[3]")),
         "nve/limit": deck(before="unfix move\nfix move all nve/limit 0.01\n" + averaged("f_move")),
+        "move": deck(
+            before="group one type 1\ngroup two type 2\nunfix move\nfix move one nve\nvariable v atom 0.1*vx\n"
+            "fix turn two move variable NULL v_v NULL v_v NULL NULL",
+            between="unfix turn\nfix turn two move wiggle 0.1 NULL 0.1 0.3 units box",
+        ),
         "langevin": deck(before="fix bath all langevin 1.0 1.0 0.5 42 tally yes zero yes\n" + averaged("f_bath")),
         "viscous": deck(before="fix slow all viscous 0.5 scale 2 3.0"),
         "temp/rescale": deck(before="fix heat all temp/rescale 2 2.0 1.0 0.01 0.5\n" + averaged("f_heat")),

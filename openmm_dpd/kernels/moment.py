@@ -98,8 +98,9 @@ class Guide:
     def limit(self, m: "Moment") -> None:
         """Change velocities after a kick."""
 
-    def place(self, m: "Moment", step: int) -> None:
-        """Put beads that do not move by themselves where they are at this step of the Context."""
+    def place(self, m: "Moment", seen: np.ndarray) -> None:
+        """Put beads that do not move by themselves where they are once all have drifted, and set their velocities, also ``seen``, those
+        that friction sees."""
 
     def end(self, m: "Moment") -> None:
         """Change velocities at the end of a step."""

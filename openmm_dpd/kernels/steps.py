@@ -358,8 +358,8 @@ class StepLoop:
             guide.limit(m)
         fast = motion.move_accelerated(*flat, 0.0 if guide.limits else 0.5 * dt, dt, self._limit(m) if m.flow is None else np.inf)
         self._slide(m, 0.0, AFTER, *moving)
-        guide.place(m, m.number + 1)
         self._reflect(m, *moving)
+        guide.place(m, moving[0])
         self._warm(m)
         m.counter += 1
         v = m.v if predicted is None else predicted

@@ -373,7 +373,6 @@ REFUSED: dict[str, tuple[str, ...]] = {
     "fix deform x": ("fluid sheared in another plane",),
     "'bond/create'": ("chains that grow",),
     "'bond/break'": ("bonds that break",),
-    "'move'": ("plates that move",),
     "'viscosity'": ("viscosity by exchange of momentum",),
     "'coul/": (
         "clay with soft charges",

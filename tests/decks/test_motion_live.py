@@ -51,6 +51,19 @@ DECKS = {
     "fix_modify a energy yes\n" + words("a", *ALONE),
     "addforce every": f"fix a g addforce 3 2 1 every 3\n{FRAMES}{RUN}",
     "setforce region": f"{SPHERE}fix a all setforce 0 NULL 0.5 region s\n" + words("a", *ALONE[1:]),
+    **{
+        f"move {way}": f"{OFF}fix 1 g nve\nfix l rest move {way} units box\n{FRAMES}{RUN}{RUN}"
+        for way in (
+            "linear 3.5 -2 1.5",
+            "linear 3.5 NULL -1.5",
+            "wiggle 0.3 NULL -0.2 0.13",
+            "rotate 1 2 2 1 2 -1 0.31",
+            "transrot 2 -3 1 1 2 2 1 2 -1 0.31",
+        )
+    },
+    "move variable": "variable x equal 2*swiggle(0,0.3,0.2)\nvariable v equal 2*cwiggle(0,0.3,0.2)\nvariable u atom 0.2*x+0.1*vx\n"
+    f"{OFF}fix 1 g nve\nfix l rest move variable v_x NULL v_x v_v v_u NULL\n{FRAMES}{RUN}{RUN}",
+    "move predicted": f"{OFF}fix 1 g mvv/dpd 0.65\nfix l rest move linear 3.5 NULL -1.5\n{FRAMES}{RUN}",
     "aveforce": f"{SPHERE}fix d g gravity 0.5 chute 30\nfix a g aveforce 1 NULL -2\nfix b all aveforce 0 0 0 region s\n"
     + words("a", *ALONE[1:]),
     "efield": "set group g charge 1.5\nset group rest charge -0.5\nvariable q equal step\nfix a all efield 0.2 v_q -0.3\n"
@@ -103,7 +116,7 @@ def test_both_programs_write_the_same(trial, name):
         units=units, box="block -1 3 0 4 -0.5 0.5" if flat else "block -1 3 0 4 0 5"
     )
     start = start.replace("atom_modify", "dimension 2\natom_modify") if flat else start
-    style = {"efield": "charge", "predicted": "mdpd"}.get(name, "atomic")
+    style = {"efield": "charge", "predicted": "mdpd", "move predicted": "mdpd"}.get(name, "atomic")
     start = start.replace("atom_modify", f"atom_style {style}\natom_modify")
     if "rest" in body and OFF not in body:
         body = OFF.replace("unfix 1\n", "") + body
@@ -171,6 +184,13 @@ WRONG = {
     "region r block 0 1 0 1 0 1\nregion u union 2 r r\nfix l all wall/region u harmonic 1 1 1": "must be the inside or outside of",
     "fix l all viscous 1\nfix_modify l energy yes": "has no energy here",
     "fix l all viscous 1\nfix_modify l virial yes": "virial yes is not supported",
+    "unfix 1\nfix l all move rotate 0 0 0 0 0 0 1": "the axis of rotation is zero",
+    "unfix 1\nfix l all move variable 1 NULL NULL NULL NULL NULL": "a variable of fix move",
+    "unfix 1\nfix l all move linear 1 0 0\ntimestep 0.02": "timestep is not possible while fix l .move.",
+    "fix l all move linear 1 0 0": "is moved by fix 1 already",
+    "unfix 1\nfix l all move linear 1 0 0\ncreate_atoms 1 single 2 2 2\ngroup g id 1:11\nfix l g move linear 1 0 0\n"
+    "create_atoms 1 single 2 2 4\ngroup g type 1": "has beads that were made later",
+    "unfix 1\nfix 2 g nve\ngroup rest subtract all g\nfix l rest move linear 1 0 0\nfix 2 g npt temp 1 1 1 iso 1 1 1": "style nve; unfix",
     "variable v equal c_x\nfix l g addforce v_v 0 0": "there is no compute 'x'",
 }
 

@@ -72,7 +72,13 @@ def unfix(state: DeckState, args: list[str]) -> None:
 
 @command("timestep dt", 1)
 def timestep(state: DeckState, args: list[str]) -> None:
+    _check_clock(state, "timestep")
     state.set_timestep(read.positive(args[0], "the time step") * state.units.time)
+
+
+def _check_clock(state: DeckState, command: str) -> None:
+    for found in state.fixes_of("move"):
+        raise ParameterError(f"{command} is not possible while fix {found.name} (move) moves beads by the clock; unfix it first")
 
 
 @command("reset_timestep N [time T]", 1, 3)
@@ -82,6 +88,7 @@ def reset_timestep(state: DeckState, args: list[str]) -> None:
     averages = [found.name for found in state.fixes.values() if isinstance(found.parameters.get("reader"), AveragingFix)]
     if averages and step != state.step:
         raise ParameterError(f"reset_timestep is not possible while fix {', '.join(averages)} counts steps; unfix it first")
+    _check_clock(state, "reset_timestep")
     if step < state.step:
         state.time_origin = (0.0, step)  # going back resets the clock to 0, going forward advances it
     state.step = step

@@ -133,10 +133,49 @@ def _spring(state: DeckState, group: str, words: list[str]) -> dict:
 def _spring_self(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group spring/self K [xyz|xy|xz|yz|x|y|z]", 1, 2)
     axes = read.choice(words[1], "the axes of fix spring/self", ("xyz", "xy", "xz", "yz", *AXES)) if len(words) > 1 else "xyz"
-    ids, images = state.atoms.ids, state.atoms.images
-    start = state.require_box("fix spring/self").unwrap(state.atoms.positions, images)[np.argsort(ids)]
     k = read.positive(words[0], "the spring constant")
-    return {"k": k, "axes": [axis in axes for axis in AXES], "ids": np.sort(ids), "start": start}
+    return {"k": k, "axes": [axis in axes for axis in AXES], **_starts(state)}
+
+
+def _starts(state: DeckState) -> dict:
+    """Where the beads are, unwrapped, by their ids."""
+    ids, x = state.atoms.ids, state.require_box("a fix").unwrap(state.atoms.positions, state.atoms.images)
+    return {"ids": np.sort(ids), "start": x[np.argsort(ids)]}
+
+
+#: Words of fix move by style: how many of them are lengths along the axes, or these over a time, how many may be NULL, and which move beads
+#: out of a plane.
+_MOVES: dict[str, tuple[str, int, int, tuple[int, ...]]] = {
+    "linear": ("Vx Vy Vz", 3, 3, (2,)),
+    "wiggle": ("Ax Ay Az period", 3, 3, (2,)),
+    "rotate": ("Px Py Pz Rx Ry Rz period", 3, 0, (3, 4)),
+    "transrot": ("Vx Vy Vz Px Py Pz Rx Ry Rz period", 6, 0, (2, 6, 7)),
+    "variable": ("v_dx v_dy v_dz v_vx v_vy v_vz", 0, 6, (2, 5)),
+}
+
+
+def _move(state: DeckState, group: str, words: list[str]) -> dict:
+    way = read.choice(words[0] if words else "", "the style of fix move", list(_MOVES))
+    names, scaled, optional, across = _MOVES[way]
+    mine, rest = read.taken(words[1:], len(names.split()), f"fix move {way} {names}")
+    scale = np.resize(state.spacing(read.single(rest, "fix move", units="lattice")["units"]), scaled)
+    values: list = [None if word == "NULL" and k < optional else word for k, word in enumerate(mine)]
+    if way == "variable":
+        for word in filter(None, values):
+            component(state, word if word.startswith("v_") else "a number", "move", what="a variable")
+        held = [values[k] is not None or values[k + 3] is not None for k in range(3)]
+    else:
+        values = [np.nan if word is None else read.number(word, f"a value of fix move {way}") for word in values]
+        values[:scaled] = [value * unit for value, unit in zip(values, scale.tolist(), strict=False)]
+        held = [not np.isnan(value) for value in values[:3]]
+        if way != "linear":
+            read.positive(mine[-1], "the period of fix move")
+        if "R" in names and not any(values[-4:-1]):
+            raise ParameterError(f"fix move {way}: the axis of rotation is zero")
+    if state.dimension == 2 and any(isinstance(values[k], str) or np.nan_to_num(values[k] or 0) for k in across):
+        raise ParameterError("fix move: in two dimensions beads stay in the plane")
+    values = [0.0] * 3 + values if way == "rotate" else values
+    return {"way": way, "step": state.step, "values": values, "held": held, **_starts(state)}
 
 
 #: Coefficients of the walls with a potential, before the cutoff.
@@ -186,6 +225,7 @@ def _wall_region(state: DeckState, group: str, words: list[str]) -> dict:
 ACTING_STYLES: dict[str, Callable[..., dict]] = {
     "nvt": nose_hoover,
     "nve/limit": _limit,
+    "move": _move,
     **{"temp/rescale": _rescale, "temp/berendsen": _berendsen, "langevin": _langevin, "viscous": _viscous},
     **{style: partial(_force, fix=style) for style in _FORCE_OPTIONS},
     **{"spring": _spring, "spring/self": _spring_self, "wall/region": _wall_region},

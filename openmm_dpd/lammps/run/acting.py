@@ -27,7 +27,7 @@ def _inside(fix: Fix, moment: Resolver, members: np.ndarray) -> np.ndarray:
     return members if region is None else members & moment.region(region).contains(moment.folded[0])
 
 
-def _values(word: str, moment: Resolver, chosen: np.ndarray) -> np.ndarray | float:
+def formula_values(word: str, moment: Resolver, chosen: np.ndarray) -> np.ndarray | float:
     """Value of a component: a number, or one for each of the chosen beads."""
     try:
         return float(word)
@@ -49,12 +49,12 @@ def _add(fix: Fix, moment: Resolver, members: np.ndarray, forces: np.ndarray) ->
     before, added = forces[chosen].sum(axis=0), np.zeros((int(chosen.sum()), 3))
     for k, word in enumerate(fix.parameters["force"]):
         if word != "0":
-            added[:, k] = factor * _values(word, moment, chosen)
+            added[:, k] = factor * formula_values(word, moment, chosen)
     forces[chosen] += added
     if fix.style == "gravity":
         return None
     energy = fix.parameters.get("energy")
-    work = -np.sum(added * moment.unwrapped[chosen]) if energy is None else np.sum(_values(energy, moment, chosen))
+    work = -np.sum(added * moment.unwrapped[chosen]) if energy is None else np.sum(formula_values(energy, moment, chosen))
     return [float(work), *(added.sum(axis=0) if fix.style == "efield" else before)]
 
 
@@ -65,7 +65,7 @@ def _set(fix: Fix, moment: Resolver, members: np.ndarray, forces: np.ndarray) ->
     mean = before / max(int(chosen.sum()), 1) if fix.style == "aveforce" else np.zeros(3)
     for k, word in enumerate(fix.parameters["force"]):
         if word != "NULL":
-            forces[chosen, k] = mean[k] + _values(word, moment, chosen)
+            forces[chosen, k] = mean[k] + formula_values(word, moment, chosen)
     return [0.0, *before]
 
 
@@ -84,10 +84,18 @@ def _spring(fix: Fix, moment: Resolver, members: np.ndarray, forces: np.ndarray)
     return [0.5 * given["k"] * longer**2, *pull, float(np.copysign(np.linalg.norm(pull), longer))]
 
 
+def starts(fix: Fix, moment: Resolver, members: np.ndarray) -> np.ndarray:
+    """Unwrapped places (n, 3) that beads had when a fix was defined.  DeckError if there are new ones."""
+    ids, wanted = fix.parameters["ids"], moment.state.atoms.ids[members]
+    rows = np.searchsorted(ids, wanted)
+    if np.any(np.append(ids, -1)[rows] != wanted):
+        raise fix.error("its group has beads that were made later; define it again")
+    return fix.parameters["start"][rows]
+
+
 def _tether(fix: Fix, moment: Resolver, members: np.ndarray, forces: np.ndarray) -> list[float]:
     given = fix.parameters
-    start = given["start"][np.searchsorted(given["ids"], moment.state.atoms.ids[members])]
-    away = np.where(given["axes"], moment.unwrapped[members] - start, 0.0)
+    away = np.where(given["axes"], moment.unwrapped[members] - starts(fix, moment, members), 0.0)
     forces[members] -= given["k"] * away
     return [0.5 * given["k"] * float(np.sum(away**2))]
 

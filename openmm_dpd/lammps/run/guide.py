@@ -2,13 +2,15 @@
 
 import numpy as np
 
+from ...base.errors import RunError
 from ...kernels import chain
 from ...kernels.moment import Guide, Moment
 from ..language.lexer import errors_at
 from ..scene.flow import guided
-from ..state.records import COUPLED, Compute, DeckSample, Fix
+from ..state.records import COUPLED, GUIDED, Compute, DeckSample, Fix
 from ..values.resolver import Resolver
 from .acting import FORCES, acted_on, target
+from .prescribed import moved
 from .request import RunRequest
 
 
@@ -39,7 +41,7 @@ class DeckGuide(Guide):
         ends = np.cumsum([0, *(len(fix.parameters["numbers"]) for fix in kept)]).tolist()
         self._places = {fix.name: slice(*ends[k : k + 2]) for k, fix in enumerate(kept)}
         self._masses, self._pushes = state.bead_masses(), bool(state.fixes_of(*FORCES))
-        self.what = "fixes " + ", ".join(dict.fromkeys(fix.style for fix in state.fixes_of(*FORCES, *COUPLED, "nve/limit")))
+        self.what = "fixes " + ", ".join(dict.fromkeys(fix.style for fix in state.fixes_of(*GUIDED)))
         self.changed: np.ndarray | None = None  #: What was added to the velocities at the end of the last step
         x, v = state.atoms.positions * state.units.length, state.atoms.velocities * state.units.velocity
         moment = Resolver(state, DeckSample(request.first_step, positions=x, velocities=v), request.window)
@@ -56,6 +58,14 @@ class DeckGuide(Guide):
                 numbers[:] = 0.0  # each run counts anew
             fix.parameters["numbers"] = numbers.ravel().tolist()
         self.numbers = tuple(number for fix in kept for number in fix.parameters["numbers"])
+        self._moves = state.fixes_of("move")
+        #: Positions and velocities that they prescribe, and which components have either
+        self._prescribed, self._held = np.full((2, *x.shape), np.nan), np.zeros(x.shape, dtype=bool)
+        for fix in self._moves:
+            with errors_at(fix.where, f"fix {fix.name}: "):
+                moved(fix, moment)
+            self._held[state.group(fix.group)] = fix.parameters["held"]
+        self._moved = np.logical_or.reduce([state.group(fix.group) for fix in self._moves])
         limits = state.fixes_of("nve/limit")
         self.limits, self._most = bool(limits), np.full((len(x), 1), np.inf)
         for fix in limits:
@@ -73,20 +83,25 @@ class DeckGuide(Guide):
         return Resolver(self.state, DeckSample(self.request.first_step + step, positions=m.x, velocities=v, box=m.box), self.request.window)
 
     def begin(self, m: Moment) -> None:
-        """Half a step of the Nose-Hoover chains."""
+        """Half a step of the Nose-Hoover chains; velocities that fix move prescribes, from positions before beads drift."""
         self._chains(m, m.number + 1)
+        for fix in self._moves:
+            moment, members = self._moment(m, m.number + 1, m.v), self.state.group(fix.group)
+            x, v = moved(fix, moment)
+            self._prescribed[:, members] = x * moment.units.length, v * moment.units.velocity
+        self._place(m.v, 1)
 
     def forces(self, m: Moment, v: np.ndarray, force: np.ndarray, step: int) -> np.ndarray:
         """All forces, as the fixes have changed them."""
         if not self._pushes:
-            return force
+            return np.where(self._held, 0.0, force) if self._moves else force
         unit, moment = self.state.units.force, self._moment(m, step, v)
         found, _ = acted_on(moment, force / unit)
         for fix in self.state.fixes_of("langevin") if step == 0 else ():
             energy = m.numbers[self._places[fix.name]]
             energy[1] = self._given(fix, moment)
             energy[0] = 0.5 * energy[1]
-        return found * unit
+        return np.where(self._held, 0.0, found * unit)
 
     def _given(self, fix: Fix, moment: Resolver) -> float:
         """Energy that fix langevin gives to the beads in a step with the present forces and velocities, if it counts."""
@@ -104,6 +119,20 @@ class DeckGuide(Guide):
         m.v[fast] *= (self._most / np.maximum(speeds, 1e-300))[fast]
         for fix in self.state.fixes_of("nve/limit"):
             m.numbers[self._places[fix.name]] += np.count_nonzero(fast & self.state.group(fix.group))
+
+    def _place(self, values: np.ndarray, which: int) -> None:
+        np.copyto(values, self._prescribed[which], where=~np.isnan(self._prescribed[which]))
+
+    def place(self, m: Moment, seen: np.ndarray) -> None:
+        """Beads of fix move where they are; velocities of such beads are not predicted."""
+        if not self._moves:
+            return
+        self._place(m.x, 0)
+        self._place(m.v, 1)  # walls may have changed them
+        seen[self._moved] = m.v[self._moved]
+        box = self.state.require_box("fix move")
+        if not all(box.periodic) and not (inside := box.holds(box.wrap(m.x[self._moved] / self.state.units.length)[0])).all():
+            raise RunError(f"fix move: bead {self.state.atoms.ids[self._moved][np.argmin(inside)]} leaves the box")
 
     def end(self, m: Moment) -> None:
         """Half a step of the Nose-Hoover chains, then the other thermostats."""

@@ -15,7 +15,7 @@ from ..language.expressions import CONSTANTS, FUNCTIONS, Formula, evaluate
 from ..language.lexer import errors_at
 from ..language.variables import Variables
 from ..state.deck_state import DeckState
-from ..state.records import ACTING_FIXES, COUPLED, FORCE_FIXES, Fix
+from ..state.records import ACTING_FIXES, FORCE_FIXES, GUIDING, Fix
 
 #: Words that have one value for all beads of a type.
 BEAD_CONSTANTS = ("type", "mass")
@@ -101,7 +101,7 @@ class Driving:
 
 def guided(state: DeckState) -> bool:
     """Whether some fix acts within steps in a way that no force of OpenMM can; then all fixes that change forces do."""
-    if state.fixes_of(*ACTING_FIXES, *COUPLED, "nve/limit"):
+    if state.fixes_of(*GUIDING):
         return True
     fixes = state.fixes_of(*FORCE_FIXES)
     used = (name for fix in fixes for word in words(fix) if word != "NULL" for name in names_in(word, state.variables))
@@ -216,8 +216,11 @@ def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
             closed |= {f"{axis}{end}": fix.name for axis in AXES for end in ("lo", "hi")}
         closed |= dict.fromkeys(fix.parameters.get("faces", ()), fix.name)
     soft = set(closed)
+    moved = np.zeros_like(mobile)  # whatever walls there are
+    for fix in state.fixes_of("move"):
+        moved |= state.group(fix.group) & all(fix.parameters["held"])
     for fix in state.fixes_of("wall/reflect"):
-        if np.any(mobile & ~state.group(fix.group)):
+        if np.any(mobile & ~moved & ~state.group(fix.group)):
             raise fix.error(f"some mobile beads are not in group {fix.group}; here, walls reflect all of them")
         for face, position in fix.parameters["faces"].items():
             if face in closed and face not in soft:

@@ -10,7 +10,7 @@ from ..state.records import COUPLED, Fix, PressureControl
 from .flow import still_beads
 
 #: Fixes that move beads.
-INTEGRATORS = ("nve", "nve/limit", "nvt", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph", "npt")
+INTEGRATORS = ("nve", "nve/limit", "nvt", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph", "npt", "move")
 #: Pair styles whose friction and noise fix shardlow applies.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
 #: Pair styles with a bead field that only one fix advances: that fix, and the field.
@@ -40,7 +40,7 @@ def integration(state: DeckState) -> Integration:
             raise fix.error(f"bead {bead} is moved by fix {others} already; a bead can be in one integrating fix only")
         mobile |= group
         owners.append(fix)
-    weights = {fix.parameters["lambda"] for fix in owners}
+    weights = {fix.parameters["lambda"] for fix in owners if fix.style != "move"}
     if len(weights) > 1:
         raise owners[-1].error(f"fixes with different lambda ({', '.join(f'{w:g}' for w in sorted(weights))}) cannot be combined")
     if not owners:
@@ -90,6 +90,8 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
     fixes = [fix for fix in owners if fix.style in ("nph", "npt")]
     if not fixes:
         return None
+    for fix in state.fixes_of("move"):
+        raise fix.error(f"its beads cannot follow the box of fix {fixes[0].name} ({fixes[0].style})")
     if not all(state.periodic):
         raise fixes[0].error("constant pressure needs a box that is periodic along all axes")
     if len(fixes) > 1:

@@ -37,8 +37,9 @@ ACTING_FIXES = (
 )
 #: Fixes that take energy from beads or give it to them; thermo word ``ecouple`` is its sum.
 COUPLED = ("nvt", "npt", "temp/rescale", "temp/berendsen", "langevin")
-#: All fixes that a guide of whole steps may carry out.
-GUIDED = (*FORCE_FIXES, *ACTING_FIXES, *COUPLED, "nve/limit")
+#: Fixes that only a guide of whole steps carries out, and all that one may.
+GUIDING = (*ACTING_FIXES, *COUPLED, "nve/limit", "move")
+GUIDED = (*FORCE_FIXES, *GUIDING)
 #: Values of fixes by style: whether there is a scalar, the length of the vector (None: it varies), and whether that is a sum over beads.
 FIX_VALUES: dict[str, tuple[bool, int | None, bool]] = {
     **{"addforce": (True, 3, True), "setforce": (False, 3, True), "aveforce": (False, 3, True), "efield": (True, 3, True)},

@@ -18,7 +18,14 @@ MORE = {
     "variable swing equal {0,1}*cos({1,9}*step*dt); fix push all addforce v_swing 0 0": "f_push[1]",
     "fix drag all viscous {0.1,3}": "",
     "fix still all momentum 2 linear 1 1 0": "",
-    "group odd id 1:60:2; fix slide odd move linear {-0.5,0.5} NULL {-0.5,0.5} units box": "",
+    **{
+        f"group odd id 1:60:2; group even subtract all odd; unfix move; fix move even nve; fix slide odd move {way} units box": ""
+        for way in (
+            "linear {-0.5,0.5} NULL {-0.5,0.5}",
+            "wiggle {0,0.1} {0,0.1} NULL {0.1,0.5}",
+            "rotate {1,3} {1,3} {1,3} {1,2} {-2,-1} 0 {1,3}",
+        )
+    },
     "compute each all stress/atom NULL; compute sum all reduce sum c_each[1] c_each[2] c_each[4]": "c_sum[1] c_sum[2] c_sum[3]",
     "compute each all stress/atom NULL pair; compute top all reduce max c_each[1] c_each[6]": "c_top[1] c_top[2]",
     "compute each all pe/atom; compute sum all reduce sum c_each": "c_sum",
