@@ -184,6 +184,9 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "ke/atom": deck(before="compute c all ke/atom\ncompute r all reduce sumsq c_c\n" + averaged("c_r")),
         "reduce/region": deck(before="region r block 0 1 0 3 0 3 units box\ncompute c all reduce/region r max vx y\n" + averaged("c_c[*]")),
         "property/local": deck("bonds", "compute c all property/local aatom2 atype\ndump d all local 2 d.txt c_c[1]"),
+        "pair/local": deck(
+            "bonds", "compute c all pair/local dist force\ncompute i all property/local patom1\ndump d all local 2 d.txt c_i c_c[*]"
+        ),
         "bond/local": deck("bonds", "compute c all bond/local dist force\ndump d all local 2 d.txt index c_c[*]"),
         "angle/local": deck("bonds", "compute c all angle/local eng\ncompute r all reduce max c_c inputs local\n" + averaged("c_r")),
         "dihedral/local": deck("dihedrals", "compute c all dihedral/local phi\ndump d all local 2 d.txt c_c"),

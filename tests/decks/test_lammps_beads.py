@@ -133,8 +133,6 @@ RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
 
 @cases(
     "text, message",
-    (RUN + "reset_atoms id\n", "reset_atoms id: the new ids in LAMMPS depend on how it sorted"),
-    (RUN + "group few id 1\ndelete_atoms group few\n", "keep the ids with 'compress no'"),
     ("reset_atoms id sort yes\n", "sort yes is not supported"),
     ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
     ("reset_atoms image\n", "reset_atoms image is not supported"),
@@ -144,9 +142,13 @@ def test_ids_that_lammps_would_give_otherwise(tmp_path, text, message):
     raises(DeckError, message, lambda: read_deck(put(tmp_path / "in.deck", TWENTY + text)))
 
 
-def test_without_sorting_the_order_stays_known(tmp_path):
-    found = read_deck(put(tmp_path / "in.unsorted", "atom_modify sort 0 0.0\n" + TWENTY + RUN + GAPS + "reset_atoms id\n")).atoms.positions
-    np.testing.assert_array_equal(found, state_of(tmp_path, TWENTY + GAPS + "reset_ids\n").atoms.positions)
+@pytest.mark.parametrize("command", ["reset_atoms id", "group last id 20\ndelete_atoms group last compress yes"])
+@pytest.mark.parametrize("sorting", ["", "atom_modify sort 0 0.0\n"])
+def test_new_ids_after_a_run_follow_the_order_of_before(tmp_path, sorting, command):
+    """Which is LAMMPS's only where it does not sort; otherwise a note says so."""
+    found = read_deck(put(tmp_path / "in.deck", f"{sorting}{TWENTY}{RUN}{GAPS}{command}\n"))
+    np.testing.assert_array_equal(found.atoms.positions, state_of(tmp_path, f"{TWENTY}{GAPS}{command}\n").atoms.positions)
+    assert any("LAMMPS, which sorts beads by position" in note for note in found.notes) == (not sorting)
 
 
 def test_masses_by_range(tmp_path):

@@ -176,16 +176,54 @@ dump d all custom 2 f.d id c_cl c_fr c_fs c_ag c_co c_co2[*] f_st[*] f_st2 v_dsp
 dump_modify d sort id
 thermo_style custom step c_v[*] c_r[*] c_r2[*] c_gg c_gg[1] c_gg[2] c_gi c_gi[3] c_gs c_gs[1] v_d v_sl v_mx c_dr[*]
 """
+PAIRS = """neigh_modify every 1 delay 0 check no
+labelmap atom 1 C-a.2
+variable own atom type==label2type(atom,C-a.2)+is_typelabel(atom,Cb)
+compute p all pair/local dist dx dy dz eng force fx fy fz
+compute pg ga pair/local eng cutoff type
+compute i all property/local patom1 patom2 ptype1 ptype2 cutoff type
+compute s all reduce sum c_p[1] c_p[5] c_p[6] c_pg inputs local
+compute o all reduce sum v_own
+variable v vector 2*c_thermo_press
+variable w vector [1,2.5]
+fix v all ave/time 1 2 2 v_v c_thermo_press mode vector file f.v
+fix w all ave/time 1 1 2 v_w mode vector file f.w
+fix h all ave/histo 1 1 1 0 1 5 c_p[1] c_p[6] mode vector kind local file f.h
+dump p all local 1 f.pairs c_i[*] c_p[*]
+dump l all custom 2 f.l id typelabel type
+dump_modify p format float %.10g
+dump_modify l sort id
+thermo_style custom step c_s[*] c_o
+"""
+TWO_STYLES = """pair_style hybrid/overlay dpd 0.0 1.0 3 lj/cut 0.8
+pair_coeff * * dpd 25 4.5
+pair_coeff 1 * lj/cut 0.1 0.4
+pair_coeff 2 2 lj/cut 0 0.4
+"""
 #: By name: how the deck begins, and what it measures.
 DECKS = {
     **{f"shares {base}": (base, SHARES) for base in ("dpd", "predicted", "transverse", "two thermostats", "mdpd", "frozen")},
     "dumps": ("chains", DUMPS),
+    "pairs chains": ("chains", PAIRS),
+    "pairs of two styles": ("dpd", TWO_STYLES + PAIRS.replace("atom 1", "atom 1 A 2")),
     "chunks": ("chains", CHUNKS),
     # neighbours are hidden where both factors are 0
     "hidden neighbours": (
         "chains",
         "special_bonds lj 0 0 1 coul 1 0 1\nneigh_modify every 1 delay 0 check no\ncompute co all coord/atom cutoff 0.8\n"
-        "compute r all reduce sum c_co\ncompute g all rdf 8 cutoff 0.9\nthermo_style custom step c_r c_g[5][3] c_g[7][3] c_g[8][3]\n",
+        "compute r all reduce sum c_co\ncompute g all rdf 8 cutoff 0.9\n"
+        "thermo_style custom step c_r c_g[5][3] c_g[7][3] c_g[8][3]\n",
+    ),
+    "neighbours beside exclusions": (
+        "chains",
+        "neigh_modify exclude molecule/intra ga\nneigh_modify exclude group ga all\n"
+        + NEIGHBOURS.replace(
+            "thermo_style custom",
+            "compute g all rdf 5 cutoff 0.9\ncompute p all pair/local dist\ncompute s all reduce sum c_p inputs local\n"
+            "thermo_style custom c_s c_g[2][3] c_g[5][3]",
+        )
+        .replace("thermo_style custom c_s c_g[2][3] c_g[5][3] step", "thermo_style custom step c_s c_g[2][3] c_g[5][3]")
+        .replace("fix h3", "variable speed atom vx^2-vz\nfix h3"),
     ),
     "neighbours": ("chains", NEIGHBOURS.replace("fix h3", "variable speed atom vx^2-vz\nfix h3")),
     "shares chains": (
@@ -199,9 +237,22 @@ DECKS = {
 }
 
 
+def in_order(text: str) -> str:
+    """A file of pairs, each from its smaller id to the larger one, in the order of these."""
+    blocks = []
+    for block in text.split("ITEM: TIMESTEP\n")[1:]:
+        head, _, body = block.partition("ENTRIES c_")
+        rows = np.array([row.split() for row in body.splitlines()[1:]], float)
+        turned = rows[:, 0] > rows[:, 1]
+        rows[turned] = (rows[turned] * np.array([1.0] * 5 + [-1.0] * 3 + [1.0] * 2 + [-1.0] * 3))[:, [1, 0, 3, 2, *range(4, 13)]]
+        blocks += [head, *map(str, rows[np.lexsort((rows[:, 1], rows[:, 0]))].ravel())]
+    return " ".join(blocks)
+
+
 def same_words(one: Path, other: Path) -> None:
     """Files of words and numbers agree."""
     texts = [gzip.open(path, "rt").read() if path.suffix == ".gz" else path.read_text() for path in (one, other)]
+    texts = [in_order(text) for text in texts] if one.suffix == ".pairs" else texts
     there, here = (text.split() for text in texts)
     assert len(there) == len(here), one.name
     for k, (a, b) in enumerate(zip(there, here, strict=True)):
@@ -312,6 +363,9 @@ run 2
         ("dump i all local 2 i.txt id", "a column of dump local must be one of index"),
         ("dump i all custom 2 i.txt id\ndump_modify i thresh x ~ 2", "the sign of dump_modify thresh"),
         ("compute c all property/local batom1 aatom1", "are of different kinds"),
+        ("compute c all pair/local dist cutoff radius", "cutoff must be one of type"),
+        ("variable a equal label2type(atom,W)\nprint $(v_a)", "there is no label of atom types 'W'"),
+        ("dump i all custom 2 i.txt typelabel", "not all atom types have a label; use labelmap"),
         ("compute c all chunk/atom bin/sphere 1 1 1 2 1 3", "the largest radius 1 is not above"),
         ("compute c all chunk/atom mol", "compute chunk/atom style 'mol' is not supported"),
         ("compute v all ke/atom\ncompute c all chunk/atom c_v ids once", "ids must be every"),

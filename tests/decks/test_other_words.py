@@ -18,6 +18,7 @@ SYSTEM = BEADS.format(units="lj", box="block -1 3 0 4 0 5")
 OLD = {
     "suffixes": ("pair_style dpd/omp 0 1.2 3", "pair_style dpd 0 1.2 3"),
     "communicate": ("communicate single vel yes", "comm_modify mode single vel yes"),
+    "porosity": ("delete_atoms porosity all NULL 0.3 77 compress no", "delete_atoms random fraction 0.3 no all NULL 77 compress no"),
     "ave/spatial": (
         "fix s g ave/spatial 1 2 4 x lower 1.1 z lower 2 vx density/number units box ave running file s.txt",
         "compute s_spatial g chunk/atom bin/2d x lower 1.1 z lower 2 units box\n"
@@ -132,7 +133,7 @@ def test_one_note_for_each(tmp_path):
         + "balance 1 shift x 1 1\nrun 0\n"
     )
     notes = [found.message for found in check_deck(put(tmp_path / "in.deck", "clear\n" + SYSTEM + text)) if found.kind == "note"]
-    expected = "atom_modify neigh_modify styles communicate comm_modify fix balance"
+    expected = "atom_modify neigh_modify styles communicate comm_modify delete_atoms fix balance"
     assert sorted(note.partition(" ")[0] for note in notes) == sorted(expected.split()), notes
 
 

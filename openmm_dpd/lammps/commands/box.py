@@ -199,7 +199,7 @@ def _overlapping(state: DeckState, words: list[str]) -> np.ndarray:
     """Beads of the first group closer to one of the second than the distance, in the order of LAMMPS's memory, unless that one is gone."""
     first, second = state.group(words[1]), state.group(words[2])
     if np.any(first & second):
-        _check_standing(state, "delete_atoms overlap", "use two groups without a common bead")
+        _note_order(state, "delete_atoms overlap")
     state.settle("delete_atoms overlap")
     box, distance = state.require_box("delete_atoms"), read.positive(words[0], "the distance of overlap")
     i, j, r = pairs_within(state.atoms.positions - box.low, None, box.reduced_vectors, distance)
@@ -262,7 +262,7 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     # LAMMPS assigns new ids only in atom styles without molecules, in the order of beads in its memory
     compress = read.switch(options["compress"], "compress") and not state.has_atom_style(*BONDED_STYLES)
     if compress:
-        _check_standing(state, "delete_atoms", "keep the ids with 'compress no'")
+        _note_order(state, "delete_atoms")
     state.atoms.vacate(doomed)
     kept = np.flatnonzero(~doomed)
     if compress:
@@ -273,12 +273,12 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
         state.atoms.ids = np.arange(1, len(kept) + 1)
 
 
-def _check_standing(state: DeckState, command: str, remedy: str) -> None:
-    """Raise ParameterError unless the order of beads in LAMMPS's memory is known."""
+def _note_order(state: DeckState, command: str) -> None:
+    """Say so where the order of beads in LAMMPS's memory is not known."""
     if state.reordered:
-        raise ParameterError(
-            f"{command}: the new ids in LAMMPS depend on how it sorted the beads by position during a run; {remedy}, "
-            "or turn sorting off with 'atom_modify sort 0 0.0' before the first run"
+        state.note(
+            f"{command} follows the order in which the beads were made; LAMMPS, which sorts beads by position during a run, has another "
+            "order unless 'atom_modify sort 0 0.0' precedes the first run"
         )
 
 
@@ -290,7 +290,7 @@ def reset_atoms(state: DeckState, args: list[str]) -> None:
     read.choice(args[0], "the property of reset_atoms", ("id",))
     if read.switch(read.single(args[1:], "reset_atoms id", sort="no")["sort"], "sort"):
         raise ParameterError("reset_atoms id sort yes is not supported: ids would depend on LAMMPS's spatial bins; use sort no")
-    _check_standing(state, "reset_atoms id", "leave it out")
+    _note_order(state, "reset_atoms id")
     if any(compute.style == "msd" for compute in state.computes.values()):
         raise ParameterError("reset_atoms id: a compute msd stores the positions of beads; define it afterwards")
     state.settle("reset_atoms id")

@@ -8,7 +8,7 @@ from ...base.errors import ParameterError
 from ...base.files import append_block, write_whole
 from ..files.data_file import ARRAYS, JOINED, DataFile, data_lines, styles_of
 from ..language import arguments as read
-from ..output.dumps import BINARY, COLUMNS, COMPARED, PICTURES, STYLES as DUMP_STYLES, Dump
+from ..output.dumps import BINARY, COLUMNS, COMPARED, PICTURES, STYLES as DUMP_STYLES, TEXTS, Dump
 from ..output.pictures import MODIFIED, parse_picture, picture_name
 from ..output.thermo import STYLES as THERMO_STYLES, check_format, check_word
 from ..state.deck_state import DeckState
@@ -219,7 +219,7 @@ def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, f
     if style.endswith("/gz") and not file.endswith(".gz"):
         raise ParameterError(f"dump {style} '{file}': the name of the file must end with .gz")
     style, columns, picture = style.removesuffix("/gz"), list[str](), None
-    allowed, local = (*COLUMNS, *(["element"] if style == "custom" else [])), style == "local"
+    allowed, local = (*COLUMNS, *(TEXTS if style == "custom" else ())), style == "local"
     if style in ("custom", "local"):
         read.count(words, f"dump ID group {style} N file column ...", 1, None)
         columns = list(expanded(state, words))
@@ -230,6 +230,8 @@ def _new_dump(state: DeckState, name: str, group: str, style: str, every: int, f
         file = picture_name(state, style, file)
     else:
         read.count(words, f"dump ID group {style} N file", 0)
+    if "typelabel" in columns and len(state.labels.get("atom", ())) < state.n_types:
+        raise ParameterError(f"dump {style} typelabel: not all atom types have a label; use labelmap")
     for word in columns:
         if word != "index" or not local:
             check_bead_word(state, word, allowed if not local else ("index",), f"a column of dump {style}", local)
@@ -340,7 +342,7 @@ def _dump_format(found: Dump, word: str, form: str) -> None:
         check_format(re.sub(r"%-?\d*s", "%d", form), len(found.columns))
     elif word not in ("int", "float", *found.columns):
         raise ParameterError(f"dump_modify format: expected line, int, float, a column or its number, not '{word}'")
-    elif word != "element":
+    elif word not in TEXTS:
         check_format(form, of=word if word in ("int", "float") else None)
     found.formats[word] = form
 

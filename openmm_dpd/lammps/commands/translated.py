@@ -52,9 +52,16 @@ def _ave_spatial(state: DeckState, words: list[str]) -> list[list[str]]:
     ]
 
 
+def _porosity(state: DeckState, words: list[str]) -> list[list[str]]:
+    """``delete_atoms porosity group region fraction seed ...`` as ``random``."""
+    (*place, fraction, seed), rest = read.taken(words[2:], 4, "delete_atoms porosity")
+    return [["delete_atoms", "random", "fraction", fraction, "no", *place, seed, *rest]]
+
+
 #: Older commands and styles: what they are called, and their lines in the present words.
 _OLDER: dict[tuple[str, str], tuple[str, Callable[[DeckState, list[str]], list[list[str]]]]] = {
     ("communicate", ""): ("comm_modify mode", lambda state, words: [["comm_modify", "mode", *words[1:]]]),
+    ("delete_atoms", "porosity"): ("delete_atoms random fraction", _porosity),
     ("fix", "ave/spatial"): ("compute chunk/atom and fix ave/chunk", _ave_spatial),
 }
 
@@ -66,11 +73,12 @@ def translated(state: DeckState, words: list[str]) -> list[list[str]]:
         state.note("styles with the suffixes of LAMMPS's accelerators (/omp, /gpu, /intel, /kk, /opt) are the plain ones here")
         words = [_SUFFIX.sub("", word) if k in places else word for k, word in enumerate(words)]
     words = _numbered(state, words) if state.labels else words
-    older = _OLDER.get((words[0], "")) or _OLDER.get((words[0], "".join(words[3:4])))
-    if older is None:
+    key = next((key for key in ((words[0], ""), *((words[0], word) for word in words[1:4:2])) if key in _OLDER), None)
+    if key is None:
         return [words]
-    state.note(f"{' '.join([words[0], *words[3:4]][: 1 + (words[0] == 'fix')])} is read as {older[0]}, its name in present LAMMPS")
-    return older[1](state, words)
+    present, lines = _OLDER[key]
+    state.note(f"{' '.join(key).rstrip()} is read as {present}, its name in present LAMMPS")
+    return lines(state, words)
 
 
 def _numbered(state: DeckState, words: list[str]) -> list[str]:

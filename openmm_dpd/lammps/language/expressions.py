@@ -122,8 +122,8 @@ FUNCTIONS: dict[str, tuple[int, Operation]] = {
 
 
 T = TypeVar("T")
-#: Group functions: their arguments are names, not formulas.
-GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound")
+#: Functions of groups and of labels of types: their arguments are names, not formulas.
+GROUP_FUNCTIONS = ("count", "mass", "charge", "xcm", "vcm", "ke", "bound", "label2type", "is_typelabel")
 #: Functions of all values of a vector, whose argument is its name.
 VECTOR_FUNCTIONS: dict[str, Callable[[np.ndarray], float]] = {
     **{"sum": lambda x: float(np.sum(x)), "min": lambda x: float(np.min(x)), "max": lambda x: float(np.max(x))},
@@ -287,7 +287,7 @@ class Formula(Expression):
 
     def function(self, token: str) -> float:
         if token in GROUP_FUNCTIONS:
-            return self.resolver.group(token, self.listed(lambda: self.take()[1]))
+            return self.resolver.group(token, self.listed(self.word))
         if token in VECTOR_FUNCTIONS:
             self.expect("(")
             index = self.index() if (word := self.take()[1]) and self.peek()[1] == "[" else None
@@ -304,6 +304,13 @@ class Formula(Expression):
         if token in FUNCTIONS:
             return getattr(FUNCTIONS[token][1], self.kind)(*arguments)
         return self.resolver.call(token, arguments)
+
+    def word(self) -> str:
+        """A name, up to the next comma or parenthesis; labels have other characters, too."""
+        found = self.take()[1]
+        while self.peek()[1] not in (",", ")", ""):
+            found += self.take()[1]
+        return found
 
     def listed(self, one: Callable[[], T], marks: str = "()") -> list[T]:
         """Parse comma-separated items between parentheses, or two other marks."""

@@ -30,7 +30,7 @@ class TimeAverage(AveragingFix):
         words, options = split_values(args[3:], ("c_", "f_", "v_"), {"off": 1, "mode": 1, "start": 1, "append": 1, "format": 1}, "ave/time")
         vector = read.choice(options.get("mode", ["scalar"])[0], "mode", ("scalar", "vector")) == "vector"
         words = expanded(state, words, tables=vector)
-        rows = {_rows(state, word) for word in words} if vector and words else {None}
+        rows = {_rows(state, word) for word in words} - {None} if vector else set()
         if len(rows) > 1:
             raise ParameterError(f"fix ave/time mode vector: {' '.join(words)} have different lengths ({', '.join(map(str, rows))})")
         if not (vector and words):
@@ -42,13 +42,13 @@ class TimeAverage(AveragingFix):
         header = [f"# Time-averaged data for fix {name}", f"# TimeStep {' '.join(words)}"]
         if vector:
             header[1:] = ["# TimeStep Number-of-rows", f"# Row {' '.join(words)}"]
-        size = rows.pop()
+        size = rows.pop() if rows else None
         # by word and row; as in LAMMPS this is decided once, when the fix is defined
         self._extensive = [[is_extensive(state, place) for place in _places(word, size)] for word in words]
         super().__init__(state, name, Schedule(*intervals("ave/time", args[:3]), state.step, start), options, header)
         self.words, self._off, self._vector, n = words, off, vector, len(words)
         self.shape = (*([size] if vector else []), *([n] if n > 1 else []))
-        self.what = f"the fix averages {n} {'vector' if vector else 'value'}{'s' * (n > 1)}" + f" of {size} values" * vector
+        self.what = f"the fix averages {n} {'vector' if vector else 'value'}{'s' * (n > 1)}" + f" of {size or 'some'} values" * vector
         self.values = np.zeros([length or 0 for length in self.shape])
         self.forget()
 
@@ -59,10 +59,15 @@ class TimeAverage(AveragingFix):
         if not self._vector:
             return np.array(moment.number(word))
         kind, name, indices = reference(word)
+        if kind == "v":
+            return moment.vector(word)
         return moment.fix_vector(name) if kind == "f" else moment.compute_vector(name, *indices)
 
     def sample(self, moment: Resolver) -> None:
-        values = np.stack([self._read(moment, word) for word in self.words], axis=-1)
+        found = [self._read(moment, word) for word in self.words]
+        if len(sizes := {len(each) for each in found} | ({len(self._sum)} if self._count else set()) if self._vector else ()) > 1:
+            raise ParameterError(f"fix {self.name} (ave/time mode vector): the lengths of vectors differ or change: {sizes}")
+        values = np.stack(found, axis=-1)
         self._sum = values if not self._count else self._sum + values
         self._count += 1
         self._latest = values[..., self._off]
@@ -71,7 +76,7 @@ class TimeAverage(AveragingFix):
         values = self._window.add(self._sum / self._count)
         # values given by off are not averaged: take those of this step
         values[..., self._off] = self._latest
-        self.values = values.reshape(self.values.shape)
+        self.values = values.reshape([length or -1 for length in self.shape])
         self.report = {"step": moment.step}
         for word, column in zip(self.words, np.moveaxis(values, -1, 0), strict=True):
             self.report[word] = column.tolist()
@@ -88,17 +93,21 @@ class TimeAverage(AveragingFix):
         self.check_index(*indices)
         row = indices[0] - 1 if self._vector else 0
         word = indices[self._vector] - 1 if len(indices) > self._vector else 0
-        return self._extensive[word][row]
+        return self._extensive[word][min(row, len(self._extensive[word]) - 1)]
 
 
 def _places(word: str, rows: int | None) -> list[str]:
     """References to the single values of a word; the columns of a table all have the same properties."""
-    return [word] if rows is None else [word if "[" in word else f"{word}[{k}]" for k in range(1, rows + 1)]
+    if rows is None or word.startswith("v_"):
+        return [word]
+    return [word if "[" in word else f"{word}[{k}]" for k in range(1, rows + 1)]
 
 
-def _rows(state: DeckState, word: str) -> int:
-    """Length of the vector that a word names.  ParameterError if it names none."""
+def _rows(state: DeckState, word: str) -> int | None:
+    """Length of the vector that a word names; None of a variable, whose length may change.  ParameterError if it names none."""
     kind, name, indices = reference(word)
+    if kind == "v" and not indices and state.variables.get(name).style == "vector":
+        return None
     if kind == "f":
         average = average_of(state, name)
         if indices or not isinstance(average, (TimeAverage, FixValues)) or not average.size:
@@ -111,7 +120,7 @@ def _rows(state: DeckState, word: str) -> int:
             check_place(compute, spec, 1, indices[0])
             return spec.rows(compute)
     if kind == "v" or indices:
-        raise ParameterError(f"fix ave/time mode vector: expected a compute or fix with a vector (c_id, f_id), not '{word}'")
+        raise ParameterError(f"fix ave/time mode vector: expected c_id, f_id or v_name with a vector, not '{word}'")
     check_word(state, f"c_{name}[1]")
     return count_of(state, "c", name)
 

@@ -45,6 +45,8 @@ COLUMNS = BEAD_WORDS | {
     "procp1": lambda moment: np.ones(len(moment.state.atoms)),
 }
 
+#: Columns of texts, of style custom.
+TEXTS = ("element", "typelabel")
 #: Columns of whole numbers.
 _WHOLE = ("id", "type", "mol", "ix", "iy", "iz", "proc", "procp1")
 #: Comparisons of ``dump_modify thresh``.
@@ -175,9 +177,10 @@ class Dump:
     def _text(self, moment: Resolver) -> str:
         mask = self.chosen(moment)
         types, values = moment.state.atoms.types[mask], []
+        labels = sorted(found := moment.state.labels.get("atom", {}), key=found.__getitem__)
         for name in self.columns:
-            if name == "element":
-                values.append(np.array(self.elements or ["C"] * moment.state.n_types)[types - 1])
+            if name in TEXTS:
+                values.append(np.array(self.elements or ["C"] * moment.state.n_types if name == "element" else labels)[types - 1])
             else:
                 values.append(column(moment, name)[mask].astype(np.int64 if name in _WHOLE else np.float64))
         return self._rows(self._head(moment, int(mask.sum()), "ATOMS"), values)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ...model.pairs import NONE, PairTable
-from ..state.deck_state import DeckState
+from ..state.deck_state import DeckState, pairs_left_out
 
 #: More types than this are rejected: the tables of pairs become large.
 _MOST = 300
@@ -38,14 +38,14 @@ def scene_pairs(state: DeckState, tables: list[PairTable]) -> ScenePairs:
             columns.append(mask if kind == "group" else np.where(mask, state.atoms.molecules, np.iinfo(np.int64).min))
     # types without beads come last, in no group
     spare = np.setdiff1d(np.arange(1, state.n_types + 1), state.atoms.types)
-    found, of_bead = np.unique(np.stack(columns, axis=1).astype(np.int64), axis=0, return_inverse=True)
+    found, first, of_bead = np.unique(np.stack(columns, axis=1).astype(np.int64), axis=0, return_index=True, return_inverse=True)
     if len(found) > _MOST:
         raise ParameterError(
             f"neigh_modify exclude needs {len(found)} kinds of beads that exclude different ones; at most {_MOST} are possible"
         )
-    found = np.concatenate([found, np.pad(spare[:, None], ((0, 0), (0, found.shape[1] - 1)), constant_values=np.iinfo(np.int64).min)])
-    out = _left_out(state.exclusions, found)
-    kinds = found[:, 0].tolist()
+    kinds = [*found[:, 0].tolist(), *spare.tolist()]
+    of_kinds = lambda values: np.append(values[first], np.zeros(len(spare), dtype=values.dtype))  # noqa: E731
+    out = pairs_left_out(state, np.array(kinds), of_kinds, *np.indices((len(kinds), len(kinds))))
     names = [f"{k}.{kinds[:n].count(k)}" if k in kinds[:n] else str(k) for n, k in enumerate(kinds)]
     order = sorted(range(len(names)), key=lambda n: (kinds[n], n))
     made = []
@@ -58,21 +58,3 @@ def scene_pairs(state: DeckState, tables: list[PairTable]) -> ScenePairs:
                     entries[(names[a], names[b])] = NONE if out[a, b] else table.entries[key]
         made.append(PairTable(entries or table.entries))
     return ScenePairs([names[k] for k in of_bead.ravel().tolist()], {names[n]: kinds[n] for n in order}, made)
-
-
-def _left_out(exclusions: list[tuple[str, ...]], found: np.ndarray) -> np.ndarray:
-    """Which pairs of kinds are excluded; ``found`` has a row for each: its type, then a column for each group of the exclusions."""
-    out, at = np.zeros((len(found), len(found)), dtype=bool), 1
-    for kind, *words in exclusions:
-        if kind == "type":
-            first, second = (found[:, 0] == int(word) for word in words)
-        elif kind == "group":
-            first, second = found[:, at] > 0, found[:, at + 1] > 0
-        else:
-            number, member = found[:, at], found[:, at] != np.iinfo(np.int64).min
-            same = number[:, None] == number
-            out |= member[:, None] & member & (same if kind == "molecule/intra" else ~same)
-        if kind in ("type", "group"):
-            out |= first[:, None] & second | second[:, None] & first
-        at += len(words) if kind != "type" else 0
-    return out

@@ -365,3 +365,19 @@ class DeckState:
         for name, values in (fields or {}).items():
             place, unit = places[name]
             setattr(self.atoms, place, np.array(values, dtype=np.float64) / unit)
+
+
+def pairs_left_out(
+    state: DeckState, types: np.ndarray, values: Callable[[np.ndarray], np.ndarray], i: np.ndarray, j: np.ndarray
+) -> np.ndarray:
+    """Which of the pairs i, j ``neigh_modify exclude`` leaves out; ``types`` has their types, ``values`` picks theirs out of those of all
+    beads."""
+    out = np.zeros(np.shape(i), dtype=bool)
+    for kind, *words in state.exclusions:
+        one, other = (types == int(word) if kind == "type" else values(state.group(word)) for word in (words * 2)[:2])
+        found = one[i] & other[j] | one[j] & other[i]
+        if kind.startswith("molecule"):
+            molecules = values(state.atoms.molecules)
+            found &= (molecules[i] == molecules[j]) == (kind == "molecule/intra")
+        out |= found
+    return out

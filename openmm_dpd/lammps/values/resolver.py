@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from ...base.errors import ParameterError
+from ..files.data_file import JOINED
 from ..language import arguments as read
 from ..language.expressions import ATOM_VALUES, Formula, evaluate
 from ..language.lexer import substitute
@@ -178,7 +179,9 @@ class Resolver(DeckMoment):
         return name in self.state.computes and COMPUTES[self.state.computes[name].style].per_bead is not None
 
     def group(self, function: str, arguments: list[str]) -> float:
-        """Value of a group function such as ``count(group)``."""
+        """Value of a group function such as ``count(group)``, or of a function of labels such as ``label2type(atom,W)``."""
+        if function in ("label2type", "is_typelabel"):
+            return self._label(function, *arguments)
         mask = self._members(function, arguments)
         if function == "count":
             return float(mask.sum())
@@ -188,13 +191,19 @@ class Resolver(DeckMoment):
         masses = self.state.bead_masses()[mask]
         if function == "mass":
             return float(masses.sum()) / self.units.mass
-        if not mask.any():
-            raise ParameterError(f"{function}({', '.join(arguments)}): the group has no beads")
         if function == "ke":
             return self.kinetic_of(masses, self.velocities[mask]) / self.units.energy
         if function == "bound":
             return self._bound(self.folded[0][mask], arguments)
         return float(self.state.mass_average(self.velocities if function == "vcm" else self.unwrapped, mask)["xyz".index(arguments[1])])
+
+    def _label(self, function: str, *arguments: str) -> float:
+        """The number of the type with a label; of ``is_typelabel`` whether there is one."""
+        if len(arguments) != 2:
+            raise ParameterError(f"expected {function}(atom|bond|angle|dihedral,label), not {function}({','.join(arguments)})")
+        what, label = arguments
+        labels = self.state.labels.get(read.choice(what, f"the first argument of {function}", ("atom", *JOINED)), {})
+        return float(label in labels if function == "is_typelabel" else read.known(labels, label, f"label of {what} types"))
 
     def _members(self, function: str, arguments: list[str]) -> np.ndarray:
         """Mask of the beads that a group function uses, after a check of its arguments."""
@@ -212,8 +221,8 @@ class Resolver(DeckMoment):
         word = arguments[1]
         if len(word) != 4 or word[0] not in "xyz" or word[1:] not in ("min", "max"):
             raise ParameterError(f"the second argument of bound is xmin, xmax, ymin ..., not '{word}'")
-        column = positions[:, "xyz".index(word[0])]
-        return float(column.min() if word[1:] == "min" else column.max())
+        column = positions[:, "xyz".index(word[0])]  # of no beads as in LAMMPS
+        return float(column.min(initial=1e20) if word[1:] == "min" else column.max(initial=-1e20))
 
     def atom(self, quantity: str, bead: int) -> float:
         """Value of the bead with this id."""

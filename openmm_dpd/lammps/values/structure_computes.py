@@ -15,11 +15,12 @@ from ...base.errors import ParameterError
 from ...base.geometry import pairs_within
 from ...model.bonds import bonded_neighbours
 from ..language import arguments as read
-from ..state.deck_state import DeckState
+from ..state.deck_state import DeckState, pairs_left_out
 from ..state.moment import DeckMoment, Window
 from ..state.records import Compute
 from ..styles.pair_styles import pair_tables
 from .compute_spec import ComputeSpec, no_arguments
+from .local import pairs_of
 from .per_bead import check_carried
 
 
@@ -70,17 +71,16 @@ def hidden_pairs(state: DeckState) -> set[tuple[int, int]]:
 
 
 def _hidden(state: DeckState, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Which of the pairs i < j are :func:`hidden_pairs`."""
+    """Which of the pairs i < j are :func:`hidden_pairs`, or excluded by the deck."""
     n, found = len(state.atoms), hidden_pairs(state)
-    return np.isin(i * n + j, np.array([a * n + b for a, b in found], dtype=np.int64))
+    bonded = np.isin(i * n + j, np.array([a * n + b for a, b in found], dtype=np.int64))
+    return bonded | pairs_left_out(state, state.atoms.types, lambda values: values, i, j)
 
 
 def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
     """Centres of the bins, then g(r) and the number of neighbours up to r for each pair of sets of types."""
     settings: Distribution = compute.settings
     state, box = moment.state, moment.box
-    if state.exclusions:
-        raise ParameterError("compute rdf with neigh_modify exclude is not supported: in LAMMPS excluded pairs do not count")
     reach = settings.cutoff or _longest_cutoff(moment)
     member = np.flatnonzero(state.group(compute.group))
     types = state.atoms.types[member]
@@ -207,8 +207,6 @@ def _parse_neighbours(style: str, state: DeckState, group: str, words: list[str]
 def _neighbours(moment: DeckMoment, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of beads within a distance, but for bonded ones whose factor is 0."""
     state = moment.state
-    if state.exclusions:
-        raise ParameterError("neighbours of beads are not counted beside neigh_modify exclude")
     if any(state.periodic) != all(state.periodic):
         raise ParameterError("neighbours of beads are counted in boxes that are periodic along all axes, or along none")
     i, j, r = pairs_within(moment.folded[0], None, moment.box.vectors if all(state.periodic) else None, reach)
@@ -263,18 +261,15 @@ def _parse_between(state: DeckState, group: str, words: list[str]) -> Between:
 
 def _between(moment: DeckMoment, compute: Compute) -> np.ndarray:
     """Energy, and force on the group, of its pairs with the other group."""
-    state, settings, total = moment.state, compute.settings, np.zeros(4)
+    state, settings = moment.state, compute.settings
     one, other = state.group(compute.group), state.group(settings.group)
-    for beads, values in moment.need("pair_terms"):
-        if beads.shape[1] > 2:
-            raise ParameterError("compute group/group: contacts of bonds (srp) belong to no two beads")
-        i, j = beads.T
-        along, against = one[i] & other[j], one[j] & other[i]
-        if settings.molecule != "off":
-            alike = state.atoms.molecules[i] == state.atoms.molecules[j]
-            along, against = ((each & (alike == (settings.molecule == "intra"))) for each in (along, against))
-        total[0] += values[along | against, 0].sum()
-        total[1:] += values[along, 7:].sum(axis=0) - values[against, 7:].sum(axis=0)
+    beads, values = pairs_of(moment, compute)
+    i, j = beads.T
+    along, against = one[i] & other[j], one[j] & other[i]
+    if settings.molecule != "off":
+        alike = state.atoms.molecules[i] == state.atoms.molecules[j]
+        along, against = ((each & (alike == (settings.molecule == "intra"))) for each in (along, against))
+    total = np.append(values[along | against, 0].sum(), values[along, 1:].sum(axis=0) - values[against, 1:].sum(axis=0))
     return total / ([moment.units.energy] + 3 * [moment.units.force])
 
 
