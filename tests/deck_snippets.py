@@ -223,6 +223,10 @@ SNIPPETS: dict[str, dict[str, str]] = {
             "fix turn two move variable NULL v_v NULL v_v NULL NULL",
             between="unfix turn\nfix turn two move wiggle 0.1 NULL 0.1 0.3 units box",
         ),
+        "adapt": deck(
+            before="variable a equal 10+2*step\nfix push all adapt 2 pair dpd a0 1 * v_a pair dpd gamma 2 2 v_a",
+            between="pair_coeff 1 1 20.0 4.0\nunfix push\nfix push all adapt 4 pair dpd a0 * * v_a scale yes reset yes",
+        ),
         "langevin": deck(before="fix bath all langevin 1.0 1.0 0.5 42 tally yes zero yes\n" + averaged("f_bath")),
         "viscous": deck(before="fix slow all viscous 0.5 scale 2 3.0"),
         "temp/rescale": deck(before="fix heat all temp/rescale 2 2.0 1.0 0.01 0.5\n" + averaged("f_heat")),

@@ -135,6 +135,11 @@ class PairEngine(Engine):
         given[fields.immobile] = 0.0
         return time * given
 
+    def renew(self) -> None:
+        self.number += 1  # what was computed before is not valid any more
+        for layer in self.layers:
+            getattr(layer, "_coefficients", {}).clear()
+
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""
         return sum(layer.laplacian() for layer in self.layers)

@@ -57,6 +57,10 @@ class Engine(Protocol):
         """
         ...
 
+    def renew(self) -> None:
+        """Notice that coefficients in the tables of the spec have changed."""
+        raise NotImplementedError
+
     def another(self) -> "Engine":
         """A new engine for the same pair terms; only where it repeats."""
         raise NotImplementedError

@@ -15,6 +15,7 @@ from ..kernels.radial import RadialTerms
 from ..kernels.sweeps import EXACT, SHARDLOW
 from ..model.bonds import bonded_neighbours
 from ..model.flow import AXES, BodyForce
+from ..model.pairs import NONE, PairTable
 from ..model.scene import Scene
 from ..model.schemes import Scheme
 from .forces.expressions import type_pairs
@@ -67,6 +68,24 @@ def pair_spec(
         sweeps=scheme.sweeps,
         sheared=scene.shear is not None,
     )
+
+
+def renew(scene: Scene, kept: Sequence[dict], spec: PairSpec, tables: Sequence[PairTable]) -> None:
+    """Write other coefficients of the same kinds, for the same types and cutoffs, into the tables of a plan, ``kept``, layers before
+    overlays, and of kernels that hold all pair terms."""
+    names, beads = scene.type_names, BeadData(scene.type_names, scene.bead_masses, scene.compat)
+    found = [table for table in (table.resolve(names) for table in tables) if any(c is not NONE for c in table.values())]
+    found.sort(key=lambda table: resolved_kind(table).overlay is not None)
+    held = [*spec.terms, *(extra for extra in spec.extras if isinstance(extra, RadialTerms))]
+    for old, table, terms in zip(kept, found, held, strict=True):
+        old.update(table)
+        kind = resolved_kind(table)
+        if kind.overlay is not None:
+            terms.numbers[...] = kind.overlay(table, names).numbers  # type: ignore[attr-defined]
+        else:
+            for name, values in vars(kind.terms(table, beads)).items():  # type: ignore[misc]
+                if isinstance(values, np.ndarray):
+                    getattr(terms, name)[...] = values
 
 
 _PATTERNS = {"uniform": external.UNIFORM, "halves": external.HALVES, "sine": external.SINE}

@@ -367,7 +367,6 @@ REFUSED: dict[str, tuple[str, ...]] = {
         "ionomer at constant pressure",
         "bilayer without tension",
     ),
-    "'adapt'": ("melt pushed apart by a soft potential",),
     "boundary f along z": ("drop under a wall of lj",),
     "'smd'": ("lipid pulled out",),
     "fix deform x": ("fluid sheared in another plane",),

@@ -17,6 +17,12 @@ SYSTEMS = {  # How beads are made and what moves them, which a restart file does
         "pair_style dpd 300 5 11\npair_coeff * * 2 0.01\npair_coeff 1 2 3 0.02 4.5\nvelocity all create 300 3\ntimestep 20\n",
         "fix 1 all nve\nfix p ga addforce 0.001 0 0\n",
     ),
+    "adapted": (
+        "lattice sc 3\nregion b block 0 4 0 4 0 4 units box\ncreate_box 1 b\ncreate_atoms 1 random 80 5 NULL\nmass 1 1\n"
+        "pair_style hybrid/overlay soft 1.1 dpd 0.5 1 7 soft 1\npair_coeff * * soft 1 1\npair_coeff * * soft 2 1\npair_coeff * * dpd 20 4.5\n"
+        "velocity all create 1 3\ntimestep 0.02\n",
+        "variable a equal 10/3+step\nfix 1 all nve\nfix a all adapt 2 pair soft:2 a * * v_a pair dpd a0 * * v_a\n",
+    ),
     "chains": (
         "atom_style molecular\nspecial_bonds lj 0.5 0.25 1\nbond_style harmonic\nangle_style harmonic\nread_data start.data\n"
         "mass 1 1\nbond_coeff 1 30 0.7\nangle_coeff 1 4 150\npair_style dpd 1.0 1.0 7\npair_coeff 1 1 25 4.5\ntimestep 0.01\n",

@@ -64,6 +64,27 @@ DECKS = {
     "move variable": "variable x equal 2*swiggle(0,0.3,0.2)\nvariable v equal 2*cwiggle(0,0.3,0.2)\nvariable u atom 0.2*x+0.1*vx\n"
     f"{OFF}fix 1 g nve\nfix l rest move variable v_x NULL v_x v_v v_u NULL\n{FRAMES}{RUN}{RUN}",
     "move predicted": f"{OFF}fix 1 g mvv/dpd 0.65\nfix l rest move linear 3.5 NULL -1.5\n{FRAMES}{RUN}",
+    **{
+        f"adapt {style} {adapted[0][1]}": f"pair_style {style} {settings}\npair_coeff * * {values}\npair_coeff 1 2 {values}\n"
+        "variable x equal 0.7+0.02*step\nvariable y equal ramp(1.2,0.9)\n"
+        + "".join(f"fix {name} all adapt {n} pair {style} {name} {types} {more}\n" for name, types, n, more in adapted)
+        + f"{words('1').replace('f_1', 'evdwl')}{RUN}"
+        for style, settings, values, *adapted in (
+            ("soft", "1.2", "40", ("a", "* *", 1, "v_x scale yes")),
+            ("soft", "1.2", "40", ("a", "1 1*2", 0, "v_x reset yes")),
+            ("gauss", "1.2", "-9 2", ("a", "2 2", 3, "v_x")),
+            ("yukawa", "2 1.2", "9", ("alpha", "1 2", 1, "v_y scale yes reset yes")),
+            ("buck", "1.2", "50 0.3 0.001", ("a", "* *", 4, "v_x scale yes"), ("c", "1 1", 1, "v_x scale yes")),
+            ("lj/cut", "1.2", "1 0.5", ("epsilon", "1 *", 2, "v_x"), ("sigma", "2 2", 3, "v_y scale yes reset yes")),
+            ("lj/class2", "1.2", "1 0.5", ("epsilon", "* *", 2, "v_x")),
+            ("morse", "1.2", "3 2 0.7", ("d0", "* *", 1, "v_x"), ("alpha", "1 2", 1, "v_y"), ("r0", "1 1", 2, "v_x")),
+            ("morse/smooth/linear", "1.2", "3 2 0.7", ("d0", "* *", 1, "v_x")),
+            ("mie/cut", "1.2", "1 0.5 9 4", ("epsilon", "* *", 1, "v_x"), ("gamR", "1 2", 1, "v_y scale yes")),
+        )
+    },
+    "adapt, overlaid": "variable x equal ramp(0,30)\npair_style hybrid/overlay dpd 0 1.2 3 soft 1.2 soft 0.9\n"
+    "pair_coeff * * dpd 0 4.5\npair_coeff * * soft 1 1\npair_coeff * * soft 2 30\nneigh_modify exclude type 1 2\n"
+    f"fix a all adapt 2 pair soft:2 a * * v_x pair soft:1 a * * v_x reset yes\n{words('1').replace('f_1', 'evdwl')}{RUN}",
     "aveforce": f"{SPHERE}fix d g gravity 0.5 chute 30\nfix a g aveforce 1 NULL -2\nfix b all aveforce 0 0 0 region s\n"
     + words("a", *ALONE[1:]),
     "efield": "set group g charge 1.5\nset group rest charge -0.5\nvariable q equal step\nfix a all efield 0.2 v_q -0.3\n"
@@ -161,6 +182,18 @@ def test_tables_agree():
     assert set(FIX_VALUES) <= {*FORCES, *COUPLED, "nve/limit"}
 
 
+def test_adapted_dpd_has_the_bits_of_its_coefficients(tmp_path):
+    """LAMMPS adapts other styles alone."""
+    start, rows = START.format(units="lj", box="block -1 3 0 4 0 5").replace("dpd 0.0", "dpd 1.5"), []
+    adapt = "variable a equal 30\nvariable b equal 2\nfix l all adapt 3 pair dpd a0 * * v_a pair dpd gamma 1 2 v_b\n"
+    for more in ("pair_coeff * * 30 4.5\npair_coeff 1 2 30 2\n", "pair_coeff * * 0 4.5\npair_coeff 1 2 7 9\n" + adapt):
+        text = start.replace("pair_coeff * * 25 4.5\n", more)
+        rows.append(
+            [line for line in lammps_peer.printed(tmp_path / "in.deck", text + words("1").replace("f_1", "")) if line.split()[0].isdigit()]
+        )
+    assert rows[0] == rows[1] and len(rows[0]) == 2
+
+
 def _explained(tmp_path, before: str, **options) -> str:
     return explain_deck(
         put(tmp_path / "in.deck", START.format(units="lj", box="block -1 3 0 4 0 5") + before + "run 1\n"), RunOptions(**options)
@@ -184,6 +217,10 @@ WRONG = {
     "region r block 0 1 0 1 0 1\nregion u union 2 r r\nfix l all wall/region u harmonic 1 1 1": "must be the inside or outside of",
     "fix l all viscous 1\nfix_modify l energy yes": "has no energy here",
     "fix l all viscous 1\nfix_modify l virial yes": "virial yes is not supported",
+    "fix l all adapt 1 pair dpd/ext a0 * * v_x": "a pair style of fix adapt",
+    "fix l all adapt 1 kspace v_x": "only pair coefficients can change during a run",
+    "variable x equal 1\nfix l all adapt 1 pair soft a * * v_x": "the deck has 0 pair styles soft",
+    "variable x atom 1\nfix l all adapt 1 pair dpd a0 * * v_x": "expected an equal-style variable",
     "unfix 1\nfix l all move rotate 0 0 0 0 0 0 1": "the axis of rotation is zero",
     "unfix 1\nfix l all move variable 1 NULL NULL NULL NULL NULL": "a variable of fix move",
     "unfix 1\nfix l all move linear 1 0 0\ntimestep 0.02": "timestep is not possible while fix l .move.",

@@ -178,6 +178,38 @@ def _move(state: DeckState, group: str, words: list[str]) -> dict:
     return {"way": way, "step": state.step, "values": values, "held": held, **_starts(state)}
 
 
+#: Pair coefficients that fix adapt changes, by pair style and LAMMPS's name, with their names here.
+ADAPTED = {
+    "soft": {"a": "A"},
+    "dpd": {"a0": "A", "gamma": "gamma"},
+    "gauss": {"a": "A"},
+    "yukawa": {"alpha": "A"},
+    "buck": {"a": "A", "c": "C"},
+    **dict.fromkeys(("lj/cut", "lj/class2"), {"epsilon": "epsilon", "sigma": "sigma"}),
+    **dict.fromkeys(("morse", "morse/smooth/linear"), {"d0": "D", "alpha": "alpha", "r0": "r0"}),
+    "mie/cut": {"epsilon": "epsilon", "sigma": "sigma", "gamR": "n", "gamA": "m"},
+}
+
+
+def _adapt(state: DeckState, group: str, words: list[str]) -> dict:
+    usage = "fix ID group adapt N pair style coefficient I J v_name ... [scale yes|no] [reset yes|no]"
+    read.count(words, usage, 1, None)
+    only = {word: ("", "only pair coefficients can change during a run") for word in ("kspace", "atom", "bond", "angle", "improper")}
+    sizes = {"pair": 5, "scale": 1, "reset": 1, **dict.fromkeys(only, 1)}
+    found, pairs = read.options(words[1:], sizes, "fix adapt", only=only), []
+    for style, name, first, second, word in (values for keyword, values in found if keyword == "pair"):
+        base, _, which = style.partition(":")
+        known = ADAPTED[read.choice(base, "a pair style of fix adapt", list(ADAPTED))]
+        read.choice(name, f"a coefficient of {base}", list(known))
+        ranges = [read.numeric_range(kinds, state.n_types, "atom type") for kinds in (first, second)]
+        component(state, word if word.startswith("v_") else "v_" + word, "adapt", ("equal",))
+        pairs.append((word, f"{base}:{read.integer(which, 'the number of a pair style', 1)}" if which else base, known[name], *ranges))
+    if not pairs:
+        raise ParameterError(f"expected '{usage}'")
+    flags = {key: any(keyword == key and read.switch(values[0], key) for keyword, values in found) for key in ("scale", "reset")}
+    return {"every": read.integer(words[0], "the interval of fix adapt", 0), "pairs": pairs, **flags}
+
+
 #: Coefficients of the walls with a potential, before the cutoff.
 WALL_WORDS = {
     **dict.fromkeys(("lj93", "lj126", "lj1043", "harmonic"), ("epsilon", "sigma")),
@@ -226,6 +258,7 @@ ACTING_STYLES: dict[str, Callable[..., dict]] = {
     "nvt": nose_hoover,
     "nve/limit": _limit,
     "move": _move,
+    "adapt": _adapt,
     **{"temp/rescale": _rescale, "temp/berendsen": _berendsen, "langevin": _langevin, "viscous": _viscous},
     **{style: partial(_force, fix=style) for style in _FORCE_OPTIONS},
     **{"spring": _spring, "spring/self": _spring_self, "wall/region": _wall_region},

@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ def restart_bytes(state: DeckState) -> bytes:
         "box": [box.low.tolist(), box.high.tolist(), box.tilt.tolist(), box.triclinic],
         "masses": sorted(state.masses.items()),
         "groups": list(state.groups),
-        "setup": state.setup,
+        "setup": [*state.setup, *_adapted(state)],
     }
     arrays = {f"atoms/{item.name}": getattr(state.atoms, item.name) for item in fields(Atoms)}
     arrays |= {f"group/{k}": mask for k, mask in enumerate(state.groups.values())}
@@ -46,6 +47,17 @@ def restart_bytes(state: DeckState) -> bytes:
     content = io.BytesIO()
     np.savez(content, **arrays)
     return content.getvalue()
+
+
+def _adapted(state: DeckState) -> Iterator[tuple[str, list[str]]]:
+    """Commands that set the coefficients which differ from those of the deck, bit for bit."""
+    for style in state.pair.styles:
+        same = [each for each in state.pair.styles if each.name == style.name]
+        named = [style.name] * state.pair.mode.startswith("hybrid") + [str(same.index(style) + 1)] * (len(same) > 1)
+        for (i, j), found in style.coefficients.items():
+            values = [*found.values.values(), style.cutoff(found)]
+            if found.adapted:
+                yield "pair_coeff", [str(i), str(j), *named, *map(repr, values)]
 
 
 def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:

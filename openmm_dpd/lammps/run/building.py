@@ -41,7 +41,7 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             "use the deck's own scheme, mvv"
         )
     with errors_at(request.where), read_by(request.state):
-        return build(
+        built = build(
             scene,
             dt=request.dt,
             scheme=request.scheme,
@@ -52,6 +52,9 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             seed=options.seed if options.seed is not None else request.seed,
             guide=guide,
         )
+    if guide is not None:
+        guide.built = built
+    return built
 
 
 def _note_reduced(state: DeckState) -> None:

@@ -23,6 +23,7 @@ from ...base.file_ledger import FileLedger, sealed, unsealed
 from ...base.files import digest, write_whole, writing
 from ...base.serialized import ARRAYS, DataUnpickler
 from ..state.deck_state import DeckState
+from .adapting import put
 from .options import RunOptions
 
 #: Attributes of :class:`~openmm_dpd.lammps.state.deck_state.DeckState` that runs change, directly or in part: beads and box, averages,
@@ -84,6 +85,8 @@ def recall(state: DeckState, parts: dict[str, Any]) -> None:
         dump.close()  # replaced below
     for name in PARTS:
         setattr(state, name, parts[name])
+    for fix in state.fixes_of("adapt"):
+        put(state, fix.parameters.get("now", {}))
 
 
 _LOGGER = logging.getLogger("openmm_dpd")

@@ -5,11 +5,16 @@ import numpy as np
 from ...base.errors import RunError
 from ...kernels import chain
 from ...kernels.moment import Guide, Moment
+from ...plan.pair_spec import renew
+from ...simulation.built import BuiltSystem
 from ..language.lexer import errors_at
+from ..scene.exclusion import scene_pairs
 from ..scene.flow import guided
 from ..state.records import COUPLED, GUIDED, Compute, DeckSample, Fix
+from ..styles.pair_styles import pair_tables
 from ..values.resolver import Resolver
 from .acting import FORCES, acted_on, target
+from .adapting import adapt, end
 from .prescribed import moved
 from .request import RunRequest
 
@@ -42,12 +47,12 @@ class DeckGuide(Guide):
         self._places = {fix.name: slice(*ends[k : k + 2]) for k, fix in enumerate(kept)}
         self._masses, self._pushes = state.bead_masses(), bool(state.fixes_of(*FORCES))
         self.what = "fixes " + ", ".join(dict.fromkeys(fix.style for fix in state.fixes_of(*GUIDED)))
+        self.built: BuiltSystem | None = None  #: What runs it
         self.changed: np.ndarray | None = None  #: What was added to the velocities at the end of the last step
-        x, v = state.atoms.positions * state.units.length, state.atoms.velocities * state.units.velocity
-        moment = Resolver(state, DeckSample(request.first_step, positions=x, velocities=v), request.window)
+        moment, v = request.first_moment(), state.atoms.velocities * state.units.velocity
         for fix in state.fixes_of(*FORCES):  # what is wrong is reported for its line
             with errors_at(fix.where, f"fix {fix.name}: "):
-                FORCES[fix.style](fix, moment, state.group(fix.group), np.zeros_like(x))
+                FORCES[fix.style](fix, moment, state.group(fix.group), np.zeros_like(v))
         for fix in kept:
             numbers = np.array(fix.parameters["numbers"])
             if "loop" in fix.parameters:
@@ -60,14 +65,14 @@ class DeckGuide(Guide):
         self.numbers = tuple(number for fix in kept for number in fix.parameters["numbers"])
         self._moves = state.fixes_of("move")
         #: Positions and velocities that they prescribe, and which components have either
-        self._prescribed, self._held = np.full((2, *x.shape), np.nan), np.zeros(x.shape, dtype=bool)
+        self._prescribed, self._held = np.full((2, *v.shape), np.nan), np.zeros(v.shape, dtype=bool)
         for fix in self._moves:
             with errors_at(fix.where, f"fix {fix.name}: "):
                 moved(fix, moment)
             self._held[state.group(fix.group)] = fix.parameters["held"]
         self._moved = np.logical_or.reduce([state.group(fix.group) for fix in self._moves])
         limits = state.fixes_of("nve/limit")
-        self.limits, self._most = bool(limits), np.full((len(x), 1), np.inf)
+        self.limits, self._most = bool(limits), np.full((len(v), 1), np.inf)
         for fix in limits:
             self._most[state.group(fix.group)] = fix.parameters["most"] / request.dt
 
@@ -81,6 +86,13 @@ class DeckGuide(Guide):
 
     def _moment(self, m: Moment, step: int, v: np.ndarray) -> Resolver:
         return Resolver(self.state, DeckSample(self.request.first_step + step, positions=m.x, velocities=v, box=m.box), self.request.window)
+
+    def renew(self) -> None:
+        """Give the engine of :attr:`built` the present coefficients."""
+        if self.built is not None and self.built.integrator.whole is not None:
+            function, plan = self.built.integrator.whole.function, self.built.plan
+            renew(plan.scene, (*plan.layers, *plan.overlays), function.spec, scene_pairs(self.state, pair_tables(self.state)).tables)
+            function.thread_state().engine.renew()
 
     def begin(self, m: Moment) -> None:
         """Half a step of the Nose-Hoover chains; velocities that fix move prescribes, from positions before beads drift."""
@@ -124,7 +136,13 @@ class DeckGuide(Guide):
         np.copyto(values, self._prescribed[which], where=~np.isnan(self._prescribed[which]))
 
     def place(self, m: Moment, seen: np.ndarray) -> None:
-        """Beads of fix move where they are; velocities of such beads are not predicted."""
+        """Beads of fix move where they are, their velocities not predicted; pair coefficients that fix adapt sets for the next forces."""
+        step = self.request.first_step + m.number + 1
+        due = [fix for fix in self.state.fixes_of("adapt") if fix.parameters["every"] and step % fix.parameters["every"] == 0]
+        for fix in due:
+            adapt(fix, self._moment(m, m.number + 1, m.v))
+        if due:
+            self.renew()
         if not self._moves:
             return
         self._place(m.x, 0)
@@ -168,6 +186,7 @@ class DeckGuide(Guide):
         """Hand what the fixes keep back to the deck, for the next run."""
         for name, place in self._places.items():
             self.state.fixes[name].parameters["numbers"] = numbers[place].tolist()
+        end(self.state)
 
     def values(self, numbers: np.ndarray, moment: Resolver) -> dict[str, list[float]]:
         """Values of the fixes that change velocities: an energy or a count, and what a chain consists of."""

@@ -18,6 +18,8 @@ from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.records import NO_SLIDE, DeckSample, PressureControl, Slide, StoppingRule
+from ..values.resolver import Resolver
+from .adapting import begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +96,15 @@ class RunRequest:
 
     def scene(self) -> Scene:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
+        if self.minimization is None and self.state.fixes_of("adapt"):
+            begin(self.state, self.first_moment(), self.number)
         return build_scene(self.state, self.window, self.compat, self.mobile)
+
+    def first_moment(self) -> Resolver:
+        """The moment at which the run begins."""
+        atoms, units = self.state.atoms, self.state.units
+        x, v = atoms.positions * units.length, atoms.velocities * units.velocity
+        return Resolver(self.state, DeckSample(self.first_step, positions=x, velocities=v), self.window)
 
     def override(
         self, *, steps: int | None = None, dt: float | None = None, scheme: str | None = None, compat: str | None = None

@@ -115,6 +115,8 @@ class Sampler:
     def sample(self, step: int, cpu: float) -> LiveSample:
         """A sample of the present state."""
         self.observer.present.look(self.context)
+        if self.request.state.fixes_of("adapt"):
+            vars(self.observer.present).pop("_stress_parts", None)  # with the coefficients of before
         present, slide = self.observer.present, slide_of(self.built, self.context)
         # of all beads: LAMMPS counts the velocities of immobile beads, too
         products = second_moments(self._masses, self._velocities(slide))

@@ -19,6 +19,7 @@ class Coefficient:
     values: dict  #: Values by name, in the order of the command, without the cutoff (if the style has several, with all of them)
     cutoff: float | None  #: The cutoff if the line gives one; None means the style's
     where: Line | None
+    adapted: bool = False  #: Whether its values are those of a ``fix adapt``
 
 
 #: Values of a coefficient, and its cutoff or None.

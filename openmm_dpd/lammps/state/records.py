@@ -38,7 +38,7 @@ ACTING_FIXES = (
 #: Fixes that take energy from beads or give it to them; thermo word ``ecouple`` is its sum.
 COUPLED = ("nvt", "npt", "temp/rescale", "temp/berendsen", "langevin")
 #: Fixes that only a guide of whole steps carries out, and all that one may.
-GUIDING = (*ACTING_FIXES, *COUPLED, "nve/limit", "move")
+GUIDING = (*ACTING_FIXES, *COUPLED, "nve/limit", "move", "adapt")
 GUIDED = (*FORCE_FIXES, *GUIDING)
 #: Values of fixes by style: whether there is a scalar, the length of the vector (None: it varies), and whether that is a sum over beads.
 FIX_VALUES: dict[str, tuple[bool, int | None, bool]] = {

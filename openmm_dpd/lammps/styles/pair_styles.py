@@ -79,6 +79,8 @@ def pair_tables(state: DeckState) -> list[PairTable]:
 def _term(state: DeckState, style: PairStyle, pair: tuple[int, int], coefficient: Coefficient) -> object:
     """The pair term of a coefficient.  DeckError if a value is invalid or the cutoff too long."""
     where = coefficient.where or style.where
+    if coefficient.adapted:  # what is 0 may change, so that the plan must not leave it out
+        coefficient = replace(coefficient, values={name: value or 1e-300 for name, value in coefficient.values.items()})
     with errors_at(where, f"pair style {style.name}, types {pair[0]} {pair[1]}: "):
         term, remark = style.spec.build(style, coefficient, state.units)
     if remark:
