@@ -146,6 +146,7 @@ _HEAT = "fix heat all eos/cv 50.0\nfix bath all shardlow"
 SNIPPETS: dict[str, dict[str, str]] = {
     "compute": {
         "temp": deck(before="compute c all temp\n" + averaged("c_c", "c_c[1]")),
+        "temp/com": deck(before="compute c all temp/com\n" + averaged("c_c", "c_c[1]")),
         "temp/partial": deck(before="compute c all temp/partial 1 0 1\ncompute_modify c extra/dof 2\n" + averaged("c_c", "c_c[2]")),
         "temp/deform": deck("tilted", "compute c all temp/deform\nthermo_modify temp c\n" + averaged("c_c", "c_thermo_press[4]")),
         "temp/profile": deck(

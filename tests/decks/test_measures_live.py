@@ -214,6 +214,11 @@ DECKS = {
         "compute r all reduce sum c_co\ncompute g all rdf 8 cutoff 0.9\n"
         "thermo_style custom step c_r c_g[5][3] c_g[7][3] c_g[8][3]\n",
     ),
+    "neighbours between walls": (
+        "mdpd",
+        "unfix 1\nfix 1 all nve\nchange_box all boundary p p f\nfix w all wall/reflect zlo EDGE zhi EDGE\ncompute co all coord/atom cutoff 0.8\n"
+        "compute cl all cluster/atom 0.4\ncompute t ga temp/com\ncompute r all reduce sum c_co c_cl\nthermo_style custom step c_r[*] c_t c_t[2]\n",
+    ),
     "neighbours beside exclusions": (
         "chains",
         "neigh_modify exclude molecule/intra ga\nneigh_modify exclude group ga all\n"

@@ -30,6 +30,12 @@ def component(state: DeckState, word: str, fix: str, styles: tuple[str, ...] = F
     return repr(number) if number else "0"
 
 
+def _check_plane(state: DeckState, fix: str, along: object) -> None:
+    """Raise ParameterError if what a fix is given along z takes beads out of the plane."""
+    if state.dimension == 2 and along not in ("NULL", "0", None, 0.0):
+        raise ParameterError(f"fix {fix}: in two dimensions its force along z must be 0")
+
+
 def _heat(state: DeckState, words: list[str], fix: str) -> tuple[float, float]:
     """Start and stop of a temperature, as thermal energies."""
     start, stop = (read.non_negative(word, f"a temperature of fix {fix}") * state.units.thermal_energy for word in words)
@@ -109,6 +115,7 @@ def _force(state: DeckState, group: str, words: list[str], fix: str) -> dict:
         state.require_atom_style("fix efield", "charge", "full")
     keeps, styles = "energy" not in _FORCE_OPTIONS[fix], ("equal",) if fix == "aveforce" else FORMULAS
     found: dict = {"force": [word if keeps and word == "NULL" else component(state, word, fix, styles) for word in words[:3]]}
+    _check_plane(state, fix, found["force"][2])
     for key, (word,) in read.options(words[3:], dict.fromkeys(_FORCE_OPTIONS[fix], 1), f"fix {fix}"):
         if key == "region":
             state.region(word)
@@ -126,6 +133,7 @@ def _spring(state: DeckState, group: str, words: list[str]) -> dict:
     if other is not None:
         state.group(other)
     place = [None if word == "NULL" else read.number(word, "a coordinate of fix spring") for word in values[1:4]]
+    _check_plane(state, "spring", place[2])
     k, length = read.number(values[0], "the spring constant"), read.non_negative(values[4], "the length of the spring")
     return {"other": other, "k": k, "place": place, "length": length}
 

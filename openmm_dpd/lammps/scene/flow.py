@@ -121,10 +121,7 @@ def driving(state: DeckState) -> Driving:
     interacting = np.ones((len(state.atoms), 3), dtype=bool)
     for fix in state.fixes_of(*FORCE_FIXES):
         acts = np.outer(state.group(fix.group), [word != "NULL" for word in words(fix)])
-        if state.dimension == 2:
-            if words(fix)[2] not in ("NULL", "0"):
-                raise fix.error("in two dimensions its force along z must be 0")
-            acts[:, 2] = False
+        acts[:, 2] &= state.dimension == 3
         if fix.style == "setforce":
             interacting &= ~acts
             pushes = [(other, mask & ~acts) for other, mask in pushes]

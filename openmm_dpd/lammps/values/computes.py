@@ -64,6 +64,11 @@ def _profile(state: DeckState, group: str, words: list[str]) -> Temperature:
     return state.temperature(streaming=streaming, bins=(bins[0], bins[1], bins[2]), table=table, extra=extra)
 
 
+def _of_motion(state: DeckState, group: str, words: list[str]) -> Temperature:
+    read.count(words, "compute ID group temp/com", 0)
+    return _profile(state, group, f"1 1 {state.dimension - 2} xyz 1 1 1".split())
+
+
 def _of_bins(moment: DeckMoment, compute: Compute) -> np.ndarray:
     """Number of beads and temperature of each bin."""
     settings: Temperature = compute.settings
@@ -92,6 +97,7 @@ def _spec(prepare: Callable[[DeckState, str, list[str]], Temperature]) -> Comput
 
 TEMPERATURES: dict[str, ComputeSpec] = {
     "temp": _spec(_whole),
+    "temp/com": _spec(_of_motion),
     "temp/partial": _spec(_partial),
     "temp/deform": _spec(_deform),
     "temp/profile": _spec(_profile),

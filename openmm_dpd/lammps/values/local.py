@@ -78,7 +78,7 @@ def _curves(moment: DeckMoment, compute: Compute) -> np.ndarray:
     """Values of pairs, or of bonds, angles or dihedrals from the curves of their potentials."""
     what, units = compute.style.split("/")[0], moment.units
     kinds, beads = _terms(moment, compute, what[0])
-    x, box = moment.folded[0] * units.length, moment.box.vectors * units.length
+    x, box = moment.folded[0] * units.length, moment.box.reduced_vectors * units.length
     d = minimum_images(x[beads[:, 0]] - x[beads[:, 1]], box)
     at, energy, slope = np.linalg.norm(d, axis=1), *np.zeros((2, len(kinds)))
     if what == "angle":

@@ -207,9 +207,7 @@ def _parse_neighbours(style: str, state: DeckState, group: str, words: list[str]
 def _neighbours(moment: DeckMoment, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of beads within a distance, but for bonded ones whose factor is 0."""
     state = moment.state
-    if any(state.periodic) != all(state.periodic):
-        raise ParameterError("neighbours of beads are counted in boxes that are periodic along all axes, or along none")
-    i, j, r = pairs_within(moment.folded[0], None, moment.box.vectors if all(state.periodic) else None, reach)
+    i, j, r = pairs_within(moment.folded[0], None, moment.box.reduced_vectors if any(state.periodic) else None, reach)
     kept = (r < reach) & ~_hidden(state, i, j)
     return i[kept], j[kept]
 
