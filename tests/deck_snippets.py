@@ -148,7 +148,9 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "temp": deck(before="compute c all temp\n" + averaged("c_c", "c_c[1]")),
         "temp/com": deck(before="compute c all temp/com\n" + averaged("c_c", "c_c[1]")),
         "temp/partial": deck(before="compute c all temp/partial 1 0 1\ncompute_modify c extra/dof 2\n" + averaged("c_c", "c_c[2]")),
-        "temp/deform": deck("tilted", "compute c all temp/deform\nthermo_modify temp c\n" + averaged("c_c", "c_thermo_press[4]")),
+        "temp/deform": deck("tilted", "compute c all temp/deform\nthermo_modify temp c\n" + averaged("c_c", "c_thermo_press[5]"))
+        .replace("0.5 0 0", "0 0.5 0")
+        .replace(" xy ", " xz "),
         "temp/profile": deck(
             before="compute c all temp/profile 1 1 1 xyz 2 1 2\nthermo_modify temp c\n" + averaged("c_c", "c_thermo_press")
         ),

@@ -369,7 +369,6 @@ REFUSED: dict[str, tuple[str, ...]] = {
     ),
     "boundary f along z": ("drop under a wall of lj",),
     "'smd'": ("lipid pulled out",),
-    "fix deform x": ("fluid sheared in another plane",),
     "'bond/create'": ("chains that grow",),
     "'bond/break'": ("bonds that break",),
     "'viscosity'": ("viscosity by exchange of momentum",),

@@ -1,5 +1,6 @@
 """Decks with ``fix deform ... remap v`` beside a live LAMMPS: trajectories to rounding, and stress and temperature of sheared chains."""
 
+import re
 from pathlib import Path
 
 import lammps_peer
@@ -9,8 +10,8 @@ from cases import raises
 from fuzz.workers import Worker
 from judged import any_seed
 
-from openmm_dpd.base.errors import DeckError
-from openmm_dpd.lammps import deck_scene
+from openmm_dpd.base.errors import DeckError, ParameterError
+from openmm_dpd.lammps import deck_forces, deck_scene, export_deck
 from openmm_dpd.stats import block_average
 
 RATE, DT, HEIGHT = 1.2, 0.01, 4.0
@@ -83,15 +84,34 @@ def by_us(folder: Path, deck: str, **options) -> list[str]:
     return "\n".join(lammps_peer.printed(folder / "in.deck", deck, **options)).splitlines()
 
 
+def in_plane(text: str, plane: str) -> str:
+    """A deck with other axes, so that what was sheared in xy is sheared in a plane."""
+    axes = plane + ({*"xyz"} - {*plane}).pop()  # what was x, y, z
+    order = [axes.index(axis) for axis in "xyz"]
+    text = re.sub(r"single (\S+) (\S+) (\S+)", lambda m: "single " + " ".join(m.groups()[k] for k in order), text)
+    tilts = r"prism (\S+ \S+) (\S+ \S+) (\S+ \S+) (\S+) 0 0"
+    tilt = {"xy": "{} 0 0", "xz": "0 {} 0", "yz": "0 0 {}"}[plane]
+    text = re.sub(tilts, lambda m: "prism " + " ".join(m.groups()[k] for k in order) + " " + tilt.format(m[4]), text)
+    columns = {"c_p[1]": f"c_p[{'xyz'.index(axes[0]) + 1}]", "c_p[4]": f"c_p[{('xy', 'xz', 'yz').index(plane) + 4}]"}
+    columns |= {f"c_m[{k}]": f"c_m[{'xyz'.index(axes[k - 1]) + 1}]" for k in (2, 3)}
+    names = {*"y z vx vy vz ix iy iz xu yu zu xy pxy".split()}
+    words = (columns.get(word, word.translate(str.maketrans("xyz", axes)) if word in names else word) for word in re.split(r"(\s)", text))
+    return "".join(words)
+
+
+SEVERAL = "run 100\nrun 30\nrun 70 every 60 NULL\nrun 150\n"
+
+
 @pytest.mark.parametrize(
-    ("gamma", "runs"), [(4.5, "run 350\n"), (1e-30, "run 100\nrun 30\nrun 70 every 60 NULL\nrun 150\n")], ids=["friction", "several runs"]
+    ("gamma", "runs", "plane"),
+    [(4.5, "run 350\n", "xy"), (1e-30, SEVERAL, "xy"), (4.5, "run 350\n", "xz"), (1e-30, SEVERAL, "yz"), (4.5, "run 350\n", "yz")],
 )
-def test_sheared_beads_go_where_those_of_lammps_go(gamma, runs, tmp_path):
+def test_sheared_beads_go_where_those_of_lammps_go(gamma, runs, plane, tmp_path):
     """350 steps with four flips: rows, image flags, paths and velocities to 1e-7.  Friction, of which each run begins anew, is left out of
     several runs.  With other beads (seeds 1 to 3) LAMMPS parts at a flip, where it forgets the velocity of a bead that crosses just then."""
     parts, titles = {"beads": beads(8), "gamma": gamma, "rate": RATE, "titles": TITLES}, len(TITLES.split())
-    theirs = by_lammps(tmp_path / "lammps", DECK.format(tilt=0.0, **parts) + 'print "=== run"\nrun 350\n')
-    ours = by_us(tmp_path / "ours", DECK.format(tilt=-RATE * HEIGHT * DT, **parts) + runs, platform="CPU")
+    theirs = by_lammps(tmp_path / "lammps", in_plane(DECK.format(tilt=0.0, **parts), plane) + 'print "=== run"\nrun 350\n')
+    ours = by_us(tmp_path / "ours", in_plane(DECK.format(tilt=-RATE * HEIGHT * DT, **parts), plane) + runs, platform="CPU")
     a, b = rows_of(theirs, titles), rows_of(ours, titles)
     b = b[np.unique(b[:, 0], return_index=True)[1]]  # a run begins with the row that the one before has ended with
     assert a.shape == b.shape and (np.abs(a - b) < 1e-7 * np.abs(a).max(axis=0)).all()
@@ -173,7 +193,8 @@ def test_stress_of_sheared_chains_is_that_of_lammps(seed, tmp_path):
 
 REFUSED = {
     "deform 1 x final 0 1": "fix 2: a scene has no box that changes",
-    "deform 1 xz erate 1 remap v": "constant rate of shear along x that grows with y only, 'fix ID all deform 1 xy erate R remap v'",
+    "deform 1 xz erate 1 xy erate 1 remap v": "constant rate of shear in one plane, 'fix ID all deform 1 xy erate R remap v'",
+    "deform 1 z erate 1 remap v": "constant rate of shear in one plane",
     "deform 1 xy erate 1 remap v flip no": "half an edge; remove it",
     "deform 1 remap v": "changes nothing",
     "nvt/sllod temp 1 1 1": "use a pair style as thermostat, fix nve, and fix deform 1 xy erate R remap v",
@@ -181,6 +202,19 @@ REFUSED = {
     "deform 1 xy erate 1 remap v\nfix 3 all deform 1 xy erate 1 remap v": "deform cannot be combined with fix deform",
     "deform 1 xy erate 1 remap v\ngroup few id 1\nunfix 1\nfix 1 few nve": "do not move stand still",
 }
+
+
+def test_forces_of_a_plane_are_those_of_the_deck_and_export_is_refused(tmp_path):
+    found = {}
+    for plane, order in (("xy", [0, 1, 2]), ("xz", [0, 2, 1]), ("yz", [1, 2, 0])):
+        text = in_plane(DECK.format(tilt=0.3, beads=beads(2), gamma=4.5, rate=RATE, titles="step"), plane) + "run 1\n"
+        (tmp_path / "in.deck").write_text(text, encoding="utf-8")
+        terms = deck_forces(tmp_path / "in.deck")
+        found[plane] = np.stack([terms["conservative"], terms["dissipative"]])[..., order]
+        if plane != "xy":
+            np.testing.assert_allclose(found[plane], found["xy"], atol=1e-11)
+            with pytest.raises(ParameterError, match=f"a shear in the plane {plane} cannot be exported"):
+                export_deck(tmp_path / "in.deck", tmp_path / "out")
 
 
 @pytest.mark.parametrize("words", REFUSED)

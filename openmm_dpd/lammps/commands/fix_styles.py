@@ -216,18 +216,23 @@ def _deform(state: DeckState, group: str, words: list[str]) -> dict:
         raise ParameterError("fix deform flip no is not supported: the box is tilted by at most half an edge; remove it")
     if options["remap"] != "v":
         return {"deforming": Deforming(every, changes, options["remap"] == "x", box)}
-    if list(changes) != ["xy"] or changes["xy"][0] != "erate":
+    plane = next(iter(changes))
+    if list(changes) != tilts or len(tilts) > 1 or changes[plane][0] != "erate":
         raise ParameterError(
             f"fix deform {' '.join(changes)} with remap v is not supported: friction between beads and images that move is there for a "
-            f"constant rate of shear along x that grows with y only, '{usage}'; rename the axes, or move the beads with the box by remap x"
+            f"constant rate of shear in one plane, '{usage}' (or xz, yz); move the beads with the box by remap x"
         )
     if group != "all":
         raise ParameterError("fix deform shears all beads; its group must be all")
-    if box.tilt[1:].any():
-        raise ParameterError("fix deform xy with remap v needs a box without tilts xz and yz")
+    others = [tilt for tilt in ("xy", "xz", "yz") if tilt != plane]
+    if box.tilt[[("xy", "xz", "yz").index(tilt) for tilt in others]].any():
+        raise ParameterError(f"fix deform {plane} with remap v needs a box without tilts {' and '.join(others)}")
+    if plane != "xy":
+        axes = "x, z and -y" if plane == "xz" else "y, z and x"
+        state.note(f"fix deform {plane}: the axes of the scene, and of its final state, are {axes} of the deck")
     if every > 1:
         state.note(f"fix deform: the images move at every step, not only every {every} steps")
-    return {"rate": changes["xy"][1][0] / state.units.time}
+    return {"rate": changes[plane][1][0] / state.units.time, "plane": plane}
 
 
 def _enforce2d(state: DeckState, group: str, words: list[str]) -> dict:

@@ -13,6 +13,7 @@ from ...model.schemes import scheme_of
 from ...plan.plan import Plan
 from ...simulation.built import BuiltSystem
 from ..run.options import RunOptions, first_request
+from ..scene.axes import SAME
 from ..scene.flow import guided
 from ..state.records import GUIDED
 from .export_job import DUMP, FINAL, Job, export_texts, make_job
@@ -140,6 +141,8 @@ def export_deck(
         raise ParameterError("a deck in two dimensions cannot be exported; LAMMPS can run the deck itself")
     if state.moving_box:
         raise ParameterError("a box that fix deform changes with remap x or none cannot be exported; LAMMPS can run the deck itself")
+    if request.axes != SAME:
+        raise ParameterError(f"a shear in the plane {request.axes.plane} cannot be exported; LAMMPS can run the deck itself")
     if guided(state):
         which = [f"fix {fix.name} ({fix.style})" for fix in state.fixes_of(*GUIDED)]
         raise ParameterError(f"{', '.join(which)}: what acts within steps cannot be exported; run the deck itself in LAMMPS")

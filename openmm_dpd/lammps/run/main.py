@@ -245,6 +245,7 @@ def deck_forces(
     built = build_request(request, request.scene(), options)
     terms = force_terms(built, properties=options.properties(built.plan.platform or ""))
     units, internal = request.state.units, built.plan.scene.internal
+    terms = {name: values if name.startswith("rates") else request.axes.of_deck(values) for name, values in terms.items()}
     unit = {InternalEnergy: units.energy, BeadTemperatures: units.thermal_energy}.get(type(internal), 1.0)
     return {name: values / (unit / units.time if name.startswith("rates") else units.force) for name, values in terms.items()}
 

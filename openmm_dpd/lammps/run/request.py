@@ -12,6 +12,7 @@ from ..language.lexer import Line
 from ..output.averages import AveragingFix, DynamicGroup, PrintFix
 from ..output.dumps import Dump
 from ..output.thermo import Thermo
+from ..scene.axes import SAME, Axes, axes_of
 from ..scene.integration import Integration
 from ..scene.scene import build_scene
 from ..state.box import Box
@@ -98,7 +99,12 @@ class RunRequest:
         """The scene at the first step; see :func:`~openmm_dpd.lammps.scene.scene.build_scene`."""
         if self.minimization is None and self.state.fixes_of("adapt"):
             begin(self.state, self.first_moment(), self.number)
-        return build_scene(self.state, self.window, self.compat, self.mobile)
+        return build_scene(self.state, self.window, self.compat, self.mobile, self.axes)
+
+    @property
+    def axes(self) -> Axes:
+        """The axes of the scene, which is not sheared in a minimisation."""
+        return SAME if self.minimization is not None else axes_of(self.state)
 
     def first_moment(self) -> Resolver:
         """The moment at which the run begins."""

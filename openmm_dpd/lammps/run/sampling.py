@@ -18,6 +18,7 @@ from ...model.schemes import scheme_of
 from ...simulation.built import BuiltSystem
 from ...simulation.fields import read_fields
 from ...simulation.whole_steps import guide_variables
+from ..scene.axes import SAME, Axes
 from ..scene.flow import guided
 from ..state.records import ACTING_FIXES, FIX_VALUES, NO_SLIDE, DeckSample, Slide
 from ..values.resolver import Resolver
@@ -28,21 +29,21 @@ from .request import RunRequest
 _NM, _V = unit.nanometer, unit.nanometer / unit.picosecond
 
 
-def arrays(context: openmm.Context):
-    """Positions, velocities and box vectors."""
+def arrays(context: openmm.Context, axes: Axes = SAME):
+    """Positions, velocities and box vectors, in the deck's axes."""
     state = context.getState(positions=True, velocities=True)
     x, v = state.getPositions(asNumpy=True).value_in_unit(_NM), state.getVelocities(asNumpy=True).value_in_unit(_V)
-    return x, v, state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM)
+    return axes.of_deck(x), axes.of_deck(v), axes.box_of_deck(state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(_NM))
 
 
-def slide_of(built: BuiltSystem, context: openmm.Context) -> Slide:
+def slide_of(built: BuiltSystem, context: openmm.Context, axes: Axes) -> Slide:
     """Present slide of the images above the box."""
     scene = built.plan.scene
     if scene.shear is None:
         return NO_SLIDE
     assert scene.box is not None
     time, height = context.getParameter(SHEARED), float(scene.box[1, 1])
-    return Slide(strain_at(scene.shear, time) * height, rate_at(scene.shear, time) * height)
+    return Slide(strain_at(scene.shear, time) * height, rate_at(scene.shear, time) * height, axes.plane)
 
 
 class LiveSample(DeckSample):
@@ -67,11 +68,13 @@ class LiveSample(DeckSample):
 
     @cached_property
     def pair_terms(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        return pair_terms(self.sampler.observer.present, friction=False)
+        found = pair_terms(self.sampler.observer.present, friction=False)
+        return [(beads, self.sampler.axes.shares_of_deck(values)) for beads, values in found]
 
     @cached_property
     def shares_of_beads(self) -> dict[str, np.ndarray]:
-        return bead_shares(self.sampler.observer.present)
+        found = bead_shares(self.sampler.observer.present)
+        return {part: self.sampler.axes.shares_of_deck(values) for part, values in found.items()}
 
     @cached_property
     def virial(self) -> float:
@@ -84,7 +87,7 @@ class LiveSample(DeckSample):
     @cached_property
     def virial_tensor(self) -> np.ndarray:
         require_stress(self.sampler.built.plan)
-        return self.sampler.observer.present.stress()
+        return self.sampler.axes.tensors_of_deck(self.sampler.observer.present.stress())
 
     @cached_property
     def fields(self) -> dict[str, np.ndarray]:
@@ -100,7 +103,7 @@ class Sampler:
 
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self.request, self.built, self.context = request, built, context
-        self.observer = SceneSampler(built)
+        self.observer, self.axes = SceneSampler(built), request.axes
         guide = getattr(built.integrator.whole, "guide", None)
         self.guide = guide if isinstance(guide, DeckGuide) else None  #: What acts within the steps of this run
         self._masses, self._guided = request.state.bead_masses(), guided(request.state) or request.minimization is not None
@@ -117,11 +120,12 @@ class Sampler:
         self.observer.present.look(self.context)
         if self.request.state.fixes_of("adapt"):
             vars(self.observer.present).pop("_stress_parts", None)  # with the coefficients of before
-        present, slide = self.observer.present, slide_of(self.built, self.context)
+        present, slide = self.observer.present, slide_of(self.built, self.context, self.axes)
         # of all beads: LAMMPS counts the velocities of immobile beads, too
         products = second_moments(self._masses, self._velocities(slide))
-        known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "positions": present.x, "box": present.box}
-        return LiveSample(sampler=self, step=step, cpu=cpu, slide=slide, velocities=present.with_flow, **known)
+        place = {"positions": self.axes.of_deck(present.x), "box": self.axes.box_of_deck(present.box)}
+        known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "velocities": self.axes.of_deck(present.with_flow)}
+        return LiveSample(sampler=self, step=step, cpu=cpu, slide=slide, **place, **known)
 
     def measure(self, sample: LiveSample) -> Sample:
         """Add energies, virials and forces to a sample of the present state, unless it has them."""
@@ -129,7 +133,7 @@ class Sampler:
             return sample.measured
         measured, state = self.observer.sample(self.context), self.request.state
         # of all beads, as in LAMMPS: forces act on immobile beads, too
-        forces, acted = measured.forces, dict[str, list[float]]()
+        forces, acted = self.axes.of_deck(measured.forces), dict[str, list[float]]()
         if state.fixes_of(*FIX_VALUES, *ACTING_FIXES):
             found, acted = self._acted_on(sample, measured.untaken)
             # otherwise they are those of the simulation
@@ -176,5 +180,6 @@ class Sampler:
         present, state = self.observer.present, self.request.state
         if not slide.speed:
             return present.v
-        sample = DeckSample(0, positions=present.x, velocities=present.with_flow, box=present.box, slide=slide)
+        x, v = self.axes.of_deck(present.x), self.axes.of_deck(present.with_flow)
+        sample = DeckSample(0, positions=x, velocities=v, box=self.axes.box_of_deck(present.box), slide=slide)
         return Resolver(state, sample, self.request.window).velocities * state.units.velocity

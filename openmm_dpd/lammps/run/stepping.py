@@ -48,13 +48,13 @@ class RestartFiles:
             return
         state = copy(self._request.state)
         state.atoms = copy(state.atoms)
-        x, v, box = arrays(self._context)
+        x, v, box = arrays(self._context, self._request.axes)
         state.write_back(
             x,
             v,
             state.box_at(step, self._request.window) or box,
             read_fields(self._context, self._built.plan),
-            slide_of(self._built, self._context),
+            slide_of(self._built, self._context, self._request.axes),
         )
         state.step, state.runs = step, state.runs + 1
         if COUNTER in self._context.getParameters():
@@ -214,9 +214,9 @@ class DeckSteps:
         context, guide = self.simulation.context, self.sampler.guide
         if guide is not None:
             guide.keep(self.sampler.numbers())
-        x, v, box = arrays(context)
+        x, v, box = arrays(context, self.request.axes)
         last = None if self._sample is None else self._sample.kept()
-        slide = slide_of(self.built, context)
+        slide = slide_of(self.built, context, self.request.axes)
         self.request.finish(
             x, v, box=self.moving.box(self.request.last_step) or box, sample=last, fields=read_fields(context, self.built.plan), slide=slide
         )
@@ -276,4 +276,4 @@ class DeckSteps:
                 dump.write(moment)
         if self.trajectory is not None and self.trajectory.due(sample.step):
             assert sample.positions is not None and sample.box is not None
-            self.trajectory.write(sample.positions, sample.box, self.sampler.context, sample.step, sample.slide.distance)
+            self.trajectory.write(sample.positions, sample.box, self.sampler.context, sample.step, sample.slide)

@@ -15,6 +15,7 @@ from ...model.scene import Scene
 from ...simulation.built import BuiltSystem
 from ...simulation.field_file import FieldWriter, has_fields
 from ...simulation.fields import read_fields
+from ..state.records import NO_SLIDE, Slide
 from .request import RunRequest
 
 #: Default number of frames per run, approximately.
@@ -99,10 +100,10 @@ class RunTrajectory:
         """The first step after ``step`` at which a frame is due."""
         return self._first + ((step - self._first) // self._every + 1) * self._every
 
-    def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int, slid: float = 0.0) -> None:
-        """Write one frame (nm) and the bead fields; ``slid`` is the displacement of the images above the box since the run began."""
+    def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int, slide: Slide = NO_SLIDE) -> None:
+        """Write one frame (nm) and the bead fields; ``slide`` is that of the images since the run began."""
         x = x + (self._state.atoms.images @ box if self._state.moving_box else self._offset)
-        x[:, 0] += slid * self._state.atoms.images[:, 1]
+        x += slide.shift(self._state.atoms.images, slide.distance)
         if self._fields is not None:
             self._fields.write(context.getTime().value_in_unit(unit.picosecond), step, read_fields(context, self._built.plan))
         if isinstance(self._file, XTCWriter):

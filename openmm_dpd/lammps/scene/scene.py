@@ -18,12 +18,15 @@ from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
 from ..styles.words import bonded_styles
+from .axes import SAME, Axes, axes_of
 from .exclusion import scene_pairs
 from .flow import body_forces_of, guided, interacting_beads, walls_of
 from .integration import integration
 
 
-def build_scene(state: DeckState, window: Window | None = None, compat: str = "consistent", mobile: np.ndarray | None = None) -> Scene:
+def build_scene(
+    state: DeckState, window: Window | None = None, compat: str = "consistent", mobile: np.ndarray | None = None, axes: Axes = SAME
+) -> Scene:
     """The scene that the deck describes at this point; it must have a box, beads and pair coefficients.
 
     Temperature ramps extend over the steps of ``window``; without it the temperature is that of the start.  ``compat`` selects the heat of
@@ -54,11 +57,11 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
         return Scene(
             masses={name: state.masses[k] for name, k in pairs.of_deck.items()},
             types=pairs.types,
-            positions=atoms.positions * units.length,
+            positions=axes.of_scene(atoms.positions * units.length),
             pairs=pairs.tables,
             kT=deck_kT(state, window),
-            box=vectors,
-            velocities=atoms.velocities * units.velocity,
+            box=axes.box_of_scene(vectors),
+            velocities=axes.of_scene(atoms.velocities * units.velocity),
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
             bonds=_bonded_terms(state, "bond"),
@@ -75,7 +78,7 @@ def build_scene(state: DeckState, window: Window | None = None, compat: str = "c
             walls=walls_of(state, mobile),
             electrostatics=electrostatics_of(state),
             interacting=interacting_beads(state, mobile),
-            shear=shear,
+            shear=shear if axes == axes_of(state) else None,
         )
 
 

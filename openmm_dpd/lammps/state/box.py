@@ -99,10 +99,13 @@ class Box:
         own = self.reduced_vectors
         return own, 1e-9 * (self.edges.min() + np.abs(own))
 
-    def turned(self, images: np.ndarray, before: Box, distance: float) -> np.ndarray:
-        """Image flags (N, 3) that belong to ``before``, converted to this box after its upper images have slid by ``distance``."""
-        turns = round((before.tilt[0] + distance - self.tilt[0]) / self.edges[0])
-        return images + images[:, [1]] * np.array([turns, 0, 0])
+    def turned(self, images: np.ndarray, before: Box, axes: tuple[int, int], distance: float) -> np.ndarray:
+        """Image flags (N, 3) that belong to ``before``, converted to this box after its upper images along the second of
+        two axes have slid by ``distance`` along the first."""
+        flow, gradient = axes
+        tilt = flow + gradient - 1
+        turns = round((before.tilt[tilt] + distance - self.tilt[tilt]) / self.edges[flow])
+        return images + np.outer(images[:, gradient], turns * (np.arange(3) == flow))
 
     # -- positions -----------------------------------------------------------------------------------------------------------------
     def fractions(self, positions: np.ndarray) -> np.ndarray:

@@ -353,14 +353,12 @@ class DeckState:
         elif box is not None:
             before = self.require_box("a run")
             self.box = before.following(np.asarray(box) / self.units.length)
-            self.atoms.images = self.box.turned(self.atoms.images, before, slide.distance / self.units.length)
+            self.atoms.images = self.box.turned(self.atoms.images, before, slide.axes, slide.distance / self.units.length)
         own = self.require_box("a run")
         inside, shifts = self.folded(self.in_deck_units(positions), own)
         # walls keep beads inside up to the platform's rounding; the next run needs them exactly inside
         self.take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
-        self.atoms.velocities = (
-            np.asarray(velocities, dtype=np.float64) - np.outer(shifts[:, 1], [slide.speed, 0.0, 0.0])
-        ) / self.units.velocity
+        self.atoms.velocities = (np.asarray(velocities, dtype=np.float64) - slide.shift(shifts, slide.speed)) / self.units.velocity
         places = bead_fields(self.atom_style, self.units)
         for name, values in (fields or {}).items():
             place, unit = places[name]

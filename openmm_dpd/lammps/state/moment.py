@@ -62,7 +62,9 @@ class DeckMoment(ABC):
         """(N, 3) image flags of :attr:`positions`."""
         if self.state.box_at(self.step, self.window) is not None:
             return self.state.atoms.images
-        return self.box.turned(self.state.atoms.images, self.state.require_box("image flags"), self.slide.distance / self.units.length)
+        return self.box.turned(
+            self.state.atoms.images, self.state.require_box("image flags"), self.slide.axes, self.slide.distance / self.units.length
+        )
 
     @property
     def unwrapped(self) -> np.ndarray:
@@ -80,7 +82,7 @@ class DeckMoment(ABC):
         if not self.measured:
             return self.state.atoms.velocities
         found, speed = self.need("velocities") / self.units.velocity, self.slide.speed / self.units.velocity
-        return found - np.outer(self.folded[1][:, 1], [speed, 0.0, 0.0]) if speed else found
+        return found - self.slide.shift(self.folded[1], speed) if speed else found
 
     @property
     def norm(self) -> float:
@@ -149,8 +151,8 @@ class DeckMoment(ABC):
         numbers = settings.numbers(self.box, self.folded[0][mask]) if streams else None
         velocities = self.velocities[mask]
         if settings.deformed:
-            height = self.box.fractions(self.folded[0][mask])[:, [1]]
-            velocities = velocities - height * [self.slide.speed / self.units.velocity, 0.0, 0.0]
+            heights = self.box.fractions(self.folded[0][mask])
+            velocities = velocities - self.slide.shift(heights, self.slide.speed / self.units.velocity)
         return masses, settings.thermal(velocities, masses, numbers), numbers
 
     def temperature(self, compute: Compute) -> float:

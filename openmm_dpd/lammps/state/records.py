@@ -149,10 +149,21 @@ class Window:
 
 @dataclass(frozen=True)
 class Slide:
-    """Displacement along x of the images above the box since the run began, and their velocity, due to ``fix deform``; in MD units."""
+    """Displacement of the images above the box since the run began, and their velocity, due to ``fix deform``; in MD units."""
 
     distance: float
     speed: float
+    plane: str = "xy"  #: Axis along which they slide, and axis along which they are above
+
+    @property
+    def axes(self) -> tuple[int, int]:
+        """Numbers of these axes."""
+        return "xyz".index(self.plane[0]), "xyz".index(self.plane[1])
+
+    def shift(self, images: np.ndarray, amount: float) -> np.ndarray:
+        """(N, 3) what an amount for the next image adds, where beads are in the images (N, 3)."""
+        flow, gradient = self.axes
+        return np.outer(images[:, gradient], np.where(np.arange(3) == flow, amount, 0.0))
 
 
 #: Slide without a shear.
