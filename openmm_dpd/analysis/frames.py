@@ -14,6 +14,7 @@ import numpy as np
 from ..base.errors import ParameterError, what_is
 from ..base.stats import Average, block_average, ratio_average
 from ..io.trajectory import bead_masses
+from ..simulation.field_file import frame_numbers, frame_of
 
 if TYPE_CHECKING:
     import mdtraj
@@ -185,11 +186,12 @@ def read_velocities(file: str | os.PathLike) -> Iterator[np.ndarray]:
         opened = np.load(file)
     except (OSError, ValueError, TypeError) as error:
         raise ParameterError(f"{file} cannot be read as a file of velocities (written by VelocityReporter): {error}") from None
-    if not isinstance(opened, np.lib.npyio.NpzFile) or not any(name.startswith("velocities/") for name in opened.files):
+    numbers = frame_numbers(opened) if isinstance(opened, np.lib.npyio.NpzFile) else []
+    if not numbers or "velocities" not in frame_of(opened, numbers[0]):
         raise ParameterError(f"{file} is not a file of velocities written by VelocityReporter")
     with opened as archive:
-        for member in sorted(name for name in archive.files if name.startswith("velocities/")):
-            yield archive[member]
+        for number in numbers:
+            yield frame_of(archive, number)["velocities"]
 
 
 if TYPE_CHECKING:

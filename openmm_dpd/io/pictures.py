@@ -118,7 +118,7 @@ def write_picture(path: str | os.PathLike, figure: Any) -> None:
     """Write a matplotlib figure as a PNG file; OutputError if that fails."""
     picture = io.BytesIO()
     with _DRAWING:
-        figure.savefig(picture, format="png")
+        figure.savefig(picture, format="png", pil_kwargs={"compress_level": 1})  # the default takes as long as the drawing
     write_whole(path, picture.getvalue(), "the picture")
 
 

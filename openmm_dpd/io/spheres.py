@@ -1,6 +1,8 @@
-"""Spheres drawn with light, shadow and depth, as an array of pixels: numpy and scipy alone."""
+"""Spheres drawn with light, shadow and depth, as an array of pixels."""
 
 import numpy as np
+
+from ..runtime import compiled
 
 #: Pixels of the drawing along one of the picture: their mean is one of its own, so that edges are smooth.
 _FINER = 2
@@ -8,8 +10,6 @@ _FINER = 2
 _LIGHT, _AMBIENT, _SHINE = np.array([-0.45, 0.65, 0.61]), 0.5, 0.18
 #: How much darker a shadow is, and how far what is far away fades into the background.
 _SHADOW, _FADED = 0.3, 0.3
-#: Spheres that are drawn at once: so many pixels.
-_CHUNK = 4_000_000
 
 
 def camera(theta: float, phi: float) -> np.ndarray:
@@ -60,58 +60,89 @@ def drawn(
         scale, shape = _FINER * height / high_is, (_FINER * height, _FINER * width)
         low = axes[:2] @ middle - 0.5 * _FINER * np.array([width, height]) / scale
     depth, front = _nearest(seen, radii, low, scale, shape)
-    rows, columns = np.nonzero(front >= 0)
-    its, found = front[rows, columns], depth[rows, columns]
-    points = np.column_stack([low[0] + (columns + 0.5) / scale, low[1] + (rows + 0.5) / scale, found])
-    normals = (points - seen[its]) / radii[its, None]
     light = _LIGHT / np.linalg.norm(_LIGHT)
-    lit = _AMBIENT + (1.0 - _AMBIENT) * np.clip(normals @ light, 0.0, 1.0)
-    dark = np.zeros(shape)
-    dark[rows, columns] = _shadowed(seen, radii, points, light, scale)
-    lit *= 1.0 - _SHADOW * gaussian_filter(dark, _FINER)[rows, columns]
+    dark = np.zeros(shape, np.float32)
+    _shadow(depth, low, scale, *_seen_by(light, seen, radii, scale), 2.0 / scale + 0.02 * radii.max(), dark)
     half = light + [0.0, 0.0, 1.0]
-    shine = _SHINE * np.clip(normals @ (half / np.linalg.norm(half)), 0.0, 1.0) ** 30
-    far = (seen[its, 2].max() - seen[its, 2]) / max(float(np.ptp(seen[:, 2])), 1e-12)
-    colour = colours[its] * lit[:, None] + shine[:, None]
-    picture = np.zeros((*shape, 4))
-    picture[rows, columns, :3] = np.clip(colour + _FADED * far[:, None] * (1.0 - colour), 0.0, 1.0)
-    picture[rows, columns, 3] = 1.0
-    mean = picture.reshape(shape[0] // _FINER, _FINER, shape[1] // _FINER, _FINER, 4).mean((1, 3))
-    mean[..., :3] /= np.maximum(mean[..., 3:], 1e-12)
-    return mean[::-1]
+    shown = seen[np.unique(front[front >= 0]), 2]
+    picture = np.zeros((shape[0] // _FINER, shape[1] // _FINER, 4))
+    _shade(
+        depth, front, gaussian_filter(dark, _FINER), seen, radii, np.ascontiguousarray(colours, dtype=float), low, scale, light,
+        half / np.linalg.norm(half), shown.max(initial=-np.inf), max(float(np.ptp(seen[:, 2])), 1e-12), picture,
+    )  # fmt: skip
+    return picture[::-1]
 
 
 def _nearest(seen: np.ndarray, radii: np.ndarray, low: np.ndarray, scale: float, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) depth of what is in front in each pixel, and which sphere that is, -1 for none."""
-    depth, front = np.full(shape[0] * shape[1], -np.inf), np.full(shape[0] * shape[1], -1)
-    for radius in np.unique(radii):
-        half = int(np.ceil(radius * scale)) + 1
-        across, up = (grid.ravel() for grid in np.meshgrid(*[np.arange(-half, half + 1)] * 2))
-        inside = across**2 + up**2 <= (radius * scale + 1.0) ** 2
-        across, up = across[inside], up[inside]
-        alike = np.flatnonzero(radii == radius)
-        for part in np.array_split(alike, len(alike) * len(across) // _CHUNK + 1):
-            place = (seen[part, :2] - low) * scale
-            column, row = np.floor(place).astype(int).T
-            columns, rows = column[:, None] + across, row[:, None] + up
-            left = radius**2 - ((columns + 0.5 - place[:, :1]) ** 2 + (rows + 0.5 - place[:, 1:]) ** 2) / scale**2
-            there = (left >= 0.0) & (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
-            pixel, owner = (rows * shape[1] + columns)[there], np.broadcast_to(part[:, None], there.shape)[there]
-            its = seen[owner, 2] + np.sqrt(left[there])
-            np.maximum.at(depth, pixel, its)
-            won = its >= depth[pixel]
-            front[pixel[won]] = owner[won]
-    return depth.reshape(shape), front.reshape(shape)
+    depth, front = np.full(shape, -np.inf), np.full(shape, -1)
+    _cover(np.ascontiguousarray(seen), np.ascontiguousarray(radii, dtype=float), low, scale, depth, front)
+    return depth, front
 
 
-def _shadowed(seen: np.ndarray, radii: np.ndarray, points: np.ndarray, light: np.ndarray, scale: float) -> np.ndarray:
-    """Whether each point lies in the shadow of a sphere."""
+def _seen_by(light: np.ndarray, seen: np.ndarray, radii: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Axes, lower corner and depths of the spheres seen along the light."""
     right = np.cross([0.0, 1.0, 0.0], light)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(light, right), light])
-    turned, at = seen @ axes.T, points @ axes.T
+    turned = seen @ axes.T
     low, high = (turned[:, :2] - radii[:, None]).min(0), (turned[:, :2] + radii[:, None]).max(0)
-    shape = tuple(((high - low)[::-1] * scale).astype(int) + 1)
-    depth, _ = _nearest(turned, radii, low, scale, shape)
-    column, row = np.clip(((at[:, :2] - low) * scale).astype(int), 0, np.array(shape[::-1]) - 1).T
-    return depth[row, column] > at[:, 2] + 2.0 / scale + 0.02 * radii.max()
+    width, height = ((high - low) * scale).astype(int) + 1
+    return axes, low, _nearest(turned, radii, low, scale, (height, width))[0]
+
+
+@compiled
+def _cover(seen, radii, low, scale, depth, front):
+    """Draw spheres into the depths of what is in front, and their numbers."""
+    rows, columns = depth.shape
+    for k in range(len(seen)):
+        x, y, r = (seen[k, 0] - low[0]) * scale, (seen[k, 1] - low[1]) * scale, radii[k] * scale
+        for row in range(max(0, int(np.floor(y - r))), min(rows, int(np.floor(y + r)) + 1)):
+            for column in range(max(0, int(np.floor(x - r))), min(columns, int(np.floor(x + r)) + 1)):
+                left = r * r - (column + 0.5 - x) ** 2 - (row + 0.5 - y) ** 2
+                if left >= 0.0:
+                    z = seen[k, 2] + np.sqrt(left) / scale
+                    if z >= depth[row, column]:
+                        depth[row, column], front[row, column] = z, k
+
+
+@compiled
+def _shadow(depth, low, scale, axes, light_low, lit, margin, dark):
+    """Set what is in front and behind something else on the way to the light to 1 in ``dark``."""
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if depth[row, column] > -np.inf:
+                x, y, z = low[0] + (column + 0.5) / scale, low[1] + (row + 0.5) / scale, depth[row, column]
+                across = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+                up = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+                i = min(max(int((up - light_low[1]) * scale), 0), lit.shape[0] - 1)
+                j = min(max(int((across - light_low[0]) * scale), 0), lit.shape[1] - 1)
+                if lit[i, j] > axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z + margin:
+                    dark[row, column] = 1.0
+
+
+@compiled
+def _shade(depth, front, dark, seen, radii, colours, low, scale, light, half, nearest, deep, picture):
+    """Write the colours and opacities of the picture, whose pixels are means of several of ``front``."""
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            k = front[row, column]
+            if k >= 0:
+                x = (low[0] + (column + 0.5) / scale - seen[k, 0]) / radii[k]
+                y = (low[1] + (row + 0.5) / scale - seen[k, 1]) / radii[k]
+                z = (depth[row, column] - seen[k, 2]) / radii[k]
+                lit = _AMBIENT + (1.0 - _AMBIENT) * max(x * light[0] + y * light[1] + z * light[2], 0.0)
+                lit *= 1.0 - _SHADOW * dark[row, column]
+                shine = _SHINE * max(x * half[0] + y * half[1] + z * half[2], 0.0) ** 30
+                faded = _FADED * (nearest - seen[k, 2]) / deep
+                pixel = picture[row // _FINER, column // _FINER]
+                for c in range(3):
+                    colour = colours[k, c] * lit + shine
+                    pixel[c] += min(max(colour + faded * (1.0 - colour), 0.0), 1.0)
+                pixel[3] += 1.0
+    for row in range(picture.shape[0]):
+        for column in range(picture.shape[1]):
+            pixel = picture[row, column]
+            for c in range(3):
+                pixel[c] /= max(pixel[3], 1.0)
+            pixel[3] /= _FINER * _FINER

@@ -20,7 +20,7 @@ _WHAT = "the file of fields"
 
 
 class FieldWriter:
-    """Appends frames to a zip archive of .npy arrays, ``name/number.npy``, which ``numpy.load`` and :func:`load_fields` read.  Every frame
+    """Appends frames to a zip archive of records, ``frames/number.npy``, which ``numpy.load`` and :func:`load_fields` read.  Every frame
     is complete on disk when :meth:`write` returns, and nothing is held in memory.  An OutputError leaves the frames before readable.  To
     ``append`` to a file with other contents is a ParameterError, also from :meth:`write`; one that is not there is begun."""
 
@@ -42,9 +42,9 @@ class FieldWriter:
         if not zipfile.is_zipfile(self.file):
             raise ParameterError(f"cannot append to {self.file}: it is no archive of frames, or its writing was cut short")
         with np.load(self.file) as archive:
-            last = {member.split("/")[0]: member for member in sorted(archive.files)}
-            self._shapes = {name: archive[member].shape for name, member in last.items()}
-            self.frames = sum(member.startswith("time/") for member in archive.files)
+            numbers = frame_numbers(archive)
+            self.frames = len(numbers)
+            self._shapes = {name: values.shape for number in numbers[-1:] for name, values in frame_of(archive, number).items()}
 
     def write(self, time: float, step: int, fields: dict[str, np.ndarray]) -> None:
         """Append one frame."""
@@ -52,12 +52,13 @@ class FieldWriter:
         shapes = {name: values.shape for name, values in frame.items()}
         if self._shapes and shapes != self._shapes:
             raise ParameterError(f"cannot append to {self.file}: its frames hold {_listed(self._shapes)}, and this one {_listed(shapes)}")
+        record, buffer = np.zeros((), [(name, values.dtype, values.shape) for name, values in frame.items()]), io.BytesIO()
+        for name, values in frame.items():
+            record[name] = values
+        np.save(buffer, record)
         with writing(self.file, _WHAT), _or_as_before(self.file):
-            with zipfile.ZipFile(self.file, "a", zipfile.ZIP_DEFLATED) as archive:
-                for name, values in frame.items():
-                    buffer = io.BytesIO()
-                    np.save(buffer, values)
-                    archive.writestr(f"{name}/{self.frames:08d}.npy", buffer.getvalue())
+            with zipfile.ZipFile(self.file, "a") as archive:
+                archive.writestr(f"frames/{self.frames:08d}.npy", buffer.getvalue())
         self.frames, self._shapes = self.frames + 1, shapes
         self._report(archive.start_dir)
 
@@ -100,9 +101,21 @@ def load_fields(file: str | os.PathLike) -> dict[str, np.ndarray]:
         kJ/mol.
     """
     with np.load(file) as archive:
-        members = sorted(archive.files)
-        names = dict.fromkeys(member.split("/")[0] for member in members)
-        return {name: np.array([archive[member] for member in members if member.split("/")[0] == name]) for name in names}
+        frames = [frame_of(archive, number) for number in frame_numbers(archive)]
+    return {name: np.array([frame[name] for frame in frames]) for name in frames[0]} if frames else {}
+
+
+def frame_numbers(archive: np.lib.npyio.NpzFile) -> list[str]:
+    """Numbers of the frames in a file of fields, in their order."""
+    return sorted({member.split("/")[-1] for member in archive.files})
+
+
+def frame_of(archive: np.lib.npyio.NpzFile, number: str) -> dict[str, np.ndarray]:
+    """One frame; files of earlier versions have a member ``name/number`` for each array."""
+    if (member := f"frames/{number}") not in archive.files:
+        return {name.split("/")[0]: archive[name] for name in archive.files if name.endswith(f"/{number}")}
+    record = archive[member]
+    return {name: record[name] for name in record.dtype.fields or ()}
 
 
 class FieldReporter(Cadence):

@@ -86,6 +86,15 @@ def test_frames_of_fields_before_a_failure_stay(tmp_path):
     np.testing.assert_array_equal(load_fields(tmp_path / "fields.npz")["theta"], values)
 
 
+def test_frames_of_fields_of_earlier_versions_are_read_and_go_on(tmp_path):
+    """They had a member of the archive for each array of a frame."""
+    frames = [{"time": np.float64(k), "step": np.int64(k), "theta": np.full(3, k)} for k in range(3)]
+    np.savez(tmp_path / "fields.npz", **{f"{name}/{k:08d}": values for k in (0, 1) for name, values in frames[k].items()})
+    FieldWriter(tmp_path / "fields.npz", append=True).write(2.0, 2, {"theta": frames[2]["theta"]})
+    for name, values in load_fields(tmp_path / "fields.npz").items():
+        np.testing.assert_array_equal(values, [frame[name] for frame in frames])
+
+
 @pytest.mark.parametrize("kind", ["State", "Checkpoint"])
 def test_states_and_checkpoints_before_a_failure_stay(tmp_path, kind):
     scene = beads(100, seed=5, edge=4.0)

@@ -43,7 +43,7 @@ def test_a_trajectory_that_finds_no_space_ends_the_run_and_costs_nothing(deck, c
     capsys.readouterr()
     caplog.clear()
     with file_limit(30_000):
-        assert main(arguments(deck, out)) == 1
+        assert main(arguments(deck, out, "--every", "2")) == 1
     error = capsys.readouterr().err
     said = f"{deck}:23: the run stopped: the trajectory {out}/trajectory.dcd cannot be written (File too large); "
     assert f"openmm-dpd: error: {said}" in error

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from ...base.errors import ParameterError
 from ...base.units import UnitSystem
@@ -97,8 +97,8 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
         # as fine as the finest part of the file, within limits
         even = np.linspace(r[0], r[-1], int(np.clip(np.ceil((r[-1] - r[0]) / steps.min()) + 1, len(r), max(20000, len(r)))))
         ends = data.end_slopes if len(data.end_slopes) == 2 else np.diff(forces)[[0, -1]] / steps[[0, -1]]
-        spline = CubicSpline(r, energies, bc_type=((1, -forces[0]), (1, -forces[-1])))
-        r, energies, forces = even, spline(even), CubicSpline(r, forces, bc_type=((1, ends[0]), (1, ends[1])))(even)
+        spline = scipy.interpolate.CubicSpline(r, energies, bc_type=((1, -forces[0]), (1, -forces[-1])))
+        r, energies, forces = even, spline(even), scipy.interpolate.CubicSpline(r, forces, bc_type=((1, ends[0]), (1, ends[1])))(even)
     elif data.end_slopes:
         remarks.append("FPRIME has no effect: the slope of the energies is the force, and has no slope of its own at the ends")
     limit = None if cutoff is None else cutoff * units.length
@@ -108,7 +108,7 @@ def tabulated_pair(data: TableData, cutoff: float | None, units: UnitSystem) -> 
         if "minus the slope" not in str(error):
             raise
         # in LAMMPS the forces move the beads, so they define the potential
-        work = CubicSpline(r, forces).antiderivative()
+        work = scipy.interpolate.CubicSpline(r, forces).antiderivative()
         energies = energies[-1] + work(r[-1]) - work(r)
         pair = TabulatedPair(r * units.length, energies * units.energy, forces=forces * units.force, cutoff=limit)
         remarks.append(f"its energies are replaced by the integral of its forces, which move the beads ({error})")

@@ -18,8 +18,8 @@ from ...simulation.fields import read_fields
 from ..state.records import NO_SLIDE, Slide
 from .request import RunRequest
 
-#: Default number of frames per run, approximately.
-FRAMES = 100
+#: Default number of frames per run, approximately, and the fewest steps between them: a frame takes as long as a step.
+FRAMES, APART = 100, 20
 #: Trajectory formats.
 FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
 
@@ -40,8 +40,8 @@ class RunTrajectory:
     ``clear``.  Positions are unwrapped.
 
     The folder is created if necessary; ``form`` is one of :data:`FORMATS`.  Frames are at multiples of ``every`` steps, each once; by
-    default there are about :data:`FRAMES` per run, including the first and last step.  All methods raise OutputError if a file cannot be
-    written; existing frames stay readable.
+    default there are about :data:`FRAMES` per run, including the first and last step, and at most one in :data:`APART` steps.  All methods
+    raise OutputError if a file cannot be written; existing frames stay readable.
     """
 
     def __init__(self, folder: Path, form: str = "dcd", every: int | None = None):
@@ -73,7 +73,7 @@ class RunTrajectory:
 
     def start(self, scene: Scene, request: RunRequest, built: BuiltSystem) -> None:
         """Prepare for a run."""
-        self._every = self._given or max(1, request.steps // FRAMES)
+        self._every = self._given or max(APART, request.steps // FRAMES)
         self._first, self._last = (0, -1) if self._given else (request.first_step, request.last_step)
         self._state = state = request.state
         self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from ...base.errors import ParameterError
 from ...base.units import UnitSystem
@@ -169,7 +169,7 @@ def _rows(c: TabulatedPair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r = np.array(c.distances)
     if r[0] == 0:
         r[0] = 1e-6 * r[1]  # LAMMPS's tables cannot begin at 0
-    forces = c.forces if c.forces is not None else -CubicSpline(c.distances, c.energies).derivative()(c.distances)
+    forces = c.forces if c.forces is not None else -scipy.interpolate.CubicSpline(c.distances, c.energies).derivative()(c.distances)
     return r, c.energies, forces
 
 

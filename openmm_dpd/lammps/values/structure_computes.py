@@ -5,8 +5,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from ...analysis.chains import gyration_tensors
 from ...analysis.diffusion import mean_squares
@@ -230,7 +229,9 @@ def _clusters(moment: DeckMoment, compute: Compute) -> np.ndarray:
         ends = state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2)
         i, j = np.append(i, ends[:, 0]), np.append(j, ends[:, 1])
     inside = mask[i] & mask[j]
-    _, label = connected_components(coo_array((np.ones(inside.sum()), (i[inside], j[inside])), shape=(n, n)), directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(
+        scipy.sparse.coo_array((np.ones(inside.sum()), (i[inside], j[inside])), shape=(n, n)), directed=False
+    )
     least = np.full(n, np.inf)
     np.minimum.at(least, label, state.atoms.ids)
     single = compute.style != "fragment/atom" or compute.arguments[-1:] == ("yes",)
