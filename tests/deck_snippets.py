@@ -262,7 +262,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "ave/histo": deck(before="fix a all ave/histo 1 2 4 -2 2 5 vx mode vector ave running file a.txt"),
         "vector": deck(
             before="fix a all vector 2 c_thermo_temp c_thermo_press\nthermo_style custom step",
-            between='print "$(trap(f_a[1])) $(f_a[2][2])"',
+            between='print "$(trap(f_a[1])) $(f_a[2][2])" append said.txt',
         ),
         "store/state": deck(
             before="fix a all store/state 3 x vy\nfix b all store/state 0 xu\nvariable v atom x-f_b\ndump d all custom 2 d.txt id f_a[*] v_v f_b"

@@ -173,7 +173,7 @@ class SceneSampler:
             assert fields.eos is not None
             theta = fields.eos.thetas(values.sum(axis=1))[mobile]
             sums = {"internal": float(values[mobile].sum()), "conductive": float(values[mobile, 0].sum())}
-        return sums | {"theta": float(len(theta) / np.sum(1.0 / theta))}
+        return sums | {"theta": float(len(theta) / np.sum(1.0 / theta)) if len(theta) else np.nan}
 
 
 def charge_energies(context: openmm.Context, plan: Plan) -> tuple[float, float]:
