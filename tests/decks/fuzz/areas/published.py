@@ -70,7 +70,7 @@ def published(draw: Draw) -> Deck:
     def number(found: re.Match) -> str:
         low, high = map(float, found[1].split(","))
         value = draw.real(low, high)
-        return draw.word(int(value) if "step" in found.string[:10] else value).lstrip("+")
+        return draw.word(int(value) if "reset_timestep" in found.string else value).lstrip("+")
 
     said = draw.some([words for words in MORE if not any(own in plain.text and other in words for own, other in _APART)], 0, 3)
     more = [re.sub(r"\{(.*?)\}", number, part.strip()) for words in said for part in words.split(";")]
