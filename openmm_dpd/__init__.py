@@ -41,6 +41,11 @@ from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterChar
 from .model.energy_dpd import EnergyDPD as EnergyDPD
 from .model.eos import ConstantHeatCapacity as ConstantHeatCapacity, TabulatedEOS as TabulatedEOS
 from .model.flow import BodyForce as BodyForce, PositionForce as PositionForce, Wall as Wall
+from .model.impropers import (
+    CosineImpropers as CosineImpropers,
+    HarmonicImpropers as HarmonicImpropers,
+    UmbrellaImpropers as UmbrellaImpropers,
+)
 from .model.internal import BeadTemperatures as BeadTemperatures, Concentrations as Concentrations, InternalEnergy as InternalEnergy
 from .model.limited_bonds import NonlinearBonds as NonlinearBonds, QuarticBonds as QuarticBonds
 from .model.mdpd import MDPD as MDPD

@@ -98,9 +98,9 @@ BASES["tilted"] = (
 BASES["flat"] = BASES["fluid"].replace("HEAD", "dimension 2").replace("block 0 3 0 3 0 3", "block 0 3 0 3 -0.1 0.1")
 BASES["dihedrals"] = (
     BASES["bonds"]
-    .replace("atom_style angle", "atom_style molecular\ndihedral_style opls")
+    .replace("atom_style angle", "atom_style molecular\ndihedral_style opls\nimproper_style hybrid umbrella cvff")
     .replace("data.chain", "data.turns")
-    .replace("angle_coeff 1 5 180", "angle_coeff 1 5 120\ndihedral_coeff 1 1 -2 3 0.5")
+    .replace("angle_coeff 1 5 180", "angle_coeff 1 5 120\ndihedral_coeff 1 1 -2 3 0.5\nimproper_coeff 1 umbrella 2 30")
 )
 
 
@@ -120,7 +120,8 @@ def chains(said: str, style: str, number: int, length: int, place: Callable[[int
 FILES = {  # Files beside the decks.
     "data.turns": chains(
         "two chains", "molecular", 2, 4, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m + 0.3 * (k % 2)} {0.5 + m + 0.2 * (k == 3)}"
-    ),
+    ).replace("1 dihedral types\n", "1 dihedral types\n2 impropers\n1 improper types\n")
+    + "\nImpropers\n\n1 1 2 1 3 4\n2 1 6 5 7 8\n",
     "data.chain": chains("three chains", "angle", 3, 3, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}"),
     "eos.table": "# U(T)\n\nSOFT\nN 3\n\n1 0.1 5.0\n2 2.0 100.0\n3 5.0 400.0\n",
     "dimer.txt": "two beads\n\n2 atoms\n1 bonds\n\nCoords\n\n1 0 0 0\n2 0.4 0 0\n\nTypes\n\n1 1\n2 1\n\nBonds\n\n1 1 1 2\n",
@@ -192,6 +193,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         ),
         "bond/local": deck("bonds", "compute c all bond/local dist force\ndump d all local 2 d.txt index c_c[*]"),
         "angle/local": deck("bonds", "compute c all angle/local eng\ncompute r all reduce max c_c inputs local\n" + averaged("c_r")),
+        "improper/local": deck("dihedrals", "compute c all improper/local chi\ndump d all local 2 d.txt c_c"),
         "dihedral/local": deck("dihedrals", "compute c all dihedral/local phi\ndump d all local 2 d.txt c_c"),
         "pe/atom": deck(before="compute c all pe/atom pair\ncompute r all reduce max c_c\n" + averaged("c_r")),
         "stress/atom": deck(before="compute c all stress/atom thermo_temp\ndump d all custom 2 d.txt id c_c[1] c_c[4]"),
@@ -351,6 +353,12 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "quit": deck(between="run 4 every 2 NULL\nrun 3 every 1 \"print '$(temp)'\"\nquit"),
         "bond_style": deck("bonds", "thermo_style custom step temp ebond eangle\ndump d all custom 2 d.txt id xu"),
         "dihedral_style": deck("dihedrals", "thermo_style custom step temp eangle edihed\ndump d all custom 2 d.txt id xu"),
+        "improper_style": deck(
+            "dihedrals",
+            "compute c all pe/atom improper\ncompute d all property/local itype iatom1\ncompute r all reduce max c_c\n"
+            "thermo_style custom step temp eimp emol impropers c_r",
+            between="improper_coeff 1 cvff 3.0 -1 2\ndelete_bonds all improper 1 undo",
+        ),
         "read_restart": "read_restart b.restart\nfix move all nve\nthermo 2\nrun 5\nrun 4\n",
         "kspace_style": deck(
             head="atom_style charge",

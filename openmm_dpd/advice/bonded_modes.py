@@ -236,13 +236,15 @@ def _bent(group: Angles, kT: float) -> np.ndarray:
 
 
 def why_no_step(scene: Scene) -> str | None:
-    """Why there may be no step short enough for the dihedrals of a scene, or None."""
+    """Why there may be no step short enough for the dihedrals or impropers of a scene, or None."""
     kT, held = scene.initial_kT, set()
     for group in scene.angles:
         one, which = _different(group)
         energy = one.curve(np.linspace(0.0, np.pi, _POINTS)[:, None])[0]
         apart = np.minimum(energy[0], energy[-1]) - energy.min(axis=0) >= _APART * kT
         held |= {(j, frozenset((i, k))) for i, j, k in group.triples[apart[which]].tolist()}
+    if scene.impropers:
+        return "no steps were measured with impropers"
     for dihedrals in scene.dihedrals:
         for row in dihedrals.quads.tolist():
             for at in (1, 2):

@@ -118,11 +118,11 @@ def recommend(scene: Scene, error: float = 0.01, *, quantity: str = "temperature
     The table covers soft repulsion with friction, in a box; :func:`openmm_dpd.advice.scene_groups.groups` combines layers and pairs of
     types.  Many-body liquids with the quadratic kernel have their own table (:func:`openmm_dpd.advice.scene_groups.many_body_groups`).
     Bonds, angles and dihedrals limit the step by the errors of their vibrations under each scheme (:mod:`openmm_dpd.advice.bonded_modes`),
-    charges by that of two opposite charges at the same point.  There is no recommendation with walls, segmental repulsion, mixtures of
-    many-body beads, other potentials between beads or attraction, without friction, or if the beads of a dihedral may become collinear;
-    ``notes`` have the reason.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's DPDIntegrator updates
-    all pairs at once, and is too hot at shorter steps.  Beads beside atoms (:func:`openmm_dpd.create_mixed_system`) need the step of the
-    atoms and are refused.
+    charges by that of two opposite charges at the same point.  There is no recommendation with walls, impropers, segmental repulsion,
+    mixtures of many-body beads, other potentials between beads or attraction, without friction, or if the beads of a dihedral may become
+    collinear; ``notes`` have the reason.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's
+    DPDIntegrator updates all pairs at once, and is too hot at shorter steps.  Beads beside atoms
+    (:func:`openmm_dpd.create_mixed_system`) need the step of the atoms and are refused.
     """
     if isinstance(scene, MixedSystem):
         raise ParameterError(

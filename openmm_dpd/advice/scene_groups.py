@@ -203,7 +203,7 @@ def many_body_groups(scene: Scene, moves: np.ndarray) -> tuple[list[Groups], lis
     why = None
     if len(scene.tables) > 1 or len(found) > 1:
         why = "several many-body liquids"
-    elif scene.bonds or scene.angles or scene.dihedrals or scene.electrostatics is not None:
+    elif scene.bonded or scene.electrostatics is not None:
         why = "many-body beads with bonds or charges"
     if why:
         return [], [f"no steps were measured with {why}: halve the step until your results stay the same ({_LIQUIDS})"]

@@ -48,6 +48,7 @@ def write_psf(
     bonds=(),
     angles=(),
     dihedrals=(),
+    impropers=(),
     residues: Sequence[str] | None = None,
 ) -> None:
     """Write a topology file with full-precision masses and charges: NAMD's variant of PSF, with columns separated by blanks.
@@ -73,6 +74,8 @@ def write_psf(
         Bead indices from 0, with the vertex in the middle.  :func:`read_psf`, VMD and MDAnalysis read them; mdtraj has no angles.
     dihedrals : (D, 4) array of int
         Bead indices from 0 along three bonds.  :func:`read_psf`, VMD and MDAnalysis read them; mdtraj has no dihedrals.
+    impropers : (D, 4) array of int
+        Bead indices from 0.  VMD and MDAnalysis read them; :func:`read_psf` counts them.
     residues : sequence of N str, optional
         Name of the molecule of each bead; ``MOL`` by default.
 
@@ -97,6 +100,7 @@ def write_psf(
     charge = np.zeros(count) if charges is None else _per_bead(charges, "charge", "charges", count)
     pairs = checked_bonds(bonds, count)
     triples, quads = checked_bonds(angles, count, 3), checked_bonds(dihedrals, count, 4)
+    flat = checked_bonds(impropers, count, 4)
     molecule = molecule_numbers(molecules, pairs, count)
     # VMD needs at least 50 characters per line
     atom_lines = [
@@ -111,7 +115,8 @@ def write_psf(
         ("NBOND: bonds", len(pairs), _index_lines(pairs, 4)),
         ("NTHETA: angles", len(triples), _index_lines(triples, 3)),
         ("NPHI: dihedrals", len(quads), _index_lines(quads, 2)),
-        *((name, 0, []) for name in ("NIMPHI: impropers", "NDON: donors", "NACC: acceptors")),
+        ("NIMPHI: impropers", len(flat), _index_lines(flat, 2)),
+        *((name, 0, []) for name in ("NDON: donors", "NACC: acceptors")),
     ]
     text = [line for name, entries, lines in sections for line in ("", f"{entries:10d} !{name}", *lines)]
     write_whole(path, "\n".join(["PSF NAMD", *text, "", ""]), "the topology")

@@ -49,6 +49,7 @@ class BondTerms(BondedKernel):
     """
 
     part = staticmethod(_bond_part)
+    called = "a bond"
     sample = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
 
     def what_is_wrong(self, x: np.ndarray, box: np.ndarray | None) -> str:

@@ -170,7 +170,7 @@ def _kernel(kind: Any) -> Kernel:
 
 @dataclass(frozen=True, eq=False)
 class BondedKernel:
-    """Terms between a few beads each, all of one kind: bonds, angles or dihedrals.  A subclass for each kind has its formula."""
+    """Terms between a few beads each, all of one kind: bonds, angles, dihedrals or impropers.  A subclass for each kind has its formula."""
 
     term: ClassVar[str] = "bond"
     #: Compiled with ``formula`` in the place of ``_formula``: ``part(x, box, inverse, beads, p, begin, end, parts, first)`` writes the
@@ -179,6 +179,7 @@ class BondedKernel:
     part: ClassVar[Callable]
     formula: ClassVar[Callable]  #: Energy and its slope, of one term
     called: ClassVar[str] = "a term"  #: In messages
+    around: ClassVar[bool] = False  #: Whether images are those nearest to the first bead, rather than to the bead before
     sample: ClassVar[tuple[tuple[float, float, float], ...]]  #: Positions of the beads of one term
     beads: np.ndarray  #: (K, width) uint32, beads of each term
     parameters: np.ndarray  #: (n, K) float64, coefficients of each term

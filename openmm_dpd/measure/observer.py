@@ -26,7 +26,7 @@ from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
 from .present import Present
 from .sample import Sample, SystemSample
-from .stress_parts import angle_sums, bond_sums, dihedral_sums
+from .stress_parts import angle_sums, bond_sums, torsion_sums
 from .temperature import check_context
 
 _NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
@@ -101,7 +101,9 @@ class SceneSampler:
             raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
         bond, bond_laplacian = bond_sums(plan, x, box, mobile)
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
-        dihedral, dihedral_laplacian = dihedral_sums(plan, x, box, mobile)
+        dihedral, dihedral_laplacian = torsion_sums(plan.scene.dihedrals, x, box, mobile)
+        improper, improper_laplacian = torsion_sums(plan.scene.impropers, x, box, mobile)
+        joined = bond + angle + dihedral + improper
         friction = present.friction(on_step, found)
         short, lattice = present.charges[:2] if "charges" in self.plan.execution.held else charge_energies(context, self.plan)
         pushed = every = friction.force
@@ -116,8 +118,8 @@ class SceneSampler:
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
         laplacian = found.pairs.laplacian
         if laplacian is not None:
-            laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian
-        pair, kinetic_on_step = potential - bond - angle - dihedral - other, kinetic if on_step is v else self._half(self._mass, on_step)
+            laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian + improper_laplacian
+        pair, kinetic_on_step = potential - joined - other, kinetic if on_step is v else self._half(self._mass, on_step)
         return Sample(
             step=looked.getStepCount(),
             time=bare(looked.getTime()),
@@ -125,11 +127,12 @@ class SceneSampler:
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,
             pair=pair,
-            potential=pair + bond + angle + dihedral + other,
+            potential=pair + joined + other,
             other=other,
             bond=bond,
             angle=angle,
             dihedral=dihedral,
+            improper=improper,
             coulomb_real=short,
             coulomb_reciprocal=lattice,
             virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()),

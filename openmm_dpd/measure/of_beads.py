@@ -1,4 +1,4 @@
-"""Energies and stresses of single beads: equal shares of every pair, bond, angle, dihedral and contact."""
+"""Energies and stresses of single beads: equal shares of every pair, contact, bond, angle, dihedral and improper."""
 
 from typing import Any
 
@@ -6,12 +6,13 @@ import numpy as np
 
 from ..base.errors import ParameterError
 from ..kernels.engine import host_engine
+from ..kernels.extras import BondedKernel
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS
 from .present import Present
 from .stress_parts import BondedStress, beside_pairs
 
-#: Parts of the energies and stresses, and how many beads a term of each has.
-BEADS_OF = {"pair": 0, "bond": 2, "angle": 3, "dihedral": 4}
+#: Parts of the energies and stresses.
+PARTS = ("pair", "bond", "angle", "dihedral", "improper")
 
 
 def bead_shares(present: Present) -> dict[str, np.ndarray]:
@@ -21,19 +22,19 @@ def bead_shares(present: Present) -> dict[str, np.ndarray]:
     ParameterError if the scene has charges, whose lattice sum belongs to no bead.
     """
     plan, x, box = present.plan, present.x, present.box
-    found: dict[str, np.ndarray] = {part: np.zeros((len(x), 7)) for part in BEADS_OF}
+    found: dict[str, np.ndarray] = {part: np.zeros((len(x), 7)) for part in PARTS}
     for beads, values in pair_terms(present, friction=plan.options.predicting):
         _share(found["pair"], beads, values[:, :7])
     for extra in beside_pairs(plan):
-        if extra.term == "bond":
+        if isinstance(extra, BondedKernel):
             beads, tensors = BondedStress(extra).each(x, box)
-            part = next(name for name, count in BEADS_OF.items() if count == beads.shape[1])
-            _share(found[part], beads, np.column_stack([np.zeros(len(beads)), tensors]))
+            _share(found[extra.called.split()[-1]], beads, np.column_stack([np.zeros(len(beads)), tensors]))
     scene = plan.scene
     for part, groups, curves in (
         ("bond", scene.bonds, lambda its: its.curve(its.lengths(x, box))),
         ("angle", scene.angles, lambda its: its.curve(its.arms(x, box)[0])),
-        ("dihedral", scene.dihedrals, lambda its: its.curve(its.gradients(x, box)[0])),
+        ("dihedral", scene.dihedrals, turned := lambda its: its.curve(its.gradients(x, box)[0])),
+        ("improper", scene.impropers, turned),
     ):
         for group in groups:
             _share(found[part], group.beads, np.asarray(curves(group)[0])[:, None])

@@ -68,7 +68,7 @@ class Sample(SystemSample):
 
     Attributes
     ----------
-    pair, bond, angle, dihedral : potential energies; ``pair`` includes segmental repulsion and charges
+    pair, bond, angle, dihedral, improper : potential energies; ``pair`` includes segmental repulsion and charges
     coulomb_real, coulomb_reciprocal : short-range and lattice energy of the charges, as included in ``pair`` (0 without a box)
     other : potential energy of foreign forces in the System, which virials and pressures leave out
     virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij; the last is 0 where noise is no force (all but ``mvv``)
@@ -88,6 +88,7 @@ class Sample(SystemSample):
     bond: float
     angle: float
     dihedral: float
+    improper: float
     coulomb_real: float
     coulomb_reciprocal: float
     other: float

@@ -3,7 +3,7 @@
 OpenMM has no virials of single forces, and single precision on most platforms; so the kernels do the sums, also of OpenMM's forces.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from fractions import Fraction
 from typing import Any
@@ -14,6 +14,7 @@ from ..base.geometry import AXES_OF_TENSOR, minimum_images, symmetric_products
 from ..kernels.charges import ChargeEvaluator
 from ..kernels.extras import Extra, warm_up_extras
 from ..kernels.motion import second_moments
+from ..model.angles import Torsions
 from ..model.schemes import SWEEPS, Letter, Scheme
 from ..plan.charge_forces import charge_terms
 from ..plan.pair_spec import extras
@@ -45,11 +46,11 @@ def charge_evaluator(plan: Plan) -> ChargeEvaluator | None:
 
 class BondedStress:
     """Stress of bonded terms of any kind, from their forces alone: each term acts on its own copies of its beads, each of which is the
-    minimum image with respect to the bead before it."""
+    minimum image with respect to the bead before it, or to the first one."""
 
     def __init__(self, terms: Any):
         name = fields(terms)[0].name
-        self._beads = beads = getattr(terms, name)
+        self._beads, self._around = (beads := getattr(terms, name)), getattr(terms, "around", False)
         self._alone = replace(terms, **{name: np.arange(beads.size, dtype=beads.dtype).reshape(beads.shape)}).evaluator()
 
     def __call__(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
@@ -66,8 +67,9 @@ class BondedStress:
         """For each term: its beads relative to the first one, and the forces on them."""
         copies, force = x[self._beads], np.zeros((self._beads.size, 3))
         self._alone.add_to(copies.reshape(-1, 3), box, force, 1.0)
-        steps = minimum_images(np.diff(copies, axis=1).reshape(-1, 3), box).reshape(len(copies), -1, 3)
-        return np.cumsum(steps, axis=1), force.reshape(copies.shape)[:, 1:]
+        steps = copies[:, 1:] - copies[:, :1] if self._around else np.diff(copies, axis=1)
+        steps = minimum_images(steps.reshape(-1, 3), box).reshape(steps.shape)
+        return steps if self._around else np.cumsum(steps, axis=1), force.reshape(copies.shape)[:, 1:]
 
 
 def bond_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
@@ -102,15 +104,16 @@ def angle_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.nda
     return energy, laplacian
 
 
-def dihedral_sums(plan: Plan, x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
-    """Energy and Laplacian of all dihedrals at positions x; their virial is 0.  The angle's Laplacian with respect to each bead is 0, so
-    that of the energy is U'' times the squared gradients."""
+def torsion_sums(groups: Sequence[Torsions], x: np.ndarray, box: np.ndarray | None, mobile: np.ndarray) -> tuple[float, float]:
+    """Energy and Laplacian of dihedrals or impropers at positions x; their virial is 0.  The Laplacian of the energy is U'' times the
+    squared gradients of the angle, and U' times its Laplacians, which are 0 for dihedrals."""
     energy = laplacian = 0.0
-    for dihedrals in plan.scene.dihedrals:
-        phi, gradients, _ = dihedrals.gradients(x, box)
-        u, _, curvature = dihedrals.curve(phi)
+    for group in groups:
+        phi, gradients, _ = group.gradients(x, box)
+        u, slope, curvature = group.curve(phi)
         energy += float(np.sum(u))
-        laplacian += float(np.sum(curvature * np.sum(mobile[dihedrals.quads] * np.sum(gradients**2, axis=2), axis=1)))
+        seconds = curvature[:, None] * np.sum(gradients**2, axis=2) + slope[:, None] * group.laplacians(x, box)
+        laplacian += float(np.sum(mobile[group.quads] * seconds))
     return energy, laplacian
 
 

@@ -33,7 +33,7 @@ def force_terms(
     -------
     dict of (N, 3) arrays, kJ/mol/nm
         ``conservative`` (all pair potentials except charges, from the plan's platform), ``electrostatic`` if there are charges,
-        ``bond`` if there are bonds, angles or dihedrals, ``external`` if there are body forces, ``other`` if the System has foreign
+        ``bond`` if beads are joined, ``external`` if there are body forces, ``other`` if the System has foreign
         forces, ``dissipative`` and ``random``.  They add up to the total force.  If beads have internal energies, temperatures or
         concentrations, ``rates_dissipative`` and ``rates_random`` (N, K) are their rates of change at the scene's initial values.
 

@@ -183,12 +183,11 @@ def check_angles(groups: Sequence[Angles], n_beads: int) -> None:
 LEAST_SINE2 = 1e-12
 
 
-class Dihedrals(BondedTerms):
-    """Base of all kinds of dihedrals.  The angle of beads i, j, k, l is pi if i and l are on opposite sides of j-k (trans), and positive if
-    l, seen along j-k, is clockwise of i."""
+class Torsions(BondedTerms):
+    """Base of all kinds of dihedrals and impropers.  The angle of beads i, j, k, l is pi if i and l are on opposite sides of j-k (trans),
+    and positive if l, seen along j-k, is clockwise of i."""
 
     quads: np.ndarray
-    _BEADS = ("quads", 4, "dihedral")
 
     def gradients(self, x: np.ndarray, box: np.ndarray | None, least: float = LEAST_SINE2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles (K,) in (-pi, pi] at positions x (N, 3), their gradients (K, 4, 3), and the vectors from the second bead to all four
@@ -207,8 +206,12 @@ class Dihedrals(BondedTerms):
         found = np.stack([at_i, -at_i + turn, -at_m - turn, at_m], axis=1)
         return phi, found, np.stack([f, np.zeros_like(f), -g, h - g], axis=1)
 
+    def laplacians(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+        """(K, 4) Laplacians of the angles with respect to the beads, 1/nm^2."""
+        return np.zeros(self.quads.shape)
+
     def in_line(self, x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-        """Numbers of the dihedrals with three successive beads on a line, which define no plane."""
+        """Numbers of the terms with three successive beads on a line, which define no plane."""
         arms = self.gradients(x, box)[2]
         f, g, h = arms[:, 0], arms[:, 2], arms[:, 3] - arms[:, 2]
         square = [np.sum(np.cross(arm, g) ** 2, axis=1) - LEAST_SINE2 * np.sum(arm * arm, axis=1) * np.sum(g * g, axis=1) for arm in (f, h)]
@@ -219,6 +222,12 @@ class Dihedrals(BondedTerms):
 
     def density(self, phi: np.ndarray) -> np.ndarray:
         return np.ones_like(phi)
+
+
+class Dihedrals(Torsions):
+    """Base of all kinds of dihedrals."""
+
+    _BEADS = ("quads", 4, "dihedral")
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +326,8 @@ class MultiHarmonicDihedrals(Dihedrals):
         return energy, -s * first, s * s * (2 * self.A3 + c * (6 * self.A4 + c * 12 * self.A5)) - c * first
 
 
-def check_dihedrals(groups: Sequence[Dihedrals], n_beads: int) -> None:
-    """Raise ParameterError if a dihedral names a bead that does not exist.  Several dihedrals of the same beads add up."""
-    for dihedrals in groups:
-        check_members(dihedrals.quads, n_beads, "a dihedral")
+def check_torsions(groups: Sequence[Torsions], n_beads: int) -> None:
+    """Raise ParameterError if a dihedral or improper names a bead that does not exist.  Several of the same beads add up."""
+    for group in groups:
+        what = group._BEADS[2]
+        check_members(group.quads, n_beads, f"a{'n' * (what == 'improper')} {what}")

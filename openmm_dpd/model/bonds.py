@@ -18,6 +18,7 @@ BOUNDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     ">= 0": lambda x: x >= 0,
     "> 0": lambda x: x > 0,
     "from 0 to pi": lambda x: (x >= 0) & (x <= np.pi * (1 + 1e-9)),
+    "from 0 to less than pi": lambda x: (x >= 0) & (x < np.pi * (1 - 1e-9)),
     "1 or -1": lambda x: np.abs(x) == 1,
     "a whole number >= 0": lambda x: (x >= 0) & (x == np.round(x)),
     "a whole number > 0": lambda x: (x > 0) & (x == np.round(x)),
@@ -46,8 +47,8 @@ def bead_indices(value, width: int, what: str) -> np.ndarray:
 def term_values(term, count: int, dimensions: dict[str, tuple[str, str]], what: str) -> dict[str, np.ndarray]:
     """Coefficients of ``count`` bonded terms, attributes of ``term``, as (count,) arrays in MD units.
 
-    ``dimensions`` maps the name of each to its dimension and its bound, one of :data:`BOUNDS`; ``what`` is "bond", "angle" or "dihedral" in
-    messages.  ParameterError if a shape is wrong or a value out of bounds.
+    ``dimensions`` maps the name of each to its dimension and its bound, one of :data:`BOUNDS`; ``what`` is "bond", "angle", ....
+    ParameterError if a shape is wrong or a value out of bounds.
     """
     values = {}
     for name, (dimension, bound) in dimensions.items():
@@ -78,8 +79,8 @@ _Terms = TypeVar("_Terms", bound="BondedTerms")
 
 
 class BondedTerms:
-    """Base of all kinds of bonds, angles and dihedrals: beads, and coefficients of each term.  A kind is a frozen dataclass with a field
-    for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.  Its record
+    """Base of all kinds of bonds, angles, dihedrals and impropers: beads, and coefficients of each term.  A kind is a frozen dataclass
+    with a field for the beads, named as in ``_BEADS``, and one for each of ``_DIMENSIONS``, in this order.  Its record
     (:mod:`openmm_dpd.plan.kinds.bonded`) defines how it is computed."""
 
     #: Name of the field with the beads, number of beads per term, and name of a term.

@@ -7,10 +7,11 @@ import numpy as np
 
 from ..base.errors import ParameterError, bead_number, either, fact_table, what_is
 from ..base.units import keep, known_under, thermal_energy, to_md
-from .angles import Angles, Dihedrals, check_angles, check_dihedrals
+from .angles import Angles, Dihedrals, check_angles, check_torsions
 from .bonds import BondedTerms, Bonds, check_members
 from .electrostatics import EwaldSum, SmearedCharges, checked_ewald, special_factors
 from .flow import BodyForce, Gap, PositionForce, Wall, check_inside, gaps
+from .impropers import Impropers
 from .internal import Internal, check_internal
 from .pairs import NONE, PairTable, require_complete
 from .segments import SegmentalRepulsion, check_segments
@@ -77,8 +78,7 @@ class Scene:
         Factors f in [0, 1] for pairs one, two and three bonds apart: conservative and dissipative forces are multiplied by f, the noise by
         sqrt(f).  LAMMPS's default is (0, 0, 0), which removes friction and repulsion between bonded beads.
     mobile : (N,) array of bool, optional
-        False: the bead is immobile (mass 0 for OpenMM), but has the velocity in ``velocities`` in the friction, as in a moving wall.  No
-        temperature includes it.
+        False: the bead is immobile (mass 0 for OpenMM), with its velocity in the friction, as in a moving wall, and in no temperature.
     molecules : (N,) array of int, optional
         Molecule numbers, for the topology.
     internal : InternalEnergy, BeadTemperatures or Concentrations, optional
@@ -86,8 +86,7 @@ class Scene:
     sources : sequence of Source
         Sources of heat (EDPD) or of a species (TDPD).
     compat : {"consistent", "lammps"}
-        ``"lammps"`` computes the heat of EDPD as LAMMPS does, which does not conserve energy, and the nearest points of two segments as
-        LAMMPS does.
+        ``"lammps"`` computes as LAMMPS does the heat of EDPD, which does not conserve energy, and the nearest points of two segments.
     angles : sequence of HarmonicAngles, CosineAngles, ...
         Angles between bonds.
     segments : SegmentalRepulsion, optional
@@ -103,8 +102,8 @@ class Scene:
     interacting : (N, 3) array of bool, optional
         False: along this axis only ``body_forces`` act on the bead, but no pair terms (including friction and noise), bonds or charges
         (LAMMPS: ``fix setforce``).  The bead still acts on its neighbours, so momentum is not conserved.  Requires ``scheme="mvv"``.
-    dihedrals : sequence of HarmonicDihedrals, OPLSDihedrals, MultiHarmonicDihedrals, ...
-        Dihedrals along three successive bonds.  They do not affect ``bonded_factors``, which follow from the bonds.
+    dihedrals, impropers : sequences of HarmonicDihedrals, OPLSDihedrals, ..., and of HarmonicImpropers, UmbrellaImpropers, ...
+        Dihedrals along three successive bonds, and impropers.  They do not affect ``bonded_factors``, which follow from the bonds.
     shear : LeesEdwards, optional
         Shear by sliding images.  ``velocities``, if given, include the flow.
 
@@ -139,6 +138,7 @@ class Scene:
     interacting: np.ndarray | None = None
     dihedrals: Sequence[Dihedrals] = ()
     shear: LeesEdwards | None = None
+    impropers: Sequence[Impropers] = ()
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
     gaps: Mapping[int, Gap] = field(init=False, repr=False)  #: Gap between the walls, by the number of the axis
@@ -167,10 +167,10 @@ class Scene:
         put("residues", self._checked_residues())
         put("interacting", self._checked_interacting())
         self._check_bonds()
-        self._check_kinds("angles", Angles)
+        for name, kind in (("angles", Angles), ("dihedrals", Dihedrals), ("impropers", Impropers)):
+            self._check_kinds(name, kind)
         check_angles(self.angles, self.n_beads)
-        self._check_kinds("dihedrals", Dihedrals)
-        check_dihedrals(self.dihedrals, self.n_beads)
+        check_torsions((*self.dihedrals, *self.impropers), self.n_beads)
         self._check_segments()
         put("bonded_factors", special_factors(self.bonded_factors, "bonded_factors"))
         put("tables", self._checked_pairs())
@@ -248,8 +248,8 @@ class Scene:
 
     @property
     def bonded(self) -> tuple[BondedTerms, ...]:
-        """All objects with bonds, angles and dihedrals."""
-        return (*self.bonds, *self.angles, *self.dihedrals)
+        """All objects with bonds, angles, dihedrals and impropers."""
+        return (*self.bonds, *self.angles, *self.dihedrals, *self.impropers)
 
     @property
     def segment_pairs(self) -> np.ndarray:

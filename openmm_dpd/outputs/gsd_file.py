@@ -17,7 +17,7 @@ _WHAT = "the GSD file"
 
 
 def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj") -> None:
-    """Write a GSD file with one frame: types, masses, charges, bonds, angles, dihedrals, molecule numbers, box, positions and velocities.
+    """Write a GSD file with one frame: types, masses, charges, what joins beads, molecule numbers, box, positions and velocities.
 
     Numbers are in single precision.  The origin moves to the centre of the box, as in HOOMD-blue; positions are wrapped into the box, with
     image flags.  Bond types are named after the types of their beads, ``A-B``, and ``A-B-2`` and so on if they have further coefficients.
@@ -101,8 +101,8 @@ class _Frames:
         self._hoomd = optional_package("gsd.hoomd", "gsd", "GSD files need")
         self.scene, self._units = scene, unit_system(units)
         self._joined = {
-            part: _named_groups(scene.types, [(group.beads, _coefficients(group)) for group in groups])
-            for part, groups in (("bonds", scene.bonds), ("angles", scene.angles), ("dihedrals", scene.dihedrals))
+            part: _named_groups(scene.types, [(group.beads, _coefficients(group)) for group in getattr(scene, part)])
+            for part in ("bonds", "angles", "dihedrals", "impropers")
         }
 
     def opened(self, path, mode: str):

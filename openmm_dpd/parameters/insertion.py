@@ -279,7 +279,7 @@ def _scaled(made: Insertion, x: np.ndarray, grown: float) -> np.ndarray:
 
 def _default_step(scene: Scene) -> float:
     """Recommended step (ps) of the soft beads, or a fraction of the period of the stiffest bond if that is shorter."""
-    soft = replace(scene, mobile=None, bonds=(), angles=(), dihedrals=())
+    soft = replace(scene, mobile=None, bonds=(), angles=(), dihedrals=(), impropers=())
     found = [choice.dt for choice in recommend(soft, _STEP_ERROR).choices if choice.scheme == _SCHEME]
     if not found:
         raise ParameterError(f"there is no default step for {_SCHEME} with this solvent; give dt")

@@ -67,6 +67,7 @@ def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) 
         bonds=[*solvent.bonds, *_terms(molecule.bonds, first)],
         angles=[*solvent.angles, *_terms(molecule.angles, first)],
         dihedrals=[*solvent.dihedrals, *_terms(molecule.dihedrals, first)],
+        impropers=solvent.impropers,
         bonded_factors=solvent.bonded_factors,
         mobile=mobile,
     )

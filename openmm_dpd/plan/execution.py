@@ -34,7 +34,7 @@ class Execution:
     conservative : {"kernel", "openmm", "none"}
         What computes the conservative force of the pair terms.
     held : frozenset of str
-        What the pair kernel holds of the scene beside its pair terms; the rest is OpenMM's.  Kinds of bonds, angles and dihedrals by name
+        What the pair kernel holds of the scene beside its pair terms; the rest is OpenMM's.  Kinds of bonds, angles, ... by name
         ("harmonic bonds"), "overlays", "segments", "body forces", "walls" and "charges".
     precision : {"double", "single"}
         What positions, velocities and forces of the platform have at least.
@@ -119,7 +119,7 @@ def why_parts(
 ) -> tuple[frozenset[str], dict[str, str]]:
     """What the pair kernel holds of a scene beside its pair terms, and the reason for each part that the scene has.
 
-    ``bonded`` are the names of its kinds of bonds, angles and dihedrals.
+    ``bonded`` are the names of its kinds of bonds, angles, dihedrals and impropers.
     """
     there = {
         **dict.fromkeys(bonded, True),

@@ -41,7 +41,7 @@ def explain_plan(plan: Plan) -> str:
         lines.append(_field_text(plan))
     if len(scene.bond_pairs):
         lines.append(f"{_bond_text(plan)}; {len(plan.exceptions)} bonded neighbours with a factor other than 1")
-    lines += [f"{len(group.beads)} {bonded_kind(type(group)).name}" for group in (*scene.angles, *scene.dihedrals)]
+    lines += [f"{len(group.beads)} {bonded_kind(type(group)).name}" for group in scene.bonded[len(scene.bonds) :]]
     if scene.segments is not None:
         lines.append(_segment_text(plan))
     if scene.electrostatics is not None:

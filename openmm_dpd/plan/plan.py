@@ -158,7 +158,7 @@ class Plan:
         yield from (part for part in self.execution.why if part in self.execution.held)
 
     def holds(self, group: BondedTerms) -> bool:
-        """Whether the pair kernel holds these bonds, angles or dihedrals."""
+        """Whether the pair kernel holds these bonds, angles, dihedrals or impropers."""
         return bonded_kind(type(group)).name in self.execution.held
 
     @property

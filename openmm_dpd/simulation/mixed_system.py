@@ -270,6 +270,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         mobile=None if mobile.all() else mobile,
         angles=[angles.shifted(n) for angles in scene.angles],
         dihedrals=[dihedrals.shifted(n) for dihedrals in scene.dihedrals],
+        impropers=[impropers.shifted(n) for impropers in scene.impropers],
         segments=segments,
         compat=scene.compat,
     )

@@ -6,7 +6,7 @@ import openmm
 from ..base.errors import PlanError, bead_names
 from ..base.geometry import coincident_pairs
 from ..base.names import BONDED_GROUP, COULOMB_GROUP, LAST_POTENTIAL_GROUP, LATTICE_GROUP, PAIR_GROUP, POTENTIAL_GROUP
-from ..model.angles import Dihedrals
+from ..model.angles import Torsions
 from ..model.flow import PositionForce
 from ..plan.forces.bonded import molecules
 from ..plan.forces.device_force import device_force
@@ -52,10 +52,10 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
         system.addForce(force)
     if told:
         system.addForce(molecules(np.concatenate(told)))
-    for group in (group for group in outside if isinstance(group, Dihedrals)):
+    for group in (group for group in outside if isinstance(group, Torsions)):
         for flat in group.in_line(scene.positions, scene.box)[:1]:
             which = f"three of {bead_names(*group.quads[flat])} are in line"
-            raise PlanError(f"{which}, where OpenMM, which computes their dihedral here, has no force; move one of them a little")
+            raise PlanError(f"{which}, where OpenMM, which computes their {group._BEADS[2]} here, has no force; move one of them a little")
     for force in bonded_forces(outside, periodic):
         force.setForceGroup(BONDED_GROUP)
         system.addForce(force)

@@ -24,7 +24,7 @@ from openmm_dpd.advice.bonded_modes import bonded_modes
 from openmm_dpd.base import serialized
 from openmm_dpd.kernels.bonded import AngleTerms, BondTerms, DihedralTerms
 from openmm_dpd.lammps import deck_scene, export_lammps
-from openmm_dpd.measure.stress_parts import angle_sums, bond_sums, dihedral_sums, stress_parts
+from openmm_dpd.measure.stress_parts import angle_sums, bond_sums, stress_parts, torsion_sums
 from openmm_dpd.model.angles import Angles, Dihedrals
 from openmm_dpd.model.bonds import Bonds
 from openmm_dpd.molecules import linear, pack
@@ -34,6 +34,8 @@ from openmm_dpd.plan import kinds
 NO_LAMMPS = lammps_peer.why_missing()
 EDGE = 6.0
 BOX = np.diag([EDGE] * 3)
+
+SUMS = (bond_sums, angle_sums, lambda plan, *at: torsion_sums(plan.scene.dihedrals, *at))
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +238,7 @@ def test_they_are_measured(known):
     grown, shrunk = (energy_of(made, x * s, BOX * s) for s in (1 + h, 1 - h))
     stress = sum(part(x, BOX) for part in stress_parts(built.plan))
     assert stress[:3].sum() == pytest.approx(-(grown - shrunk) / (2 * h), rel=1e-7)
-    laplacian = sum(sums(built.plan, x, BOX, all_move)[1] for sums in (bond_sums, angle_sums, dihedral_sums))
+    laplacian = sum(sums(built.plan, x, BOX, all_move)[1] for sums in SUMS)
     h = 1e-4
     second = sum(shifted(made, place, h) + shifted(made, place, -h) - 2 * energy for place in np.ndindex(x.shape))
     assert laplacian == pytest.approx(second / h**2, rel=1e-5)
@@ -271,7 +273,7 @@ def test_lammps_has_two_of_them(known, tmp_path):
             lmp.file(str(deck))
             energies = [lmp.get_thermo(word) for word in ("ebond", "eangle", "edihed")]
         plan, x, all_move = dpd.make_plan(made, dt=0.005, seed=1), made.positions, np.ones(made.n_beads, bool)
-        expected = [sums(plan, x, BOX, all_move)[0] for sums in (bond_sums, angle_sums, dihedral_sums)]
+        expected = [sums(plan, x, BOX, all_move)[0] for sums in SUMS]
         np.testing.assert_allclose(energies, expected, rtol=1e-6)
     for kind, what in ((HelixDihedrals, "dihedral"), (ShiftedAngles, "angle")):
         kinds.BONDED_KINDS.pop(kind)

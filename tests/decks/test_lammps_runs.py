@@ -247,7 +247,6 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
         "fix 1 all temp/csvr 1 1 1 7\n",
         "fix style 'temp/csvr' is not supported: use fix nvt, fix langevin with fix nve, .* dpd/tstat",
     ),
-    ("improper_style harmonic\n", "in.deck:13: improper_style: impropers are not supported; dihedral_style harmonic"),
     ("pair_coef 1 1 25 4.5\n", "unknown or unsupported command 'pair_coef'; did you mean pair_coeff?"),
     ("fix 1 all mvv/dpdd\n", "supported are nve, .*; did you mean mvv/dpd?"),
     ("compute v all presure thermo_temp\n", "; did you mean pressure?"),

@@ -25,6 +25,8 @@ TURNS = chains(
     5,
     lambda m, k: f"{0.4 + 0.55 * k} {0.2 + 0.235 * m + 0.3 * (k % 2)} {(0.5 + 0.7 * m + 0.2 * (k == 3) + 0.01 * k) % 3}",
 )
+TURNS = TURNS.replace("1 dihedral types\n", "1 dihedral types\n12 impropers\n1 improper types\n") + "\nImpropers\n\n"
+TURNS += "".join(f"{k + 1} 1 {5 * k + 2} {5 * k + 3} {5 * k + 4} {5 * k + 1}\n" for k in range(12))
 MDPD = """pair_style hybrid/overlay mdpd/rhosum mdpd 0.0 1.0 98
 pair_coeff * * mdpd/rhosum 0.75
 pair_coeff * * mdpd -40 25 18.0 1.0 0.75
@@ -36,12 +38,14 @@ special_bonds lj 0.5 0.3 1.0
 bond_style harmonic
 angle_style harmonic
 dihedral_style opls
+improper_style umbrella
 read_data {folder}/data.turns
 comm_modify vel yes
 group ga id 1:43
 bond_coeff 1 50 0.5
 angle_coeff 1 5 120
 dihedral_coeff 1 1 -2 3 0.5
+improper_coeff 1 3 20
 pair_style dpd 0.0 1.0 3
 pair_coeff * * 25 0.1
 velocity all ramp vy -1 1 z 0 3
@@ -83,6 +87,7 @@ compute bg ga bond/local dist
 compute ai all property/local atype aatom1 aatom2 aatom3
 compute an all angle/local theta eng
 compute d all dihedral/local phi
+compute ii all improper/local chi
 compute di all property/local dtype datom1 datom4
 compute ke all ke/atom
 compute rl all reduce max c_b[1] c_b[5] inputs local
@@ -94,6 +99,7 @@ dump_modify l label BONDS format line "%d %g %g %g %.8g %g %10.5f %g"
 dump a all local/gz 2 f.al.*.gz index c_ai[*] c_an[*]
 dump i ga local 2 f.i c_bi[*] c_bg
 dump j all local 2 f.dl.gz c_d c_di[2] c_di[*]
+dump jj all local 2 f.il.gz c_ii
 dump_modify j units yes time yes
 dump c all custom/gz 1 f.c.gz id element x proc procp1
 dump_modify c element O thresh x < 1.5 thresh c_ke != 0 region left time yes units yes sort id format 3 %.9f

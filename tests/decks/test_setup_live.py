@@ -43,8 +43,16 @@ Angles
 
 1 1 1 2 3
 """
+STAR = TRIMER.replace("three", "four").replace("3 atoms\n2 b", "4 atoms\n3 b").replace("1 angles", "1 angles\n2 impropers")
+STAR = (
+    STAR.replace("3 0.9 0.9 0.3\n", "3 0.9 0.9 0.3\n4 1.4 -0.3 0.2\n")
+    .replace("3 1\n\nC", "3 1\n4 2\n\nC")
+    .replace("3 0.5\n", "3 0.5\n4 0\n")
+)
+STAR = STAR.replace("2 1 2 3\n", "2 1 2 3\n3 2 2 4\n") + "\nImpropers\n\n1 1 2 1 3 4\n2 2 1 2 3 4\n"
 FILES = {
     "trimer.txt": TRIMER,
+    "star.txt": STAR,
     "two.txt": TRIMER
     + "\nMolecules\n\n1 1\n2 1\n3 2\n\nSpecial Bond Counts\n\n1 1 1 0\n2 2 0 0\n3 1 1 0\n\nSpecial Bonds\n\n1 2 3\n2 1 3\n3 2 1\n",
     "solvent.txt": "one bead\n\n1 atoms\n\nCoords\n\n1 3 4 5\n\nTypes\n\n1 3\n",
@@ -57,12 +65,13 @@ neigh_modify every 1 delay 0 check no
 special_bonds lj/coul 0.0 0.5 1.0
 lattice sc 0.3
 region box block 0 6 0 6.5 0 7 units box
-create_box 4 box bond/types 2 angle/types 2 dihedral/types 1 extra/bond/per/atom 9 extra/special/per/atom 30 &
-  extra/angle/per/atom 9 extra/dihedral/per/atom 9
+create_box 4 box bond/types 2 angle/types 2 dihedral/types 1 improper/types 2 extra/bond/per/atom 9 &
+  extra/special/per/atom 30 extra/angle/per/atom 9 extra/dihedral/per/atom 9 extra/improper/per/atom 9
 pair_style dpd 0.0 1.0 3
 bond_style harmonic
 angle_style harmonic
 dihedral_style harmonic
+improper_style umbrella
 mass * 1
 mass 2 1.5
 pair_coeff * * 25 4.5
@@ -72,21 +81,30 @@ bond_coeff 2 60 0.6
 angle_coeff 1 5 120
 angle_coeff 2 3 90
 dihedral_coeff 1 2 1 2
+improper_coeff 1 3 40
+improper_coeff 2 4 0
 """
 RUN = """velocity all ramp vx 0 1 y 0 6 units box
 fix 1 all nve
 timestep 0.01
 thermo 1
-thermo_style custom step temp pe epair ebond eangle edihed press bonds angles dihedrals atoms
+thermo_style custom step temp pe epair ebond eangle edihed eimp press bonds angles dihedrals impropers atoms
 thermo_modify norm no format float %.15g
 print "=== run"
 run 30
 write_data end.data nocoeff
 """
 MOLECULES = "molecule m trimer.txt\ncreate_atoms 0 random 20 17 box mol m 18\n"
-FOUR = "".join(f"create_atoms 3 single {0.1 + 0.5 * k} 3 {1 + 0.3 * (k == 1) - 0.2 * (k == 3)} units box\n" for k in range(4))
+FOUR = "".join(
+    f"create_atoms 3 single {0.1 + 0.5 * k} {3 + 0.2 * (k == 2)} {1 + 0.3 * (k == 1) - 0.2 * (k == 3)} units box\n" for k in range(4)
+)
 
 DECKS = {
+    "impropers": "molecule m star.txt\ncreate_atoms 0 random 25 17 box mol m 18\ngroup some id 5:40\ndelete_bonds some improper 2 any\n"
+    "compute i all improper/local chi\ncompute it all property/local itype iatom1 iatom4\ncompute r all reduce sum c_i c_it[*] inputs local\n"
+    "fix r all ave/time 5 1 5 c_r[1] c_r[2] c_r[3] c_r[4] file r.txt\n",
+    "impropers removed": "molecule m star.txt ioff 0\ncreate_atoms 0 random 25 17 box mol m 18\ndelete_bonds all improper 1 remove special\n"
+    "compute r all pe improper\nfix r all ave/time 5 1 5 c_r file r.txt\n",
     "random": MOLECULES + "molecule s solvent.txt\ncreate_atoms 0 random 150 44 NULL mol s 5\n",
     "lattice and offsets": "molecule m two.txt offset 2 1 1 0 0 scale 0.9\nregion low block INF INF INF INF 0 1.5\n"
     "create_atoms 0 region low mol m 77\nregion b sphere 3 3 5 1.4 units box\ncreate_atoms 0 random 9 7 b mol m 6\n",
@@ -97,7 +115,8 @@ DECKS = {
     + "group one id 1:30\ngroup other id 20:60\ncreate_bonds many one other 2 0.3 0.75\n"
     + FOUR
     + "create_bonds single/bond 1 61 62 special no\ncreate_bonds single/bond 1 62 63\ncreate_bonds single/bond 2 63 64 special yes\n"
-    "create_bonds single/angle 2 61 62 63\ncreate_bonds single/dihedral 1 61 62 63 64\n",
+    "create_bonds single/angle 2 61 62 63\ncreate_bonds single/dihedral 1 61 62 63 64\n"
+    "create_bonds single/improper 1 61 62 63 64\ncreate_bonds single/improper 2 62 63 61 64\n",
     **{
         f"delete_bonds {words}": MOLECULES + f"group some id 5:40\ndelete_bonds {words}\n"
         for words in (
@@ -293,7 +312,7 @@ def test_both_programs_read_alike(trial, name):
     text = "bond_style harmonic\nread_data one.txt extra/bond/per/atom 4 extra/special/per/atom 5\n" + READ[name]
     text += "\npair_style dpd 0.0 1.0 3\npair_coeff * * 25 4.5\n"
     run = 'fix n all print 10 "$(count(new))" file n.txt screen no\n' if "new" in text else ""
-    run += RUN.partition("\n")[2].replace("nocoeff", "").replace("eangle edihed", "").replace("angles dihedrals", "")
+    run += RUN.partition("\n")[2].replace("nocoeff", "").replace("eangle edihed eimp", "").replace("angles dihedrals impropers", "")
     agree(trial, head[0] + "special_bonds lj/coul 0.5 1 1\n" + text + run)
 
 
@@ -304,7 +323,7 @@ def test_restart_files_of_lammps(tmp_path, monkeypatch, style):
     bonds = "" if style != "hybrid" else "bond_style hybrid harmonic zero\nbond_coeff 1 harmonic 40 0.7\nbond_coeff 2 zero\n"
     head = HEAD + bonds
     if bonds:  # then LAMMPS stores no coefficients of any
-        bonds += "".join(f"{line}\n" for line in HEAD.splitlines() if line.startswith(("angle", "dihedral")))
+        bonds += "".join(f"{line}\n" for line in HEAD.splitlines() if line.startswith(("angle", "dihedral", "improper")))
     words = ("temp", "pe", "ebond", "eangle", "press", "time", "v_n")
     rest = (
         bonds

@@ -228,7 +228,7 @@ def test_psf_of_another_program(tmp_path):
     (tmp_path / "other.psf").write_text("\n".join(lines), encoding="utf-8")
     given = {"pairs": {("*", "*"): dpd.NONE}, "kT": 1.0, "box": scene.box, "bonds": Spring(1, 1)}
     other = (tmp_path / "other.psf", scene.positions, lambda atom: atom.name + "x")
-    unsupported = "has 1 impropers, which a Scene does not support; leave_out=.'impropers',. ignores"
+    unsupported = "has 1 impropers, which are not taken over; leave_out=.'impropers',. ignores"
     raises(dpd.ParameterError, unsupported, scene_from_psf, *other, **given)
     given["leave_out"] = ("impropers", "angles")
     missing = "has 2 dihedrals, the first one .* leave_out=.'dihedrals',. to ignore them"
@@ -346,7 +346,7 @@ def test_coefficients_of_a_data_file(tmp_path):
     ("", ("", ""), {"units": "electron"}, "unknown units 'electron'"),
     (" # harmonic", ("1 50 0.7", "1 50"), {}, r"data.x:\d+: .*K r0"),
     (" # class2", ("", ""), {}, "no bonds are given"),
-    ("", ("1 angle types", "1 angle types\n2 impropers"), {}, "impropers are not supported, but the header announces 2"),
+    ("", ("1 angle types", "1 angle types\n2 impropers"), {}, "the header announces 2 impropers, but there is no Impropers section"),
 )
 def test_data_files_that_do_not_say_enough(tmp_path, hint, change, given, message):
     path = data_file(tmp_path, hint, DATA.replace(*change) if change[0] else DATA)

@@ -48,18 +48,18 @@ def region(state: DeckState, args: list[str]) -> None:
 
 
 #: Options for memory that LAMMPS reserves; ignored.
-ROOM = (*(f"extra/{what}/per/atom" for what in (*JOINED, "improper", "special")), "extra/improper/types")
+ROOM = tuple(f"extra/{what}/per/atom" for what in (*JOINED, "special"))
 
 
 @command("create_box N region ...", 2, None, box=False)
 def create_box(state: DeckState, args: list[str]) -> None:
-    """``create_box N region [bond/types N] [angle/types N] [dihedral/types N] [extra/...]``."""
+    """``create_box N region [bond/types N] [angle/types N] [dihedral/types N] [improper/types N] [extra/...]``."""
     found = state.region(args[1])
     if found.box is None:
         raise ParameterError(f"create_box needs a bounded block or prism with positive lengths; region '{args[1]}' is a {found.style}")
     state.n_types = read.integer(args[0], "the number of atom types", 1)
     counted = {f"{what}/types": what for what in JOINED}
-    for keyword, values in read.options(args[2:], dict.fromkeys((*counted, "improper/types", *ROOM), 1), "create_box"):
+    for keyword, values in read.options(args[2:], dict.fromkeys((*counted, *ROOM), 1), "create_box"):
         if keyword in counted:
             what = counted[keyword]
             if values[0] != "0":
@@ -297,7 +297,7 @@ def reset_atoms(state: DeckState, args: list[str]) -> None:
     order = np.argsort(state.atoms.slots)
     fresh = np.empty(len(order), dtype=np.int64)
     fresh[order] = np.arange(1, len(order) + 1)
-    for terms in (state.bonds, state.angles, state.dihedrals):
+    for terms in (getattr(state, f"{what}s") for what in JOINED):
         terms[:, 1:] = fresh[state.atoms.index_of(terms[:, 1:].ravel())].reshape(terms[:, 1:].shape)
     state.atoms.take(order)
     state.atoms.ids = np.arange(1, len(order) + 1)

@@ -19,7 +19,7 @@ _OFFSETS = {f"{what[0]}off": what for what in JOINED} | {"toff": "atom"}
 
 @command("molecule ID file ...", 2, None)
 def molecule(state: DeckState, args: list[str]) -> None:
-    """``molecule ID file [offset T B A D I] [toff|boff|aoff|doff N] [scale S]``: the template of create_atoms."""
+    """``molecule ID file [offset T B A D I] [toff|boff|aoff|doff|ioff N] [scale S]``: the template of create_atoms."""
     name = read.identifier(args[0], "the id of a molecule")
     if name in state.templates:
         raise ParameterError(f"there already is a molecule '{name}'")
@@ -28,7 +28,7 @@ def molecule(state: DeckState, args: list[str]) -> None:
         state.templates[name] = args
         return
     offsets, scale, at = {"atom": 0, **dict.fromkeys(JOINED, 0)}, 1.0, len(args)
-    sizes = {"offset": 5, "scale": 1, "ioff": 1, **dict.fromkeys(_OFFSETS, 1)}
+    sizes = {"offset": 5, "scale": 1, **dict.fromkeys(_OFFSETS, 1)}
     at = next((k for k, word in enumerate(args) if k > 1 and word in sizes), len(args))
     if at > 2:
         raise ParameterError(f"molecule {name}: several files make a set of templates; define one molecule for each")
@@ -37,7 +37,7 @@ def molecule(state: DeckState, args: list[str]) -> None:
             scale = read.positive(values[0], "scale")
             continue
         numbers = [read.integer(word, f"molecule {keyword}", 0) for word in values]
-        offsets |= dict(zip(["atom", *JOINED] if keyword == "offset" else [_OFFSETS.get(keyword, "")], numbers, strict=False))
+        offsets |= dict(zip(["atom", *JOINED] if keyword == "offset" else [_OFFSETS[keyword]], numbers, strict=False))
     types = {what: getattr(state, f"n_{what}_types") for what in JOINED}
     found = read_molecule(state.find_file(args[1]), state.atom_style, types, offsets, scale)
     for section in found.unused:
@@ -105,7 +105,7 @@ def _term_type(state: DeckState, what: str, word: str) -> int:
 
 @command("create_bonds style ...", 4, None, box=True)
 def create_bonds(state: DeckState, args: list[str]) -> None:
-    """``create_bonds many group group type rmin rmax``, or ``single/bond|angle|dihedral type bead bead ...``; ``[special yes|no]``."""
+    """``create_bonds many group group type rmin rmax``, or ``single/bond|angle|dihedral|improper type bead ...``; ``[special yes|no]``."""
     singles = {f"single/{what}": (what, size) for what, (size, _) in JOINED.items()}
     style = read.choice(args[0], "the style of create_bonds", ("many", *singles))
     what, size = singles.get(style, ("bond", 4))

@@ -130,7 +130,7 @@ def replicate(state: DeckState, args: list[str]) -> None:
 
 
 def _copied(terms: np.ndarray, most: int, copies: int) -> np.ndarray:
-    """Type and ids of the bonds, angles or dihedrals of all copies."""
+    """Type and ids of the bonds, angles, dihedrals or impropers of all copies."""
     shift = np.repeat(np.arange(copies), len(terms))[:, None] * most
     found = np.tile(terms, (copies, 1))
     found[:, 1:] += shift

@@ -13,7 +13,7 @@ from .setup import command
 #: Commands with names of styles, and the places of these; those of the last row may be anywhere.
 _STYLED: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("fix", "compute", "dump", "pair_coeff"), (3,)),
-    **dict.fromkeys(("bond_coeff", "angle_coeff", "dihedral_coeff", "pair_modify", "region"), (2,)),
+    **dict.fromkeys(((*(f"{what}_coeff" for what in JOINED), "pair_modify", "region")), (2,)),
     **dict.fromkeys(("kspace_style", "run_style", "min_style"), (1,)),
     **dict.fromkeys("pair_style bond_style angle_style dihedral_style improper_style atom_style".split(), tuple(range(1, 99))),
 }
@@ -93,7 +93,7 @@ def _numbered(state: DeckState, words: list[str]) -> list[str]:
 
 @command("labelmap option args ...", 1, None)
 def labelmap(state: DeckState, args: list[str]) -> None:
-    """``labelmap atom|bond|angle|dihedral type label ...``, or ``labelmap clear``."""
+    """``labelmap atom|bond|angle|dihedral|improper type label ...``, or ``labelmap clear``."""
     if args == ["clear"]:
         state.labels = {}
         return

@@ -27,7 +27,7 @@ from .export_fixes import Integrator, choose_integrator, eos_lines, flow_lines, 
 #: Attributes of a Scene that can be exported; a scene with any other is an error.
 _KNOWN = frozenset(
     "masses types positions pairs kT box velocities bead_masses charges bonds bonded_factors mobile molecules internal sources compat "
-    "angles dihedrals segments body_forces walls electrostatics residues interacting shear".split()
+    "angles dihedrals segments body_forces walls electrostatics residues interacting shear impropers".split()
 )
 
 _NAME = re.compile(r"[A-Za-z0-9_.+-]+")
@@ -53,6 +53,7 @@ class Job:
     bonds: of_scene.Bonded
     angles: of_scene.Bonded
     dihedrals: of_scene.Bonded
+    impropers: of_scene.Bonded
     images: np.ndarray | None = None
 
     @property
@@ -117,9 +118,7 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         styles=styles,
         differences=differences,
         skin=skin,
-        bonds=of_scene.bonded_types(scene, "bond", system),
-        angles=of_scene.bonded_types(scene, "angle", system),
-        dihedrals=of_scene.bonded_types(scene, "dihedral", system),
+        **{f"{what}s": of_scene.bonded_types(scene, what, system) for what in JOINED},  # type: ignore[arg-type]
         images=images,
     )
 
@@ -182,7 +181,7 @@ def export_texts(job: Job) -> dict[str, str]:
         assert scene.box is not None
         turns = np.round((scene.positions[:, 1] - places[1][:, 1]) / scene.box[1, 1])
         velocities[:, 0] -= turns * rate_at(scene.shear, 0.0) * scene.box[1, 1]
-    data = of_scene.data_file(scene, units, job.types, places, velocities, (job.bonds, job.angles, job.dihedrals), extra)
+    data = of_scene.data_file(scene, units, job.types, places, velocities, [getattr(job, f"{what}s") for what in JOINED], extra)
     remarks = dict(enumerate([*job.types.names, *["places of bonds"] * extra], start=1))
     title = f"{job.name}, written by openmm-dpd, units = {units.name}"
     lines = data_lines(data, title, job.styles, job.n_species, remarks=remarks)

@@ -1,4 +1,4 @@
-"""An exported scene in LAMMPS's terms: the data file (types, box, beads, bonds, angles and dihedrals), the styles of bonded and pair
+"""An exported scene in LAMMPS's terms: the data file (types, box, beads, and what joins them), the styles of bonded and pair
 interactions, and commands for charges."""
 
 from collections.abc import Iterator, Sequence
@@ -89,8 +89,9 @@ def atom_styles(scene: Scene, mdpd: bool = False) -> tuple[str, ...]:
         own = "mdpd"
     charged, bonded = scene.charges is not None, bool(len(scene.bond_pairs)) or scene.molecules is not None
     rest: str | None = None
-    if bonded or scene.angles or scene.dihedrals:
-        rest = "full" if charged else "molecular" if scene.angles or scene.dihedrals else "bond"
+    others = any(len(group.beads) for group in scene.bonded[len(scene.bonds) :])
+    if bonded or others:
+        rest = "full" if charged else "molecular" if others else "bond"
     elif charged:
         rest = "charge"
     return tuple(style for style in (own, rest) if style) or ("atomic",)
@@ -114,7 +115,7 @@ def atom_style_line(styles: tuple[str, ...], n_species: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Bonded:
-    """Bonds, angles or dihedrals: ``rows`` are (type, bead indices), ``types`` (style, coefficients) from type 1 on."""
+    """Bonds, angles, dihedrals or impropers: ``rows`` are (type, bead indices), ``types`` (style, coefficients) from type 1 on."""
 
     rows: np.ndarray
     types: tuple[tuple[str, str], ...]
@@ -162,7 +163,7 @@ def data_file(
     joined: Sequence[Bonded],
     extra_types: int = 0,
 ) -> DataFile:
-    """The data file of a scene; ``places`` are box, positions and image flags (:func:`lammps_box`), ``joined`` bonds, angles and dihedrals;
+    """The data file of a scene; ``places`` are box, positions and image flags (:func:`lammps_box`), ``joined`` what joins beads;
     ``extra_types`` are types that stand for bonds."""
     box, positions, images = places
     n, count = scene.n_beads, len(types)
@@ -206,7 +207,7 @@ def _word(value: float, whole: bool) -> str:
 
 
 def bonded_types(scene: Scene, what: str, units: UnitSystem) -> Bonded:
-    """The bonds, angles or dihedrals (``what``) of a scene, with one type for each set of coefficients."""
+    """The bonds, angles, dihedrals or impropers (``what``) of a scene, with one type for each set of coefficients."""
     types: dict[tuple[str, str], int] = {}
     rows = [np.zeros((0, JOINED[what][0] + 1), dtype=np.int64)]
     for term in getattr(scene, f"{what}s"):
@@ -243,7 +244,7 @@ def longest_bond(scene: Scene) -> float:
         if len(bonds.pairs):
             lengths.append(float(bonds.lengths(scene.positions, scene.box).max()))
             lengths.append(float(np.max(bonds.longest())))
-    return (3.0 if scene.dihedrals else 2.0 if scene.angles else 1.0) * max(lengths)
+    return (3.0 if scene.dihedrals or scene.impropers else 2.0 if scene.angles else 1.0) * max(lengths)
 
 
 def pair_uses(export: PairExport) -> list[StyleUse]:
@@ -334,7 +335,7 @@ def special_line(scene: Scene, units: UnitSystem) -> str:
     styles = {bonded_kind(type(bonds)).style for bonds in scene.bonds if len(bonds.pairs)}
     if "quartic" in styles:
         friction = any(getattr(c, "has_thermostat", False) for table in scene.tables for c in table.entries.values())
-        others = len(styles) > 1 or friction or scene.angles or scene.dihedrals or scene.electrostatics is not None
+        others = len(styles) > 1 or friction or len(scene.bonded) > len(scene.bonds) or scene.electrostatics is not None
         if others or tuple(scene.bonded_factors) != (0, 1, 1) or units.name != "lj":
             raise ParameterError(
                 "quartic bonds are exported in units lj, with bonded_factors (0, 1, 1), and without other bonds, angles, friction and "

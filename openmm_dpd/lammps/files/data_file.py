@@ -27,7 +27,7 @@ BONDED_STYLES = ("bond", "angle", "molecular", "full")
 JOINED: dict[str, tuple[int, tuple[str, ...]]] = {
     "bond": (2, BONDED_STYLES),
     "angle": (3, ("angle", "molecular", "full")),
-    "dihedral": (4, ("molecular", "full")),
+    **dict.fromkeys(("dihedral", "improper"), (4, ("molecular", "full"))),
 }
 
 #: Atom styles whose beads have charges.
@@ -62,7 +62,7 @@ SECTIONS += tuple(f"{what.capitalize()} Coeffs" for what in JOINED) + tuple(
     f"{what.capitalize()} Type Labels" for what in ("atom", *JOINED)
 )
 
-_COUNTS = ("atoms", "bonds", "angles", "dihedrals", "impropers")
+_COUNTS = ("atoms", *(f"{what}s" for what in JOINED))
 _HEADERS: dict[tuple[str, ...], int] = {
     **{(name,): 1 for name in _COUNTS},
     **{(name[:-1], "types"): 1 for name in _COUNTS},
@@ -74,7 +74,6 @@ _HEADERS: dict[tuple[str, ...], int] = {
     ("xy", "xz", "yz"): 3,
 }
 
-_UNSUPPORTED = ("impropers",)
 #: Largest id and image flag.
 _LARGEST = 2**31 - 1
 
@@ -83,7 +82,7 @@ _LARGEST = 2**31 - 1
 class DataFile:
     """Content of a data file, in the deck's units, with atoms in the order of the file."""
 
-    #: Number of atom types; those of bonds, angles and dihedrals are below.
+    #: Number of atom types; those of bonds, angles, ... are below.
     n_types: int
     box: Box
     #: ``id``, ``type``, and by style ``molecule``, ``charge``, ``theta``, ``rho``, ``temperature``, ``capacity``, ``c1``, ``c2``, ...
@@ -98,6 +97,8 @@ class DataFile:
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))  #: (A, 4) type and three ids
     n_dihedral_types: int = 0
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) type and four ids
+    n_improper_types: int = 0
+    impropers: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))
     coefficients: dict[str, list[Row]] = field(default_factory=dict)  #: Lines of the Coeffs sections by section name
     hints: dict[str, str] = field(default_factory=dict)  #: Comments on section lines, by section
     labels: dict[str, dict[str, int]] = field(default_factory=dict)  #: Types by their labels, for ``atom``, ``bond``, ...
@@ -145,8 +146,6 @@ class DataReader:
         values = self.file.numbers((number, words), words[:size], size, f"numbers before '{' '.join(key)}'", what)
         if size == 1 and key != ("mass",) and not (values[0].is_integer() and values[0] >= 0):
             raise self.fail(f"expected a whole number >= 0 before '{' '.join(key)}', not '{words[0]}'", number)
-        if key[0] in _UNSUPPORTED and len(key) == 1 and values[0]:
-            raise self.fail(f"{key[0]} are not supported, but the header announces {words[0]}", number)
         self.header[key] = values
         return True
 
@@ -291,7 +290,7 @@ class DataReader:
         return found
 
     def joined(self, what: str, ids: np.ndarray, atom_style: str) -> np.ndarray:
-        """Types and ids from the Bonds, Angles or Dihedrals section."""
+        """Types and ids from the section Bonds, Angles, Dihedrals or Impropers."""
         size, styles = JOINED[what]
         section, announced, n_types = f"{what.capitalize()}s", self.count(f"{what}s"), self.count(what, "types")
         usage = "id type " + " ".join(f"atom{k}" for k in range(1, size + 1))
@@ -309,7 +308,7 @@ class DataReader:
             for at, atom in enumerate(atoms):
                 wrong = " twice" if atom in atoms[:at] else ", which does not exist" if atom not in known else ""
                 if wrong:
-                    raise self.fail(f"a{'n' * (what == 'angle')} {what} names atom {atom}{wrong}", row[0])
+                    raise self.fail(f"a{'n' * (what[0] in 'ai')} {what} names atom {atom}{wrong}", row[0])
             found[k] = kind, *atoms
         return found
 

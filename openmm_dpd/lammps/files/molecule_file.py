@@ -17,7 +17,7 @@ _SPECIAL = ("Special Bond Counts", "Special Bonds")
 #: Sections without a meaning for the beads that are made: for ``fix shake``, ``fix rigid`` and atom styles with sizes.
 _UNUSED = ("Fragments", "Masses", "Diameters", "Dipoles", "Shake Flags", "Shake Atoms", "Shake Bond Types")
 SECTIONS = (*_PER_BEAD, *_TERMS, *_SPECIAL, *_UNUSED)
-_HEADERS = {(name,): 1 for name in ("atoms", *(f"{what}s" for what in JOINED), "impropers", "fragments", "mass")}
+_HEADERS = {(name,): 1 for name in ("atoms", *(f"{what}s" for what in JOINED), "fragments", "mass")}
 _HEADERS |= {("com",): 3, ("inertia",): 6}
 
 

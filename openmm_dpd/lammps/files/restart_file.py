@@ -15,12 +15,13 @@ from ...base.units import UNIT_SYSTEMS
 from ..state.atoms import Atoms
 from ..state.box import Box
 from ..state.deck_state import DeckState
+from .data_file import JOINED
 
 #: Format identifier in the file; its number changes with the contents.
-FORMAT = "openmm-dpd restart 5"
+FORMAT = "openmm-dpd restart 6"
 #: Attributes of DeckState that are stored as plain numbers and words.
 _PLAIN = (
-    "labels dimension atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_species timestep step runs "
+    "labels dimension atom_style sorts n_types n_bond_types n_angle_types n_dihedral_types n_improper_types n_species timestep step runs "
     "reordered noise_counter"
 ).split()
 #: First bytes of LAMMPS's own restart files.
@@ -43,7 +44,7 @@ def restart_bytes(state: DeckState) -> bytes:
     }
     arrays = {f"atoms/{item.name}": getattr(state.atoms, item.name) for item in fields(Atoms)}
     arrays |= {f"group/{k}": mask for k, mask in enumerate(state.groups.values())}
-    arrays |= {"bonds": state.bonds, "angles": state.angles, "dihedrals": state.dihedrals, "header": np.array(json.dumps(header))}
+    arrays |= {"header": np.array(json.dumps(header))} | {f"{what}s": getattr(state, f"{what}s") for what in JOINED}
     content = io.BytesIO()
     np.savez(content, **arrays)
     return content.getvalue()
@@ -91,5 +92,6 @@ def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray
     state.time_origin = (time, step)
     state.masses = {kind: mass for kind, mass in header["masses"]}
     state.atoms = Atoms(**{item.name: arrays[f"atoms/{item.name}"] for item in fields(Atoms)})
-    state.bonds, state.angles, state.dihedrals = arrays["bonds"], arrays["angles"], arrays["dihedrals"]
+    for name in (f"{what}s" for what in JOINED):
+        setattr(state, name, arrays[name])
     state.groups = {name: arrays[f"group/{k}"] for k, name in enumerate(header["groups"])}

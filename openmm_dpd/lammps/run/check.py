@@ -160,7 +160,9 @@ class Findings:
         if command in _BOXES and self.deck.box is None:
             deck, number = self.deck, next((int(word) for word in words[1:2] if word.isdigit()), _MANY)
             deck.box = Box(np.zeros(3), np.full(3, 1000.0), np.zeros(3), True, deck.periodic)
-            deck.n_types, deck.n_bond_types, deck.n_angle_types, deck.n_dihedral_types = number, _MANY, _MANY, _MANY
+            deck.n_types = number
+            for what in JOINED:
+                setattr(deck, f"n_{what}_types", _MANY)
 
     def _say(self, line: Line, command: str, error: DeckError) -> None:
         at = line.file, line.number

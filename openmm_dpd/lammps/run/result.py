@@ -166,7 +166,7 @@ def averages_text(results: list[RunResult]) -> str:
 
 
 #: Thermo words that are not averaged.
-_NO_AVERAGE = ("step", "elapsed", "elaplong", "dt", "time", "cpu", "tpcpu", "spcpu", "atoms", "bonds", "angles", "dihedrals")
+_NO_AVERAGE = ("step", "elapsed", "elaplong", "dt", "time", "cpu", "tpcpu", "spcpu", "atoms", "bonds", "angles", "dihedrals", "impropers")
 
 
 def results_json(results: list[RunResult]) -> dict:

@@ -95,7 +95,7 @@ class LiveSample(DeckSample):
 
 
 #: Energies that are not measured yet.
-_NO_ENERGIES = dict.fromkeys(("short_energy", "lattice_energy", "bond_energy", "angle_energy", "dihedral_energy", "fix_energy"))
+_NO_ENERGIES = dict.fromkeys(f"{part}_energy" for part in ("short", "lattice", "bond", "angle", "dihedral", "improper", "fix"))
 
 
 class Sampler:
@@ -146,6 +146,7 @@ class Sampler:
             bond_energy=measured.bond,
             angle_energy=measured.angle,
             dihedral_energy=measured.dihedral,
+            improper_energy=measured.improper,
             virial_full=self.virials(measured)[1],
             force_norm=float(np.sqrt(np.sum(forces**2))),
             force_max=float(np.abs(forces).max()),

@@ -25,10 +25,10 @@ FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc"
 
 
 def write_topology(path: Path, scene: Scene) -> None:
-    """Write the beads, bonds, angles and dihedrals of a scene as a PSF file."""
+    """Write the beads of a scene, and what joins them, as a PSF file."""
     joined: dict[str, Any] = {
         what: np.concatenate([group.beads for group in groups]) if groups else ()
-        for what, groups in (("bonds", scene.bonds), ("angles", scene.angles), ("dihedrals", scene.dihedrals))
+        for what, groups in ((name, getattr(scene, name)) for name in ("bonds", "angles", "dihedrals", "impropers"))
     }
     write_psf(path, names=scene.types, masses=scene.bead_masses, charges=scene.charges, molecules=scene.molecules, **joined)
 

@@ -22,7 +22,7 @@ def scene_from_lammps_data(
 ) -> Scene:
     """A Scene from a LAMMPS data file; pairs, temperature and units, which a deck would define, are arguments.
 
-    Bead k has the k-th smallest id.  Positions are unwrapped.  Coefficients of bonds, angles and dihedrals are
+    Bead k has the k-th smallest id.  Positions are unwrapped.  Coefficients of bonds, angles, dihedrals and impropers are
     those of the file, where their sections say the style (``Bond Coeffs # harmonic``, as ``write_data`` writes it) and ``bonds``,
     ``angles`` or ``dihedrals`` does not say otherwise; sections with pair coefficients are not used.  For a deck there is
     :func:`openmm_dpd.lammps.deck_scene`.
@@ -46,7 +46,7 @@ def scene_from_lammps_data(
     Raises
     ------
     DeckError
-        With file and line, for what cannot be read, impropers among it.
+        With file and line, for what cannot be read, impropers without coefficients among it.
     ParameterError
         As :func:`scene_from_beads`, and if nothing says the atom style.
     """
@@ -80,6 +80,7 @@ def scene_from_lammps_data(
         dihedrals=np.searchsorted(ids, data.dihedrals[:, 1:]),
         dihedral_names=[str(kind) for kind in data.dihedrals[:, 0].tolist()],
         type_names=list(names.values()),
+        beyond={"impropers": len(data.impropers)} if len(data.impropers) and choices.get("impropers") is None else {},
     )
     return scene_from_beads(beads, pairs=pairs, kT=kT, **choices)
 
@@ -112,7 +113,7 @@ def _names(types, count: int, path: Path) -> dict[int, str]:
 
 
 def _terms_of_file(path: Path, data: DataFile, what: str, ids: np.ndarray, units: UnitSystem) -> list | None:
-    """Bonds, angles or dihedrals with the coefficients of the file; None if it has none, or does not state their style."""
+    """Bonds, angles, dihedrals or impropers with the coefficients of the file; None if it has none, or does not state their style."""
     section, known = f"{what[:-1].capitalize()} Coeffs", bonded_styles(what[:-1])
     style = data.hints.get(section, "")
     if style not in ("hybrid", *known):

@@ -67,6 +67,7 @@ def build_scene(
             bonds=_bonded_terms(state, "bond"),
             angles=_bonded_terms(state, "angle"),
             dihedrals=_bonded_terms(state, "dihedral"),
+            impropers=_bonded_terms(state, "improper"),
             segments=segments_of(state, compat),
             bonded_factors=bonded_factors(state),
             mobile=None if mobile.all() else mobile,
@@ -122,7 +123,7 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
 
 
 def _bonded_terms(state: DeckState, what: str) -> list:
-    """Bonds, angles or dihedrals by type.  Bonds without energy are kept, since they count for special_bonds; other terms without energy
+    """Bonds, angles, ... by type.  Bonds without energy are kept, since they count for special_bonds; other terms without energy
     are left out."""
     terms, setup, known, found = getattr(state, f"{what}s"), getattr(state, what), bonded_styles(what), []
     for kind in np.unique(terms[:, 0]).tolist():

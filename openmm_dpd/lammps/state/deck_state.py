@@ -44,11 +44,12 @@ class DeckState:
     sorts: bool = True  #: Whether LAMMPS sorts beads in memory (``atom_modify sort``)
     box: Box | None = None  #: The periodic box, in the deck's unit of length
     periodic: tuple[bool, bool, bool] = (True, True, True)  #: Axes along which the box repeats
-    #: Numbers of bead, bond, angle and dihedral types.
+    #: Numbers of bead, bond, angle, dihedral and improper types.
     n_types: int = 0
     n_bond_types: int = 0
     n_angle_types: int = 0
     n_dihedral_types: int = 0
+    n_improper_types: int = 0
     labels: dict[str, dict[str, int]] = field(default_factory=dict)  #: Types by their labels, for ``atom``, ``bond``, ...
     n_species: int = 0  #: Number of concentrations of ``atom_style tdpd``, 0 for other styles
     masses: dict[int, float] = field(default_factory=dict)  #: Mass of each type that has one, Da
@@ -57,6 +58,7 @@ class DeckState:
     #: (A, 4) angle type and the ids of the three beads, the vertex in the middle.  Types of terms that are turned off are negative.
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) dihedral type and the four ids
+    impropers: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))
     #: Members of each group, ``all`` included.
     groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
     dynamic: dict[str, Any] = field(default_factory=dict)  #: What renews each ``group ... dynamic`` during runs
@@ -68,6 +70,7 @@ class DeckState:
     bond: BondedSetup = field(default_factory=BondedSetup)
     angle: BondedSetup = field(default_factory=BondedSetup)
     dihedral: BondedSetup = field(default_factory=BondedSetup)
+    improper: BondedSetup = field(default_factory=BondedSetup)
     #: Factors of pair terms between 1-2, 1-3 and 1-4 neighbours, and those of their charges.
     special: tuple[float, float, float] = (0.0, 0.0, 0.0)
     special_charges: tuple[float, float, float] = (0.0, 0.0, 0.0)

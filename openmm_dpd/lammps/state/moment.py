@@ -218,4 +218,4 @@ class DeckMoment(ABC):
 
     @abstractmethod
     def local_values(self, word: str) -> np.ndarray:
-        """Values of ``c_id`` or ``c_id[column]``, a compute of bonds, angles or dihedrals, for each of them."""
+        """Values of ``c_id`` or ``c_id[column]``, a compute of bonds, angles, dihedrals or impropers, for each of them."""

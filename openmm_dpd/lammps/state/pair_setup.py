@@ -116,7 +116,7 @@ class PairSetup:
 
 @dataclass
 class BondedSetup:
-    """Style of the bonds, angles or dihedrals, and the coefficients of each type."""
+    """Style of the bonds, angles, dihedrals or impropers, and the coefficients of each type."""
 
     style: str = "none"  #: ``none``, the style, or ``hybrid``
     styles: tuple[str, ...] = ()  #: The styles of hybrid, or the one style

@@ -180,10 +180,11 @@ class DeckSample:
     #: Energy of the charges within it: short-ranged part and lattice sum.
     short_energy: float | None = 0.0
     lattice_energy: float | None = 0.0
-    #: Energy of the bonds, the angles and the dihedrals.
+    #: Energy of the bonds, the angles, the dihedrals and the impropers.
     bond_energy: float | None = 0.0
     angle_energy: float | None = 0.0
     dihedral_energy: float | None = 0.0
+    improper_energy: float | None = 0.0
     #: Sum of r.F over what LAMMPS counts in ``press`` with this scheme: pairs and bonds, and with ``mvv`` the dissipative and random
     #: parts as well.
     virial: float | None = None

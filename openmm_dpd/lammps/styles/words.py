@@ -1,5 +1,5 @@
 """Shared parts of styles: numeric coefficients in both directions, settings such as ``T cutoff seed``, and what exports need: groups,
-styles, and the differences between a scene and LAMMPS; styles of bonds, angles and dihedrals."""
+styles, and the differences between a scene and LAMMPS; styles of bonds, angles, dihedrals and impropers."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -14,7 +14,6 @@ from ...base.units import UnitSystem
 from ...model.pairs import NONE
 from ...model.scene import Scene
 from ...plan.kinds import BONDED_KINDS, BondedKind
-from ..files.data_file import JOINED
 from ..language import arguments as read
 from ..state.pair_setup import Coefficient, Find, PairStyle, Term, Values
 
@@ -232,7 +231,7 @@ _READERS = {"> 0": read.positive, ">= 0": read.non_negative}
 
 @dataclass(frozen=True)
 class BondedStyle:
-    """A bond, angle or dihedral style; ``kind`` is None for a style without energy."""
+    """A bond, angle, dihedral or improper style; ``kind`` is None for a style without energy."""
 
     kind: BondedKind | None
 
@@ -260,13 +259,13 @@ class BondedStyle:
         return [f"{value:.15g}" for value in self.columns.of(SimpleNamespace(**values), units)]
 
     def build(self, beads: np.ndarray, values: dict[str, float]) -> Any:
-        """The bonds, angles or dihedrals of the model."""
+        """The bonds, angles, dihedrals or impropers of the model."""
         assert self.kind is not None
         terms: Any = self.kind.terms
         return terms(beads, **values)
 
 
 def bonded_styles(what: str) -> dict[str, BondedStyle]:
-    """Styles of bonds, angles or dihedrals by name: those of all registered kinds, and ``zero``."""
-    known = {kind.style: BondedStyle(kind) for kind in BONDED_KINDS.values() if kind.style and kind.width == JOINED[what][0]}
+    """Styles of bonds, angles, dihedrals or impropers by name: those of all registered kinds, and ``zero``."""
+    known = {kind.style: BondedStyle(kind) for kind in BONDED_KINDS.values() if kind.style and kind.what == what}
     return {**known, "zero": BondedStyle(None)}

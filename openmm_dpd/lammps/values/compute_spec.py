@@ -24,7 +24,7 @@ class ComputeSpec:
     vector: Callable[[DeckMoment, Compute], np.ndarray] | None = None  #: Vector in deck units, not normalised
     #: Per-bead values in deck units, (N,) or (N, columns); 0 for beads outside the group.
     per_bead: Callable[[DeckMoment, Compute], np.ndarray] | None = None
-    #: Values (rows, columns) of bonds, angles or dihedrals, in deck units.
+    #: Values (rows, columns) of bonds, angles, dihedrals or impropers, in deck units.
     local: Callable[[DeckMoment, Compute], np.ndarray] | None = None
     #: Table (rows, columns) in deck units, which is never normalised.
     array: Callable[[DeckMoment, Compute], np.ndarray] | None = None

@@ -128,7 +128,7 @@ def _check_pressure(state: DeckState, group: str, words: list[str]) -> None:
 
 
 #: Parts of the potential energy that compute pe can select.
-_PARTS = ("pair", "bond", "angle", "dihedral")
+_PARTS = ("pair", "bond", "angle", "dihedral", "improper")
 
 
 def potential_energy(moment: DeckMoment, parts: Sequence[str] = _PARTS) -> float:
@@ -171,7 +171,7 @@ def _dpd(moment: DeckMoment, compute: Compute) -> np.ndarray:
 def check_bead_word(
     state: DeckState, word: str, allowed: tuple[str, ...] = tuple(BEAD_WORDS), what: str = "a value of the beads", local: bool = False
 ) -> None:
-    """Raise ParameterError unless a word names a per-bead value, or with ``local`` one of bonds, angles or dihedrals."""
+    """Raise ParameterError unless a word names a per-bead value, or with ``local`` one of bonds, angles, dihedrals or impropers."""
     if word.startswith("v_"):
         style = state.variables.get(word[2:]).style
         if style != "atom":
@@ -210,7 +210,7 @@ def is_of_beads(state: DeckState, word: str) -> bool:
 
 
 def is_of_terms(state: DeckState, word: str) -> bool:
-    """Whether a word names values of bonds, angles or dihedrals."""
+    """Whether a word names values of bonds, angles, dihedrals or impropers."""
     return word.startswith("c_") and compute_of(state, reference(word).name, word)[1].local is not None
 
 
@@ -232,7 +232,7 @@ _OF_NONE = {"min": 1e20, "max": -1e20}
 
 
 class Reduction(NamedTuple):
-    """Settings of compute reduce and reduce/region; ``local``: whether the values are those of bonds, angles or dihedrals."""
+    """Settings of compute reduce and reduce/region; ``local``: whether the values are those of bonds, angles, dihedrals or impropers."""
 
     mode: str
     words: tuple[str, ...]

@@ -1,5 +1,5 @@
-"""Values of single pairs, bonds, angles and dihedrals: ``compute property/local``, ``pair/local``, ``bond/local``, ``angle/local`` and
-``dihedral/local``."""
+"""Values of single pairs, bonds, angles, dihedrals and impropers: ``compute property/local``, ``pair/local``, ``bond/local``,
+``angle/local``, ``dihedral/local`` and ``improper/local``."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -8,6 +8,7 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.geometry import minimum_images
+from ...model.impropers import HarmonicImpropers
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
@@ -16,13 +17,13 @@ from ..styles.words import bonded_styles
 from .compute_spec import ComputeSpec
 
 #: Terms by the first letter of the words of property/local: their names, numbers of beads, and with which bead LAMMPS stores them.
-_TERMS = {"b": ("bond", 2, 0), "a": ("angle", 3, 1), "d": ("dihedral", 4, 1)}
+_TERMS = {"b": ("bond", 2, 0), "a": ("angle", 3, 1), "d": ("dihedral", 4, 1), "i": ("improper", 4, 1)}
 _PROPERTIES = ["patom1", "patom2", "ptype1", "ptype2"]
 _PROPERTIES += [f"{of}{word}" for of, (_, n, _) in _TERMS.items() for word in (*(f"atom{k}" for k in range(1, n + 1)), "type")]
 #: Words of the other styles.
 _WORDS = {
     "bond": ("dist", "dx", "dy", "dz", "engpot", "force", "fx", "fy", "fz"),
-    **{"angle": ("theta", "eng"), "dihedral": ("phi",)},
+    **{"angle": ("theta", "eng"), "dihedral": ("phi",), "improper": ("chi",)},
     "pair": ("dist", "dx", "dy", "dz", "eng", "force", "fx", "fy", "fz"),
 }
 
@@ -75,7 +76,7 @@ def _properties(moment: DeckMoment, compute: Compute) -> np.ndarray:
 
 
 def _curves(moment: DeckMoment, compute: Compute) -> np.ndarray:
-    """Values of pairs, or of bonds, angles or dihedrals from the curves of their potentials."""
+    """Values of pairs, or of bonds, angles, dihedrals or impropers from the curves of their potentials."""
     what, units = compute.style.split("/")[0], moment.units
     kinds, beads = _terms(moment, compute, what[0])
     x, box = moment.folded[0] * units.length, moment.box.reduced_vectors * units.length
@@ -84,7 +85,9 @@ def _curves(moment: DeckMoment, compute: Compute) -> np.ndarray:
     if what == "angle":
         other = minimum_images(x[beads[:, 2]] - x[beads[:, 1]], box)
         at = np.arctan2(np.linalg.norm(np.cross(d, other), axis=1), np.sum(d * other, axis=1))
-    for kind in np.unique(kinds) if what != "pair" else ():
+    if what == "improper":  # LAMMPS has this angle for every style
+        at = np.abs(HarmonicImpropers(beads, *np.zeros((2, len(beads)))).gradients(x, box)[0])
+    for kind in np.unique(kinds) if what not in ("pair", "improper") else ():
         style, values = getattr(moment.state, what).coefficients[kind]
         here, its = kinds == kind, bonded_styles(what).get(style)
         if its is not None and its.kind is not None:
@@ -97,7 +100,7 @@ def _curves(moment: DeckMoment, compute: Compute) -> np.ndarray:
         energy, slope = kinds[:, 0], -np.divide(np.sum(kinds[:, 1:] * d, axis=1), at, out=np.zeros_like(at), where=at > 0)
     pull = np.divide(-slope, at, out=np.zeros_like(at), where=at > 0)[:, None] * d / units.force
     found = {"dist": at / units.length, "engpot": energy / units.energy, "force": -slope / units.force, "eng": energy / units.energy}
-    found |= {"theta": np.degrees(at), "phi": np.degrees(at)}
+    found |= {"theta": np.degrees(at), "phi": np.degrees(at), "chi": np.degrees(at)}
     for k, axis in enumerate("xyz"):
         found |= {f"d{axis}": d[:, k] / units.length, f"f{axis}": pull[:, k]}
     return np.stack([found[word] for word in compute.settings], axis=1)
@@ -107,7 +110,7 @@ def _columns(compute: Compute) -> int:
     return len(compute.settings) if len(compute.settings) > 1 else 0
 
 
-#: Computes with values of pairs, bonds, angles or dihedrals.
+#: Computes with values of pairs, bonds, angles, dihedrals or impropers.
 LOCAL: dict[str, ComputeSpec] = {
     "property/local": ComputeSpec(partial(_check, "property/local", _PROPERTIES), local=_properties, columns=_columns),
     **{

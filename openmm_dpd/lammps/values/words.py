@@ -65,7 +65,7 @@ def _rate(moment: DeckMoment, per_step: bool) -> float:
     return elapsed / seconds if per_step else elapsed * moment.state.timestep / moment.units.time / seconds
 
 
-_BONDED = ("bond_energy", "angle_energy", "dihedral_energy")
+_BONDED = ("bond_energy", "angle_energy", "dihedral_energy", "improper_energy")
 _ENERGIES = ("pair_energy", *_BONDED, "fix_energy")
 _CHARGES = ("short_energy", "lattice_energy")
 
@@ -112,6 +112,7 @@ WORDS: dict[str, Word] = {
     "bonds": Word("Bonds", lambda c: len(c.state.bonds), integer=True),
     "angles": Word("Angles", lambda c: len(c.state.angles), integer=True),
     "dihedrals": Word("Diheds", lambda c: len(c.state.dihedrals), integer=True),
+    "impropers": Word("Impros", lambda c: len(c.state.impropers), integer=True),
     "temp": Word("Temp", lambda c: c.temperature(c.thermo_compute())),
     "press": Word("Press", lambda c: c.pressure()),
     **_tensor_words(),
@@ -127,7 +128,7 @@ WORDS: dict[str, Word] = {
     "ebond": Word("E_bond", _per_bead("bond_energy")),
     "eangle": Word("E_angle", _per_bead("angle_energy")),
     "edihed": Word("E_dihed", _per_bead("dihedral_energy")),
-    "eimp": Word("E_impro", lambda c: 0.0),
+    "eimp": Word("E_impro", _per_bead("improper_energy")),
     "emol": Word("E_mol", _per_bead(*_BONDED)),
     "elong": Word("E_long", _per_bead("lattice_energy")),
     "etail": Word("E_tail", lambda c: 0.0),

@@ -50,7 +50,7 @@ class BeadArrays:
     type_names : list of str or None
         All types in order, including those without beads; by default in the order of the beads.
     beyond : mapping of str to int
-        Features of the source that a Scene does not support (impropers, rigid bodies, ...), and their numbers.
+        Features of the source that are not taken over (impropers without coefficients, rigid bodies, ...), and their numbers.
     """
 
     types: list[str]
@@ -156,15 +156,15 @@ def scene_from_beads(
     periodic : bool, default True
         False: no periodic box, even if the source has one.
     leave_out : sequence of str, optional
-        What to leave out: ``"bonds"``, ``"angles"``, ``"dihedrals"``, and features that a Scene does not support, by their names in the
-        error message.
+        What to leave out: ``"bonds"``, ``"angles"``, ``"dihedrals"``, and features that are not taken over, by their names in the error
+        message; ``impropers`` among the options replaces those.
     **options
         Further arguments of :class:`openmm_dpd.Scene`: ``bonded_factors``, ``electrostatics``, ``mobile``, ``molecules``, ...
 
     Raises
     ------
     ParameterError
-        If something is missing (a mass, the spring of two types, a box, positions), the source has features that a Scene does not support,
+        If something is missing (a mass, the spring of two types, a box, positions), the source has features that are not taken over,
         a mapping has an unknown type, or the Scene refuses a value.
     """
     if not len(beads.types):
@@ -196,7 +196,7 @@ def scene_from_beads(
 
 
 def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
-    """Names in ``leave_out``; ParameterError if one is unknown, or a feature that a Scene does not support is missing there."""
+    """Names in ``leave_out``; ParameterError if one is unknown, or a feature that is not taken over is missing there."""
     if isinstance(leave_out, str) or not isinstance(leave_out, Iterable):
         raise ParameterError(f"leave_out must be a sequence of names, such as ('angles',), not {what_is(leave_out)}")
     left = set(leave_out)
@@ -206,7 +206,7 @@ def _left_out(beads: BeadArrays, leave_out: Sequence[str]) -> set[str]:
         raise ParameterError(f"leave_out names {', '.join(unknown)}; what can be left out of {beads.source} is {there}")
     for name, count in beads.beyond.items():
         if name not in left:
-            raise ParameterError(f"{beads.source} has {count} {name}, which a Scene does not support; leave_out=({name!r},) ignores them")
+            raise ParameterError(f"{beads.source} has {count} {name}, which are not taken over; leave_out=({name!r},) ignores them")
     return left
 
 

@@ -1,7 +1,8 @@
-"""Bonds, angles and dihedrals as forces of OpenMM."""
+"""Bonds, angles, dihedrals and impropers as forces of OpenMM."""
 
 import re
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import openmm
@@ -12,11 +13,12 @@ from ...model.bonds import BondedTerms
 
 class Energy(NamedTuple):
     """One force for a kind of terms: its name, and its energy with the coefficients by name; None for U = k (x - x0)^2 of the first two.
-    ``only`` is the coefficient that has to be > 0, or a term has no part in it."""
+    ``only`` is the coefficient that has to be > 0, or a term has no part in it; ``compound``: whether it is of several angles at once."""
 
     name: str
     text: str | None
     only: str | None = None
+    compound: bool = False
 
 
 #: OpenMM's forces by the number of beads of a term: the harmonic one, the one with an expression, and what their methods call a term.
@@ -25,6 +27,7 @@ _FORCES: dict[int, tuple[Any, Any, str]] = {
     3: (openmm.HarmonicAngleForce, openmm.CustomAngleForce, "Angle"),
     4: (None, openmm.CustomTorsionForce, "Torsion"),
 }
+_COMPOUND: tuple[Any, Any, str] = (None, partial(openmm.CustomCompoundBondForce, 4), "Bond")
 
 
 def bonded_force(energy: Energy, groups: Sequence[BondedTerms], periodic: bool) -> openmm.Force | None:
@@ -38,7 +41,7 @@ def bonded_force(energy: Energy, groups: Sequence[BondedTerms], periodic: bool) 
     ]
     if not rows:
         return None
-    harmonic, custom, what = _FORCES[len(rows[0][0])]
+    harmonic, custom, what = _COMPOUND if energy.compound else _FORCES[len(rows[0][0])]
     force = harmonic() if energy.text is None else custom(energy.text)
     add = getattr(force, f"add{what}")
     for name in names if energy.text is not None else ():
@@ -48,7 +51,7 @@ def bonded_force(energy: Energy, groups: Sequence[BondedTerms], periodic: bool) 
             k, rest = values
             add(*beads, rest, 2 * k)  # OpenMM's own constant
         else:
-            add(*beads, values)
+            add(*([beads] if energy.compound else beads), values)
     force.setName(energy.name)
     force.setUsesPeriodicBoundaryConditions(periodic)
     return force

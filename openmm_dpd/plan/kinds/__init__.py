@@ -1,4 +1,4 @@
-"""One record for each kind of pair coefficients, bonds, angles and dihedrals, which the rest of the package asks."""
+"""One record for each kind of pair coefficients, bonds, angles, dihedrals and impropers, which the rest of the package asks."""
 
 from . import dpd as dpd, fields as fields, overlays as overlays
 from .bonded import (

@@ -1,4 +1,4 @@
-"""Kinds of bonds, angles and dihedrals: their record, the register, and those that there are."""
+"""Kinds of bonds, angles, dihedrals and impropers: their record, the register, and those that there are."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ import openmm
 
 from ...base.errors import ParameterError
 from ...base.serialized import trust
-from ...kernels import bonded as compiled
+from ...kernels import bonded as compiled, impropers
 from ...kernels.extras import BondedKernel
 from ...model.angles import (
     CosineAngles,
@@ -21,16 +21,18 @@ from ...model.angles import (
     PeriodicAngles,
 )
 from ...model.bonds import WCA_END, BondedTerms, FENEBonds, HarmonicBonds, MorseBonds
+from ...model.impropers import CosineImpropers, HarmonicImpropers, UmbrellaImpropers
 from ...model.limited_bonds import NonlinearBonds, QuarticBonds
 from ..forces.bonded import Energy, bonded_force
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BondedKind:
-    """One kind of bonds, angles or dihedrals."""
+    """One kind of bonds, angles, dihedrals or impropers."""
 
-    #: A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles` or
-    #: :class:`~openmm_dpd.model.angles.Dihedrals`: coefficients with bounds, energy and two derivatives.
+    #: A frozen dataclass, a :class:`~openmm_dpd.model.bonds.Bonds`, :class:`~openmm_dpd.model.angles.Angles`,
+    #: :class:`~openmm_dpd.model.angles.Dihedrals` or :class:`~openmm_dpd.model.impropers.Impropers`: coefficients with bounds, energy and
+    #: two derivatives.
     terms: type[BondedTerms]
     #: The same terms for compiled loops: a :class:`~openmm_dpd.kernels.bonded.BondTerms`, :class:`~openmm_dpd.kernels.bonded.AngleTerms` or
     #: :class:`~openmm_dpd.kernels.bonded.DihedralTerms` with a formula.
@@ -51,12 +53,17 @@ class BondedKind:
         return self.terms._BEADS[1]
 
     @property
+    def what(self) -> str:
+        """What one term is: ``bond``, ``angle``, ``dihedral`` or ``improper``."""
+        return self.terms._BEADS[2]
+
+    @property
     def name(self) -> str:
         """What its terms are called."""
         return self.energies[0].name
 
 
-#: All kinds of bonds, angles and dihedrals, by their classes.
+#: All kinds, by their classes.
 BONDED_KINDS: dict[type[BondedTerms], BondedKind] = {}
 
 
@@ -72,14 +79,14 @@ def register_bonded(kind: BondedKind) -> BondedKind:
 
 
 def bonded_kind(terms: type[BondedTerms]) -> BondedKind:
-    """The kind of a class of bonds, angles or dihedrals; ParameterError if none was registered."""
+    """The kind of a class of bonds, angles, dihedrals or impropers; ParameterError if none was registered."""
     if terms not in BONDED_KINDS:
         raise ParameterError(f"nothing is known of {terms.__name__}; register their kind (openmm_dpd.plan.kinds.register_bonded)")
     return BONDED_KINDS[terms]
 
 
 def bonded_forces(groups: Sequence[BondedTerms], periodic: bool) -> list[openmm.Force]:
-    """Forces of OpenMM's for bonds, angles and dihedrals, those of each kind that there is."""
+    """Forces of OpenMM's for bonds, angles, dihedrals and impropers, those of each kind that there is."""
     made = []
     for kind in sorted(BONDED_KINDS.values(), key=lambda kind: kind.width):
         found = [group for group in groups if type(group) is kind.terms]
@@ -191,6 +198,36 @@ _KINDS = (
         energies=(Energy("multi-harmonic dihedrals", "A1+c*(A2+c*(A3+c*(A4+c*A5))); c=cos(theta)"),),
         style="multi/harmonic",
         words={name: ("energy", name) for name in ("A1", "A2", "A3", "A4", "A5")},
+    ),
+    BondedKind(
+        terms=HarmonicImpropers,
+        kernel=impropers.HarmonicImproperTerms,
+        energies=(Energy("harmonic impropers", "k*(abs(theta)-chi0)^2"),),
+        style="harmonic",
+        words={"k": ("energy", "K"), "chi0": ("degrees", "chi")},
+    ),
+    BondedKind(
+        terms=CosineImpropers,
+        kernel=impropers.CosineImproperTerms,
+        energies=(Energy("cosine impropers", "k*(1+d*cos(n*theta))"),),
+        style="cvff",
+        words={"k": ("energy", "K"), "d": ("1", "d"), "n": ("1", "n")},
+    ),
+    BondedKind(
+        terms=UmbrellaImpropers,
+        kernel=impropers.UmbrellaImproperTerms,
+        # of the cosines of the three angles at the first bead
+        energies=(
+            Energy(
+                "umbrella impropers",
+                "select(omega0,0.5*k/sin(omega0+delta(omega0))^2*(c-cos(omega0))^2,k*(1-c))"
+                "; c=(1-2*step(a+b))*sqrt((a^2+b^2-2*a*b*g)/(1-g^2))"
+                "; a=cos(angle(p2,p1,p4)); b=cos(angle(p3,p1,p4)); g=cos(angle(p2,p1,p3))",
+                compound=True,
+            ),
+        ),
+        style="umbrella",
+        words={"k": ("energy", "K"), "omega0": ("degrees", "omega0")},
     ),
 )
 for _kind in _KINDS:

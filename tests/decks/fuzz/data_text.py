@@ -3,11 +3,11 @@
 Coefficients are left out: LAMMPS writes six digits of them.  Both files are read by both programs, and the forces compared.
 """
 
-_SORTED = ("Atoms", "Velocities", "Bonds", "Angles")  # Sections whose lines have no order.
+_SORTED, _JOINED = ("Atoms", "Velocities"), ("Bonds", "Angles", "Dihedrals", "Impropers")  # Sections whose lines have no order.
 
 
 def in_order(text: str) -> str:
-    """The text of a data file without its title, with the lines of beads, bonds and angles in the order of their numbers."""
+    """The text of a data file without its title, with the lines of beads and of what joins them in the order of their numbers."""
     lines = [line.split("#")[0].split() if not line[:1].isalpha() else line.split() for line in text.splitlines()[1:]]
     blocks: list[list[list[str]]] = [[]]
     for words in lines:
@@ -21,8 +21,8 @@ def in_order(text: str) -> str:
         name = head[0][0] if head else ""
         if head and "Coeffs" in head[0]:
             continue
-        if name in ("Bonds", "Angles"):
-            body = sorted(_symmetric(words) for words in body)
+        if name in _JOINED:
+            body = sorted(words[1:] if name == "Impropers" else _symmetric(words) for words in body)
         elif name in _SORTED:
             body = sorted(body, key=lambda words: int(words[0]))
         result += [" ".join(words) for words in [*head, *body]]
@@ -30,6 +30,6 @@ def in_order(text: str) -> str:
 
 
 def _symmetric(words: list[str]) -> list[str]:
-    """A bond or angle without its number, from the end with the lower bead on."""
+    """A bond, angle or dihedral without its number, from the end with the lower bead on."""
     kind, *beads = words[1:]
     return [kind, *min(beads, beads[::-1], key=lambda found: [int(word) for word in found])]

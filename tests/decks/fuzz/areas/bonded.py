@@ -1,4 +1,6 @@
-"""Bonds, angles and special_bonds."""
+"""Bonds, angles, dihedrals, impropers and special_bonds."""
+
+import itertools
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from .scene import beads, box_vectors, conservative, draw_box, dump, groups, hea
 
 _BONDS = ("harmonic", "morse", "fene", "zero")
 _ANGLES = ("harmonic", "cosine", "zero")
+_FOURS = {"dihedral": ("harmonic", "opls", "zero"), "improper": ("harmonic", "cvff", "umbrella", "zero")}
 
 
 def _chains(deck: Deck) -> tuple[np.ndarray, list[list[int]], list[list[int]], list[int]]:
@@ -66,7 +69,16 @@ def bonded(draw: Draw) -> Deck:
     if draw.chance(0.6):
         random = ["lj", draw.real(0, 1), draw.real(0, 1), draw.real(0, 1)]
         deck.add("special_bonds", *draw.pick([["lj", 1.0, 1.0, 1.0], ["lj/coul", 0.0, 0.5, 1.0], random, ["fene"], ["lj", 0.0, 1.0, 1.0]]))
-    beads(deck, len(x), bonds=bonds, angles=angles, carried={"mol": molecules}, places=_inside(deck, x))
+    fours: dict[str, list[list[int]]] = {}
+    quads = [[i, j, k, m] for (_, i, j, k), (_, _, _, m) in itertools.pairwise(angles) if m == k + 1]
+    for what in _FOURS if quads and style in ("molecular", "full") else ():
+        if draw.chance(0.5):
+            # with beads that are at most two bonds apart next to each other, and to the vertex
+            fours[what] = [[draw.whole(1, 2), *((j, i, k, m) if what == "improper" else (i, j, k, m))] for i, j, k, m in quads]
+            fours[what][0][0] = 2
+    beads(deck, len(x), bonds=bonds, angles=angles, carried={"mol": molecules}, places=_inside(deck, x), fours=fours)
+    if fours:
+        deck.add("comm_modify", "cutoff", natural.length * 2.6)
 
     def bond(name: str) -> list[object]:
         k, r0 = natural.energy / natural.length**2 * draw.real(5, 100), natural.length * draw.real(0, 0.8)
@@ -85,9 +97,17 @@ def bonded(draw: Draw) -> Deck:
             "zero": [],
         }[name]
 
+    def four(what: str, name: str) -> list[object]:
+        energies = [natural.energy * draw.real(0.5, 5) for _ in range(4)]
+        waves: list[object] = [energies[0], draw.pick([1, -1]), draw.whole(0, 4)]
+        bent = [energies[0], draw.pick([0.0, draw.real(5, 85)])]
+        return {"cvff": waves, "umbrella": bent, "opls": energies, "zero": [], "harmonic": waves if what == "dihedral" else bent}[name]
+
     _coefficients(deck, "bond", _BONDS, bond)
     if angles:
         _coefficients(deck, "angle", _ANGLES, angle)
+    for what in fours:
+        _coefficients(deck, what, _FOURS[what], lambda name, what=what: four(what, name))
     interactions(deck, [draw.pick(["dpd", "dpd", "dpd/ext", "zero", "dpd/fdt"])])
     groups(deck)
     if draw.chance(0.15):
@@ -96,7 +116,7 @@ def bonded(draw: Draw) -> Deck:
         deck.add("reset_atoms", "id")
     deck.add("fix", 1, "all", "nve")
     deck.add("timestep", natural.step * 0.5)
-    thermo(deck, *draw.some(["ebond", "eangle", "emol", "bonds", "angles"], 1))
+    thermo(deck, *draw.some(["ebond", "eangle", "edihed", "eimp", "emol", "bonds", "angles", "dihedrals", "impropers"], 1))
     dump(deck)
     conservative(deck)
     deck.run(draw.whole(0, 4))

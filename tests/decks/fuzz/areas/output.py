@@ -78,6 +78,6 @@ def _thermo_option(deck: Deck, style: str, words: list[str]) -> list[object]:
         ["colname", "default"],
     ]
     # LAMMPS prints nonsense where a whole number gets the format of another
-    if number > 1 and words[number - 1] not in ("elapsed", "elaplong", "atoms", "bonds", "angles"):
+    if number > 1 and words[number - 1] not in ("elapsed", "elaplong", "atoms", "bonds", "angles", "dihedrals", "impropers"):
         options.append(["format", number, "%9.3f"])
     return draw.pick(options)

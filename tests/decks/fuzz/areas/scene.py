@@ -58,7 +58,7 @@ def points(deck: Deck, count: int, gap: float = 0.0) -> np.ndarray:
 
 
 def beads(deck: Deck, count: int, gap: float = 0.0, bonds: list[list[int]] | None = None, angles: list[list[int]] | None = None, moving: float = 0.85,
-          carried: dict[str, list[float]] | None = None, places: np.ndarray | None = None) -> np.ndarray:  # fmt: skip
+          carried: dict[str, list[float]] | None = None, places: np.ndarray | None = None, fours: dict[str, list[list[int]]] | None = None) -> np.ndarray:  # fmt: skip
     """Box and beads, from a data file or by commands; masses and velocities; returns the positions."""
     draw, natural = deck.draw, deck.units
     x = points(deck, count, gap) if places is None else places
@@ -66,7 +66,7 @@ def beads(deck: Deck, count: int, gap: float = 0.0, bonds: list[list[int]] | Non
     types = [draw.whole(1, deck.types) for _ in x]
     speeds = [[natural.velocity * round(draw.gauss(0, 1), 6) for _ in range(3)] if draw.chance(moving) else [0.0] * 3 for _ in x]
     if len(x) == 1 or bonds or carried or draw.chance(0.6):
-        _data_file(deck, x, types, speeds, bonds or [], angles or [], carried or {})
+        _data_file(deck, x, types, speeds, {"bond": bonds, "angle": angles} | (fours or {}), carried or {})
     else:
         numbers = [v for low, edge in zip(deck.low, deck.edges, strict=True) for v in (low, low + edge)]
         if any(deck.tilt):
@@ -83,13 +83,11 @@ def beads(deck: Deck, count: int, gap: float = 0.0, bonds: list[list[int]] | Non
     return x
 
 
-def _data_file(deck: Deck, x, types, speeds, bonds, angles, carried) -> None:
+def _data_file(deck: Deck, x, types, speeds, joined, carried) -> None:
     draw = deck.draw
     lines = ["beads", "", f"{len(x)} atoms", f"{deck.types} atom types"]
-    if bonds:
-        lines += [f"{len(bonds)} bonds", f"{max(b[0] for b in bonds)} bond types"]
-    if angles:
-        lines += [f"{len(angles)} angles", f"{max(a[0] for a in angles)} angle types"]
+    for what, terms in joined.items():
+        lines += [f"{len(terms)} {what}s", f"{max(row[0] for row in terms)} {what} types"] if terms else []
     lines += [f"{low:.15g} {low + edge:.15g} {a}lo {a}hi" for a, low, edge in zip("xyz", deck.low, deck.edges, strict=True)]
     if any(deck.tilt):
         lines.append("{} {} {} xy xz yz".format(*deck.tilt))
@@ -107,7 +105,7 @@ def _data_file(deck: Deck, x, types, speeds, bonds, angles, carried) -> None:
         words += [draw.whole(-1, 1) for _ in range(3)] if imaged else []
         lines.append(" ".join(f"{w:.15g}" if isinstance(w, float) else str(w) for w in words))
     lines += ["", "Velocities", "", *(f"{k + 1} " + " ".join(f"{v:.12g}" for v in speeds[k]) for k in range(len(x)))]
-    for name, terms in (("Bonds", bonds), ("Angles", angles)):
+    for name, terms in ((f"{what.capitalize()}s", terms) for what, terms in joined.items()):
         if terms:
             lines += ["", name, "", *(f"{k} " + " ".join(map(str, term)) for k, term in enumerate(terms, start=1))]
     deck.files["beads.txt"] = "\n".join(lines) + "\n"
@@ -135,7 +133,7 @@ def movers(deck: Deck, partial: float = 0.2) -> None:
 
 WORDS = (  # Thermo words that need nothing but beads.
     "temp press pe ke etotal enthalpy evdwl ecoul epair ebond eangle edihed eimp emol elong etail vol density lx ly lz xlo xhi ylo yhi zlo zhi "
-    "xy xz yz cella cellb cellc cellalpha cellbeta cellgamma fmax fnorm elapsed elaplong dt time atoms bonds angles"
+    "xy xz yz cella cellb cellc cellalpha cellbeta cellgamma fmax fnorm elapsed elaplong dt time atoms bonds angles dihedrals impropers"
 ).split()
 
 TENSOR = "pxx pyy pzz pxy pxz pyz".split()  # The pressure tensor, which is not known of beads with fields.
