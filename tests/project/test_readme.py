@@ -1,5 +1,6 @@
 """What the README says: its script and its commands run as they are printed, its numbers are those of the pages behind it."""
 
+import json
 import os
 import re
 import shlex
@@ -76,7 +77,8 @@ def test_the_main_job_as_printed(tmp_path):
     assert done.returncode == 0, done.stderr
     wanted = {"trajectory.dcd", "topology.psf", "final_state.xml", "thermo.png", "beads.png"}
     assert {path.name for path in (tmp_path / "out" / "dpd").iterdir()} >= wanted
-    assert (tmp_path / "out" / "dpd.json").is_file()
+    report = json.loads((tmp_path / "out" / "dpd.json").read_text(encoding="utf-8"))
+    assert abs(report["thermo"]["temp"]["mean"] - 1.0) < 0.05
 
 
 def test_accuracy_is_that_of_the_table_of_schemes():
