@@ -40,7 +40,7 @@ class RunRequest:
     first_step: int  #: Number of the step before the first
     begin: int | None  #: Step given by ``start``; None means the first step of the run
     end: int | None  #: Step given by ``stop``; None means the last step of the run
-    seed: int | None  #: Seed of the first thermostatting pair style
+    seed: int  #: Seed of the first thermostatting pair style; 1 without one, so that runs of a deck are the same
     where: Line | None  #: The run command
     number: int = 0  #: Number of this run in the deck, from 0
     compat: str = "consistent"  #: ``consistent``, or ``lammps`` for the heat of edpd as LAMMPS computes it
@@ -58,7 +58,7 @@ class RunRequest:
             first_step=state.step,
             begin=begin,
             end=end,
-            seed=seeds[0] if seeds else None,
+            seed=seeds[0] if seeds else 1,
             where=state.here,
             number=state.runs,
         )
