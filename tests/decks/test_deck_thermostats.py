@@ -46,7 +46,6 @@ def temperatures(folder, fix: str, seed: int, steps: int) -> np.ndarray:
             "fix 1 all nve\nfix b all langevin 1.5 1.5 0.2 {seed}\ncompute_modify thermo_temp extra/dof 0",
             3 * BEADS,
             True,
-            0.005,
         ),
         # the total momentum stays 0
         "langevin zero": ("fix 1 all nve\nfix b all langevin 1.5 1.5 0.2 {seed} zero yes", 3 * BEADS - 3, True),
