@@ -367,7 +367,6 @@ REFUSED: dict[str, tuple[str, ...]] = {
         "ionomer at constant pressure",
         "bilayer without tension",
     ),
-    "boundary f along z": ("drop under a wall of lj",),
     "'smd'": ("lipid pulled out",),
     "'bond/create'": ("chains that grow",),
     "'bond/break'": ("bonds that break",),

@@ -91,6 +91,16 @@ def test_walls_at_the_faces(tmp_path):
     assert scene.box[2, 2] == 14 and scene.box[0, 0] == 7  # empty room behind the walls
 
 
+@pytest.mark.parametrize("wall", ["", "fix 2 all wall/reflect zhi EDGE\n", "fix 2 all wall/lj93 zhi EDGE 1 1 0.3\n"])
+def test_open_ends_reflect_with_a_note(tmp_path, wall):
+    state = read_deck(put(tmp_path / "in.deck", deck(f"fix 1 all nve\n{wall}run 1\n", "p p f")), stop_before_first_run=True)
+    scene = state.first_run.scene()
+    assert scene.walls[-2:] == (Wall("z", 1.0, "above", SPECULAR), Wall("z", 8.0, "below", SPECULAR)) or "reflect" in wall
+    assert sorted(wall.position for wall in scene.walls) == [1.0, 8.0]
+    reached = "zlo" if wall else "zlo or zhi"
+    assert f"beads that reach {reached} are reflected" in " ".join(state.notes)
+
+
 # -- what is refused -----------------------------------------------------------------------------------------------------------
 NVE = "fix 1 all nve\n"
 REFUSED = {
@@ -111,11 +121,14 @@ REFUSED = {
     "periodic wall": (NVE + "fix 2 all wall/reflect zlo EDGE\n", "p p p", "boundary p p f"),
     "moving wall": ("variable p equal 2\n" + NVE + "fix 2 all wall/reflect zlo v_p\n", "p p f", "moving walls are not supported"),
     "outside": (NVE + "fix 2 all wall/reflect zlo 0.5 units box\n", "p p f", "outside the box"),
-    "open": (NVE + "fix 2 all wall/reflect zlo EDGE\nrun 1\n", "p p f", "wall/reflect zhi EDGE"),
-    "open 2": (NVE + "run 1\n", "p f p", "wall/reflect ylo EDGE yhi EDGE"),
+    "open": (NVE + "fix 2 all wall/reflect zlo EDGE\nthermo_modify lost ignore\nrun 1\n", "p p f", "wall/reflect zhi EDGE"),
+    "open 2": (
+        NVE + "thermo_modify lost warn\nrun 1\n",
+        "p f p",
+        "lost warn: beads cannot be lost; add 'fix ID all wall/reflect ylo EDGE yhi EDGE'",
+    ),
     "group": (NVE + "fix 2 low wall/reflect zlo EDGE zhi EDGE\nrun 1\n", "p p f", "are not in group low"),
     "beyond": (NVE + "fix 2 all wall/reflect zlo 4.5 zhi EDGE units box\nrun 1\n", "p p f", "beyond a wall"),
-    "lj wall": (NVE + "fix 2 all wall/lj93 zlo EDGE 1 1 2.5\n", "p p f", "close it with 'fix ID all wall/reflect zhi EDGE'"),
     "shrink": ("", "p p s", "boundaries must be periodic"),
 }
 

@@ -11,9 +11,12 @@ from openmm_dpd.base.errors import DPDError
 from openmm_dpd.lammps import RunOptions, run_deck
 
 #: Words that change no file, and why.
-IDLE = {"balance": "beads belong to no processors here; a note says so"}
+IDLE = {
+    "balance": "beads belong to no processors here; a note says so",
+    "wall/reflect": "open ends of the box reflect as well; a note says so",
+}
 #: Fixes without which a deck does not run.
-NEEDED = ("shardlow", "dpd/energy", "eos/cv", "eos/table", "enforce2d", "wall/reflect")
+NEEDED = ("shardlow", "dpd/energy", "eos/cv", "eos/table", "enforce2d")
 #: Computes whose values are not of positions or velocities.
 CONSTANT = {"property/local": "ids and types of bonds", "fragment/atom": "bonds alone", "aggregate/atom": "bonds join all of each chain"}
 #: What is in the place of fixes that move beads; others are left out.

@@ -120,6 +120,8 @@ def thermo_modify(state: DeckState, args: list[str]) -> None:
             if word != "thermo_press" and (word not in state.computes or state.computes[word].style != "pressure"):
                 raise ParameterError(f"'{word}' is not the id of a compute of style pressure")
             settings.press = word
+        elif keyword == "lost":
+            settings.lost = read.choice(word, "what happens to lost atoms", ("error", "warn", "ignore"))
         elif keyword == "line":
             settings.layout = read.choice(word, "the line style", ("one", "multi", "yaml"))
         elif keyword in ("format", "colname") and len(values) == 1:
@@ -145,9 +147,9 @@ def _column(state: DeckState, word: str, others: tuple[str, ...] = ()) -> str | 
 
 #: Options of thermo_modify: number of values.  The last row has options without effect.
 THERMO_OPTIONS = {
-    **dict.fromkeys(("norm", "temp", "press", "line"), 1),
+    **dict.fromkeys(("norm", "temp", "press", "line", "lost"), 1),
     **dict.fromkeys(("format", "colname"), 2),
-    **dict.fromkeys(("flush", "lost", "lost/bond", "warn"), 1),
+    **dict.fromkeys(("flush", "lost/bond", "warn"), 1),
 }
 
 

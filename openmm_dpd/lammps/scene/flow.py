@@ -204,8 +204,8 @@ def interacting_beads(state: DeckState, mobile: np.ndarray) -> np.ndarray | None
 
 # -- walls --------------------------------------------------------------------------------------------------------------------
 def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
-    """Walls of all ``fix wall/reflect``.  DeckError if an axis with ``boundary f`` lacks a wall at one end, or mobile beads are not in the
-    group."""
+    """Walls of all ``fix wall/reflect``, and at open ends of axes with ``boundary f``, where LAMMPS would lose beads.  DeckError if mobile
+    beads are not in the group."""
     walls: list[Wall] = []
     closed: dict[str, str] = {}
     for fix in state.fixes_of(*ACTING_FIXES):
@@ -225,11 +225,21 @@ def walls_of(state: DeckState, mobile: np.ndarray) -> list[Wall]:
             closed[face] = fix.name
             soft.discard(face)
             walls.append(Wall(face[0], position, "above" if face.endswith("lo") else "below", SPECULAR))
+    box = state.require_box("a run")
+    edges = dict(zip(AXES, (np.array([box.low, box.high]) * state.units.length).T.tolist(), strict=True))
     for axis, periodic in zip(AXES, state.periodic, strict=True):
-        missing = [face for face in (f"{axis}lo", f"{axis}hi") if face not in closed]
+        faces = [f"{axis}lo", f"{axis}hi"]
+        missing = [face for face in faces if face not in closed]
         if missing and not periodic:
-            raise ParameterError(
-                f"boundary f along {axis}: LAMMPS loses beads that leave the box; close it with "
-                f"'fix ID all wall/reflect {' '.join(f'{face} EDGE' for face in missing)}'"
-            )
+            if state.thermo.lost != "error":
+                close = f"'fix ID all wall/reflect {' '.join(f'{face} EDGE' for face in missing)}'"
+                raise ParameterError(
+                    f"boundary f along {axis} with thermo_modify lost {state.thermo.lost}: beads cannot be lost; add {close}"
+                )
+            state.note(f"boundary f along {axis}: beads that reach {' or '.join(missing)} are reflected; LAMMPS loses them, and stops")
+        # a wall with a potential has one behind it where there is one at the other end: a scene has both or none
+        both = any(wall.axis == axis for wall in walls) or bool(missing)
+        for end, face in enumerate(faces):
+            if not periodic and both and (face in missing or face in soft):
+                walls.append(Wall(axis, edges[axis][end], ("above", "below")[end], SPECULAR))
     return walls

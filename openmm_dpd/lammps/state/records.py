@@ -134,6 +134,7 @@ class ThermoSettings:
     temp: str = "thermo_temp"
     press: str = "thermo_press"
     layout: str = "one"
+    lost: str = "error"
     formats: dict[str | int, str] = field(default_factory=dict)
     headers: dict[str | int, str] = field(default_factory=dict)
 
