@@ -376,6 +376,8 @@ run 2
         ("compute c all property/local batom1 aatom1", "are of different kinds"),
         ("compute c all pair/local dist cutoff radius", "cutoff must be one of type"),
         ("variable a equal label2type(atom,W)\nprint $(v_a)", "there is no label of atom types 'W'"),
+        ("dump i all custom 2 i.txt id mux", "mux needs atom_style dipole, but the deck has atom_style molecular"),
+        ("compute p all property/atom radius", "radius needs atom_style sphere"),
         ("dump i all custom 2 i.txt typelabel", "not all atom types have a label; use labelmap"),
         ("compute c all chunk/atom bin/sphere 1 1 1 2 1 3", "the largest radius 1 is not above"),
         ("compute c all chunk/atom mol", "compute chunk/atom style 'mol' is not supported"),

@@ -185,8 +185,8 @@ def check_bead_word(
             raise ParameterError(f"{word}: there is no such value of single beads; fix store/state has f_id, or f_id[1] and so on")
         return
     if not word.startswith("c_"):
-        read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name", "f_id"])
         check_carried(state, word)
+        read.choice(word, what, [*allowed, "c_id", "c_id[column]", "v_name", "f_id"])
         return
     _, name, indices = reference(word)
     compute, spec = compute_of(state, name, word)

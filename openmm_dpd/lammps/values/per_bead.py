@@ -25,6 +25,7 @@ def _masses(moment: DeckMoment) -> np.ndarray:
 
 #: Words that require one of these atom styles.
 _OF_STYLES = {"mol": BONDED_STYLES, "q": CHARGED_STYLES, "rho": ("mdpd",)}
+_OF_STYLES |= {**dict.fromkeys(("mu", "mux", "muy", "muz"), ("dipole",)), **dict.fromkeys(("radius", "diameter"), ("sphere",))}
 
 
 def check_carried(state: DeckState, word: str) -> None:
@@ -94,8 +95,8 @@ def _property(moment: DeckMoment, compute: Compute) -> np.ndarray:
 def _check_property(state: DeckState, group: str, words: list[str]) -> None:
     read.count(words, "compute ID group property/atom value value ...", 1, None)
     for word in words:
-        read.choice(word, "a value of compute property/atom", list(PROPERTIES))
         check_carried(state, word)
+        read.choice(word, "a value of compute property/atom", list(PROPERTIES))
 
 
 def _kinetic(moment: DeckMoment, compute: Compute) -> np.ndarray:
