@@ -13,13 +13,24 @@ def pushes(mass: np.ndarray, rate: np.ndarray, kT: float) -> np.ndarray:
     return (mass[:-1] * rate[:-1] ** 2 - kT) / mass[1:]
 
 
-def half_step(numbers: np.ndarray, dt: float, kT: float, damp: float, degrees: float, twice: float, loops: int, drag: float) -> float:
+def half_step(
+    numbers: np.ndarray,
+    dt: float,
+    kT: float,
+    damp: float,
+    degrees: float,
+    twice: float,
+    loops: int,
+    drag: float,
+    heavy: float | None = None,
+) -> float:
     """Move positions, velocities and accelerations of the thermostats (3 n numbers, which change) by half a step.
 
-    ``twice`` is twice the kinetic energy, kJ/mol, of what is thermostatted; returns the factor of its velocities.
+    ``twice`` is twice the kinetic energy, kJ/mol, of what is thermostatted; returns the factor of its velocities.  ``heavy``
+    are the degrees of freedom that the mass of the first thermostat is made for, by default all.
     """
     eta, rate, push = numbers.reshape(3, -1)
-    last, mass = len(eta) - 1, masses(len(eta), kT, damp, degrees)
+    last, mass = len(eta) - 1, masses(len(eta), kT, damp, degrees if heavy is None else heavy)
     quarter, slower, factor = 0.25 * dt / loops, 1.0 - dt * drag / damp / loops, 1.0
     push[0] = (twice - degrees * kT) / mass[0]
 

@@ -86,6 +86,8 @@ class Guide:
     what = ""  #: What it is, in words
     numbers: tuple[float, ...] = ()  #: What it keeps from step to step, at the start
     limits = False  #: Whether :meth:`limit` changes anything
+    resizes = False  #: Whether it changes the box
+    more = 0  #: What it wants summed beside forces: STRESS
 
     def begin(self, m: "Moment") -> None:
         """Change velocities at the beginning of a step."""

@@ -380,7 +380,7 @@ class StepLoop:
         """Compute acceleration and rates at the positions of the moment, with friction and noise, and kick for a time ``kick``."""
         assert m.acc is not None
         self._place(m)
-        more, apart = self.more if self.valid.final else 0, {}
+        more, apart = (self.more if self.valid.final else 0) | m.guide.more, {}
         if not self.engine.parts_forces:
             more &= ~LAPLACIAN
         if more & LAPLACIAN:

@@ -74,6 +74,8 @@ class WholeSteps:
 
             def forces(m: Moment, done: int) -> np.ndarray:
                 if done:
+                    if m.guide.resizes:
+                        context.setPeriodicBoxVectors(*m.box)  # type: ignore[misc]
                     context.setPositions(m.x)
                     context.setStepCount(count + done)
                     context.setTime(clock[done])
@@ -157,6 +159,8 @@ class WholeSteps:
         if moment.flow is not None:
             context.setPeriodicBoxVectors(*moment.box)  # type: ignore[misc]  # a shear has one
             now[shared.SHEARED] = float(moment.flow[TIME])
+        elif moment.guide.resizes:
+            context.setPeriodicBoxVectors(*moment.box)  # type: ignore[misc]
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
         for name, value in zip(guide_variables(self.guide), moment.numbers.tolist(), strict=True):

@@ -363,10 +363,6 @@ for part in TEXTS.split("\n= ")[1:]:
 
 #: What is said to decks that are refused, and which they are.
 REFUSED: dict[str, tuple[str, ...]] = {
-    "that of the scene is 0": (
-        "ionomer at constant pressure",
-        "bilayer without tension",
-    ),
     "'smd'": ("lipid pulled out",),
     "'bond/create'": ("chains that grow",),
     "'bond/break'": ("bonds that break",),

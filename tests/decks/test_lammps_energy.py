@@ -207,7 +207,7 @@ def test_constant_pressure(tmp_path):
     assert any("Monte Carlo" in note for note in found.state.notes) and any("drag" in note for note in found.state.notes)
     text = METAL + ENERGY + SHARDLOW.replace("nve", "nph x 0 0 1 z 5 5 1")
     control = state_of(tmp_path, text).first_run.barostat
-    assert control == PressureControl((True, False, True), False, control.start, control.stop, False)
+    assert control == PressureControl((True, False, True), False, control.start, control.stop, False, control.damps)
     assert control.start == pytest.approx((0, 0, 5 * bar), rel=1e-4) and control.constant
     assert not state_of(tmp_path, text.replace("x 0 0 1 z 5 5 1", "aniso 1 1 1")).first_run.barostat.coupled
 

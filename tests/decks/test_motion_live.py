@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import lammps_peer
+import numpy as np
 import pytest
 from cases import put
 from deck_snippets import FILES, SNIPPETS
@@ -39,6 +40,18 @@ DECKS = {
     "nvt": f"{OFF}fix n all nvt temp 0.5 2 0.1\nthermo_style custom step temp pe ecouple econserve f_n f_n[1] f_n[5] f_n[7] f_n[12]\n{FRAMES}{RUN}{RUN}",
     "nvt of a group": f"{OFF}compute t g temp/partial 1 1 0\nfix m rest nve\nfix n g nvt temp 1 1 0.1 tchain 1 tloop 2 drag 0.3\n"
     "fix_modify n temp t\n" + words("n", *ALONE),
+    **{
+        f"npt {words_}": f"{OFF}fix n all npt temp {words_}\nthermo_style custom step temp pe press pxx pyy xlo xhi ly lz vol "
+        f"{'' if 'iso' in words_.split() else 'f_n ecouple econserve'}\n{FRAMES}{RUN}{RUN}"
+        for words_ in (
+            "0.5 2 0.1 iso 0.2 0.8 1",
+            "1 1 0.1 aniso 0.5 0.5 1.3 couple xy drag 0.3 tchain 1 pchain 2 ploop 2 tloop 2",
+            "1 2 0.2 x 0.1 0.9 1 y 0.3 0.3 0.7 z 0.5 0.5 2 fixedpoint 0 1 2",
+            "1 1 0.2 z 0.2 0.8 0.6 mtk no",
+            "1 1 0.2 x 0.4 0.4 1 y 0.4 0.4 1 couple xy",
+            "1 1 0.2 iso 0.5 0.5 1 dilate all nreset 0",
+        )
+    },
     "nvt, lj": f"pair_style lj/cut 1.2\npair_coeff * * 1 0.5\n{OFF}fix n all nvt temp 0.5 2 0.1\n" + words("n", *ALONE),
     "temp/rescale": "fix t g temp/rescale 1 0.5 1 0.01 0.6\n" + words("t", "") + RUN,
     "temp/berendsen": "fix t all temp/berendsen 0.5 1 0.2\nthermo_style custom step temp ecouple econserve\n" + FRAMES + RUN,
@@ -182,6 +195,15 @@ def test_tables_agree():
     assert set(FIX_VALUES) <= {*FORCES, *COUPLED, "nve/limit"}
 
 
+def test_what_npt_conserves_is_conserved(tmp_path):
+    """Under one factor for all edges, where LAMMPS's f_id counts two degrees of freedom too many (it rises by 0.1 per bead here)."""
+    text = "units lj\nlattice fcc 0.9\nregion b block 0 3 0 3 0 3\ncreate_box 1 b\ncreate_atoms 1 box\nmass 1 1\nvelocity all create 1 33\n"
+    text += "pair_style lj/cut 1.9\npair_coeff * * 1 1\npair_modify shift yes\nfix n all npt temp 1 1 0.2 iso 5 5 0.5\ntimestep 0.002\n"
+    lines = lammps_peer.printed(tmp_path / "in.deck", text + "thermo_style custom step econserve vol\nthermo 200\nrun 1000\n")
+    rows = np.array([line.split() for line in lines if line.split()[0].isdigit()], dtype=float)
+    assert np.ptp(rows[:, 1]) < 1e-3 and np.ptp(rows[:, 2]) > 5
+
+
 def test_adapted_dpd_has_the_bits_of_its_coefficients(tmp_path):
     """LAMMPS adapts other styles alone."""
     start, rows = START.format(units="lj", box="block -1 3 0 4 0 5").replace("dpd 0.0", "dpd 1.5"), []
@@ -228,6 +250,8 @@ WRONG = {
     "unfix 1\nfix l all move linear 1 0 0\ncreate_atoms 1 single 2 2 2\ngroup g id 1:11\nfix l g move linear 1 0 0\n"
     "create_atoms 1 single 2 2 4\ngroup g type 1": "has beads that were made later",
     "unfix 1\nfix 2 g nve\ngroup rest subtract all g\nfix l rest move linear 1 0 0\nfix 2 g npt temp 1 1 1 iso 1 1 1": "style nve; unfix",
+    "unfix 1\nfix l all npt temp 1 1 1 iso 1 1 1 nreset 5": "nreset 5 is not supported",
+    "unfix 1\nfix l g npt temp 1 1 1 iso 1 1 1": "needs the group all",
     "variable v equal c_x\nfix l g addforce v_v 0 0": "there is no compute 'x'",
 }
 

@@ -87,6 +87,7 @@ def _tdpd_source(state: DeckState, group: str, words: list[str]) -> dict:
 #: Options of fix nph about LAMMPS's equations of motion of the box: number of values.
 _DYNAMICS = {"drag": 1, "pchain": 1, "ploop": 1, "nreset": 1, "mtk": 1, "ptemp": 1, "flip": 1, "update": 1, "fixedpoint": 3}
 _DYNAMICS |= {"scalexy": 1, "scalexz": 1, "scaleyz": 1}
+_SIZES = {**dict.fromkeys(("iso", "aniso", "x", "y", "z"), 3), "couple": 1, "dilate": 1, **_DYNAMICS}
 
 
 def _npt(state: DeckState, group: str, words: list[str]) -> dict:
@@ -95,27 +96,35 @@ def _npt(state: DeckState, group: str, words: list[str]) -> dict:
     for word, size in {"temp": 4, "tchain": 2, "tloop": 2}.items():
         k = words.index(word) if word in words else len(words)
         mine, words = mine + words[k : k + size], words[:k] + words[k + size :]
-    return _nph(state, group, words, "npt") | nose_hoover(state, group, mine, "npt")
+    drag = dict(read.options(words, _SIZES, "fix npt")).get("drag", ["0"])
+    heat, box = nose_hoover(state, group, [*mine, "drag", *drag], "npt"), _nph(state, group, words, "npt")
+    return box | heat | {"numbers": heat["numbers"] + box["numbers"]}
 
 
 def _nph(state: DeckState, group: str, words: list[str], fix: str = "nph") -> dict:
-    sizes = {**dict.fromkeys(("iso", "aniso", "x", "y", "z"), 3), "couple": 1, "dilate": 1, **_DYNAMICS}
+    box, options = state.require_box(f"fix {fix}"), {"pchain": ["3"], "ploop": ["1"], "mtk": ["yes"], "drag": ["0"]}
     start: list[float | None] = [None] * 3
     stop = [0.0] * 3
-    coupled, plane, unused = False, False, []
+    coupled, plane, unused, damps = False, False, [], [0.0] * 3
     if state.dimension == 2:
         raise ParameterError(f"fix {fix} is not supported in two dimensions")
-    for keyword, values in read.options(words, sizes, f"fix {fix}", only={"dilate": ("all", "all beads move with the box")}):
+    only = {"dilate": ("all", "all beads move with the box")}
+    if fix == "npt":
+        only |= dict.fromkeys(("nreset", "ptemp"), ("0", "")) | {"update": ("dipole", "beads are points here")}
+        if group != "all" or box.tilt.any():
+            raise ParameterError("fix npt needs the group all, and a box without tilt")
+    for keyword, values in read.options(words, _SIZES, f"fix {fix}", only=only):
         if keyword == "couple":
             coupled, plane = (read.choice(values[0], "couple", ("none", "xyz", "xy")) == word for word in ("xyz", "xy"))
         elif keyword in _DYNAMICS:
             unused.append(keyword)
+            options[keyword] = values
         elif keyword != "dilate":
             first, last = (read.number(word, f"the pressure of {keyword}") for word in values[:2])
-            read.positive(values[2], "the damping time of the box")
+            damp = read.positive(values[2], "the damping time of the box") * state.units.time
             coupled = keyword == "iso"
             for axis in range(3) if keyword in ("iso", "aniso") else ["xyz".index(keyword)]:
-                start[axis], stop[axis] = first, last
+                start[axis], stop[axis], damps[axis] = first, last, damp
     axes = tuple(value is not None for value in start)
     low = tuple(state.units.pressure * (value or 0.0) for value in start)
     high = tuple(state.units.pressure * value for value in stop)
@@ -125,9 +134,13 @@ def _nph(state: DeckState, group: str, words: list[str], fix: str = "nph") -> di
         raise ParameterError(f"fix {fix}: coupled edges (couple xyz) need the same pressure along x, y and z")
     if plane and (not all(axes[:2]) or len({p for p, used in zip(low, axes, strict=True) if used}) > 1):
         raise ParameterError(f"fix {fix}: coupled edges (couple xy) need the same pressure along x, y and z, or none along z")
-    if unused:
+    if unused and fix == "nph":
         state.note(f"fix {fix}: {', '.join(unused)} (LAMMPS's motion of the box) has no effect here and is ignored")
-    return {"lambda": 0.5, "pressure": PressureControl(axes, coupled, low, high, plane)}  # type: ignore[arg-type]
+    about = [read.number(word, "fixedpoint") for word in options.get("fixedpoint", map(repr, (0.5 * (box.low + box.high)).tolist()))]
+    chain, loop = (read.integer(options[word][0], word, 1) for word in ("pchain", "ploop"))
+    piston = {"loop": loop, "drag": float(options["drag"][0]), "mtk": read.switch(options["mtk"][0], "mtk"), "about": about}
+    control = PressureControl(axes, coupled, low, high, plane, tuple(damps))  # type: ignore[arg-type]
+    return {"lambda": 0.5, "pressure": control, "piston": piston} | ({"numbers": [0.0] * (6 + 3 * chain)} if fix == "npt" else {})
 
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------

@@ -53,7 +53,7 @@ def nose_hoover(state: DeckState, group: str, words: list[str], fix: str = "nvt"
     damp = read.positive(found["temp"][2], "the damping time of the temperature") * state.units.time
     chain, loop = (read.integer(found.get(word, [default])[0], word, 1) for word, default in (("tchain", "3"), ("tloop", "1")))
     drag = read.non_negative(found.get("drag", ["0"])[0], "drag")
-    return {"kT": kT, "damp": damp, "loop": loop, "drag": drag, "lambda": 0.5, "numbers": [0.0] * (3 * chain)}
+    return {"kT": kT, "damp": damp, "loop": loop, "drag": drag, "lambda": 0.5, "numbers": [0.0] * (3 * chain), "chain": 3 * chain}
 
 
 def _rescale(state: DeckState, group: str, words: list[str]) -> dict:

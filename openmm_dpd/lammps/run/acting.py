@@ -15,7 +15,13 @@ Force = Callable[[Fix, Resolver, np.ndarray, np.ndarray], "list[float] | None"]
 
 def target(fix: Fix, moment: Resolver) -> float:
     """Thermal energy that a fix sets at this moment of a run."""
-    (start, stop), window = fix.parameters["kT"], moment.window
+    start, stop = fix.parameters["kT"]
+    return ramped(start, stop, moment)
+
+
+def ramped(start: float, stop: float, moment: Resolver) -> float:
+    """What goes from start to stop during a run, at this moment of it."""
+    window = moment.window
     if window is None or window.end == window.begin:
         return start
     return start + (stop - start) * (moment.step - window.begin) / (window.end - window.begin)

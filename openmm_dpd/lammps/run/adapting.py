@@ -27,8 +27,8 @@ def _present(fix: Fix, state: DeckState, word: str, name: str, first: range, sec
             f"the deck has {len(same)} pair styles {style}; expected {style}:N with the number of one, or {style} if it is alone"
         )
     number = same[int(which or 1) - 1]
-    given = state.pair.styles[number].coefficients.items()
-    found = {(number, pair, name): c.values[name] for pair, c in given if pair[0] in first and pair[1] in second}
+    given = state.pair.styles[number].coefficients
+    found = {(number, (i, j), name): given[i, j].values[name] for i, j in given if i in first and j in second}
     if not found:
         raise fix.error(f"no pair_coeff of style {word} has types {first[0]}:{first[-1]} and {second[0]}:{second[-1]}")
     return found

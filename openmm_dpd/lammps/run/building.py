@@ -74,7 +74,7 @@ def connect_barostat(request: RunRequest, built: BuiltSystem) -> EnthalpyBarosta
     """Set up the barostat of ``request.barostat``: OpenMM's is added to ``built.system`` before there is a Context; this package's is
     returned. DeckError if the pressure is not constant or differs between axes."""
     control = request.barostat
-    if control is None:
+    if control is None or request.state.fixes_of("npt"):
         return None
     pressures = {p for p, used in zip(control.start, control.axes, strict=True) if used}
     with errors_at(request.where):

@@ -4,8 +4,10 @@ import numpy as np
 
 from ...base.errors import RunError
 from ...kernels import chain
+from ...kernels.layer import STRESS
 from ...kernels.moment import Guide, Moment
-from ...plan.pair_spec import renew
+from ...measure.stress_parts import Part, charge_evaluator, stress_parts
+from ...plan.pair_spec import longest, renew
 from ...simulation.built import BuiltSystem
 from ..language.lexer import errors_at
 from ..scene.exclusion import scene_pairs
@@ -15,6 +17,7 @@ from ..styles.pair_styles import pair_tables
 from ..values.resolver import Resolver
 from .acting import FORCES, acted_on, target
 from .adapting import adapt, end
+from .piston import VIRIALS, Piston
 from .prescribed import moved
 from .request import RunRequest
 
@@ -48,6 +51,7 @@ class DeckGuide(Guide):
         self._masses, self._pushes = state.bead_masses(), bool(state.fixes_of(*FORCES))
         self.what = "fixes " + ", ".join(dict.fromkeys(fix.style for fix in state.fixes_of(*GUIDED)))
         self.built: BuiltSystem | None = None  #: What runs it
+        self._piston: Piston | None = None  #: What moves the box
         self.changed: np.ndarray | None = None  #: What was added to the velocities at the end of the last step
         moment, v = request.first_moment(), state.atoms.velocities * state.units.velocity
         for fix in state.fixes_of(*FORCES):  # what is wrong is reported for its line
@@ -56,13 +60,19 @@ class DeckGuide(Guide):
         for fix in kept:
             numbers = np.array(fix.parameters["numbers"])
             if "loop" in fix.parameters:
-                numbers = numbers.reshape(3, -1)
-                masses = self._chain(fix, numbers, moment, _Scaling(fix, moment, v, self._masses).freedom)
-                numbers[2, 1:] = chain.pushes(masses, numbers[1], target(fix, moment))
+                chained, kT = numbers[: fix.parameters["chain"]].reshape(3, -1), target(fix, moment)
+                masses = self._chain(fix, chained, moment, _Scaling(fix, moment, v, self._masses).freedom)
+                chained[2, 1:] = chain.pushes(masses, chained[1], kT)
+                if fix.style == "npt":
+                    fix.parameters.setdefault("edges", (state.require_box("fix npt").edges * state.units.length).tolist())
+                    self._piston = Piston(fix, self._masses, request.dt, kT)
+                    self._piston.start(numbers[fix.parameters["chain"] :])
             elif fix.style in ("nve/limit", "langevin"):
                 numbers[:] = 0.0  # each run counts anew
-            fix.parameters["numbers"] = numbers.ravel().tolist()
+            fix.parameters["numbers"] = numbers.tolist()
+        self.resizes, self.more = self._piston is not None, 0 if self._piston is None else STRESS
         self.numbers = tuple(number for fix in kept for number in fix.parameters["numbers"])
+        self._parts, self._reach = list[Part](), 0.0
         self._moves = state.fixes_of("move")
         #: Positions and velocities that they prescribe, and which components have either
         self._prescribed, self._held = np.full((2, *v.shape), np.nan), np.zeros(v.shape, dtype=bool)
@@ -96,15 +106,41 @@ class DeckGuide(Guide):
 
     def begin(self, m: Moment) -> None:
         """Half a step of the Nose-Hoover chains; velocities that fix move prescribes, from positions before beads drift."""
+        if (piston := self._piston) is not None:
+            piston.chain(self._of_piston(m), target(piston.fix, self._moment(m, m.number, m.v)), m.dt)
         self._chains(m, m.number + 1)
+        if piston is not None:
+            piston.push(self._of_piston(m), m, self._moment(m, m.number + 1, m.v))
+            piston.slow(self._of_piston(m), m)
+            self._scale(piston, m)
         for fix in self._moves:
             moment, members = self._moment(m, m.number + 1, m.v), self.state.group(fix.group)
             x, v = moved(fix, moment)
             self._prescribed[:, members] = x * moment.units.length, v * moment.units.velocity
         self._place(m.v, 1)
 
+    def _of_piston(self, m: Moment) -> np.ndarray:
+        assert self._piston is not None
+        return m.numbers[self._places[self._piston.fix.name]][self._piston.fix.parameters["chain"] :]
+
+    def _scale(self, piston: Piston, m: Moment) -> None:
+        piston.scale(self._of_piston(m), m, self.state.units.length, self._reach)
+
+    def _take_virials(self, m: Moment) -> None:
+        """Keep the virials of the forces that have just been summed."""
+        assert self.built is not None and self.built.integrator.whole is not None
+        plan, loop = self.built.plan, self.built.integrator.whole.function.thread_state().loop
+        if not self._parts:
+            charges = charge_evaluator(plan)
+            self._parts = [*stress_parts(plan), *([] if charges is None else [lambda x, box: charges.parts(x, box)[2]])]
+            self._reach = longest((*plan.layers, *plan.overlays))
+        stress = loop.valid.totals.stress + sum((part(m.x, m.box) for part in self._parts), np.zeros(6))
+        self._of_piston(m)[VIRIALS] = stress[:3]
+
     def forces(self, m: Moment, v: np.ndarray, force: np.ndarray, step: int) -> np.ndarray:
         """All forces, as the fixes have changed them."""
+        if self._piston is not None:
+            self._take_virials(m)
         if not self._pushes:
             return np.where(self._held, 0.0, force) if self._moves else force
         unit, moment = self.state.units.force, self._moment(m, step, v)
@@ -137,6 +173,8 @@ class DeckGuide(Guide):
 
     def place(self, m: Moment, seen: np.ndarray) -> None:
         """Beads of fix move where they are, their velocities not predicted; pair coefficients that fix adapt sets for the next forces."""
+        if self._piston is not None:
+            self._scale(self._piston, m)
         step = self.request.first_step + m.number + 1
         due = [fix for fix in self.state.fixes_of("adapt") if fix.parameters["every"] and step % fix.parameters["every"] == 0]
         for fix in due:
@@ -155,7 +193,12 @@ class DeckGuide(Guide):
     def end(self, m: Moment) -> None:
         """Half a step of the Nose-Hoover chains, then the other thermostats."""
         before = m.v.copy() if self.state.fixes_of(*COUPLED) else m.v
+        if (piston := self._piston) is not None:
+            piston.slow(self._of_piston(m), m)
+            piston.push(self._of_piston(m), m, self._moment(m, m.number, m.v))
         self._chains(m, m.number)
+        if piston is not None:
+            piston.chain(self._of_piston(m), target(piston.fix, self._moment(m, m.number, m.v)), m.dt)
         for fix in self.state.fixes_of("temp/rescale", "temp/berendsen", "langevin"):
             moment, energy = self._moment(m, m.number, m.v), m.numbers[self._places[fix.name]]
             if fix.style == "langevin":
@@ -180,7 +223,7 @@ class DeckGuide(Guide):
             moment, given = self._moment(m, step, m.v), fix.parameters
             beads, kT = _Scaling(fix, moment, m.v, self._masses), target(fix, moment)
             settings = given["damp"], beads.freedom, beads.twice, given["loop"], given["drag"]
-            beads.by(chain.half_step(m.numbers[self._places[fix.name]], m.dt, kT, *settings))
+            beads.by(chain.half_step(m.numbers[self._places[fix.name]][: given["chain"]], m.dt, kT, *settings))
 
     def keep(self, numbers: np.ndarray) -> None:
         """Hand what the fixes keep back to the deck, for the next run."""
@@ -191,14 +234,16 @@ class DeckGuide(Guide):
     def values(self, numbers: np.ndarray, moment: Resolver) -> dict[str, list[float]]:
         """Values of the fixes that change velocities: an energy or a count, and what a chain consists of."""
         found = {name: [float(numbers[place][0])] for name, place in self._places.items()}
-        for fix in self.state.fixes_of("langevin", "nvt"):
+        for fix in self.state.fixes_of("langevin", "nvt", "npt"):
             own, units = numbers[self._places[fix.name]], moment.units
             found[fix.name] = [float(0.5 * own[-1] - own[0])]
-            if fix.style == "nvt":
-                eta, rate, _ = chained = own.reshape(3, -1)
+            if fix.style != "langevin":
+                eta, rate, _ = chained = own[: fix.parameters["chain"]].reshape(3, -1)
                 freedom = _Scaling(fix, moment, moment.velocities, self._masses).freedom
                 masses = self._chain(fix, chained, moment, freedom)
                 potential, kinetic = target(fix, moment) * eta / units.energy, 0.5 * masses * rate**2 / units.energy
                 potential[0] *= freedom
                 found[fix.name] = [float((potential + kinetic).sum()), *eta, *(rate * units.time), *potential, *kinetic]
+                if self._piston is not None:
+                    found[fix.name] = [found[fix.name][0] + self._piston.energy(own[fix.parameters["chain"] :], moment) / units.energy]
         return found

@@ -96,6 +96,8 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
         raise fixes[0].error("constant pressure needs a box that is periodic along all axes")
     if len(fixes) > 1:
         raise fixes[1].error(f"there already is a fix {fixes[0].style} ({fixes[0].name}); use only one")
+    if fixes[0].style == "npt":
+        return fixes[0].parameters["pressure"]
     state.note(
         f"fix {fixes[0].style}: Monte Carlo volume moves replace LAMMPS's equations of motion of the box; averages are comparable, "
         "trajectories are not"

@@ -84,14 +84,15 @@ class Box:
         """The box in another unit of length."""
         return replace(self, low=self.low * factor, high=self.high * factor, tilt=self.tilt * factor)
 
-    def following(self, vectors: np.ndarray) -> Box:
-        """The box with new vectors (3, 3) from a simulation (reduced form, same unit) and the same lower corner.  The box itself is
-        returned if the vectors differ from its own by rounding only."""
+    def following(self, vectors: np.ndarray, about: np.ndarray | None = None) -> Box:
+        """The box with new vectors (3, 3) from a simulation (reduced form, same unit) and the same lower corner, or scaled ``about`` a
+        point.  The box itself is returned if the vectors differ from its own by rounding only."""
         own, rounding = self._own
         if (np.abs(vectors - own) <= rounding).all():
             return self
-        high, tilt = self.low + np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]])
-        return replace(self, high=np.where([True, True, not self.flat], high, self.high), tilt=tilt)
+        low = self.low if about is None else about + (self.low - about) * (np.diag(vectors) / self.edges)
+        high, tilt = low + np.diag(vectors), np.array([vectors[1][0], vectors[2][0], vectors[2][1]])
+        return replace(self, low=low, high=np.where([True, True, not self.flat], high, self.high), tilt=tilt)
 
     @cached_property
     def _own(self) -> tuple[np.ndarray, np.ndarray]:

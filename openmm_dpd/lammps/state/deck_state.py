@@ -206,6 +206,11 @@ class DeckState:
         masses = self.bead_masses()[mask]
         return weighted_sum(masses, vectors[mask]) / masses.sum() if len(masses) else np.zeros(3)
 
+    @property
+    def centre(self) -> np.ndarray | None:
+        """The point that ``fix npt`` scales the box about, if there is one."""
+        return next((np.array(fix.parameters["piston"]["about"]) for fix in self.fixes_of("npt")), None)
+
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
         """(N, 3) positions of a simulation (nm) in the deck's unit.  Beads that have not moved get back the deck's numbers, bit for bit;
         differences up to the rounding of coordinates as large as the box do not count as motion."""
@@ -355,7 +360,7 @@ class DeckState:
             self.box = box
         elif box is not None:
             before = self.require_box("a run")
-            self.box = before.following(np.asarray(box) / self.units.length)
+            self.box = before.following(np.asarray(box) / self.units.length, self.centre)
             self.atoms.images = self.box.turned(self.atoms.images, before, slide.axes, slide.distance / self.units.length)
         own = self.require_box("a run")
         inside, shifts = self.folded(self.in_deck_units(positions), own)

@@ -40,7 +40,7 @@ class DeckMoment(ABC):
         box = self.state.require_box("a formula with the box")
         if self.sample is None or self.sample.box is None:
             return box
-        return self.state.box_at(self.step, self.window) or box.following(self.sample.box / self.units.length)
+        return self.state.box_at(self.step, self.window) or box.following(self.sample.box / self.units.length, self.state.centre)
 
     @property
     def measured(self) -> bool:
@@ -122,8 +122,8 @@ class DeckMoment(ABC):
     @property
     def coupled(self) -> float:
         """Energy that thermostats have taken, in the deck's units."""
-        if self.state.fixes_of("nph", "npt"):
-            raise ParameterError("with fix nph or npt there is no conserved energy here: the volume changes by Monte Carlo moves")
+        if self.state.fixes_of("nph"):
+            raise ParameterError("with fix nph there is no conserved energy here: the volume changes by Monte Carlo moves")
         return sum(self.need("acted")[fix.name][0] for fix in self.state.fixes_of(*COUPLED))
 
     def freedom(self, compute: Compute) -> float:

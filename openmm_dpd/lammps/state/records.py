@@ -44,7 +44,7 @@ GUIDED = (*FORCE_FIXES, *GUIDING)
 FIX_VALUES: dict[str, tuple[bool, int | None, bool]] = {
     **{"addforce": (True, 3, True), "setforce": (False, 3, True), "aveforce": (False, 3, True), "efield": (True, 3, True)},
     **{"spring": (True, 4, True), "spring/self": (True, 0, True), "wall/region": (True, 3, True), "nvt": (True, None, False)},
-    **dict.fromkeys(("temp/rescale", "temp/berendsen", "langevin", "nve/limit"), (True, 0, True)),
+    **dict.fromkeys(("temp/rescale", "temp/berendsen", "langevin", "nve/limit", "npt"), (True, 0, True)),
     **dict.fromkeys([style for style in ACTING_FIXES if style.startswith("wall/") and style != "wall/region"], (True, None, True)),
 }
 
@@ -334,6 +334,7 @@ class PressureControl:
     start: Three
     stop: Three
     plane: bool = False  #: Whether x and y change by one factor and z by another, where there is no tension
+    damps: Three = (0.0, 0.0, 0.0)  #: Times in which the edges follow, ps
     isothermal: bool = False  #: Whether a thermostat holds the temperature; otherwise the enthalpy is constant
 
     @property
