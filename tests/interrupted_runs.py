@@ -67,7 +67,7 @@ def crash_in(out: Path, copy: Path, seed: int) -> Iterator[list[int]]:
             seen[0] += 1
             if begun or latest.exists():
                 begun += 1
-                if draw.random() < 1 / begun:  # each call until now is the one with the same probability
+                if draw.random() < 1 / begun and latest.exists():  # each call until now is the one with the same probability
                     shutil.rmtree(copy, ignore_errors=True)
                     shutil.copytree(out, copy)
 

@@ -195,6 +195,7 @@ variable w vector [1,2.5]
 fix v all ave/time 1 2 2 v_v c_thermo_press mode vector file f.v
 fix w all ave/time 1 1 2 v_w mode vector file f.w
 fix h all ave/histo 1 1 1 0 1 5 c_p[1] c_p[6] mode vector kind local file f.h
+fix hv all ave/histo 1 1 1 0 3 5 v_v v_w mode vector file f.hv
 dump p all local 1 f.pairs c_i[*] c_p[*]
 dump l all custom 2 f.l id typelabel type
 dump_modify p format float %.10g

@@ -8,6 +8,7 @@ from ...base.errors import ParameterError
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.records import Valued
+from ..values.compute_spec import reference
 from ..values.computes import check_bead_word, expanded, is_of_beads, is_of_terms
 from ..values.resolver import Resolver, present
 from .averages import AveragingFix, Schedule, check_words, intervals, split_values
@@ -32,7 +33,7 @@ class Histogram(AveragingFix):
         for word in self.words:
             if is_of_beads(state, word) or is_of_terms(state, word):
                 check_bead_word(state, word, _COORDINATES, local=is_of_terms(state, word))
-            elif not self._vector or word.startswith("v_"):
+            elif not self._whole(state, word):
                 check_word(state, word)
         if not words:
             check_words(state, words, "ave/histo", args[6])
@@ -54,6 +55,11 @@ class Histogram(AveragingFix):
         self.shape, self.what = self.values.shape, f"the fix has {len(self._centres)} bins with three values, and four sums"
         self.forget()
 
+    def _whole(self, state: DeckState, word: str) -> bool:
+        """Whether a word names a whole vector."""
+        kind, name, indices = reference(word)
+        return self._vector and (kind != "v" or (not indices and state.variables.get(name).style == "vector"))
+
     def forget(self) -> None:
         # counts of the bins, of what is missing, the least and the largest value
         self._open = np.concatenate([np.zeros(len(self._centres) + 1), [1e20, -1e20]])
@@ -63,7 +69,7 @@ class Histogram(AveragingFix):
             return moment.local_values(word)
         if is_of_beads(moment.state, word):
             return moment.bead_values(word)[moment.state.group(self._group)]
-        return moment.vector(word) if self._vector and not word.startswith("v_") else np.array([moment.number(word)])
+        return moment.vector(word) if self._whole(moment.state, word) else np.array([moment.number(word)])
 
     def sample(self, moment: Resolver) -> None:
         values, last, counts = np.concatenate([self._read(moment, word) for word in self.words]), len(self._centres) - 1, self._open
