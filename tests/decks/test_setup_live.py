@@ -111,6 +111,9 @@ DECKS = {
     "single": "molecule m trimer.txt toff 1 boff 1 aoff 1\ncreate_atoms 1 single 0.1 1 1 mol m 9 rotate 50 1 -1 0.5 units box\n"
     "create_atoms 1 single 0.1 2 1 mol m 9\nset group all mol 4\ncreate_atoms 0 random 15 3 box mol m 31 rotate 90 0 0 1\n",
     "overlap": "molecule m trimer.txt\ncreate_atoms 1 single 3 3 3 units box\ncreate_atoms 0 random 10 5 box mol m 21 overlap 1.1 maxtry 40\n",
+    "create_bonds beside exclusions": MOLECULES
+    + "group one id 1:30\ngroup other id 20:60\ngroup third id 1:24\nneigh_modify exclude group third other\n"
+    "create_bonds many one other 2 0.3 0.75\nneigh_modify exclude none\n" + FOUR,
     "create_bonds": MOLECULES
     + "group one id 1:30\ngroup other id 20:60\ncreate_bonds many one other 2 0.3 0.75\n"
     + FOUR
@@ -173,6 +176,10 @@ DECKS |= {
         "type 2 2; none; molecule/inter b; group a a",
     )
 }
+DECKS["overlap beside exclusions"] = (
+    FLUID + "group a type 3\ngroup b type 4\ngroup c id 1:100\nneigh_modify exclude group c all\ndelete_atoms overlap 0.7 a b compress no\n"
+    "neigh_modify exclude none\n"
+)
 DECKS["group dynamic"] = (
     FLUID
     + """group old id 1:100

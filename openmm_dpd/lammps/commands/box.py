@@ -16,7 +16,7 @@ from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
 from ..state.regions import parse_region
 from ..values.resolver import present
-from ..values.structure_computes import hidden_pairs
+from ..values.structure_computes import hidden
 from .beads import subset
 from .joining import Placement, check_special
 from .moving import values_of_variable
@@ -203,7 +203,8 @@ def _overlapping(state: DeckState, words: list[str]) -> np.ndarray:
     state.settle("delete_atoms overlap")
     box, distance = state.require_box("delete_atoms"), read.positive(words[0], "the distance of overlap")
     i, j, r = pairs_within(state.atoms.positions - box.low, None, box.reduced_vectors, distance)
-    close = {(int(a), int(b)) for a, b in zip(i[r < distance], j[r < distance], strict=True)} - hidden_pairs(state)
+    kept = (r < distance) & ~hidden(state, i, j)
+    close = set(zip(i[kept].tolist(), j[kept].tolist(), strict=True))
     partners: dict[int, list[int]] = {}
     for a, b in close | {(b, a) for a, b in close}:
         if first[a] and second[b]:

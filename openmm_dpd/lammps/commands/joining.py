@@ -10,7 +10,7 @@ from ..files.molecule_file import MoleculeTemplate, Ranmar, read_molecule
 from ..language import arguments as read
 from ..state.atoms import Atoms
 from ..state.deck_state import DeckState
-from ..values.structure_computes import hidden_pairs
+from ..values.structure_computes import hidden
 from .setup import command
 
 #: Options of molecule with an offset of the types: whose types.
@@ -129,8 +129,8 @@ def _many(state: DeckState, words: list[str]) -> np.ndarray:
     state.settle("create_bonds")
     box, ids = state.require_box("create_bonds"), state.atoms.ids
     i, j, r = pairs_within(state.atoms.positions - box.low, None, box.reduced_vectors, high)
-    kept = (r >= low) & (first[i] & second[j] | first[j] & second[i])
-    pairs = sorted(set(zip(i[kept].tolist(), j[kept].tolist(), strict=True)) - hidden_pairs(state))
+    kept = (r >= low) & (first[i] & second[j] | first[j] & second[i]) & ~hidden(state, i, j)
+    pairs = sorted(zip(i[kept].tolist(), j[kept].tolist(), strict=True))
     return np.array([(kind, ids[a], ids[b]) for a, b in pairs], dtype=np.int64).reshape(-1, 3)
 
 

@@ -56,12 +56,7 @@ class TimeAverage(AveragingFix):
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)
 
     def _read(self, moment: Resolver, word: str) -> np.ndarray:
-        if not self._vector:
-            return np.array(moment.number(word))
-        kind, name, indices = reference(word)
-        if kind == "v":
-            return moment.vector(word)
-        return moment.fix_vector(name) if kind == "f" else moment.compute_vector(name, *indices)
+        return moment.vector(word) if self._vector else np.array(moment.number(word))
 
     def sample(self, moment: Resolver) -> None:
         found = [self._read(moment, word) for word in self.words]

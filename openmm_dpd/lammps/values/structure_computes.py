@@ -63,16 +63,12 @@ def _longest_cutoff(moment: DeckMoment) -> float:
     return max(cutoffs)
 
 
-def hidden_pairs(state: DeckState) -> set[tuple[int, int]]:
-    """Pairs of beads (indices i < j) that LAMMPS's neighbour lists leave out: bonded neighbours with factors 0."""
-    shells = bonded_neighbours(state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2), len(state.atoms))
-    return {pair for k, pairs in shells.items() if not state.special[k - 1] and not state.special_charges[k - 1] for pair in pairs}
-
-
-def _hidden(state: DeckState, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Which of the pairs i < j are :func:`hidden_pairs`, or excluded by the deck."""
-    n, found = len(state.atoms), hidden_pairs(state)
-    bonded = np.isin(i * n + j, np.array([a * n + b for a, b in found], dtype=np.int64))
+def hidden(state: DeckState, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Which of the pairs i < j LAMMPS's neighbour lists leave out: bonded neighbours with factors 0, and those that the deck excludes."""
+    n = len(state.atoms)
+    shells = bonded_neighbours(state.atoms.index_of(state.bonds[:, 1:].ravel()).reshape(-1, 2), n)
+    off = (pairs for k, pairs in shells.items() if not state.special[k - 1] and not state.special_charges[k - 1])
+    bonded = np.isin(i * n + j, np.array([a * n + b for pairs in off for a, b in pairs], dtype=np.int64))
     return bonded | pairs_left_out(state, state.atoms.types, lambda values: values, i, j)
 
 
@@ -84,7 +80,7 @@ def _distribution(moment: DeckMoment, compute: Compute) -> np.ndarray:
     member = np.flatnonzero(state.group(compute.group))
     types = state.atoms.types[member]
     i, j, r = pairs_within(moment.folded[0][member], None, box.reduced_vectors, reach)
-    kept = ~_hidden(state, member[i], member[j])
+    kept = ~hidden(state, member[i], member[j])
     i, j, r = i[kept], j[kept], r[kept]
     bins = (r * (1 / (reach / settings.bins))).astype(np.int64)
     inside = bins < settings.bins
@@ -207,7 +203,7 @@ def _neighbours(moment: DeckMoment, reach: float) -> tuple[np.ndarray, np.ndarra
     """Pairs of beads within a distance, but for bonded ones whose factor is 0."""
     state = moment.state
     i, j, r = pairs_within(moment.folded[0], None, moment.box.reduced_vectors if any(state.periodic) else None, reach)
-    kept = (r < reach) & ~_hidden(state, i, j)
+    kept = (r < reach) & ~hidden(state, i, j)
     return i[kept], j[kept]
 
 
