@@ -326,7 +326,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         ),
         "write_dump": deck(between="write_dump all custom now.txt id x vx modify sort id"),
         "group": deck(
-            before="region r block 0 1.5 INF INF INF INF\ngroup g dynamic all region r every 2\nvariable n equal count(g)\n"
+            before="region r block 0 1.5 INF INF INF INF\ngroup g dynamic all region r every 2\nvariable n equal count(g)\nvariable right atom x > 1\ngroup e variable right\n"
             "fix a g ave/time 1 2 5 v_n file a.txt\ndump d g custom 3 d.txt id x",
             between="group g static",
         ),

@@ -152,7 +152,6 @@ def test_delete_forgets_a_variable():
 
 @cases(
     "text, message",
-    ("a equal 1 + 2", "put a formula that contains blanks in quotes"),
     ("a python f", "variable style 'python' is not supported"),
     ("a-b equal 1", "letters, digits and underscores"),
     ("a equal", "expected one value"),

@@ -59,6 +59,9 @@ def test_runs_go_on_bit_for_bit(tmp_path, start, fixes, platform):
     assert after == whole[4:] and len(after) == 5
     rows(tmp_path, "long", f"{start}{fixes}{ROWS}restart 6 point\nrun 10\n", platform)
     assert rows(tmp_path, "middle", f"read_restart point.6\n{fixes}{ROWS}run 6\n", platform) == after
+    for other in ("point.5", "point.7x", "point.", "apoint.8"):
+        (tmp_path / other).write_text("not the last\n", encoding="utf-8")
+    assert rows(tmp_path, "star", f"read_restart point.*\n{fixes}{ROWS}run 6\n", platform) == after
     last = [(tmp_path / f"{name}.data").read_bytes() for name in ("whole", "after", "middle")]
     assert last[0] == last[1] == last[2]
 
@@ -90,7 +93,7 @@ def test_files_of_each_step_beside_two_in_turn(tmp_path):
 
 WRONG = {
     "read_restart text\n": "is not a restart file of this package",
-    "read_restart r.*\n": "give the name of one file",
+    "read_restart r.*\n": "there is no file 'r..' with a number in the place of",
     "read_restart nothing\n": "there is no file 'nothing'",
     "region b block 0 4 0 4 0 4\ncreate_box 1 b\nread_restart text\n": "must come before the simulation box",
     "write_restart r\n": "needs a simulation box",

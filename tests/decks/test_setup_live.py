@@ -144,7 +144,8 @@ DECKS |= {
 }
 REGIONS = (
     FLUID.replace("molecule s", "lattice custom 0.3 a1 1 0 0 a2 0 1.3 0 a3 0 0 0.8 basis 0 0 0\nmolecule s")
-    + """variable R equal 1.5+0.02*step
+    + """variable R equal 1.5 + 0.02 * step
+variable w atom x > 2 && y<v_R
 variable y equal 1.4
 variable e equal 3-0.01*step
 region c cone z 2 1.5 0.3 2.1 0.5 4
@@ -159,11 +160,12 @@ region i intersect 3 p u s
 create_atoms 0 random 20 12 i mol s 8
 group gc region c
 group gi region i
+group gw variable w
 compute x all chunk/atom bin/1d z lower 0.5 units reduced region i
 fix x all ave/chunk 2 3 10 x density/number file x.txt
 """
     + "".join(f"variable n{name} equal count(all,{name})\n" for name in "coepsybui")
-    + 'fix n all print 1 "$(v_nc) $(v_no) $(v_ne) $(v_np) $(v_ns) $(v_ny) $(v_nb) $(v_nu) $(v_ni) $(count(gc)) $(count(gi))" file n.txt screen no\n'
+    + 'fix n all print 1 "$(v_nc) $(v_no) $(v_ne) $(v_np) $(v_ns) $(v_ny) $(v_nb) $(v_nu) $(v_ni) $(count(gc)) $(count(gi)) $(count(gw))" file n.txt screen no\n'
     "region d ellipsoid 2 v_y 3 0.6 0.6 v_y\ndelete_atoms region d compress no mol yes bond yes\n"
 )
 DECKS |= {

@@ -45,6 +45,11 @@ def _by_region(state: DeckState, words: list[str]) -> np.ndarray:
     return state.region(words[0]).contains(state.atoms.positions)
 
 
+def _by_variable(state: DeckState, words: list[str]) -> np.ndarray:
+    read.count(words, "variable name", 1)
+    return values_of_variable(state, f"v_{words[0].removeprefix('v_')}", "group") != 0
+
+
 def _combined(state: DeckState, words: list[str], name: str, combine: np.ufunc, least: int) -> np.ndarray:
     read.count(words, f"{name} group group ...", least, None)
     return combine.reduce([state.group(word) for word in words])
@@ -58,6 +63,7 @@ GROUP_STYLES: dict[str, Callable[[DeckState, list[str]], np.ndarray]] = {
     "region": _by_region,
     "union": lambda state, words: _combined(state, words, "union", np.logical_or, 1),
     "intersect": lambda state, words: _combined(state, words, "intersect", np.logical_and, 2),
+    "variable": _by_variable,
     "empty": lambda state, words: np.zeros(len(state.atoms), dtype=bool),
 }
 

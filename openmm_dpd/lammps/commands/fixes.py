@@ -1,5 +1,6 @@
 """Commands about fixes, time steps and restart files: fix, unfix, timestep, reset_timestep, write_restart, read_restart, restart."""
 
+import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -104,12 +105,22 @@ def write_restart(state: DeckState, args: list[str]) -> None:
     write_whole(state.output_file(state.placed(args[0])), restart_bytes(state), "the restart file")
 
 
+def _last(state: DeckState, name: str) -> str:
+    """The name with ``*`` replaced by the largest number for which there is a file where input files are searched."""
+    path = Path(state.folder, name)
+    of_number = re.compile(r"(\d+)".join(map(re.escape, path.name.split("*", 1))))
+    files = [file.name for folder in (state.path.parent, Path(), state.output) for file in (folder / path.parent).glob("*")]
+    numbers = [found[1] for file in files if (found := of_number.fullmatch(file))]
+    if not numbers:
+        raise ParameterError(f"there is no file '{name}' with a number in the place of *")
+    return name.replace("*", max(numbers, key=int), 1)
+
+
 @command("read_restart file", 1, box=False)
 def read_restart(state: DeckState, args: list[str]) -> None:
-    """``read_restart file``: restores the system as if the commands that made it were part of this deck."""
-    if "*" in args[0]:
-        raise ParameterError(f"read_restart '{args[0]}': give the name of one file")
-    path = state.find_file(args[0])
+    """``read_restart file``: restores the system as if the commands that made it were part of this deck.  ``*`` stands for the largest
+    number (the last step) that makes a name of a file."""
+    path = state.find_file(_last(state, args[0]) if "*" in args[0] else args[0])
     if path.read_bytes().startswith(LAMMPS_MAGIC):
         _read_lammps(state, path)
         return

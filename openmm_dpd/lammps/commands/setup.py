@@ -98,7 +98,7 @@ def atom_style(state: DeckState, args: list[str]) -> None:
 
 
 #: What neigh_modify may exclude: number of words.
-_EXCLUDED = {"type": 2, "group": 2, "molecule/intra": 1, "molecule/inter": 1, "none": 0}
+_EXCLUDED = {"type": 2, "group": 2, "molecule": 1, "molecule/intra": 1, "molecule/inter": 1, "none": 0}
 
 
 @command("neigh_modify", 0, None)
@@ -108,6 +108,9 @@ def neigh_modify(state: DeckState, args: list[str]) -> None:
     while "exclude" in rest:
         at = rest.index("exclude")
         kind = read.choice("".join(rest[at + 1 : at + 2]), "what neigh_modify excludes", list(_EXCLUDED))
+        if kind == "molecule":
+            state.note("neigh_modify exclude molecule is read as molecule/intra, its name in present LAMMPS")
+            kind = "molecule/intra"
         words, after = read.taken(rest[at + 2 :], _EXCLUDED[kind], f"neigh_modify exclude {kind}")
         for word in words:
             (state.type_number if kind == "type" else state.group)(word)

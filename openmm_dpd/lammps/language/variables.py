@@ -72,11 +72,12 @@ class Variables:
         if style == "delete":
             self._found.pop(name, None)
             return
+        if style in (*FORMULAS, "vector") and values:
+            values = [" ".join(values)]  # a formula with blanks needs no quotes
         least, most = {"loop": (1, 3), "index": (1, None), "format": (2, 2), "timer": (0, 0)}.get(style, (1, 1))
         if len(values) < least or (most is not None and len(values) > most):
-            hint = "; put a formula that contains blanks in quotes" if style in FORMULAS else ""
             wanted = "one value" if most == 1 else f"{least} to {most} values" if most else "values"
-            raise ParameterError(f"variable {name} {style}: expected {wanted}, but found {len(values)}{hint}")
+            raise ParameterError(f"variable {name} {style}: expected {wanted}, but found {len(values)}")
         old = self._found.get(name)
         if style in SERIES:
             # an existing one keeps its value, so that the command line can override a deck, and loops continue

@@ -40,6 +40,7 @@ MORE = {
     "group a type 1; group b subtract all a; compute inter a group/group all": "c_inter c_inter[1] c_inter[3]",
     "region part sphere {1,3} {1,3} {1,3} {0.7,1.5} units box; compute within all reduce/region part ave vx vy": "c_within[1] c_within[2]",
     "region part sphere {1,3} {1,3} {1,3} {0.7,1.5} units box; group now dynamic all region part every 2; variable n equal count(now)": "v_n",
+    "variable right atom x > {1,3}; group some variable right; variable n equal count(some)": "v_n",
     "compute shape all gyration": "c_shape c_shape[1] c_shape[4]",
     "compute shape all chunk/atom molecule; compute size shape all gyration/chunk shape": "",
     "compute warm all temp/com": "c_warm",
