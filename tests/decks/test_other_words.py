@@ -81,7 +81,7 @@ DECKS = {
     "respa": (SYSTEM + "run_style respa 2 1\n" + RUN, {}),
     "balance": (SYSTEM + "balance 1.1 shift x 5 1.1\nfix b all balance 5 1.1 shift x 5 1.1\n" + RUN + "unfix b\n" + RUN, {}),
 }
-MOLECULES = ("atom_style bond\n" + SYSTEM + "set type 1 mol 1\nset type 2 mol 2\nneigh_modify exclude molecule/intra g\n" + FRAMES + RUN)
+MOLECULES = "atom_style bond\n" + SYSTEM + "set type 1 mol 1\nset type 2 mol 2\nneigh_modify exclude molecule/intra g\n" + FRAMES + RUN
 DECKS["exclude molecule"] = (MOLECULES, {"exclude molecule/intra": "exclude molecule"})
 SUFFIXES = {"fix 1 all nve": "fix 1 all nve/kk", "pair_style dpd": "pair_style hybrid dpd/gpu", "* * 25": "* * dpd/opt 25"}
 DECKS["more suffixes"] = (SYSTEM + RUN, SUFFIXES)
