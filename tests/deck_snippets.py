@@ -360,6 +360,14 @@ SNIPPETS: dict[str, dict[str, str]] = {
             between="improper_coeff 1 cvff 3.0 -1 2\ndelete_bonds all improper 1 undo",
         ),
         "read_restart": "read_restart b.restart\nfix move all nve\nthermo 2\nrun 5\nrun 4\n",
+        "pair_style": deck(
+            head="atom_style charge",
+            before="group spare id 1 2\ndelete_atoms group spare\nset type 1 charge 0.5\nset type 2 charge -0.5\n"
+            "pair_style hybrid/overlay dpd 1.0 1.0 341 coul/long/soft 1 0.3 1.4\npair_coeff * * dpd 25.0 4.5\n"
+            "pair_coeff * * coul/long/soft 0.8\nkspace_style ewald 1e-3\nthermo_style custom step temp ecoul elong",
+            between="kspace_style none\npair_style hybrid/overlay dpd 1.0 1.0 341 coul/cut/soft 2 0.3 1.4\npair_coeff * * dpd 25.0 4.5\n"
+            "pair_coeff * * coul/cut/soft 0.8",
+        ),
         "kspace_style": deck(
             head="atom_style charge",
             before="group spare id 1 2\ndelete_atoms group spare\nset type 1 charge 0.5\nset type 2 charge -0.5\n"

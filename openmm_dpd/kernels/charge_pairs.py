@@ -59,8 +59,16 @@ def _quintic(r, per_length, coefficients):
 
 
 @inlined
-def smooth(r, end, per_length, coefficients, bare):
-    """The function and its slope, with bare/r for point charges; 1/r from the end on."""
+def smooth(r, end, per_length, coefficients, bare, soft2):
+    """The function and its slope, with bare/r for point charges; 1/r from the end on.  From soft2 = 0 on, bare/sqrt(r^2 + soft2), times the
+    function before the end."""
+    if soft2 >= 0.0:
+        root = 1.0 / np.sqrt(r * r + soft2)
+        value, slope = bare * root, -bare * r * root * root * root
+        if r < end:
+            part, its_slope = _quintic(r, per_length, coefficients)
+            return part * value, its_slope * value + part * slope
+        return value, slope
     if r < end:
         value, slope = _quintic(r, per_length, coefficients)
         if bare != 0.0:
@@ -94,7 +102,7 @@ def _differences(xs, n, room, i, box, inverse, row):
 
 
 @helper
-def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, bare, row, hits, f, to, tensor):
+def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, bare, soft2, row, hits, f, to, tensor):
     """Energy of charge i with those after it within the cutoff, and if wanted six sums of r F; without the Coulomb constant.  Adds the
     forces to f[to:], x of all ``room`` charges first."""
     _differences(xs, n, room, i, box, inverse_edges(box), row)
@@ -112,7 +120,7 @@ def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, bare
         r2 = row[at_r + j]
         # at the same point the slope is 0
         inverse = 1.0 / np.sqrt(max(r2, TINY))
-        value, slope = smooth(r2 * inverse, end, per_length, coefficients, bare)
+        value, slope = smooth(r2 * inverse, end, per_length, coefficients, bare, soft2)
         qq = charge * q[j]
         pull = -qq * slope * inverse
         energy += qq * value
@@ -138,14 +146,15 @@ def charge_row(xs, q, n, room, i, box, cut2, end, per_length, coefficients, bare
 
 
 @inlined
-def exception(r, factor, cutoff, alpha, end, per_length, coefficients, bare):
-    """What a pair with the factor f has beyond that of all pairs: energy and slope of (f - 1) s(r), and of s(r) - erf(alpha r)/r where
-    the others have nothing, from the cutoff on."""
-    value, slope = smooth(r, end, per_length, coefficients, bare)
+def exception(r, factor, cutoff, alpha, end, per_length, coefficients, bare, soft2):
+    """What a pair with the factor f has beyond that of all pairs: energy and slope of (f - 1) s(r), and of f s(r) - erf(alpha r)/r where
+    the others have nothing, from the cutoff on; of softened charges with s(r) in the place of 1/r."""
+    value, slope = smooth(r, end, per_length, coefficients, bare, soft2)
     if r < cutoff:
         return (factor - 1.0) * value, (factor - 1.0) * slope
     if alpha == 0.0:
         return 0.0, 0.0
-    image = (1.0 - erfc(alpha * r)) / r
-    image_slope = (2.0 / math.sqrt(math.pi) * alpha * exp(-alpha * alpha * r * r) - image) / r
-    return factor * value - image, factor * slope - image_slope
+    base, base_slope = (value, slope) if soft2 >= 0.0 else (1.0 / r, -1.0 / (r * r))
+    image = 1.0 - erfc(alpha * r)
+    image_slope = 2.0 / math.sqrt(math.pi) * alpha * exp(-alpha * alpha * r * r) * base + image * base_slope
+    return factor * value - image * base, factor * slope - image_slope

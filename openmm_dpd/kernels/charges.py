@@ -43,6 +43,7 @@ class ChargeTerms:
     pairs: np.ndarray  #: (E, 2) bonded neighbours, as numbers of charges (not of beads)
     factors: np.ndarray  #: (E,) theirs
     bare: float = 0.0  #: 1 for point charges: their functions are 1/r more than what ``short`` and ``whole`` hold
+    soft2: float = -1.0  #: Of softened charges a^2 >= 0: their functions are bare/sqrt(r^2 + a^2) times ``short`` and ``whole``
 
     def evaluator(self) -> ChargeEvaluator:
         """What computes it."""
@@ -68,6 +69,7 @@ class Law(NamedTuple):
     whole_per_length: float
     whole: np.ndarray
     bare: float
+    soft2: float
 
 
 class ChargeSpace(NamedTuple):
@@ -123,7 +125,7 @@ def _pairs_and_blocks(n, box, law, waves, space, tensor, part, parts):
             store_lanes(f, k, splat(0.0))
         space.of_shares[share] = 0.0
         for i in range(share, n, SHARES):
-            pieces = law.end, law.per_length, law.short, law.bare
+            pieces = law.end, law.per_length, law.short, law.bare, law.soft2
             found = charge_row(space.xs, space.q, n, room, i, box, cut2, *pieces, outer, hits, f, to, tensor)
             for k in range(7):
                 space.of_shares[share, k] += found[k]
@@ -159,7 +161,7 @@ def _exceptions(beads, q, constant, pairs, factors, box, law, xs, force, stress)
         dx, dy, dz = minimum_image(xs[i] - xs[j], xs[room + i] - xs[room + j], xs[2 * room + i] - xs[2 * room + j], box, inverse)
         r2 = dx * dx + dy * dy + dz * dz
         r = np.sqrt(r2)
-        value, slope = exception(r, factors[n], law.cutoff, law.alpha, law.whole_end, law.whole_per_length, law.whole, law.bare)
+        value, slope = exception(r, factors[n], law.cutoff, law.alpha, law.whole_end, law.whole_per_length, law.whole, law.bare, law.soft2)
         qq = constant * q[i] * q[j]
         pull = -qq * slope / r if r > 0.0 else 0.0
         energy += qq * value
@@ -212,7 +214,7 @@ class ChargeEvaluator:
         self._charge, self._alone = float(terms.charges.sum()), _alone(terms)
         short, whole = terms.short, terms.whole
         pieces = short.end, short.per_length, short.coefficients, whole.end, whole.per_length, whole.coefficients
-        self._law = Law(terms.cutoff, terms.alpha, *pieces, terms.bare)
+        self._law = Law(terms.cutoff, terms.alpha, *pieces, terms.bare, terms.soft2)
         self._box, self._key, self._waves = box_array(None), b"", Waves.none()
         self._space: ChargeSpace | None = None
         self._strains: np.ndarray | None = None

@@ -6,8 +6,11 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import PlanError
-from ..model import angles, bonds, edpd, electrostatics, energy_dpd, eos, internal, mdpd, pairs, segments, tdpd
+from ..kernels.extras import warm_up_extras
+from ..model import edpd, electrostatics, energy_dpd, eos, internal, mdpd, pairs, point_charges, radial, segments, tdpd
+from ..model.bonds import HarmonicBonds
 from ..model.scene import Scene
+from ..plan.kinds import BONDED_KINDS
 from ..simulation.build import build
 from .observer import Observer
 
@@ -25,19 +28,20 @@ def _scenes() -> Iterator[tuple[str, Scene]]:
         its = {(a, b): pair for a in names for b in names if a <= b}
         return Scene(dict.fromkeys(names, 1.0), list(names) * (_BEADS // len(names)), grid, its, kT=1.0, box=np.full(3, edge), **more)
 
-    a, b, c = np.arange(_BEADS).reshape(-1, 3).T
-    ab, bc, ac, abc = (np.stack(beads, axis=1) for beads in ((a, b), (b, c), (a, c), (a, b, c)))
-    each = np.ones(_BEADS // 3)
+    pairs_of_beads = np.arange(_BEADS).reshape(-1, 2)
     chains: dict[str, Any] = {
-        "bonds": [bonds.HarmonicBonds(ab, each, each), bonds.FENEBonds(bc, each, 4.0 * each), bonds.MorseBonds(ac, each, each, each)],
-        "angles": [angles.HarmonicAngles(abc, each, each), angles.CosineAngles(abc[:, [1, 0, 2]], each)],
+        "bonds": [HarmonicBonds(pairs_of_beads, *np.ones((2, len(pairs_of_beads))))],
         "segments": segments.SegmentalRepulsion(A=1.0, cutoff=0.5),
     }
+    points = point_charges.PointCharges(bjerrum_length=1.0, cutoff=0.5 * edge)
+    lj, wave = pairs.LennardJones(epsilon=1e-6, sigma=0.2, cutoff=0.6), radial.RadialPair("gauss", {"A": 1.0, "B": 2.0}, cutoff=0.6)
     clouds = electrostatics.SlaterCharges(lamda=0.5, bjerrum_length=1.0, cutoff=0.5 * edge)
     plain, charges = pairs.DPD(A=25, gamma=4.5), np.repeat([1.0, -1.0, 0.0], [2, 2, _BEADS - 4])
     yield "DPD", scene(plain)
-    yield "DPD of several types, with bonds, angles and segments", scene(plain, "AB", **chains)
+    yield "DPD of several types, with bonds and segments", scene(plain, "AB", **chains)
     yield "DPD with charges", scene(plain, charges=charges, electrostatics=clouds)
+    yield "Lennard-Jones with point charges", scene(lj, charges=charges, electrostatics=points)
+    yield "radial potentials by formulas", scene(wave)
     yield "DPD with transverse friction", scene(pairs.DPD(A=25, gamma=4.5, gamma_perp=4.5), "AB")
     yield "many-body DPD", scene(mdpd.MDPD(A=-40, B=25, gamma=4.5))
     tables = eos.TabulatedEOS.from_functions(lambda theta: 60.0 * theta, (0.1, 10.0))
@@ -59,3 +63,6 @@ def warm(log: Callable[[str], None]) -> None:
             simulation = built.simulation()
             simulation.step(4)
             Observer(built).sample(simulation.context)
+    log("bonds, angles, dihedrals and impropers of each kind")
+    kinds = [(kind.kernel, kind.width, len(kind.terms._DIMENSIONS)) for kind in BONDED_KINDS.values()]
+    warm_up_extras([kernel(np.arange(width, dtype=np.uint32)[None, :], np.ones((n, 1))) for kernel, width, n in kinds])

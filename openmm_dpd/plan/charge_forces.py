@@ -33,22 +33,26 @@ def charge_terms(scene: Scene, ewald: EwaldSum | None, exceptions: Factors) -> C
     beads = np.flatnonzero(scene.charges).astype(np.int64)
     number = {int(bead): k for k, bead in enumerate(beads)}
     bonded = {(number[i], number[j]): f for (i, j), f in sorted(exceptions.items()) if i in number and j in number and f != 1.0}
-    bare = float(isinstance(charges, PointCharges))
-    if isinstance(charges, PointCharges):
+    bare, soft2 = float(isinstance(charges, PointCharges)), -1.0
+    if isinstance(charges, PointCharges) and charges.soft:
+        bare, soft2, whole = charges.strength, charges.softness**2, Quintics(np.eye(1, 6), 1.0)
+    elif isinstance(charges, PointCharges):
         whole = _without_point(charges.screening, 0.0, 1.0 if ewald is None else ewald.cutoff)
     else:
         whole = quintics(_whole(charges), charges.reach(1e-17), charges.steepness)
     if ewald is None or ewald.alpha == 0.0:
         short, cutoff, alpha, k_max = whole, math.inf if ewald is None else ewald.cutoff, 0.0, 0.0
-    elif bare:
+    elif isinstance(charges, PointCharges):
         short, cutoff, alpha = _without_point(0.0, ewald.alpha, ewald.cutoff), ewald.cutoff, ewald.alpha
+        if charges.soft:
+            short = quintics(lambda r: _error_function(alpha, r), cutoff, alpha)
         k_max = longest_wave(alpha, min(charges.tolerance, LARGEST_ERROR))
     else:
         short, cutoff, alpha = quintics(_difference(charges, ewald), ewald.cutoff, charges.steepness), ewald.cutoff, ewald.alpha
         k_max = longest_wave(alpha, min(charges.tolerance, LARGEST_ERROR))
     q, constant = scene.charges[beads].astype(np.float64), charges.coulomb(scene.initial_kT)
     pairs, factors = np.array(list(bonded), np.int64).reshape(-1, 2), np.array(list(bonded.values()), np.float64)
-    return ChargeTerms(beads, q, constant, short, cutoff, alpha, k_max, whole, pairs, factors, bare)
+    return ChargeTerms(beads, q, constant, short, cutoff, alpha, k_max, whole, pairs, factors, bare, soft2)
 
 
 def few_charges(scene: Scene) -> bool:

@@ -319,12 +319,16 @@ def test_costs_are_estimated():
 
 
 @pytest.mark.parametrize("box", ["none", "tilted"])
-@pytest.mark.parametrize("options", [SMOOTH, {"lattice": False, "cutoff": 2.3}, {"lattice": False, "cutoff": 2.3, "screening": 1.7}])
-def test_point_charges(options, box):
-    """With a lattice sum and with a cutoff, screened or not: OpenMM's, and the derivative of the energy."""
-    options = {"permittivity": 0.5 * COULOMB, **options}
+@pytest.mark.parametrize("options", [{}, {"screening": 1.7}, {"softness": 0.4, "strength": 0.6}, {"softness": 0.01}, {"strength": 0.6}])
+@pytest.mark.parametrize("lattice", [True, False])
+def test_point_charges(options, lattice, box):
+    """With a lattice sum and with a cutoff, screened or softened or not: OpenMM's, and the derivative of the energy."""
+    soft = {name: value for name, value in options.items() if name != "screening"}
+    if lattice and soft != options:
+        pytest.skip("screened charges have no lattice sum")
+    options = {"permittivity": 0.5 * COULOMB, **(SMOOTH if lattice else {"lattice": False, "cutoff": 2.3}), **options}
     if box == "none":
-        options = {"permittivity": 0.5 * COULOMB}
+        options = {"permittivity": 0.5 * COULOMB, **soft}
     x, q = beads(box)
     x[7] += 0.3
     electrostatics, vectors = dpd.PointCharges(**options), BOXES[box]
@@ -336,10 +340,15 @@ def test_point_charges(options, box):
         pairs, energy = np.array(list(combinations(range(len(q)), 2))), 0.0
         r = np.linalg.norm([image(x[i] - x[j], vectors) for i, j in pairs], axis=1)
         f = np.array([FACTORS.get((i, j), 1.0) for i, j in pairs.tolist()])
-        energy = np.sum(2.0 * f * q[pairs[:, 0]] * q[pairs[:, 1]] * np.where(r < 2.3, np.exp(-electrostatics.screening * r) / r, 0.0))
+        energy = np.sum(2.0 * f * q[pairs[:, 0]] * q[pairs[:, 1]] * np.where(r < 2.3, electrostatics.potential(r), 0.0))
+        direct = options.get("strength", 1.0) / np.sqrt(r**2 + options.get("softness", 0.0) ** 2)
+        np.testing.assert_allclose(electrostatics.potential(r), np.exp(-electrostatics.screening * r) * direct, rtol=1e-14)
         assert check.evaluate([terms], x, vectors)[0] == pytest.approx(energy, rel=1e-10)
 
 
 def test_point_charges_that_make_no_sense():
     raises(dpd.ParameterError, "screened charges have no lattice sum", dpd.PointCharges, permittivity=1.0, screening=1.0)
     raises(dpd.ParameterError, "without a lattice sum need a cutoff", dpd.PointCharges, permittivity=1.0, lattice=False)
+    raises(dpd.ParameterError, "strength of PointCharges must be between 0 and 1, not 2", dpd.PointCharges, permittivity=1.0, strength=2)
+    screened = {"permittivity": 1.0, "lattice": False, "cutoff": 1.0, "screening": 1.0}
+    raises(dpd.ParameterError, "screened charges are not softened", dpd.PointCharges, **screened, softness=0.1)

@@ -136,7 +136,7 @@ BEADS = {
     "thread": lambda: Beads((7.0, 5.0, 5.0), 0.6, inside="(y - 2.5)**2 + (z - 2.5)**2 < 2.2").single(100),
     "solution": lambda: Beads(TALL).chains(10, "11111").single(150, 2),
     "plates": lambda: Beads((4.2, 4.2, 7.0), inside="1 < z < 6").layer(0.4, 2, 0.7).layer(6.6, 2, 0.7).single(170),
-    "clay": lambda: Beads((5.6, 5.6, 5.6), 0.8).layer(1.4, 1, 0.8, -1.0).chains(14, "233", charge=1.0).single(80, 4),
+    "clay": lambda: Beads((5.6, 5.6, 5.6), 0.8).layer(1.4, 1, 0.8, -1.0).chains(14, "233", charge=0.5).single(80, 4),
     "gel": lambda: Beads((7.0, 7.0, 7.0), 1.1).single(200),
     "rods": lambda: Beads((5.6, 5.6, 5.6), 0.8).chains(8, "111", 0.5, "x").single(150, 2),
     "ions": lambda: Beads().single(20, 2, 1.0).single(20, 3, -1.0).single(140, 1),
@@ -367,10 +367,6 @@ REFUSED: dict[str, tuple[str, ...]] = {
     "'bond/create'": ("chains that grow",),
     "'bond/break'": ("bonds that break",),
     "'viscosity'": ("viscosity by exchange of momentum",),
-    "'coul/": (
-        "clay with soft charges",
-        "clay with soft long-range charges",
-    ),
     "'rigid/": (
         "rigid clay",
         "rods as rigid bodies",

@@ -128,6 +128,12 @@ def test_a_push_off_by_a_soft_repulsion_that_grows(tmp_path):
     "style, coefficients",
     ("lj/cut/coul/cut 2.2 3.0", "pair_coeff 1 1 1 1.0\npair_coeff 2 2 2 0.9 2.0 3.0\npair_modify shift yes"),
     ("lj/cut/coul/debye 1.5 2.2 3.0", "pair_coeff * * 1 1.0 2.0 3.0"),
+    ("hybrid/overlay dpd 0 1.2 7 coul/cut/soft 2 0.5 3.0", "pair_coeff * * dpd 25 4.5\npair_coeff * * coul/cut/soft 0.7 3.0"),
+    ("coul/cut/soft 0 0.5 3.0", "pair_coeff * * 0.4"),
+    (
+        "hybrid/overlay dpd 0 1.2 7 coul/long/soft 2 0.5 3.0",
+        "pair_coeff * * dpd 25 4.5\npair_coeff * * coul/long/soft 1\nkspace_style ewald 1e-7\nkspace_modify gewald 1.2",
+    ),
     ("hybrid/overlay dpd 0 1.2 7 coul/debye 0.7 3.0", "pair_coeff * * dpd 25 4.5\npair_coeff * * coul/debye"),
     (
         "hybrid/overlay dpd 0 1.2 7 coul/long 3.0",
@@ -139,8 +145,23 @@ def test_point_charges(tmp_path, style, coefficients):
     same_rows(tmp_path, text.replace("timestep", "set type 1 charge 1\nset type 2 charge -1\ndielectric 0.5\ntimestep"))
 
 
+def test_softened_charges_with_a_lattice_sum(tmp_path):
+    """LAMMPS's energy; its forces are not the derivative of that, those here are (tests/core/test_kernel_charges.py)."""
+    coefficients = "pair_coeff * * 0.6\nkspace_style ewald 1e-8\nkspace_modify gewald 1.2"
+    text = FLUID.format(style="coul/long/soft 2 0.5 3.0", coefficients=coefficients).replace("atom_style atomic", "atom_style charge")
+    text = text.replace("timestep", "set type 1 charge 1\nset type 2 charge -1\ntimestep") + "thermo_style custom step pe fnorm press\n"
+    text += "thermo_modify norm no format float %.15g\nrun 0\n"
+    (_, energy, norm, _), *_ = rows(theirs(tmp_path, text))
+    (_, found, ours, _), *_ = rows("\n".join(printed(tmp_path / "in.ours", text, platform="Reference")))
+    assert abs(found / energy - 1) < 1e-6 and abs(ours / norm - 1) > 1e-3
+
+
 @cases(
     "style, coefficients, message",
+    ("coul/cut/soft 2 0.5 3.0", "pair_coeff * * 0.5\npair_coeff 1 2 0.6", "all pairs have one lambda here, not 0.5 and 0.6"),
+    ("coul/cut/soft 2 0.5 3.0", "pair_coeff * * 1.5", "lambda must be from 0 to 1, not 1.5"),
+    ("coul/long/soft 2 0.5 3.0", "pair_coeff * * 0.5 3.0", "expected 'lambda'"),
+    ("coul/long/soft 2 0.5 3.0", "pair_coeff * * 0.5", "pair style coul/long/soft needs a kspace_style"),
     ("coul/cut 3.0", "pair_coeff * *\npair_coeff 1 2 2.0", "all charges have one cutoff here, 3 of pair_style; leave 2 out"),
     ("lj/cut/coul/cut 2.2 3.0", "pair_coeff * * 1 1 2.0", "all charges have one cutoff here, 3 of pair_style; leave 2 out"),
     ("coul/cut 3.0", "pair_coeff * *\nkspace_style ewald 1e-5", "coul/cut has no lattice sum; leave kspace_style out, or use coul/long"),

@@ -206,7 +206,7 @@ def test_special_factors_have_no_meaning_without_bonds(tmp_path):
     ("pair_style dpd/fdt 0.0 1.0 1\npair_coeff * * 25 3\n", "means infinite friction"),
     ("pair_style dpd/ext 1 1 1\npair_coeff * * 25 4.5 4.5 -0.5 0.5\n", "exponent must be >= 0"),
     ("pair_style dpd/coul/other 1 1 1\n", "pair style 'dpd/coul/other' is not supported; supported are dpd,"),
-    ("pair_style hybrid/overlay dpd 1 1 1 coul/long/soft 10\n", "pair style 'coul/long/soft' is not supported"),
+    ("pair_style hybrid/overlay dpd 1 1 1 coul/long/cs 10\n", "pair style 'coul/long/cs' is not supported"),
     ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * dpd 25 4.5\n", "pair style lj/cut is used by no type pair"),
     ("pair_style hybrid/overlay dpd 1 1 1 lj/cut 2\npair_coeff * * 25 4.5\n", "expected one of the styles dpd, lj/cut or none, not '25'"),
     (

@@ -38,6 +38,7 @@ WORDS = {  # Words after the name of each style, and those of a coefficient: # i
     "dpd/coul/slater/long": ("1.0 1.5 7 0.25 3.0", "# # yes [#]"),
     "coul/slater/long": ("0.25 3.0", ""),
     "coul/cut": ("3.0", ""),
+    **dict.fromkeys(("coul/cut/soft", "coul/long/soft"), ("2 0.5 3.0", "0.7")),
     "coul/debye": ("2.0 3.0", ""),
     "coul/long": ("3.0", ""),
     "lj/cut/coul/cut": ("1.5 3.0", "# #"),

@@ -51,6 +51,17 @@ def _own_cutoff(style: PairStyle, words: list[str], _: Find) -> Values:
     return {}, None
 
 
+def _soft_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
+    """Parse ``lambda [cutoff]`` of ``coul/cut/soft`` and ``coul/long/soft``, which has no cutoff of its own."""
+    lattice = style.settings["lattice"]
+    read.count(words, "lambda" if lattice else "lambda [cutoff]", 1, 1 if lattice else 2)
+    _same_cutoff(style, cutoff_of(words, 1))
+    lam = read.non_negative(words[0], "lambda")
+    if lam > 1:
+        raise ParameterError(f"lambda must be from 0 to 1, not {words[0]}")
+    return {"lambda": lam}, None
+
+
 def _same_cutoff(style: PairStyle, cutoff: float | None) -> None:
     if cutoff is not None and cutoff != style.settings["cutoff_charges"]:
         raise ParameterError(f"all charges have one cutoff here, {style.settings['cutoff_charges']:g} of pair_style; leave {cutoff:g} out")
@@ -71,12 +82,13 @@ def _lj_words(style: PairStyle, found: Coefficient) -> list[str]:
 
 def _point_settings(name: str) -> Callable[[list[str]], dict]:
     """Arguments of a style with point charges: kappa of those that are screened, the cutoff of Lennard-Jones, that of the charges."""
-    usage = (["kappa"] if name.endswith("debye") else []) + (["cutoff"] if name.startswith("lj") else [])
+    usage = ["kappa"] if name.endswith("debye") else ["n", "alpha_C"] if name.endswith("soft") else []
+    usage += ["cutoff"] if name.startswith("lj") else []
 
     def reader(words: list[str]) -> dict:
         longest = [*usage, "cut_coul"]
         found = settings(name, " ".join(usage if len(words) == len(usage) and name.startswith("lj") else longest))(words)
-        return {"cutoff_charges": found.get("cutoff"), **found, "lattice": name.endswith("long")}
+        return {"cutoff_charges": found.get("cutoff"), **found, "lattice": "long" in name}
 
     return reader
 
@@ -87,7 +99,7 @@ def _point_style(name: str) -> Spec:
         lj = RADIAL_STYLES["lj/cut"]
         write = None if name.endswith("long") else _lj_words
         return Spec(_point_settings(name), _lj_coefficient, lj.build, write, mixed=lj.mixed)
-    coefficient = _no_coefficient if name.endswith("long") else _own_cutoff
+    coefficient = _soft_coefficient if name.endswith("soft") else _no_coefficient if name.endswith("long") else _own_cutoff
     return Spec(_point_settings(name), coefficient, no_force, own_cutoffs=True)
 
 
@@ -98,6 +110,7 @@ STYLES = {
     "dpd/coul/slater/long": Spec(_DPD_SLATER, _dpd_slater_coefficient, DPD_STYLES["dpd"].build, thermostat=True),
     "coul/slater/long": Spec(_slater_settings, _no_coefficient, no_force, own_cutoffs=True),
     **{name: _point_style(name) for before in ("", "lj/cut/") for name in (f"{before}coul/{how}" for how in ("cut", "debye", "long"))},
+    **{name: _point_style(name) for name in ("coul/cut/soft", "coul/long/soft")},
 }
 
 
@@ -114,6 +127,13 @@ def charge_use(scene: Scene, units: UnitSystem, types: list[str], differences: D
         reach = _farthest(scene, 0.0) if scene.ewald is None else scene.ewald.cutoff
         name = "coul/long" if charges.lattice and scene.box is not None else "coul/debye" if charges.screening else "coul/cut"
         before = f"{exact(charges.screening * units.length)} " if charges.screening else ""
+        if charges.soft:
+            # of all n, lambda and alpha_C with the same energy
+            n, lam = (1, charges.strength) if charges.strength < 1 else (0, 0.5)
+            before = f"{n} {exact((charges.softness / (1 - lam) / units.length) ** 2)} "
+            name, words = f"{name}/soft", dict.fromkeys(words, exact(lam))
+            if name == "coul/long/soft":
+                differences.add("LAMMPS's forces of coul/long/soft are not the derivatives of its energies")
         return StyleUse(name, f"{before}{exact(reach / units.length)}", words, reach)
     width = _width(charges, differences)
     if scene.box is None:
@@ -172,6 +192,11 @@ def electrostatics_of(state: DeckState) -> SmearedCharges | None:
     if kspace is not None:
         known |= {"tolerance": kspace.accuracy, "alpha": kspace.gewald, "grid": kspace.mesh}
     with errors_at(style.where, f"pair style {style.name}: "):
+        if "alpha_C" in settings:
+            values = sorted({found.values["lambda"] for found in style.coefficients.values()})
+            if len(values) > 1:
+                raise ParameterError(f"all pairs have one lambda here, not {' and '.join(f'{value:g}' for value in values)}")
+            known |= {"strength": values[0] ** settings["n"], "softness": settings["alpha_C"] ** 0.5 * (1 - values[0]) * units.length}
         if "lattice" in settings:
             return PointCharges(screening=settings.get("kappa", 0.0) / units.length, lattice=lattice, **known)
         return SlaterCharges(lamda=settings["lamda"] * units.length, **known)

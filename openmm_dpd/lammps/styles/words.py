@@ -96,6 +96,7 @@ _WORDS: dict[str, tuple[tuple[str, ...], Callable[[str, str], float], str]] = {
     "cut_coul": (("cutoff_charges",), read.positive, "the cutoff of the charges"),
     "kappa": (("kappa",), read.non_negative, "kappa"),
     "lambda": (("lamda",), read.positive, "lambda"),
+    **{name: ((name,), read.non_negative, name) for name in ("n", "alpha_C")},
     "seed": (("seed",), lambda word, what: read.integer(word, what, 1), "the seed"),
 }
 

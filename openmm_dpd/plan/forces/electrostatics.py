@@ -47,7 +47,7 @@ class Radial:
 
 @dataclass(frozen=True)
 class Singular:
-    """A function of r that is infinite at 0."""
+    """A function of r that is infinite at 0, or softened there."""
 
     expression: str
 
@@ -59,6 +59,8 @@ class Singular:
 def smeared(charges: SmearedCharges, scale: float) -> Radial | Singular:
     """s(r) = U/(C q q)."""
     if isinstance(charges, PointCharges):
+        if charges.soft:
+            return Singular(f"{charges.strength!r}/sqrt(r^2+{charges.softness**2!r})")
         return Singular(f"exp({-charges.screening!r}*r)/r" if charges.screening else "1/r")
     k = charges.steepness
     outer = f"(1-(1+{k!r}*far)*exp({-2 * k!r}*far))/far" if isinstance(charges, SlaterCharges) else f"erf({k!r}*far)/far"
@@ -75,7 +77,7 @@ def difference(charges: SmearedCharges, alpha: float, scale: float) -> Radial | 
     if alpha == 0.0:
         return smeared(charges, scale)
     if isinstance(charges, PointCharges):
-        return Singular(f"erfc({alpha!r}*r)/r")
+        return Singular(f"erfc({alpha!r}*r)*({smeared(charges, scale).expression})")  # type: ignore[union-attr]
     k = charges.steepness
     cloud = f"(1+{k!r}*far)*exp({-2 * k!r}*far)" if isinstance(charges, SlaterCharges) else f"erfc({k!r}*far)"
     return Radial(short_series(charges, alpha, scale), f"(erfc({alpha!r}*far)-{cloud})/far", scale)
@@ -98,7 +100,9 @@ def electrostatic_forces(
     elif ewald.alpha == 0.0:
         bonded = f"step({ewald.cutoff!r}-r)*factor*whole{whole}"
     else:
-        bonded = f"(factor*whole-image){whole}{lattice_part(ewald.alpha, scale).text('image')}"
+        soft = isinstance(charges, PointCharges) and charges.soft
+        image = f"; image=erf({ewald.alpha!r}*r)*whole{whole}" if soft else f"{whole}{lattice_part(ewald.alpha, scale).text('image')}"
+        bonded = f"(factor*whole-image){image}"
     pairs = f"{constant!r}*charge1*charge2*"
     bonds = {pair: factor for pair, factor in sorted(factors.items()) if q[pair[0]] * q[pair[1]] != 0}
     made: list[openmm.Force] = [_pair_force(f"{pairs}short{short.text('short')}", q, ewald, factors, listed)]

@@ -1,4 +1,4 @@
-"""Smeared charges: their pair forces and lattice sums."""
+"""Smeared, point and softened charges: their pair forces and lattice sums."""
 
 from ..compare import LATTICE_SUM
 from ..deck import Deck
@@ -18,14 +18,23 @@ def charges(draw: Draw) -> Deck:
     beads(deck, count, 0.4, carried={"q": values + [-value for value in values], "mol": [0] * count})
     lamda, reach = natural.length * draw.real(0.3, 0.6), natural.length * draw.real(1.2, 1.45)
     A, gamma = natural.force * draw.real(1, 25), natural.friction * draw.real(0, 5)
-    if draw.chance(0.5):
+    point = draw.pick(["", "", "coul/cut", "coul/debye", "coul/long", "coul/cut/soft", "coul/long/soft"])
+    if point:
+        soft = [draw.pick([0, 1, 2]), natural.length**2 * draw.real(0.05, 1)]
+        before = soft if point.endswith("soft") else [draw.real(0.5, 2) / natural.length] if point.endswith("debye") else []
+        deck.add("pair_style", "hybrid/overlay", "dpd", 0.0, natural.length, draw.seed_word(), point, *before, reach)
+        deck.add("pair_coeff", "*", "*", "dpd", A, gamma)
+        # with a lattice sum LAMMPS's forces are not the derivative of the energy unless lambda is 1
+        deck.add("pair_coeff", "*", "*", point, *([1 if "long" in point else draw.real(0, 1)] if soft is before else []))
+    elif draw.chance(0.5):
         deck.add("pair_style", "dpd/coul/slater/long", 0.0, natural.length, draw.seed_word(), lamda, reach)
         deck.add("pair_coeff", "*", "*", A, gamma, "yes")
     else:
         deck.add("pair_style", "hybrid/overlay", "dpd", 0.0, natural.length, draw.seed_word(), "coul/slater/long", lamda, reach)
         deck.add("pair_coeff", "*", "*", "dpd", A, gamma)
         deck.add("pair_coeff", "*", "*", "coul/slater/long")
-    deck.add("kspace_style", draw.pick(["ewald", "ewald", "pppm"]), 1e-7)
+    if not point or "long" in point:
+        deck.add("kspace_style", draw.pick(["ewald", "ewald", "pppm"]), 1e-7)
     if draw.chance(0.3):
         deck.add("dielectric", draw.real(0.5, 2))
     groups(deck)
