@@ -26,6 +26,10 @@ MORE = {
             "rotate {1,3} {1,3} {1,3} {1,2} {-2,-1} 0 {1,3}",
         )
     },
+    **{
+        f"unfix move; fix move all npt temp {{1,2}} {{1,2}} {{0.2,1}} {box}": "press lx ly lz"
+        for box in ("iso {1,20} {1,20} {1,3}", "aniso {1,20} {1,20} {1,3} couple xy drag {0,1}", "x {1,9} {1,9} {1,3} z 5 5 {1,3} mtk no")
+    },
     "compute each all stress/atom NULL; compute sum all reduce sum c_each[1] c_each[2] c_each[4]": "c_sum[1] c_sum[2] c_sum[3]",
     "compute each all stress/atom NULL pair; compute top all reduce max c_each[1] c_each[6]": "c_top[1] c_top[2]",
     "compute touch all pair/local dist eng force; compute work all reduce sum c_touch[1] c_touch[2] c_touch[3] inputs local": "c_work[1] c_work[3]",
