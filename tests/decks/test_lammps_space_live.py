@@ -274,7 +274,7 @@ def test_changing_boxes(tmp_path, deform, ramp):
 @cases(
     "deform, message",
     ("all deform 1 y erate 1 remap v", "deform y with remap v is not supported: friction"),
-    ("all deform 1 xz erate 1 remap v", "deform xz with remap v is not supported: friction"),
+    ("all deform 1 xz erate 1 yz erate 1 remap v", "deform xz yz with remap v is not supported: friction"),
     ("all deform 1 xy vel 1 remap v", "deform xy with remap v is not supported: friction"),
     ("all deform 1 x variable v_a v_b", "style 'variable' is not supported"),
     ("all deform 1 x erate 1 flip no", "flip no is not supported"),
