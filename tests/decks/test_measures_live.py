@@ -210,6 +210,7 @@ pair_coeff 2 2 lj/cut 0 0.4
 #: By name: how the deck begins, and what it measures.
 DECKS = {
     **{f"shares {base}": (base, SHARES) for base in ("dpd", "predicted", "transverse", "two thermostats", "mdpd", "frozen")},
+    "shares nve/limit": ("dpd", "unfix 1\nfix 1 all nve/limit 0.003\n" + SHARES),
     "dumps": ("chains", DUMPS),
     "pairs chains": ("chains", PAIRS),
     "pairs of two styles": ("dpd", TWO_STYLES + PAIRS.replace("atom 1", "atom 1 A 2")),

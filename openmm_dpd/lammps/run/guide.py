@@ -83,6 +83,7 @@ class DeckGuide(Guide):
         self._moved = np.logical_or.reduce([state.group(fix.group) for fix in self._moves])
         limits = state.fixes_of("nve/limit")
         self.limits, self._most = bool(limits), np.full((len(v), 1), np.inf)
+        self._cut: np.ndarray | float = 0.0  #: What the limit has taken off velocities after the last kick
         for fix in limits:
             self._most[state.group(fix.group)] = fix.parameters["most"] / request.dt
 
@@ -163,10 +164,11 @@ class DeckGuide(Guide):
         if not self.limits:
             return
         speeds = np.linalg.norm(m.v, axis=1, keepdims=True)
-        fast = (speeds > self._most)[:, 0]
+        fast, before = (speeds > self._most)[:, 0], m.v.copy()
         m.v[fast] *= (self._most / np.maximum(speeds, 1e-300))[fast]
         for fix in self.state.fixes_of("nve/limit"):
             m.numbers[self._places[fix.name]] += np.count_nonzero(fast & self.state.group(fix.group))
+        self._cut = m.v - before
 
     def _place(self, values: np.ndarray, which: int) -> None:
         np.copyto(values, self._prescribed[which], where=~np.isnan(self._prescribed[which]))
@@ -206,7 +208,7 @@ class DeckGuide(Guide):
                 energy[0] += energy[1]
             elif moment.step % fix.parameters.get("every", 1) == 0:
                 self._rescale(fix, m, moment, energy)
-        self.changed = None if before is m.v else m.v - before
+        self.changed = None if before is m.v and not self.limits else m.v - before + self._cut
 
     def _rescale(self, fix: Fix, m: Moment, moment: Resolver, energy: np.ndarray) -> None:
         given, kT, beads = fix.parameters, target(fix, moment), _Scaling(fix, moment, m.v, self._masses)
