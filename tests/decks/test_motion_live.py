@@ -6,15 +6,13 @@ import lammps_peer
 import numpy as np
 import pytest
 from cases import put
-from deck_snippets import FILES, SNIPPETS
 from fuzz.deck import Deck
 from fuzz.draw import Draw
 from fuzz.trial import Trial
 from test_commands_live import BEADS, FRAMES, RUN
 
 from openmm_dpd.base.errors import DeckError, DPDError
-from openmm_dpd.lammps import RunOptions, explain_deck, export_deck, run_deck
-from openmm_dpd.lammps.commands.fixes import READERS
+from openmm_dpd.lammps import RunOptions, explain_deck, export_deck
 from openmm_dpd.lammps.run.acting import FORCES
 from openmm_dpd.lammps.state.records import ACTING_FIXES, COUPLED, FIX_VALUES, FORCE_FIXES
 
@@ -159,35 +157,6 @@ def test_both_programs_write_the_same(trial, name):
     deck.lines[:] = (start + body).splitlines()
     outcome = trial.of_deck(0, "commands", deck)
     assert outcome.kind == "agree", outcome.message
-
-
-#: Fixes that are accepted without an effect, and walls at ends that reflect anyhow.
-ACCEPTED = {"balance", "wall/reflect"}
-
-
-@pytest.mark.parametrize("style", sorted(set(SNIPPETS["fix"]) - set(READERS) - ACCEPTED))
-def test_every_fix_has_an_effect(tmp_path, monkeypatch, style):
-    """A style that is read and has no consumer would be ignored without a word."""
-    monkeypatch.chdir(tmp_path)
-    for name, text in FILES.items():
-        put(tmp_path / name, text)
-    text = SNIPPETS["fix"][style].partition("\nrun ")[0].replace("\nthermo 3", "\nthermo 1")
-    text = "\n".join(line for line in text.splitlines() if "ave/" not in line)
-    lines = text.splitlines()
-    own = [k for k, line in enumerate(lines) if line.split()[:1] == ["fix"] and line.split()[3] == style]
-    assert own
-    names = {lines[k].split()[1] for k in own}
-    less = [line for k, line in enumerate(lines) if k not in own and not (line.startswith("fix_modify") and line.split()[1] in names)]
-    ends = []
-    for name, kept in (("with", lines), ("without", less)):
-        deck = put(tmp_path / name, "\n".join(kept) + f"\nrun 3\nwrite_data {name}.data\n")
-        try:
-            run_deck(deck, RunOptions(platform="Reference", threads=1, discard=0))
-            ends.append((tmp_path / f"{name}.data").read_text())
-        except (DPDError, RuntimeWarning) as error:
-            assert name == "without", error
-            ends.append("the deck needs it")
-    assert ends[0] != ends[1]
 
 
 def test_tables_agree():
