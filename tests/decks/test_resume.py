@@ -154,7 +154,7 @@ def test_fields_volumes_and_densities_are_resumed(tmp_path, name):
     for old, new in SMALL[name].items():
         assert old in text
         text = text.replace(old, new)
-    deck, more = put(tmp_path / name, text), ("--steps", "60", "--checkpoint", "10", "--var", "every", "10")
+    deck, more = put(tmp_path / name, text), ("--steps", "60", "--checkpoint", "10", "--every", "1", "--var", "every", "10")
     with signal_at(0, 0) as calls:
         assert main(arguments(deck, tmp_path / "whole", "CPU", *more)) == 0
     for number, moment in zip(SIGNALS, (0.75, 0.85, 0.95), strict=True):
