@@ -103,7 +103,6 @@ class SceneSampler:
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
         dihedral, dihedral_laplacian = torsion_sums(plan.scene.dihedrals, x, box, mobile)
         improper, improper_laplacian = torsion_sums(plan.scene.impropers, x, box, mobile)
-        joined = bond + angle + dihedral + improper
         friction = present.friction(on_step, found)
         short, lattice = present.charges[:2] if "charges" in self.plan.execution.held else charge_energies(context, self.plan)
         pushed = every = friction.force
@@ -119,7 +118,10 @@ class SceneSampler:
         laplacian = found.pairs.laplacian
         if laplacian is not None:
             laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian + improper_laplacian
-        pair, kinetic_on_step = potential - joined - other, kinetic if on_step is v else self._half(self._mass, on_step)
+        pair, kinetic_on_step = (
+            potential - bond - angle - dihedral - improper - other,
+            kinetic if on_step is v else self._half(self._mass, on_step),
+        )
         return Sample(
             step=looked.getStepCount(),
             time=bare(looked.getTime()),
@@ -127,7 +129,7 @@ class SceneSampler:
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,
             pair=pair,
-            potential=pair + joined + other,
+            potential=pair + bond + angle + dihedral + improper + other,
             other=other,
             bond=bond,
             angle=angle,
