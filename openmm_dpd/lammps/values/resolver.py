@@ -200,7 +200,7 @@ class Resolver(DeckMoment):
     def _label(self, function: str, *arguments: str) -> float:
         """The number of the type with a label; of ``is_typelabel`` whether there is one."""
         if len(arguments) != 2:
-            raise ParameterError(f"expected {function}(atom|bond|angle|dihedral,label), not {function}({','.join(arguments)})")
+            raise ParameterError(f"expected {function}({'|'.join(('atom', *JOINED))},label), not {function}({','.join(arguments)})")
         what, label = arguments
         labels = self.state.labels.get(read.choice(what, f"the first argument of {function}", ("atom", *JOINED)), {})
         return float(label in labels if function == "is_typelabel" else read.known(labels, label, f"label of {what} types"))
