@@ -65,6 +65,10 @@ class SweptLayer:
         self._apart = np.zeros((0, 3))
         self._inv_mass = (pairs.common_inv_mass or None) if plain else None
 
+    def renew(self) -> None:
+        """See :meth:`.interface.Engine.renew`."""
+        self._coefficients.clear()
+
     def _at(self, kT: float) -> np.ndarray:
         if kT not in self._coefficients:
             if len(self._coefficients) > 1:

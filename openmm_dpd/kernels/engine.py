@@ -13,6 +13,7 @@ from ..base.errors import RunError
 from ..runtime import announced
 from . import motion
 from .columns import Totals
+from .dpd import SweptLayer
 from .eos import CONSTANT
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
@@ -138,7 +139,8 @@ class PairEngine(Engine):
     def renew(self) -> None:
         self.number += 1  # what was computed before is not valid any more
         for layer in self.layers:
-            getattr(layer, "_coefficients", {}).clear()
+            if isinstance(layer, SweptLayer):  # others keep none
+                layer.renew()
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy at the prepared positions."""

@@ -90,6 +90,10 @@ class Present:
         #: Number of forces in the System when only the pair force acts.
         self._alone: int | None = None
 
+    def renew(self) -> None:
+        """Forget what was made of the coefficients of overlays, which have changed."""
+        vars(self).pop("_stress_parts", None)
+
     def foreign(self, forces: Sequence[openmm.Force]) -> list[openmm.Force]:
         """Forces in the System that are not the scene's own."""
         made = self.built.integrator.made

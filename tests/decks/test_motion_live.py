@@ -50,6 +50,8 @@ DECKS = {
             "1 1 0.2 iso 0.5 0.5 1 dilate all nreset 0",
         )
     },
+    "npt, adapt": "pair_style soft 1.2\npair_coeff * * 40\nvariable x equal 0.7+0.02*step\nfix a all adapt 2 pair soft a * * v_x scale yes\n"
+    f"{OFF}fix n all npt temp 1 1 0.1 iso 0.2 0.8 1\nthermo_style custom step temp pe press lx vol\n{FRAMES}{RUN}{RUN}",
     "nvt, lj": f"pair_style lj/cut 1.2\npair_coeff * * 1 0.5\n{OFF}fix n all nvt temp 0.5 2 0.1\n" + words("n", *ALONE),
     "temp/rescale": "fix t g temp/rescale 1 0.5 1 0.01 0.6\n" + words("t", "") + RUN,
     "temp/berendsen": "fix t all temp/berendsen 0.5 1 0.2\nthermo_style custom step temp ecouple econserve\n" + FRAMES + RUN,

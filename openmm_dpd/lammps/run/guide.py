@@ -99,7 +99,8 @@ class DeckGuide(Guide):
         return Resolver(self.state, DeckSample(self.request.first_step + step, positions=m.x, velocities=v, box=m.box), self.request.window)
 
     def renew(self) -> None:
-        """Give the engine of :attr:`built` the present coefficients."""
+        """Give the engine of :attr:`built` the present coefficients, and forget what was made of others."""
+        self._parts = []
         if self.built is not None and self.built.integrator.whole is not None:
             function, plan = self.built.integrator.whole.function, self.built.plan
             renew(plan.scene, (*plan.layers, *plan.overlays), function.spec, scene_pairs(self.state, pair_tables(self.state)).tables)

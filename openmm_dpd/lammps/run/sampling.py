@@ -119,7 +119,7 @@ class Sampler:
         """A sample of the present state."""
         self.observer.present.look(self.context)
         if self.request.state.fixes_of("adapt"):
-            vars(self.observer.present).pop("_stress_parts", None)  # with the coefficients of before
+            self.observer.present.renew()
         present, slide = self.observer.present, slide_of(self.built, self.context, self.axes)
         # of all beads: LAMMPS counts the velocities of immobile beads, too
         products = second_moments(self._masses, self._velocities(slide))
