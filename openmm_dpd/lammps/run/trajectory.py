@@ -18,7 +18,7 @@ from ...simulation.fields import read_fields
 from ..state.records import NO_SLIDE, Slide
 from .request import RunRequest
 
-#: Default number of frames per run, approximately, and the fewest steps between them: a frame takes as long as a step.
+#: Default number of frames per run, approximately, and the fewest steps between them: a frame takes as long as one to three.
 FRAMES, APART = 100, 20
 #: Trajectory formats.
 FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
