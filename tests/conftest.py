@@ -17,12 +17,10 @@ if sys.dont_write_bytecode:  # without it each process that tests start would co
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import numba
-import numpy as np
 import pytest
 from devices import DEVICES, MARKS, Device, available
+from undrawn import draw_nothing
 
-from openmm_dpd.base.files import write_whole
-from openmm_dpd.io import bead_pictures, pictures
 from openmm_dpd.plan import device as device_engine
 from openmm_dpd.runtime import threads
 from openmm_dpd.runtime.threads import set_threads
@@ -64,11 +62,8 @@ def engine_of_the_host(monkeypatch) -> None:
 
 @pytest.fixture(autouse=True)
 def undrawn(monkeypatch) -> None:
-    """Pictures of runs have no content: to draw one takes longer than a short run.  Tests of pictures have a fixture of this name that does nothing."""
-    blank = b"\x89PNG" + bytes(100_000)
-    monkeypatch.setattr(bead_pictures, "drawn", lambda *_: np.zeros((2, 2, 4)))
-    for room, name in ((pictures, "write_picture"), (bead_pictures, "write_picture"), (bead_pictures, "write_pixels")):
-        monkeypatch.setattr(room, name, lambda path, figure: write_whole(path, blank, "the picture"))
+    """To draw the pictures of a run takes six times as long as a short run.  Tests of pictures have a fixture of this name that does nothing."""
+    draw_nothing(monkeypatch.setattr)
 
 
 @pytest.fixture(autouse=True)

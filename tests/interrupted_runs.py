@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from undrawn import draw_nothing
 
 import openmm_dpd.lammps  # before calls are counted
 from openmm_dpd.__main__ import main
@@ -111,6 +112,7 @@ def without_times(report: dict) -> dict:
 
 
 if __name__ == "__main__":
+    draw_nothing()
     with signal_at(int(sys.argv[1]), int(sys.argv[2])):
         status = main(sys.argv[3:])
     sys.exit(status)
