@@ -329,17 +329,15 @@ def test_restarts_behind_a_move_of_a_barostat_have_the_same_bits(scheme, tmp_pat
         edges.append(whole.context.getState().getPeriodicBoxVectors()[0][0]._value)
     assert {a == b for a, b in pairwise(edges)} == {True, False}
     for at in range(5):
-        again = started()
-        again.loadCheckpoint(str(tmp_path / f"{at}.chk"))
-        again.step(25 - 5 * at)
-        assert same_bits(state_of(again.context), found[5]), at
         ends = []
-        for load in ("loadCheckpoint", "loadState"):
+        for load in ("loadState", "loadCheckpoint"):
             again = started()
             getattr(again, load)(str(tmp_path / f"{at}.{'xml' if load == 'loadState' else 'chk'}"))
             again.step(4)
             ends.append(state_of(again.context))
         assert same_bits(*ends), at
+        again.step(21 - 5 * at)
+        assert same_bits(state_of(again.context), found[5]), at
 
 
 def test_it_steps_without_this_package(exact, tmp_path):
