@@ -41,17 +41,21 @@ WITH_SCRIPTS = [path for path in TEXTS if path.name != "README.md" and blocks(pa
 
 # -- scripts ---------------------------------------------------------------------------------------------------------------------
 #: Pages whose runs are a tenth as long here: numbers of steps, of rounds of them and of units of time.
-LONG = ("partition", "sampling")
-LENGTHS = re.compile(r"(\.step\((?:simulation, )?\d\d+|for _ in range\(\d+|\"time\": \d+)0")
+LONG = ("constant_pressure", "mixed", "partition", "sampling")
+LENGTHS = re.compile(r"(\.step\((?:simulation, )?\d\d+|for _ in range\(\d+|\"(?:time|settle)\": \d+)0")
+
+
+def script_of(path: Path) -> str:
+    """All Python blocks of a page, in their order, as one script."""
+    code = "\n".join(blocks(path.read_text(encoding="utf-8"), "python"))
+    return LENGTHS.sub(r"\1", code) if path.stem in LONG else code
 
 
 @pytest.mark.parametrize("path", WITH_SCRIPTS, ids=lambda path: path.stem)
 def test_scripts_of_a_page_run(path, tmp_path, monkeypatch):
-    """All Python blocks of a page, in their order, as one script."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
-    code = "\n".join(blocks(path.read_text(encoding="utf-8"), "python"))
-    code = LENGTHS.sub(r"\1", code) if path.stem in LONG else code
+    code = script_of(path)
     if "gsd" in code:
         pytest.importorskip("gsd", reason="gsd is not installed: pip install -e '.[gsd]'")
     try:

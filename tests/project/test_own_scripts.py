@@ -4,7 +4,6 @@ Every page is run twice, as it is and with a constant force on all mobile partic
 System before its Context is made.  What the momentum of each Context gains while it steps must differ by the impulse of that force.
 """
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import openmm
 import pytest
 from cases import raises
 from openmm import unit
+from test_docs import script_of
 
 import openmm_dpd as dpd
 
@@ -40,12 +40,7 @@ class Gain:
     size: float = 0.0
 
 
-def scripts(page: Path) -> str:
-    """All Python blocks of a page, in their order."""
-    return "\n".join(re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL))
-
-
-PAGES = [page for page in sorted((ROOT / "docs" / "howto").glob("*.md")) if scripts(page)]
+PAGES = [page for page in sorted((ROOT / "docs" / "howto").glob("*.md")) if script_of(page)]
 
 
 def run_page(page: Path, monkeypatch, push: bool) -> list[Gain]:
@@ -106,7 +101,7 @@ def run_page(page: Path, monkeypatch, push: bool) -> list[Gain]:
     monkeypatch.setattr(openmm, "Context", Pushed)
     monkeypatch.setattr(openmm.LocalEnergyMinimizer, "minimize", staticmethod(minimize))
     try:
-        exec(compile(scripts(page), str(page), "exec"), {"__name__": "page"})
+        exec(compile(script_of(page), str(page), "exec"), {"__name__": "page"})
     finally:
         dpd.set_threads(None)
     return gains
