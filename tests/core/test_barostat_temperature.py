@@ -159,7 +159,7 @@ def test_the_density_of_a_hotter_run(seed):
         simulation.step(200)
         dpd.set_kT(simulation.context, 1.5)
         simulation.step(400)
-        for _ in range(400):
+        for _ in range(250):
             simulation.step(20)
             volumes.append(simulation.context.getState().getPeriodicBoxVolume()._value)
         means.append(bounded(volumes))

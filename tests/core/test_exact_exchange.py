@@ -121,8 +121,8 @@ def test_motion_and_beads_have_one_temperature(seed):
     built = dpd.build(heat_steps.scene("heat", seed), dt=0.04, scheme="middle", seed=seed)
     simulation, observer, ratios = built.simulation(), dpd.Observer(built), []
     simulation.step(100)
-    for _ in range(800):
-        simulation.step(2)
+    for _ in range(400):
+        simulation.step(4)
         sample = observer.sample(simulation.context)
         ratios.append(sample.kT / sample.theta)
     assert abs(np.mean(ratios) - 1) < 0.005

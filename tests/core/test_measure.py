@@ -214,7 +214,7 @@ def test_temperatures_of_few_beads(tied, seed):
     simulation = built.simulation()
     dof, kinetic = dpd.Observer(built).sample(simulation.context).dof, []
     built.integrator.step(200)
-    for _ in range(4000):
+    for _ in range(3000):
         built.integrator.step(10)
         kinetic.append(simulation.context.getState(energy=True).getKineticEnergy()._value)
     judge(2 * np.array(kinetic) / dof, 1.0, error=0.028)

@@ -138,7 +138,7 @@ def test_the_area_of_an_ideal_gas_is_exact(tension, seed):
     dpd.add_barostat(built, 1.0, surface_tension=tension, zmode="fixed", interval=1)
     simulation, areas = built.simulation(), []
     simulation.step(200)
-    for _ in range(800):
+    for _ in range(450):
         simulation.step(4)
         edges = np.diag(simulation.context.getState().getPeriodicBoxVectors(asNumpy=True)._value)
         areas.append(edges[0] * edges[1])

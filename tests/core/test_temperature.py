@@ -66,7 +66,7 @@ def test_a_ramp_reaches_its_targets(start_stop, seed):
     start, stop = start_stop
     table = {("A", "A"): D(A=25, gamma=20), ("A", "B"): D(A=25, sigma=6.0), ("B", "B"): D(A=25, gamma=20)}
     scene = fluid(table, np.diag([4.0] * 3), 3.0, kT=dpd.TemperatureRamp(start, stop, 0, 500))
-    values = temperatures(scene, dt=0.01, start=0, steps=5000, scheme="middle", seed=seed)
+    values = temperatures(scene, dt=0.01, start=0, steps=2800, scheme="middle", seed=seed)
     assert min(start, stop) + 0.3 < np.mean(values[40:60]) < max(start, stop) - 0.3  # halfway through the ramp it is on its way
     judge(values[120:], stop, error=0.02 * stop)
 
@@ -82,7 +82,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
     x = np.repeat(rng.random((50, 3)) * 6, 4, axis=0) + rng.normal(size=(n, 3)) * 0.3
     table = {("W", "W"): D(A=25, gamma=30.0, gamma_perp=15.0)}
     scene = beads(n, edge=6.0, positions=x, table=table, bonds=[bonds], bonded_factors=(0.5, 0.25, 0.0))
-    judge(temperatures(scene, dt=0.005, start=600, steps=10_000, conservative="kernel", seed=seed, **choices), 1.0, error=0.02)
+    judge(temperatures(scene, dt=0.005, start=600, steps=6000, conservative="kernel", seed=seed, **choices), 1.0, error=0.02)
 
 
 @any_seed(1)
@@ -90,7 +90,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
 def test_unequal_masses_and_transverse_friction(choices, seed):
     """Masses 1 and 2.7, everything different: kT = 1.3 at a small step; 3 % off is seen."""
     scene = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, kT=1.3)
-    judge(temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices), 1.3, error=0.016)
+    judge(temperatures(scene, dt=0.01, start=1200, steps=6500, conservative="kernel", seed=seed, **choices), 1.3, error=0.016)
 
 
 @any_seed(1)
@@ -100,7 +100,7 @@ def test_walls_at_rest_keep_the_temperature(choices, seed):
     base = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, seed=4)
     mobile = base.positions[:, 2] % 4.0 > 0.8
     scene = dpd.Scene(base.masses, base.types, base.positions, EXTENDED, 1.0, box=base.box, mobile=mobile)
-    judge(temperatures(scene, dt=0.01, start=1200, steps=8000, conservative="kernel", seed=seed, **choices), 1.0, error=0.012)
+    judge(temperatures(scene, dt=0.01, start=1200, steps=5000, conservative="kernel", seed=seed, **choices), 1.0, error=0.012)
 
 
 def test_moving_walls_drag_the_fluid_along():

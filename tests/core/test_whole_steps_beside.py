@@ -652,7 +652,7 @@ def test_averages_at_constant_pressure(scheme, frequency, seed):
         simulation = pressed(scheme, frequency, loop=loop, scene=beads(375, edge=5.0, seed=4), dt=0.03, pressure=23.0, seed=seed)
         simulation.step(1000)
         rows = []
-        for _ in range(1500):
+        for _ in range(600):
             simulation.step(20)
             state = simulation.context.getState(velocities=True)
             rows.append((state.getPeriodicBoxVolume()._value, np.sum(state.getVelocities(asNumpy=True)._value ** 2) / (3 * 374)))
@@ -672,7 +672,7 @@ def test_a_long_run_of_loops_keeps_its_temperature(scheme, seed):
     built.system.addForce(external_force("8*sin(x)^2", 500))
     simulation = stepped(built.simulation(properties=Device("CPU").properties), 1000)
     mass, kinetic = scene.bead_masses[:, None], []
-    for _ in range(1500):
+    for _ in range(500):
         simulation.step(10)
         kinetic.append(np.sum(mass * state_of(simulation.context)[1] ** 2) / 1500)
     judge(kinetic, 1.0, error=0.01, beside=0.01)
