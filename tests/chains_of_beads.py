@@ -57,23 +57,26 @@ def walks(chains: int, length: int, box: np.ndarray, seed: int, step: float = 0.
 
 
 def nearest_image(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """The shortest of the 27 images of one vector about its wrapped one."""
+    """The shortest of the 27 images of each vector (..., 3) about its wrapped one."""
     if box is None:
         return d
     wrapped = d - np.round(d @ np.linalg.inv(box)) @ box
-    images = wrapped + np.array(list(product((-1, 0, 1), repeat=3))) @ box
-    return images[np.argmin(np.sum(images**2, axis=1))]
+    images = wrapped[..., None, :] + np.array(list(product((-1, 0, 1), repeat=3))) @ box
+    shortest = np.argmin(np.sum(images**2, axis=-1), axis=-1)
+    return np.take_along_axis(images, shortest[..., None, None], axis=-2)[..., 0, :]
 
 
 def segment_energy(x, segments, box, A, cutoff, distance, sharing=False) -> float:
     """Segmental repulsion, every pair of bonds; the nearest points by a search, not by a formula."""
-    arms = np.array([nearest_image(x[j] - x[i], box) for i, j in segments])
-    middle = np.array([x[i] for i, _ in segments]) + 0.5 * arms
-    energy = 0.0
-    for p, q in combinations(range(len(segments)), 2):
+    first, second = np.transpose(segments)
+    arms = nearest_image(x[second] - x[first], box)
+    middle, half = x[first] + 0.5 * arms, 0.5 * np.linalg.norm(arms, axis=1)
+    pairs, energy = np.array(list(combinations(range(len(segments)), 2))), 0.0
+    gaps = nearest_image(middle[pairs[:, 0]] - middle[pairs[:, 1]], box)
+    near = np.linalg.norm(gaps, axis=1) < cutoff + half[pairs].sum(axis=1)
+    for (p, q), gap in zip(pairs[near].tolist(), gaps[near], strict=True):
         if not sharing and set(segments[p]) & set(segments[q]):
             continue
-        gap = nearest_image(middle[p] - middle[q], box)
         d = np.linalg.norm(gap) if distance == "mid" else shortest(gap, arms[p], arms[q])
         energy += 0.5 * A * cutoff * (1 - d / cutoff) ** 2 if d < cutoff else 0.0
     return energy

@@ -278,11 +278,10 @@ def test_two_runs_cut_runs_and_restarts_have_the_same_bits(scheme, device, tmp_p
     cut.saveState(str(tmp_path / "state.xml"))
     cut.step(20)
     assert same_bits(state_of(cut.context), expected)
-    for load in ("checkpoint", "state"):
-        again = run_on(scene, device, scheme)
+    for again, load in ((run_on(scene, device, scheme), "checkpoint"), (whole, "state")):
         if load == "checkpoint":
             again.loadCheckpoint(str(tmp_path / "checkpoint"))
-        else:
+        else:  # into a Context that is further on
             again.loadState(str(tmp_path / "state.xml"))
         again.step(20)
         assert same_bits(state_of(again.context), expected), load

@@ -1,4 +1,4 @@
-"""Scenes exported to LAMMPS, run there with two processes, and read back."""
+"""Scenes exported to LAMMPS, run there with one process and with two, and read back."""
 
 import exported
 import numpy as np
@@ -42,7 +42,8 @@ def test_forces_of_the_first_step_and_the_state_that_comes_back(name, tmp_path):
             assert not written[units].differences
             with_forces(written[units])
     for units in written:
-        exported.run_lammps(tmp_path / units, name)  # a process of its own: after "clear" LAMMPS had other forces once
+        # a process of its own: after "clear" LAMMPS had other forces once
+        exported.run_lammps(tmp_path / units, name, processes=2 if units == "lj" else 1)
         # segments have placeholders behind the beads
         forces = read_lammps_dump(tmp_path / units / "forces.dump", units=units).forces[0][: scene.n_beads]
         np.testing.assert_allclose(forces, expected, rtol=0, atol=TOLERANCE.get(name, 1e-9) * largest)
