@@ -26,7 +26,7 @@ _BATCH, _MOST = np.uint64(384), np.uint64(2048)
 #: Pairs that follow each other are so many parts of a batch apart.
 _ROWS = np.uint64(4)
 #: Cells of a large layer: beads of several such layers are more than a processor's second cache holds.
-_LARGE = 2000
+_LARGE = 500
 #: Numbers on two lines of the processor's cache, which come together.
 LINE = 16
 
@@ -214,18 +214,25 @@ def _inverse_root(square):
 
 
 @inlined
+def _put(near, bead, hits, q, out, p):
+    """Write hit q as pair p: its beads, and the line between them."""
+    g, i, j = out.geometry, hits[0][q], hits[1][q]
+    out.pi[p], out.pj[p] = bead[i], bead[j]
+    g[0, p], g[1, p], g[2, p] = near[0, i] - near[0, j], near[1, i] - near[1, j], near[2, i] - near[2, j]
+    if len(out.factors):
+        out.factors[p] = hits[2][q]
+
+
+@inlined
 def _write(near, bead, hits, m, n, longest2, out):
     """Write hits as pairs number n and following; returns whether all are near enough.  Pairs that follow each other are of beads that are
     apart, so that what is done with one of them need not wait for the one before it."""
-    who, whom, factor = hits
     g, apart, good = out.geometry, m // _ROWS, True
-    for k in range(m):
-        q, p = k % _ROWS * apart + k // _ROWS if k < _ROWS * apart else k, n + k
-        i, j = who[q], whom[q]
-        out.pi[p], out.pj[p] = bead[i], bead[j]
-        g[0, p], g[1, p], g[2, p] = near[0, i] - near[0, j], near[1, i] - near[1, j], near[2, i] - near[2, j]
-        if len(out.factors):
-            out.factors[p] = factor[q]
+    for k in range(apart):
+        for row in range(_ROWS):
+            _put(near, bead, hits, row * apart + k, out, n + _ROWS * k + row)
+    for k in range(_ROWS * apart, m):
+        _put(near, bead, hits, k, out, n + k)
     for p in range(n, n + m):
         dx, dy, dz = g[0, p], g[1, p], g[2, p]
         r2 = dx * dx + dy * dy + dz * dz
