@@ -288,11 +288,9 @@ def fetch_around(source, written, column):
     if source.nx * source.ny < _LARGE:
         return
     ny, y, z = source.ny, column % source.ny, column // source.ny
-    above = (z + 1) % source.nz * ny
-    _fetch_column(source, written, column)
-    _fetch_column(source, written, z * ny + (y + 1) % ny)
-    for beside in range(3):
-        _fetch_column(source, written, above + (y + ny - 1 + beside) % ny)
+    for beside in range(5):  # those of _neighbours
+        right, up = (beside, 0) if beside < 2 else (beside - 3, 1)
+        _fetch_column(source, written, (z + up) % source.nz * ny + (y + right + ny) % ny)
 
 
 @merged
@@ -318,17 +316,6 @@ def list_some(pairs, source, part, cell, s, n, room):
     return cell, s, _flush(source, pairs.order, pairs.types, near, bead, hits, m, n, room, pairs)
 
 
-@inlined
-def _list_column(pairs, source, part, column):
-    """List the pairs of a column where it has room for them; returns how many there are."""
-    begin, room = pairs.start[column], pairs.start[column + 1]
-    look_around(source, part, column)
-    cell, bead, n = np.int64(0), np.uint64(0), begin
-    while cell < source.nx:
-        cell, bead, n = list_some(pairs, source, part, cell, bead, n, room)
-    return n - begin
-
-
 def _list_pairs(pairs, source, shares, part, parts, team):
     """List all pairs; the threads share the columns.  Returns 1 where there was too little room for them or for the beads near a column."""
     if not has_room(source):
@@ -337,7 +324,11 @@ def _list_pairs(pairs, source, shares, part, parts, team):
         for mine in range(part, len(first) - 1, parts):
             for n in range(first[mine], first[mine + 1]):
                 column = shares.columns[n]
-                pairs.found[column] = _list_column(pairs, source, part, column)
+                look_around(source, part, column)
+                cell, bead, stop, room = np.int64(0), np.uint64(0), pairs.start[column], pairs.start[column + 1]
+                while cell < source.nx:
+                    cell, bead, stop = list_some(pairs, source, part, cell, bead, stop, room)
+                pairs.found[column] = stop - pairs.start[column]
         meet(team, parts)
     for column in range(len(pairs.found)):
         if pairs.found[column] > pairs.start[column + 1] - pairs.start[column]:

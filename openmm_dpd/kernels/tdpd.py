@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined, merged
-from . import forces
+from . import columns, forces
 from .columns import Motion, approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
@@ -64,7 +64,7 @@ class SpeciesLayer:
 
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
-        self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), number
+        self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=True), number
         self._motion = SortedMotion(self.pairs)
         self.coefficients = table_of(table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
         #: whether no pair is listed that does not repel
@@ -167,7 +167,7 @@ def _gather(pairs, data, begin, end):
             data.c[k, s] = data.values[pairs.seats[k], s]
 
 
-species_forces = over_pairs("species_forces", _pair_diffusion, first=_gather, last=deliver_rates)
+species_forces = over_pairs("species_forces", _pair_diffusion, first=_gather, last=deliver_rates, again=columns.on_forces)
 
 
 class SpeciesExchange(NamedTuple):
@@ -249,4 +249,4 @@ def _scatter_swept(pairs, data, begin, end):
             data.increments[pairs.seats[k], s] += data.c[k, s] - data.before[k, s]
 
 
-species_sweep = over_pairs("species_sweep", _pair_exchange, first=_gather_swept, last=_scatter_swept)
+species_sweep = over_pairs("species_sweep", _pair_exchange, first=_gather_swept, last=_scatter_swept, again=columns.on_velocities)
