@@ -67,6 +67,12 @@ def undrawn(monkeypatch) -> None:
 
 
 @pytest.fixture(autouse=True)
+def unsynced(monkeypatch) -> None:
+    """No test cuts the power: to wait for the disk takes as long as a short run of a deck."""
+    monkeypatch.setattr(os, "fsync", os.fstat)  # which also wants an open file
+
+
+@pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
     """The kernel uses one thread unless a test asks for more, and then for few beads, too."""
     set_threads(1)
