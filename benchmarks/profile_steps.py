@@ -77,11 +77,11 @@ class Clock:
         self.names: list[str] = []
         self.spent, self.played, self.seconds = np.zeros((0, 0, 2)), 0, 0.0
 
-    def play(self, tape: Tape, counter: int, steps: int, heats: np.ndarray | None) -> tuple[int, int | None]:
+    def play(self, tape: Tape, counter: int, steps: int, heats: np.ndarray | None, *seldom: Any) -> tuple[int, int | None]:
         """As :meth:`openmm_dpd.runtime.tape.Tape.play`."""
         threads = tape.threads
         spent, begun = np.zeros((len(tape.calls), threads, 2), np.int64), time.perf_counter()
-        found = PLAY(tape, counter, steps, heats, spent)
+        found = PLAY(tape, counter, steps, heats, *seldom, spent)
         if not spent[:, -1].any():
             return found  # fewer did all: there were not cores enough
         names = [call.layout.name for call in tape.calls]

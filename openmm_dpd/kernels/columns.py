@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from ..runtime import Kernel, by_types, helper, inlined, meet
+from ..runtime import Kernel, Tape, by_types, helper, inlined, meet
 from .listing import fetch_around, has_room, list_some, look_around
 from .pairs import CHUNK, PairList, Scratch
 from .templates import renamed
@@ -78,6 +78,8 @@ def _column(pairs, data, space, source, column, part):
     """One column."""
     energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
     tensor = drags = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if _TENSOR:
+        pairs.stress[column :: len(pairs.found)] = 0.0
     cell, bead, goes_on = np.int64(0), np.uint64(0), True
     if _LISTS:
         room = np.uint64(len(pairs.pi) // len(source.bead))
@@ -213,6 +215,7 @@ def over_pairs(
             if not loop(arrays, data, pairs.scratch, shares, source, sums, parts=threads, memory=pairs.memory):
                 break
             pairs.make_passing_room()
+        Tape.note(sums, *(arrays.stress,) * bool(tensor))
         stress = None
         if tensor:
             pairs.tensors = arrays.stress

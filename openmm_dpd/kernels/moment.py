@@ -9,6 +9,7 @@ import numpy as np
 
 from .columns import Totals
 from .driven import Driven
+from .interface import Engine
 
 #: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
 FASTEST = 10.0
@@ -61,6 +62,7 @@ class Masses:
 
     inverse: np.ndarray  #: (N,) of beads; 0 for those that do not move
     components: np.ndarray  #: (3 N,) of components, or (1,) if all are alike
+    moving: np.ndarray  #: The same, as if all masses were 1: for accelerations
     slowest: float  #: Square root of 1/mass of the heaviest bead that moves; 0 if none does
     some_rest: bool  #: Whether there are beads that do not move
 
@@ -69,7 +71,8 @@ class Masses:
         """From the 1/masses (N,) of the beads."""
         moving, alike = inverse[inverse > 0.0], bool(np.all(inverse == inverse[:1]))
         slowest = math.sqrt(moving.min()) if len(moving) else 0.0
-        return cls(inverse.copy(), inverse[:1].copy() if alike else np.repeat(inverse, 3), slowest, len(moving) < len(inverse))
+        components = inverse[:1].copy() if alike else np.repeat(inverse, 3)
+        return cls(inverse.copy(), components, np.sign(components), slowest, len(moving) < len(inverse))
 
     def seat(self, given: np.ndarray, names: np.ndarray) -> None:
         """Put beads in another order: ``given`` (N,) are 1/masses by the numbers of beads, ``names`` (N,) the number of the bead in each
@@ -77,6 +80,7 @@ class Masses:
         if len(self.components) > 1:  # they are unlike
             np.take(given, names, out=self.inverse)
             self.components.reshape(-1, 3)[...] = self.inverse[:, None]
+            np.sign(self.components, out=self.moving)
 
 
 class Guide:
@@ -139,6 +143,7 @@ class Moment:
     #: (K,) what a :class:`Guide` keeps from step to step
     numbers: np.ndarray = field(default_factory=lambda: np.zeros(0))
     guide: Guide = NO_GUIDE  #: Acts within the steps
+    more: int = 0  #: If friction is a force: what the present step sums beside forces
     #: Forces (N, 3) of others at a step of the Context, where a guide acts on the sum of all: they do not kick by themselves then
     others: Callable[["Moment", int], np.ndarray] | None = None
 
@@ -170,9 +175,11 @@ class Stepper(Protocol):
     """Does whole steps with one engine, and keeps what the last one has computed."""
 
     spec: StepSpec
+    engine: Engine
     #: Where friction is a force, what the last step of a run sums beside its forces: STRESS, and LAPLACIAN, with conservative forces apart,
     #: from engines that can
     more: int
+    looks: Any  #: What is measured within runs: a :class:`openmm_dpd.measure.within.Within`, or None
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """Do n steps; ``slow`` computes forces of others, which kick before and after them.  RunError if a step fails; it has the number of

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..runtime import Kernel, compiled, helper, inlined, meet, threads_for
+from ..runtime import Kernel, Tape, helper, inlined, meet, threads_for
 from .templates import renamed
 
 
@@ -173,21 +173,6 @@ def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     return _fast(v, begin, end, limit) if count else 0
 
 
-@counting_components
-def move_accelerated(begin, end, x, v, acc, inv_mass, kick, time, limit):
-    """Kick and drift as :func:`move` does, with accelerations instead of forces."""
-    count, first, last = 0, np.uint64(begin), np.uint64(end)
-    if len(inv_mass) == 1:
-        drift = time if inv_mass[0] > 0.0 else 0.0
-        for c in range(first, last):
-            count += not abs(_move_component(x, v, c, kick * acc[c], drift)) <= limit
-    else:
-        for c in range(first, last):
-            drift = time if inv_mass[c] > 0.0 else 0.0
-            count += not abs(_move_component(x, v, c, kick * acc[c], drift)) <= limit
-    return _fast(v, begin, end, limit) if count else 0
-
-
 @over_components
 def accelerate(begin, end, acc, v, force, inv_mass, kick):
     """Write force/mass to the accelerations, and add kick times that to v; (3N,) each, masses as in :func:`move`."""
@@ -252,10 +237,8 @@ def largest(v: np.ndarray) -> float:
     return float(np.abs(v).max(initial=0.0))
 
 
-@compiled
-def second_moments(weights, vectors):
-    """(6,) sums over rows of weight a b with the components of a vector: xx, yy, zz, xy, xz, yz."""
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+def _moments(weights, vectors, found, part, parts, team):
+    xx, yy, zz, xy, xz, yz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(vectors)):
         x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
         wx, wy, wz = weights[i] * x, weights[i] * y, weights[i] * z
@@ -265,4 +248,20 @@ def second_moments(weights, vectors):
         xy += wx * y
         xz += wx * z
         yz += wy * z
-    return np.array([xx, yy, zz, xy, xz, yz])
+        mx += wx
+        my += wy
+        mz += wz
+    for k, value in enumerate((xx, yy, zz, xy, xz, yz, mx, my, mz)):
+        found[k] = value
+    return 0
+
+
+_moments_kernel = Kernel(_moments)
+
+
+def moments(weights: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(9,) sums over rows of weight a b with the components of a vector (xx, yy, zz, xy, xz, yz), and of weight a."""
+    found = np.empty(9)
+    _moments_kernel(weights, vectors, found)
+    Tape.note(found)
+    return found

@@ -5,8 +5,8 @@ a force.  The :class:`.moment.Moment` holds everything that a step depends on, s
 """
 
 import math
-from contextlib import nullcontext
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class StepLoop:
         self.force = np.zeros((n, 3))
         self.valid = Validity(self.engine)
         self.more = 0
+        self.looks: Any = None
         #: in a shear: velocities relative to the flow, and the sum of :meth:`.interface.Engine.passed` over the last step
         self._relative = np.zeros((0 if self.spec.shear is None else n, 3))
         self.passed: np.ndarray | float = 0.0
@@ -57,7 +58,12 @@ class StepLoop:
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """See :meth:`.moment.Stepper.run`.  The last step is always done by this engine, which then holds its lists, forces and sums."""
         done, given = 0, False
-        if threads_for(len(moment.x)) > 1 and self.engine.number and self.spec.driven is None and self._repeats(moment, slow, n):
+        if (
+            threads_for(len(moment.x)) > 1
+            and self.engine.number
+            and not (self.spec.driven or self.looks)
+            and self._repeats(moment, slow, n)
+        ):
             if self._seats is None:
                 self._seats = Seats(StepLoop(self.spec, self.engine.another(), self.watch, self.reach, parts=True))
             self.valid.begin(moment.x, moment.box, False)
@@ -87,19 +93,33 @@ class StepLoop:
                 if repeats and done < last and (played := self._play(moment, last - done)):
                     done += played
                     continue
-                begun, counter, tape = self.valid.computed(moment), moment.counter, Tape(key_again) if repeats else None
-                self.valid.take()
+                number = moment.number + self.spec.predicts  # sweeps begin with the force that the last step is measured with
+                looks = None if self.looks is None or self.looks.until(number) else self.looks
+                begun, counter, tape, taken = self.valid.computed(moment), moment.counter, Tape(key_again), self.valid.take()
+                taken.pop(looks is not None, None)
                 if slow is not None and moment.slow_step == 0 and before:
                     force = slow(moment, done) if force is None else force
                     if self.spec.predicts and (moment.acc is None or self.spec.foresees):
                         moment.unkicked = moment.v.copy()
                     self._move(moment, force, before * moment.dt)
-                self.valid.final = done + 1 == n
-                with nullcontext() if tape is None else tape.recording():
+                if self.spec.predicts and moment.acc is None:
+                    # with the noise of the last half kick: another one would halve its variance, as both halves of a step share it
+                    moment.acc = np.empty_like(self.force)
+                    self._accelerate(moment, moment.v if moment.unkicked is None else moment.unkicked, moment.values, 0.0)
+                moment.more = (self.more if done + 1 == n else 0) | (0 if looks is None else looks.more)
+                with tape.recording():
+                    if looks is not None and not self.spec.predicts:
+                        self._place(moment)
+                        self._sum(CONSERVATIVE | looks.more, None, 0.0, 1.0, 0, 0, moment.values)
+                        looks.take(moment, self.force, tape, number)
                     step(moment)
-                if tape is not None and tape.smooth and begun == self.valid.computed(moment):
-                    tape.finish(counter, moment.counter - counter, moment.state, self.engine.tables)
-                    self.valid.record(Recorded(tape, begun, self._conditions(moment)))
+                    if looks is not None and self.spec.predicts:
+                        looks.take(moment, self._held, tape, number)
+                if repeats and tape.smooth:  # otherwise arrays have moved
+                    if begun == self.valid.computed(moment):
+                        tape.finish(counter, moment.counter - counter, moment.state, self.engine.tables)
+                        taken[looks is not None] = Recorded(tape, begun, self._conditions(moment))
+                    self.valid.record(taken)
                 self._count(moment, 1)
                 done += 1
                 moment.guide.end(moment)
@@ -123,29 +143,24 @@ class StepLoop:
     def _repeats(self, m: Moment, slow: SlowForces | None, steps: int) -> bool:
         """Whether each step calls the same kernels with other noise, and there are enough steps left for recording one to pay."""
         spec = self.spec
-        plain = slow is None and m.box is not None and (spec.driven is None or spec.driven.steady and not self._heats(m))
-        plain = plain and m.guide is NO_GUIDE
+        plain = slow is None and m.guide is NO_GUIDE and m.box is not None
+        plain = plain and (spec.driven is None or spec.driven.steady and not self._heats(m))
         return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
     def _conditions(self, m: Moment) -> tuple:
         """What a recorded step depends on besides the arrays of the moment."""
         box = m.box if m.box is None or m.flow is None else m.box.diagonal()  # the offset of sliding images is part of the state
-        return (
-            m.dt,
-            None if self._heats(m) else m.kT,
-            m.seed,
-            None if box is None else box.tobytes(),
-            self.engine.body_scale,
-            threads_for(len(m.x)),
-        )
+        kT, placed = None if self._heats(m) else m.kT, None if box is None else box.tobytes()
+        return m.dt, kT, m.seed, placed, self.engine.body_scale, threads_for(len(m.x))
 
     def _play(self, m: Moment, steps: int) -> int:
         """Repeat the recorded step up to ``steps`` times, if there is one that fits; returns how many steps were done."""
-        recorded = self.valid.take()  # recorded again below if all goes well
-        if recorded is None or not recorded.step.begins_with(*m.state) or recorded.conditions != self._conditions(m):
+        number = m.number + self.spec.predicts
+        fitting = self.valid.fitting(self.looks, number, steps, m.state, self._conditions(m))
+        if fitting is None:
             return 0
+        taken, recorded, steps, seldom = fitting
         before, again = recorded.before, Tape(key_again)
-        steps = min(steps, recorded.step.at_once)
         with again.recording():  # compute what the recorded step found computed, and uses
             if before.placed and self.spec.looks_first:
                 self._place(m)
@@ -153,10 +168,11 @@ class StepLoop:
                 self._conserve(m)
         if not again.smooth:  # arrays have moved
             return 0
-        heats = None
-        if self._heats(m):
-            heats = np.array([ramped_energy(self.spec.ramp, m.ramped + 1.0 + k) for k in range(steps)])  # type: ignore[operator]
-        played, sound = recorded.step.play(m.counter, steps, heats)
+        levels = (ramped_energy(self.spec.ramp, m.ramped + 1.0 + k) for k in range(steps))  # type: ignore[operator]
+        heats = np.array(list(levels)) if self._heats(m) else None
+        played, sound = recorded.step.play(m.counter, steps, heats, seldom)
+        if seldom is not None:
+            self.looks.played(number, played, *seldom)
         m.counter += recorded.step.counted * played
         self._count(m, played)
         if heats is not None and played:
@@ -164,7 +180,7 @@ class StepLoop:
         if played or sound is not None:
             self.valid.played(before if sound is None else None)  # the step that was refused has made other lists
         if sound or played == steps:
-            self.valid.record(recorded)
+            self.valid.record(taken)
         if sound:
             played += self._play(m, sound)
             self.valid.take()
@@ -267,8 +283,7 @@ class StepLoop:
             for k, v in enumerate(velocities):
                 reflect_driven(m.x, v, self.masses.inverse, *walls, speeds, k == len(velocities) - 1, taken, m.impulses)  # type: ignore[misc]
         elif walls is not None:
-            # the last one puts the positions back
-            for k, v in enumerate(velocities):
+            for k, v in enumerate(velocities):  # the last one puts the positions back
                 motion.reflect_beads(m.x, v, self.masses.inverse, *walls, k == len(velocities) - 1)
 
     def _conserve(self, m: Moment) -> None:
@@ -325,8 +340,7 @@ class StepLoop:
     def _warm(self, m: Moment) -> None:
         """Advance a temperature ramp by one step."""
         if self._heats(m):
-            assert m.ramped is not None
-            m.ramped += 1.0
+            m.ramped += 1.0  # type: ignore[operator]  # there is one
             m.kT = ramped_energy(self.spec.ramp, m.ramped)
 
     def _heats(self, m: Moment) -> bool:
@@ -335,12 +349,7 @@ class StepLoop:
 
     # -- modified velocity Verlet ----------------------------------------------------------------------------------------------------
     def _predicting(self, m: Moment) -> None:
-        lam, dt = self.spec.lam, m.dt
-        if m.acc is None:
-            # with the noise of the last half kick: another one would halve its variance, as both halves of a step share it
-            m.acc = np.empty_like(self.force)
-            self._accelerate(m, m.v if m.unkicked is None else m.unkicked, m.values, 0.0)
-        guide = m.guide
+        lam, dt, guide = self.spec.lam, m.dt, m.guide
         guide.begin(m)
         predicted = None if lam == 0.5 else self._predicted(m, lam)
         m.unkicked = None
@@ -350,13 +359,13 @@ class StepLoop:
                 seen = m.values + self.spec.field_lam * dt * m.rates  # type: ignore[operator]  # where there are values
             motion.advance(m.values, m.rates, 0.5 * dt)
         self.valid.drift()
-        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.masses.components
+        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.masses.moving  # type: ignore[union-attr]  # carry_out has seen to it
         moving = (m.v,) if predicted is None else (predicted, m.v)
         self._slide(m, dt, BEFORE, *moving)
         if guide.limits:
-            motion.move_accelerated(*flat, 0.5 * dt, 0.0, np.inf)
+            motion.move(*flat, 0.5 * dt, 0.0, np.inf)
             guide.limit(m)
-        fast = motion.move_accelerated(*flat, 0.0 if guide.limits else 0.5 * dt, dt, self._limit(m) if m.flow is None else np.inf)
+        fast = motion.move(*flat, 0.0 if guide.limits else 0.5 * dt, dt, self._limit(m) if m.flow is None else np.inf)
         self._slide(m, 0.0, AFTER, *moving)
         self._reflect(m, *moving)
         guide.place(m, moving[0])
@@ -372,24 +381,20 @@ class StepLoop:
 
     def _predicted(self, m: Moment, lam: float) -> np.ndarray:
         """Predicted velocities v + lam dt a with all accelerations a; slow forces have kicked for half a step already."""
-        assert m.acc is not None
-        seen = m.v + lam * m.dt * m.acc
+        seen = m.v + lam * m.dt * m.acc  # type: ignore[operator]  # carry_out has seen to it
         return seen + (2.0 * lam - 1.0) * (m.v - m.unkicked) if m.unkicked is not None and self.spec.foresees else seen
 
     def _accelerate(self, m: Moment, v: np.ndarray, values: np.ndarray | None, kick: float) -> None:
         """Compute acceleration and rates at the positions of the moment, with friction and noise, and kick for a time ``kick``."""
-        assert m.acc is not None
         self._place(m)
-        more, apart = (self.more if self.valid.final else 0) | m.guide.more, {}
-        if not self.engine.parts_forces:
-            more &= ~LAPLACIAN
-        if more & LAPLACIAN:
-            self._held = self._held if len(self._held) else np.empty_like(self.force)
-            apart = {"held": self._held}
+        more = (m.more | m.guide.more) & (-1 if self.engine.parts_forces else ~LAPLACIAN)
+        if more & LAPLACIAN and not len(self._held):
+            self._held = np.empty_like(self.force)
+        apart = {"held": self._held} if more & LAPLACIAN else {}
         which = CONSERVATIVE | DISSIPATIVE | RANDOM | more
         self._sum(which, self._seen(m, v)[0], m.kT, m.dt, m.seed, m.counter, values, **apart)
         step = m.number + (kick > 0.0)
         force = m.guide.forces(m, v, self.force if m.others is None else self.force + m.others(m, step), step)
-        motion.accelerate(m.acc.ravel(), m.v.ravel(), force.ravel(), self.masses.components, kick)
+        motion.accelerate(m.acc.ravel(), m.v.ravel(), force.ravel(), self.masses.components, kick)  # type: ignore[union-attr]
         if values is not None:
             motion.take_moving(m.rates, self.engine.rates, self.masses.inverse)

@@ -11,7 +11,7 @@ recorded step          ``record``                                            ``t
 =====================  ====================================================  ===========================================================
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,8 +49,6 @@ class Validity:
         Whether the lists of the engine are those of the present positions.
     given : bool
         Whether the force is that at the present positions although there are no lists.
-    final : bool
-        Whether the step that is being done is the last one of its run.
     moment : Moment or None
         The moment after the last step of a run; None during a run.
     totals : Totals
@@ -59,11 +57,11 @@ class Validity:
 
     def __init__(self, engine: Engine):
         self._engine = engine
-        self.placed = self.given = self.final = False
+        self.placed = self.given = False
         self.moment: Moment | None = None
         self.totals = Totals(0.0, 0.0, 0.0)
         self._number, self._which = _NONE, 0
-        self._recorded: Recorded | None = None
+        self._recorded: dict[bool, Recorded] = {}
 
     # -- a run -------------------------------------------------------------------------------------------------------------------
     def begin(self, x: np.ndarray, box: np.ndarray | None, given: bool) -> None:
@@ -106,14 +104,32 @@ class Validity:
         """What is there before a step from this moment."""
         return Computed(self.placed, self.placed and self.forced, m.acc is not None, self.given)
 
-    def record(self, recorded: Recorded) -> None:
-        """Keep a step that can be played again."""
-        self._recorded = recorded
+    def record(self, recorded: dict[bool, Recorded]) -> None:
+        """Keep steps that can be played again, by whether they measure."""
+        self._recorded |= recorded
 
-    def take(self) -> Recorded | None:
-        """Take the recorded step out: it is there once, so that a step that fails is not played again."""
-        recorded, self._recorded = self._recorded, None
+    def take(self) -> dict[bool, Recorded]:
+        """Take the recorded steps out: they are there once, so that a step that fails is not played again."""
+        recorded, self._recorded = self._recorded, {}
         return recorded
+
+    def fitting(self, looks: Any, number: int, steps: int, state: list[np.ndarray], conditions: tuple):
+        """Recorded steps that can be played from step ``number`` on, or None: those that were taken out, the usual one, how often it can be
+        played, and what :meth:`.Tape.play` needs to play those of a :class:`~openmm_dpd.measure.within.Within` among them, if due."""
+        taken, until, seldom = self.take(), steps if looks is None else looks.until(number), None
+        measuring = taken.get(True)
+        recorded = measuring if looks is not None and looks.every == 1 else taken.get(False)
+        steps = steps if measuring is not None else min(steps, until)
+        if recorded is None or not steps:
+            self.record(taken)
+            return None
+        if any(not each.step.begins_with(*state) or each[1:] != (recorded.before, conditions) for each in taken.values()):
+            return None
+        steps = min(steps, recorded.step.at_once)
+        if measuring is not None and until < steps:
+            room = [np.empty((-(-(steps - until) // looks.every), *each.shape)) for each in measuring.step.noted]
+            seldom = measuring.step, until, looks.every, room
+        return taken, recorded, steps, seldom
 
     def played(self, before: Computed | None) -> None:
         """Steps have been played: what was known before the recorded one is known again; nothing, where None was completed."""

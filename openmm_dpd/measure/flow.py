@@ -19,6 +19,7 @@ from ..simulation.built import BuiltSystem
 from .observer import require_built
 from .present import Present, require_stress
 from .stress_parts import needs_forces
+from .within import Row, Within
 
 #: Components of a stress tensor, in the order of its array.
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -44,7 +45,7 @@ class StressReporter(BuiltReporter):
     a Lees-Edwards shear, velocities are relative to the flow.
 
     Sums are in double precision on the host, from the positions and velocities of the run; the reporter does not change the run.  A sample
-    costs one or two extra passes over the pairs, and with charges a direct sum over pairs and waves.
+    costs an extra pass over the pairs, with bonds and other forces copies of the state, and with charges a direct sum over pairs and waves.
 
     Parameters
     ----------
@@ -65,6 +66,7 @@ class StressReporter(BuiltReporter):
         plan, reason = built.plan, None
         require_stress(plan)
         self._present, self._needs_forces = Present(built), needs_forces(plan.options.scheme)
+        self._within = Within(self._present, self._present.mass, 0, tensors=True)
         if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
             reason = "transverse friction makes it asymmetric"
         elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
@@ -83,8 +85,19 @@ class StressReporter(BuiltReporter):
         force = None if found is None else found.force
         v = present.on_step(force)
         regular, friction, moment = present.tensors(v, found)
-        regular += present.kinetic_stress(v, force)
-        now = present.sheared, present.rate, present.kT, present.dt, bare(simulation.context.getState().getTime())
+        self._add(regular + present.kinetic_stress(v, force), friction, moment, bare(simulation.context.getState().getTime()))
+
+    def report_within(self, simulation, first: int, end: int) -> bool:
+        """Step to step ``end``, and sample from step ``first`` on before it; or do nothing and return False, if that cannot be done."""
+
+        def take(row: Row) -> None:
+            self._add(row.tensors[0] + self._within.kinetic_stress(row), row.tensors[1], row.affine, row.time)
+
+        return self._within.run(simulation.context, first, self.interval, end, take)
+
+    def _add(self, regular: np.ndarray, friction: np.ndarray, moment: float, time: float) -> None:
+        present = self._present
+        now = present.sheared, present.rate, present.kT, present.dt, time
         self._rows.append((regular, friction, moment, np.diag(present.box), *now))  # type: ignore[arg-type]
 
     @property

@@ -6,6 +6,7 @@ Phys. Rev. Lett. 78, 772 (1997); Allen, J. Phys. Chem. B 110, 3823 (2006)).  Pre
 r_ij . F_ij.  OpenMM's own reporters use 3N degrees of freedom and kelvin, and have no pressure.
 """
 
+from collections.abc import Callable
 from functools import cached_property
 from math import isfinite
 from typing import Any
@@ -19,7 +20,7 @@ from ..base.names import COULOMB_GROUP, EXTERNAL_GROUP, KT, LATTICE_GROUP
 from ..base.openmm_private import bare
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..kernels.layer import LAPLACIAN
-from ..kernels.motion import second_moments
+from ..kernels.motion import moments
 from ..plan.kinds import resolved_kind
 from ..plan.made import Freedom, groups_of
 from ..plan.plan import Plan
@@ -28,8 +29,12 @@ from .present import Present
 from .sample import Sample, SystemSample
 from .stress_parts import angle_sums, bond_sums, torsion_sums
 from .temperature import check_context
+from .within import Row, Within
 
 _NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
+_NOT_FINITE = "the energy or a velocity is not finite at step {}; the step size may be too large{}"
+#: Energies where there are only pairs.
+_NO_TERMS = dict.fromkeys(("bond", "angle", "dihedral", "improper", "coulomb_real", "coulomb_reciprocal", "other"), 0.0)
 
 
 class SceneSampler:
@@ -83,7 +88,7 @@ class SceneSampler:
     @staticmethod
     def _half(weights: np.ndarray, vectors: np.ndarray) -> float:
         """Half the sum of weight times squared vector: a kinetic energy if the weights are masses."""
-        return 0.5 * float(second_moments(weights, vectors)[:3].sum())
+        return 0.5 * float(moments(weights, vectors)[:3].sum())
 
     def sample(self, context: openmm.Context) -> Sample:
         """Measure the present state of a Context."""
@@ -95,10 +100,11 @@ class SceneSampler:
         potential, every = found.potential, found.force
         # velocities that lag behind the positions would show as a spurious drag between beads that repel
         on_step = present.on_step(every)
-        kinetic = self._half(self._mass, v)
+        moving = moments(self._mass, v)
+        kinetic = 0.5 * float(moving[:3].sum())
         if not isfinite(potential + kinetic):
             long = ", or a bond too long" if any(bonds.limited for bonds in plan.scene.bonds) else ""
-            raise RunError(f"the energy or a velocity is not finite at step {looked.getStepCount()}; the step size may be too large{long}")
+            raise RunError(_NOT_FINITE.format(looked.getStepCount(), long))
         bond, bond_laplacian = bond_sums(plan, x, box, mobile)
         angle, angle_laplacian = angle_sums(plan, x, box, mobile)
         dihedral, dihedral_laplacian = torsion_sums(plan.scene.dihedrals, x, box, mobile)
@@ -125,7 +131,6 @@ class SceneSampler:
         return Sample(
             step=looked.getStepCount(),
             time=bare(looked.getTime()),
-            n_mobile=self._n_mobile,
             dof=self._degrees_of_freedom(others),
             kinetic=kinetic,
             pair=pair,
@@ -140,19 +145,55 @@ class SceneSampler:
             virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()),
             virial_dissipative=friction.dissipative,
             virial_random=friction.random,
-            volume=None if box is None else float(box[0, 0] * box[1, 1] * box[2, 2]),
-            box=box,
             gradient2=2.0 * self._half(self._counted, found.force),
             laplacian=laplacian,
-            momentum=self._mass @ v,
+            momentum=moving[6:],
             target_kT=present.kT,
             kinetic_on_step=kinetic_on_step,
             kinetic_pressure=0.5 * float(present.kinetic_stress(on_step, found.force)[:3].sum()) if present.corrected else kinetic_on_step,
-            mobile=mobile,
             forces=pushed,
             untaken=every,
+            **self._common(box),
             **self._internal(present.values, mobile),
         )
+
+    def within(self, context: openmm.Context, first: int, every: int, end: int, take: Callable[[Sample], None]) -> bool:
+        """Take steps and samples, without forces of beads, in the way of :meth:`.within.Within.run`."""
+        present, options, known = self.present, self.plan.options, dict[str, Any]()
+        if options.predicting and (present.loop is None or not present.loop.engine.parts_forces):
+            return False
+
+        def made(row: Row) -> None:
+            energy, virial, drag, laplacian, conservative = row.sums
+            if options.predicting:
+                virial -= conservative
+            else:
+                conservative, (_, virial, drag, *_) = virial, row.friction
+            kinetic, on_step = (0.5 * (each[0] + each[1] + each[2]) for each in (row.moving, row.on_step))
+            if not isfinite(energy + kinetic):
+                raise RunError(_NOT_FINITE.format(row.number, ""))
+            if not known:
+                known.update(_NO_TERMS, **self._common(present.box), dof=self._degrees_of_freedom([]), target_kT=present.kT)
+            pressed = 0.5 * float(self._within.kinetic_stress(row)[:3].sum()) if present.corrected else on_step
+            known.update(step=row.number, time=row.time, pair=energy, potential=energy, momentum=np.array(row.moving[6:]))
+            known.update(kinetic=kinetic, kinetic_on_step=on_step, kinetic_pressure=pressed, gradient2=sum(row.slopes[:3]))
+            known.update(virial_conservative=conservative, virial_dissipative=drag, virial_random=virial - drag)
+            known["laplacian"] = laplacian if self._no_laplacian is None else None
+            sample = object.__new__(Sample)  # its own __init__ takes longer than all of this
+            vars(sample).update(known)
+            take(sample)
+
+        return self._within.run(context, first, every, end, made)
+
+    @cached_property
+    def _within(self) -> Within:
+        more = LAPLACIAN if self.plan.options.predicting or self._no_laplacian is None else 0
+        return Within(self.present, self._mass, more, sample=True)
+
+    def _common(self, box: np.ndarray | None) -> dict[str, Any]:
+        """What all samples in a box have in common."""
+        volume = None if box is None else float(box[0, 0] * box[1, 1] * box[2, 2])
+        return {"n_mobile": self._n_mobile, "box": box, "volume": volume, "mobile": self._mobile}
 
     def _degrees_of_freedom(self, others: list[openmm.Force]) -> int:
         """Degrees of freedom of the mobile beads, less one per conserved component of momentum if there are two beads or more."""
@@ -166,7 +207,7 @@ class SceneSampler:
         scene = self.plan.scene
         return 3 * self._n_mobile if scene.interacting is None else int(scene.interacting[self._mobile].sum()), scene.kept_momenta
 
-    def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, float]:
+    def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, Any]:
         """Sums of the internal energies of the mobile beads by their names in :class:`Sample`; empty if there are none."""
         fields = self.plan.spec.fields
         if fields is None or values is None or fields.kind not in (ENERGY, TEMPERATURE):
@@ -212,7 +253,7 @@ class SystemSampler:
         v = state.getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
         potential = state.getPotentialEnergy().value_in_unit(unit.kilojoule_per_mole)
         if not (np.isfinite(potential) and np.all(np.isfinite(v))):
-            raise RunError(f"the energy or a velocity is not finite at step {state.getStepCount()}; the step size may be too large")
+            raise RunError(_NOT_FINITE.format(state.getStepCount(), ""))
         kT = self._freedom.kinetic_kT(v)
         box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         return SystemSample(
@@ -261,6 +302,10 @@ class Observer:
     def uncounted(self) -> str | None:
         """Names of foreign forces in the System, which virials and pressures leave out; None without any."""
         return self._sampler.uncounted
+
+    def within(self, context: openmm.Context, first: int, every: int, end: int, take: Callable[[Sample], None]) -> bool:
+        """Take steps and samples as :meth:`SceneSampler.within` does; False for a System made elsewhere."""
+        return isinstance(self._sampler, SceneSampler) and self._sampler.within(context, first, every, end, take)
 
     def sample(self, context: openmm.Context) -> Any:
         """Measure the present state of a Context: a :class:`Sample` of a scene, a :class:`SystemSample` of a System made elsewhere."""

@@ -145,13 +145,28 @@ class Present:
         return self._prepared
 
     @property
-    def _loop(self) -> Stepper | None:
+    def plain(self) -> bool:
+        """Whether all forces are those of pairs with repulsion, friction and noise as in isothermal DPD, and the kernel's."""
+        loop, scene, plan = self.loop, self.plan.scene, self.plan
+        if (
+            self._alone is None
+            or loop is None
+            or not loop.engine.repels_by_pairs
+            or loop.engine.spec.extras
+            or scene.interacting is not None
+        ):
+            return False
+        return not (scene.electrostatics or scene.shear or plan.driven or plan.options.ramp)
+
+    @property
+    def loop(self) -> Stepper | None:
+        """What does the steps, if the kernel does."""
         return None if self._function is None else self._function.thread_state().loop
 
     # -- forces ------------------------------------------------------------------------------------------------------------------
     def conservative(self, more: int = 0) -> Conservative:
         """All conservative forces; ``more`` asks for STRESS and LAPLACIAN of the pair terms."""
-        engine, loop, fields = self.engine, self._loop, self.plan.spec.fields
+        engine, loop, fields = self.engine, self.loop, self.plan.spec.fields
         pairs, force = Totals(0.0, 0.0, 0.0), np.zeros_like(self.x) if engine is None else np.empty_like(self.x)
         last = None if more & STRESS else self._last_step
         if loop is not None:
@@ -195,7 +210,7 @@ class Present:
     def _last_step(self) -> LastStep | None:
         """The last step (``mvv``), or None if something has changed since."""
         if self._last is None:
-            loop, engine, found = self._loop, self.engine, None
+            loop, engine, found = self.loop, self.engine, None
             if loop is not None and engine is not None and self.plan.spec.fields is None:  # with fields, a step sees predicted ones
                 found = loop.last()
             m = None if found is None else found.moment
@@ -242,7 +257,7 @@ class Present:
         if self.plan.scene.shear is not None and self.plan.options.predicting:
             v = self.force_velocities()
         pairs, friction, moment = (np.zeros(6), np.zeros(6), 0.0) if self.engine is None else self.engine.tensors(v, self.kT)
-        swept = self._loop.swept(self.counter) if self.plan.scene.shear is not None and self._loop is not None else None
+        swept = self.loop.swept(self.counter) if self.plan.scene.shear is not None and self.loop is not None else None
         if swept is not None:
             friction = swept / self.dt
         if self.apart:
@@ -255,7 +270,7 @@ class Present:
         return stress_parts(self.plan)
 
     def _of_all_forces(self, engine: Engine) -> Totals:
-        loop, last = self._loop, self._last_step
+        loop, last = self.loop, self._last_step
         if loop is not None:
             loop.more |= STRESS
         if last is not None and last.totals.stress is not None:

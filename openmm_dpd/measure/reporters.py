@@ -179,7 +179,13 @@ class DPDReporter(Cadence):
 
     def report(self, simulation, state):
         """Write one row."""
-        sample = self._observer.sample(simulation.context)
+        self._add(self._observer.sample(simulation.context))
+
+    def report_within(self, simulation, first: int, end: int) -> bool:
+        """Step to step ``end``, and report from step ``first`` on before it; or do nothing and return False, if that cannot be done."""
+        return self._observer.within(simulation.context, first, self.interval, end, self._add)
+
+    def _add(self, sample: Any) -> None:
         row = [COLUMNS[name](sample) for name in self._columns]
         self._write([str(value) if isinstance(value, int) else f"{value:.10g}" for value in row])
         wrong = self._watch.add(sample)

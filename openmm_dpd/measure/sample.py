@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..base.errors import fact_table
-from ..kernels.motion import largest, second_moments
+from ..kernels.motion import largest, moments
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +110,7 @@ class Sample(SystemSample):
     @property
     def force_norm(self) -> float:
         """Euclidean norm of the forces on all mobile beads, kJ/mol/nm."""
-        return float(second_moments(self.mobile.astype(float), self.forces)[:3].sum()) ** 0.5
+        return float(moments(self.mobile.astype(float), self.forces)[:3].sum()) ** 0.5
 
     @property
     def force_max(self) -> float:

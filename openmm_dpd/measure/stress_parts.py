@@ -13,7 +13,7 @@ import numpy as np
 from ..base.geometry import AXES_OF_TENSOR, minimum_images, symmetric_products
 from ..kernels.charges import ChargeEvaluator
 from ..kernels.extras import Extra, warm_up_extras
-from ..kernels.motion import second_moments
+from ..kernels.motion import moments
 from ..model.angles import Torsions
 from ..model.schemes import SWEEPS, Letter, Scheme
 from ..plan.charge_forces import charge_terms
@@ -146,7 +146,13 @@ def _drift_kick_drift(letters: tuple[Letter, ...]) -> Fraction:
 
 
 def kinetic_stress(
-    deficit: float, mass: np.ndarray, v: np.ndarray, force: np.ndarray | None, dt: float, inv_mass: np.ndarray, product=second_moments
+    deficit: float,
+    mass: np.ndarray,
+    v: np.ndarray,
+    force: np.ndarray | None,
+    dt: float,
+    inv_mass: np.ndarray,
+    product: Callable = lambda weights, vectors: moments(weights, vectors)[:6],
 ):
     r"""Kinetic part of the stress.
 

@@ -39,17 +39,21 @@ class Changing(NamedTuple):
 def _player(make: Any) -> Callable:
     """The function that plays steps, whose changing words ``make`` makes."""
 
-    def play(calls, words, levels, patched, patches, kept, told, spent, steps, part, parts, team):
+    def play(calls, words, levels, patched, patches, kept, noted, told, spent, steps, until, every, part, parts, team):
         """Do steps until a kernel does not return 0, or threads do not have a core each; returns 1 in the first case.
 
         ``told[0]``: steps done, or done when the state was last kept if a kernel did not return 0; ``told[1:3]``: whether one did not
         (calls use these in turn, since a thread may be one call ahead); ``told[3]``: whether threads lack cores; ``told[4]``: whole steps.
-        ``kept``: addresses of each array of the state and of its copy, and its length.  On a ramp ``levels`` (steps,) has the bits of the
+        ``calls[:, 3]``: 0 for calls of ordinary steps, 1 for those of every step of number ``every`` from ``until`` on, after which arrays
+        are ``noted``: address, where it goes to the first time, length, and bytes from there to the next time.  ``kept``: addresses of each
+        array of the state and of its copy, and its length.  On a ramp ``levels`` (steps,) has the bits of the
         levels, and ``patches`` (P, steps) the words for the addresses ``patched``.  ``spent`` (calls, threads, 2), unless empty, gets the
         cycles of each thread at work and waiting."""
         if part == 0 and parts > 1:
             be_patient(team, _ROUNDS * kept[0, 2])
+        turn = 1
         for step in range(steps):
+            times = (step - until) // every if step >= until and (step - until) % every == 0 else -1
             if part == 0 and crowded(team, parts, step):
                 told[3] = 1
             keeps = step % _EVERY == 0
@@ -68,7 +72,9 @@ def _player(make: Any) -> Callable:
             if told[3] != 0:
                 return 0
             for k in range(len(calls)):
-                sharing, turn = parts if calls[k, 2] > 1 else 1, 1 + (step * len(calls) + k) % 2
+                if (times >= 0) != (calls[k, 3] != 0):
+                    continue
+                sharing, turn = parts if calls[k, 2] > 1 else 1, 3 - turn
                 begun = cycles() if len(spent) else 0  # some processors forbid reading the counter
                 if part < sharing and call_kernel(calls[k, 0], calls[k, 1], part, sharing, team) != 0:
                     told[turn] = 1
@@ -81,6 +87,8 @@ def _player(make: Any) -> Callable:
                     if part == 0:
                         told[4] = step
                     return 1
+            for k in range(len(noted) if part == 0 and times >= 0 else 0):
+                copy_words(noted[k, 0], noted[k, 1] + times * noted[k, 3], noted[k, 2])
         if part == 0:
             told[0] = steps
         return 0
@@ -93,7 +101,7 @@ def _kernel(make: Any) -> Kernel:
     return Kernel(_player(make))
 
 
-_UNTIMED = np.zeros((0, 0, 2), np.int64)
+_UNTIMED, _NO_NOTES = np.zeros((0, 0, 2), np.int64), np.zeros((0, 4), np.int64)
 _CONSTANT = np.zeros(0, np.uint64), np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
 
 
@@ -110,6 +118,8 @@ class Tape:
         self._make = make
         self.calls: list[KernelCall] = []
         self.told: dict[str, dict[int, Changing]] = {}
+        #: results of its calls
+        self.noted: list[np.ndarray] = []
         #: whether all kernels returned 0
         self.smooth = True
         #: number of steps to play before Ctrl-C may act
@@ -131,6 +141,12 @@ class Tape:
         if RUNNING.tape is not None:
             RUNNING.tape.told.setdefault(name, {})[int(word)] = Changing(counted, level, numbers)
 
+    @staticmethod
+    def note(*found: np.ndarray) -> None:
+        """Tell the tape of this thread, if it records, about results of calls: contiguous arrays of 64-bit numbers."""
+        if RUNNING.tape is not None:
+            RUNNING.tape.noted += found
+
     def finish(self, counter: int, counted: int, state: list[np.ndarray], at_levels: Callable) -> None:
         """Prepare the recorded step for :meth:`play`.
 
@@ -147,7 +163,7 @@ class Tape:
         self.counted, self._at_levels = counted, at_levels
         self._packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in self.calls]
         both = list(zip(self.calls, self._packed, strict=True))
-        self._calls = np.array([(call.layout.address, words.ctypes.data, call.parts) for call, words in both], np.int64)
+        self._calls = np.array([(call.layout.address, words.ctypes.data, call.parts, 0) for call, words in both], np.int64)
         changing, self._depending = [], []
         for call, words in both:
             places = call.layout.places
@@ -168,19 +184,31 @@ class Tape:
         """Whether the step begins with these arrays."""
         return len(arrays) == len(self._state) and all(one is other for one, other in zip(arrays, self._state, strict=True))
 
-    def play(self, counter: int, steps: int, levels: np.ndarray | None = None, spent: np.ndarray = _UNTIMED) -> tuple[int, int | None]:
+    def play(
+        self, counter: int, steps: int, levels: np.ndarray | None = None, seldom: tuple | None = None, spent: np.ndarray = _UNTIMED
+    ) -> tuple[int, int | None]:
         """Repeat the step up to ``steps`` times, from this counter on, and on a ramp at these levels (steps,).
 
         Returns the number of steps done, and None if all went well.  If a kernel did not return 0 in a step, the state is that after the
-        steps done, and the second number is how many steps follow before that one.  ``spent`` is for benchmarks/profile_steps.py.
+        steps done, and the second number is how many steps follow before that one.  ``seldom``: another tape, how many steps come before
+        the first of it, then from one to the next, and room (S, ...) for what is noted in each, for each array of its ``noted``; levels
+        must be constant then.  ``spent`` is for benchmarks/profile_steps.py.
         """
         ramped = _CONSTANT if levels is None else self._ramped(levels)
         if ramped is None:
             return 0, None
-        words, told = self._words.copy(), np.zeros(5, np.int64)
+        calls, words, told, noted, until, every = self._calls, self._words.copy(), np.zeros(5, np.int64), _NO_NOTES, steps, 1
+        threads = self.threads
+        if seldom is not None:
+            its, until, every, room = seldom
+            calls, words = np.vstack([calls, its._calls + [0, 0, 0, 1]]), np.vstack([words, its._words])
+            pairs = zip(its.noted, room, strict=True)
+            noted = np.array([(one.ctypes.data, rows.ctypes.data, one.size, rows.strides[0]) for one, rows in pairs], np.int64)
+            threads = min(threads, its.threads)
         words[:, 1] += np.uint64(counter)
         before = time.monotonic()
-        begun = bool(_kernel(self._make)(self._calls, words, *ramped[:3], self._kept, told, spent, steps, parts=self.threads))
+        given = calls, words, *ramped[:3], self._kept, noted, told, spent, steps, until, every
+        begun = bool(_kernel(self._make)(*given, parts=threads))
         self.at_once = int(min(max(1.0, steps * _ANSWERS / max(time.monotonic() - before, 1e-6)), 2 * steps + 2))
         if begun:
             for array, copy in zip(self._state, self._before, strict=True):

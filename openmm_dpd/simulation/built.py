@@ -54,8 +54,24 @@ class DPDSimulation(app.Simulation):
         while self.currentStep < end:
             asked = [(reporter, _described(reporter.describeNextReport(self))) for reporter in self.reporters]
             free = min([end - self.currentStep, *(report["steps"] for _, report in asked if report["steps"] > 0)])
-            self.integrator.step(free)
-            self._report([each for each in asked if each[1]["steps"] == free])
+            followed = self._followed(asked, free, end)
+            if not followed:
+                self.integrator.step(free)
+            self._report([each for each in asked if each[1]["steps"] == (followed or free)])
+
+    def _followed(self, asked: list[tuple[Any, dict]], free: int, end: int) -> int:
+        """If a reporter alone is due after ``free`` steps, and can report within runs (``report_within(simulation, first, end)`` steps to
+        ``end`` and reports steps ``first``, ``first + interval``, ... before it, or returns False), take steps up to the next report of any
+        other; returns their number, or 0."""
+        (follower, its), *more = [each for each in asked if each[1]["steps"] == free] or [(None, {})]
+        if more or not hasattr(follower, "report_within"):
+            return 0
+        others = [report["steps"] for reporter, report in asked if reporter is not follower and report["steps"] > 0]
+        now, last = self.currentStep, min([end - self.currentStep, self.integrator.straight, *others])
+        if last <= free or not follower.report_within(self, now + free, now + last):
+            return 0
+        its["steps"] += (last - free) // follower.interval * follower.interval
+        return last
 
     def _report(self, due: list[tuple[Any, dict]]) -> None:
         """Make the reports that are due: one State for all that want folded positions, one for those that do not."""

@@ -1,16 +1,20 @@
-"""Reporters that go on with a file, that say why a column is nan, and that notice a temperature that is not the set one."""
+"""Reporters that report within runs, that go on with a file, that say why a column is nan, and that notice a wrong temperature."""
 
 import gc
 import io
 import logging
 
 import numpy as np
+import openmm
 import pytest
 from cases import raises
 from scenes import beads
 
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError
+from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.measure import StressReporter
+from openmm_dpd.runtime.tape import Tape
 
 N, EDGE = 375, 5.0
 
@@ -29,6 +33,75 @@ def start(built):
 
 def said(caplog) -> list[str]:
     return [record.getMessage() for record in caplog.records if "compiling" not in record.getMessage()]
+
+
+# -- within a run ----------------------------------------------------------------------------------------------------------------
+UNLIKE = {
+    "masses": {"A": 1.0, "B": 1.5},
+    "types": ["A", "B", "B"] * (N // 3),
+    "pairs": {pair: dpd.DPD(A=25 + 10 * k, gamma=4.5) for k, pair in enumerate((("A", "A"), ("A", "B"), ("B", "B")))},
+}
+
+
+def reported(scheme: str, every: int, calls: list[int], threads: int = 1) -> list:
+    """Rows of a DPDReporter and of a StressReporter, alone and, every eight steps, beside another reporter; and the last positions."""
+    found: list = []
+    for which in range(3):
+        dpd.set_threads(threads)
+        built = dpd.build(
+            dpd.Scene(**UNLIKE, positions=scene().positions, kT=1.0, box=[EDGE] * 3), dt=0.03, scheme=scheme, platform="CPU", seed=1
+        )
+        simulation, out = start(built), io.StringIO()
+        columns = ("step", "time", "kT", "kT_conf", "total_energy", "pressure", "pressure_conservative", "momentum", "conserved_energy")
+        stress = StressReporter(every, built)
+        simulation.reporters += [[dpd.DPDReporter(out, every, built, columns)], [stress], [stress, dpd.DPDReporter(out, 8, built)]][which]
+        for steps in calls:
+            simulation.step(steps)
+        x = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value
+        found += [out.getvalue(), stress.regular, stress.friction, stress.instantaneous if which else 0.0, stress.edges, x]
+    return found
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle", "shardlow", "bababo"])
+def test_reports_within_a_run_are_those_between_runs(scheme, monkeypatch):
+    """The same bits, whatever the number of threads, and of the trajectory; the steps that are reported are played, too."""
+    real, played = Tape.play, [0]
+
+    def play(*arguments):
+        done = real(*arguments)
+        played[0] += done[0] * (arguments[-1] is not None)
+        return done
+
+    monkeypatch.setattr(Tape, "play", play)
+    for every in (1, 3):
+        expected, played[0] = reported(scheme, every, [1] * 50), 0
+        for threads in (1, 2):
+            for new, old in zip(reported(scheme, every, [37, 13], threads), expected, strict=True):
+                assert np.array_equal(new, old)
+        assert played[0] > 60
+    dpd.set_threads(1)
+
+
+def test_a_run_that_fails_has_reported_the_steps_before(monkeypatch):
+    """Each of them once: those that are taken back are reported when they are done again."""
+    built = build()
+    simulation, out = start(built), io.StringIO()
+    simulation.reporters.append(dpd.DPDReporter(out, 1, built, ["step"]))
+    simulation.step(20)
+    real, calls = PairEngine.swept, [0]
+
+    def swept(*arguments, **more):
+        calls[0] += 1
+        if calls[0] == 4:
+            raise dpd.RunError("too tired")
+        return real(*arguments, **more)
+
+    monkeypatch.setattr(PairEngine, "swept", swept)
+    with pytest.raises(openmm.OpenMMException, match="too tired"):
+        simulation.step(60)
+    monkeypatch.undo()
+    simulation.step(80 - simulation.currentStep)
+    assert out.getvalue().split() == ["step", *map(str, range(1, 81))]
 
 
 # -- the temperature -------------------------------------------------------------------------------------------------------------

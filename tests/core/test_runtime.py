@@ -157,6 +157,29 @@ def test_played_steps_are_those_of_python(rings):
     assert np.array_equal(ring.x, expected.x) and ring.sums == expected.sums
 
 
+def test_some_steps_of_another_tape_note_what_they_find(rings):
+    """Every fifth step, from the fourth one on; a step that does not go on is played again, and its notes are those of the last time."""
+    expected, ring = rings(18000.0)
+    plain = ring.recorded()
+    seldom = Tape(_word)
+    with seldom.recording():
+        ring.step()
+        Tape.note(ring.sums)
+    seldom.finish(ring.counter - 1, 1, [ring.x], ring.at_levels)
+    found = []
+    while expected.step() == 0:
+        found.append(expected.sums[0])
+    done, notes = 2, []
+    while True:
+        room, until = [np.zeros((40, 1))], -(done - 5) % 5
+        now, again = plain.play(done, 200, None, (seldom, until, 5, room))
+        notes += room[0][: len(range(until, now, 5)), 0].tolist()
+        done += now
+        if again is not None:
+            break
+    assert len(notes) > 5 and notes == found[5:done:5]
+
+
 def test_a_step_with_something_to_say_is_left_to_python(rings):
     """The state is that some steps before it, which are played again."""
     expected, ring = rings(18000.0)

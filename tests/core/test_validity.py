@@ -50,7 +50,7 @@ def valid(engine) -> Validity:
 
 def test_nothing_is_there_at_first(engine):
     made = Validity(engine)
-    assert not (made.placed or made.given or made.forced or made.final) and made.moment is None and made.take() is None
+    assert not (made.placed or made.given or made.forced) and made.moment is None and not made.take()
 
 
 def test_a_run_begins_with_the_lists_that_the_engine_holds_and_no_moment(engine, valid):
@@ -100,8 +100,8 @@ def test_what_a_step_need_not_do_and_a_recorded_one_that_is_there_once(engine, v
     valid.drift()  # the force that is left is not that of the present positions
     assert valid.computed(there) == (False, False, False, False)
     recorded = Recorded(SimpleNamespace(), Computed(True, True, False, False), ())
-    valid.record(recorded)
-    assert valid.take() is recorded and valid.take() is None
+    valid.record({False: recorded})
+    assert valid.take() == {False: recorded} and not valid.take()
 
 
 @cases("before", Computed(True, True, False, False), Computed(True, False, True, True), Computed(False, False, False, True), None)

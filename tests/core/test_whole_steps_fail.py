@@ -138,12 +138,11 @@ def test_an_interruption_while_the_results_go_back(name):
 # -- errors of what a step calls -------------------------------------------------------------------------------------------------------
 CALLS = [
     (PairEngine, "place"), (PairEngine, "keep"), (PairEngine, "sums"), (PairEngine, "swept"),
-    (motion, "move"), (motion, "move_accelerated"), (motion, "accelerate"),
+    (motion, "move"), (motion, "accelerate"),
 ]  # fmt: skip
 
-UNUSED = {("swept", "mvv"), ("move", "mvv"), ("keep", "middle")} | {  # What a scheme does not call.
-    (name, case) for name in ("move_accelerated", "accelerate") for case in ("middle", "energies", "force")
-}
+#: What a scheme does not call.
+UNUSED = {("swept", "mvv"), ("keep", "middle"), *(("accelerate", case) for case in ("middle", "energies", "force"))}
 ERRORS = [dpd.RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
 
 

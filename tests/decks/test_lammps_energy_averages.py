@@ -1,6 +1,7 @@
 """Values of single beads, slices, and averages over steps: computes, fix ave/time, fix ave/chunk, and what a run hands to them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from test_lammps_chunks import QUICK, context_of, request_of
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck, run_deck
 from openmm_dpd.lammps.output.averages import Schedule
+from openmm_dpd.lammps.run.sampling import Sampler
 
 START = """atom_style {style}
 region b block -2 4 0 5 1 7 units box
@@ -47,6 +49,31 @@ def blocks_of(path: Path) -> list[tuple[list[float], np.ndarray]]:
         elif numbers is not None:
             found[-1][1].append(numbers)
     return [(head, np.array(rows)) for head, rows in found]
+
+
+# -- within a run ------------------------------------------------------------------------------------------------------------------
+WITHIN = """fix one all ave/time 1 60 60 v_gam c_thermo_temp format %.16g file one
+fix few all ave/time 2 5 20 c_thermo_pe c_thermo_press[2] format %.16g file few
+fix each all ave/time 3 1 3 c_thermo_press v_kin format %.16g file each
+fix late all ave/correlate 1 4 30 c_thermo_press[4] type auto ave running file late
+"""
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle"])
+def test_averages_within_a_run_are_those_of_samples_between_runs(tmp_path, monkeypatch, scheme):
+    """Where thermo output is due in every step, each sample is one between two runs of steps."""
+    plain = START.format(style="atomic") + "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5 2.0\nfix move all nve\ntimestep 0.01\n"
+    plain += "variable gam equal lz/2*(pzz-0.5*(pxx+pyy))\nvariable kin equal ke/count(all)\n"
+    real, runs, found = Sampler.within, list[bool](), []
+    monkeypatch.setattr(Sampler, "within", lambda *arguments: runs.append(real(*arguments)) or runs[-1])
+    for every in (60, 1):
+        out = tmp_path / f"{every}"
+        run_deck(write(tmp_path, f"{plain}{WITHIN}thermo {every}\nrun 60\n"), replace(QUICK, scheme=scheme), out=out)
+        files = [(out / name).read_text().splitlines() for name in ("one", "few", "each", "late")]
+        found.append([[float(word) for line in lines if not line.startswith("#") for word in line.split()] for lines in files])
+    assert sum(runs) > 4
+    for within, between in zip(*found, strict=True):
+        assert len(within) and within == pytest.approx(between, rel=1e-5 if within is found[0][3] else 1e-11, abs=1e-12)
 
 
 # -- when ------------------------------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Shared parts of averaging fixes: schedules, windows, files; and ``fix print``."""
 
+import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -156,6 +157,12 @@ class AveragingFix(Valued, ABC):
     def next_due(self) -> int:
         """The next step at which a sample is due."""
         return self._schedule.next
+
+    @property
+    def even(self) -> tuple[int, float]:
+        """Steps from one sample to the next, and the step up to which this holds."""
+        its, steady = self._schedule, self._schedule.every * self._schedule.repeat == self._schedule.freq
+        return its.every, math.inf if steady else its.next + (its.repeat - its.taken - 1) * its.every
 
     def begin(self, state: DeckState, step: int) -> None:
         """Prepare for a run."""

@@ -1,5 +1,7 @@
 """Measurements during a run, for thermo output, averages and dumps."""
 
+import time
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -8,12 +10,14 @@ import openmm
 from openmm import unit
 
 from ...base.names import SHEARED
-from ...kernels.motion import second_moments
+from ...kernels.layer import STRESS
+from ...kernels.motion import moments
 from ...kernels.shear import rate_at, strain_at
 from ...measure import Sample
 from ...measure.observer import SceneSampler
 from ...measure.of_beads import bead_shares, pair_terms
 from ...measure.present import require_stress, why_no_stress
+from ...measure.within import Row, Within
 from ...model.schemes import scheme_of
 from ...simulation.built import BuiltSystem
 from ...simulation.fields import read_fields
@@ -51,19 +55,21 @@ class LiveSample(DeckSample):
     step."""
 
     sampler: "Sampler"
+    asked: set[str]  #: Names of what has been read
     measured: Sample | None = None  #: The energies and forces, once something has read one of them
 
     def __init__(self, **known: Any):
-        vars(self).update(_NO_ENERGIES, **known)
+        vars(self).update(_NO_ENERGIES, asked=set(), **known)
 
     def read(self, name: str) -> Any:
+        self.asked.add(name)
         if getattr(self, name) is None:
             self.sampler.measure(self)
         return getattr(self, name)
 
     def kept(self) -> DeckSample:
         """The part that outlasts the step: everything but forces."""
-        gone = "sampler", "measured", "forces", "pair_terms"
+        gone = "sampler", "asked", "measured", "forces", "pair_terms"
         return DeckSample(**{name: value for name, value in vars(self).items() if name not in gone})
 
     @cached_property
@@ -98,6 +104,10 @@ class LiveSample(DeckSample):
 _NO_ENERGIES = dict.fromkeys(f"{part}_energy" for part in ("short", "lattice", "bond", "angle", "dihedral", "improper", "fix"))
 
 
+#: What samples within a run have.  Whether a virial comes from the tensor depends on what else is measured.
+WITHIN = {"kinetic", "kinetic_tensor", "virial", "virial_tensor"}, {"kinetic", "kinetic_tensor", "pair_energy", "virial_tensor"}
+
+
 class Sampler:
     """Takes samples during a run."""
 
@@ -106,6 +116,7 @@ class Sampler:
         self.observer, self.axes = SceneSampler(built), request.axes
         guide = getattr(built.integrator.whole, "guide", None)
         self.guide = guide if isinstance(guide, DeckGuide) else None  #: What acts within the steps of this run
+        self._within = Within(self.observer.present, request.state.bead_masses(), STRESS)
         self._masses, self._guided = request.state.bead_masses(), guided(request.state) or request.minimization is not None
 
     def virials(self, measured: Sample) -> tuple[float, float]:
@@ -122,10 +133,25 @@ class Sampler:
             self.observer.present.renew()
         present, slide = self.observer.present, slide_of(self.built, self.context, self.axes)
         # of all beads: LAMMPS counts the velocities of immobile beads, too
-        products = second_moments(self._masses, self._velocities(slide))
+        products = moments(self._masses, self._velocities(slide))[:6]
         place = {"positions": self.axes.of_deck(present.x), "box": self.axes.box_of_deck(present.box)}
         known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "velocities": self.axes.of_deck(present.with_flow)}
         return LiveSample(sampler=self, step=step, cpu=cpu, slide=slide, **place, **known)
+
+    def within(self, step: int, first: int, every: int, end: int, take: Callable[[DeckSample], None]) -> bool:
+        """From this step on, as :meth:`~openmm_dpd.measure.within.Within.run`, with samples that have the values :data:`WITHIN`."""
+        begun = time.perf_counter()
+
+        def made(row: Row) -> None:
+            products, sample = np.array(row.moving[:6]), object.__new__(DeckSample)
+            known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "pair_energy": row.sums[0], "fields": {}}
+            pulls = {"virial": float(row.stress[:3].sum()), "virial_tensor": row.stress}
+            box = self.axes.box_of_deck(self.observer.present.box)
+            vars(sample).update(step=row.number - ahead, cpu=time.perf_counter() - begun, box=box, **known, **pulls)
+            take(sample)
+
+        ahead = self.context.getStepCount() - step
+        return self._within.run(self.context, first + ahead, every, end + ahead, made)
 
     def measure(self, sample: LiveSample) -> Sample:
         """Add energies, virials and forces to a sample of the present state, unless it has them."""

@@ -2,7 +2,7 @@
 
 import io
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from typing import Any
 
@@ -26,7 +26,7 @@ from ..values.resolver import Resolver
 from .moving_box import MovingBox, measured
 from .request import RunRequest
 from .result import RunResult
-from .sampling import LiveSample, Sampler, arrays, slide_of
+from .sampling import WITHIN, LiveSample, Sampler, arrays, slide_of
 from .trajectory import RunTrajectory
 
 
@@ -154,6 +154,7 @@ class DeckSteps:
         result.no_laplacian = (
             self.sampler.observer.no_laplacian if self.request.state.dimension == 3 else "it is not defined in two dimensions"
         )
+        self._asked: dict[Any, set[str]] = {}  #: What each reader has read of the last sample
         self._sample: LiveSample | None = None
         self._measured: Sample | None = None
 
@@ -187,9 +188,11 @@ class DeckSteps:
                 elapsed = time.perf_counter() - self._started
                 self.keep({"step": step, "context": self.simulation.context.createCheckpoint(), "elapsed": elapsed})
             self.signals.check()
-            stop = min(step + pace.steps, self._next(step))
             begun = time.perf_counter()
-            self.simulation.step(stop - step)
+            stop = self._within(step, step + pace.steps)
+            if stop is None:
+                stop = min(step + pace.steps, self._next(step))
+                self.simulation.step(stop - step)
             self.sampler.observer.present.changed = self._changed(self.momentum.act(stop))
             sample = self._change_box(stop)
             spent = time.perf_counter() - begun
@@ -221,8 +224,29 @@ class DeckSteps:
             x, v, box=self.moving.box(self.request.last_step) or box, sample=last, fields=read_fields(context, self.built.plan), slide=slide
         )
 
-    def _next(self, step: int) -> int:
-        """The next step at which something is due."""
+    def _within(self, step: int, last: int) -> int | None:
+        """If only averages are due next, which can be sampled within a run, take steps up to the next one at which something else is due,
+        and return it."""
+        first = min((reader.next_due for reader in self.readers if reader.next_due > step), default=last)
+        its = [reader for reader in self.readers if reader.next_due == first]
+        even, asked = {getattr(each, "even", (0, 0)) for each in its}, set().union(*(self._asked.get(each, {"all"}) for each in its))
+        if len(even) != 1 or not any(asked <= known for known in WITHIN) or self.request.state.fixes_of("adapt"):
+            return None
+        ((every, until),) = even
+        stop = int(min(last, until, self._next(step, its)))
+
+        def take(sample: DeckSample) -> None:
+            for reader in its:
+                moment = Resolver(self.request.state, sample, self.thermo.window)
+                vars(moment).update(constant)
+                reader.take(moment)
+                constant.update({name: value for name, value in vars(moment).items() if name == "box"})
+
+        constant = dict[str, Any]()
+        return stop if first < stop and self.sampler.within(step, first, every, stop, take) else None
+
+    def _next(self, step: int, besides: Sequence[Any] = ()) -> int:
+        """The next step at which something is due, ``besides`` some readers."""
         due = [
             self.request.last_step,
             self.thermo.next_due(step),
@@ -231,7 +255,7 @@ class DeckSteps:
             self.restarts.next_due(step),
         ]
         due += [dump.next_due(step) for dump in self.dumps]
-        due += [reader.next_due for reader in self.readers if reader.next_due > step]
+        due += [reader.next_due for reader in self.readers if reader.next_due > step and reader not in besides]
         if self.trajectory is not None:
             due.append(self.trajectory.next_due(step))
         if self.interval:
@@ -257,6 +281,7 @@ class DeckSteps:
             self._measured = sampler.measure(sample)
         for reader in self.readers:
             if reader.next_due == step:
+                sample.asked = self._asked[reader] = set()
                 reader.take(Resolver(state, sample, thermo.window))
         if step == self.request.first_step and thermo.header():
             self.log(thermo.header())

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,6 +81,7 @@ class Reference(NamedTuple):
     indices: tuple[int, ...]
 
 
+@lru_cache
 def reference(word: str) -> Reference:
     """Parse a word that begins with ``c_``, ``f_`` or ``v_``.  ParameterError if it is malformed."""
     match = _FORM.fullmatch(word)
