@@ -82,6 +82,26 @@ def test_reports_within_a_run_are_those_between_runs(scheme, monkeypatch):
     dpd.set_threads(1)
 
 
+def test_a_subclass_is_called_for_each_of_its_reports():
+    """One that reports something else too, and one that chooses its steps."""
+
+    class Twice(dpd.DPDReporter):
+        def report(self, simulation, state):
+            steps.append(simulation.currentStep)
+            super().report(simulation, state)
+
+    class Late(dpd.DPDReporter):
+        def describeNextReport(self, simulation):
+            return {"steps": max(1, 25 - simulation.currentStep), "include": []}
+
+    for kind, expected in ((Twice, range(1, 31)), (Late, range(25, 31))):
+        built, steps, out = build(), list[int](), io.StringIO()
+        simulation = start(built)
+        simulation.reporters.append(kind(out, 1, built, ["step"]))
+        simulation.step(30)
+        assert out.getvalue().split() == ["step", *map(str, expected)] and steps in ([], [*expected])
+
+
 def test_a_run_that_fails_has_reported_the_steps_before(monkeypatch):
     """Each of them once: those that are taken back are reported when they are done again."""
     built = build()
