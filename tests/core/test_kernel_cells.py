@@ -187,7 +187,7 @@ def coloured_blocks(ny, nz):
     return *zip(*found, strict=True), [set().union(*map(touched, block)) for block, _ in found]
 
 
-GRIDS = [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13), (5, 40), (33, 34)]
+GRIDS = [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13), (12, 11), (5, 40), (33, 34)]
 
 
 @pytest.mark.parametrize(("ny", "nz"), GRIDS)
