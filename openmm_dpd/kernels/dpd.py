@@ -108,8 +108,9 @@ class DPDLayer(SweptLayer):
 
     def __init__(self, table: TermTable, spec: PairSpec, number: int):
         pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=True)
-        plain = bool(pairs.alike and table.exponent.flat[0] == 1.0)
-        super().__init__(table, number, pairs, plain, bool(np.any(table.gamma_perp != 0.0)))
+        transverse = bool(np.any(table.gamma_perp != 0.0))
+        plain = bool(pairs.alike and table.exponent.flat[0] == 1.0 and not transverse)
+        super().__init__(table, number, pairs, plain, transverse)
         self.parts_forces = not self._transverse
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:

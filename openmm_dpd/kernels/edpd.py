@@ -33,14 +33,15 @@ import numpy as np
 
 from ..base.errors import RunError, bead_names, bead_number, in_number
 from ..runtime import helper, inlined, merged
-from .columns import Motion, approach, change, clear, deliver, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .elementary import power
+from . import columns
+from .columns import Motion, approach, change, clear, deliver, factor_of, look_at, look_up, over_pairs, push_apart, row_of, soft
+from .elementary import exp, log_of, power
 from .energy_updates import passes
 from .eos import log_ratio
 from .fields import NO_INCREMENTS, count_failed, sort_temperatures
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
-from .noise import clamped, normal, pair_key, uniform
-from .pairs import PairList
+from .noise import clamped, directed, draw, draw_directed, draw_normals, draw_uniforms
+from .pairs import SECOND, PairList, rows
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 
 #: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
@@ -48,6 +49,11 @@ A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = r
 KAPPA_POLYNOMIAL = EXPONENT_POLYNOMIAL + 4
 #: Streams of the pair's random numbers.
 MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
+#: Rows of scratch.  What e.v is multiplied with, all else of the force, the energy; of the energy that each bead gets, which is (RUB e.v -
+#: SHAKE) e.v - LOSS; what flows to the first bead; ...
+_DRAG, _PUSH, _ENERGY, _RUB, _SHAKE, _LOSS, _FLUX, *_BESIDE = rows(32)
+_XI, _XI_T, _SIGN, _TI, _TJ, _MI, _MJ, _CI, _CJ, _FACTOR = _BESIDE[:10]
+_TABLE, (_LOG, _TEST, _TEST_T) = tuple(_BESIDE[10:]), (_PUSH, _ENERGY, _RUB)
 #: Smallest exponent of the drag.
 SMALLEST_EXPONENT = 0.01
 
@@ -149,61 +155,37 @@ class ThermalLayer:
 
 
 @inlined
-def temperature_factor(coefficients, row, first, y):
-    """1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4."""
-    c = coefficients
-    return 1.0 + y * (c[row, first] + y * (c[row, first + 1] + y * (c[row, first + 2] + y * c[row, first + 3])))
+def temperature_factor(values, first, k, y):
+    """1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4, with the coefficients of a pair in four rows."""
+    second, third, fourth = first + SECOND, first + SECOND + SECOND, first + SECOND + SECOND + SECOND
+    return 1.0 + y * (values[first + k] + y * (values[second + k] + y * (values[third + k] + y * values[fourth + k])))
 
 
 @inlined
-def _friction_at(coefficients, row, r, mean):
-    """gamma w^s at the mean temperature of a pair."""
-    s = max(SMALLEST_EXPONENT, coefficients[row, EXPONENT] * temperature_factor(coefficients, row, EXPONENT_POLYNOMIAL, mean - 1.0))
-    weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * s)
-    return coefficients[row, GAMMA] * weight * weight
+def _exponent_at(values, k, mean):
+    """s at the mean temperature of a pair."""
+    return max(SMALLEST_EXPONENT, values[_TABLE[EXPONENT] + k] * temperature_factor(values, _TABLE[EXPONENT_POLYNOMIAL], k, mean - 1.0))
 
 
-@merged
-def _conductivity(coefficients, row, mean, failed, n, column):
-    """k at the mean temperature of a pair; a negative one is written down."""
-    kappa = coefficients[row, KAPPA] * temperature_factor(coefficients, row, KAPPA_POLYNOMIAL, mean - 1.0)
-    if kappa < 0.0 and failed[column, 0] == 0.0:
+@inlined
+def _conductivity(values, k, mean):
+    """k at the mean temperature of a pair over that at the temperature 1."""
+    return temperature_factor(values, _TABLE[KAPPA_POLYNOMIAL], k, mean - 1.0)
+
+
+@inlined
+def _write_down(failed, column, n, mean):
+    """The first pair whose conductivity is negative."""
+    if failed[column, 0] == 0.0:
         failed[column, 0], failed[column, 1] = n + 1, mean
-    return kappa
 
 
-@merged
-def _friction(which, lammps, coefficients, row, factor, r, ti, tj, ev, rsqrt_dt, xi, inverse_mass, capacities):
-    """Friction with noise and friction alone of a pair within the cutoff, and its viscous heat for each of the two.  ``inverse_mass`` is
-    1/m_i + 1/m_j, or 1/m of the bead with the lower index for lammps; ``capacities`` is C_i + C_j."""
-    friction = _friction_at(coefficients, row, r, 0.5 * (ti + tj))
-    strength = 4.0 * friction * ti * tj / (ti + tj)
-    share, mass_term, rate = (1.0 / capacities, 1.0, 1.0) if lammps else (0.5, 0.5, rsqrt_dt)
-    # LAMMPS puts f on the noise of the forces too, and none on the heat
-    noise_factor, heat_factor, heat_noise_factor = (factor, 1.0, 1.0) if lammps else (np.sqrt(factor), factor, np.sqrt(factor))
-    radial, drag, heat = 0.0, 0.0, 0.0
-    if which & DISSIPATIVE:
-        drag = factor * friction * ev
-        radial -= drag
-        heat += share * heat_factor * (friction * ev * ev - mass_term * strength * inverse_mass)
-    if which & RANDOM:
-        kick = np.sqrt(strength) * xi
-        radial += noise_factor * kick * rsqrt_dt
-        heat -= share * heat_noise_factor * ev * kick * rate
-    return radial, drag, heat
-
-
-@merged
-def _conduction(which, coefficients, row, r, ti, tj, kappa, rsqrt_dt, xi):
-    """Heat that flows to i from j; ``kappa`` is C_i C_j k, ``xi`` as bead i sees it."""
-    weight = power(1.0 - r / coefficients[row, CUTOFF_T], 0.5 * coefficients[row, EXPONENT_T])
-    strength = kappa * (0.5 * (ti + tj) * weight) ** 2
-    flux = 0.0
-    if which & DISSIPATIVE:
-        flux += strength * (1.0 / ti - 1.0 / tj)
-    if which & RANDOM:
-        flux += np.sqrt(2.0 * strength) * rsqrt_dt * clamped(xi)
-    return flux
+@inlined
+def _look_around(pairs, data, begin, m, scratch):
+    """Fill the rows that both forms have in common."""
+    look_up(data.coefficients, len(_TABLE), pairs, begin, m, scratch, _FACTOR)
+    look_at(pairs.inv_mass, pairs, begin, m, scratch, _MI, _MJ)
+    look_at(data.capacity, pairs, begin, m, scratch, _CI, _CJ)
 
 
 class Heat(NamedTuple):
@@ -224,55 +206,74 @@ class Heat(NamedTuple):
 
 
 @inlined
-def _repulsion(pairs, data, n):
-    """The conservative force of a pair within the cutoff, and its energy."""
-    i, j, c, t = pairs.pi[n], pairs.pj[n], data.coefficients, data.temperature
-    row = row_of(pairs, i, j)
-    return soft(factor_of(pairs, n) * c[row, A] * 0.5 * (t[i] + t[j]), c[row, CUTOFF], pairs.geometry[3, n])
-
-
-@inlined
 def _pair_repulsion(pairs, data, scratch, n, k, column):
-    i, j = pairs.pi[n], pairs.pj[n]
-    if pairs.geometry[3, n] >= data.coefficients[row_of(pairs, i, j), CUTOFF]:
+    i, j, c, t, r = pairs.pi[n], pairs.pj[n], data.coefficients, data.temperature, pairs.geometry[3, n]
+    row = row_of(pairs, i, j)
+    if r >= c[row, CUTOFF]:
         return 0.0, 0.0, 0.0
-    radial, energy = _repulsion(pairs, data, n)
+    radial, energy = soft(factor_of(pairs, n) * c[row, A] * 0.5 * (t[i] + t[j]), c[row, CUTOFF], r)
     return energy, push_apart(pairs, data.motion.f, n, i, j, radial), 0.0
 
 
-@merged
-def _pair_heat(pairs, data, scratch, n, k, column):
-    i, j, order, c, which, lammps, heat = pairs.pi[n], pairs.pj[n], pairs.order, data.coefficients, data.which, data.lammps, data.rates
-    row, factor, r = row_of(pairs, i, j), factor_of(pairs, n), pairs.geometry[3, n]
-    ti, tj = data.temperature[i], data.temperature[j]
-    inside, near = r < c[row, CUTOFF], r < c[row, CUTOFF_T]
-    lower = order[i] < order[j]
-    radial, energy, drag, gain = 0.0, 0.0, 0.0, 0.0
-    pair, xi = data.key, 0.0
-    if which & RANDOM:
-        pair = pair_key(data.key, order[i], order[j])
-        xi = normal(pair, MOTION) if inside else 0.0
-    if inside and which & CONSERVATIVE:
-        radial, energy = _repulsion(pairs, data, n)
-    if inside and which & (DISSIPATIVE | RANDOM):
-        ev = approach(pairs, data.motion.v, n, i, j)
-        im = pairs.inv_mass[i] + pairs.inv_mass[j]
+@helper
+def _heat_terms(pairs, data, begin, m, scratch):
+    """All but what depends on velocities."""
+    values, r, lammps, rsqrt_dt = scratch.values, pairs.geometry[3], data.lammps, data.rsqrt_dt
+    conservative, dissipative = 1.0 if data.which & CONSERVATIVE else 0.0, 1.0 if data.which & DISSIPATIVE else 0.0
+    _look_around(pairs, data, begin, m, scratch)
+    look_at(data.temperature, pairs, begin, m, scratch, _TI, _TJ)
+    for k in range(m):
+        values[_XI + k], values[_SIGN + k] = 0.0, 1.0
+    directed(pairs, begin, m, scratch, _SIGN)
+    if data.which & RANDOM:
+        draw(data.key, pairs, begin, m, scratch, _XI)
+    if data.which & RANDOM and not lammps:
+        draw_normals(HEAT, m, scratch, _XI_T)
+    for k in range(m):
+        ti, tj, cutoff, factor = values[_TI + k], values[_TJ + k], values[_TABLE[CUTOFF] + k], values[_FACTOR + k]
+        mean, w = 0.5 * (ti + tj), max(0.0, 1.0 - r[begin + k] / cutoff)
+        weight = power(w, 0.5 * _exponent_at(values, k, mean))
+        friction = values[_TABLE[GAMMA] + k] * weight * weight
+        strength = 4.0 * friction * ti * tj / (ti + tj)
+        force = conservative * factor * values[_TABLE[A] + k] * mean * w
+        kick = np.sqrt(strength) * values[_XI + k]
         if lammps:
-            im = pairs.inv_mass[i] if lower else pairs.inv_mass[j]
-        capacities = data.capacity[i] + data.capacity[j]
-        rubbed, drag, gain = _friction(which, lammps, c, row, factor, r, ti, tj, ev, data.rsqrt_dt, xi, im, capacities)
-        radial += rubbed
-        gain = 0.0 if lammps and not near else gain
-    if near and (inside or not lammps) and which & (DISSIPATIVE | RANDOM):
-        kappa = _conductivity(c, row, 0.5 * (ti + tj), data.failed, n, column)
-        drawn = xi if lammps or not which & RANDOM else normal(pair, HEAT)
-        kappa *= data.capacity[i] * data.capacity[j]
-        flux = _conduction(which, c, row, r, ti, tj, kappa, data.rsqrt_dt, drawn if lower else -drawn)
-        heat[i, 0] += flux
-        heat[j, 0] -= flux
-    heat[i, 0] += gain
-    heat[j, 0] += gain
-    return energy, push_apart(pairs, data.motion.f, n, i, j, radial), -drag * r
+            # LAMMPS puts f on the noise of the forces too, and none on the heat, of which there is none beyond the range of conduction
+            share = 1.0 / (values[_CI + k] + values[_CJ + k]) if r[begin + k] < values[_TABLE[CUTOFF_T] + k] else 0.0
+            loss, push, shaken = values[_MI + k] if values[_SIGN + k] > 0.0 else values[_MJ + k], factor, share
+        else:
+            share = 0.5 * factor
+            loss, push, shaken = 0.5 * (values[_MI + k] + values[_MJ + k]), np.sqrt(factor), 0.5 * np.sqrt(factor) * rsqrt_dt
+        values[_DRAG + k] = dissipative * factor * friction
+        values[_PUSH + k] = force + push * kick * rsqrt_dt
+        values[_ENERGY + k] = 0.5 * force * w * cutoff
+        values[_RUB + k] = dissipative * share * friction
+        values[_SHAKE + k] = shaken * kick
+        values[_LOSS + k] = dissipative * share * loss * strength
+    for k in range(m):
+        ti, tj, cutoff = values[_TI + k], values[_TJ + k], values[_TABLE[CUTOFF_T] + k]
+        if lammps:
+            cutoff = min(cutoff, values[_TABLE[CUTOFF] + k])
+        mean, w = 0.5 * (ti + tj), max(0.0, 1.0 - r[begin + k] / values[_TABLE[CUTOFF_T] + k])
+        weight = mean * power(w, 0.5 * values[_TABLE[EXPONENT_T] + k])
+        kappa = values[_TABLE[KAPPA] + k] * _conductivity(values, k, mean)
+        strength = kappa * (values[_CI + k] * values[_CJ + k]) * (weight * weight)
+        xi = values[_SIGN + k] * clamped(values[_XI + k] if lammps else values[_XI_T + k])
+        flux = dissipative * strength * (1.0 / ti - 1.0 / tj) + np.sqrt(2.0 * strength) * rsqrt_dt * xi
+        flux = np.nan if kappa < 0.0 else flux
+        values[_FLUX + k] = flux if r[begin + k] < cutoff else 0.0
+
+
+@inlined
+def _pair_heat(pairs, data, scratch, n, k, column):
+    i, j, values, rates, flux = pairs.pi[n], pairs.pj[n], scratch.values, data.rates, scratch.values[_FLUX + k]
+    if flux != flux:
+        _write_down(data.failed, column, n, 0.5 * (values[_TI + k] + values[_TJ + k]))
+    ev = approach(pairs, data.motion.v, n, i, j)
+    drag, gain = values[_DRAG + k] * ev, (values[_RUB + k] * ev - values[_SHAKE + k]) * ev - values[_LOSS + k]
+    rates[i, 0] += gain + flux
+    rates[j, 0] += gain - flux
+    return values[_ENERGY + k], push_apart(pairs, data.motion.f, n, i, j, values[_PUSH + k] - drag), -drag * pairs.geometry[3, n]
 
 
 @helper
@@ -283,7 +284,7 @@ def _deliver(pairs, data, begin, end):
 
 
 thermal_repulsion = over_pairs("thermal_repulsion", _pair_repulsion, first=clear, last=deliver)
-thermal_forces = over_pairs("thermal_forces", _pair_heat, first=gather_and_clear_rates, last=_deliver)
+thermal_forces = over_pairs("thermal_forces", _pair_heat, _heat_terms, first=columns.gather_and_clear_rates, last=_deliver)
 
 
 class ThermalExchange(NamedTuple):
@@ -312,7 +313,7 @@ def _gained(ti, new, energy, a):
 
 
 @merged
-def _rubbed(coefficients, row, r, factor, update, dt, ev, im, ti, tj, ai, aj, xi, drawn):
+def _rubbed(values, k, update, ev, im, ti, tj, ai, aj):
     """(Relative velocity after an update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
     quarter = 0.25 / im
     half = quarter * ev * ev
@@ -320,8 +321,8 @@ def _rubbed(coefficients, row, r, factor, update, dt, ev, im, ti, tj, ai, aj, xi
     rest = 0.5 * si * sj / (si + sj)
     if si > ai * rest and sj > aj * rest:
         si, sj = si - ai * rest, sj - aj * rest
-    theta = 2.0 * si * sj / (si + sj)
-    lost = decay(update, factor * _friction_at(coefficients, row, r, 0.5 * (si + sj)) * im * dt)
+    theta, xi, drawn = 2.0 * si * sj / (si + sj), values[_XI + k], values[_TEST + k]
+    lost = decay(update, values[_DRAG + k] * exp(_exponent_at(values, k, 0.5 * (si + sj)) * values[_LOG + k]))
     new = relaxed(ev, lost, theta * im, xi)
     gain = quarter * (ev - new) * (ev + new)
     ni, nj = ti + ai * gain, tj + aj * gain
@@ -350,29 +351,43 @@ def _exchanged(lost, mean, ti, tj, ai, aj, xi, drawn):
     return flow if passes(exponent, drawn) else 0.0
 
 
+@helper
+def _exchange_terms(pairs, data, begin, m, scratch):
+    """What does not depend on velocities and temperatures, and all random numbers."""
+    values, r = scratch.values, pairs.geometry[3]
+    _look_around(pairs, data, begin, m, scratch)
+    draw(data.key, pairs, begin, m, scratch, _XI)
+    draw_directed(HEAT, pairs, begin, m, scratch, _XI_T)
+    draw_uniforms(MOTION_TEST, m, scratch, _TEST)
+    draw_uniforms(HEAT_TEST, m, scratch, _TEST_T)
+    for k in range(m):
+        im, near = values[_MI + k] + values[_MJ + k], r[begin + k] < values[_TABLE[CUTOFF] + k]
+        w = 1.0 - r[begin + k] / values[_TABLE[CUTOFF] + k]
+        values[_LOG + k] = log_of(w if near else 1.0, 0.0)
+        values[_DRAG + k] = values[_FACTOR + k] * values[_TABLE[GAMMA] + k] * im * data.dt if near else 0.0
+        near = r[begin + k] < values[_TABLE[CUTOFF_T] + k]
+        w = power(1.0 - r[begin + k] / values[_TABLE[CUTOFF_T] + k], values[_TABLE[EXPONENT_T] + k])
+        rate = values[_TABLE[KAPPA] + k] * w * values[_CI + k] * values[_CJ + k] * data.dt
+        values[_FLUX + k] = rate if near and im > 0.0 else 0.0
+
+
 @merged
 def _pair_exchange(pairs, data, scratch, n, k, column):
-    i, j, order, g, c, inv_mass = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, data.coefficients, pairs.inv_mass
-    t, v, ai, aj, r = data.temperature, data.v, data.yielding[i], data.yielding[j], g[3, n]
-    im = inv_mass[i] + inv_mass[j]
-    if im == 0.0:
-        return 0.0, 0.0, 0.0
-    row = row_of(pairs, i, j)
-    pair = pair_key(data.key, order[i], order[j])
-    if r < c[row, CUTOFF] and c[row, GAMMA] > 0.0:
-        ev, xi, drawn = approach(pairs, v, n, i, j), normal(pair, MOTION), uniform(pair, MOTION_TEST)
-        new, gain = _rubbed(c, row, r, factor_of(pairs, n), data.update, data.dt, ev, im, t[i], t[j], ai, aj, xi, drawn)
+    i, j, g, inv_mass, values = pairs.pi[n], pairs.pj[n], pairs.geometry, pairs.inv_mass, scratch.values
+    t, v, ai, aj = data.temperature, data.v, data.yielding[i], data.yielding[j]
+    if values[_DRAG + k] > 0.0:
+        im, ev = inv_mass[i] + inv_mass[j], approach(pairs, v, n, i, j)
+        new, gain = _rubbed(values, k, data.update, ev, im, t[i], t[j], ai, aj)
         change(v, i, j, (new - ev) * inv_mass[i] / im, (new - ev) * inv_mass[j] / im, g[0, n], g[1, n], g[2, n])
         t[i] += ai * gain
         t[j] += aj * gain
-    if r < c[row, CUTOFF_T]:
+    if values[_FLUX + k] > 0.0:
         mean = (aj * t[i] + ai * t[j]) / (ai + aj)
-        weight = power(1.0 - r / c[row, CUTOFF_T], c[row, EXPONENT_T])
-        rate = _conductivity(c, row, mean, data.failed, n, column) * weight * data.capacity[i] * data.capacity[j] * (ai + aj)
-        if rate > 0.0:
-            xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
-            xi = -xi if order[i] > order[j] else xi
-            flow = _exchanged(decay(EXACT, rate * data.dt), mean, t[i], t[j], ai, aj, xi, drawn)
+        rate = values[_FLUX + k] * _conductivity(values, k, mean) * (ai + aj)
+        if rate < 0.0:
+            _write_down(data.failed, column, n, mean)
+        elif rate > 0.0:
+            flow = _exchanged(decay(EXACT, rate), mean, t[i], t[j], ai, aj, values[_XI_T + k], values[_TEST_T + k])
             t[i] += ai * flow
             t[j] -= aj * flow
     return 0.0, 0.0, 0.0
@@ -392,4 +407,4 @@ def _scatter_swept(pairs, data, begin, end):
         data.increments[pairs.seats[k], 0] += data.temperature[k] - data.before[k]
 
 
-thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, first=_gather_swept, last=_scatter_swept)
+thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept)

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from ..runtime import both
+from ..runtime import both, merged
 
 _LOG2E = 1.4426950408889634
 #: ln 2: 33 bits, whose products with exponents are exact, and the rest.
@@ -68,7 +68,7 @@ def exp(x):
 
 
 @both
-def _log_of(x, m):
+def log_of(x, m):
     """ln(2^m x) of normal numbers x > 0 and whole numbers m."""
     bits = np.float64(x).view(np.int64)
     n = (bits - _ROOT_HALF) >> _MANTISSA
@@ -87,17 +87,18 @@ def log(x):
     if not x > 0.0:
         return -np.inf if x == 0.0 else np.nan
     tiny = np.float64(x < _LEAST_NORMAL)
-    return _log_of(x * (1.0 + tiny * (_LIFT - 1.0)), -54.0 * tiny)
+    return log_of(x * (1.0 + tiny * (_LIFT - 1.0)), -54.0 * tiny)
 
 
-@both
+@merged
 def power(w, s):
     """w^s of w = 0 and normal numbers w > 0, and s >= 0."""
-    if s == 1.0:
-        return w
-    if s == 0.5:
-        return np.sqrt(w)
-    return exp(s * _log_of(w, 0.0)) if w > 0.0 else np.float64(s == 0.0)
+    # everything first, and then what is right: compilers vectorise choices, and no branches, nor a choice that is returned
+    found = exp(s * log_of(w, 0.0))
+    found = found if w > 0.0 else np.float64(s == 0.0)
+    found = np.sqrt(w) if s == 0.5 else found
+    found = w if s == 1.0 else found
+    return found
 
 
 @both

@@ -24,8 +24,10 @@ from .columns import (
     deliver,
     factor_of,
     gather_and_clear,
+    look_up,
     on_forces,
     over_pairs,
+    powers,
     push,
     push_apart,
     row_of,
@@ -33,14 +35,15 @@ from .columns import (
 )
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
-from .noise import draw, normal
-from .pairs import PairList
+from .noise import draw, draw_directed
+from .pairs import PairList, rows
 from .templates import renamed
 
 #: Columns of the coefficient table, one row per pair of types.
 A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range(8)
-#: Rows of the scratch of a column.
-_DRAG, _PUSH, _ENERGY, _NOISE, _HELD, _CURVE = range(6)
+#: Rows of scratch; the last ones, those of factors and coefficients, are those of sweeps too.
+_DRAG, _PUSH, _ENERGY, _NOISE, _HELD, _CURVE, _ACROSS, _ALONG, _X, _Y, _Z, FACTOR, *_COLUMNS = rows(20)
+TABLE = tuple(_COLUMNS)
 
 
 _NOTHING = np.zeros((0, 3))
@@ -67,13 +70,12 @@ class Terms(NamedTuple):
 
 
 @inlined
-def _radial(values, k, A, cutoff, gamma, sigma, s, factor, r):
+def _radial(values, k, A, cutoff, gamma, sigma, w, factor, r):
     """Radial terms of the k-th pair of a column: what e.v is multiplied with, the rest, and the energy."""
     force, energy = soft(A, cutoff, r)
-    w = power(1.0 - r / cutoff, s)
-    values[_DRAG, k] = factor * gamma * w * w
-    values[_PUSH, k] = factor * force + np.sqrt(factor) * sigma * w * values[_NOISE, k]
-    values[_ENERGY, k] = factor * energy
+    values[_DRAG + k] = factor * gamma * w * w
+    values[_PUSH + k] = factor * force + np.sqrt(factor) * sigma * w * values[_NOISE + k]
+    values[_ENERGY + k] = factor * energy
 
 
 @inlined
@@ -88,11 +90,11 @@ def _mobile(pairs, i, j):
 
 
 @inlined
-def _radial_apart(values, k, A, cutoff, gamma, sigma, s, factor, r):
-    _radial(values, k, A, cutoff, gamma, sigma, s, factor, r)
+def _radial_apart(values, k, A, cutoff, gamma, sigma, w, factor, r):
+    _radial(values, k, A, cutoff, gamma, sigma, w, factor, r)
     # rounded as where there is nothing else: samples have the same bits whether a run was cut before them
-    values[_HELD, k], values[_ENERGY, k] = soft(factor * A, cutoff, r)
-    values[_CURVE, k] = factor * _curvature(A, cutoff, r)
+    values[_HELD + k], values[_ENERGY + k] = soft(factor * A, cutoff, r)
+    values[_CURVE + k] = factor * _curvature(A, cutoff, r)
 
 
 # what is put in
@@ -102,9 +104,10 @@ _each: Any = None
 def _terms(pairs, data, begin, m, scratch):
     values, g, c = scratch.values, pairs.geometry, data.coefficients
     if data.which & RANDOM:
-        draw(data.key, pairs, begin, m, scratch)
+        draw(data.key, pairs, begin, m, scratch, _NOISE)
     else:
-        values[_NOISE, :m] = 0.0
+        for k in range(m):
+            values[_NOISE + k] = 0.0
     # what is not wanted has the coefficient 0; friction is infinite where sigma is fixed and kT is 0
     conservative = 1.0 if data.which & CONSERVATIVE else 0.0
     dissipative = (data.which & DISSIPATIVE) != 0
@@ -112,45 +115,53 @@ def _terms(pairs, data, begin, m, scratch):
         a, cutoff, sigma = conservative * c[0, A], c[0, CUTOFF], data.rsqrt_dt * c[0, SIGMA]
         gamma = c[0, GAMMA] if dissipative else 0.0
         for k in range(m):
-            _each(values, k, a, cutoff, gamma, sigma, 1.0, 1.0, g[3, begin + k])
+            _each(values, k, a, cutoff, gamma, sigma, 1.0 - g[3, begin + k] / cutoff, 1.0, g[3, begin + k])
         return
+    look_up(c, len(TABLE), pairs, begin, m, scratch, FACTOR)
     for k in range(m):
-        n = begin + k
-        row = row_of(pairs, pairs.pi[n], pairs.pj[n])
-        a, gamma, sigma = conservative * c[row, A], c[row, GAMMA] if dissipative else 0.0, data.rsqrt_dt * c[row, SIGMA]
-        _each(values, k, a, c[row, CUTOFF], gamma, sigma, c[row, EXPONENT], factor_of(pairs, n), g[3, n])
+        values[_ALONG + k] = 1.0 - g[3, begin + k] / values[TABLE[CUTOFF] + k]
+    powers(m, scratch, _ALONG, TABLE[EXPONENT])
+    for k in range(m):
+        a, cutoff, sigma = conservative * values[TABLE[A] + k], values[TABLE[CUTOFF] + k], data.rsqrt_dt * values[TABLE[SIGMA] + k]
+        gamma = values[TABLE[GAMMA] + k] if dissipative else 0.0
+        _each(values, k, a, cutoff, gamma, sigma, values[_ALONG + k], values[FACTOR + k], g[3, begin + k])
 
 
-_radial_terms = helper(renamed(_terms, "radial_terms", {"_each": _radial}))
+radial_terms = helper(renamed(_terms, "radial_terms", {"_each": _radial}))
 _apart_terms = helper(renamed(_terms, "apart_terms", {"_each": _radial_apart}))
 
 
-@inlined
-def _transverse_force(pairs, data, key, n, i, j):
-    """Transverse friction and noise on bead i; ``key`` is that of the pair."""
-    c, g, order = data.coefficients, pairs.geometry, pairs.order
-    row, factor = row_of(pairs, i, j), factor_of(pairs, n)
-    if c[row, GAMMA_PERP] == 0.0:
-        return 0.0, 0.0, 0.0
-    ex, ey, ez = g[0, n], g[1, n], g[2, n]
-    w = power(1.0 - g[3, n] / c[row, CUTOFF], c[row, EXPONENT_PERP])
-    fx, fy, fz = 0.0, 0.0, 0.0
-    if data.which & DISSIPATIVE:
-        v, ev = data.motion.v, approach(pairs, data.motion.v, n, i, j)
-        drag = factor * c[row, GAMMA_PERP] * w * w
-        fx -= drag * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex)
-        fy -= drag * (v[i, 1] - v[j, 1] - ev * ey)
-        fz -= drag * (v[i, 2] - v[j, 2] - ev * ez)
-    if data.which & RANDOM:
-        scale = np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA_PERP] * w
-        if order[i] > order[j]:
-            scale = -scale
-        zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
-        along = ex * zx + ey * zy + ez * zz
-        fx += scale * (zx - along * ex)
-        fy += scale * (zy - along * ey)
-        fz += scale * (zz - along * ez)
-    return fx, fy, fz
+@helper
+def draw_across(pairs, begin, m, scratch, x, y, z, along):
+    """Three rows of the values: what is across the line between the beads of a pair of a normal random vector, as the first bead has it."""
+    values, g = scratch.values, pairs.geometry
+    draw_directed(1, pairs, begin, m, scratch, x)
+    draw_directed(2, pairs, begin, m, scratch, y)
+    draw_directed(3, pairs, begin, m, scratch, z)
+    for k in range(m):
+        values[along + k] = g[0, begin + k] * values[x + k] + g[1, begin + k] * values[y + k] + g[2, begin + k] * values[z + k]
+    for axis, row in ((0, x), (1, y), (2, z)):
+        for k in range(m):
+            values[row + k] -= values[along + k] * g[axis, begin + k]
+
+
+@helper
+def _any_terms(pairs, data, begin, m, scratch):
+    """Radial and transverse terms: what the velocity across the line is multiplied with, and the noise."""
+    values, r, noisy, dissipative = scratch.values, pairs.geometry[3], data.which & RANDOM, (data.which & DISSIPATIVE) != 0
+    radial_terms(pairs, data, begin, m, scratch)
+    if noisy:
+        draw_across(pairs, begin, m, scratch, _X, _Y, _Z, _ALONG)
+    for k in range(m):
+        values[_ALONG + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
+    powers(m, scratch, _ALONG, TABLE[EXPONENT_PERP])
+    for k in range(m):
+        w, factor = values[_ALONG + k], values[FACTOR + k]
+        scale = np.sqrt(factor) * data.rsqrt_dt * values[TABLE[SIGMA_PERP] + k] * w
+        values[_ACROSS + k] = factor * values[TABLE[GAMMA_PERP] + k] * w * w if dissipative else 0.0
+        values[_X + k] = scale * values[_X + k] if noisy else 0.0
+        values[_Y + k] = scale * values[_Y + k] if noisy else 0.0
+        values[_Z + k] = scale * values[_Z + k] if noisy else 0.0
 
 
 @inlined
@@ -168,31 +179,34 @@ def _conservative(pairs, data, scratch, n, k, column):
 
 
 @inlined
-def _central(pairs, data, scratch, n, k, column):
+def central(pairs, data, scratch, n, k, column):
     i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
-    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
-    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
-    return values[_ENERGY, k], virial, -drag * pairs.geometry[3, n]
+    drag = values[_DRAG + k] * approach(pairs, data.motion.v, n, i, j)
+    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH + k] - drag)
+    return values[_ENERGY + k], virial, -drag * pairs.geometry[3, n]
 
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
-    i, j, g, values = pairs.pi[n], pairs.pj[n], pairs.geometry, scratch.values
-    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
-    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
+    i, j, g, v, values, across = pairs.pi[n], pairs.pj[n], pairs.geometry, data.motion.v, scratch.values, scratch.values[_ACROSS + k]
+    ex, ey, ez, ev = g[0, n], g[1, n], g[2, n], approach(pairs, v, n, i, j)
+    drag = values[_DRAG + k] * ev
+    radial = values[_PUSH + k] - drag
     # perpendicular to e: these add nothing to r.F
-    tx, ty, tz = _transverse_force(pairs, data, scratch.bits[k], n, i, j)
-    push(data.motion.f, i, j, tx, ty, tz)
+    tx = values[_X + k] - across * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex)
+    ty = values[_Y + k] - across * (v[i, 1] - v[j, 1] - ev * ey)
+    tz = values[_Z + k] - across * (v[i, 2] - v[j, 2] - ev * ez)
+    push(data.motion.f, i, j, radial * ex + tx, radial * ey + ty, radial * ez + tz)
     if len(pairs.stress):
-        x, y, z = g[3, n] * g[0, n], g[3, n] * g[1, n], g[3, n] * g[2, n]
+        x, y, z = g[3, n] * ex, g[3, n] * ey, g[3, n] * ez
         add_stress(pairs.stress, column, (x * tx, y * ty, z * tz, x * ty, x * tz, y * tz))
-    return values[_ENERGY, k], virial, -drag * g[3, n]
+    return values[_ENERGY + k], radial * g[3, n], -drag * g[3, n]
 
 
 # the usual cases apart: what need not be asked for each pair is a third of the time
 conservative_forces = over_pairs("conservative_forces", _conservative, first=clear, last=deliver, again=on_forces)
-_central_forces = over_pairs("central_forces", _central, _radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
-_any_forces = over_pairs("any_forces", _any, _radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
+_central_forces = over_pairs("central_forces", central, radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
+_any_forces = over_pairs("any_forces", _any, _any_terms, first=gather_and_clear, last=deliver, again=on_forces)
 
 
 def pair_forces(pairs: PairList, terms: Terms, transverse: bool, more: int) -> Sums:
@@ -232,11 +246,11 @@ def _curved(pairs, data, scratch, n, k, column):
 @inlined
 def _parted(pairs, data, scratch, n, k, column):
     i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
-    laplacian = _mobile(pairs, i, j) * values[_CURVE, k]
-    drag = values[_DRAG, k] * approach(pairs, data.motion.v, n, i, j)
-    conservative = push_apart(pairs, data.c, n, i, j, values[_HELD, k])
-    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH, k] - drag)
-    return values[_ENERGY, k], virial, -drag * pairs.geometry[3, n], laplacian, conservative
+    laplacian = _mobile(pairs, i, j) * values[_CURVE + k]
+    drag = values[_DRAG + k] * approach(pairs, data.motion.v, n, i, j)
+    conservative = push_apart(pairs, data.c, n, i, j, values[_HELD + k])
+    virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH + k] - drag)
+    return values[_ENERGY + k], virial, -drag * pairs.geometry[3, n], laplacian, conservative
 
 
 _laplacian = over_pairs("laplacian", _pair_laplacian, parallel=False)
@@ -252,18 +266,12 @@ def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
     return _laplacian(pairs, CoefficientRows(coefficients))[0]
 
 
-@helper
-def _rare_power(w, s):
-    return power(w, s)
-
-
 @inlined
 def _pair_tensors(pairs, data, scratch, n, k, column):
     i, j, c, r = pairs.pi[n], pairs.pj[n], data.coefficients, pairs.geometry[3, n]
     row, factor = row_of(pairs, i, j), factor_of(pairs, n)
     radial, _ = soft(factor * c[row, A], c[row, CUTOFF], r)
-    w, s = 1.0 - r / c[row, CUTOFF], c[row, EXPONENT]
-    w = w if s == 1.0 else _rare_power(w, s)
+    w = power(1.0 - r / c[row, CUTOFF], c[row, EXPONENT])
     drag = factor * c[row, GAMMA] * w * w * r
     return drag * r, radial * r, -drag * approach(pairs, data.motion.v, n, i, j)
 

@@ -28,10 +28,11 @@ from .dpd import SweptLayer
 from .forces import CUTOFF, GAMMA, SIGMA, A
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, Sums, table_of
 from .noise import draw
-from .pairs import PairList
+from .pairs import PairList, rows
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`, which the sweep reads.
 B, CUTOFF_B, CUTOFF_DENSITY = 8, 9, 10
+(_NOISE,) = rows(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +167,7 @@ class ManyBody(NamedTuple):
 @helper
 def _noise(pairs, data, begin, m, scratch):
     if data.which & RANDOM:
-        draw(data.key, pairs, begin, m, scratch)
+        draw(data.key, pairs, begin, m, scratch, _NOISE)
 
 
 @inlined
@@ -187,7 +188,7 @@ def _pair_force(pairs, data, scratch, n, k, column):
         drag = factor * c[row, GAMMA] * w * w * approach(pairs, data.motion.v, n, i, j)
         radial -= drag
     if which & RANDOM:
-        radial += np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA] * w * scratch.values[3, k]
+        radial += np.sqrt(factor) * data.rsqrt_dt * c[row, SIGMA] * w * scratch.values[_NOISE + k]
     return energy, push_apart(pairs, data.motion.f, n, i, j, radial), -drag * r
 
 

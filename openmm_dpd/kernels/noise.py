@@ -14,6 +14,7 @@ import numpy as np
 
 from ..runtime import Tape, both, helper, inlined, merged
 from .elementary import exp, log, without_last_bits
+from .pairs import SECOND
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -141,26 +142,61 @@ def normal(key, stream):
     return _from_cubic(bits) if np.int64(_cell(bits)) < _SMOOTH else _from_tail(bits)
 
 
+# For many pairs one pass for each kind of work is three times as fast, since most of them can do several at once.
+
+
 @helper
-def draw(key, pairs, begin, m, scratch):
-    """Standard normal numbers, stream 0, of the pairs begin:begin + m of a list, to the last row of the values; their keys to the bits.
-    They are what :func:`normal` gives; one pass for each kind of work is three times as fast, since most of them can do several at once."""
-    order, pi, pj, bits, tail, xi = pairs.order, pairs.pi, pairs.pj, scratch.bits, scratch.tail, scratch.values[3]
+def draw_normals(stream, m, scratch, row):
+    """What :func:`normal` gives for the keys, to a row of the values."""
+    values, all_bits, tail = scratch.values, scratch.bits, scratch.indices[SECOND:]
+    bits = all_bits[SECOND:] if stream else all_bits
+    if stream:
+        for k in range(m):
+            all_bits[SECOND + k] = mix(all_bits[k] + np.uint64(stream) * _STREAM)
     for k in range(m):
-        i, j = order[pi[begin + k]], order[pj[begin + k]]
-        low, high = (i, j) if i < j else (j, i)
-        bits[k] = (np.uint64(low) << _S32) | np.uint64(high)
-    for k in range(m):
-        bits[k] = mix(mix(bits[k] * _GOLDEN + key) + key)
-    for k in range(m):
-        xi[k] = _from_cubic(bits[k])
+        values[row + k] = _from_cubic(bits[k])
     # those without a cubic are one in thirty
     n = np.uint64(0)
     for k in range(m):
         tail[n] = k
         n += np.uint64(np.int64(_cell(bits[k])) >= _SMOOTH)
     for q in range(n):
-        xi[tail[q]] = _from_tail(bits[tail[q]])
+        values[row + np.uint64(tail[q])] = _from_tail(bits[tail[q]])
+
+
+@helper
+def directed(pairs, begin, m, scratch, row):
+    """What belongs to the bead with the lower number as the first bead of each pair has it: minus that where it is the other one."""
+    order, pi, pj, values = pairs.order, pairs.pi, pairs.pj, scratch.values
+    for k in range(m):
+        values[row + k] = -values[row + k] if order[pi[begin + k]] > order[pj[begin + k]] else values[row + k]
+
+
+@helper
+def draw_directed(stream, pairs, begin, m, scratch, row):
+    """:func:`draw_normals`, and :func:`directed`."""
+    draw_normals(stream, m, scratch, row)
+    directed(pairs, begin, m, scratch, row)
+
+
+@helper
+def draw_uniforms(stream, m, scratch, row):
+    """What :func:`uniform` gives for the keys, to a row of the values."""
+    for k in range(m):
+        scratch.values[row + k] = uniform(scratch.bits[k], stream)
+
+
+@helper
+def draw(key, pairs, begin, m, scratch, row):
+    """What :func:`pair_key` gives for the pairs begin:begin + m of a list to the bits, and their stream 0 to a row of the values."""
+    order, pi, pj, bits = pairs.order, pairs.pi, pairs.pj, scratch.bits
+    for k in range(m):
+        i, j = order[pi[begin + k]], order[pj[begin + k]]
+        low, high = (i, j) if i < j else (j, i)
+        bits[k] = (np.uint64(low) << _S32) | np.uint64(high)
+    for k in range(m):
+        bits[k] = mix(mix(bits[k] * _GOLDEN + key) + key)
+    draw_normals(0, m, scratch, row)
 
 
 @inlined

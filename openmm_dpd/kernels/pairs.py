@@ -55,15 +55,25 @@ class Pairs(NamedTuple):
 
 
 #: So many pairs are computed together: few enough for the processor to have all of them at hand.
-CHUNK = 512
+CHUNK = 64
+
+
+def rows(count: int) -> tuple[np.uint64, ...]:
+    """Where so many rows of numbers of a chunk begin.  So far apart they do not compete for the same places in a cache, and since compilers
+    know the distance, loops are vectorised whatever rows they read and write."""
+    return tuple(np.uint64((CHUNK + 8) * k) for k in range(count))
+
+
+#: Where the second row begins.
+SECOND = rows(2)[1]
 
 
 class Scratch(NamedTuple):
-    """Space for what is computed for many pairs at once, for each thread: six rows of numbers; hashes; indices."""
+    """Space for what is computed for many pairs at once, for each thread, in :func:`rows`."""
 
-    values: np.ndarray
-    bits: np.ndarray
-    tail: np.ndarray
+    values: np.ndarray  #: Numbers
+    bits: np.ndarray  #: Keys of the noise of the pairs; of one of their streams
+    indices: np.ndarray  #: Rows of the table of coefficients; pairs that are to be looked at again
 
 
 def _without_room(columns: int) -> tuple[np.ndarray, ...]:
@@ -109,7 +119,9 @@ class PairList:
         #: the cells of the beads that are sorted, and whether their pairs are stored; room for a column of each thread, where they are not
         self._placed, self._complete = cells.Grid(np.eye(3), np.zeros(3), False, 1, 1, 1), True
         self._passing = self._room(0)
-        self._scratch = Scratch(np.empty((0, 6, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
+        self._scratch = Scratch(np.empty((0, 0)), np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint32))
+        #: how many rows of numbers there are for each thread
+        self.rows_of_scratch = 32
         #: what each thread does, and how many lists there were, see :data:`_SHARED`
         self._shares: Shares | None = None
         self._age = 0
@@ -301,9 +313,9 @@ class PairList:
     def scratch(self) -> Scratch:
         """Space for some pairs of each thread."""
         threads = self.threads
-        if len(self._scratch.tail) != threads:
-            numbers = np.empty((threads, 6, CHUNK)), np.empty((threads, CHUNK), np.uint64)
-            self._scratch = Scratch(*numbers, np.empty((threads, CHUNK), np.uint32))
+        if len(self._scratch.values) != threads:
+            length, two = int(rows(self.rows_of_scratch + 1)[-1]), (threads, int(rows(3)[-1]))
+            self._scratch = Scratch(np.empty((threads, length)), np.empty(two, np.uint64), np.empty(two, np.uint32))
         return self._scratch
 
     def shares(self, parts: int) -> Shares:

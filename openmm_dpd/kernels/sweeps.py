@@ -17,15 +17,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from .columns import Totals, along_flow, approach, change, factor_of, if_sheared, on_velocities, over_pairs, row_of
-from .elementary import exp, power
-from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, GAMMA, GAMMA_PERP
+from .columns import Totals, along_flow, approach, change, if_sheared, look_at, look_up, on_velocities, over_pairs, powers
+from .elementary import exp
+from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, FACTOR, GAMMA, GAMMA_PERP, TABLE, draw_across
 from .layer import EXACT, SHARDLOW
-from .noise import draw, normal
-from .pairs import PairList
+from .noise import draw
+from .pairs import PairList, rows
 
-#: Rows of the scratch of a column.
-_LOST, _KICK, _UNUSED, _NOISE = range(4)
+#: Rows of scratch.
+_LOST, _KICK, _NOISE, _ACROSS, _X, _Y, _Z, _ALONG, _MASS, _OTHER = rows(10)
 
 
 class Sweep(NamedTuple):
@@ -60,6 +60,16 @@ def decay(update, x):
     return 1.0 - exp(-x) if x > 0.5 else _decay_below_half(x)
 
 
+@helper
+def decays(update, m, scratch, row):
+    """Put :func:`decay` in the place of each x in a row of the values."""
+    values = scratch.values
+    for k in range(m):
+        x = values[row + k]
+        far, near = 1.0 - exp(-x), _decay_below_half(x)
+        values[row + k] = x / (1.0 + 0.5 * x) if update != EXACT else far if x > 0.5 else near
+
+
 @inlined
 def relaxed(old, lost, variance, xi):
     """A number of mean 0 and that variance after an update that takes the part ``lost`` of it away: 1 - q^2 = lost (2 - lost)."""
@@ -74,7 +84,7 @@ def halvings(update: int, x: float) -> int:
 
 @helper
 def _plain_updates(pairs, data, begin, m, values):
-    """Fill the rows as :func:`_updates` does, for pairs that are all alike: without branches, so that loops are vectorised."""
+    """Fill the rows as :func:`updates` does, for pairs that are all alike: without branches, so that loops are vectorised."""
     c, r = data.coefficients, pairs.geometry[3]
     im = 2.0 * pairs.inv_mass[0]
     cutoff, rate, heat = c[0, CUTOFF], c[0, GAMMA] * im * data.dt, data.kT * im
@@ -82,72 +92,74 @@ def _plain_updates(pairs, data, begin, m, values):
     if data.update == EXACT:
         for k in range(m):
             w = 1.0 - r[begin + k] / cutoff
-            values[_LOST, k] = _decay_below_half(part * (rate * w * w))
+            values[_LOST + k] = _decay_below_half(part * (rate * w * w))
         for _ in range(data.halvings):
             for k in range(m):
-                values[_LOST, k] *= 2.0 - values[_LOST, k]  # of twice x
+                values[_LOST + k] *= 2.0 - values[_LOST + k]  # of twice x
     else:
         for k in range(m):
             w = 1.0 - r[begin + k] / cutoff
-            values[_LOST, k] = decay(SHARDLOW, rate * w * w)
+            values[_LOST + k] = decay(SHARDLOW, rate * w * w)
     for k in range(m):
-        lost = values[_LOST, k]
-        values[_KICK, k] = np.sqrt(lost * (2.0 - lost) * heat) * values[_NOISE, k] * share
-        values[_LOST, k] = lost * share
+        lost = values[_LOST + k]
+        values[_KICK + k] = np.sqrt(lost * (2.0 - lost) * heat) * values[_NOISE + k] * share
+        values[_LOST + k] = lost * share
 
 
 @helper
-def _updates(pairs, data, begin, m, scratch):
+def updates(pairs, data, begin, m, scratch):
     """The impulse of a radial update is KICK - LOST (e.v); 1 - q^2 = lost (2 - lost)."""
-    values, c, inv_mass = scratch.values, data.coefficients, pairs.inv_mass
-    draw(data.key, pairs, begin, m, scratch)
+    values, r = scratch.values, pairs.geometry[3]
+    draw(data.key, pairs, begin, m, scratch, _NOISE)
     if data.plain:
         _plain_updates(pairs, data, begin, m, values)
         return
+    look_up(data.coefficients, len(TABLE), pairs, begin, m, scratch, FACTOR)
+    look_at(pairs.inv_mass, pairs, begin, m, scratch, _MASS, _OTHER)
     for k in range(m):
-        n = begin + k
-        i, j = pairs.pi[n], pairs.pj[n]
-        im = inv_mass[i] + inv_mass[j]
-        if im == 0.0:
-            values[_LOST, k] = values[_KICK, k] = 0.0
-            continue
-        row = row_of(pairs, i, j)
-        w = power(1.0 - pairs.geometry[3, n] / c[row, CUTOFF], c[row, EXPONENT])
-        lost = decay(data.update, factor_of(pairs, n) * c[row, GAMMA] * w * w * im * data.dt)
-        values[_KICK, k] = np.sqrt(lost * (2.0 - lost) * data.kT * im) * values[_NOISE, k] / im
-        values[_LOST, k] = lost / im
+        values[_MASS + k] += values[_OTHER + k]
+        values[_LOST + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
+    powers(m, scratch, _LOST, TABLE[EXPONENT])
+    for k in range(m):
+        w = values[_LOST + k]
+        values[_LOST + k] = values[FACTOR + k] * values[TABLE[GAMMA] + k] * w * w * values[_MASS + k] * data.dt
+    decays(data.update, m, scratch, _LOST)
+    for k in range(m):
+        lost, im = values[_LOST + k], values[_MASS + k]
+        values[_KICK + k] = np.sqrt(lost * (2.0 - lost) * data.kT * im) * values[_NOISE + k] / im if im > 0.0 else 0.0
+        values[_LOST + k] = lost / im if im > 0.0 else 0.0
+
+
+@helper
+def _any_updates(pairs, data, begin, m, scratch):
+    """Those, and the transverse update, with its own g and two noise components."""
+    values, r = scratch.values, pairs.geometry[3]
+    updates(pairs, data, begin, m, scratch)
+    draw_across(pairs, begin, m, scratch, _X, _Y, _Z, _ALONG)
+    for k in range(m):
+        values[_ACROSS + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
+    powers(m, scratch, _ACROSS, TABLE[EXPONENT_PERP])
+    for k in range(m):
+        w = values[_ACROSS + k]
+        values[_ACROSS + k] = values[FACTOR + k] * values[TABLE[GAMMA_PERP] + k] * w * w * values[_MASS + k] * data.dt
+    decays(data.update, m, scratch, _ACROSS)
+    for k in range(m):
+        lost, im = values[_ACROSS + k], values[_MASS + k]
+        scale = np.sqrt(lost * (2.0 - lost) * data.kT * im) / im if im > 0.0 else 0.0
+        values[_X + k] *= scale
+        values[_Y + k] *= scale
+        values[_Z + k] *= scale
+        values[_ACROSS + k] = lost / im if im > 0.0 else 0.0
 
 
 @inlined
-def _transverse_impulse(pairs, data, key, n, i, j):
-    """Impulse of the transverse update on bead i, with its own g and two noise components; ``key`` is that of the pair."""
-    c, g, v, order, inv_mass = data.coefficients, pairs.geometry, data.v, pairs.order, pairs.inv_mass
-    im, row = inv_mass[i] + inv_mass[j], row_of(pairs, i, j)
-    if im == 0.0 or c[row, GAMMA_PERP] == 0.0:
-        return 0.0, 0.0, 0.0
-    ex, ey, ez = g[0, n], g[1, n], g[2, n]
-    w = power(1.0 - g[3, n] / c[row, CUTOFF], c[row, EXPONENT_PERP])
-    lost = decay(data.update, factor_of(pairs, n) * c[row, GAMMA_PERP] * w * w * im * data.dt)
-    scale = np.sqrt(lost * (2.0 - lost) * data.kT * im) / im
-    if order[i] > order[j]:
-        scale = -scale
-    lost /= im
-    zx, zy, zz = normal(key, 1), normal(key, 2), normal(key, 3)
-    along, ev = ex * zx + ey * zy + ez * zz, approach(pairs, v, n, i, j)
-    dx = -lost * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex) + scale * (zx - along * ex)
-    dy = -lost * (v[i, 1] - v[j, 1] - ev * ey) + scale * (zy - along * ey)
-    dz = -lost * (v[i, 2] - v[j, 2] - ev * ez) + scale * (zz - along * ez)
-    return dx, dy, dz
-
-
-@inlined
-def _central(pairs, data, scratch, n, k, column):
+def central(pairs, data, scratch, n, k, column):
     i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
     ex, ey, ez = g[0, n], g[1, n], g[2, n]
     # every number is read once: the processor could not know that they are still the same
     xi, yi, zi, xj, yj, zj = v[i, 0], v[i, 1], v[i, 2], v[j, 0], v[j, 1], v[j, 2]
-    lost = scratch.values[_LOST, k] * (ex * along_flow(pairs, n, xi - xj) + ey * (yi - yj) + ez * (zi - zj))
-    impulse = scratch.values[_KICK, k] - lost
+    lost = scratch.values[_LOST + k] * (ex * along_flow(pairs, n, xi - xj) + ey * (yi - yj) + ez * (zi - zj))
+    impulse = scratch.values[_KICK + k] - lost
     di, dj = impulse * pairs.inv_mass[i], impulse * pairs.inv_mass[j]
     v[i, 0], v[i, 1], v[i, 2] = xi + di * ex, yi + di * ey, zi + di * ez
     v[j, 0], v[j, 1], v[j, 2] = xj - dj * ex, yj - dj * ey, zj - dj * ez
@@ -156,11 +168,22 @@ def _central(pairs, data, scratch, n, k, column):
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
-    i, j, g, v, inv_mass = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v, pairs.inv_mass
-    lost = scratch.values[_LOST, k] * approach(pairs, v, n, i, j)
-    impulse = scratch.values[_KICK, k] - lost
-    tx, ty, tz = _transverse_impulse(pairs, data, scratch.bits[k], n, i, j)
-    change(v, i, j, inv_mass[i], inv_mass[j], impulse * g[0, n] + tx, impulse * g[1, n] + ty, impulse * g[2, n] + tz)
+    i, j, g, v, inv_mass, values, across = (
+        pairs.pi[n],
+        pairs.pj[n],
+        pairs.geometry,
+        data.v,
+        pairs.inv_mass,
+        scratch.values,
+        scratch.values[_ACROSS + k],
+    )
+    ex, ey, ez, ev = g[0, n], g[1, n], g[2, n], approach(pairs, v, n, i, j)
+    lost = values[_LOST + k] * ev
+    impulse = values[_KICK + k] - lost
+    tx = values[_X + k] - across * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex)
+    ty = values[_Y + k] - across * (v[i, 1] - v[j, 1] - ev * ey)
+    tz = values[_Z + k] - across * (v[i, 2] - v[j, 2] - ev * ez)
+    change(v, i, j, inv_mass[i], inv_mass[j], impulse * ex + tx, impulse * ey + ty, impulse * ez + tz)
     return 0.0, if_sheared(pairs, -lost * g[3, n]), 0.0
 
 
@@ -182,8 +205,8 @@ def scatter_velocities(pairs, data, begin, end):
         velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
 
 
-_central_sweep = over_pairs("central_sweep", _central, _updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
-_any_sweep = over_pairs("any_sweep", _any, _updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
+_central_sweep = over_pairs("central_sweep", central, updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
+_any_sweep = over_pairs("any_sweep", _any, _any_updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
 
 
 def sweep(pairs: PairList, terms: Sweep, transverse: bool) -> Totals:

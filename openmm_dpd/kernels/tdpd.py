@@ -22,19 +22,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..runtime import helper, inlined, merged
-from . import columns, forces
-from .columns import Motion, approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
-from .elementary import power
-from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
-from .noise import clamped, normal, pair_key
-from .pairs import PairList
-from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
+from ..runtime import helper, inlined
+from . import columns, forces, sweeps
+from .columns import Motion, deliver_rates, gather_and_clear_rates, look_at, look_up_one, over_pairs, powers
+from .dpd import SweptLayer
+from .layer import DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, Sums, table_of
+from .noise import clamped, draw_directed
+from .pairs import SECOND, PairList, rows
 
-#: Columns of the coefficient table; the first two are those of :mod:`.forces`.
-A, CUTOFF, GAMMA, EXPONENT, CUTOFF_C = range(5)
-#: Streams of the pair's random numbers: that of the motion, and that of the first species.
-MOTION, FIRST_SPECIES = range(2)
+#: Columns of the coefficient table after the eight of :mod:`.forces`: the range of diffusion; for each species kappa, epsilon and the
+#: exponent of the noise's weight.
+CUTOFF_C, SPECIES = 8, 9
+#: Streams of the pair's random numbers: that of the motion is 0.
+FIRST_SPECIES = 1
+#: Rows of scratch that :mod:`.forces` and :mod:`.sweeps` leave free here; others behind them.
+_NOISE, _MOVING, _OTHER = rows(7)[4:]
+_KAPPA, _EPSILON, _RANGE, _EXPONENT, _WEIGHT, _SPECIES = rows(26)[20:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,51 +55,54 @@ class SpeciesTable:
     epsilon: np.ndarray
     exponent_c: np.ndarray
 
+    def coefficients(self, kT: float) -> np.ndarray:
+        """(T*T, 9 + 3 K) table at the thermal energy kT: sigma^2 = 2 kT gamma; noise has half the exponents."""
+        zero, species = np.zeros_like(self.A), np.stack([self.kappa, self.epsilon, 0.5 * self.exponent_c], axis=-1)
+        of_dpd = self.A, self.cutoff_F, self.gamma, np.sqrt(2.0 * kT * self.gamma), zero, zero, 0.5 * self.exponent, zero
+        return table_of(*of_dpd, self.cutoff_c, species.reshape(*zero.shape, -1))
+
     def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
         return SpeciesLayer(self, spec, number)
 
 
-class SpeciesLayer:
+class SpeciesLayer(SweptLayer):
     """Evaluates a :class:`SpeciesTable`.  The fields are the concentrations of the species."""
 
     repeats = True
 
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
-        assert spec.fields is not None and spec.fields.n_values == table.kappa.shape[-1]
-        self.pairs, self.number = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=True), number
-        self._motion = SortedMotion(self.pairs)
-        self.coefficients = table_of(table.A, table.cutoff_F, table.gamma, table.exponent, table.cutoff_c)
+        species = table.kappa.shape[-1]
+        assert spec.fields is not None and spec.fields.n_values == species
+        super().__init__(
+            table, number, PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=True), False, transverse=False
+        )
+        self.pairs.rows_of_scratch += 2 * species
         #: whether no pair is listed that does not repel
         self._short = np.array_equal(table.cutoff, table.cutoff_F)
-        per_species = (table.kappa, table.epsilon, table.exponent_c)
-        # (T*T, K, 3): kappa, epsilon and the exponent of the noise weight of each species
-        self.exchange = np.stack([array.reshape(-1, array.shape[-1]) for array in per_species], axis=-1)
-        self.exchange[..., 2] *= 0.5
         # scratch, in the order of the pair list
-        self._c, self._other = np.zeros((2, len(self.pairs.order), spec.fields.n_values))
+        self._c, self._other = np.zeros((2, len(self.pairs.order), species))
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``; rates (N, K) are dC/dt."""
         motion, reactive = self._motion.arrays(call, out, add), call.which & (DISSIPATIVE | RANDOM)
         if self._short and not reactive:
-            return Sums(*forces.conservative_forces(self.pairs, forces.Repulsion(self.coefficients, motion)))
+            return Sums(*forces.conservative_forces(self.pairs, forces.Repulsion(self._at(0.0), motion)))
         values = call.field_values if reactive else np.zeros((0, self._c.shape[1]))
         assert values is not None and call.rates is not None and (call.velocities is not None or not call.which & DISSIPATIVE)
-        noise = call.key(self.number), call.rsqrt_dt
-        tables, of_beads = (self.coefficients, self.exchange), (values, self._c, self._other, call.rates)
-        return Sums(*species_forces(self.pairs, Diffusion(call.which, call.kT, *noise, *tables, *of_beads, motion)))
+        noise, of_beads = (call.key(self.number), call.rsqrt_dt), (values, self._c, self._other, call.rates)
+        return Sums(*species_forces(self.pairs, Diffusion(call.which, False, *noise, self._at(call.kT), *of_beads, motion)))
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update velocities pair by pair in place, and add to ``increments`` what the concentrations change by."""
         assert call.field_values is not None and increments is not None
         of_beads = call.field_values, increments, self._other, self._c, v, self._motion.v
-        given = SpeciesExchange(call.update, call.kT, call.dt, call.key(self.number), self.coefficients, self.exchange, *of_beads)
-        species_sweep(self.pairs, given)
+        noise = call.kT, call.dt, call.key(self.number)
+        species_sweep(self.pairs, SpeciesExchange(call.update, False, 0, *noise, self._at(call.kT), *of_beads))
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
-        return forces.soft_laplacian(self.pairs, self.coefficients)
+        return forces.soft_laplacian(self.pairs, self._at(0.0))
 
 
 class Diffusion(NamedTuple):
@@ -104,11 +110,10 @@ class Diffusion(NamedTuple):
     ``c`` (M, K); their ``rates`` (M, K), and ``changing`` (N, K), where these go to."""
 
     which: int
-    kT: float
+    plain: bool  #: Never, see :class:`.forces.Terms`
     key: np.uint64
     rsqrt_dt: float
     coefficients: np.ndarray
-    exchange: np.ndarray
     values: np.ndarray
     c: np.ndarray
     rates: np.ndarray
@@ -116,47 +121,65 @@ class Diffusion(NamedTuple):
     motion: Motion
 
 
+@helper
+def _look_at_species(pairs, data, species, begin, m, scratch):
+    """Kappa, epsilon and the weight of the noise of a species, 0 beyond the range; and its noise where it has any, which is the result."""
+    values, r, noisy, first, table = scratch.values, pairs.geometry[3], False, SPECIES + 3 * species, data.coefficients
+    for row in range(len(table)):
+        noisy |= table[row, first + 1] != 0.0
+    if noisy:
+        draw_directed(FIRST_SPECIES + species, pairs, begin, m, scratch, _NOISE)
+    look_up_one(table, first, pairs, m, scratch, _KAPPA)
+    look_up_one(table, first + 1, pairs, m, scratch, _EPSILON)
+    look_up_one(table, CUTOFF_C, pairs, m, scratch, _RANGE)
+    look_up_one(table, first + 2, pairs, m, scratch, _EXPONENT)
+    for k in range(m):
+        values[_WEIGHT + k] = 1.0 - r[begin + k] / values[_RANGE + k]
+    powers(m, scratch, _WEIGHT, _EXPONENT)
+    for k in range(m):
+        values[_WEIGHT + k] = values[_WEIGHT + k] if r[begin + k] < values[_RANGE + k] else 0.0
+    return noisy
+
+
 @inlined
-def _friction_at(coefficients, row, r, factor):
-    """f gamma w^s."""
-    weight = power(1.0 - r / coefficients[row, CUTOFF], 0.5 * coefficients[row, EXPONENT])
-    return factor * coefficients[row, GAMMA] * weight * weight
+def _of_species(species):
+    """Where the rows of a species begin: what the difference, and what the sum of the concentrations is multiplied with."""
+    return _SPECIES + np.uint64(2 * species) * SECOND
+
+
+@helper
+def _put_species(species, m, values):
+    row = _of_species(species)
+    for k in range(m):
+        values[row + k] = values[_KAPPA + k]
+    for k in range(m):
+        values[row + SECOND + k] = values[_EPSILON + k]
+
+
+@helper
+def _diffusion_terms(pairs, data, begin, m, scratch):
+    """The terms of DPD, and those of each species."""
+    values = scratch.values
+    forces.radial_terms(pairs, data, begin, m, scratch)
+    dissipative = 1.0 if data.which & DISSIPATIVE else 0.0
+    for species in range(data.c.shape[1] if data.which & (DISSIPATIVE | RANDOM) else 0):
+        noisy = _look_at_species(pairs, data, species, begin, m, scratch) and (data.which & RANDOM) != 0
+        for k in range(m):
+            w = values[_WEIGHT + k]
+            values[_KAPPA + k] *= dissipative * w * w
+            values[_EPSILON + k] = values[_EPSILON + k] * w * data.rsqrt_dt * clamped(values[_NOISE + k]) if noisy else 0.0
+        _put_species(species, m, values)
 
 
 @inlined
 def _pair_diffusion(pairs, data, scratch, n, k, column):
-    i, j, order, c, which, rates = pairs.pi[n], pairs.pj[n], pairs.order, data.c, data.which, data.rates
-    coefficients, exchange = data.coefficients, data.exchange
-    row, r = row_of(pairs, i, j), pairs.geometry[3, n]
-    pair, energy, virial, drag = data.key, 0.0, 0.0, 0.0
-    if which & RANDOM:
-        pair = pair_key(data.key, order[i], order[j])
-    if r < coefficients[row, CUTOFF]:
-        factor = factor_of(pairs, n)
-        friction = _friction_at(coefficients, row, r, factor)
-        radial = 0.0
-        if which & CONSERVATIVE:
-            radial, energy = soft(factor * coefficients[row, A], coefficients[row, CUTOFF], r)
-        if which & DISSIPATIVE:
-            drag = friction * approach(pairs, data.motion.v, n, i, j)
-            radial -= drag
-        if which & RANDOM:
-            radial += np.sqrt(2.0 * data.kT * friction) * data.rsqrt_dt * normal(pair, MOTION)
-        virial = push_apart(pairs, data.motion.f, n, i, j, radial)
-    if r < coefficients[row, CUTOFF_C] and which & (DISSIPATIVE | RANDOM):
-        w = 1.0 - r / coefficients[row, CUTOFF_C]
-        scale = data.rsqrt_dt if order[i] < order[j] else -data.rsqrt_dt
-        for s in range(c.shape[1]):
-            weight = power(w, exchange[row, s, 2])
-            flux = 0.0
-            if which & DISSIPATIVE:
-                flux -= exchange[row, s, 0] * weight * weight * (c[i, s] - c[j, s])
-            if which & RANDOM and exchange[row, s, 1] != 0.0:
-                xi = clamped(normal(pair, FIRST_SPECIES + s))
-                flux += exchange[row, s, 1] * weight * (c[i, s] + c[j, s]) * scale * xi
-            rates[i, s] += flux
-            rates[j, s] -= flux
-    return energy, virial, -drag * r
+    i, j, c, rates, values = pairs.pi[n], pairs.pj[n], data.c, data.rates, scratch.values
+    for s in range(c.shape[1] if len(data.values) else 0):
+        row = _of_species(s) + k
+        flux = values[row + SECOND] * (c[i, s] + c[j, s]) - values[row] * (c[i, s] - c[j, s])
+        rates[i, s] += flux
+        rates[j, s] -= flux
+    return forces.central(pairs, data, scratch, n, k, column)
 
 
 @helper
@@ -167,7 +190,7 @@ def _gather(pairs, data, begin, end):
             data.c[k, s] = data.values[pairs.seats[k], s]
 
 
-species_forces = over_pairs("species_forces", _pair_diffusion, first=_gather, last=deliver_rates, again=columns.on_forces)
+species_forces = over_pairs("species_forces", _pair_diffusion, _diffusion_terms, first=_gather, last=deliver_rates, again=columns.on_forces)
 
 
 class SpeciesExchange(NamedTuple):
@@ -175,11 +198,12 @@ class SpeciesExchange(NamedTuple):
     ``before`` and ``c`` (M, K); ``increments``, ``c`` and ``velocities`` (N, 3) are changed."""
 
     update: int
+    plain: bool  #: Never, see :class:`.sweeps.Sweep`
+    halvings: int
     kT: float
     dt: float
     key: np.uint64
     coefficients: np.ndarray
-    exchange: np.ndarray
     values: np.ndarray
     increments: np.ndarray
     before: np.ndarray
@@ -188,53 +212,53 @@ class SpeciesExchange(NamedTuple):
     v: np.ndarray
 
 
-@merged
-def _exchanged(ci, cj, x, both, spread, xi):
-    """What goes to bead i, which moves, from bead j; ``both`` is whether that moves, ``spread`` epsilon^2 w^p dt."""
-    h = 2.0 if both else 1.0
-    lost = decay(EXACT, h * x)
-    flow = -lost * (ci - cj) / h
-    if spread > 0.0 and ci >= 0.0 and cj >= 0.0:
-        # V (1 - q^2), also where kappa is 0
-        part = lost * (2.0 - lost) / (2.0 * h * x) if x > 0.0 else 1.0
-        flow += (ci + cj) * np.sqrt(spread * part) * xi
-        if not (ci + flow >= 0.0 and (cj - flow >= 0.0 or not both)):
-            return 0.0
-    return flow
+@helper
+def _exchange_terms(pairs, data, begin, m, scratch):
+    """The updates of DPD, and for each species what the difference and the sum of concentrations are multiplied with."""
+    values = scratch.values
+    sweeps.updates(pairs, data, begin, m, scratch)
+    look_at(pairs.inv_mass, pairs, begin, m, scratch, _MOVING, _OTHER)
+    for k in range(m):
+        # how many of the two change
+        values[_MOVING + k] = (1.0 if values[_MOVING + k] > 0.0 else 0.0) + (1.0 if values[_OTHER + k] > 0.0 else 0.0)
+    for species in range(data.c.shape[1]):
+        noisy = _look_at_species(pairs, data, species, begin, m, scratch)
+        for k in range(m):
+            w = values[_WEIGHT + k]
+            values[_KAPPA + k] = values[_WEIGHT + k] = values[_MOVING + k] * values[_KAPPA + k] * w * w * data.dt
+            values[_EPSILON + k] *= values[_EPSILON + k] * w * w * data.dt
+        sweeps.decays(EXACT, m, scratch, _WEIGHT)
+        for k in range(m):
+            x, lost, h = values[_KAPPA + k], values[_WEIGHT + k], values[_MOVING + k]
+            # V (1 - q^2), also where kappa is 0
+            part = lost * (2.0 - lost) / (2.0 * x) if x > 0.0 else 1.0
+            values[_EPSILON + k] = np.sqrt(values[_EPSILON + k] * part) * values[_NOISE + k] if noisy else 0.0
+            values[_KAPPA + k] = lost / h if h > 0.0 else 0.0
+        _put_species(species, m, values)
 
 
-@merged
+@inlined
 def _pair_exchange(pairs, data, scratch, n, k, column):
-    i, j, order, g, inv_mass, c, v = pairs.pi[n], pairs.pj[n], pairs.order, pairs.geometry, pairs.inv_mass, data.c, data.v
-    coefficients, exchange, wi, wj = data.coefficients, data.exchange, inv_mass[i], inv_mass[j]
-    im, row, r = wi + wj, row_of(pairs, i, j), g[3, n]
-    if im == 0.0:
-        return 0.0, 0.0, 0.0
-    pair = pair_key(data.key, order[i], order[j])
-    if r < coefficients[row, CUTOFF]:
-        ev = approach(pairs, v, n, i, j)
-        lost = decay(data.update, _friction_at(coefficients, row, r, factor_of(pairs, n)) * im * data.dt)
-        impulse = (relaxed(ev, lost, data.kT * im, normal(pair, MOTION)) - ev) / im
-        change(v, i, j, wi, wj, impulse * g[0, n], impulse * g[1, n], impulse * g[2, n])
-    if r < coefficients[row, CUTOFF_C]:
-        w = 1.0 - r / coefficients[row, CUTOFF_C]
-        both = wi > 0.0 and wj > 0.0
-        mine, other = (i, j) if wi > 0.0 else (j, i)
-        sign = 1.0 if order[mine] < order[other] else -1.0
-        for s in range(c.shape[1]):
-            weight = power(w, exchange[row, s, 2])
-            x, spread = exchange[row, s, 0] * weight * weight * data.dt, (exchange[row, s, 1] * weight) ** 2 * data.dt
-            xi = sign * normal(pair, FIRST_SPECIES + s) if spread > 0.0 else 0.0
-            flow = _exchanged(c[mine, s], c[other, s], x, both, spread, xi)
-            c[mine, s] += flow
-            if both:
-                c[other, s] -= flow
-    return 0.0, 0.0, 0.0
+    i, j, inv_mass, c, values = pairs.pi[n], pairs.pj[n], pairs.inv_mass, data.c, scratch.values
+    gives, takes = inv_mass[i] > 0.0, inv_mass[j] > 0.0
+    for s in range(c.shape[1]):
+        row = _of_species(s) + k
+        ci, cj, shaken = c[i, s], c[j, s], values[row + SECOND]
+        flow = -values[row] * (ci - cj)
+        if shaken != 0.0 and ci >= 0.0 and cj >= 0.0:
+            flow += (ci + cj) * shaken
+            if (gives and ci + flow < 0.0) or (takes and cj - flow < 0.0):
+                flow = 0.0
+        if gives:
+            c[i, s] = ci + flow
+        if takes:
+            c[j, s] = cj - flow
+    return sweeps.central(pairs, data, scratch, n, k, column)
 
 
 @helper
 def _gather_swept(pairs, data, begin, end):
-    gather_velocities(pairs, data, begin, end)
+    sweeps.gather_velocities(pairs, data, begin, end)
     for k in range(begin, end):
         i = pairs.seats[k]
         for s in range(data.c.shape[1]):
@@ -243,10 +267,12 @@ def _gather_swept(pairs, data, begin, end):
 
 @helper
 def _scatter_swept(pairs, data, begin, end):
-    scatter_velocities(pairs, data, begin, end)
+    sweeps.scatter_velocities(pairs, data, begin, end)
     for k in range(begin, end):
         for s in range(data.c.shape[1]):
             data.increments[pairs.seats[k], s] += data.c[k, s] - data.before[k, s]
 
 
-species_sweep = over_pairs("species_sweep", _pair_exchange, first=_gather_swept, last=_scatter_swept, again=columns.on_velocities)
+species_sweep = over_pairs(
+    "species_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept, again=columns.on_velocities
+)

@@ -9,11 +9,11 @@ from scipy import special, stats
 import openmm_dpd as dpd
 from openmm_dpd.kernels import noise
 from openmm_dpd.kernels.engine import RANDOM, PairEngine
-from openmm_dpd.kernels.pairs import PairList, Scratch
+from openmm_dpd.kernels.pairs import CHUNK, PairList, Scratch, rows
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.runtime.decorators import compiled
 
-M = 1_000_000
+M, ROWS = 1_000_000, rows(3)
 
 
 @compiled
@@ -183,9 +183,16 @@ def test_noise_has_not_changed():
 
 
 @compiled
-def _of_a_column(key, arrays, m, scratch):
-    """As kernels call it."""
-    noise.draw(key, arrays, np.uint64(0), m, scratch)
+def _of_a_column(key, arrays, m, scratch, found):
+    """As kernels call it: a chunk after the other."""
+    for begin in range(np.uint64(0), m, np.uint64(CHUNK)):
+        count = min(np.uint64(CHUNK), m - begin)
+        noise.draw(key, arrays, begin, count, scratch, ROWS[0])
+        noise.draw_directed(2, arrays, begin, count, scratch, ROWS[1])
+        noise.draw_uniforms(3, count, scratch, ROWS[2])
+        for k in range(count):
+            for row in range(len(ROWS)):
+                found[row, begin + k] = scratch.values[ROWS[row] + k]
 
 
 def test_numbers_of_a_column_are_those_of_its_pairs():
@@ -197,19 +204,20 @@ def test_numbers_of_a_column_are_those_of_its_pairs():
     pairs.build(np.zeros((n, 3)) + np.arange(n)[:, None], None)
     pairs.order[:] = rng.permutation(n)
     arrays = pairs.arrays._replace(pi=first.astype(np.uint32), pj=second.astype(np.uint32))
-    scratch = Scratch(np.zeros((4, m + 1)), np.zeros(m + 1, np.uint64), np.zeros(m + 1, np.uint32))
-    key = noise.call_key(3, 4)
-    _of_a_column(key, arrays, np.uint64(m), scratch)
-    one_by_one = np.empty(m)
+    scratch = Scratch(*(array[0] for array in pairs.scratch))
+    key, found, one_by_one = noise.call_key(3, 4), np.zeros((3, m)), np.zeros((3, m))
+    _of_a_column(key, arrays, np.uint64(m), scratch, found)
     _of_pairs(key, pairs.order[first], pairs.order[second], one_by_one)
-    assert np.array_equal(scratch.values[3, :m], one_by_one)
-    assert np.abs(one_by_one).max() > 3
+    assert np.array_equal(found, one_by_one)
+    assert np.all(np.abs(found[:2]).max(axis=1) > 3)
 
 
 @compiled
 def _of_pairs(key, i, j, values):
     for k in range(len(i)):
-        values[k] = noise.normal(noise.pair_key(key, min(i[k], j[k]), max(i[k], j[k])), 0)
+        pair = noise.pair_key(key, i[k], j[k])
+        directed = noise.normal(pair, 2)
+        values[0, k], values[1, k], values[2, k] = noise.normal(pair, 0), directed if i[k] < j[k] else -directed, noise.uniform(pair, 3)
 
 
 PAIRS, CALLS, KT, DT = 500, 400, 1.7, 0.013
