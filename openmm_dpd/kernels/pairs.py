@@ -55,7 +55,7 @@ class Pairs(NamedTuple):
 
 
 #: So many pairs are computed together: few enough for the processor to have all of them at hand.
-CHUNK = 64
+CHUNK = 128
 
 
 def rows(count: int) -> tuple[np.uint64, ...]:
