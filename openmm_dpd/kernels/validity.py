@@ -118,7 +118,7 @@ class Validity:
         played, and what :meth:`.Tape.play` needs to play those of a :class:`~openmm_dpd.measure.within.Within` among them, if due."""
         taken, until, seldom = self.take(), steps if looks is None else looks.until(number), None
         measuring = taken.get(True)
-        recorded = measuring if looks is not None and looks.every == 1 else taken.get(False)
+        recorded = measuring if not until and looks.every == 1 else taken.get(False)
         steps = steps if measuring is not None else min(steps, until)
         if recorded is None or not steps:
             self.record(taken)

@@ -12,6 +12,7 @@ import numpy as np
 import openmm
 
 from ..base.openmm_private import bare
+from ..base.signals import unbroken
 from ..kernels import motion
 from ..kernels.layer import DISSIPATIVE, STRESS
 from ..kernels.moment import Moment
@@ -44,13 +45,19 @@ class Within:
         self.present, self._masses, self.more, self._sample, self._tensors = present, masses, more, sample, tensors
         self._scheme, self._inv_mass = present.plan.options.scheme, present.plan.spec.inv_mass
         self._counted, self._components = (present.mass > 0).astype(float), np.repeat(self._inv_mass, 3)
+        self._resting = (masses > 0) & (self._inv_mass == 0)  #: Beads that count, but whose velocities the loop takes as 0
         self._v, self._force = np.zeros((2, len(masses), 3))
 
     def run(self, context: openmm.Context, first: int, every: int, end: int, take: Callable[[Row], None]) -> bool:
         """Step the Context to step ``end``, and have what is found at the steps ``first``, ``first + every``, ... before it taken, if that
         can be measured within a run; otherwise do nothing, and return False."""
-        state, integrator, loop = self.present.look(context), context.getIntegrator(), self.present.loop
-        if not self.present.plain or loop is None or integrator._slow or integrator._barostats:
+        integrator, loop = context.getIntegrator(), self.present.loop
+        if loop is None or not integrator.whole or integrator.whole.function.thread_state().loop is not loop:
+            return False  # another System, or a copy of the integrator, does the steps
+        integrator._look(context)  # what has changed since the last step: forces, barostats, the state
+        state = self.present.look(context)
+        acted = integrator.whole.guide is not None or integrator._slow or integrator._barostats
+        if acted or not self.present.plain or self.present.v[self._resting].any():
             return False
         self._first, self.every, self._end, begun = first, every, end, state.getStepCount()
         #: numbers of S steps, and all that was noted in each of them, (S, ...); the sums that came with the forces are first
@@ -61,10 +68,11 @@ class Within:
             integrator.step(end - begun)
         finally:
             loop.looks, reached = None, context.getStepCount()
-            for numbers, found in self.found:
-                for row in self._rows(numbers, found, times[numbers[0] - begun :: every]):
-                    if row.number <= reached:  # steps of a call that has failed are taken back
-                        take(row)
+            with unbroken():  # rows that wait are not lost
+                for numbers, found in self.found:
+                    for row in self._rows(numbers, found, times[numbers[0] - begun :: every]):
+                        if row.number <= reached:  # steps of a call that has failed are taken back
+                            take(row)
         return True
 
     def kinetic_stress(self, row: Row) -> np.ndarray:

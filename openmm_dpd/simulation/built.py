@@ -66,8 +66,9 @@ class DPDSimulation(app.Simulation):
         other; returns their number, or 0."""
         (follower, its), *more = [each for each in asked if each[1]["steps"] == free] or [(None, {})]
         kind = next((kind for kind in type(follower).__mro__ if "report" in vars(kind)), object)
-        # a subclass that reports something else, or at other steps, is asked as OpenMM would
-        if more or "report_within" not in vars(kind) or type(follower).describeNextReport is not Cadence.describeNextReport:
+        # one that reports something else, or at other steps, is asked as OpenMM would
+        own = {"report", "describeNextReport"} & getattr(follower, "__dict__", {}).keys()
+        if more or own or "report_within" not in vars(kind) or type(follower).describeNextReport is not Cadence.describeNextReport:
             return 0
         others = [report["steps"] for reporter, report in asked if reporter is not follower and report["steps"] > 0]
         now, last = self.currentStep, min([end - self.currentStep, self.integrator.straight, *others])

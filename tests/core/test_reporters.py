@@ -1,8 +1,10 @@
 """Reporters that report within runs, that go on with a file, that say why a column is nan, and that notice a wrong temperature."""
 
+import copy
 import gc
 import io
 import logging
+import signal
 
 import numpy as np
 import openmm
@@ -15,6 +17,7 @@ from openmm_dpd.base.errors import ParameterError
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.measure import StressReporter
 from openmm_dpd.runtime.tape import Tape
+from openmm_dpd.simulation.built import DPDSimulation
 
 N, EDGE = 375, 5.0
 
@@ -80,6 +83,57 @@ def test_reports_within_a_run_are_those_between_runs(scheme, monkeypatch):
                 assert np.array_equal(new, old)
         assert played[0] > 60
     dpd.set_threads(1)
+
+
+@pytest.mark.parametrize("change", ["kT", "barostat", "copy", "other", "report", "steps"])
+def test_what_changes_before_a_run_is_reported_as_step_by_step(change):
+    """A loaded state with another temperature, a barostat that begins to act, a copy of the integrator or a System of the same beads that
+    the reporter was not made for, and reporters with a method of their own."""
+    found = []
+    for calls in ([30], [1] * 30):
+        built, twin, steps = build(scheme="mvv"), build(kT=2.0, scheme="mvv"), list[int]()
+        built.system.addForce(openmm.MonteCarloBarostat(20.0, 120, 0))
+        integrator, first = built.integrator, DPDSimulation(twin.plan, twin.topology, twin.system, twin.integrator)
+        if change == "copy":
+            integrator, first = copy.copy(integrator), start(built)
+        simulation = DPDSimulation(built.plan, built.topology, built.system, integrator, openmm.Platform.getPlatform("CPU"))
+        for each in (first, simulation):
+            each.context.setPositions(built.positions)
+            each.context.setVelocitiesToTemperature(120, 1)
+            each.step(20)
+        out = io.StringIO()
+        stress = StressReporter(1, twin if change == "other" else built)
+        row = dpd.DPDReporter(out, 1, stress.built, ("step", "kT_conf", "volume", "pressure"))
+        if change == "report":
+            row.report = lambda *its, report=row.report, steps=steps: steps.append(its[0].currentStep) or report(*its)
+        elif change == "steps":
+            row.describeNextReport = lambda simulation: {"steps": 7 - simulation.currentStep % 7, "include": []}
+        elif change == "kT":
+            simulation.context.setState(first.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True))
+        elif change == "barostat":
+            simulation.system.getForces()[-1].setFrequency(3)
+        for reporter in (stress, row) if change in ("kT", "other") else (row,):
+            simulation.reporters[:] = [reporter]
+            for n in calls:
+                simulation.step(n)
+        found.append([out.getvalue(), steps, stress.regular.tolist(), stress.kT if len(stress.regular) else None])
+    assert found[0] == found[1] and len(found[0][0].splitlines()) > 4
+
+
+def test_ctrl_c_while_rows_are_written_loses_none():
+    class Pressed(io.StringIO):
+        def write(self, text):
+            if text == "27\n":
+                signal.raise_signal(signal.SIGINT)
+            return super().write(text)
+
+    built = build()
+    simulation, out = start(built), Pressed()
+    simulation.reporters.append(dpd.DPDReporter(out, 1, built, ["step"]))
+    simulation.step(20)
+    with pytest.raises(KeyboardInterrupt):
+        simulation.step(20)
+    assert out.getvalue().split() == ["step", *map(str, range(1, simulation.currentStep))] and simulation.currentStep == 40
 
 
 def test_a_subclass_is_called_for_each_of_its_reports():

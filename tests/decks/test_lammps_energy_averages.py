@@ -13,6 +13,7 @@ from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import read_deck, run_deck
 from openmm_dpd.lammps.output.averages import Schedule
 from openmm_dpd.lammps.run.sampling import Sampler
+from openmm_dpd.runtime.tape import Tape
 
 START = """atom_style {style}
 region b block -2 4 0 5 1 7 units box
@@ -74,6 +75,37 @@ def test_averages_within_a_run_are_those_of_samples_between_runs(tmp_path, monke
     assert sum(runs) > 4
     for within, between in zip(*found, strict=True):
         assert len(within) and within == pytest.approx(between, rel=1e-5 if within is found[0][3] else 1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["mvv", "middle"])
+def test_averages_count_what_moves_beside_pairs(tmp_path, monkeypatch, scheme):
+    """Thermostats and a piston that act at the end of steps, velocities of beads that do not move, and the clock: each sample is that of a
+    run that ends there.  Steps between samples are played, also where those of a window follow each other."""
+    fixes = ["", "fix move odd nve", "fix move all nve\nvariable c equal cpu\nfix late all ave/time 1 5 50 v_c file late"]
+    if scheme == "mvv":
+        acting = ["all nve\nfix t all temp/rescale 1 1 1 0.01 1", "all nve\nfix t all temp/berendsen 1 1 0.5", "all nvt temp 1 1 0.5"]
+        fixes += [f"fix move {each}" for each in (*acting, "all npt temp 1 1 0.5 iso 2 2 1")]
+    plain = (
+        START.format(style="atomic")
+        + "pair_style dpd 1.0 1.0 7\npair_coeff * * 25 4.5 2.0\ngroup odd id 1:200\ngroup rest subtract all odd\n"
+    )
+    plain += "velocity rest set 0.5 0 0\ntimestep 0.01\nthermo 200\n"
+    real, play, played = Sampler.within, Tape.play, [0]
+    monkeypatch.setattr(Tape, "play", lambda *its: (done := play(*its), played.append(done[0]))[0])
+    for k, fix in enumerate(fixes):
+        found = []
+        for within in (real, lambda *its: False):
+            monkeypatch.setattr(Sampler, "within", within)
+            out, average = (
+                tmp_path / f"{k}{within is real}",
+                "fix one all ave/time 1 5 50 c_thermo_temp c_thermo_press format %.16g file one",
+            )
+            run_deck(write(tmp_path, f"{plain}{fix or 'fix move all nve'}\n{average}\nrun 200\n"), replace(QUICK, scheme=scheme), out=out)
+            found.append((out / "one").read_text())
+            assert fix or within is not real or sum(played) > 120
+            spent = [float(line.split()[1]) for line in (out / "late").read_text().splitlines()[2:]] if "late" in fix else []
+            assert spent == sorted(spent)
+        assert found[0] == found[1], fix
 
 
 # -- when ------------------------------------------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """Measurements during a run, for thermo output, averages and dumps."""
 
-import time
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -140,14 +139,13 @@ class Sampler:
 
     def within(self, step: int, first: int, every: int, end: int, take: Callable[[DeckSample], None]) -> bool:
         """From this step on, as :meth:`~openmm_dpd.measure.within.Within.run`, with samples that have the values :data:`WITHIN`."""
-        begun = time.perf_counter()
 
         def made(row: Row) -> None:
             products, sample = np.array(row.moving[:6]), object.__new__(DeckSample)
             known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "pair_energy": row.sums[0], "fields": {}}
             pulls = {"virial": float(row.stress[:3].sum()), "virial_tensor": row.stress}
             box = self.axes.box_of_deck(self.observer.present.box)
-            vars(sample).update(step=row.number - ahead, cpu=time.perf_counter() - begun, box=box, **known, **pulls)
+            vars(sample).update(step=row.number - ahead, box=box, **known, **pulls)
             take(sample)
 
         ahead = self.context.getStepCount() - step

@@ -51,7 +51,7 @@ def _cell_angle(first: int, second: int) -> Callable[[DeckMoment], float]:
 
 
 def _cpu(moment: DeckMoment) -> float:
-    return 0.0 if moment.sample is None else moment.sample.cpu
+    return 0.0 if moment.sample is None else moment.sample.read("cpu")
 
 
 def _elapsed(moment: DeckMoment, from_begin: bool = False) -> float:
