@@ -28,7 +28,7 @@ import numpy as np
 from ..base.errors import OutputError
 from ..base.files import write_whole
 from ..base.signals import CTRL_C
-from .numba_private import NullCache, dumps, packed, set_cache, unpacked
+from .numba_private import NullCache, dumps, packed, ready_to_run, set_cache, unpacked
 
 try:
     import fcntl
@@ -251,13 +251,14 @@ class KernelCache(NullCache):
         """The compiled function, or None: then other processes wait until :meth:`save_overload`."""
         CTRL_C.check()  # compiling all kernels of a step may take a minute
         try:
-            target_context.refresh()
+            ready_to_run(target_context)
             key = sig, target_context.codegen().magic_tuple()
             data = self.files.load(key)
             if data is None:
                 self.files.begin(key)
                 data = self.files.load(key)
             if data is None:
+                target_context.refresh()
                 return None
             self.files.end()
             return unpacked(target_context, data)

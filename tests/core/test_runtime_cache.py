@@ -248,3 +248,22 @@ def test_without_any_place_the_package_is_imported_and_computes():
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "1.0\n"), done.stderr
     assert done.stderr.count("\n") == 1 and "kernels are compiled at every start, since there is no place to keep them" in done.stderr
+
+
+RUN = """
+import sys
+import numpy as np
+import openmm_dpd as dpd
+x = np.random.default_rng(1).random((81, 3)) * 3
+scene = dpd.Scene({"A": 1}, ["A"] * 81, x, {("A", "A"): dpd.DPD(A=25, gamma=4.5)}, 1.0, box=[3, 3, 3])
+built = dpd.build(scene, dt=0.01, platform="CPU", seed=1)
+simulation = built.simulation()
+simulation.step(5)
+print(dpd.Observer(built).sample(simulation.context).kinetic, "numba.np.arraymath" in sys.modules)
+"""
+
+
+def test_kernels_from_disk_need_no_compiler():
+    """What numba has to compile with takes 0.2 s to import: it is left alone where all kernels are on disk."""
+    first, second = (subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=True).stdout.split() for _ in range(2))
+    assert second == [first[0], "False"]
