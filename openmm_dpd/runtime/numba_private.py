@@ -107,4 +107,15 @@ def compiling(begun: Callable[[], None]) -> Iterator[None]:
         yield
 
 
-__all__ = ["NO_REFERENCE_COUNTS", "ONLY_LINKED", "CFunc", "NullCache", "compiling", "dumps", "packed", "ready_to_run", "set_cache", "unpacked"]
+__all__ = [
+    "NO_REFERENCE_COUNTS",
+    "ONLY_LINKED",
+    "CFunc",
+    "NullCache",
+    "compiling",
+    "dumps",
+    "packed",
+    "ready_to_run",
+    "set_cache",
+    "unpacked",
+]

@@ -265,5 +265,7 @@ print(dpd.Observer(built).sample(simulation.context).kinetic, "numba.np.arraymat
 
 def test_kernels_from_disk_need_no_compiler():
     """What numba has to compile with takes 0.2 s to import: it is left alone where all kernels are on disk."""
-    first, second = (subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=True).stdout.split() for _ in range(2))
+    first, second = (
+        subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=True).stdout.split() for _ in range(2)
+    )
     assert second == [first[0], "False"]

@@ -34,7 +34,7 @@ class RunOptions:
     engine: str = "auto"  #: What evaluates the pair terms, see :func:`openmm_dpd.plan.plan.make_plan`
     compat: str = "consistent"  #: ``consistent``, or ``lammps`` for the heat of pair style edpd as LAMMPS computes it
     checkpoint: int | None = None  #: Steps between two checkpoints; by default one is written when a run ends or is interrupted
-    every: int | None = None  #: Steps between two frames of the trajectory (default: a hundredth of the run)
+    every: int | None = None  #: Steps between two frames of the trajectory (default: a hundredth of the run, at least 100)
     format: str = "dcd"  #: Format of the trajectory: ``dcd`` or ``xtc``
 
     def __post_init__(self):

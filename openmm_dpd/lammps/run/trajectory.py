@@ -18,9 +18,8 @@ from ...simulation.fields import read_fields
 from ..state.records import NO_SLIDE, Slide
 from .request import RunRequest
 
-#: Default number of frames per run, approximately, and the fewest steps between them, without and with bead fields: a frame takes as long
-#: as one step, or as three.
-FRAMES, APART, APART_WITH_FIELDS = 100, 20, 60
+#: Default number of frames per run, approximately, and the fewest steps between them: a frame takes as long as two to five.
+FRAMES, APART = 100, 100
 #: Trajectory formats.
 FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
 
@@ -74,7 +73,7 @@ class RunTrajectory:
 
     def start(self, scene: Scene, request: RunRequest, built: BuiltSystem) -> None:
         """Prepare for a run."""
-        self._every = self._given or max(APART_WITH_FIELDS if has_fields(built) else APART, request.steps // FRAMES)
+        self._every = self._given or max(APART, request.steps // FRAMES)
         self._first, self._last = (0, -1) if self._given else (request.first_step, request.last_step)
         self._state = state = request.state
         self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length
