@@ -106,10 +106,7 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
     left_out = "exclude the first N steps of every run of at least N steps from averages (default: those before equilibrium)"
     results.add_argument("--discard", type=int, metavar="N", help=left_out)
     results.add_argument(
-        "--every",
-        type=int,
-        metavar="N",
-        help="steps between two frames of the trajectory (default: 100 a run, or one in 100 steps)",
+        "--every", type=int, metavar="N", help="steps between two frames of the trajectory (default: 100 a run, one in 100 steps)"
     )
     results.add_argument("--format", choices=("dcd", "xtc"), default="dcd", help="format of the trajectory (default: dcd)")
     silence = "print nothing but errors; all rows are in DIR/log.txt (default: --no-quiet)"

@@ -19,9 +19,8 @@ import numpy as np
 from numba import types
 
 from ..runtime import Kernel, Tape, by_types, helper, inlined, meet
-from .elementary import power
 from .listing import fetch_around, has_room, list_some, look_around
-from .pairs import CHUNK, SECOND, PairList, Scratch
+from .pairs import CHUNK, PairList, Scratch
 from .templates import renamed
 
 #: As a number that numba knows to be positive.
@@ -238,60 +237,6 @@ def row_of(pairs, i, j):
 def factor_of(pairs, n):
     """Factor of bonded neighbours."""
     return pairs.factors[n] if len(pairs.factors) else 1.0
-
-
-# For the pairs begin:begin + m of a list at once.  What is looked up somewhere goes to rows of the values first, one pass for each number:
-# loops that read nothing but rows are vectorised.
-
-
-@helper
-def look_up_one(table, column, pairs, m, scratch, row):
-    """Put a column of a table of coefficients to a row of the values; :func:`look_up` has been there before."""
-    values, indices = scratch.values, scratch.indices
-    if pairs.ntypes > 1:
-        for k in range(m):
-            values[row + k] = table[indices[k], column]
-    else:
-        for k in range(m):
-            values[row + k] = table[0, column]
-
-
-@helper
-def look_up(table, count, pairs, begin, m, scratch, row):
-    """Put the factors, 0 beyond the cutoff, and then so many columns of a table of coefficients (the second is the cutoff) to rows of the
-    values from this one on."""
-    values, cutoff = scratch.values, row + SECOND + SECOND
-    if pairs.ntypes > 1:
-        for k in range(m):
-            scratch.indices[k] = row_of(pairs, pairs.pi[begin + k], pairs.pj[begin + k])
-    for column in range(np.uint64(count)):
-        look_up_one(table, column, pairs, m, scratch, row + (column + np.uint64(1)) * SECOND)
-    for k in range(m):
-        values[row + k] = factor_of(pairs, begin + k) if pairs.geometry[3, begin + k] < values[cutoff + k] else 0.0
-
-
-@helper
-def powers(m, scratch, base, exponent):
-    """Put a row of the values to the :func:`power` in another one, 0 where it is not above 0."""
-    values, easy = scratch.values, np.uint64(0)
-    for k in range(m):
-        s = values[exponent + k]
-        values[base + k] = max(0.0, values[base + k])
-        easy += np.uint64(s == 1.0) + np.uint64(s == 0.5)
-    if easy == m:
-        for k in range(m):
-            w = values[base + k]
-            values[base + k] = w if values[exponent + k] == 1.0 else np.sqrt(w)
-    else:
-        for k in range(m):
-            values[base + k] = power(values[base + k], values[exponent + k])
-
-
-@helper
-def look_at(numbers, pairs, begin, m, scratch, first, second):
-    """Put a number of each bead to two rows of the values: those of the first, and of the second beads."""
-    for k in range(m):
-        scratch.values[first + k], scratch.values[second + k] = numbers[pairs.pi[begin + k]], numbers[pairs.pj[begin + k]]
 
 
 def _flows(pairs):

@@ -34,7 +34,8 @@ import numpy as np
 from ..base.errors import RunError, bead_names, bead_number, in_number
 from ..runtime import helper, inlined, merged
 from . import columns
-from .columns import Motion, approach, change, clear, deliver, factor_of, look_at, look_up, over_pairs, push_apart, row_of, soft
+from .chunks import look_at, look_up
+from .columns import Motion, approach, change, clear, deliver, factor_of, over_pairs, push_apart, row_of, soft
 from .elementary import exp, log_of, power
 from .energy_updates import passes
 from .eos import log_ratio

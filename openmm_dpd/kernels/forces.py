@@ -15,6 +15,7 @@ import numpy as np
 
 from ..runtime import helper, inlined
 from . import columns
+from .chunks import look_up, powers
 from .columns import (
     Motion,
     add_stress,
@@ -24,10 +25,8 @@ from .columns import (
     deliver,
     factor_of,
     gather_and_clear,
-    look_up,
     on_forces,
     over_pairs,
-    powers,
     push,
     push_apart,
     row_of,
@@ -179,7 +178,7 @@ def _conservative(pairs, data, scratch, n, k, column):
 
 
 @inlined
-def central(pairs, data, scratch, n, k, column):
+def central_force(pairs, data, scratch, n, k, column):
     i, j, values = pairs.pi[n], pairs.pj[n], scratch.values
     drag = values[_DRAG + k] * approach(pairs, data.motion.v, n, i, j)
     virial = push_apart(pairs, data.motion.f, n, i, j, values[_PUSH + k] - drag)
@@ -205,7 +204,7 @@ def _any(pairs, data, scratch, n, k, column):
 
 # the usual cases apart: what need not be asked for each pair is a third of the time
 conservative_forces = over_pairs("conservative_forces", _conservative, first=clear, last=deliver, again=on_forces)
-_central_forces = over_pairs("central_forces", central, radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
+_central_forces = over_pairs("central_forces", central_force, radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
 _any_forces = over_pairs("any_forces", _any, _any_terms, first=gather_and_clear, last=deliver, again=on_forces)
 
 

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from .columns import Totals, along_flow, approach, change, if_sheared, look_at, look_up, on_velocities, over_pairs, powers
+from .chunks import look_at, look_up, powers
+from .columns import Totals, along_flow, approach, change, if_sheared, on_velocities, over_pairs
 from .elementary import exp
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, FACTOR, GAMMA, GAMMA_PERP, TABLE, draw_across
 from .layer import EXACT, SHARDLOW
@@ -153,7 +154,7 @@ def _any_updates(pairs, data, begin, m, scratch):
 
 
 @inlined
-def central(pairs, data, scratch, n, k, column):
+def central_update(pairs, data, scratch, n, k, column):
     i, j, g, v = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v
     ex, ey, ez = g[0, n], g[1, n], g[2, n]
     # every number is read once: the processor could not know that they are still the same
@@ -205,7 +206,7 @@ def scatter_velocities(pairs, data, begin, end):
         velocities[i, 0], velocities[i, 1], velocities[i, 2] = v[k, 0], v[k, 1], v[k, 2]
 
 
-_central_sweep = over_pairs("central_sweep", central, updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
+_central_sweep = over_pairs("central_sweep", central_update, updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
 _any_sweep = over_pairs("any_sweep", _any, _any_updates, first=gather_velocities, last=scatter_velocities, again=on_velocities)
 
 

@@ -24,7 +24,8 @@ import numpy as np
 
 from ..runtime import helper, inlined
 from . import columns, forces, sweeps
-from .columns import Motion, deliver_rates, gather_and_clear_rates, look_at, look_up_one, over_pairs, powers
+from .chunks import look_at, look_up_one, powers
+from .columns import Motion, deliver_rates, gather_and_clear_rates, over_pairs
 from .dpd import SweptLayer
 from .layer import DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, Sums, table_of
 from .noise import clamped, draw_directed
@@ -179,7 +180,7 @@ def _pair_diffusion(pairs, data, scratch, n, k, column):
         flux = values[row + SECOND] * (c[i, s] + c[j, s]) - values[row] * (c[i, s] - c[j, s])
         rates[i, s] += flux
         rates[j, s] -= flux
-    return forces.central(pairs, data, scratch, n, k, column)
+    return forces.central_force(pairs, data, scratch, n, k, column)
 
 
 @helper
@@ -253,7 +254,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
             c[i, s] = ci + flow
         if takes:
             c[j, s] = cj - flow
-    return sweeps.central(pairs, data, scratch, n, k, column)
+    return sweeps.central_update(pairs, data, scratch, n, k, column)
 
 
 @helper

@@ -54,9 +54,9 @@ class Within:
         integrator, loop = context.getIntegrator(), self.present.loop
         if loop is None or not integrator.whole or integrator.whole.function.thread_state().loop is not loop:
             return False  # another System, or a copy of the integrator, does the steps
-        integrator._look(context)  # what has changed since the last step: forces, barostats, the state
+        integrator.look_at(context)  # what has changed since the last step: forces, barostats, the state
         state = self.present.look(context)
-        acted = integrator.whole.guide is not None or integrator._slow or integrator._barostats
+        acted = integrator.whole.guide is not None or integrator.beside
         if acted or not self.present.plain or self.present.v[self._resting].any():
             return False
         self._first, self.every, self._end, begun = first, every, end, state.getStepCount()

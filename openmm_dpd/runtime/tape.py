@@ -163,7 +163,7 @@ class Tape:
         self.counted, self._at_levels = counted, at_levels
         self._packed = [np.frombuffer(bytearray(call.packed), np.int64) for call in self.calls]
         both = list(zip(self.calls, self._packed, strict=True))
-        self._calls = np.array([(call.layout.address, words.ctypes.data, call.parts, 0) for call, words in both], np.int64)
+        self.packed_calls = np.array([(call.layout.address, words.ctypes.data, call.parts, 0) for call, words in both], np.int64)
         changing, self._depending = [], []
         for call, words in both:
             places = call.layout.places
@@ -173,7 +173,7 @@ class Tape:
                     bits = _BITS.unpack(_NUMBER.pack(made.level))[0]
                     changing.append((words[places[name] :].ctypes.data, made.counted - counter, counted, bits, *made.numbers))
                     self._depending.append((made.numbers[0], {its: words[at:].ctypes.data for its, at in places.items()}))
-        self._words = np.array(changing or np.zeros((0, 4)), np.uint64)
+        self.changing_words = np.array(changing or np.zeros((0, 4)), np.uint64)
         self._state, self._before = state, [array.copy() for array in state]
         both_states = zip(state, self._before, strict=True)
         self._kept = np.array([(array.ctypes.data, copy.ctypes.data, array.size) for array, copy in both_states], np.int64)
@@ -197,11 +197,11 @@ class Tape:
         ramped = _CONSTANT if levels is None else self._ramped(levels)
         if ramped is None:
             return 0, None
-        calls, words, told, noted, until, every = self._calls, self._words.copy(), np.zeros(5, np.int64), _NO_NOTES, steps, 1
+        calls, words, told, noted, until, every = self.packed_calls, self.changing_words.copy(), np.zeros(5, np.int64), _NO_NOTES, steps, 1
         threads = self.threads
         if seldom is not None:
             its, until, every, room = seldom
-            calls, words = np.vstack([calls, its._calls + [0, 0, 0, 1]]), np.vstack([words, its._words])
+            calls, words = np.vstack([calls, its.packed_calls + [0, 0, 0, 1]]), np.vstack([words, its.changing_words])
             pairs = zip(its.noted, room, strict=True)
             noted = np.array([(one.ctypes.data, rows.ctypes.data, one.size, rows.strides[0]) for one, rows in pairs], np.int64)
             threads = min(threads, its.threads)

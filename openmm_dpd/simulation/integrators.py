@@ -69,7 +69,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
                     openmm.CustomIntegrator.step(self, n)
         elif self.whole is None:
             super()._take(context, steps)
-        elif self._slow or self._barostats:
+        elif self.beside:
             with self._or_back(context):
                 self.whole.run(self, context, steps, slow=self._slow, barostats=self._barostats)
         else:  # the Context is not changed before all steps are done, so there is nothing to go back from

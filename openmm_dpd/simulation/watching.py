@@ -115,6 +115,11 @@ class Watching:
     _taken = 0
     _begun = False
 
+    @property
+    def beside(self) -> bool:
+        """Whether forces of OpenMM kick, or barostats act, between the kernel's steps."""
+        return self._slow or self._barostats
+
     def context(self) -> openmm.Context | None:
         """The Context that this integrator belongs to, None before there is one."""
         found = None if self._known is None else self._known()
@@ -139,10 +144,10 @@ class Watching:
         if context is None:
             super().step(steps)  # type: ignore[misc]
             return
-        self._look(context)
+        self.look_at(context)
         while steps > 0:
             CTRL_C.check()
-            piece = min(steps, self._piece() if self.whole is None or self._slow or self._barostats else self.straight)
+            piece = min(steps, self._piece() if self.whole is None or self.beside else self.straight)
             self._take(context, piece)
             steps -= piece
             self._taken += piece
@@ -264,7 +269,7 @@ class Watching:
     def _ask(self, context: openmm.Context) -> None:
         context.getState(energy=True, groups={self.device_group})
 
-    def _look(self, context: openmm.Context) -> None:
+    def look_at(self, context: openmm.Context) -> None:
         """Find out what has changed since the last call of ``step``: the Context, its System, its groups, its barostats, its state."""
         system = context.getSystem()
         groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
@@ -275,7 +280,7 @@ class Watching:
         moving = [barostat for barostat in barostats(context) if barostat.getFrequency() > 0] if self._has_barostats else []
         self._barostats = self._mixed or bool(moving)
         self._intervals = [barostat.getFrequency() for barostat in moving]
-        self._at_home(context, self.whole is None or self._slow or self._barostats)
+        self._at_home(context, self.whole is None or self.beside)
         self.settle(context)
         parameters = context.getParameters()
         wrong = wrong_key(parameters)
