@@ -37,8 +37,7 @@ from . import columns
 from .chunks import look_at, look_up
 from .columns import Motion, approach, change, clear, deliver, factor_of, over_pairs, push_apart, row_of, soft
 from .elementary import exp, log_of, power
-from .energy_updates import passes
-from .eos import log_ratio
+from .energy_updates import exchanged, gained, passes
 from .fields import NO_INCREMENTS, count_failed, sort_temperatures
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import clamped, directed, draw, draw_directed, draw_normals, draw_uniforms
@@ -224,7 +223,7 @@ def _heat_terms(pairs, data, begin, m, scratch):
     _look_around(pairs, data, begin, m, scratch)
     look_at(data.temperature, pairs, begin, m, scratch, _TI, _TJ)
     for k in range(m):
-        values[_XI + k], values[_SIGN + k] = 0.0, 1.0
+        values[_XI + k], values[_XI_T + k], values[_SIGN + k] = 0.0, 0.0, 1.0
     directed(pairs, begin, m, scratch, _SIGN)
     if data.which & RANDOM:
         draw(data.key, pairs, begin, m, scratch, _XI)
@@ -307,12 +306,6 @@ class ThermalExchange(NamedTuple):
     v: np.ndarray
 
 
-@inlined
-def _gained(ti, new, energy, a):
-    """Change of the entropy of a bead that gets an energy, and has another temperature then unless that stays."""
-    return log_ratio(new, ti) / a if a > 0.0 else energy / ti
-
-
 @merged
 def _rubbed(values, k, update, ev, im, ti, tj, ai, aj):
     """(Relative velocity after an update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
@@ -329,27 +322,8 @@ def _rubbed(values, k, update, ev, im, ti, tj, ai, aj):
     ni, nj = ti + ai * gain, tj + aj * gain
     if not (ni > 0.0 and nj > 0.0):
         return ev, 0.0
-    exponent = _gained(ti, ni, gain, ai) + _gained(tj, nj, gain, aj) - 2.0 * gain / theta
+    exponent = gained(ti, ni, gain, ai) + gained(tj, nj, gain, aj) - 2.0 * gain / theta
     return (new, gain) if passes(exponent, drawn) else (ev, 0.0)
-
-
-@merged
-def _exchanged(lost, mean, ti, tj, ai, aj, xi, drawn):
-    """Energy that goes to bead i in an update that takes the part ``lost`` of a difference away; ``mean``: the temperature it keeps."""
-    both = ai + aj
-    bent, old, variance = (ai - aj) / mean, (ti - tj) / both, mean * mean / both
-    root = power((ti + tj - mean) / mean, 1.0 / 3.0) if bent != 0.0 else 1.0
-    z = 3.0 * old / (1.0 + root + root * root)
-    new = relaxed(z, lost, variance, xi)
-    y = bent * new / 3.0
-    flow = new * (1.0 + y + y * y / 3.0) - old
-    ni, nj = ti + ai * flow, tj - aj * flow
-    if not (1.0 + y > 0.0 and ni > 0.0 and nj > 0.0):
-        return 0.0
-    exponent = _gained(ti, ni, flow, ai) + _gained(tj, nj, -flow, aj) + 0.5 * (new - z) * (new + z) / variance
-    if bent != 0.0:
-        exponent += 2.0 * log_ratio(1.0 + y, root)
-    return flow if passes(exponent, drawn) else 0.0
 
 
 @helper
@@ -388,7 +362,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         if rate < 0.0:
             _write_down(data.failed, column, n, mean)
         elif rate > 0.0:
-            flow = _exchanged(decay(EXACT, rate), mean, t[i], t[j], ai, aj, values[_XI_T + k], values[_TEST_T + k])
+            flow = exchanged(decay(EXACT, rate), mean, t[i], t[j], ai, aj, values[_XI_T + k], values[_TEST_T + k])
             t[i] += ai * flow
             t[j] -= aj * flow
     return 0.0, 0.0, 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..runtime import helper, inlined, merged
-from .elementary import exp
+from .elementary import exp, power
 from .eos import CONSTANT, RESERVOIR, curvature, entropy_change, in_range, inverse_temperature, log_ratio
 from .layer import EXACT
 from .sweeps import decay, relaxed
@@ -160,3 +160,31 @@ def any_conduction(ui, uj, exchange, xi, drawn, states, curves):
     if ki == CONSTANT and kj == CONSTANT:
         return conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj)
     return _exact_conduction(ui, uj, exchange, xi, drawn, states, curves)
+
+
+# Beads of eDPD, whose temperatures are what is kept; a is 1/C, 0 for a bead that does not move.
+
+
+@inlined
+def gained(ti, new, energy, a):
+    """Change of the entropy of a bead that gets an energy, and has another temperature then unless that stays."""
+    return log_ratio(new, ti) / a if a > 0.0 else energy / ti
+
+
+@merged
+def exchanged(lost, mean, ti, tj, ai, aj, xi, drawn):
+    """Energy that goes to bead i in an update that takes the part ``lost`` of a difference away; ``mean``: the temperature it keeps."""
+    both = ai + aj
+    bent, old, variance = (ai - aj) / mean, (ti - tj) / both, mean * mean / both
+    root = power((ti + tj - mean) / mean, 1.0 / 3.0) if bent != 0.0 else 1.0
+    z = 3.0 * old / (1.0 + root + root * root)
+    new = relaxed(z, lost, variance, xi)
+    y = bent * new / 3.0
+    flow = new * (1.0 + y + y * y / 3.0) - old
+    ni, nj = ti + ai * flow, tj - aj * flow
+    if not (1.0 + y > 0.0 and ni > 0.0 and nj > 0.0):
+        return 0.0
+    exponent = gained(ti, ni, flow, ai) + gained(tj, nj, -flow, aj) + 0.5 * (new - z) * (new + z) / variance
+    if bent != 0.0:
+        exponent += 2.0 * log_ratio(1.0 + y, root)
+    return flow if passes(exponent, drawn) else 0.0
