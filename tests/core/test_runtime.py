@@ -177,7 +177,8 @@ def test_some_steps_of_another_tape_note_what_they_find(rings):
         done += now
         if again is not None:
             break
-    assert len(notes) > 5 and notes == found[5:done:5]
+    # a step that fails takes up to 16 before it back
+    assert len(notes) > 3 and notes == found[5:done:5]
 
 
 def test_a_step_with_something_to_say_is_left_to_python(rings):
