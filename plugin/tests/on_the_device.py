@@ -22,6 +22,9 @@ DIFFERENT = {
     "test_ctrl_c_is_a_keyboard_interrupt": "it interrupts a force of the host",
     "test_methods_of_system_context_and_integrator[setIntegrationForceGroups-whole]": "whole steps on the device refuse it, as programs do",
     "test_a_system_in_xml_stays_small": "it looks into a force of the host",
+    "test_reports_within_a_run_are_those_between_runs": "reports are taken within runs of the host alone",
+    "test_ctrl_c_while_rows_are_written_loses_none": "reports are taken within runs of the host alone",
+    "test_a_run_that_fails_has_reported_the_steps_before": "it lets a kernel of the host fail",
 }
 
 
