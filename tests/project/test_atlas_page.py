@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import chain_speed
+import kinds
 import many_body
 import numpy as np
 import orders
@@ -59,6 +60,14 @@ def test_tables_of_sizes_and_chains_are_those_of_their_json():
     assert page.block_of(PAGE, "scaling") == scaling.text(data)
     chains = json.loads((ROOT / "docs" / "scaling.json").read_text(encoding="utf-8"))["chains"]
     assert page.block_of(PAGE, "chains") == chain_speed.text(chains)
+
+
+def test_tables_of_other_kinds_are_those_of_their_json():
+    for name, text in kinds.blocks(json.loads((ROOT / "docs" / "kinds.json").read_text(encoding="utf-8"))).items():
+        assert page.block_of(PAGE, name) == text, name
+    for row in page.block_of(PAGE, "kinds-gains").splitlines()[2:]:
+        kind, one, two = (cell.strip() for cell in row.split("|")[1:4])
+        assert f"{kind} {one} / {two}" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_speeds_on_the_page_in_readme_and_paper_are_those_of_the_files():
