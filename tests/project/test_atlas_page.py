@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import chain_speed
-import kinds
+import equal_error
 import many_body
 import numpy as np
 import orders
@@ -63,7 +63,7 @@ def test_tables_of_sizes_and_chains_are_those_of_their_json():
 
 
 def test_tables_of_other_kinds_are_those_of_their_json():
-    for name, text in kinds.blocks(json.loads((ROOT / "docs" / "kinds.json").read_text(encoding="utf-8"))).items():
+    for name, text in equal_error.blocks(json.loads((ROOT / "docs" / "kinds.json").read_text(encoding="utf-8"))).items():
         assert page.block_of(PAGE, name) == text, name
     for row in page.block_of(PAGE, "kinds-gains").splitlines()[2:]:
         kind, one, two = (cell.strip() for cell in row.split("|")[1:4])

@@ -12,11 +12,11 @@ same functions.
   together.
 - *internal energies*: change of the total energy in 1,000 units of time, and kinetic relative to internal temperature.
 
-Runs what is missing in ``out/kinds``, then writes docs/kinds.json and the tables of docs/atlas.md.
+Runs what is missing in ``out/equal_error``, then writes docs/kinds.json and the tables of docs/atlas.md.
 
-    python benchmarks/kinds.py               # an hour on two cores
-    python benchmarks/kinds.py --only time   # the clock: ten minutes on a quiet machine
-    python benchmarks/kinds.py --only page
+    python benchmarks/equal_error.py               # an hour on two cores
+    python benchmarks/equal_error.py --only time   # the clock: ten minutes on a quiet machine
+    python benchmarks/equal_error.py --only page
 """
 
 from __future__ import annotations
@@ -413,7 +413,7 @@ def main() -> None:
     if options.clock:
         print(timed(*json.loads(options.clock)))
         return
-    file, store = ROOT / "docs" / "kinds.json", Store(ROOT / "out" / "kinds" / "results.jsonl")
+    file, store = ROOT / "docs" / "kinds.json", Store(ROOT / "out" / "equal_error" / "results.jsonl")
     say = functools.partial(print, flush=True)
     if options.only in (None, "accuracy"):
         carry_out([job for job in jobs(options.time_scale) if job["kind"] in options.kinds], run, store, options.processes, say)
