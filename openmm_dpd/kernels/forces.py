@@ -144,6 +144,16 @@ def draw_across(pairs, begin, m, scratch, x, y, z, along):
             values[row + k] -= values[along + k] * g[axis, begin + k]
 
 
+@inlined
+def across(pairs, v, n, i, j, ev, drag, x, y, z):
+    """(x, y, z) less ``drag`` times the relative velocity of a pair across the line between its beads; ``ev`` is that along it."""
+    g = pairs.geometry
+    tx = x - drag * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * g[0, n])
+    ty = y - drag * (v[i, 1] - v[j, 1] - ev * g[1, n])
+    tz = z - drag * (v[i, 2] - v[j, 2] - ev * g[2, n])
+    return tx, ty, tz
+
+
 @helper
 def _any_terms(pairs, data, begin, m, scratch):
     """Radial and transverse terms: what the velocity across the line is multiplied with, and the noise."""
@@ -187,14 +197,12 @@ def central_force(pairs, data, scratch, n, k, column):
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
-    i, j, g, v, values, across = pairs.pi[n], pairs.pj[n], pairs.geometry, data.motion.v, scratch.values, scratch.values[_ACROSS + k]
+    i, j, g, v, values = pairs.pi[n], pairs.pj[n], pairs.geometry, data.motion.v, scratch.values
     ex, ey, ez, ev = g[0, n], g[1, n], g[2, n], approach(pairs, v, n, i, j)
     drag = values[_DRAG + k] * ev
     radial = values[_PUSH + k] - drag
     # perpendicular to e: these add nothing to r.F
-    tx = values[_X + k] - across * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex)
-    ty = values[_Y + k] - across * (v[i, 1] - v[j, 1] - ev * ey)
-    tz = values[_Z + k] - across * (v[i, 2] - v[j, 2] - ev * ez)
+    tx, ty, tz = across(pairs, v, n, i, j, ev, values[_ACROSS + k], values[_X + k], values[_Y + k], values[_Z + k])
     push(data.motion.f, i, j, radial * ex + tx, radial * ey + ty, radial * ez + tz)
     if len(pairs.stress):
         x, y, z = g[3, n] * ex, g[3, n] * ey, g[3, n] * ez

@@ -36,8 +36,8 @@ def blocks_of(ny: int, nz: int) -> Blocks:
 
     Column (y, z) touches y-1..y+1 and z..z+1.  Blocks are at least two columns wide in y and one in z, and there is an even number of them
     (or one) along either axis, so that neighbouring blocks can alternate between two colours, around the periodic box too.  Four colours
-    at most, since threads wait for each other at the end of every colour.  Two threads can share four layers, or eight, and not six; ten
-    and more they can, which are better than eight of which three are twice as thick.
+    at most, since threads wait for each other at the end of every colour.  Two threads can share four layers or eight, but not
+    six.  From ten on any even number can be shared, and ten are better than eight of which three are twice as thick.
     """
     along_y = max(ny // 2 - ny // 2 % 2, 1)
     along_z = nz - 1 if nz % 4 == 3 and nz > 8 else nz - nz % 4 if nz >= 4 else max(nz - nz % 2, 1)

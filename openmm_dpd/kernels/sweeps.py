@@ -20,7 +20,7 @@ from ..runtime import helper, inlined
 from .chunks import look_at, look_up, powers
 from .columns import Totals, along_flow, approach, change, if_sheared, on_velocities, over_pairs
 from .elementary import exp
-from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, FACTOR, GAMMA, GAMMA_PERP, TABLE, draw_across
+from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, FACTOR, GAMMA, GAMMA_PERP, TABLE, across, draw_across
 from .layer import EXACT, SHARDLOW
 from .noise import draw
 from .pairs import PairList, rows
@@ -107,10 +107,23 @@ def _plain_updates(pairs, data, begin, m, values):
         values[_LOST + k] = lost * share
 
 
+@inlined
+def _look_up_lost(pairs, data, begin, m, scratch, row, gamma, exponent):
+    """Put the part of a relative velocity that an update takes away to a row of the values, with rows of friction and exponent."""
+    values, r = scratch.values, pairs.geometry[3]
+    for k in range(m):
+        values[row + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
+    powers(m, scratch, row, exponent)
+    for k in range(m):
+        w = values[row + k]
+        values[row + k] = values[FACTOR + k] * values[gamma + k] * w * w * values[_MASS + k] * data.dt
+    decays(data.update, m, scratch, row)
+
+
 @helper
 def updates(pairs, data, begin, m, scratch):
     """The impulse of a radial update is KICK - LOST (e.v); 1 - q^2 = lost (2 - lost)."""
-    values, r = scratch.values, pairs.geometry[3]
+    values = scratch.values
     draw(data.key, pairs, begin, m, scratch, _NOISE)
     if data.plain:
         _plain_updates(pairs, data, begin, m, values)
@@ -119,12 +132,7 @@ def updates(pairs, data, begin, m, scratch):
     look_at(pairs.inv_mass, pairs, begin, m, scratch, _MASS, _OTHER)
     for k in range(m):
         values[_MASS + k] += values[_OTHER + k]
-        values[_LOST + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
-    powers(m, scratch, _LOST, TABLE[EXPONENT])
-    for k in range(m):
-        w = values[_LOST + k]
-        values[_LOST + k] = values[FACTOR + k] * values[TABLE[GAMMA] + k] * w * w * values[_MASS + k] * data.dt
-    decays(data.update, m, scratch, _LOST)
+    _look_up_lost(pairs, data, begin, m, scratch, _LOST, TABLE[GAMMA], TABLE[EXPONENT])
     for k in range(m):
         lost, im = values[_LOST + k], values[_MASS + k]
         values[_KICK + k] = np.sqrt(lost * (2.0 - lost) * data.kT * im) * values[_NOISE + k] / im if im > 0.0 else 0.0
@@ -133,17 +141,11 @@ def updates(pairs, data, begin, m, scratch):
 
 @helper
 def _any_updates(pairs, data, begin, m, scratch):
-    """Those, and the transverse update, with its own g and two noise components."""
-    values, r = scratch.values, pairs.geometry[3]
+    """Fill the rows as :func:`updates` does, and those of the transverse update, which has a friction and an exponent of its own."""
+    values = scratch.values
     updates(pairs, data, begin, m, scratch)
     draw_across(pairs, begin, m, scratch, _X, _Y, _Z, _ALONG)
-    for k in range(m):
-        values[_ACROSS + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
-    powers(m, scratch, _ACROSS, TABLE[EXPONENT_PERP])
-    for k in range(m):
-        w = values[_ACROSS + k]
-        values[_ACROSS + k] = values[FACTOR + k] * values[TABLE[GAMMA_PERP] + k] * w * w * values[_MASS + k] * data.dt
-    decays(data.update, m, scratch, _ACROSS)
+    _look_up_lost(pairs, data, begin, m, scratch, _ACROSS, TABLE[GAMMA_PERP], TABLE[EXPONENT_PERP])
     for k in range(m):
         lost, im = values[_ACROSS + k], values[_MASS + k]
         scale = np.sqrt(lost * (2.0 - lost) * data.kT * im) / im if im > 0.0 else 0.0
@@ -169,21 +171,11 @@ def central_update(pairs, data, scratch, n, k, column):
 
 @inlined
 def _any(pairs, data, scratch, n, k, column):
-    i, j, g, v, inv_mass, values, across = (
-        pairs.pi[n],
-        pairs.pj[n],
-        pairs.geometry,
-        data.v,
-        pairs.inv_mass,
-        scratch.values,
-        scratch.values[_ACROSS + k],
-    )
+    i, j, g, v, inv_mass, values = pairs.pi[n], pairs.pj[n], pairs.geometry, data.v, pairs.inv_mass, scratch.values
     ex, ey, ez, ev = g[0, n], g[1, n], g[2, n], approach(pairs, v, n, i, j)
     lost = values[_LOST + k] * ev
     impulse = values[_KICK + k] - lost
-    tx = values[_X + k] - across * (along_flow(pairs, n, v[i, 0] - v[j, 0]) - ev * ex)
-    ty = values[_Y + k] - across * (v[i, 1] - v[j, 1] - ev * ey)
-    tz = values[_Z + k] - across * (v[i, 2] - v[j, 2] - ev * ez)
+    tx, ty, tz = across(pairs, v, n, i, j, ev, values[_ACROSS + k], values[_X + k], values[_Y + k], values[_Z + k])
     change(v, i, j, inv_mass[i], inv_mass[j], impulse * ex + tx, impulse * ey + ty, impulse * ez + tz)
     return 0.0, if_sheared(pairs, -lost * g[3, n]), 0.0
 

@@ -45,7 +45,8 @@ class StressReporter(BuiltReporter):
     a Lees-Edwards shear, velocities are relative to the flow.
 
     Sums are in double precision on the host, from the positions and velocities of the run; the reporter does not change the run.  A sample
-    costs an extra pass over the pairs, with bonds and other forces copies of the state, and with charges a direct sum over pairs and waves.
+    costs an extra pass over the pairs.  Where there are bonds or other forces, the state is copied as well; charges add a direct sum over
+    pairs and waves.
 
     Parameters
     ----------
