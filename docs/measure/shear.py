@@ -23,7 +23,7 @@ from live_lammps import instance  # noqa: E402
 import openmm_dpd as dpd  # noqa: E402
 from openmm_dpd.analysis import shear_viscosity  # noqa: E402
 from openmm_dpd.base.geometry import minimum_images  # noqa: E402
-from openmm_dpd.measure import Observer, ProfileReporter, StressReporter  # noqa: E402
+from openmm_dpd.measure import Observer, ProfileReporter, StressReporter, UnbiasedTemperatureReporter  # noqa: E402
 from openmm_dpd.stats import block_average, ratio_average  # noqa: E402
 
 EDGE, BEADS, WAIT = 5.0, 375, 30.0
@@ -63,7 +63,8 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
     simulation.minimizeEnergy(maxIterations=30)
     simulation.step(int(WAIT / dt))
     stress, profile = StressReporter(2, built), ProfileReporter(5, built, axis="y", component="x", bins=10)
-    simulation.reporters += [stress, profile]
+    unbiased = UnbiasedTemperatureReporter(10, built)
+    simulation.reporters += [stress, profile, unbiased]
     contacts, (i, j) = [], np.triu_indices(BEADS, 1)
     for k in range(int(time / dt / 10)):
         simulation.step(10)
@@ -80,7 +81,9 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
     slope = np.polyfit(flow.centres, flow.velocity, 1)
     print(f"slope {slope[0]:.4f}, off a line by {np.abs(flow.velocity - np.polyval(slope, flow.centres)).max():.4f}")
     print(f"error of a slab {flow.error.max():.4f}, momentum {np.abs(sample.momentum).max():.1e}")
-    average, (w2, moved) = block_average(kT), np.array(contacts).T
+    for part, (viscosity, first, second) in found.parts.items():
+        print(f"{part}: viscosity {viscosity:.4f}, N1 {first:.4f}, N2 {second:.4f}")
+    average, own, (w2, moved) = block_average(kT), block_average(unbiased.kT), np.array(contacts).T
     along, cooling = ratio_average(moved, w2), 2 * gamma * np.mean(w2)
     heat = (found.viscosity - stress.instantaneous) * rate**2
     print(f"kT along lines between beads, weighted as friction is: {along.mean:.4f} +- {along.sem:.4f}; {stress.instantaneous:.3f} of the")
@@ -92,6 +95,7 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
         "N1": (found.first_normal, found.first_normal_error),
         "N2": (found.second_normal, found.second_normal_error),
         "kT": (average.mean, average.sem),
+        "kT unbiased": (own.mean, own.sem),
     }
 
 

@@ -31,6 +31,9 @@ class ShearViscosity:
         Second normal stress difference, P_zz - P_yy.
     converged : bool
         Whether the run was long compared with the correlation time of the stress.
+    parts : dict
+        Viscosity, first and second normal stress difference of the "kinetic", "conservative" and "friction" parts of the pressure, whose
+        sums are the values above.
     """
 
     rate: float
@@ -41,6 +44,7 @@ class ShearViscosity:
     second_normal: float
     second_normal_error: float
     converged: bool
+    parts: dict[str, tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
@@ -88,12 +92,18 @@ def shear_viscosity(stress) -> ShearViscosity:
     rate = shear.end_rate if shear.amplitude is None and not shear.constant else shear.rate
     if shear.amplitude is not None or not rate or np.any(stress.rates != rate):
         raise ParameterError(f"a viscosity needs a constant rate other than 0 in all samples; the shear is: {shear}")
-    xx, yy, zz, xy = rows.T[:4]
-    found = [block_average(series) for series in (-xy / rate, yy - xx, zz - yy)]
+
+    def measures(xx, yy, zz, xy, *_):
+        return -xy / rate, yy - xx, zz - yy
+
+    found = [block_average(series) for series in measures(*rows.T)]
     if any(average.mean is None or average.sem is None for average in found):
         raise ParameterError(f"{len(rows)} samples are too few for a standard error; run longer or sample more often")
     eta, first, second = ((average.mean, average.sem) for average in found)
-    return ShearViscosity(rate, *eta, *first, *second, found[0].converged)  # type: ignore[arg-type]
+    volumes = np.prod(stress.edges, axis=1)[:, None]
+    tensors = {"kinetic": stress.kinetic, "conservative": stress.regular - stress.kinetic, "friction": stress.friction}
+    parts = {name: tuple(float(series.mean()) for series in measures(*(tensor / volumes).T)) for name, tensor in tensors.items()}
+    return ShearViscosity(rate, *eta, *first, *second, found[0].converged, parts)  # type: ignore[arg-type]
 
 
 def shear_moduli(stress) -> ShearModuli:

@@ -6,3 +6,4 @@ from .reporters import DPDReporter as DPDReporter, VelocityReporter as VelocityR
 from .sample import Sample as Sample, SystemSample as SystemSample
 from .temperature import kelvin as kelvin, set_kT as set_kT, set_temperature as set_temperature
 from .terms import force_terms as force_terms
+from .unbiased import UnbiasedTemperatureReporter as UnbiasedTemperatureReporter

@@ -75,8 +75,8 @@ class StressReporter(BuiltReporter):
         if reason is not None:
             raise ParameterError(f"no stress tensor of this scene: {reason}")
         #: for each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a
-        #: shear, kT, step size, time
-        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float, float, float, float]] = []
+        #: shear, kT, step size, time, kinetic part
+        self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float, float, float, float, np.ndarray]] = []
 
     def report(self, simulation, state):
         """Take one sample."""
@@ -86,25 +86,30 @@ class StressReporter(BuiltReporter):
         force = None if found is None else found.force
         v = present.on_step(force)
         regular, friction, moment = present.tensors(v, found)
-        self._add(regular + present.kinetic_stress(v, force), friction, moment, bare(simulation.context.getState().getTime()))
+        self._add(regular, present.kinetic_stress(v, force), friction, moment, bare(simulation.context.getState().getTime()))
 
     def report_within(self, simulation, first: int, end: int) -> bool:
         """Step to step ``end``, and sample from step ``first`` on before it; or do nothing and return False, if that cannot be done."""
 
         def take(row: Row) -> None:
-            self._add(row.tensors[0] + self._within.kinetic_stress(row), row.tensors[1], row.affine, row.time)
+            self._add(row.tensors[0], self._within.kinetic_stress(row), row.tensors[1], row.affine, row.time)
 
         return self._within.run(simulation.context, first, self.interval, end, take)
 
-    def _add(self, regular: np.ndarray, friction: np.ndarray, moment: float, time: float) -> None:
+    def _add(self, conservative: np.ndarray, kinetic: np.ndarray, friction: np.ndarray, moment: float, time: float) -> None:
         present = self._present
         now = present.sheared, present.rate, present.kT, present.dt, time
-        self._rows.append((regular, friction, moment, np.diag(present.box), *now))  # type: ignore[arg-type]
+        self._rows.append((conservative + kinetic, friction, moment, np.diag(present.box), *now, kinetic))  # type: ignore[arg-type]
 
     @property
     def regular(self) -> np.ndarray:
         """(n, 6) kinetic and conservative part of S (xx, yy, zz, xy, xz, yz), kJ/mol."""
         return np.array([row[0] for row in self._rows]).reshape(-1, 6)
+
+    @property
+    def kinetic(self) -> np.ndarray:
+        """(n, 6) kinetic part of S (xx, yy, zz, xy, xz, yz), kJ/mol."""
+        return np.array([row[9] for row in self._rows]).reshape(-1, 6)
 
     @property
     def friction(self) -> np.ndarray:

@@ -18,7 +18,7 @@ import openmm_dpd as dpd
 from openmm_dpd.analysis import shear_viscosity
 from openmm_dpd.kernels.engine import PairEngine
 from openmm_dpd.lammps import deck_scene, export_lammps
-from openmm_dpd.measure import Observer, ProfileReporter, StressReporter
+from openmm_dpd.measure import Observer, ProfileReporter, StressReporter, UnbiasedTemperatureReporter
 from openmm_dpd.model.schemes import read_word, scheme_of
 from openmm_dpd.molecules import relax
 from openmm_dpd.plan.plan import make_plan
@@ -208,6 +208,8 @@ def test_temperature_momentum_and_stress_are_those_of_folded_beads():
             regular += one.params.A[a, b] * w * r * np.outer(e, e)
             friction -= one.params.gamma[a, b] * w * w * (e @ (one.v[i] - seen)) * r * np.outer(e, e)
     assert np.allclose(stress.regular[0], regular[SIX], rtol=0, atol=1e-10)
+    kinetic = np.einsum("i,ia,ib->ab", scene.bead_masses, c, c)
+    assert np.allclose(stress.kinetic[0], kinetic[SIX], rtol=0, atol=1e-10)
     again = dpd.build(scene, dt=dt, scheme="bababo", platform="CPU", seed=5)  # that has not seen the last sweep
     other, there = again.simulation(), StressReporter(1, again)
     hand_over(simulation, other)
@@ -216,6 +218,13 @@ def test_temperature_momentum_and_stress_are_those_of_folded_beads():
     assert np.abs(there.friction[0] - stress.friction[0]).max() > 0.1
     sample = observer.sample(simulation.context)
     assert sample.kinetic == pytest.approx(0.5 * np.sum(scene.bead_masses[:, None] * c**2), abs=1e-10)
+    narrow, wide = UnbiasedTemperatureReporter(1, built, columns=2), UnbiasedTemperatureReporter(1, built, columns=1)
+    narrow.report(simulation, None)
+    wide.report(simulation, None)
+    lots = [np.flatnonzero((np.floor(2 * one.x[:, 1:] / EDGES[1:]) % 2 == lot).all(axis=1)) for lot in ((0, 0), (0, 1), (1, 0), (1, 1))]
+    heat = sum(np.sum(scene.bead_masses[at, None] * (c[at] - np.average(c[at], axis=0, weights=scene.bead_masses[at])) ** 2) for at in lots)
+    assert narrow.kT[0] == pytest.approx(heat / sum(3 * (len(at) - 1) for at in lots), rel=1e-12)
+    assert wide.kT[0] == pytest.approx((2 * sample.kinetic - np.sum(sample.momentum**2) / scene.bead_masses.sum()) / (3 * 39), rel=1e-12)
     assert np.abs(sample.momentum).max() > 1.0  # beads were strewn over images with velocities that do not follow the flow
     simulation.step(50)
     assert np.allclose(observer.sample(simulation.context).momentum[1:], sample.momentum[1:], rtol=0, atol=1e-12)
@@ -297,6 +306,7 @@ def test_what_would_not_know_the_images(tmp_path):
     raises(dpd.PlanError, "MonteCarloBarostat.*sliding images", lambda: pressed.simulation().step(1))
     context = plain_context(alone, "CPU")
     raises(openmm.OpenMMException, "whole steps alone", context.getIntegrator().step, 1)
+    raises(dpd.ParameterError, "LeesEdwards", UnbiasedTemperatureReporter, 1, dpd.build(beads(81), dt=0.02))
     compound = openmm.CompoundIntegrator()
     compound.addIntegrator(built.integrator)
     context = openmm.Context(built.system, compound, openmm.Platform.getPlatformByName("CPU"))

@@ -251,6 +251,11 @@ def test_the_sentence():
     text = temperature_warning([9.0] * 20 + [2.5] * 20, 1.25, 10**9, " kJ/mol")
     hot = "the kinetic temperature of the last 20 rows is 2.5 kJ/mol, 100 % above the set 1.25 kJ/mol"
     assert text.startswith(f"{hot}; the step size may be")
+    hot = [9.0] * 20 + [1.3] * 20
+    text = temperature_warning(hot, 1.25, 10**9, sheared=True)
+    assert "relative to the flow is 1.3, 4 % above the set 1.25; the shear heats" in text
+    assert temperature_warning([9.0] * 20 + [1.26] * 20, 1.25, 10**9, sheared=True) is None
+    assert "not equilibrated" in temperature_warning([9.0] * 20 + [1.2] * 20, 1.25, 10**9, sheared=True)
     assert temperature_warning([2.0] * 40, 0.0, DOF) is None
     assert temperature_warning([0.0] * 40, 1.0, 0) is None
 
@@ -275,14 +280,16 @@ def test_scenes_with_a_set_temperature():
 
 
 def test_a_running_simulation_is_looked_at_now_and_then_until_something_was_said():
-    def add(watch, kT, n, target=1.0):
-        return [watch.add(SimpleNamespace(kT=kT, target_kT=target, dof=DOF)) is not None for _ in range(n)]
+    def add(watch, kT, n, target=1.0, dof=DOF):
+        return [watch.add(SimpleNamespace(kT=kT, target_kT=target, dof=dof)) is not None for _ in range(n)]
 
     assert add(TemperatureWatch(plan()), 2.0, 100) == [False] * 19 + [True] + [False] * 80
     watch = TemperatureWatch(plan())
     assert not any(add(watch, 1.0, 39))
     assert not any(add(watch, 2.0, 1 + 20))  # the last of 40 rows says nothing yet
     assert add(watch, 2.0, 20) == [False] * 19 + [True]  # 80
+    assert not any(add(TemperatureWatch(plan()), 1.03, 40, dof=10**6))
+    assert any(add(TemperatureWatch(plan(shear=dpd.LeesEdwards(0.2))), 1.03, 40, dof=10**6))
     watch = TemperatureWatch(plan())
     assert not any(add(watch, 1.0, 30))
     assert add(watch, 1.0, 20, target=2.0) == [False] * 19 + [True]  # rows count from the change on

@@ -17,9 +17,8 @@ def series(shear: dpd.LeesEdwards, times, pressure, friction) -> SimpleNamespace
     """What a StressReporter would have: pressure (n, 6), and friction (n, 6) times the volume."""
     edges = np.tile([5.0, 5.0, 2.0], (len(times), 1))
     rates = np.array([rate_at(shear, t) for t in times])
-    return SimpleNamespace(
-        shear=shear, sheared=times, rates=rates, regular=pressure * VOLUME, pressures=pressure, friction=friction, edges=edges
-    )
+    all_of = {"regular": pressure * VOLUME, "kinetic": 0.25 * pressure * VOLUME, "pressures": pressure, "friction": friction}
+    return SimpleNamespace(shear=shear, sheared=times, rates=rates, edges=edges, **all_of)
 
 
 def test_viscosity_and_normal_stresses():
@@ -32,6 +31,11 @@ def test_viscosity_and_normal_stresses():
     assert abs(found.viscosity - 1.0) < 5 * found.error and found.error == pytest.approx(1 / 0.4 / n**0.5, rel=0.25)
     assert abs(found.first_normal - 1.0) < 5 * found.first_normal_error and abs(found.second_normal + 1.0) < 5 * found.second_normal_error
     assert found.first_normal_error == pytest.approx((2 / n) ** 0.5, rel=0.25) and found.rate == rate
+    of_all = found.viscosity, found.first_normal, found.second_normal
+    assert np.allclose(np.sum(list(found.parts.values()), axis=0), of_all, rtol=1e-12) and found.parts["friction"] == pytest.approx(
+        (0.25, 0, 0.5)
+    )
+    assert np.allclose(found.parts["conservative"], 3 * np.array(found.parts["kinetic"]), rtol=1e-12)
 
 
 def test_viscosity_after_a_ramp():

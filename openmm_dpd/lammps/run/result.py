@@ -92,12 +92,12 @@ class RunResult:
                 found.append(row if word in ALWAYS or row < len(rows) // 2 else 0)
         return max(found)
 
-    def check_temperature(self, target_kT: float, dof: int) -> None:
-        """Compare the mean temperature with the target."""
+    def check_temperature(self, target_kT: float, dof: int, sheared: bool) -> None:
+        """Compare the mean temperature, in a shear that relative to the flow, with the target."""
         kelvin = self.units.thermal_energy
         # temperature_warning uses the second half of these
         rows = [kT / kelvin for kT in self.kinetic_kT[self.start() if self.discard else 0 :]]
-        self.temperature_warning = temperature_warning(rows, target_kT / kelvin, dof)
+        self.temperature_warning = temperature_warning(rows, target_kT / kelvin, dof, sheared=sheared)
 
     def _configurational(self, start: int) -> tuple[dict[str, float | None] | None, str | None]:
         """The average configurational temperature, and why it, or its error, is missing."""
