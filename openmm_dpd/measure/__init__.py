@@ -4,6 +4,7 @@ from .flow import ProfileReporter as ProfileReporter, StressReporter as StressRe
 from .observer import Observer as Observer
 from .reporters import DPDReporter as DPDReporter, VelocityReporter as VelocityReporter
 from .sample import Sample as Sample, SystemSample as SystemSample
+from .shadow_work import ShadowWorkReporter as ShadowWorkReporter
 from .temperature import kelvin as kelvin, set_kT as set_kT, set_temperature as set_temperature
 from .terms import force_terms as force_terms
 from .unbiased import UnbiasedTemperatureReporter as UnbiasedTemperatureReporter
