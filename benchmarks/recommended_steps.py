@@ -10,6 +10,7 @@ which it would cost 1.3 times less: each should be wrong there by more than what
     python benchmarks/recommended_steps.py --twelve         # an hour of one core
     python benchmarks/recommended_steps.py --only layers    # scenes with this in their name
     python benchmarks/recommended_steps.py --scheme middle  # the step of this scheme, not of the cheapest
+    python benchmarks/recommended_steps.py --random 0:60    # the promise: how many measures of scenes drawn at random are within the error
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 
-from atlas_parts.scenes import SCENES, TWELVE, Averages, averages  # noqa: E402
+from atlas_parts.scenes import SCENES, TWELVE, Averages, averages, drawn  # noqa: E402
 from atlas_parts.store import Store  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
@@ -37,7 +40,7 @@ class Runs:
 
     def __init__(self, name: str, options: argparse.Namespace, store: Store):
         self.name, self.options, self.store = name, options, store
-        self.scene = SCENES[name](options.beads)
+        self.scene = SCENES[name](options.beads) if name in SCENES else drawn(int(name.split()[-1]), options.beads)
 
     def __call__(self, scheme: str, dt: float, enough: float = 0.0025, steps: int = 0) -> Averages | None:
         """Averages of a run; None if it stops."""
@@ -93,6 +96,33 @@ def row(name: str, options: argparse.Namespace, store: Store) -> tuple[str, bool
     return f"{head} {texts} | {energy} | {'yes' if good else '**no**'} | {rivals} |", good and rivals in ("", "none")
 
 
+def promise(seeds: range, options: argparse.Namespace, store: Store) -> None:
+    """Steps of scenes drawn at random: how many deviations of both temperatures are within the error that was asked for."""
+    found: list[tuple[float, float]] = []
+    for seed in seeds:
+        run = Runs(f"drawn {seed}", options, store)
+        advised = dpd.recommend(run.scene, options.error)
+        choice = next((c for c in advised.choices if options.scheme in (None, c.scheme)), None)
+        if choice is None:
+            print(f"| drawn {seed} | no advice: {'; '.join(advised.notes)} | | |")
+            continue
+        result = run(choice.scheme, options.times * choice.dt)
+        pairs = [(np.inf, 0.0)] if result is None else result.temperatures
+        found += pairs
+        print(
+            f"| drawn {seed} | {choice.scheme} {options.times * choice.dt:.4g} ({choice.limit}) | {' | '.join(map(text, pairs))} |",
+            flush=True,
+        )
+    off, sem = np.abs(np.array(found)).T
+    within = int(np.sum(off <= options.error))
+    share, surely = within / len(off), int(np.sum(off > options.error + 2 * sem))
+    print(
+        f"{within} of {len(off)} within {100 * options.error:g} %: {100 * share:.1f}({100 * (share * (1 - share) / len(off)) ** 0.5:.1f}) %; ",
+        end="",
+    )
+    print(f"beyond it by more than two standard errors {surely}; 95 % are within {100 * np.quantile(off, 0.95):.2f} %")
+
+
 def main() -> None:
     """Run what is missing, print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -102,8 +132,12 @@ def main() -> None:
     parser.add_argument("--beads", type=int, default=900)
     parser.add_argument("--longest", type=float, default=2500.0, help="longest simulated time of a run")
     parser.add_argument("--twelve", action="store_true", help="one scene of each kind, with its potential energy, stability and cost")
+    parser.add_argument("--random", help="first and last seed of scenes drawn at random, as 0:60")
+    parser.add_argument("--times", type=float, default=1.0, help="times the recommended step")
     options = parser.parse_args()
     store = Store(ROOT / "out" / "recommended" / "results.jsonl")
+    if options.random:
+        return promise(range(*map(int, options.random.split(":"))), options, store)
     print("| scene | recommended (set by) | kinetic | configurational | potential energy | within | right for less |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     good = True

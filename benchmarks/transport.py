@@ -1,12 +1,13 @@
 """Diffusion and viscosity of the standard fluid over friction, scheme and step: what ``recommend(..., quantity=...)`` knows about dynamics.
 
-Each run drives a fluid of density 3 and repulsion 25 by a force f sin(2 pi z/L) along x: viscosity from the amplitude of the flow, diffusion
+Each run drives a fluid of density 3 and repulsion 25 (a few: others) by a force f sin(2 pi z/L) along x: viscosity from the amplitude of the flow, diffusion
 from the displacements across it (docs/measure/transport_table.py).  Runs what is missing in ``out/transport``, then writes
 openmm_dpd/advice/transport.json and the table of docs/atlas.md; it can be interrupted at any time.
 
     python benchmarks/transport.py                     # an hour of one core
     python benchmarks/transport.py --time 1500         # a quarter of it; errors twice as large
     python benchmarks/transport.py --only table        # only the file, from the runs that are there
+    python benchmarks/transport.py --others            # other repulsions and densities: ten minutes
     python benchmarks/transport.py --check             # the steps that are recommended for diffusion, with 3,000 beads and other seeds: half an hour
     python benchmarks/transport.py --words 'B A/2 S/2 S/2 A/2' --friction 40.5 --only runs  # others beside them
 """
@@ -52,6 +53,7 @@ HALVES = "B A/2 S/2 S/2 A/2"
 SHOWN = (*STEPS, *PEERS, HALVES)
 #: And others, where errors of 1 % are at shorter ones.
 STRONG = {
+    1.5: {"middle": (15, 10, 8), "basa": (15, 10, 8), "bababo": (10, 6, 5), "bababs": (10, 6, 5), "bab3": LONGER},
     135.0: {
         "middle": (30, *FAST),
         "basa": (50, 30, 20, *FAST),
@@ -63,7 +65,14 @@ STRONG = {
     450.0: {"middle": (100, 60, 30), "basa": (100, 60, 30), "bababo": (60, 30, 20), "bababs": (60, 30, 20), "bab3": (60, 30, 20)},
 }
 #: Frictions, with the finest steps of each that are the limit of short ones for all schemes.
-FRICTIONS = {4.5: 25, 40.5: 40, 135.0: 100, 450.0: 333}
+FRICTIONS = {1.5: 25, 4.5: 25, 40.5: 40, 135.0: 100, 450.0: 333}
+#: Drag (the gamma that gives it at density 3), repulsion and density of other fluids, their finest step, and steps of schemes: whether steps
+#: go with (75/(A density))^(1/2), as recommend() has it.
+OTHERS = (
+    (4.5, 60.0, 3.0, 40, {"bababs": (10, 7), "basa": (17,), "bababo": (10,), "bab3": (8, 5)}),
+    (40.5, 60.0, 3.0, 60, {"bababs": (12, 7), "basa": (12, 8), "bababo": (20,), "bab3": (16,)}),
+    (13.5, 25.0, 6.0, 40, {"bababs": (10, 7), "basa": (15,), "bababo": (12,), "bab3": (8,)}),
+)
 #: Scheme whose run at the finest step is the limit.
 LIMIT = "basa"
 #: Seeds of the check.
@@ -89,7 +98,7 @@ def work(job: dict) -> dict:
     """One run."""
     dpd.set_threads(1)
     begun = time.perf_counter()
-    point = {**transport_table.BASE, "drag": job["gamma"]}
+    point = {**transport_table.BASE, "drag": job["gamma"]} | {name: job[name] for name in ("A", "density") if name in job}
     scheme, lam = job["scheme"].partition(",")[0], PEERS.get(job["scheme"], 0.5)
     try:
         found = transport_table.measure(point, job["time"], job["seed"], job.get("beads", BEADS), job["dt"], scheme, SPEED, lam)
@@ -97,6 +106,27 @@ def work(job: dict) -> dict:
     except DPDError as error:
         report = {"failed": str(error).splitlines()[0][:200]}
     return job | report | {"seconds": round(time.perf_counter() - begun, 1)}
+
+
+def others(length: float, store: Store, processes: int) -> None:
+    """Diffusion and viscosity of fluids with other repulsions and densities, beside their limits of short steps."""
+    todo = []
+    for gamma, A, density, finest, steps in OTHERS:
+        fluid = {"gamma": gamma, "A": A, "density": density, "time": length}
+        limit = fluid | {"scheme": LIMIT, "dt": transport_table.EVERY / finest, "seed": 1}
+        todo.append((limit, [fluid | {"scheme": s, "dt": transport_table.EVERY / n, "seed": 2} for s, ns in steps.items() for n in ns]))
+    carry_out([job for limit, jobs in todo for job in (limit, *jobs)], work, store, processes, functools.partial(print, flush=True))
+    rows = []
+    for limit, jobs in todo:
+        base = store.get(limit)
+        for job in jobs:
+            row, cells = store.get(job), []
+            for name in ("D", "eta"):
+                sem = float(np.hypot(row[f"{name}_error"], base[f"{name}_error"])) / base[name]
+                cells.append(_per_cent([row[name] / base[name] - 1, sem]))
+            rows.append([f"{job['gamma']:g}, {job['A']:g}, {job['density']:g}", f"`{job['scheme']}`", f"{job['dt']:.3g}", *cells])
+    text = page.table(["drag, A, density", "scheme", "step", "diffusion", "viscosity"], rows)
+    page.update(ROOT / "docs" / "atlas.md", texts={"transport-others": text})
 
 
 def check(length: float, frictions: list[float], seeds: list[int], store: Store, processes: int) -> None:
@@ -202,17 +232,21 @@ def main() -> None:
     parser.add_argument("--words", nargs="+", default=[], help="only these schemes or words")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only", choices=("runs", "table"))
+    parser.add_argument("--others", action="store_true", help="only the fluids of other repulsions and densities")
     parser.add_argument("--check", action="store_true", help="only whether the recommended steps hold for other beads")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="of the check")
     options = parser.parse_args()
     store = Store(ROOT / "out" / "transport" / "results.jsonl")
+    if options.others:
+        others(options.time, store, options.processes)
+        return
     if options.check:
         check(0.5 * options.time, options.friction, options.seeds, store, options.processes)
         return
     if options.only != "table":
         carry_out(jobs(options.time, options.friction, options.words), work, store, options.processes, functools.partial(print, flush=True))
     if options.only != "runs":
-        named = [row for row in store.results.values() if row["scheme"] in SHOWN and "beads" not in row]
+        named = [row for row in store.results.values() if row["scheme"] in SHOWN and "beads" not in row and "A" not in row]
         table = tabulate(named, json.loads(FILE.read_text()))
         write(table, FILE)
         page.update(ROOT / "docs" / "atlas.md", texts=blocks(table))

@@ -39,18 +39,18 @@ def slab(beads: int, A: float, B: float, gamma: float) -> dpd.Scene:
     return dpd.Scene({"A": 1.0}, ["A"] * beads, x, {("A", "A"): dpd.MDPD(A=A, B=B, gamma=gamma)}, 1.0, box=[edge, edge, 1.3 * edge + 3.0])
 
 
-def chains(beads: int, bonds: Callable, length: int, rest: float, stiff: float = 0.0) -> dpd.Scene:
+def chains(beads: int, bonds: Callable, length: int, rest: float, stiff: float = 0.0, pairs=None, rho: float = 3.0) -> dpd.Scene:
     """Chains of beads in a row, with bonds made by ``bonds(pairs)``: random walks, or, with bending constants ``stiff``, straight ones."""
     rng = np.random.default_rng(2)
     n = beads - beads % length
-    edge = (n / 3.0) ** (1 / 3)
+    edge = (n / rho) ** (1 / 3)
     steps = rng.normal(size=(n // length, length, 3))
     if stiff:
         steps[:] = steps[:, :1]
     steps *= rest / np.linalg.norm(steps, axis=2, keepdims=True)
     steps[:, 0] = rng.random((n // length, 3)) * edge
     first = np.arange(n).reshape(-1, length)
-    pairs = {("A", "A"): DPD(A=25, gamma=4.5)}
+    pairs = pairs or {("A", "A"): DPD(A=25, gamma=4.5)}
     x = steps.cumsum(axis=1).reshape(-1, 3)
     near, bends = (np.stack([first[:, k : length - w + 1 + k].ravel() for k in range(w)], axis=1) for w in (2, 3))
     angles = [dpd.HarmonicAngles(bends, stiff, np.pi)] if stiff else []
@@ -130,6 +130,30 @@ SCENES: dict[str, Callable[[int], dpd.Scene]] = {
     "heat capacity 60": lambda n: conserving(n, 60.0),
     "heat capacity 10": lambda n: conserving(n, 10.0),
 }  # fmt: skip
+
+
+def drawn(seed: int, beads: int) -> dpd.Scene:
+    """A scene drawn at random: a fluid, a mixture or chains, by turns.  A 15 to 80, density 3 to 6, friction 1 to 150, masses 1 to 5, parts of
+    10 to 90 %, chains of 5 to 15 beads with k 20 to 400 and rest lengths 0.3 to 0.8."""
+    rng = np.random.default_rng([7, seed])
+
+    def log(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    rho, kind = float(rng.uniform(3, 6)), ("fluid", "mixture", "chains")[seed % 3]
+    coefficients = {(a, b): DPD(A=log(15, 80), gamma=log(1, 150)) for a, b in (("A", "A"), ("A", "B"), ("B", "B"))}
+    first = {("A", "A"): coefficients["A", "A"]}
+    if kind == "fluid":
+        return fluid(beads, first, rho=rho)
+    if kind == "chains":
+        length, k, rest = int(rng.integers(5, 16)), log(20, 400), float(rng.uniform(0.3, 0.8))
+        return chains(beads, lambda b: dpd.HarmonicBonds(b, k, rest), length, rest, pairs=first, rho=rho)
+    A = 0.5 * (coefficients["A", "A"].A + coefficients["B", "B"].A) + float(rng.uniform(-5, 15))
+    coefficients["A", "B"] = DPD(A=max(A, 15.0), gamma=coefficients["A", "B"].gamma)
+    masses, part = {"A": 1.0, "B": float(rng.uniform(1, 5))}, float(rng.uniform(0.1, 0.9))
+    edge = (beads / rho) ** (1 / 3)
+    types = ["A" if k < part * beads else "B" for k in range(beads)]
+    return dpd.Scene(masses, types, rng.random((beads, 3)) * edge, coefficients, 1.0, box=[edge] * 3)
 
 
 #: One of each kind: those whose potential energy counts, too, and whose cost is compared with that of all other schemes.

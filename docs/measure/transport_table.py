@@ -37,7 +37,7 @@ EVERY, FIT = 0.5, (4.0, 12.0)
 
 def coefficient(point: dict) -> dpd.DPD:
     """Pair coefficients of a point: 2 gamma_perp weighs as much as gamma, for there are two directions across."""
-    unit_drag = drag(1.0, DENSITY, point["exponent"])
+    unit_drag = drag(1.0, point.get("density", DENSITY), point["exponent"])
     gamma = point["drag"] * (1 - point["transverse"]) / unit_drag
     gamma_perp = point["drag"] * point["transverse"] / 2 / unit_drag
     exponent = point["exponent"]
@@ -80,8 +80,9 @@ def driven(
     point: dict, seed: int, beads: int, dt: float, scheme: str, speed: float, lam: float = 0.5
 ) -> tuple[app.Simulation, float, float]:
     """The fluid of a point that a force drives for a flow of about this speed, the force, and the edge of the box."""
-    edge = (beads / DENSITY) ** (1 / 3)
-    push = speed * 0.85 * (1 + 0.02 * point["drag"]) * (2 * np.pi / edge) ** 2 / DENSITY
+    density = point.get("density", DENSITY)
+    edge = (beads / density) ** (1 / 3)
+    push = speed * 0.85 * (1 + 0.02 * point["drag"]) * (2 * np.pi / edge) ** 2 / density
     scene = dpd.Scene(
         {"W": 1.0},
         ["W"] * beads,
@@ -111,7 +112,7 @@ def _positions(simulation: app.Simulation) -> np.ndarray:
 def coefficients(paths: np.ndarray, flow: np.ndarray, push: float, edge: float) -> dict:
     """Diffusion coefficient and viscosity from paths (frames, beads, 3) and the amplitudes of the flow (frames,) at intervals of EVERY."""
     amplitude = block_average(flow)
-    eta = DENSITY * push / ((2 * np.pi / edge) ** 2 * amplitude.mean)
+    eta = paths.shape[1] / edge**3 * push / ((2 * np.pi / edge) ** 2 * amplitude.mean)
     eta_error = eta * amplitude.sem / amplitude.mean
     lags = np.arange(round(FIT[0] / EVERY), round(FIT[1] / EVERY) + 1, 4)
     topology = mdtraj.Topology()

@@ -1,10 +1,7 @@
-"""Dimensionless groups of a scene for a table of steps: total friction and repulsion of its layers, and charges; for many-body liquids
-friction, and stiffness at their own density."""
+"""Dimensionless groups of a scene for a table of steps: friction and repulsion of each species in its surroundings, and charges; for
+many-body liquids friction, and stiffness at their own density."""
 
-import json
 import math
-from functools import lru_cache
-from importlib.resources import files
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -18,17 +15,19 @@ from .stability_table import Groups, StabilityTable, drag, shipped_table
 
 #: How to measure a scene that is not in the table.
 _SCRIPT = "benchmarks/recommended_steps.py measures the temperatures of scenes at a step"
+#: Smallest heat capacity, k_B, at which beads of eDPD that repel each other keep their energy.
+_EDPD = 1000.0
 
 
 def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
-    """Dimensionless groups of every pair of types that repels, and what the table does not cover.
+    """Dimensionless groups of every species, and what the table does not cover.
 
     Layers add up.  The repulsion of a pair is a = cutoff^2/kT times the sum of its curvatures A/cutoff; with equal cutoffs, that of the
     summed A.  Layers of different cutoffs are replaced by one layer with the full curvature, at each of their cutoffs, and the worst
     counts.  Friction adds up as the drag on a bead, for any cutoffs.
 
-    A mixture is treated as the worst of the fluids that its pairs of types would form at its density, each with its own friction, if any,
-    and with the mean friction of all beads, well mixed, which removes the heat of a long step.
+    A mixture is treated as the worst of its species: each has the repulsion and friction of its beads with their neighbours, the mean over
+    the composition, as if well mixed.  Beads without any friction have the mean of all.
 
     Returns
     -------
@@ -53,39 +52,40 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
     if is_many_body(scene):
         return many_body_groups(scene, moves)
     for table in scene.tables:
-        if table.kind is not None and kind_for(table.kind).frictions is None:
-            return [], [f"no steps were measured with {table.kind.__name__}: halve the step until your results stay the same ({_SCRIPT})"]
+        kind = kind_for(table.kind) if table.kind is not None else None
+        if kind is not None and (kind.frictions is None or kind.no_sweep(scene)):
+            return [], [
+                f"no steps were measured with {kind.coefficient.__name__}: halve the step until your results stay the same ({_SCRIPT})"
+            ]
     terms = _terms(scene, moves)
-    curvatures = {pair: _curvatures(layers) for pair, layers in terms.items()}
+    curvatures = {pair: _curvatures(layers, kT) for pair, layers in terms.items()}
     if any(value < 0 for found in curvatures.values() for value in found.values()):
         return [], ["no steps were measured with an attraction (A < 0)"]
     density, masses = scene.n_beads / float(np.prod(np.diag(scene.box))), scene.bead_masses[moves]
     drags = {pair: sum(drag(g, density * t.cutoff**3, s) for t in layers for g, s in _frictions(t, kT)) for pair, layers in terms.items()}
-    if not any(drags.values()):
-        return [], ["there is no friction"]
-    mean = _mean(scene, moves, drags)
-    fluids = {
-        (cutoff, sum(found.values()), friction)
-        for pair, found in curvatures.items()
-        for cutoff in found
-        for friction in {drags[pair] or mean, mean}
-    }
-    if not fluids:
-        fluids = {(term.cutoff, 0.0, drags[pair] or mean) for pair, layers in terms.items() for term in layers}
-    exponents = {s for layers in terms.values() for term in layers for gamma, s in _frictions(term, kT) if gamma > 0}
-
-    light, ratio, capacity = float(masses.min()), float(masses.max() / masses.min()), _heat_capacity(scene)
-    found = []
-    for cutoff, curvature, friction in sorted(fluids):
-        a, rho, unit = curvature * cutoff**2 / kT, density * cutoff**3, cutoff * (light / kT) ** 0.5
-        reduced = friction * cutoff / (light * kT) ** 0.5
-        found += [Groups(reduced / drag(1.0, rho, s), a, rho, ratio, s, capacity, unit) for s in sorted(exponents)]
-    return found, _notes(scene, drags)
+    light, ratio, capacity = float(masses.min()), float(masses.max() / masses.min()), smallest_capacity(scene)
+    if hasattr(scene.internal, "heat_capacities") and any(curvatures.values()) and (capacity or 0.0) < _EDPD:
+        gain = "beads of eDPD that repel each other gain energy at any step if their heat capacity is small"
+        return [], [f"{gain} (0.009 kT per unit of time at 100 k_B and A 18.75); steps are known from {_EDPD:g} k_B on"]
+    frictions = _around(scene, drags)
+    frictions = np.where(frictions > 0, frictions, frictions[scene.type_ids[moves]].mean())
+    cutoffs = sorted({cutoff for found in curvatures.values() for cutoff in found})
+    repulsions = {cutoff: _around(scene, {pair: found.get(cutoff, 0.0) for pair, found in curvatures.items()}) for cutoff in cutoffs}
+    exponents = {s for layers in terms.values() for term in layers for gamma, s in _frictions(term, kT) if gamma > 0} or {1.0}
+    found = set()
+    for k in np.unique(scene.type_ids[moves]):
+        curvature = sum(values[k] for values in repulsions.values())
+        own = float(scene.bead_masses[moves & (scene.type_ids == k)].min()) / light
+        for cutoff in [c for c in cutoffs if repulsions[c][k]] or sorted({t.cutoff for layers in terms.values() for t in layers}):
+            a, rho, unit = curvature * cutoff**2 / kT, density * cutoff**3, cutoff * (light / kT) ** 0.5
+            reduced = frictions[k] * cutoff / (light * kT) ** 0.5
+            found |= {Groups(float(reduced / drag(1.0, rho, s)), float(a), rho, ratio, s, capacity, unit, own) for s in exponents}
+    return sorted(found, key=lambda at: (at.unit_time, at.a, at.gamma, at.s, at.own)), _notes(scene, drags)
 
 
 def steps_table(scene: Scene) -> StabilityTable:
     """The table of steps that comes with the package for this kind of scene, soft or many-body."""
-    return shipped_many_body() if is_many_body(scene) else shipped_table()
+    return shipped_table("many_body" if is_many_body(scene) else "stability")
 
 
 def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list]:
@@ -97,11 +97,11 @@ def _terms(scene: Scene, moves: np.ndarray) -> dict[tuple[str, str], list]:
     return {pair: [layer[pair] for layer in layers if layer.get(pair, NONE) is not NONE] for pair in pairs}  # type: ignore[misc]
 
 
-def _curvatures(layers: list) -> dict[float, float]:
+def _curvatures(layers: list, kT: float) -> dict[float, float]:
     """Curvature A/cutoff of the repulsion, kJ/mol/nm^2, by cutoff, nm."""
     found: dict[float, float] = {}
     for layer in layers:
-        found[layer.cutoff] = found.get(layer.cutoff, 0.0) + layer.A / layer.cutoff
+        found[layer.cutoff] = found.get(layer.cutoff, 0.0) + kind_for(type(layer)).repulsion(layer, kT) / layer.cutoff
     return {cutoff: curvature for cutoff, curvature in found.items() if curvature}
 
 
@@ -111,24 +111,19 @@ def _frictions(layer, kT: float) -> list[tuple[float, float]]:
     return frictions(layer, kT) if frictions else []
 
 
-def _mean(scene: Scene, moves: np.ndarray, drags: dict[tuple[str, str], float]) -> float:
-    """Mean drag on a mobile bead if all beads are well mixed, Da/ps; equal to that of the pairs if all are equal."""
-    if len(set(drags.values())) == 1:
-        return next(iter(drags.values()))
-    names = scene.type_names
-    around, moving = (np.bincount(ids, minlength=len(names)) / len(ids) for ids in (scene.type_ids, scene.type_ids[moves]))
-    number = {name: k for k, name in enumerate(names)}
-    matrix = np.zeros((len(names), len(names)))
-    for (first, second), value in drags.items():
+def _around(scene: Scene, values: dict[tuple[str, str], float]) -> np.ndarray:
+    """Mean of a value of pairs over the neighbours of a bead, for each type, if all are well mixed."""
+    number = {name: k for k, name in enumerate(scene.type_names)}
+    matrix = np.zeros((len(number), len(number)))
+    for (first, second), value in values.items():
         matrix[number[first], number[second]] = matrix[number[second], number[first]] = value
-    return float(moving @ matrix @ around)
+    return matrix @ np.bincount(scene.type_ids, minlength=len(number)) / scene.n_beads
 
 
 def _notes(scene: Scene, drags: dict[tuple[str, str], float]) -> list[str]:
     """Notes about properties of a scene that the table does not cover."""
-    alone = [first for (first, second), value in drags.items() if first == second and not value]
-    notes = [f"beads of type {name} have no friction among themselves; the step is for a mixture with others nearby" for name in alone]
-    return notes
+    alone = [first for (first, second), value in drags.items() if first == second and not value and any(drags.values())]
+    return [f"beads of type {name} have no friction among themselves; the step is for a mixture with others nearby" for name in alone]
 
 
 def surroundings(pairs: list[Groups]) -> float:
@@ -154,8 +149,15 @@ def charge_frequency(scene: Scene) -> float:
     return float(curvature * max(ends)) ** 0.5
 
 
-def _heat_capacity(scene: Scene) -> float | None:
+def conserves(scene: Scene, pairs: list[Groups]) -> bool:
+    """Whether nothing takes energy out of a scene: heat stays in its beads, or there is no friction."""
+    return smallest_capacity(scene) is not None or not any(at.gamma for at in pairs)
+
+
+def smallest_capacity(scene: Scene) -> float | None:
     """Smallest heat capacity of a bead near its temperature, in units of k_B, or None."""
+    if capacities := getattr(scene.internal, "heat_capacities", None):
+        return float(capacities(scene.n_beads).min())
     if not isinstance(scene.internal, InternalEnergy):
         return None
     kT = scene.initial_kT
@@ -220,9 +222,3 @@ def many_body_groups(scene: Scene, moves: np.ndarray) -> tuple[list[Groups], lis
     ratio = float(scene.bead_masses[moves].max()) / mass
     reduced = coefficient.gamma * rc / (mass * kT) ** 0.5
     return [Groups(reduced, stiffness(a, b, rho), mass=ratio, unit_time=rc * (mass / kT) ** 0.5)], []
-
-
-@lru_cache(maxsize=1)
-def shipped_many_body() -> StabilityTable:
-    """The table of steps for many-body liquids that comes with the package."""
-    return StabilityTable(json.loads(files(__package__).joinpath("many_body.json").read_text()))

@@ -3,12 +3,14 @@
 Units of the table: cutoff rc, mass m of the lightest bead, thermal energy kT; so a step is in units of rc (m/kT)^(1/2).  For every scheme,
 the table has the steps at which the configurational and the kinetic temperature are 1, 5 and 10 % off, and the step that blows up, on a
 plane of friction and repulsion and on lines of density, mass ratio, exponent and heat capacity (made by benchmarks/stability.py).  Another
-table has errors of diffusion and viscosity of the standard fluid (made by benchmarks/transport.py).
+table has errors of diffusion and viscosity of the standard fluid (made by benchmarks/transport.py), a third, in the form of the first, the
+steps at which the total energy drifts by so much per bead and time (made by benchmarks/conservation.py).
 """
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -22,24 +24,32 @@ LEVELS = (0.01, 0.05, 0.10)
 #: Largest allowed fraction of the step that blows up.
 SAFE = 0.7
 _LINES = ("rho", "mass", "s", "cv")
+#: Largest lengthening of a step, in the logarithm, by corrections along lines: errors that pass through 0 make single steps too long.
+_LONGER = math.log(1.1)
 
 
 @dataclass(frozen=True)
 class Groups:
-    r"""Dimensionless groups of one pair of types in a fluid."""
+    r"""Dimensionless groups of one species in its surroundings."""
 
-    gamma: float  #: gamma rc/(m kT)^(1/2), friction
-    a: float  #: A rc/kT, repulsion
+    gamma: float  #: gamma rc/(m kT)^(1/2), friction, the mean over its neighbours
+    a: float  #: A rc/kT, repulsion, the same
     rho: float = 3.0  #: N rc^3/V, density
     mass: float = 1.0  #: largest over smallest mass of the beads
     s: float = 1.0  #: exponent of the noise weight
     cv: float | None = None  #: heat capacity of a bead over k_B, or None
     unit_time: float = 1.0  #: rc (m/kT)^(1/2), ps
+    own: float = 1.0  #: mass of the species over that of the lightest bead
 
     @property
     def friction(self) -> float:
-        """Drag on a bead in its surroundings, as the gamma that gives it at density 3 and exponent 1."""
-        return drag(self.gamma, self.rho, self.s)
+        """Drag on a bead in its surroundings, as the gamma that gives it at density 3 and exponent 1; nearly 0 without friction."""
+        return max(drag(self.gamma, self.rho, self.s), 1e-9)
+
+    @property
+    def moving(self) -> "Groups":
+        """Groups in units of the species' own mass, for what its beads do themselves."""
+        return replace(self, gamma=self.gamma / self.own**0.5, unit_time=self.unit_time * self.own**0.5, mass=1.0, own=1.0)
 
 
 def drag(gamma: float, rho: float, s: float) -> float:
@@ -57,6 +67,7 @@ class StabilityTable:
     data : mapping
         ``base`` (groups of the base fluid), ``cost`` (time per step of each scheme), and ``points``: the groups, and in ``schemes`` for
         each scheme ``blow``, ``conf`` and ``kin`` ({"1": [step, standard error, ">" or "<" or ""], "5": ..., "10": ...}) and ``sign``.
+        Optional are ``levels``, other errors than 1, 5 and 10 %, and ``order``, the power of the step below the first (2).
 
     Raises
     ------
@@ -72,6 +83,7 @@ class StabilityTable:
             raise ParameterError("a table of steps needs a plane of at least two frictions and two repulsions")
         self.schemes = tuple(s for s in self.cost if any(s in p["schemes"] for p in self.plane))
         self._logs: dict[tuple, np.ndarray] = {}
+        self.levels, self.order = tuple(data.get("levels", LEVELS)), data.get("order", 2)
 
     def outside(self, at: Groups) -> list[str]:
         """Notes about groups that are outside of the table."""
@@ -79,8 +91,8 @@ class StabilityTable:
         lines = zip(("density", "mass ratio", "exponent", "heat capacity"), _LINES, strict=True)
         rows = [("friction", self._frictions, at.friction), (self.data.get("a is", "repulsion"), self._repulsions, at.a)]
         for name, known, value in [*rows, *((name, self._values(n), getattr(at, n)) for name, n in lines)]:
-            if value is None or (name == "heat capacity" and len(known) and value > known.max()):
-                continue  # above the largest heat capacity, beads are thermostats
+            if value is None or (name == "heat capacity" and len(known) and value > known.max()) or (name == "friction" and at.gamma == 0):
+                continue  # above the largest heat capacity, beads are thermostats; without friction, as with the least
             if not len(known) or not known.min() * (1 - 1e-9) <= value <= known.max() * (1 + 1e-9):
                 span = f"only from {known.min():g} to {known.max():g}" if len(known) else "nor at any other"
                 found.append(f"no steps were measured at a {name} of {value:.3g} (reduced units), {span}")
@@ -92,23 +104,24 @@ class StabilityTable:
     def step(self, scheme: str, at: Groups, error: float, kind: str) -> float:
         """Step (reduced) at which a temperature reaches an error; ``kind`` is "conf" or "kin".
 
-        Interpolation is linear in log-log between 1 and 10 %; below, the error is proportional to the square of the step, for all schemes.
+        Interpolation is linear in log-log between 1 and 10 %; below, the error is proportional to the square of the step, for all schemes
+        (a drift of energy to its fourth power).
         """
         steps = np.log(self._levels(scheme, at, kind))
-        if error < LEVELS[0]:
-            return float(np.exp(steps[0]) * (error / LEVELS[0]) ** 0.5)
-        return float(np.exp(np.interp(np.log(error), np.log(LEVELS), steps)))
+        if error < self.levels[0]:
+            return float(np.exp(steps[0]) * (error / self.levels[0]) ** (1 / self.order))
+        return float(np.exp(np.interp(np.log(error), np.log(self.levels), steps)))
 
     def error(self, scheme: str, at: Groups, dt: float, kind: str) -> float:
         """Error of a temperature at a step (reduced), the inverse of :meth:`step`; infinite above 10 %."""
         steps = self._levels(scheme, at, kind)
         if dt < steps[0]:
-            return float(LEVELS[0] * (dt / steps[0]) ** 2)
-        return float("inf") if dt > steps[-1] * (1 + 1e-6) else float(np.exp(np.interp(np.log(dt), np.log(steps), np.log(LEVELS))))
+            return float(self.levels[0] * (dt / steps[0]) ** self.order)
+        return float("inf") if dt > steps[-1] * (1 + 1e-6) else float(np.exp(np.interp(np.log(dt), np.log(steps), np.log(self.levels))))
 
     def spread(self, scheme: str, at: Groups, error: float, kind: str) -> float:
         """Relative standard error of :meth:`step`: that of the nearest point in the plane, at the nearest error."""
-        level = min(LEVELS, key=lambda one: abs(np.log(one / error)))
+        level = min(self.levels, key=lambda one: abs(np.log(one / error)))
         found = self._near(scheme, at)["schemes"][scheme][kind] or {}
         dt, sem, _ = found.get(f"{100 * level:g}") or (1.0, 0.0, "")
         return float(sem / dt)
@@ -129,14 +142,15 @@ class StabilityTable:
         )
 
     def _levels(self, scheme: str, at: Groups, kind: str) -> np.ndarray:
-        found = [np.exp(self._interpolated(scheme, (kind, f"{100 * level:g}"), at)) for level in LEVELS]
+        found = [np.exp(self._interpolated(scheme, (kind, f"{100 * level:g}"), at)) for level in self.levels]
         # strictly increasing, so that the interpolation has an inverse
-        return np.maximum.accumulate(found) * np.array([1.0, 1.0 + 1e-9, 1.0 + 2e-9])
+        return np.maximum.accumulate(found) * (1.0 + 1e-9 * np.arange(len(found)))
 
     def _interpolated(self, scheme: str, path: tuple[str, ...], at: Groups) -> float:
         value = self._on_plane(scheme, path, at.friction, at.a)
         values = {"rho": at.rho, "mass": at.mass, "s": at.s, "cv": at.cv}
-        return value + sum(self._correction(scheme, path, name, v, at.friction) for name, v in values.items() if v != self.base[name])
+        found = sum(self._correction(scheme, path, name, v, at.friction) for name, v in values.items() if v != self.base[name])
+        return value + (found if path[0] == "blow" else min(found, _LONGER))
 
     def _on_plane(self, scheme: str, path: tuple[str, ...], friction: float, a: float) -> float:
         """log(step), bilinear in log(friction) and the root of the repulsion (a frequency); constant beyond the edges."""
@@ -190,10 +204,11 @@ def _log(entry: Mapping[str, Any], path: tuple[str, ...]) -> float:
     return float(np.log(found[0]))
 
 
-@lru_cache(maxsize=1)
-def shipped_table() -> StabilityTable:
-    """The table of steps for soft beads that comes with the package."""
-    return StabilityTable(json.loads(files(__package__).joinpath("stability.json").read_text()))
+@lru_cache(maxsize=3)
+def shipped_table(name: str = "stability") -> StabilityTable:
+    """A table that comes with the package: steps for soft beads (``stability``) and many-body liquids (``many_body``), and steps by the
+    drift of the energy (``drift``)."""
+    return StabilityTable(json.loads(files(__package__).joinpath(f"{name}.json").read_text()))
 
 
 #: Quantities, with the index of their errors in a row of the table.
@@ -211,6 +226,11 @@ class MeasuredStep(NamedTuple):
 
     dt: float
     error: float
+
+
+def _slower(at: Groups) -> float:
+    """Vibrations of the fluid of the transport table, A = 25 and density 3, over those of this one; at most 1."""
+    return min(1.0, (75.0 / max(at.a * at.rho, 1e-9)) ** 0.5)
 
 
 class TransportTable:
@@ -234,20 +254,23 @@ class TransportTable:
         return bool(self.frictions[0] * (1 - 1e-9) <= at.friction <= self.frictions[-1] * (1 + 1e-9))
 
     def step(self, scheme: str, at: Groups, error: float, quantity: str) -> MeasuredStep:
-        """Longest step, rc (m/kT)^(1/2), up to which an error stays within a bound; linear in log-log between frictions."""
+        """Longest step, rc (m/kT)^(1/2), up to which an error stays within a bound; linear in log-log between frictions.
+
+        In fluids stiffer than the measured ones it goes with their vibrations, (a rho)^(-1/2); in softer ones it is that of the measured.
+        """
         found = [self.crossing(gamma, scheme, error, quantity) for gamma in self.frictions]
         x, where = np.log(self.frictions), np.log(at.friction)
         dt = float(np.exp(np.interp(where, x, np.log([step.dt for step in found]))))
         relative = float(np.interp(where, x, [step.error / step.dt for step in found]))
-        return MeasuredStep(dt, relative * dt)
+        return MeasuredStep(dt * _slower(at), relative * dt * _slower(at))
 
-    def error(self, scheme: str, at: Groups, dt: float, quantity: str) -> float:
-        """Signed error at a step, beyond the longest measured one proportional to its square; linear in log(friction)."""
-        found = []
-        for gamma in self.frictions:
-            steps, _, curves = self._curves(gamma, scheme, quantity)
-            found.append(np.interp(dt, np.append(0.0, steps), np.append(0.0, curves[0])) * max(1.0, dt / steps[-1]) ** 2)
-        return float(np.interp(np.log(at.friction), np.log(self.frictions), found))
+    def error(self, scheme: str, at: Groups, dt: float, quantity: str) -> tuple[float, bool]:
+        """Signed error at a step, or at the longest measured one, and whether the step lies beyond that; linear in log(friction)."""
+        curves = [self._curves(gamma, scheme, quantity) for gamma in self.frictions]
+        x, where, dt = np.log(self.frictions), np.log(at.friction), dt / _slower(at)
+        found = [np.interp(dt, np.append(0.0, steps), np.append(0.0, errors[0])) for steps, _, errors in curves]
+        longest = float(np.interp(where, x, [steps[-1] for steps, _, _ in curves]))
+        return float(np.interp(where, x, found)), dt > longest
 
     def crossing(self, gamma: float, scheme: str, error: float, quantity: str) -> MeasuredStep:
         """Step at which an error is reached, for one of the measured frictions."""

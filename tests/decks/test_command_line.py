@@ -72,7 +72,7 @@ def test_recommend_speaks_in_the_units_of_the_deck(tmp_path, capsys):
     assert main(["recommend", str(deck), "--error", "0.02"]) == 0
     lines = capsys.readouterr().out.splitlines()
     best = dpd.recommend(deck_scene(deck), 0.02)
-    assert lines[0] == f"for temperatures within 2 %: {best.scheme} at dt = {best.dt:.2g}"
+    assert lines[0] == f"for temperatures within 2 % (95 of 100 times): {best.scheme} at dt = {best.dt:.2g}"
     assert len(lines) == 1 + len(best.choices) + len(best.notes) + 1
     assert lines[-1].startswith("the deck's own: mvv at dt = 0.01: ")
     assert main(["recommend", str(deck), "--scheme", "middle", "--dt", "0.03"]) == 0

@@ -94,6 +94,8 @@ register(
         terms=_thermal_terms,
         why_kernel_only=lambda *_: "the repulsion of EDPD depends on the temperatures of the beads, which no OpenMM force sees",
         fields=_temperatures,
+        repulsion=lambda c, kT: c.A * kT,
+        frictions=lambda c, _: [(c.gamma, 0.5 * c.exponent)],
         field_text="temperature of the bead",
         no_sweep=_no_sweep,
         why_no_laplacian=lambda _: "the repulsion depends on the temperatures of the beads (EDPD)",

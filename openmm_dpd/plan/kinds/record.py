@@ -66,6 +66,7 @@ class Kind:
     has_densities: bool = False  #: Whether its layers have local densities of the beads
     beside_atoms: bool = False  #: Whether beads beside atoms of a force field may have it, and it may act between the two
     thermostat: bool = False  #: Whether it can be the friction between atoms
+    repulsion: Callable[[Any, float], float] = lambda c, _: c.A  #: (of a coefficient and kT) A of a soft repulsion, kJ/mol/nm
     # (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
     # the table of steps is about
     frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
