@@ -26,7 +26,7 @@ OUT = Path("out/03_thermostat_peptide")
 EDGE = 2.2  # nm
 TEMPERATURE, DT = 300 * unit.kelvin, 2 * unit.femtosecond
 FRICTION = dpd.DPD(gamma=5 * unit.dalton / unit.picosecond, cutoff=0.6 * unit.nanometer)
-EQUILIBRATION, STEPS, EVERY = 1500, 3500, 20
+ITERATIONS, EQUILIBRATION, STEPS, EVERY = 200, 1500, 3500, 20  # of the minimiser, and steps
 PLATFORM = None  # the fastest
 VELOCITY = unit.nanometer / unit.picosecond
 
@@ -87,7 +87,7 @@ def run(simulation: app.Simulation, modeller: app.Modeller) -> Rows:
         return context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(VELOCITY)
 
     context.setPositions(modeller.positions)
-    simulation.minimizeEnergy(maxIterations=200)
+    simulation.minimizeEnergy(maxIterations=ITERATIONS)
     context.setVelocitiesToTemperature(TEMPERATURE, 7)
     v = velocities()
     context.setVelocities(v - masses @ v / masses.sum())

@@ -32,6 +32,7 @@ class OfModules(Mapping):
 
 
 TREES = OfModules(lambda module: ast.parse((ROOT / PATHS[module]).read_text(encoding="utf-8")))
+NODES = OfModules(lambda module: list(ast.walk(TREES[module])))  # to walk through all trees takes a second
 
 
 def _base(module: str, node: ast.ImportFrom) -> str:
@@ -44,7 +45,7 @@ def _base(module: str, node: ast.ImportFrom) -> str:
 def imports(module: str) -> set[str]:
     """Modules of the package that a module imports, and the first names of all others."""
     found = set()
-    for node in ast.walk(TREES[module]):
+    for node in NODES[module]:
         if isinstance(node, ast.ImportFrom):
             base = _base(module, node)
             found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in PATHS else base for alias in node.names}

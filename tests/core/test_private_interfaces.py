@@ -15,7 +15,7 @@ import numba
 import numpy as np
 import openmm
 import pytest
-from import_graph import PATHS, ROOT, TREES
+from import_graph import NODES, PATHS, ROOT, TREES
 from openmm import unit
 
 from openmm_dpd.kernels.vectors import LANES, bits_set, copy_shifted, count_up, floor, load_lanes, lowest_bit, splat, store_lanes, total
@@ -47,10 +47,10 @@ def advised(module: str, what: str) -> Iterator[None]:
 
 
 # -- one file each ---------------------------------------------------------------------------------------------------------------
-def imported(tree: ast.AST) -> set[str]:
+def imported(nodes: list[ast.AST]) -> set[str]:
     """Full names of what a file imports, also inside functions."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and not node.level:
@@ -58,10 +58,10 @@ def imported(tree: ast.AST) -> set[str]:
     return found
 
 
-def private_names(tree: ast.AST) -> set[str]:
+def private_names(nodes: list[ast.AST]) -> set[str]:
     """Names with an underscore that are looked up on something else than self, and such keys of dictionaries."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
             if not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")):
                 found.add(node.attr)
@@ -71,12 +71,14 @@ def private_names(tree: ast.AST) -> set[str]:
 
 
 def test_each_is_used_in_one_file_which_says_what_to_do():
-    found = {(p, module) for module, tree in TREES.items() for p in MODULES for name in imported(tree) if f"{name}.".startswith(f"{p}.")}
+    found = {(p, module) for module, nodes in NODES.items() for name in imported(nodes) for p in MODULES if f"{name}.".startswith(f"{p}.")}
     assert found == {*MODULES.items(), ("llvmlite", ADDRESSES)}
-    assert {(name, module) for module, tree in TREES.items() for name in private_names(tree) - OWN} == set(ATTRIBUTES.items())
-    tree = ast.parse("import gc\nfrom numba.core import event\nx._value\nself._held\nnjit(**{'_nrt': False})\nsuper()._take()")
-    assert imported(tree) == {"gc", "numba.core.event"}
-    assert private_names(tree) == {"_value", "_nrt", "_take"}
+    assert {(name, module) for module, nodes in NODES.items() for name in private_names(nodes) - OWN} == set(ATTRIBUTES.items())
+    nodes = list(
+        ast.walk(ast.parse("import gc\nfrom numba.core import event\nx._value\nself._held\nnjit(**{'_nrt': False})\nsuper()._take()"))
+    )
+    assert imported(nodes) == {"gc", "numba.core.event"}
+    assert private_names(nodes) == {"_value", "_nrt", "_take"}
     for module in (NUMBA, OPENMM):
         tree, text = TREES[module], (ROOT / PATHS[module]).read_text(encoding="utf-8")
         (exported,) = [node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "__all__"]

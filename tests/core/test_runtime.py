@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from import_graph import GRAPH, TREES
+from import_graph import GRAPH, NODES, TREES
 
 from openmm_dpd import runtime
 from openmm_dpd.runtime import Kernel, Tape, inlined, meet, threads
@@ -19,7 +19,7 @@ def test_few_names_are_used_from_outside():
     face = {name for name, value in vars(runtime).items() if not name.startswith("_") and type(value) is not type(runtime)}
     outside = [module for module in TREES if not f"{module}.".startswith("openmm_dpd.runtime.")]
     assert not [module for module in outside for name in GRAPH[module] if name.startswith("openmm_dpd.runtime.")]
-    nodes = [node for module in outside for node in ast.walk(TREES[module]) if isinstance(node, ast.ImportFrom)]
+    nodes = [node for module in outside for node in NODES[module] if isinstance(node, ast.ImportFrom)]
     used = {alias.name for node in nodes if (node.module or "").rpartition(".")[2] == "runtime" for alias in node.names}
     assert used == face and len(face) <= 15
 

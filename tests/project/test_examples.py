@@ -74,7 +74,7 @@ def test_rdf_gives_the_measured_pressure(tmp_path, monkeypatch, seed):
 def test_peptide(tmp_path, monkeypatch):
     """Momentum stays at zero but for the rounding of the PME forces, and the temperature is about right from the start."""
     friction = dpd.DPD(gamma=5 * unit.dalton / unit.picosecond, cutoff=0.5 * unit.nanometer)
-    shorter = {"PLATFORM": "CPU", "EDGE": 1.9, "EQUILIBRATION": 100, "STEPS": 100, "EVERY": 10, "FRICTION": friction}
+    shorter = {"PLATFORM": "CPU", "EDGE": 1.9, "ITERATIONS": 90, "EQUILIBRATION": 100, "STEPS": 100, "EVERY": 10, "FRICTION": friction}
     found = example("03_thermostat_peptide", monkeypatch, **shorter).main(tmp_path)
     thermal = np.sqrt(3900 * 2.494)  # of one component of the total momentum, for a box of this mass
     assert found["pairwise friction: momentum"] < 0.05 * thermal
