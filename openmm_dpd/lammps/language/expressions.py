@@ -149,8 +149,9 @@ _TOKEN = re.compile(
 
 @lru_cache
 def _tokens(pattern: re.Pattern[str], text: str) -> list[tuple[str, str]]:
-    """Kind and text of each token; cached, since an expression may be evaluated at every step."""
-    return [(str(match.lastgroup), str(match[match.lastgroup or 0])) for match in pattern.finditer(text)]
+    """Kind and text of each token, and of the end or the first bad one; cached, since an expression may be evaluated at every step."""
+    found = [(str(match.lastgroup), str(match[match.lastgroup or 0])) for match in pattern.finditer(text)]
+    return [*found, next((token for token in found if token[0] == "bad"), ("end", ""))]
 
 
 def evaluate(text: str, resolver: Any) -> float:
@@ -175,9 +176,8 @@ class Expression(ABC):
 
     def __init__(self, text: str):
         self.text, self.at, self.tokens = text, 0, _tokens(self.pattern, text)
-        for kind, token in self.tokens:
-            if kind == "bad":
-                self.fail(f"unexpected {token!r}")
+        if self.tokens[-1][0] == "bad":
+            self.fail(f"unexpected {self.tokens[-1][1]!r}")
 
     def fail(self, why: str) -> NoReturn:
         raise ParameterError(f"cannot evaluate the {self.what} '{self.text}': {why}")
@@ -194,23 +194,23 @@ class Expression(ABC):
             if isinstance(error, DPDError):
                 raise
             self.fail(str(error))
-        if self.at < len(self.tokens):
-            self.fail(f"unexpected {self.tokens[self.at][1]!r}")
+        if self.peek()[0] != "end":
+            self.fail(f"unexpected {self.peek()[1]!r}")
         return result
 
     def peek(self) -> tuple[str, str]:
-        return self.tokens[self.at] if self.at < len(self.tokens) else ("end", "")
+        return self.tokens[self.at]
 
     def take(self) -> tuple[str, str]:
-        token = self.peek()
+        token = self.tokens[self.at]
         if token[0] == "end":
-            self.fail("it ends unexpectedly" if self.tokens else "it is empty")
+            self.fail("it ends unexpectedly" if self.at else "it is empty")
         self.at += 1
         return token
 
     def binary(self, level: int) -> Any:
         left = self.unary()
-        while (found := self.ranks.get(self.peek()[1], -1)) >= level:
+        while (found := self.ranks.get(self.tokens[self.at][1], -1)) >= level:
             operator = self.take()[1]
             left = self.combined(operator, self.levels[found][operator], left, self.binary(found + 1))
         return left
@@ -259,15 +259,16 @@ class Formula(Expression):
         self.fail(f"unexpected {token!r}")
 
     def name(self, token: str) -> float:
+        following = self.tokens[self.at][1]
         if token.startswith("v_"):
-            return self.resolver.variable(token[2:], self.index()) if self.peek()[1] == "[" else self.resolver.variable(token[2:])
+            return self.resolver.variable(token[2:], self.index()) if following == "[" else self.resolver.variable(token[2:])
         if token.startswith("c_"):
             return self.indexed(self.resolver.compute, token[2:])
         if token.startswith("f_"):
             return self.indexed(self.resolver.fix, token[2:])
-        if self.peek()[1] == "(":
+        if following == "(":
             return self.function(token)
-        if self.peek()[1] == "[" and token in ATOM_VALUES:
+        if following == "[" and token in ATOM_VALUES:
             return self.resolver.atom(token, self.index() or 0)
         if token in CONSTANTS:
             return CONSTANTS[token]

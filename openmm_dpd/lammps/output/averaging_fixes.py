@@ -55,14 +55,14 @@ class TimeAverage(AveragingFix):
     def forget(self) -> None:
         self._sum, self._count, self._latest = np.zeros(0), 0, np.zeros(0)
 
-    def _read(self, moment: Resolver, word: str) -> np.ndarray:
-        return moment.vector(word) if self._vector else np.array(moment.number(word))
+    def _read(self, moment: Resolver, word: str) -> Any:
+        return moment.vector(word) if self._vector else moment.number(word)
 
     def sample(self, moment: Resolver) -> None:
         found = [self._read(moment, word) for word in self.words]
         if len(sizes := {len(each) for each in found} | ({len(self._sum)} if self._count else set()) if self._vector else ()) > 1:
             raise ParameterError(f"fix {self.name} (ave/time mode vector): the lengths of vectors differ or change: {sizes}")
-        values = np.stack(found, axis=-1)
+        values = np.stack(found, axis=-1) if self._vector else np.array(found)
         self._sum = values if not self._count else self._sum + values
         self._count += 1
         self._latest = values[..., self._off]

@@ -141,14 +141,15 @@ class Sampler:
         """From this step on, as :meth:`~openmm_dpd.measure.within.Within.run`, with samples that have the values :data:`WITHIN`."""
 
         def made(row: Row) -> None:
-            products, sample = np.array(row.moving[:6]), object.__new__(DeckSample)
-            known = {"kinetic": float(products[:3].sum()) / 2, "kinetic_tensor": products, "pair_energy": row.sums[0], "fields": {}}
-            pulls = {"virial": float(row.stress[:3].sum()), "virial_tensor": row.stress}
-            box = self.axes.box_of_deck(self.observer.present.box)
-            vars(sample).update(step=row.number - ahead, box=box, **known, **pulls)
+            if "box" not in known:
+                known["box"] = self.axes.box_of_deck(self.observer.present.box)
+            sample, moving, stress = object.__new__(DeckSample), row.moving, row.stress
+            known.update(step=row.number - ahead, kinetic=(moving[0] + moving[1] + moving[2]) / 2, kinetic_tensor=np.array(moving[:6]))
+            known.update(pair_energy=row.sums[0], virial=float(stress[0] + stress[1] + stress[2]), virial_tensor=stress)
+            vars(sample).update(known)
             take(sample)
 
-        ahead = self.context.getStepCount() - step
+        ahead, known = self.context.getStepCount() - step, dict[str, Any](fields={})
         return self._within.run(self.context, first + ahead, every, end + ahead, made)
 
     def measure(self, sample: LiveSample) -> Sample:

@@ -213,8 +213,8 @@ class DeckSteps:
             self.log(self.thermo.footer())
         assert self._measured is not None
         if has_set_temperature(self.built.plan):
-            dof = self._measured.dof * self.request.state.dimension // 3
-            self.result.check_temperature(self._measured.target_kT, dof, self.built.plan.scene.shear is not None)
+            dof, sheared = self._measured.dof * self.request.state.dimension // 3, self.built.plan.scene.shear is not None
+            self.result.check_temperature(self._measured.target_kT, dof, sheared)
         context, guide = self.simulation.context, self.sampler.guide
         if guide is not None:
             guide.keep(self.sampler.numbers())
