@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from ..runtime import Tape
 from .columns import Totals
 from .driven import Driven
 from .interface import Engine
@@ -171,6 +172,23 @@ Watch = Callable[[np.ndarray, np.ndarray, Moment], None]
 SlowForces = Callable[[Moment, int], np.ndarray]
 
 
+class Looks(Protocol):
+    """What is measured at some steps of a run while it goes on."""
+
+    every: int  #: Steps from one to the next
+    more: int  #: Summed with the forces of such a step
+
+    def until(self, number: int) -> int:
+        """Steps from this one to the next at which something is measured."""
+        ...
+
+    def take(self, m: Moment, force: np.ndarray, tape: Tape, number: int) -> None:
+        """Measure a step, with its conservative force (N, 3), while a tape records."""
+
+    def played(self, number: int, steps: int, tape: Tape, until: int, every: int, room: list[np.ndarray]) -> None:
+        """Steps from this one on were played; those that measure, ``until`` and more steps later, left in ``room`` what they found."""
+
+
 class Stepper(Protocol):
     """Does whole steps with one engine, and keeps what the last one has computed."""
 
@@ -179,7 +197,7 @@ class Stepper(Protocol):
     #: Where friction is a force, what the last step of a run sums beside its forces: STRESS, and LAPLACIAN, with conservative forces apart,
     #: from engines that can
     more: int
-    looks: Any  #: What is measured within runs: a :class:`openmm_dpd.measure.within.Within`, or None
+    looks: Looks | None  #: What is measured within the present run
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:
         """Do n steps; ``slow`` computes forces of others, which kick before and after them.  RunError if a step fails; it has the number of

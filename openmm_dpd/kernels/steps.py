@@ -6,7 +6,6 @@ a force.  The :class:`.moment.Moment` holds everything that a step depends on, s
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from .columns import Totals
 from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM
-from .moment import FASTEST, NO_GUIDE, LastStep, Masses, Moment, SlowForces, StepSpec, Watch, ramped_energy
+from .moment import FASTEST, NO_GUIDE, LastStep, Looks, Masses, Moment, SlowForces, StepSpec, Watch, ramped_energy
 from .noise import key_again
 from .seats import Seats
 from .shear import AFTER, BEFORE, change_flow, join_flow, leave_flow, slide
@@ -46,7 +45,7 @@ class StepLoop:
         self.force = np.zeros((n, 3))
         self.valid = Validity(self.engine)
         self.more = 0
-        self.looks: Any = None
+        self.looks: Looks | None = None
         #: in a shear: velocities relative to the flow, and the sum of :meth:`.interface.Engine.passed` over the last step
         self._relative = np.zeros((0 if self.spec.shear is None else n, 3))
         self.passed: np.ndarray | float = 0.0
@@ -171,7 +170,7 @@ class StepLoop:
         levels = (ramped_energy(self.spec.ramp, m.ramped + 1.0 + k) for k in range(steps))  # type: ignore[operator]
         heats = np.array(list(levels)) if self._heats(m) else None
         played, sound = recorded.step.play(m.counter, steps, heats, seldom)
-        if seldom is not None:
+        if seldom is not None and self.looks is not None:
             self.looks.played(number, played, *seldom)
         m.counter += recorded.step.counted * played
         self._count(m, played)

@@ -11,14 +11,14 @@ recorded step          ``record``                                            ``t
 =====================  ====================================================  ===========================================================
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..runtime import Tape
 from .columns import Totals
 from .interface import Engine
-from .moment import Moment
+from .moment import Looks, Moment
 
 _NONE = -1
 
@@ -113,12 +113,13 @@ class Validity:
         recorded, self._recorded = self._recorded, {}
         return recorded
 
-    def fitting(self, looks: Any, number: int, steps: int, state: list[np.ndarray], conditions: tuple):
+    def fitting(self, looks: Looks | None, number: int, steps: int, state: list[np.ndarray], conditions: tuple):
         """Recorded steps that can be played from step ``number`` on, or None: those that were taken out, the usual one, how often it can be
-        played, and what :meth:`.Tape.play` needs to play those of a :class:`~openmm_dpd.measure.within.Within` among them, if due."""
-        taken, until, seldom = self.take(), steps if looks is None else looks.until(number), None
+        played, and what :meth:`.Tape.play` needs to play those that measure among them, if due."""
+        taken, seldom = self.take(), None
+        until, every = (steps, steps) if looks is None else (looks.until(number), looks.every)
         measuring = taken.get(True)
-        recorded = measuring if not until and looks.every == 1 else taken.get(False)
+        recorded = measuring if not until and every == 1 else taken.get(False)
         steps = steps if measuring is not None else min(steps, until)
         if recorded is None or not steps:
             self.record(taken)
@@ -127,8 +128,8 @@ class Validity:
             return None
         steps = min(steps, recorded.step.at_once)
         if measuring is not None and until < steps:
-            room = [np.empty((-(-(steps - until) // looks.every), *each.shape)) for each in measuring.step.noted]
-            seldom = measuring.step, until, looks.every, room
+            room = [np.empty((-(-(steps - until) // every), *each.shape)) for each in measuring.step.noted]
+            seldom = measuring.step, until, every, room
         return taken, recorded, steps, seldom
 
     def played(self, before: Computed | None) -> None:
