@@ -41,7 +41,7 @@ WITH_SCRIPTS = [path for path in TEXTS if path.name != "README.md" and blocks(pa
 
 # -- scripts ---------------------------------------------------------------------------------------------------------------------
 #: Pages whose runs are a tenth as long here: numbers of steps, of rounds of them and of units of time.
-LONG = ("constant_pressure", "mixed", "partition", "sampling")
+LONG = ("constant_pressure", "mixed", "molecules", "partition", "sampling", "schemes")
 LENGTHS = re.compile(r"(\.step\((?:simulation, )?\d\d+|for _ in range\(\d+|\"(?:time|settle)\": \d+)0")
 
 
