@@ -314,9 +314,9 @@ def timed(name: str, method: str, dt: float, threads: int) -> float:
         return min(peer.timed(lines, Path(folder), Path(folder), STEPS, threads) for lines in decks)
 
 
-def tabulate(store: Store, scale: float, times: dict[str, float]) -> dict:
-    """Errors, steps and costs of all kinds."""
-    found: dict = {"date": f"{datetime.date.today()}", "machine": machine(), "ms": times, "kinds": {}}
+def tabulate(store: Store, scale: float, before: dict) -> dict:
+    """Errors, steps and costs of all kinds; of those without stored runs the ones from before."""
+    found: dict = {"date": f"{datetime.date.today()}", "machine": machine(), "ms": before.get("ms", {}), "kinds": {}}
     for name, kind in KINDS.items():
         runs: dict[tuple[str, float], dict[str, list[float]]] = {}
         for job in jobs(scale):
@@ -325,6 +325,9 @@ def tabulate(store: Store, scale: float, times: dict[str, float]) -> dict:
                 its = runs.setdefault((job["method"], job["dt"]), {})
                 for measure in kind.measures:
                     its.setdefault(measure, []).append(result.get("averages", {}).get(measure, np.nan))
+        if not runs and name in before.get("kinds", {}):
+            found["kinds"][name] = before["kinds"][name]
+            continue
         # few runs at each step say little about their spread: that of all steps at which none stopped is taken
         spread = {m: np.mean([v for v in (np.var(its[m], ddof=1) for its in runs.values()) if np.isfinite(v)]) for m in kind.measures}
         means = {place: {m: (np.mean(v), (spread[m] / len(v)) ** 0.5) for m, v in its.items()} for place, its in runs.items()}
@@ -417,7 +420,7 @@ def main() -> None:
     say = functools.partial(print, flush=True)
     if options.only in (None, "accuracy"):
         carry_out([job for job in jobs(options.time_scale) if job["kind"] in options.kinds], run, store, options.processes, say)
-    table = tabulate(store, options.time_scale, json.loads(file.read_text())["ms"] if file.exists() else {})
+    table = tabulate(store, options.time_scale, json.loads(file.read_text()) if file.exists() else {})
     if options.only in (None, "time"):
         for _ in range(2):
             for name in options.kinds:
