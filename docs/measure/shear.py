@@ -2,6 +2,7 @@
 
     python docs/measure/shear.py 0.3 --scheme middle --dt 0.04 --gamma 4.5 --time 2000
     python docs/measure/shear.py 0.5 --dt 0.01 --time 1500 --lammps
+    python docs/measure/shear.py 0.5 --scheme mvv --dt 0.02 --chains      (of four beads, without repulsion)
 
 LAMMPS (22 Jul 2025) forgets now and then to change the velocity of a bead that crosses the face: the mean velocity beside the flow wanders, and
 is taken off its temperature and Pxx here.
@@ -53,11 +54,15 @@ thermo_modify temp td
 """
 
 
-def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict[str, tuple[float, float]]:
+def ours(rate: float, scheme: str, dt: float, gamma: float, time: float, chains: bool) -> dict[str, tuple[float, float]]:
     """Means with standard errors; prints how linear the profile is, and what the momentum has changed by."""
-    x = np.random.default_rng(1).random((BEADS, 3)) * EDGE
-    pairs = {("W", "W"): dpd.DPD(A=25, gamma=gamma)}
-    scene = dpd.Scene({"W": 1.0}, ["W"] * BEADS, x, pairs, kT=1.0, box=[EDGE] * 3, shear=dpd.LeesEdwards(rate=rate))
+    draw, bonds = np.random.default_rng(1), []
+    x = draw.random((BEADS, 3)) * EDGE
+    if chains:
+        x = np.cumsum(np.concatenate([x[:94, None], draw.normal(size=(94, 3, 3)) * 6**-0.5], axis=1), axis=1).reshape(-1, 3)
+        bonds = [dpd.HarmonicBonds([(i, i + 1) for i in range(len(x)) if i % 4 < 3], k=6.0, r0=0.0)]
+    n, pairs = len(x), {("W", "W"): dpd.DPD(A=0 if chains else 25, gamma=gamma)}
+    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, pairs, kT=1.0, box=[EDGE] * 3, bonds=bonds, shear=dpd.LeesEdwards(rate=rate))
     built = dpd.build(scene, dt=dt, scheme=scheme, seed=7, platform="CPU")
     simulation, observer, kT = built.simulation(), Observer(built), []
     simulation.minimizeEnergy(maxIterations=30)
@@ -65,7 +70,7 @@ def ours(rate: float, scheme: str, dt: float, gamma: float, time: float) -> dict
     stress, profile = StressReporter(2, built), ProfileReporter(5, built, axis="y", component="x", bins=10)
     unbiased = UnbiasedTemperatureReporter(10, built)
     simulation.reporters += [stress, profile, unbiased]
-    contacts, (i, j) = [], np.triu_indices(BEADS, 1)
+    contacts, (i, j) = [], np.triu_indices(n, 1)
     for k in range(int(time / dt / 10)):
         simulation.step(10)
         sample = observer.sample(simulation.context)
@@ -123,11 +128,12 @@ def main() -> None:
     parser.add_argument("--gamma", type=float, default=4.5)
     parser.add_argument("--time", type=float, default=1000.0)
     parser.add_argument("--lammps", action="store_true")
+    parser.add_argument("--chains", action="store_true")
     given = parser.parse_args()
     if given.lammps:
         found = lammps(given.rate, given.dt, given.gamma, given.time)
     else:
-        found = ours(given.rate, given.scheme, given.dt, given.gamma, given.time)
+        found = ours(given.rate, given.scheme, given.dt, given.gamma, given.time, given.chains)
     print(", ".join(f"{name} {mean:.4f} +- {error:.4f}" for name, (mean, error) in found.items()))
 
 

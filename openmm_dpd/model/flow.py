@@ -223,8 +223,9 @@ class Wall:
     period : time, optional
         The velocity is multiplied by cos(2 pi t/period), with t the Context's time in the middle of a step.
     behind : str, optional
-        Bead type of a continuum behind the wall: its mean repulsion, and friction with noise, act on beads closer than the cutoff
-        (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.
+        Bead type of a continuum behind the wall: its repulsion, and friction with noise, act on beads closer than 1.25 cutoffs
+        (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.  Measured for fluids with A rc/kT up to
+        80, densities rho rc^3 from 3 to 6, and frictions gamma rc/sqrt(m kT) up to 45; others are refused.
     density : float, optional
         Density of the continuum, beads per nm^3.
 

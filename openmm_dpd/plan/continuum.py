@@ -7,30 +7,42 @@ force f(r) and friction gamma(r) = gamma w^2 there are these integrals over the 
     Gamma_n(h) = 2 pi rho int_h^rc gamma g (r^3 - h^3)/(3 r) dr                    along the normal
     Gamma_p(h) = pi rho int_h^rc gamma g (r (r - h) - (r^3 - h^3)/(3 r)) dr        in each direction of the plane
 
-g(r) is that of the hypernetted chain, which gives the pressure of soft repulsions to 1 %.  In the plane the friction is 2 Gamma_p, since a
-fluid that goes on behind the wall, turned by 180 degrees, has twice the velocity relative to a bead on average; and Gamma_p of the
-correlation of forces, f^2 tau/kT in place of gamma.  docs/theory_flow.md derives it.
+g(r) is that of the hypernetted chain, which gives the pressure of soft repulsions to 1 %.  A mean force does not answer to the neighbours
+of a bead: the force that keeps the density at that of the fluid up to the wall differs from F by a term whose integral is 0, measured over
+repulsion and density.  In the plane the friction is 2 Gamma_p, since a fluid that goes on behind the wall, turned by 180 degrees, has twice
+the velocity relative to a bead on average.  The correlation of forces adds its friction, f^2 tau/kT in place of gamma, with tau measured
+for no slip.  docs/theory_flow.md derives it; docs/measure/walls.py measures both, and writes them to ``continuum.json``.
 """
+
+import json
+from functools import lru_cache
+from importlib.resources import files
 
 import numpy as np
 import scipy
+from numpy.polynomial import chebyshev, polynomial
 
 from ..base.errors import PlanError, in_length, what_is
 from ..kernels.driven import Continuum, Driven
 from ..kernels.elementary import without_last_bits
 from ..model.flow import AXES, Gap, Wall
-from ..model.pairs import NONE
+from ..model.pairs import DPD, NONE
 from ..model.scene import Scene
 from ..model.schemes import Scheme
 from ..model.temperature import TemperatureRamp
 
-#: The two numbers that were fitted, to a flat density and to no slip of the standard fluid (docs/theory_flow.md): the range of F is shorter
-#: by this factor, at the same pressure; and the correlation time of forces between beads, in units of rc sqrt(m/kT).
-SHRUNK, COLLISION = 1.03, 0.05
-#: Rows of a table; points of the grid of g(r), and its length in cutoffs.
-ROWS, POINTS, RANGE = 256, 1024, 8.0
+#: How far a wall reaches; rows of a table; points of the grid of g(r), and its length.  Lengths in cutoffs.
+REACH, ROWS, POINTS, RANGE = 1.25, 256, 1024, 8.0
 #: Bits behind the point that tables have, in their own units: transforms differ in the last ones from machine to machine.
 BITS = 30
+
+
+@lru_cache(maxsize=1)
+def wall_measures() -> dict:
+    """What was measured over repulsion a = A rc/kT and density n = rho rc^3: ``force`` (i, j, k), factors of a^(i + 1) n^-j in the k-th
+    Chebyshev coefficient of the term beside F, in kT/rc, over the reach of a wall; ``time`` (i, j) and ``friction``, factors of
+    (ln a)^i n^-j and of gamma rc/sqrt(m kT) in the logarithm of tau, in rc sqrt(m/kT); and the ``range`` of a, n and friction."""
+    return json.loads(files(__package__).joinpath("continuum.json").read_text(encoding="utf-8"))
 
 
 def driven_walls(scene: Scene, tables: list[dict]) -> Driven | None:
@@ -72,6 +84,8 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
     reason = next((reason for reason, holds in reasons.items() if holds), None)
     if reason is not None:
         raise PlanError(f"no fluid can be behind a wall: {reason}")
+    for each in behind:
+        _check_measured(scene, each, tables[0])
     axis = AXES.index(wall.axis)
     gap = scene.gaps[axis]
     reach = max(c.cutoff for c in tables[0].values())
@@ -85,8 +99,28 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
         raise PlanError("immobile beads lie where a fluid is behind a wall: either of them is what beads near the wall feel")
 
 
+def _with_wall(scene: Scene, wall: Wall, table: dict) -> dict[str, DPD]:
+    """By bead type, the coefficients with the type behind a wall; without types that do not interact with it."""
+    found = {name: table.get((name, wall.behind)) or table.get((wall.behind, name)) for name in scene.type_names}
+    return {name: pair for name, pair in found.items() if pair is not None and pair is not NONE}
+
+
+def _check_measured(scene: Scene, wall: Wall, table: dict) -> None:
+    kT, limits = scene.initial_kT, wall_measures()["range"]
+    for name, pair in _with_wall(scene, wall, table).items():
+        values = {"repulsion A rc/kT": pair.A * pair.cutoff / kT, "density rho rc^3": (wall.density or 0.0) * pair.cutoff**3}
+        if name == wall.behind:
+            values["friction gamma rc/sqrt(m kT)"] = (pair.gamma or 0.0) * pair.cutoff / np.sqrt(scene.masses[name] * kT)
+        for (what, value), (low, high) in zip(values.items(), limits, strict=False):
+            if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
+                raise PlanError(
+                    f"no fluid can be behind a wall: what beads feel there was measured for a {what} from {low:g} to {high:g}, but between "
+                    f"{name!r} and {wall.behind!r} it is {value:.4g}; use frozen beads behind a plain wall"
+                )
+
+
 def _continuum(scene: Scene, axis: int, gap: Gap, tables: list[dict]) -> Continuum:
-    reach = max(c.cutoff for c in tables[0].values())
+    reach = REACH * max(c.cutoff for c in tables[0].values())
     walls = [gap.sides.get(name) for name in ("above", "below")]
     rows = [_rows(scene, wall, tables[0], reach) for wall in walls]
     start, period = -1e9, 4e9
@@ -110,32 +144,33 @@ def _rows(scene: Scene, wall: Wall | None, table: dict, reach: float) -> np.ndar
     found = np.zeros((len(scene.type_names), ROWS + 1, 4))
     if wall is None or wall.behind is None or wall.density is None:
         return found
-    h = np.linspace(0.0, reach, ROWS + 1)
-    r, g = fluid_structure(table[wall.behind, wall.behind], wall.density, scene.initial_kT)
+    h, pure, kT = np.linspace(0.0, reach, ROWS + 1), table[wall.behind, wall.behind], scene.initial_kT
+    _, _, fluid = fluid_structure(pure, wall.density, kT)
     for k, name in enumerate(scene.type_names):
-        pair = table[name, wall.behind] if (name, wall.behind) in table else table[wall.behind, name]
-        if pair is not NONE:
-            found[k] = wall_table(pair, scene.masses[name], scene.initial_kT, wall.density, r, g, h)
+        pair = _with_wall(scene, wall, table).get(name)
+        if pair is not None:
+            r, g, _ = fluid_structure(pair, wall.density, kT, reach=pure.cutoff, fluid=fluid)
+            found[k] = wall_table(pair, scene.masses[name], kT, wall.density, r, g, h)
     return found
 
 
-def fluid_structure(pair, density: float, kT: float) -> tuple[np.ndarray, np.ndarray]:
-    """Distances and g(r) of a fluid whose beads repel each other by A w, from the hypernetted chain, solved by iteration."""
-    reach = pair.cutoff
-    dr, n = RANGE * reach / POINTS, np.arange(1, POINTS)
-    r, k = dr * n, np.pi / (RANGE * reach) * n
-    if not pair.A:
-        return r, np.ones(len(r))
-    energy = 0.5 * pair.A * reach * np.clip(1.0 - r / reach, 0.0, None) ** 2 / kT
-    indirect = np.zeros(len(r))
+def fluid_structure(pair, density: float, kT: float, reach: float | None = None, fluid: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+    """Distances, g(r) and the transform of g - 1 of a fluid whose beads repel each other by A w, from the hypernetted chain, solved by
+    iteration; with the transform of a ``fluid`` whose cutoff is ``reach``, of a single bead in it."""
+    length = RANGE * (reach or pair.cutoff)
+    dr, n = length / POINTS, np.arange(1, POINTS)
+    r, k = dr * n, np.pi / length * n
+    energy = 0.5 * pair.A * pair.cutoff * np.clip(1.0 - r / pair.cutoff, 0.0, None) ** 2 / kT
+    indirect, direct = np.zeros(len(r)), -energy  # the mean field is close where beads are dense
     for _ in range(5000):
-        direct = np.exp(indirect - energy) - 1.0 - indirect
         in_k = 2.0 * np.pi * dr / k * scipy.fft.dst(r * direct, type=1)
-        new = scipy.fft.dst(k * density * in_k**2 / (1.0 - density * in_k), type=1) / (4.0 * np.pi * RANGE * reach * r)
+        around = in_k / (1.0 - density * in_k) if fluid is None else fluid
+        new = scipy.fft.dst(k * density * in_k * around, type=1) / (4.0 * np.pi * length * r)
         off = float(np.abs(new - indirect).max())
         indirect = 0.5 * (indirect + new)
+        direct = np.exp(indirect - energy) - 1.0 - indirect
         if off < 1e-11:
-            return r, np.exp(indirect - energy)
+            return r, np.exp(indirect - energy), around
         if not off < 1e6:
             break
     raise PlanError(
@@ -146,7 +181,7 @@ def fluid_structure(pair, density: float, kT: float) -> tuple[np.ndarray, np.nda
 
 def wall_table(pair, mass: float, kT: float, density: float, r: np.ndarray, g: np.ndarray, h: np.ndarray) -> np.ndarray:
     """(len(h), 4) force, energy, and frictions along the normal and in the plane, of a continuum for beads of this mass, at distances h."""
-    fine = np.linspace(0.0, pair.cutoff, 4 * ROWS + 1)
+    gamma, fine = pair.gamma or 0.0, np.linspace(0.0, pair.cutoff, 4 * ROWS + 1)
     w, there = 1.0 - fine / pair.cutoff, np.interp(fine, r, g)
 
     def integral(values, weight):
@@ -158,17 +193,24 @@ def wall_table(pair, mass: float, kT: float, density: float, r: np.ndarray, g: n
             rows.append(0.5 * np.sum((y[1:] + y[:-1]) * np.diff(s)))
         return 2.0 * np.pi * density * np.array(rows)
 
-    def frictions(gamma):
-        """Frictions of a wall along its normal and in each direction of its plane, from gamma(r) along the line of centres."""
-        trace, normal = integral(gamma, lambda s, low: s * (s - low)), integral(gamma, lambda s, low: (s**3 - low**3) / (3.0 * s))
+    def frictions(drag):
+        """Frictions of a wall along its normal and in each direction of its plane, from the drag(r) along the line of centres."""
+        trace, normal = integral(drag, lambda s, low: s * (s - low)), integral(drag, lambda s, low: (s**3 - low**3) / (3.0 * s))
         return normal, 0.5 * (trace - normal)
 
     force = integral(pair.A * w, lambda s, low: 0.5 * (s * s - low * low))
-    force = SHRUNK * np.interp(SHRUNK * h, h, force)
-    normal, plane = frictions((pair.gamma or 0.0) * w ** (2.0 * pair.exponent))
+    tables, reduced, dense = wall_measures(), pair.A * pair.cutoff / kT, density * pair.cutoff**3
+    beside = chebyshev.chebval(2.0 * h / (REACH * pair.cutoff) - 1.0, reduced * polynomial.polyval2d(reduced, 1.0 / dense, tables["force"]))
+    force += kT / pair.cutoff * np.where(h < REACH * pair.cutoff, beside, 0.0)
+    tau = 0.0
+    if reduced:
+        power = polynomial.polyval2d(np.log(reduced), 1.0 / dense, tables["time"])
+        power += tables["friction"] * gamma * pair.cutoff / np.sqrt(mass * kT)
+        tau = pair.cutoff * np.sqrt(mass / kT) * np.exp(power)
+    normal, plane = frictions(gamma * w ** (2.0 * pair.exponent))
     perpendicular = frictions(pair.gamma_perp * w ** (2.0 * pair.exponent_perp))
-    normal, plane = normal + 2.0 * perpendicular[1], plane + sum(perpendicular)
-    plane = 2.0 * plane + COLLISION * pair.cutoff * np.sqrt(mass / kT) / kT * frictions((pair.A * w) ** 2)[1]
+    collisions = [tau / kT * part for part in frictions((pair.A * w) ** 2)]
+    normal, plane = normal + 2.0 * perpendicular[1] + collisions[0], 2.0 * (plane + sum(perpendicular)) + collisions[1]
     force, normal, plane = (without_last_bits(column, BITS) for column in (force, normal, plane))
     energy = np.append(np.cumsum((0.5 * np.diff(h) * (force[1:] + force[:-1]))[::-1])[::-1], 0.0)
     return np.stack([force, energy, normal, plane], axis=1)

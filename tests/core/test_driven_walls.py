@@ -20,6 +20,7 @@ from openmm_dpd.measure import ProfileReporter, WallReporter
 from openmm_dpd.plan import continuum
 from openmm_dpd.runtime.decorators import compiled
 
+REACH = continuum.REACH
 LOW, HIGH, EDGES = 0.7, 4.7, np.array([4.0, 4.0, 5.0])
 STANDARD = dpd.DPD(A=25, gamma=4.5)
 
@@ -68,29 +69,38 @@ def half_space(r, values, weight, h):
 
 
 def test_tables_are_integrals_over_the_half_space():
-    """Brute force in place of one-dimensional integrals, with both exponents and transverse friction."""
+    """Brute force in place of one-dimensional integrals, with both exponents and transverse friction; beside them what was measured, whose
+    integral is 0: the pressure at the wall is that of the bulk."""
     pair = dpd.DPD(A=20, gamma=3, gamma_perp=2, exponent=0.7, exponent_perp=1.4)
     r = np.linspace(0.001, 2, 2000)
-    g, h, rho = 1 + 0.3 * np.sin(3 * r), np.linspace(0, 1, 257), 2.5
+    g, h, rho, tables = 1 + 0.3 * np.sin(3 * r), np.linspace(0, REACH, 257), 2.5, continuum.wall_measures()
     found = continuum.wall_table(pair, 3.0, 2.0, rho, r, g, h)
-    w = np.clip(1 - r, 0, None)
-    for row in (0, 40, 128, 200):
+    w, a, gamma = np.clip(1 - r, 0, None), 10.0, 3 / np.sqrt(6)
+    force, time = np.array(tables["force"]), np.array(tables["time"])
+    powers = [a ** (i + 1) * rho**-j * force[i, j] for i, j in np.ndindex(force.shape[:2])]
+    tau = np.sqrt(3 / 2) * np.exp(
+        sum(np.log(a) ** i * rho**-j * time[i, j] for i, j in np.ndindex(time.shape)) + tables["friction"] * gamma
+    )
+    for row in (0, 31, 102, 160):
         at = h[row]
-        shrunk = rho * 1.03 * half_space(r, 20 * w * g, lambda c: c, 1.03 * at)
+        beside = 2 * np.cos(np.arange(force.shape[2]) * np.arccos(2 * at / REACH - 1)) @ sum(powers)
+        pushed = rho * half_space(r, 20 * w * g, lambda c: c, at) + beside
         radial, across = 3 * w**1.4 * g, 2 * w**2.8 * g
         along = rho * (half_space(r, radial, lambda c: c * c, at) + half_space(r, across, lambda c: 1 - c * c, at))
         plane = half_space(r, radial, lambda c: (1 - c * c) / 2, at) + half_space(r, across, lambda c: (1 + c * c) / 2, at)
-        collisions = 0.05 * np.sqrt(3 / 2) / 2 * half_space(r, (20 * w) ** 2 * g, lambda c: (1 - c * c) / 2, at)
-        assert found[row, [0, 2, 3]] == pytest.approx([shrunk, along, rho * (2 * plane + collisions)], rel=4e-3)
+        collisions, normal = (tau / 2 * half_space(r, (20 * w) ** 2 * g, f, at) for f in (lambda c: (1 - c * c) / 2, lambda c: c * c))
+        assert found[row, [0, 2, 3]] == pytest.approx([pushed, along + rho * normal, rho * (2 * plane + collisions)], rel=4e-3, abs=0.02)
     assert np.allclose(np.diff(found[:, 1]), -0.5 * (found[1:, 0] + found[:-1, 0]) * np.diff(h), atol=1e-12) and found[-1, 1] == 0
+    assert found[0, 1] == pytest.approx(2 * np.pi / 3 * rho * np.sum(20 * w * g * r**3) * (r[1] - r[0]), rel=2e-3)
 
 
 def test_structure_of_the_fluid():
-    """The published pressure of the standard fluid, 23.64, from its virial; and exp(-U/kT) in a dilute gas."""
-    r, g = continuum.fluid_structure(STANDARD, 3.0, 1.0)
+    """The published pressure of the standard fluid, 23.64, from its virial; exp(-U/kT) in a dilute gas; a bead among others of its kind."""
+    r, g, fluid = continuum.fluid_structure(STANDARD, 3.0, 1.0)
     pressure = 3 + 2 * np.pi / 3 * 9 * np.sum(r**3 * 25 * np.clip(1 - r, 0, None) * g) * (r[1] - r[0])
     assert pressure == pytest.approx(23.64, rel=0.01)
-    r, g = continuum.fluid_structure(dpd.DPD(A=12, gamma=1, cutoff=2.0), 1e-7, 0.5)
+    assert np.allclose(continuum.fluid_structure(STANDARD, 3.0, 1.0, 1.0, fluid)[1], g, atol=1e-7)
+    r, g, _ = continuum.fluid_structure(dpd.DPD(A=12, gamma=1, cutoff=2.0), 1e-7, 0.5)
     assert np.allclose(g, np.exp(-12 * np.clip(1 - r / 2, 0, None) ** 2 / 0.5), atol=1e-5)
 
 
@@ -102,8 +112,8 @@ def _drawn(key, bead, stream):
 
 def expected_steps(scene, v, speeds, steps: int, dt: float, seed: int):
     """``middle`` of beads that do not meet: kick, half drifts with reflections, friction; in numpy, one bead and wall after the other."""
-    x, v, taken, h = scene.positions.copy(), v.copy(), np.zeros((2, 3)), np.linspace(0, 1, continuum.ROWS + 1)
-    r, g = continuum.fluid_structure(STANDARD, 3.0, 1.0)
+    x, v, taken, h = scene.positions.copy(), v.copy(), np.zeros((2, 3)), np.linspace(0, REACH, continuum.ROWS + 1)
+    r, g, _ = continuum.fluid_structure(STANDARD, 3.0, 1.0)
     table, mass, period = continuum.wall_table(STANDARD, 2.0, 1.0, 3.0, r, g, h), 2.0, EDGES[2]
 
     def fold(z):
@@ -134,7 +144,7 @@ def expected_steps(scene, v, speeds, steps: int, dt: float, seed: int):
                     at = distance(x[i, 2], side)
                     gamma = np.interp(at, h, table[:, 2 if k == 2 else 3], right=0.0)
                     kept = np.exp(-gamma * dt / mass)
-                    drawn = _drawn(key, i, 3 * side + k) if at < 1 else 0.0
+                    drawn = _drawn(key, i, 3 * side + k) if at < REACH else 0.0
                     new = u[side, k] + kept * (v[i, k] - u[side, k]) + np.sqrt((1 - kept**2) / mass) * drawn
                     taken[side, k] -= mass * (new - v[i, k])
                     v[i, k] = new
@@ -322,6 +332,9 @@ def test_walls_that_cannot_be():
     ("sigma is fixed", {"pairs": {("*", "*"): dpd.DPD(A=25, sigma=3)}}, {}),
     ("no bead type 'S'", {"planes": walls(behind="S", density=3.0)}, {}),
     ("thinner than the cutoff", {"planes": walls(0.2, 4.8, behind="W", density=3.0)}, {}),
+    ("density rho rc\\^3 from 3 to 6, but between 'W' and 'W' it is 2.5", {"planes": walls(behind="W", density=2.5)}, {}),
+    ("A rc/kT .* 'B' and 'W' it is 90", {"pairs": {("*", "*"): STANDARD, ("B", "W"): dpd.DPD(A=90, gamma=9)}}, {}),
+    ("friction .* from 0 to 45, .* it is 50", {"pairs": {("*", "*"): dpd.DPD(A=25, gamma=50)}}, {}),
     ("immobile beads lie", {"mobile": np.arange(192) > 0, "beyond": True}, {}),
 )
 def test_what_cannot_be_combined(match, more, choices):
@@ -388,3 +401,27 @@ def test_couette_flow(gamma, published, seed):
     assert np.all(np.abs(found.density[[2, 3, 4, 45, 46, 47]] / bulk - 1) < 0.03 + 0.015)
     assert np.all(np.abs(found.kT[[0, 1, 48, 49]] / found.kT[10:40].mean() - 1) < 0.01 + 0.015)
     assert forces.pressure.mean() == pytest.approx(23.64, rel=0.01)
+
+
+@pytest.mark.slow
+@any_seed(1)
+def test_a_stiff_fluid_up_to_the_wall(seed):
+    """A = 78: the density in layers of 0.2 within 4 %, and the shear rate in a channel of 6 within 2 %, and their standard errors."""
+    gap, edge, n = 6.0, 4.0, 288
+    planes = [
+        dpd.Wall("z", z, side, velocity=(u, 0, 0), behind="W", density=3.0) for z, side, u in ((0, "above", -0.75), (gap, "below", 0.75))
+    ]
+    x = np.random.default_rng(seed).random((n, 3)) * [edge, edge, gap]
+    pairs = {("W", "W"): dpd.DPD(A=78, gamma=4.5)}
+    built, simulation = run(
+        dpd.Scene({"W": 1.0}, ["W"] * n, x, pairs, 1.0, box=[edge, edge, gap + 1], walls=planes), 2000, dt=0.01, seed=seed
+    )
+    simulation.integrator.setStepSize(0.03)
+    profile, forces = ProfileReporter(10, built, bins=35), WallReporter(500, built)
+    simulation.step(1000)
+    simulation.reporters += [profile, forces]
+    simulation.step(25000)
+    fit, density = couette_viscosity(profile.profile, forces.shear(), channel=(0, gap), skip=1.5), profile.profile.density[:30]
+    assert abs(fit.rate / 0.25 - 1) < 0.02 + 3 * fit.rate_error / 0.25
+    layers = (density + density[::-1])[:6] / density[12:18].mean() / 2
+    assert np.all(np.abs(layers - 1) < 0.04 + 0.012), layers
