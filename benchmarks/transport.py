@@ -53,7 +53,7 @@ HALVES = "B A/2 S/2 S/2 A/2"
 SHOWN = (*STEPS, *PEERS, HALVES)
 #: And others, where errors of 1 % are at shorter ones.
 STRONG = {
-    1.5: {"middle": (15, 10, 8), "basa": (15, 10, 8), "bababo": (10, 6, 5), "bababs": (10, 6, 5), "bab3": LONGER},
+    1.5: {"middle": (15, 8), "basa": (15, 8), "bababo": (8, 5), "bababs": (8, 5), "bab3": (5, 3)},
     135.0: {
         "middle": (30, *FAST),
         "basa": (50, 30, 20, *FAST),
@@ -69,9 +69,9 @@ FRICTIONS = {1.5: 25, 4.5: 25, 40.5: 40, 135.0: 100, 450.0: 333}
 #: Drag (the gamma that gives it at density 3), repulsion and density of other fluids, their finest step, and steps of schemes: whether steps
 #: go with (75/(A density))^(1/2), as recommend() has it.
 OTHERS = (
-    (4.5, 60.0, 3.0, 40, {"bababs": (10, 7), "basa": (17,), "bababo": (10,), "bab3": (8, 5)}),
-    (40.5, 60.0, 3.0, 60, {"bababs": (12, 7), "basa": (12, 8), "bababo": (20,), "bab3": (16,)}),
-    (13.5, 25.0, 6.0, 40, {"bababs": (10, 7), "basa": (15,), "bababo": (12,), "bab3": (8,)}),
+    (4.5, 60.0, 3.0, 25, {"bababs": (8,)}),
+    (40.5, 60.0, 3.0, 40, {"bababs": (8,)}),
+    (13.5, 25.0, 6.0, 30, {"bababs": (7,)}),
 )
 #: Scheme whose run at the finest step is the limit.
 LIMIT = "basa"

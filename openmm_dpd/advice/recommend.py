@@ -26,6 +26,9 @@ _MOTION = 0.03
 #: Recommended step over the one at which a table predicts the error: tables are known to a tenth or two, and are interpolated.  With it,
 #: 95 % of the errors measured in random scenes were below what was asked for (benchmarks/recommended_steps.py --random).
 AIM = 0.87
+#: Error from which on the dips of configurational temperatures do not count; in mixtures only that of the species with the softest
+#: surroundings does: steps beyond those of others were right.
+_DIP = 0.02
 #: Errors at which :func:`advice` compares schemes.
 _COMPARED = (0.003, 0.05)
 
@@ -172,7 +175,8 @@ def recommend(
     if motion and not all(motion.covers(at.moving) for at in pairs):
         outside.append(f"{quantity} was measured only at frictions from {motion.frictions[0]:g} to {motion.frictions[-1]:g}")
     if motion and is_many_body(scene):
-        outside.append(f"{quantity} was not measured in many-body liquids: halve the step until it stays the same")
+        why = "halve the step until it stays the same (benchmarks/transport.py measures it in soft fluids)"
+        outside.append(f"{quantity} was not measured in many-body liquids: {why}")
     drift = shipped_table("drift") if pairs and conserves(scene, pairs) else None
     duration = duration if drift is not None else None
     if duration is not None and (scene.bonded or charge_frequency(scene)):
@@ -252,6 +256,9 @@ def _step(
             dt, sem = shipped_transport().step(scheme, at.moving, error, quantity)
             limits.append((MeasuredStep(AIM * at.moving.unit_time * dt, AIM * at.moving.unit_time * sem), quantity))
         limits.append((MeasuredStep(unit * SAFE * table.blow(scheme, at), 0.0), "stability"))
+        if scheme in table.dips and error < _DIP and at.a < 1.1 * min(one.a for one in pairs):
+            dip = AIM * unit * table.dips[scheme] * min(1.0, error / LEVELS[0]) ** 0.25 / max(at.a * at.rho / 3.0, 1e-9) ** 0.5
+            limits.append((MeasuredStep(dip, 0.03 * dip), temperatures["conf"]))
     word = scheme_of(scheme)
     limits += [(MeasuredStep(AIM * one.step(word, error, kinetic=quantity != "structure"), 0.0), one.what) for one in modes]
     return min(limits)

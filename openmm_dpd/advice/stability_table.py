@@ -67,7 +67,8 @@ class StabilityTable:
     data : mapping
         ``base`` (groups of the base fluid), ``cost`` (time per step of each scheme), and ``points``: the groups, and in ``schemes`` for
         each scheme ``blow``, ``conf`` and ``kin`` ({"1": [step, standard error, ">" or "<" or ""], "5": ..., "10": ...}) and ``sign``.
-        Optional are ``levels``, other errors than 1, 5 and 10 %, and ``order``, the power of the step below the first (2).
+        Optional are ``levels``, other errors than 1, 5 and 10 %, ``order``, the power of the step below the first (2), and ``dips``: steps,
+        times (a rho/3)^(1/2), from which on the configurational temperature of one species is over 1 % too low before it rises.
 
     Raises
     ------
@@ -83,7 +84,7 @@ class StabilityTable:
             raise ParameterError("a table of steps needs a plane of at least two frictions and two repulsions")
         self.schemes = tuple(s for s in self.cost if any(s in p["schemes"] for p in self.plane))
         self._logs: dict[tuple, np.ndarray] = {}
-        self.levels, self.order = tuple(data.get("levels", LEVELS)), data.get("order", 2)
+        self.levels, self.order, self.dips = tuple(data.get("levels", LEVELS)), data.get("order", 2), data.get("dips", {})
 
     def outside(self, at: Groups) -> list[str]:
         """Notes about groups that are outside of the table."""

@@ -137,6 +137,15 @@ def test_safety_distance_from_the_blow_up():
     assert (middle.dt, middle.limit) == (pytest.approx(0.035), "stability")
 
 
+def test_dips_limit_the_step():
+    """Before 0.2 (a rho/3)^(-1/2), which is 0.04 at a = 25; not for 5 %; in mixtures that of the softest species, here (2 + 10)/2."""
+    dips, plain = StabilityTable(made_up(power) | {"dips": {"middle": 0.2}}), StabilityTable(made_up(power))
+    mixed = mixture(dpd.DPD(A=2, gamma=4.5), dpd.DPD(A=10, gamma=4.5), dpd.DPD(A=25, gamma=4.5))
+    for of, error, limit in ((scene(), 0.01, 0.04), (scene(), 0.05, np.inf), (mixed, 0.01, 0.2 / (6 * 80 / 81) ** 0.5)):
+        steps = [next(c.dt for c in recommend(of, error, table=table).choices if c.scheme == "middle") for table in (dips, plain)]
+        assert steps[0] == pytest.approx(min(AIM * limit, steps[1]))
+
+
 def test_stiff_bonds_limit_the_step_by_what_each_scheme_does_to_them(table):
     """U = k (r - r0)^2: omega^2 = 2 k (1/m + 1/m).  Velocity Verlet: (omega dt)^2/4 = 0.01/(1 + 0.01); middle is exact, and stops at 2."""
     bonded = scene(bonds=[dpd.HarmonicBonds([[0, 1]], 1e4, 0.5)])

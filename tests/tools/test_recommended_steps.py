@@ -6,6 +6,7 @@ from cases import cases
 from judged import any_seed
 
 import openmm_dpd as dpd
+from openmm_dpd.advice.recommend import AIM
 
 #: Density, friction, repulsion, exponent; nothing here is a point of the table.
 FLUIDS = {"stiffer": (3.0, 20.0, 40.0, 1.0), "denser": (5.0, 2.5, 15.0, 1.0), "softer noise": (3.5, 80.0, 30.0, 0.7)}
@@ -33,14 +34,14 @@ def one_thread():
 @cases("density, gamma, repulsion, exponent", FLUIDS)
 def test_recommended_step_has_the_error_it_promises(density, gamma, repulsion, exponent, seed):
     """Asked for 2 %: both temperatures within 4 % and four standard errors (steps of the table are known to a tenth or two, and errors go with
-    their square); and it is no over-careful step either, since with three times as long a one they are off by more than 2 %.
+    their square); and it is no over-careful step either, since with three times that of the table they are off by more than 2 %.
     """
     scene = fluid(500, {("A", "A"): dpd.DPD(A=repulsion, gamma=gamma, exponent=exponent)}, rho=density)
     found = dpd.recommend(scene, error=0.02)
     for value, sem in averages(scene, found.scheme, found.dt, longest=60.0, seed=seed).temperatures:
         assert sem < 0.01
         assert abs(value) < 0.04 + 4 * sem
-    beyond = averages(scene, found.scheme, 3 * found.dt, longest=20.0, seed=seed)
+    beyond = averages(scene, found.scheme, 3 * found.dt / AIM, longest=20.0, seed=seed)
     assert beyond is None or max(abs(value) - 4 * sem for value, sem in beyond.temperatures) > 0.02
 
 
@@ -69,8 +70,8 @@ def test_recommended_step_of_a_scene_is_right(name, seed):
     "chains, k 100, angles k 50, dihedrals k 20",
 )
 def test_recommended_step_of_chains_is_neither_too_long_nor_too_short(name, seed):
-    """Asked for 1 %: within 1.5 % and four standard errors; at a step 2.2 times as long the run stops or is off by more than 1.5 % (k = 100
-    takes 0.08, where velocity Verlet's limit would give 0.008).
+    """Asked for 1 %: within 1.5 % and four standard errors; at 2.2 times the step of the table the run stops or is off by more than 1.5 %
+    (k = 100 takes 0.07, where velocity Verlet's limit would give 0.008).
     """
     scene = SCENES[name](300)
     found = dpd.recommend(scene)
@@ -79,5 +80,5 @@ def test_recommended_step_of_chains_is_neither_too_long_nor_too_short(name, seed
     for value, sem in result.temperatures:
         assert sem < 0.008
         assert abs(value) < 0.015 + 4 * sem
-    beyond = averages(scene, found.scheme, 2.2 * found.dt, longest=40.0, seed=seed)
+    beyond = averages(scene, found.scheme, 2.2 * found.dt / AIM, longest=40.0, seed=seed)
     assert beyond is None or max(abs(value) - 4 * sem for value, sem in beyond.temperatures) > 0.015
