@@ -141,6 +141,16 @@ def relaxation(x: float, shardlow: bool = False) -> tuple[float, float]:
     return ((1 - x / 2) / (1 + x / 2), 2 * x / (1 + x / 2) ** 2) if shardlow else (np.exp(-x), -np.expm1(-2 * x))
 
 
+def part_exchanged(e: float, yields, around, spread: float) -> float:
+    """Part of a difference that an update takes away.  ``e`` flows at a difference of 1, which changes a bead by its ``yields`` (a wall: 0);
+    ``around``: sum of e over all neighbours; ``spread``: mean square of the relative motion in the step over that of the range."""
+    b, rest = np.asarray(yields, dtype=float), np.asarray(around) - e
+    direct = e * b.sum()
+    total = direct + (b**2 @ rest) / b.sum()
+    returned = direct / total * (1.0 + np.expm1(-total) / total / (1.0 + 10.0 * spread * (total - direct)))
+    return min(direct * (1.0 - returned), 1.0 + 0.75 * b.min() / b.max())
+
+
 def entropy_gain(cv, T, energy) -> float:
     """``Cv ln(T'/T)`` of a bead that gets an energy; ``energy/T`` of one that keeps its temperature (``cv`` infinite)."""
     return energy / T if np.isinf(cv) else cv * np.log((T + energy / cv) / T)
@@ -157,8 +167,8 @@ def edpd_sweep(
     - motion: ``b = u + K/2`` of both, ``K = (e.v)^2/(2 mu)``; T_m and Theta of the temperatures at ``b - Theta(b)/4``; Ornstein-Uhlenbeck
       step of e.v with the rate ``gamma w^s mu`` and the variance ``Theta mu``; Metropolis test against ``exp(S_i + S_j)``
     - heat: at ``s = u_i + u_j``; balanced where both have the temperature ``s/(Cv_i + Cv_j)``, with the variance of the energy there,
-      ``T^2/(1/Cv_i + 1/Cv_j)``; Ornstein-Uhlenbeck step of ``z``, ``(1 + b n) = (1 + b z/3)^3``, ``b = (1/Cv_i - 1/Cv_j)/T``, with
-      the rate ``k wT (Cv_i + Cv_j)`` (of heat between two beads that move); Metropolis test
+      ``T^2/(1/Cv_i + 1/Cv_j)``; Ornstein-Uhlenbeck step of ``z``, ``(1 + b n) = (1 + b z/3)^3``, ``b = (1/Cv_i - 1/Cv_j)/T``, which
+      loses :func:`part_exchanged` of what flows, ``k wT Cv_i Cv_j dt``; Metropolis test
 
     Parameters
     ----------
@@ -169,6 +179,10 @@ def edpd_sweep(
     gamma, power, cutoff, kappa, power_T, cutoff_T = matrices(types, gamma, power, cutoff, kappa, power_T, cutoff_T)
     masses = np.asarray(masses)
     yields = np.where(np.isinf(masses), np.inf, cv)  # heat capacity of what the bead's temperature follows
+    around = np.zeros(len(T))
+    for i, j in [*order, *((j, i) for i, j in order)]:
+        k = types[i], types[j]
+        around[i] += kappa[k] * _weight(geometry(i, j)[0], cutoff_T[k], power_T[k]) * cv[i] * cv[j] * dt
     for i, j in order:
         a, b = types[i], types[j]
         mu, (r, e), ci, cj = 1 / masses[i] + 1 / masses[j], geometry(i, j), yields[i], yields[j]
@@ -199,7 +213,10 @@ def edpd_sweep(
             variance, bend = balanced**2 / shares.sum(), (shares[0] - shares[1]) / balanced
             k = kappa[a, b] * temperature_polynomial(_polynomial_of(kappa_coeffs, a, b), balanced)
             # of what an exchange of heat dn does to n = (T_i - T_j)/(1/C_i + 1/C_j), the rate of K (1/T_i - 1/T_j)
-            q, rest = relaxation(k * _weight(r, cutoff_T[a, b], power_T[a, b]) * cv[i] * cv[j] * shares.sum() * dt)
+            e, warmer = k * cv[i] * cv[j] * dt, k / kappa[a, b] if kappa[a, b] else 0.0
+            e, moved = e * _weight(r, cutoff_T[a, b], power_T[a, b]), balanced * mu * (dt / cutoff_T[a, b]) ** 2
+            lost = part_exchanged(e, shares, warmer * around[[i, j]], moved) if e else 0.0
+            q, rest = 1.0 - lost, lost * (2.0 - lost)
             n = (T[i] - T[j]) / shares.sum()
             root = lambda n: np.cbrt(1 + bend * n)  # noqa: B023, E731
             z = 3 * (root(n) - 1) / bend if bend else n
@@ -285,13 +302,18 @@ def tdpd_sweep(
     """Velocities and concentrations after one sweep of pair updates, for the pairs of ``order`` in turn; beads of infinite mass are walls.
 
     Motion as in DPD with the rate ``gamma w^power``.  With ``y`` the distance of C_i from what the pair tends to ((C_i + C_j)/2, or C_j if
-    that stays), an Ornstein-Uhlenbeck step of the rate ``h kappa w``, h = 2 or 1, and the amplitude ``epsilon sqrt(w) (C_i + C_j)`` of now;
-    it is rejected if a concentration would be negative.
+    that stays), an Ornstein-Uhlenbeck step that loses :func:`part_exchanged` of it, with the variance that noise of the amplitude ``epsilon
+    sqrt(w) (C_i + C_j)`` of now has at the rate ``h kappa w``, h = 2 or 1; it is rejected if a concentration would be negative.
     """
     v, C = np.array(v), np.array(C)
     n_species = C.shape[1]
     gamma, power, cutoff, cutoff_C = matrices(types, gamma, power, cutoff, cutoff_C)
     kappa, epsilon, power_C = (matrices(types, *_species(a, n_species)) for a in (kappa, epsilon, power_C))
+    around = np.zeros_like(C)
+    for i, j in [*order, *((j, i) for i, j in order)]:
+        a, b = types[i], types[j]
+        for k in range(n_species):
+            around[i, k] += kappa[k][a, b] * _weight(geometry(i, j)[0], cutoff_C[a, b], power_C[k][a, b]) * dt
     for i, j in order:
         a, b = types[i], types[j]
         mu, (r, e) = 1 / masses[i] + 1 / masses[j], geometry(i, j)
@@ -309,10 +331,12 @@ def tdpd_sweep(
             moves = np.isfinite(masses[other])
             rate, S = (1 + moves) * kappa[k][a, b] * w, C[i, k] + C[j, k]
             aim = 0.5 * S if moves else C[other, k]
-            new = aim + (C[one, k] - aim) * np.exp(-rate * dt)
+            e, yields = kappa[k][a, b] * w * dt, np.isfinite(masses[[i, j]]).astype(float)
+            lost = part_exchanged(e, yields, around[[i, j], k], kT * mu * (dt / cutoff_C[a, b]) ** 2) if e else 0.0
+            new = aim + (C[one, k] - aim) * (1.0 - lost)
             noise, positive = epsilon[k][a, b] ** 2 * w, C[i, k] >= 0 and C[j, k] >= 0
             if noise > 0 and positive:
-                new += S * np.sqrt(noise * (-np.expm1(-2 * rate * dt) / (2 * rate) if rate else dt)) * xi_C[k][one, other]
+                new += S * np.sqrt(noise * (lost * (2.0 - lost) / (2 * rate) if rate else dt)) * xi_C[k][one, other]
                 if new < 0 or (moves and S - new < 0):
                     continue
             change = new - C[one, k]

@@ -2,12 +2,16 @@
 
     python docs/measure/heat_steps.py            # prints the table of docs/howto/heat_species.md (half an hour)
     python docs/measure/heat_steps.py --runs 1
+    python docs/measure/heat_steps.py --fast     # the table for fast exchange (ten minutes)
 
 The fluid is that of examples/decks/in.edpd, with beads of a heat capacity of 10^4, in a box 10 long.  Temperatures (concentrations) begin as
 1 + sin(k x)/4.  The rate at which the amplitude falls is compared with the mean over beads of kappa sum_j w_ij^2 (1 - cos k x_ij), the
 continuum limit at that wave number with the neighbours that there are, and k^2 times the diffusion coefficient of the beads; both are
 measured in the same run, and errors are standard errors over runs.
 Equipartition is the kinetic temperature over the mean of the beads' temperatures (for species: over kT).
+
+Fast exchange: the same decay at larger kappa dt, also of the heat of EnergyDPD, in the fluid of A = 25, density 3 and friction 4.5 and in
+others, compared with the decay at a short step.
 """
 
 from __future__ import annotations
@@ -76,10 +80,81 @@ def run(what: str, scheme: str, dt: float, seed: int) -> dict[str, float]:
     return {"rate": rate / (np.mean(rates) + WAVE**2 * diffusion) - 1.0, "equipartition": float(np.mean(ratios)), "made": float(made)}
 
 
+#: Fluids of fast exchange: A, density, range, edges.
+STANDARD, DENSE, WIDE = (25.0, 3.0, 1.0, (10, 4, 4)), (25.0, 6.0, 1.0, (10, 4, 4)), (18.75, 4.0, 1.58, (10, 5, 5))
+#: What decays, in which fluid, kappa (as a rate between two beads), for how long; the short step, and pairs of scheme and step.
+FAST = [
+    *((what, STANDARD, 20.0, 3.0, 0.02, (("bababo", 0.12), ("bab3", 0.12), ("bab3", 0.22))) for what in ("species", "heat", "energies")),
+    ("species", STANDARD, 40.0, 2.0, 0.01, (("bababo", 0.06), ("bababo", 0.11))),
+    ("species", DENSE, 25.0, 1.0, 0.01, (("bababo", 0.1), ("bab3", 0.18))),
+    ("species", WIDE, 15.0, 0.32, 0.005, (("bababo", 0.08),)),
+]
+
+
+def fluid(what: str, kind: tuple, rate: float, seed: int, capacity: float = CAPACITY) -> dpd.Scene:
+    """A fluid whose beads exchange species, heat (eDPD), or internal energies."""
+    a, density, cutoff, edges = kind
+    n = round(density * np.prod(edges))
+    if what == "species":
+        term, internal = dpd.TDPD(A=a, gamma=GAMMA, kappa=rate, cutoff=cutoff), dpd.Concentrations(np.ones(n))
+    elif what == "heat":
+        term, internal = dpd.EDPD(A=a, gamma=GAMMA, kappa=rate / capacity, cutoff=cutoff), dpd.BeadTemperatures(1.0, capacity)
+    else:
+        term = dpd.EnergyDPD(A=a, sigma=np.sqrt(2 * GAMMA), kappa=rate * capacity, cutoff=cutoff)
+        internal = dpd.InternalEnergy(dpd.ConstantHeatCapacity(capacity), 1.0)
+    x = np.random.default_rng(seed).random((n, 3)) * edges
+    return dpd.Scene({"W": 1.0}, ["W"] * n, x, {("W", "W"): term}, kT=1.0, box=list(map(float, edges)), internal=internal)
+
+
+def decay(scene: dpd.Scene, scheme: str, dt: float, time: float, decays: int, seed: int = 3) -> tuple[float, float]:
+    """Rate at which the amplitude of a sine falls during a time, and its standard error, from so many decays in one run."""
+    built = dpd.build(scene, dt=0.01, scheme=scheme, seed=seed)
+    simulation = built.simulation()
+    simulation.step(500)
+    simulation.integrator.setStepSize(dt)
+    simulation.step(round(10 / dt))
+    name = "concentrations" if isinstance(scene.internal, dpd.Concentrations) else "theta"
+    wave, every, found = 2 * np.pi / scene.box[0, 0], max(1, round(time / 12 / dt)), []
+    look = lambda: simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)[:, 0]  # noqa: E731
+    for _ in range(decays):
+        simulation.step(round(1 / dt))
+        start = 1.0 + AMPLITUDE * np.sin(wave * look())
+        dpd.write_fields(simulation.context, built.plan, **{name: start if name == "theta" else start[:, None]})
+        row = []
+        for _ in range(int(time / (every * dt))):
+            simulation.step(every)
+            values = dpd.read_fields(simulation.context, built.plan)[name].ravel()
+            row.append(np.mean((values - values.mean()) * np.sin(wave * look())))
+        found.append(row)
+    times = every * dt * np.arange(1, 1 + len(found[0]))
+    rates = [-np.polyfit(times, np.log(np.mean(group, axis=0)), 1)[0] for group in np.array_split(found, 8)]
+    return float(np.mean(rates)), float(np.std(rates, ddof=1) / np.sqrt(8))
+
+
+def print_fast(decays: int) -> None:
+    """The table of fast exchange."""
+    print("| beads with | fluid (A, density, range) | kappa | scheme | step | kappa dt | decay rate |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for what, kind, kappa, time, short, longer in FAST:
+        scene = fluid(what, kind, kappa, 3)
+        right, error = decay(scene, "bababo", short, time, decays)
+        for scheme, dt in longer:
+            rate, its = decay(scene, scheme, dt, time, decays)
+            off = f"{100 * (rate / right - 1):+.1f}({100 * np.hypot(its, error) / right:.1f}) %"
+            print(
+                f"| {what} | {', '.join(f'{n:g}' for n in kind[:3])} | {kappa:g} | `{scheme}` | {dt} | {kappa * dt:.1f} | {off} |",
+                flush=True,
+            )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--runs", type=int, default=6)
+    parser.add_argument("--fast", action="store_true")
     runs = parser.parse_args().runs
+    if parser.parse_args().fast:
+        print_fast(40)
+        return
     print("| beads with | scheme | step | decay rate | equipartition | energy gained per bead and time, or change of the sum |")
     print("| --- | --- | --- | --- | --- | --- |")
     for what in ("heat", "species"):

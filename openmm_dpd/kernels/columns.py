@@ -74,8 +74,8 @@ def nothing(pairs, data, begin, m, scratch):
     """There is nothing that can be done for many pairs at once."""
 
 
-def _column(pairs, data, space, source, column, part):
-    """One column."""
+def _column(pairs, data, space, source, column, part, turn):
+    """One column; with several rounds what is computed together in this one."""
     energy, virial, drag, laplacian, conservative = 0.0, 0.0, 0.0, 0.0, 0.0
     tensor = drags = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if _TENSOR:
@@ -95,7 +95,7 @@ def _column(pairs, data, space, source, column, part):
         else:
             begin, goes_on = pairs.start[column], False
             stop = begin + pairs.found[column]
-        for here in range(begin, stop, _CHUNK):
+        for here in range(begin + np.uint64(turn) * _CHUNK, stop, _ROUNDS * _CHUNK):
             last = min(here + _CHUNK, stop)
             _before(pairs, data, here, last - here, space)
             for n in range(here, last):
@@ -121,13 +121,14 @@ def _column(pairs, data, space, source, column, part):
 def _share(pairs, data, scratch, shares, source, part, parts, team):
     """The columns of one thread."""
     space = Scratch(scratch.values[part], scratch.bits[part], scratch.indices[part])
-    columns = shares.columns
-    for first in shares.first:
+    columns, turns = shares.columns, len(shares.first)
+    for turn in range(_ROUNDS * turns):
+        first = shares.first[turn % turns]
         for mine in range(part, len(first) - 1, parts):
             for n in range(first[mine], first[mine + 1]):
                 if _LISTS:
                     fetch_around(source, _written(data), columns[min(n + 1, len(columns) - 1)])
-                _columns(pairs, data, space, source, columns[n], part)
+                _columns(pairs, data, space, source, columns[n], part, turn // turns)
         meet(team, parts)
 
 
@@ -169,6 +170,7 @@ _written: Any = None
 _first: Any = None
 _last: Any = None
 _BEGINS = _ENDS = _LISTS = _TENSOR = _DRAGS = _PARTS = False
+_ROUNDS = np.uint64(1)
 
 
 def over_pairs(
@@ -180,6 +182,7 @@ def over_pairs(
     last: Callable | None = None,
     parallel: bool = True,
     again: Callable | None = None,
+    rounds: int = 1,
     drags: bool = False,
     parts: bool = False,
 ) -> Callable:
@@ -190,6 +193,8 @@ def over_pairs(
 
     Where beads are many, loops that can be done ``again`` from the start, and say by data -> array (M, 3) what ``pair`` writes on, list the
     pairs of each column when they come to it (see :class:`.pairs.PairList`).  There ``pair`` changes nothing that ``first`` does not set.
+
+    A loop of several ``rounds`` goes around so often, with other pairs of each column every time; it sums nothing.
     """
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
 
@@ -198,8 +203,9 @@ def over_pairs(
         """Those with tensors, and those that list, apart: many runs ask for none, and to compile all takes seconds."""
         word = f"{name}{'_tensor' * tensor}{'_lists' * lists}"
         inside = {"_pair": pair, "_before": before, "_LISTS": lists, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
+        inside["_ROUNDS"] = np.uint64(rounds)
         column = inlined(renamed(_column, f"{word}_column", inside))
-        share = helper(renamed(_share, f"{word}_share", {"_columns": column, "_LISTS": lists, "_written": again}))
+        share = helper(renamed(_share, f"{word}_share", {"_columns": column, "_LISTS": lists, "_written": again, "_ROUNDS": rounds}))
         return Kernel(renamed(_over_pairs, word, {"_share": share, "_LISTS": lists} | around))
 
     def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:

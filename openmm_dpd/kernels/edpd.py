@@ -20,7 +20,8 @@ With a = 1/C (0 for a bead that does not move: its temperature stays):
   T_j + a_j K/2, alone.
 - *conduction*: with T = (a_j T_i + a_i T_j)/(a_i + a_j), which the exchange keeps, as T_m, n = (T_i - T_j)/(a_i + a_j) the energy that bead
   i has too much, and b = (a_i - a_j)/T, the exact step of z = 3 [(1 + b n)^(1/3) - 1]/b at the rate k w_T^p (C_i + C_j), with the variance
-  T^2/(a_i + a_j), and a Metropolis test.  In z the weight is Gaussian up to the fourth order, which favours the way to equilibrium: with
+  T^2/(a_i + a_j), and a Metropolis test.  What it takes away is that of :mod:`.exchange`, with e = C_i C_j k w_T^p dt and b = a.
+  In z the weight is Gaussian up to the fourth order, which favours the way to equilibrium: with
   z = n most moves of beads of large and different C would be rejected far from there.  Where C are the same b = 0 and z = n.
 
 docs/theory_energy.md derives it.  Noise is not clamped here: the weight needs all of it.
@@ -33,7 +34,7 @@ import numpy as np
 
 from ..base.errors import RunError, bead_names, bead_number, in_number
 from ..runtime import helper, inlined, merged
-from . import columns
+from . import columns, exchange
 from .chunks import look_at, look_up
 from .columns import Motion, approach, change, clear, deliver, factor_of, over_pairs, push_apart, row_of, soft
 from .elementary import exp, log_of, power
@@ -41,7 +42,7 @@ from .energy_updates import exchanged, gained, passes
 from .fields import NO_INCREMENTS, count_failed, sort_temperatures
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import clamped, directed, draw, draw_directed, draw_normals, draw_uniforms
-from .pairs import SECOND, PairList, rows
+from .pairs import ROUNDS, SECOND, PairList, rows
 from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 
 #: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
@@ -53,7 +54,7 @@ MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
 #: SHAKE) e.v - LOSS; what flows to the first bead; ...
 _DRAG, _PUSH, _ENERGY, _RUB, _SHAKE, _LOSS, _FLUX, *_BESIDE = rows(32)
 _XI, _XI_T, _SIGN, _TI, _TJ, _MI, _MJ, _CI, _CJ, _FACTOR = _BESIDE[:10]
-_TABLE, (_LOG, _TEST, _TEST_T) = tuple(_BESIDE[10:]), (_PUSH, _ENERGY, _RUB)
+_TABLE, (_LOG, _TEST, _TEST_T, _ALL, _DRIFT, _SUM, _OTHER) = tuple(_BESIDE[10:]), (_PUSH, _ENERGY, _RUB, _SHAKE, _LOSS, _TI, _TJ)
 #: Smallest exponent of the drag.
 SMALLEST_EXPONENT = 0.01
 
@@ -97,6 +98,7 @@ class ThermalLayer:
         self.coefficients, self._motion = table.coefficients(), SortedMotion(self.pairs)
         # scratch, in the order of the pair list, and for each column
         self._before, self._temperature, self._capacity, self._other = np.zeros((4, len(self.pairs.order)))
+        self._around = exchange.around(self.pairs, table.kappa, table.cutoff_T, table.exponent_T)._replace(weights=self._capacity)
         self._failed = np.zeros((0, 2))
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
@@ -145,8 +147,10 @@ class ThermalLayer:
         """Update velocities pair by pair in place, and add to ``increments`` what the temperatures change by."""
         assert increments is not None
         self._begin(call, increments)
+        exchange.sum_around(self.pairs, self._around)
         of_beads = self._capacity, self._other, self._before, self._temperature, self._failed, increments, v, self._motion.v
-        thermal_sweep(self.pairs, ThermalExchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads))
+        noise = call.update, call.dt, call.key(self.number)
+        thermal_sweep(self.pairs, ThermalExchange(*noise, self.coefficients, *of_beads, self._around.sums[0]))
         self._check_conduction()
 
     def laplacian(self) -> float:
@@ -290,7 +294,7 @@ thermal_forces = over_pairs("thermal_forces", _pair_heat, _heat_terms, first=col
 class ThermalExchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs: ``velocities`` (N, 3) and ``increments`` (N, 1) are changed; sorted, M:
     ``capacity``, ``yielding`` (1/capacity, 0 where the temperature stays), temperatures ``before`` and ``temperature``, which is changed;
-    ``failed`` as in :class:`Heat`."""
+    ``failed`` as in :class:`Heat`; ``sums``: of :class:`.exchange.Around`."""
 
     update: int
     dt: float
@@ -304,6 +308,7 @@ class ThermalExchange(NamedTuple):
     increments: np.ndarray
     velocities: np.ndarray
     v: np.ndarray
+    sums: np.ndarray
 
 
 @merged
@@ -331,6 +336,7 @@ def _exchange_terms(pairs, data, begin, m, scratch):
     """What does not depend on velocities and temperatures, and all random numbers."""
     values, r = scratch.values, pairs.geometry[3]
     _look_around(pairs, data, begin, m, scratch)
+    look_at(data.sums, pairs, begin, m, scratch, _SUM, _OTHER)
     draw(data.key, pairs, begin, m, scratch, _XI)
     draw_directed(HEAT, pairs, begin, m, scratch, _XI_T)
     draw_uniforms(MOTION_TEST, m, scratch, _TEST)
@@ -342,8 +348,12 @@ def _exchange_terms(pairs, data, begin, m, scratch):
         values[_DRAG + k] = values[_FACTOR + k] * values[_TABLE[GAMMA] + k] * im * data.dt if near else 0.0
         near = r[begin + k] < values[_TABLE[CUTOFF_T] + k]
         w = power(1.0 - r[begin + k] / values[_TABLE[CUTOFF_T] + k], values[_TABLE[EXPONENT_T] + k])
-        rate = values[_TABLE[KAPPA] + k] * w * values[_CI + k] * values[_CJ + k] * data.dt
-        values[_FLUX + k] = rate if near and im > 0.0 else 0.0
+        ci, cj = values[_CI + k], values[_CJ + k]
+        e, bi, bj = values[_TABLE[KAPPA] + k] * w * ci * cj * data.dt, 1.0 / ci, 1.0 / cj
+        bi, bj = bi if values[_MI + k] > 0.0 else 0.0, bj if values[_MJ + k] > 0.0 else 0.0
+        values[_FLUX + k] = e * (bi + bj) if near else 0.0
+        values[_DRIFT + k] = exchange.drifted(1.0, im, data.dt, values[_TABLE[CUTOFF_T] + k])
+        values[_ALL + k] = exchange.all_of(e, bi, bj, ci * values[_SUM + k] * data.dt, cj * values[_OTHER + k] * data.dt)
 
 
 @merged
@@ -358,11 +368,14 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         t[j] += aj * gain
     if values[_FLUX + k] > 0.0:
         mean = (aj * t[i] + ai * t[j]) / (ai + aj)
-        rate = values[_FLUX + k] * _conductivity(values, k, mean) * (ai + aj)
-        if rate < 0.0:
+        warmer = _conductivity(values, k, mean)
+        if warmer < 0.0:
             _write_down(data.failed, column, n, mean)
-        elif rate > 0.0:
-            flow = exchanged(decay(EXACT, rate), mean, t[i], t[j], ai, aj, values[_XI_T + k], values[_TEST_T + k])
+        elif warmer > 0.0:
+            every = values[_ALL + k] * warmer
+            alike, moving = exchange.alike(ai, aj), values[_DRIFT + k] * mean
+            lost = exchange.part_of(values[_FLUX + k] * warmer, every, decay(EXACT, every), alike, moving)
+            flow = exchanged(lost, mean, t[i], t[j], ai, aj, values[_XI_T + k], values[_TEST_T + k])
             t[i] += ai * flow
             t[j] -= aj * flow
     return 0.0, 0.0, 0.0
@@ -382,4 +395,4 @@ def _scatter_swept(pairs, data, begin, end):
         data.increments[pairs.seats[k], 0] += data.temperature[k] - data.before[k]
 
 
-thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept)
+thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept, rounds=ROUNDS)

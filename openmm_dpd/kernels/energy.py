@@ -13,10 +13,10 @@ each bead gets half of what K loses, so that the energy is conserved to rounding
 - *exact*: the update leaves the weight exp(S_i + S_j) of the pair invariant for any dt.  For the motion, e.v performs the exact
   Ornstein-Uhlenbeck step with a Theta that depends only on what the update conserves (u_i + K/2 and u_j + K/2); its Gaussian weight
   exp(-K/Theta) is not quite the true one, exp(S_i + S_j), and a Metropolis test with the ratio of both puts that right.  Heat likewise,
-  with the
-  Gaussian around the equilibrium share of u_i + u_j.  The noise amplitudes are sigma and sqrt(2 kappa) exactly, and for constant noise the
-  drift follows from the invariant weight, so as dt -> 0 this is the same stochastic equation.  A rejected move is no error; a move to an
-  energy out of range is always rejected.  docs/theory_energy.md derives it; the idea of the test is Stoltz's (J. Comput. Phys. 340, 451
+  with the Gaussian around the equilibrium share of u_i + u_j, of which an update takes away what :mod:`.exchange` has for e = kappa w^2 dt
+  and b = -S'' there.  As dt -> 0 the noise amplitudes are sigma and sqrt(2 kappa), and for constant noise the drift follows from the
+  invariant weight, so this is the same stochastic equation.  A rejected move is no error; a move to an energy out of range is always
+  rejected.  docs/theory_energy.md derives it; the idea of the test is Stoltz's (J. Comput. Phys. 340, 451
   (2017)).
 
 For bonded neighbours with a factor f the forces have f A, f sigma^2 (so that friction and noise stay in balance); conduction has no factor.
@@ -29,14 +29,14 @@ import numpy as np
 
 from ..base.errors import RunError, bead_number, in_units
 from ..runtime import helper, merged
-from . import forces
+from . import exchange, forces
 from .columns import Motion, approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
 from .energy_updates import any_conduction, any_motion, conduction_of_constants, motion_of_constants
 from .eos import CONSTANT, EOSTable
 from .fields import NO_INCREMENTS, sort_energies
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
-from .pairs import PairList
+from .pairs import ROUNDS, PairList
 from .sweeps import decay, gather_velocities, scatter_velocities
 from .templates import renamed
 
@@ -75,6 +75,7 @@ class EnergyLayer:
         self._motion, m = SortedMotion(self.pairs), len(self.pairs.order)
         self._u, self._inverse, self._capacity = np.zeros((3, m))
         self._curve, self._changes = np.zeros(m, np.int32), np.zeros((m, 2))
+        self._around = exchange.around(self.pairs, table.kappa, table.cutoff, np.full_like(table.kappa, 2.0))
 
     def _find_temperatures(self, energies: np.ndarray, increments: np.ndarray, when: str) -> None:
         """Sort internal energies, and 1/theta; RunError if an energy has none."""
@@ -105,7 +106,10 @@ class EnergyLayer:
         of_beads = v, increments, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
         in_order = self._motion.v, self._u, self._inverse, self._capacity, self._curve, self._changes
         sweep = constant_sweep if self._constant else energy_sweep
-        sweep(self.pairs, Exchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, *in_order))
+        if call.update == EXACT:
+            exchange.sum_around(self.pairs, self._around)
+        noise = call.update, call.dt, call.key(self.number)
+        sweep(self.pairs, Exchange(*noise, self.coefficients, *of_beads, *in_order, self._around.sums[0]))
         if call.update != EXACT:
             self._find_temperatures(call.field_values, increments, "after the sweep")
 
@@ -168,7 +172,8 @@ class Exchange(NamedTuple):
 
     Beads where they are, N: ``velocities`` (N, 3) and ``increments`` (N, 2) are changed.  In the order of their numbers: ``capacities`` and
     ``numbers``, equations of state, with the curves ``start``, ``nodes``, ``pieces``; ``immobile``: those whose energies stay.  Sorted, M:
-    ``v``, ``u`` and ``frozen`` (internal energies and 1/temperatures before), ``capacity``, ``curve``, ``changes`` (M, 2).
+    ``v``, ``u`` and ``frozen`` (internal energies and 1/temperatures before), ``capacity``, ``curve``, ``changes`` (M, 2), and
+    ``sums`` of :class:`.exchange.Around`.
     """
 
     update: int
@@ -189,6 +194,7 @@ class Exchange(NamedTuple):
     capacity: np.ndarray
     curve: np.ndarray
     changes: np.ndarray
+    sums: np.ndarray
 
 
 @helper
@@ -245,16 +251,17 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         u[j] += gain
         changes[i, 1] += gain
         changes[j, 1] += gain
-    exchange = c[row, KAPPA] * w * w * dt
-    if exchange > 0.0:
+    e = c[row, KAPPA] * w * w * dt
+    if e > 0.0:
         xi, drawn = normal(pair, HEAT), uniform(pair, HEAT_TEST)
         xi = -xi if order[i] > order[j] else xi
+        given = e, data.sums[i] * dt, data.sums[j] * dt, exchange.drifted(1.0, im, dt, c[row, CUTOFF])
         if update != EXACT:
-            flow = np.sqrt(2.0 * exchange) * xi + exchange * (frozen[i] - frozen[j])
+            flow = np.sqrt(2.0 * e) * xi + e * (frozen[i] - frozen[j])
         elif _CONSTANTS:
-            flow = conduction_of_constants(u[i], u[j], exchange, xi, drawn, ci, cj)
+            flow = conduction_of_constants(u[i], u[j], given, xi, drawn, ci, cj)
         else:
-            flow = any_conduction(u[i], u[j], exchange, xi, drawn, states, curves)
+            flow = any_conduction(u[i], u[j], given, xi, drawn, states, curves)
         u[i] += flow
         u[j] -= flow
         changes[i, 0] += flow
@@ -262,6 +269,6 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     return 0.0, 0.0, 0.0
 
 
-energy_sweep = over_pairs("energy_sweep", merged(_pair_exchange), first=_gather, last=_scatter)
+energy_sweep = over_pairs("energy_sweep", merged(_pair_exchange), first=_gather, last=_scatter, rounds=ROUNDS)
 _of_constants = merged(renamed(_pair_exchange, "constants_exchange", {"_CONSTANTS": True}))
-constant_sweep = over_pairs("constant_sweep", _of_constants, first=_gather, last=_scatter)
+constant_sweep = over_pairs("constant_sweep", _of_constants, first=_gather, last=_scatter, rounds=ROUNDS)

@@ -5,6 +5,7 @@ import numpy as np
 from ..runtime import helper, inlined, merged
 from .elementary import exp, power
 from .eos import CONSTANT, RESERVOIR, curvature, entropy_change, in_range, inverse_temperature, log_ratio
+from .exchange import alike, all_of, part_of
 from .layer import EXACT
 from .sweeps import decay, relaxed
 
@@ -78,12 +79,15 @@ def motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
 
 @merged
 def conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
-    """Energy that goes to bead i in one exact update of the heat."""
+    """Energy that goes to bead i in one exact update of the heat, with ``exchange`` = (e, W_i, W_j, s/theta) of :mod:`.exchange`."""
+    e, wi, wj, moving = exchange
     scale = 1.0 / (ci + cj)
+    unit = all_of(e, cj * scale, ci * scale, wi, wj)
     share = (ui + uj) * (ci * scale)
     variance = share * (ui + uj - share) * scale
     precision = 1.0 / variance
-    lost = decay(EXACT, exchange * precision)
+    every = unit * precision
+    lost = part_of(e * precision, every, decay(EXACT, every), alike(ci, cj), moving * ((ui + uj) * scale))
     old = ui - share
     new = relaxed(old, lost, variance, xi)
     change = new - old
@@ -121,16 +125,19 @@ def _exact_motion(ev, im, ui, uj, strength, dt, xi, drawn, states, curves):
 
 @helper
 def _exact_conduction(ui, uj, exchange, xi, drawn, states, curves):
-    """Energy that goes to bead i in one exact update of the heat, with exchange = kappa w^2 dt."""
+    """Energy that goes to bead i in one exact update of the heat."""
     ci, cj, ki, kj = states
     start, nodes, pieces = curves
     total = ui + uj
     share = _balance(total, ci, cj, ki, kj, start, nodes, pieces)
-    bent = curvature(share, ci, ki, start, nodes, pieces) + curvature(total - share, cj, kj, start, nodes, pieces)
+    bi, bj = curvature(share, ci, ki, start, nodes, pieces), curvature(total - share, cj, kj, start, nodes, pieces)
     # a flat piece of a table has no curvature; any positive number that depends on the total alone is legal
     slope = inverse_temperature(share, ci, ki, start, nodes, pieces)
-    variance = 1.0 / max(bent, 1e-6 * slope * slope)
-    lost = decay(EXACT, exchange / variance)
+    more = max(0.5e-6 * slope * slope - 0.5 * (bi + bj), 0.0)
+    variance = 1.0 / (bi + bj + 2.0 * more)
+    bi, bj, (e, wi, wj, moving) = bi + more, bj + more, exchange
+    every = all_of(e, bi, bj, wi, wj)
+    lost = part_of(e * (bi + bj), every, decay(EXACT, every), alike(bi, bj), moving / slope)
     old = ui - share
     new = relaxed(old, lost, variance, xi)
     change = new - old

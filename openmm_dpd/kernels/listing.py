@@ -21,10 +21,11 @@ R_MIN2 = 1e-20
 _WORD, _ONE, _THREE, _STEP = np.uint64(64), np.uint64(1), np.uint64(3), np.uint64(LANES)
 #: So many hits of a bead are written down without a question; few beads have more.
 _USUAL = np.uint64(8)
-#: So many hits are collected before they are looked at together; so many fill the space for them, where beads are close together.
-_BATCH, _MOST = np.uint64(384), np.uint64(2048)
-#: Pairs that follow each other are so many parts of a batch apart.
-_ROWS = np.uint64(4)
+#: So many hits fill the space for them, where beads are close together.
+_MOST = np.uint64(2048)
+#: Into so many parts a batch is divided, of each of which comes one pair after the other; so many hits are collected for it.  And where
+#: pairs of one bead are to be far apart.
+USUAL, SPREAD = (np.uint64(4), np.uint64(384)), (np.uint64(64), np.uint64(768))
 #: Cells of a large layer: beads of several such layers are more than a processor's second cache holds.
 _LARGE = 500
 #: Numbers on two lines of the processor's cache, which come together.
@@ -36,7 +37,8 @@ class SortedCells(NamedTuple):
 
     The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
     pairs: the squares of the cutoffs of all types, of the longest one, and of what that can be in single precision; exceptions in
-    compressed rows (of length 0 if there are none).  What each thread writes on: see :func:`space_for`.
+    compressed rows (of length 0 if there are none).  How pairs are ordered: :data:`USUAL` or :data:`SPREAD`.  What each thread
+    writes on: see :func:`space_for`.
     """
 
     xs: np.ndarray
@@ -54,6 +56,8 @@ class SortedCells(NamedTuple):
     exc_start: np.ndarray
     exc_bead: np.ndarray
     exc_factor: np.ndarray
+    rows: np.uint64
+    batch: np.uint64
     near: np.ndarray
     rounded: np.ndarray
     bead: np.ndarray
@@ -224,14 +228,14 @@ def _put(near, bead, hits, q, out, p):
 
 
 @inlined
-def _write(near, bead, hits, m, n, longest2, out):
+def _write(near, bead, hits, m, n, rows, longest2, out):
     """Write hits as pairs number n and following; returns whether all are near enough.  Pairs that follow each other are of beads that are
     apart, so that what is done with one of them need not wait for the one before it."""
-    g, apart, good = out.geometry, m // _ROWS, True
+    g, apart, good = out.geometry, m // rows, True
     for k in range(apart):
-        for row in range(_ROWS):
-            _put(near, bead, hits, row * apart + k, out, n + _ROWS * k + row)
-    for k in range(_ROWS * apart, m):
+        for row in range(rows):
+            _put(near, bead, hits, row * apart + k, out, n + rows * k + row)
+    for k in range(rows * apart, m):
         _put(near, bead, hits, k, out, n + k)
     for p in range(n, n + m):
         dx, dy, dz = g[0, p], g[1, p], g[2, p]
@@ -249,7 +253,7 @@ def _flush(rule, order, types, near, bead, hits, m, n, room, out):
     while True:
         if exact:
             m = _keep(rule, order, types, near, bead, hits, m)
-        if n + m > room or _write(near, bead, hits, m, n, rule.longest2, out) or exact:
+        if n + m > room or _write(near, bead, hits, m, n, rule.rows, rule.longest2, out) or exact:
             return n + m
         exact = True
 
@@ -301,7 +305,7 @@ def list_some(pairs, source, part, cell, s, n, room):
     near, bead, own, others = source.near[part], source.bead[part], source.own[part], source.others[part]
     hits, m, reach2 = (source.who[part], source.whom[part], source.factor[part]), np.uint64(0), np.float32(source.reach2)
     x, y, z = source.rounded[part, 0], source.rounded[part, 1], source.rounded[part, 2]
-    while cell < source.nx and m < _BATCH:
+    while cell < source.nx and m < source.batch:
         start, stop, mine, end = others[cell], own[cell + 3], own[cell + 1], others[cell + 1]
         s = max(s, mine)
         while s < end and m < _MOST:

@@ -54,6 +54,8 @@ class Pairs(NamedTuple):
     flow: np.ndarray | int = 0
 
 
+#: Rounds in which sweeps go through a list that is spread.
+ROUNDS = 4
 #: So many pairs are computed together: few enough for the processor to have all of them at hand.
 CHUNK = 128
 
@@ -90,6 +92,9 @@ class PairList:
     ``inv_mass`` is sorted with the beads for who reads the list.  If it ``passes`` pairs on, those of ``many`` beads are stored only if
     somebody reads :attr:`arrays`.  Otherwise loops list the pairs of a column when they come to it.
     """
+
+    #: Whether the pairs of a bead are listed far apart, and sweeps go through the list in several rounds.
+    spread = False
 
     def __init__(
         self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None, *, passes: bool = False
@@ -241,8 +246,9 @@ class PairList:
             edges = np.abs(most_tilted(grid.box) if self.slides else grid.box).sum()
             rounding = np.finfo(np.float32).eps * (16.0 * edges + 8.0 * self.cutoff) * self.cutoff
             rule = self._cut2, self.cutoff**2, self.cutoff**2 + rounding, self.ntypes, *self.exceptions
+            order = listing.SPREAD if self.spread else listing.USUAL
             space = now[-10:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
-            self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *space)  # type: ignore[arg-type]
+            self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *order, *space)  # type: ignore[arg-type]
         return now
 
     def list(self, grid: cells.Grid, parts: int) -> None:
@@ -348,5 +354,7 @@ class PairList:
     def rows(self) -> np.ndarray:
         """Numbers of all pairs, in an order in which a loop may meet them (see :mod:`.columns`)."""
         columns = np.concatenate([self._blocks.columns[k] for colour in by_colours(self._blocks) for k in colour])
-        ranges = zip(self.arrays.start[columns].tolist(), self.arrays.found[columns].tolist(), strict=True)
-        return np.concatenate([np.arange(begin, begin + count) for begin, count in ranges])
+        ranges = list(zip(self.arrays.start[columns].tolist(), self.arrays.found[columns].tolist(), strict=True))
+        rounds = ROUNDS if self.spread else 1
+        its = [np.arange(begin, begin + count)[np.arange(count) // CHUNK % rounds == k] for k in range(rounds) for begin, count in ranges]
+        return np.concatenate(its)

@@ -7,14 +7,15 @@ Per pair, with w = 1 - r/cutoff, w_c = 1 - r/cutoff_c, f the factor of bonded ne
 
 xi_k is clamped to [-5, 5] and belongs to the bead with the lower index.  Fluxes have no factor.
 
-Sweep form, pair by pair, with x = kappa_k w_c^p dt and h = 2, or 1 beside a bead that does not move, whose concentrations stay::
+Sweep form, pair by pair, with e = kappa_k w_c^p dt and h = 2, or 1 beside a bead that does not move, whose concentrations stay::
 
     e.v   as in :mod:`.sweeps`, with gamma w^s
-    dC_i  = -(1 - q) (C_i - C_j)/h + (C_i + C_j) sqrt((1 - q^2) V) xi_k,   dC_j = -dC_i,   q = exp(-h x),   V = epsilon_k^2/(2 h kappa_k)
+    dC_i  = -(1 - q) (C_i - C_j)/h + (C_i + C_j) sqrt((1 - q^2) V) xi_k,   dC_j = -dC_i,   1 - q = lost,   V = epsilon_k^2/(2 h kappa_k)
 
-Of two beads that move, C_i/(C_i + C_j) makes the exact Ornstein-Uhlenbeck step of the equation above.  A step beyond 0 is rejected (and
-xi_k is not clamped), which leaves the Gaussian of variance V around 1/2, cut off at 0 and 1, invariant for any dt.  Without noise no step
-goes beyond 0.  A pair with a negative concentration, which a source can make, has no noise.  docs/theory_energy.md derives it.
+with lost of :mod:`.exchange` (b = 1, or 0 of a bead that does not move), which is 1 - exp(-h e) for two beads alone: of two that move,
+C_i/(C_i + C_j) then makes the exact Ornstein-Uhlenbeck step of the equation above.  A step beyond 0 is rejected (and xi_k is not clamped),
+which leaves the Gaussian of variance V around 1/2, cut off at 0 and 1, invariant for any dt.  Without noise no step goes beyond 0.  A pair
+with a negative concentration, which a source can make, has no noise.  docs/theory_energy.md derives it.
 """
 
 from dataclasses import dataclass
@@ -23,13 +24,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from . import columns, forces, sweeps
+from . import exchange, forces, sweeps
 from .chunks import look_at, look_up_one, powers
 from .columns import Motion, deliver_rates, gather_and_clear_rates, over_pairs
 from .dpd import SweptLayer
 from .layer import DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, Sums, table_of
 from .noise import clamped, draw_directed
-from .pairs import SECOND, PairList, rows
+from .pairs import ROUNDS, SECOND, PairList, rows
 
 #: Columns of the coefficient table after the eight of :mod:`.forces`: the range of diffusion; for each species kappa, epsilon and the
 #: exponent of the noise's weight.
@@ -38,7 +39,7 @@ CUTOFF_C, SPECIES = 8, 9
 FIRST_SPECIES = 1
 #: Rows of scratch that :mod:`.forces` and :mod:`.sweeps` leave free here; others behind them.
 _NOISE, _MOVING, _OTHER = rows(7)[4:]
-_KAPPA, _EPSILON, _RANGE, _EXPONENT, _WEIGHT, _SPECIES = rows(26)[20:]
+_KAPPA, _EPSILON, _RANGE, _EXPONENT, _WEIGHT, _AROUND, _BESIDE, _MOTION, _SPECIES = rows(29)[20:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +76,13 @@ class SpeciesLayer(SweptLayer):
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         species = table.kappa.shape[-1]
         assert spec.fields is not None and spec.fields.n_values == species
-        super().__init__(
-            table, number, PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=True), False, transverse=False
-        )
+        super().__init__(table, number, PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), False, transverse=False)
         self.pairs.rows_of_scratch += 2 * species
         #: whether no pair is listed that does not repel
         self._short = np.array_equal(table.cutoff, table.cutoff_F)
         # scratch, in the order of the pair list
         self._c, self._other = np.zeros((2, len(self.pairs.order), species))
+        self._around = exchange.around(self.pairs, table.kappa, table.cutoff_c, table.exponent_c)
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``; rates (N, K) are dC/dt."""
@@ -99,7 +99,8 @@ class SpeciesLayer(SweptLayer):
         assert call.field_values is not None and increments is not None
         of_beads = call.field_values, increments, self._other, self._c, v, self._motion.v
         noise = call.kT, call.dt, call.key(self.number)
-        species_sweep(self.pairs, SpeciesExchange(call.update, False, 0, *noise, self._at(call.kT), *of_beads))
+        exchange.sum_around(self.pairs, self._around)
+        species_sweep(self.pairs, SpeciesExchange(call.update, False, 0, *noise, self._at(call.kT), *of_beads, self._around.sums))
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
@@ -191,12 +192,12 @@ def _gather(pairs, data, begin, end):
             data.c[k, s] = data.values[pairs.seats[k], s]
 
 
-species_forces = over_pairs("species_forces", _pair_diffusion, _diffusion_terms, first=_gather, last=deliver_rates, again=columns.on_forces)
+species_forces = over_pairs("species_forces", _pair_diffusion, _diffusion_terms, first=_gather, last=deliver_rates)
 
 
 class SpeciesExchange(NamedTuple):
     """What the sweep form reads and writes beside the pairs: concentrations are ``values`` and ``increments`` (N, K) added up, sorted
-    ``before`` and ``c`` (M, K); ``increments``, ``c`` and ``velocities`` (N, 3) are changed."""
+    ``before`` and ``c`` (M, K); ``increments``, ``c`` and ``velocities`` (N, 3) are changed; ``sums``: of :class:`.exchange.Around`."""
 
     update: int
     plain: bool  #: Never, see :class:`.sweeps.Sweep`
@@ -211,6 +212,7 @@ class SpeciesExchange(NamedTuple):
     c: np.ndarray
     velocities: np.ndarray
     v: np.ndarray
+    sums: np.ndarray
 
 
 @helper
@@ -220,21 +222,28 @@ def _exchange_terms(pairs, data, begin, m, scratch):
     sweeps.updates(pairs, data, begin, m, scratch)
     look_at(pairs.inv_mass, pairs, begin, m, scratch, _MOVING, _OTHER)
     for k in range(m):
-        # how many of the two change
-        values[_MOVING + k] = (1.0 if values[_MOVING + k] > 0.0 else 0.0) + (1.0 if values[_OTHER + k] > 0.0 else 0.0)
+        values[_MOTION + k] = values[_MOVING + k] + values[_OTHER + k]
+        values[_MOVING + k] = 1.0 if values[_MOVING + k] > 0.0 else 0.0
+        values[_OTHER + k] = 1.0 if values[_OTHER + k] > 0.0 else 0.0
     for species in range(data.c.shape[1]):
         noisy = _look_at_species(pairs, data, species, begin, m, scratch)
+        look_at(data.sums[species], pairs, begin, m, scratch, _AROUND, _BESIDE)
         for k in range(m):
-            w = values[_WEIGHT + k]
-            values[_KAPPA + k] = values[_WEIGHT + k] = values[_MOVING + k] * values[_KAPPA + k] * w * w * data.dt
+            w, bi, bj = values[_WEIGHT + k], values[_MOVING + k], values[_OTHER + k]
+            e = values[_KAPPA + k] * w * w * data.dt
+            every = exchange.all_of(e, bi, bj, values[_AROUND + k] * data.dt, values[_BESIDE + k] * data.dt)
+            values[_KAPPA + k] = e * (bi + bj)
+            values[_AROUND + k] = values[_BESIDE + k] = every if e * (bi + bj) > 0.0 else 0.0
             values[_EPSILON + k] *= values[_EPSILON + k] * w * w * data.dt
-        sweeps.decays(EXACT, m, scratch, _WEIGHT)
+        sweeps.decays(EXACT, m, scratch, _BESIDE)
         for k in range(m):
-            x, lost, h = values[_KAPPA + k], values[_WEIGHT + k], values[_MOVING + k]
+            y, every, bi, bj = values[_KAPPA + k], values[_AROUND + k], values[_MOVING + k], values[_OTHER + k]
+            moving = exchange.drifted(data.kT, values[_MOTION + k], data.dt, values[_RANGE + k])
+            lost = exchange.part_of(y, every, values[_BESIDE + k], bi * bj, moving) if every > 0.0 else 0.0
             # V (1 - q^2), also where kappa is 0
-            part = lost * (2.0 - lost) / (2.0 * x) if x > 0.0 else 1.0
+            part = lost * (2.0 - lost) / (2.0 * y) if y > 0.0 else 1.0
             values[_EPSILON + k] = np.sqrt(values[_EPSILON + k] * part) * values[_NOISE + k] if noisy else 0.0
-            values[_KAPPA + k] = lost / h if h > 0.0 else 0.0
+            values[_KAPPA + k] = lost / (bi + bj) if lost > 0.0 else 0.0
         _put_species(species, m, values)
 
 
@@ -274,6 +283,4 @@ def _scatter_swept(pairs, data, begin, end):
             data.increments[pairs.seats[k], s] += data.c[k, s] - data.before[k, s]
 
 
-species_sweep = over_pairs(
-    "species_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept, again=columns.on_velocities
-)
+species_sweep = over_pairs("species_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept, rounds=ROUNDS)

@@ -26,8 +26,11 @@ class TDPD(SoftRepulsion):
         F    = A w - gamma w^exponent (e.v) + sigma w^(exponent/2) xi/sqrt(dt),   sigma^2 = 2 kT gamma,   U = A cutoff w^2/2
         dC_i = -kappa_k w_c^p_k (C_i - C_j) + epsilon_k w_c^(p_k/2) (C_i + C_j) xi_k/sqrt(dt),   dC_j = -dC_i     (rates; p = exponent_c)
 
-    Schemes with sweeps exchange species exactly: concentrations stay >= 0 at any step size (:mod:`openmm_dpd.kernels.tdpd`).  ``mvv``
+    Schemes with sweeps exchange species pair by pair: concentrations stay >= 0 at any step size (:mod:`openmm_dpd.kernels.tdpd`).  ``mvv``
     uses the rates above, with xi_k clamped to [-5, 5].  As in LAMMPS's ``tdpd``, ``exponent`` is that of the *drag*.
+
+    Noise so strong that it would make concentrations negative is cut off there by sweeps: the share C_i/(C_i + C_j) of a pair has the
+    variance epsilon^2/(4 kappa) of the equation up to epsilon^2/kappa = 0.08 (0.5 % less), but 1.7 % less at 0.1 and 15 % less at 0.2.
 
     Parameters
     ----------
@@ -36,7 +39,7 @@ class TDPD(SoftRepulsion):
     kappa : float or sequence of K
         Exchange rate of each species, 1/ps, >= 0.
     epsilon : float or sequence of K, default 0
-        Noise amplitude of each species, >= 0.
+        Noise amplitude of each species, >= 0; in sweeps right up to epsilon^2/kappa = 0.1.
     exponent : float, default 2
     cutoff, cutoff_c : length
         Ranges of the forces and of the exchange (``cutoff`` by default).
