@@ -24,6 +24,8 @@ LEVELS = (0.01, 0.05, 0.10)
 #: Largest allowed fraction of the step that blows up.
 SAFE = 0.7
 _LINES = ("rho", "mass", "s", "cv")
+#: Heat capacity (k_B) from which on beads are thermostats, and noise alone makes steps differ from theirs.
+_THERMOSTAT = 1000.0
 #: Largest lengthening of a step, in the logarithm, by corrections along lines: errors that pass through 0 make single steps too long.
 _LONGER = math.log(1.1)
 
@@ -177,7 +179,7 @@ class StabilityTable:
 
     def _correction(self, scheme: str, path: tuple[str, ...], name: str, value: float | None, friction: float) -> float:
         """Deviation of log(step) on a line of the table from the plane, interpolated between lines in log(friction)."""
-        if value is None:
+        if value is None or (name == "cv" and value >= _THERMOSTAT):
             return 0.0
         lines: dict[float, list[tuple[float, float]]] = {}
         for p in self.data["points"]:
