@@ -124,7 +124,11 @@ def write(rows: list[dict]) -> None:
     design = np.column_stack([-np.log(tau), *powers, gamma])
     slope, *time, friction = np.linalg.lstsq(design / weight[:, None], slip / weight, rcond=None)[0]
     digits = np.vectorize(lambda value: float(f"{value:.9g}"))
-    found = {"script": "docs/measure/walls.py", "range": [[0, 80], [3, 6], [0, 45]], "force": digits(force.reshape(*IN_FORCE, -1)).tolist()}
+    found = {
+        "script": "docs/measure/walls.py",
+        "range": [[15, 80], [3, 6], [4, 45]],
+        "force": digits(force.reshape(*IN_FORCE, -1)).tolist(),
+    }
     found |= {"time": digits(np.reshape(time, IN_TIME) / slope).tolist(), "friction": float(digits(friction / slope))}
     for row in np.column_stack([A, rho, gamma, tau, slip, error, slip - design @ [slope, *time, friction]]):
         print(*np.round(row, 4))

@@ -224,8 +224,8 @@ class Wall:
         The velocity is multiplied by cos(2 pi t/period), with t the Context's time in the middle of a step.
     behind : str, optional
         Bead type of a continuum behind the wall: its repulsion, and friction with noise, act on beads closer than 1.25 cutoffs
-        (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.  Measured for fluids with A rc/kT up to
-        80, densities rho rc^3 from 3 to 6, and frictions gamma rc/sqrt(m kT) up to 45; others are refused.
+        (:doc:`/theory_flow`).  The first layer then has the density and temperature of the fluid.  Measured for fluids with A rc/kT
+        from 15 to 80, densities rho rc^3 from 3 to 6, and frictions gamma rc/sqrt(m kT) from 4 to 45; others are refused.
     density : float, optional
         Density of the continuum, beads per nm^3.
 

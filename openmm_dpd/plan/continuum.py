@@ -112,6 +112,7 @@ def _check_measured(scene: Scene, wall: Wall, table: dict) -> None:
         if name == wall.behind:
             values["friction gamma rc/sqrt(m kT)"] = (pair.gamma or 0.0) * pair.cutoff / np.sqrt(scene.masses[name] * kT)
         for (what, value), (low, high) in zip(values.items(), limits, strict=False):
+            low *= name == wall.behind or not what.startswith("repulsion")  # which a bead in the fluid may lack
             if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
                 raise PlanError(
                     f"no fluid can be behind a wall: what beads feel there was measured for a {what} from {low:g} to {high:g}, but between "

@@ -334,7 +334,8 @@ def test_walls_that_cannot_be():
     ("thinner than the cutoff", {"planes": walls(0.2, 4.8, behind="W", density=3.0)}, {}),
     ("density rho rc\\^3 from 3 to 6, but between 'W' and 'W' it is 2.5", {"planes": walls(behind="W", density=2.5)}, {}),
     ("A rc/kT .* 'B' and 'W' it is 90", {"pairs": {("*", "*"): STANDARD, ("B", "W"): dpd.DPD(A=90, gamma=9)}}, {}),
-    ("friction .* from 0 to 45, .* it is 50", {"pairs": {("*", "*"): dpd.DPD(A=25, gamma=50)}}, {}),
+    ("A rc/kT from 15 to 80, .* it is 5", {"pairs": {("*", "*"): dpd.DPD(A=5, gamma=9)}}, {}),
+    ("friction .* from 4 to 45, .* it is 50", {"pairs": {("*", "*"): dpd.DPD(A=25, gamma=50)}}, {}),
     ("immobile beads lie", {"mobile": np.arange(192) > 0, "beyond": True}, {}),
 )
 def test_what_cannot_be_combined(match, more, choices):
