@@ -30,8 +30,9 @@ class EDPD(PairCoefficient):
         q_V = {w^s [gamma (e.v)^2 - sigma^2 (1/m_i + 1/m_j)/2] - sigma w^(s/2) (e.v) xi/sqrt(dt)}/2   to i and to j
         C_i dT_i/dt = q_i
 
-    Schemes with sweeps exchange heat exactly: energy is conserved to rounding, temperatures stay positive at any step size, and beads have
-    the weight T^C (:mod:`openmm_dpd.kernels.edpd`).  ``mvv`` uses the rates above.
+    Schemes with sweeps exchange heat so that energy is conserved to rounding, temperatures stay positive at any step size, and beads have
+    the weight T^C (:mod:`openmm_dpd.kernels.edpd`).  ``mvv`` uses the rates above.  The repulsion follows temperatures without heat: with
+    A other than 0 beads gain energy at a rate that falls as 1/C, which is small from C = 1000 on.
 
     xi_T is independent of xi and clamped to [-5, 5], as in LAMMPS's manual.  LAMMPS's code differs: it uses the clamped xi for xi_T,
     divides q_V by C_i + C_j instead of 2, omits 1/sqrt(dt) in its last term and takes sigma^2/m_i, so that it does not conserve energy.
