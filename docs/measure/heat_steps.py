@@ -38,12 +38,12 @@ def by_exchange(x: np.ndarray) -> float:
     return float(RATE * np.sum(w**2 * (1 - np.cos(WAVE * d[:, :, 0]))) / len(x))
 
 
-def scene(what: str, seed: int) -> dpd.Scene:
+def scene(what: str, seed: int, capacity: float = CAPACITY) -> dpd.Scene:
     """The fluid, not yet in equilibrium."""
     n = round(DENSITY * np.prod(EDGES))
     same = {"A": A, "gamma": GAMMA, "cutoff": CUTOFF, "exponent": EXPONENT}
     if what == "heat":
-        term, internal = dpd.EDPD(kappa=RATE / CAPACITY, **same), dpd.BeadTemperatures(1.0, CAPACITY)
+        term, internal = dpd.EDPD(kappa=RATE / capacity, **same), dpd.BeadTemperatures(1.0, capacity)
     else:
         term, internal = dpd.TDPD(kappa=RATE, **same), dpd.Concentrations(np.ones(n))
     x = np.random.default_rng(seed).random((n, 3)) * EDGES
@@ -148,16 +148,16 @@ def print_fast(decays: int) -> None:
             )
 
 
-def gained(kind: tuple, capacity: float, dt: float, time: float, seed: int) -> float:
-    """Energy U + K + sum C T per bead and time that a fluid of eDPD gains with bababo."""
-    built = dpd.build(fluid("heat", kind, 1.41, seed, capacity), dt=dt, scheme="bababo", seed=seed)
+def gained(begun: dpd.Scene, scheme: str, dt: float, time: float, seed: int) -> float:
+    """Energy U + K + sum C T per bead and time that a fluid of eDPD gains."""
+    built = dpd.build(begun, dt=dt, scheme=scheme, seed=seed)
     simulation, observer = built.simulation(), dpd.Observer(built)
     simulation.integrator.setStepSize(0.01)
     simulation.step(500)
     simulation.integrator.setStepSize(dt)
     first = observer.sample(simulation.context).total
     simulation.step(round(time / dt))
-    return (observer.sample(simulation.context).total - first) / built.plan.scene.n_beads / time
+    return (observer.sample(simulation.context).total - first) / begun.n_beads / time
 
 
 def print_gains() -> None:
@@ -166,9 +166,13 @@ def print_gains() -> None:
     print("| --- | --- | --- | --- |")
     for kind in ((18.75, 3.0, 1.0, (8, 4, 4)), (18.75, 4.0, 1.58, (6, 5, 5))):
         for capacity, time, dt in ((10.0, 5.0, 0.02), (100.0, 20.0, 0.02), (100.0, 20.0, 0.01), (1e3, 20.0, 0.02), (1e4, 20.0, 0.02)):
-            found = [gained(kind, capacity, dt, time, seed) for seed in (1, 2, 3, 4)]
+            found = [gained(fluid("heat", kind, RATE, seed, capacity), "bababo", dt, time, seed) for seed in (1, 2, 3, 4)]
             text = f"{np.mean(found):.2g}({np.std(found, ddof=1) / 2:.1g})"
             print(f"| {', '.join(f'{n:g}' for n in kind[:3])} | {capacity:g} | {dt} | {text} |", flush=True)
+
+    for dt in (0.01, 0.04):
+        found = [gained(scene("heat", seed, 1e5), "middle", dt, 20.0, seed) for seed in (1, 2, 3, 4)]
+        print(f"| in.edpd, `middle` | 100000 | {dt} | {np.mean(found):.2g}({np.std(found, ddof=1) / 2:.1g}) |", flush=True)
 
 
 def main() -> None:

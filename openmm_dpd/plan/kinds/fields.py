@@ -114,7 +114,7 @@ register(
         why_no_laplacian=lambda _: "the repulsion depends on the temperatures of the beads (EDPD)",
         unlike_lammps="pair edpd: friction, noise and conduction keep the energy here, which LAMMPS's heat does not (--compat lammps "
         "computes it): with --scheme middle to rounding, with mvv to first order in the step (in in.edpd, at a step of 0.01, the mean "
-        "temperature rises by 0.05 % per unit of time; with middle by 0.01 % in 100)",
+        "temperature rises by 0.05 % per unit of time; with middle by less than 0.001 % in 100)",
     )
 )
 
