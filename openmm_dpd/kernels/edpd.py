@@ -75,6 +75,7 @@ class ThermalTable:
     exponent_polynomial: np.ndarray
     kappa_polynomial: np.ndarray
     lammps: bool = False
+    unit_time: float = np.inf  #: (m/kT)^(1/2) times the longest range of conduction
 
     def coefficients(self) -> np.ndarray:
         """(T*T, 15) table."""
@@ -98,7 +99,8 @@ class ThermalLayer:
         self.coefficients, self._motion = table.coefficients(), SortedMotion(self.pairs)
         # scratch, in the order of the pair list, and for each column
         self._before, self._temperature, self._capacity, self._other = np.zeros((4, len(self.pairs.order)))
-        self._around = exchange.around(self.pairs, table.kappa, table.cutoff_T, table.exponent_T)._replace(weights=self._capacity)
+        rate = float(table.kappa.max() * self.capacity.max()) * table.unit_time
+        self._around = exchange.around(self.pairs, spec, rate, table.kappa, table.cutoff_T, table.exponent_T, self._capacity)
         self._failed = np.zeros((0, 2))
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
@@ -147,10 +149,11 @@ class ThermalLayer:
         """Update velocities pair by pair in place, and add to ``increments`` what the temperatures change by."""
         assert increments is not None
         self._begin(call, increments)
-        exchange.sum_around(self.pairs, self._around)
+        if self.pairs.spread:
+            exchange.sum_around(self.pairs, self._around)
         of_beads = self._capacity, self._other, self._before, self._temperature, self._failed, increments, v, self._motion.v
-        noise = call.update, call.dt, call.key(self.number)
-        thermal_sweep(self.pairs, ThermalExchange(*noise, self.coefficients, *of_beads, self._around.sums[0]))
+        sweep = thermal_sweep if self.pairs.spread else slow_thermal_sweep
+        sweep(self.pairs, ThermalExchange(call.update, call.dt, call.key(self.number), self.coefficients, *of_beads, self._around.sums[0]))
         self._check_conduction()
 
     def laplacian(self) -> float:
@@ -346,9 +349,8 @@ def _exchange_terms(pairs, data, begin, m, scratch):
         w = 1.0 - r[begin + k] / values[_TABLE[CUTOFF] + k]
         values[_LOG + k] = log_of(w if near else 1.0, 0.0)
         values[_DRAG + k] = values[_FACTOR + k] * values[_TABLE[GAMMA] + k] * im * data.dt if near else 0.0
-        near = r[begin + k] < values[_TABLE[CUTOFF_T] + k]
+        near, ci, cj = r[begin + k] < values[_TABLE[CUTOFF_T] + k], values[_CI + k], values[_CJ + k]
         w = power(1.0 - r[begin + k] / values[_TABLE[CUTOFF_T] + k], values[_TABLE[EXPONENT_T] + k])
-        ci, cj = values[_CI + k], values[_CJ + k]
         e, bi, bj = values[_TABLE[KAPPA] + k] * w * ci * cj * data.dt, 1.0 / ci, 1.0 / cj
         bi, bj = bi if values[_MI + k] > 0.0 else 0.0, bj if values[_MJ + k] > 0.0 else 0.0
         values[_FLUX + k] = e * (bi + bj) if near else 0.0
@@ -372,8 +374,7 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
         if warmer < 0.0:
             _write_down(data.failed, column, n, mean)
         elif warmer > 0.0:
-            every = values[_ALL + k] * warmer
-            alike, moving = exchange.alike(ai, aj), values[_DRIFT + k] * mean
+            every, alike, moving = values[_ALL + k] * warmer, exchange.alike(ai, aj), values[_DRIFT + k] * mean
             lost = exchange.part_of(values[_FLUX + k] * warmer, every, decay(EXACT, every), alike, moving)
             flow = exchanged(lost, mean, t[i], t[j], ai, aj, values[_XI_T + k], values[_TEST_T + k])
             t[i] += ai * flow
@@ -396,3 +397,4 @@ def _scatter_swept(pairs, data, begin, end):
 
 
 thermal_sweep = over_pairs("thermal_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept, rounds=ROUNDS)
+slow_thermal_sweep = over_pairs("slow_thermal_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept)

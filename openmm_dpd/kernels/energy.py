@@ -54,6 +54,7 @@ class EnergyTable:
     sigma: np.ndarray
     kappa: np.ndarray
     cutoff: np.ndarray
+    unit_time: float = np.inf  #: (m/kT)^(1/2) times the longest range
 
     def layer(self, spec: PairSpec, number: int) -> Layer:
         """The layer that evaluates these coefficients."""
@@ -75,7 +76,11 @@ class EnergyLayer:
         self._motion, m = SortedMotion(self.pairs), len(self.pairs.order)
         self._u, self._inverse, self._capacity = np.zeros((3, m))
         self._curve, self._changes = np.zeros(m, np.int32), np.zeros((m, 2))
-        self._around = exchange.around(self.pairs, table.kappa, table.cutoff, np.full_like(table.kappa, 2.0))
+        # -dS'/du at the start is C/u^2
+        bent = self.eos.capacity / np.maximum(self.fields.initial.sum(axis=1), 1e-300) ** 2
+        rate = float(table.kappa.max() * bent[~self.fields.immobile].max(initial=0.0)) * table.unit_time if self._constant else np.inf
+        rate = 0.0 if spec.update != EXACT else rate
+        self._around = exchange.around(self.pairs, spec, rate, table.kappa, table.cutoff, np.full_like(table.kappa, 2.0))
 
     def _find_temperatures(self, energies: np.ndarray, increments: np.ndarray, when: str) -> None:
         """Sort internal energies, and 1/theta; RunError if an energy has none."""
@@ -105,8 +110,8 @@ class EnergyLayer:
         self._find_temperatures(call.field_values, increments, "before the sweep")
         of_beads = v, increments, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
         in_order = self._motion.v, self._u, self._inverse, self._capacity, self._curve, self._changes
-        sweep = constant_sweep if self._constant else energy_sweep
-        if call.update == EXACT:
+        sweep = (constant_sweep if self.pairs.spread else slow_constant_sweep) if self._constant else energy_sweep
+        if call.update == EXACT and self.pairs.spread:
             exchange.sum_around(self.pairs, self._around)
         noise = call.update, call.dt, call.key(self.number)
         sweep(self.pairs, Exchange(*noise, self.coefficients, *of_beads, *in_order, self._around.sums[0]))
@@ -272,3 +277,4 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
 energy_sweep = over_pairs("energy_sweep", merged(_pair_exchange), first=_gather, last=_scatter, rounds=ROUNDS)
 _of_constants = merged(renamed(_pair_exchange, "constants_exchange", {"_CONSTANTS": True}))
 constant_sweep = over_pairs("constant_sweep", _of_constants, first=_gather, last=_scatter, rounds=ROUNDS)
+slow_constant_sweep = over_pairs("slow_constant_sweep", _of_constants, first=_gather, last=_scatter)

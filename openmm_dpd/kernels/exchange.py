@@ -11,6 +11,8 @@ With the sums W of e over all neighbours of a bead::
 is the part of it that a sweep takes away: 1 - exp(-y) with others = 0.  s is due to the motion, from which a sweep is apart; its number was
 measured.  All depends on positions, and on what the update of a pair keeps: so updates that leave a weight unchanged still do.
 
+Where exchange is slow for the motion (:data:`_SLOW`), others are left out, and lists are the usual ones.
+
 A bead must not exchange with its neighbours one right after the other: sweeps that exchange go around several times, with other pairs of
 each column every time, and pairs of a bead are listed far apart (``spread`` in :class:`.pairs.PairList`; docs/theory_energy.md).
 """
@@ -22,13 +24,15 @@ import numpy as np
 from ..runtime import helper, inlined
 from .chunks import look_up, powers
 from .columns import over_pairs
-from .layer import table_of
+from .layer import PairSpec, table_of
 from .pairs import SECOND, PairList, rows
 
 #: Rows of scratch: factor, coefficients, weight; then those of each species.
 _FACTOR, _KAPPA, _CUTOFF, _EXPONENT, _WEIGHT, _RATE = rows(6)
 #: A difference of two like beads becomes -3/4 of what it was, at most: were it swapped in all pairs, it would never be gone.
 _BEYOND = 0.75
+#: Up to this rate all neighbours together change the decay of a sine by about 1 % at most, at any step that the motion allows.
+_SLOW = 2.5
 #: Measured in the fluid of A = 25 at density 3 with steps from 0.06 to 0.22.
 _DRIFTED = 10.0
 
@@ -42,12 +46,17 @@ class Around(NamedTuple):
     sums: np.ndarray
 
 
-def around(pairs: PairList, kappa: np.ndarray, cutoff: np.ndarray, exponent: np.ndarray) -> Around:
-    """For arrays (T, T) or (T, T, K), and weights of 1.  The list will be spread."""
-    pairs.spread = True
+def fast(spec: PairSpec, rate: float) -> bool:
+    """Whether a scheme has sweeps in which others count; ``rate``: the largest of two beads, per longest range times (m/kT)^(1/2)."""
+    return spec.sweeps and not rate <= _SLOW
+
+
+def around(pairs: PairList, spec: PairSpec, rate: float, kappa, cutoff, exponent, weights: np.ndarray | None = None) -> Around:
+    """For arrays (T, T) or (T, T, K), and weights, by default 1.  If the exchange is :func:`fast`, the list will be spread."""
+    pairs.spread, m = fast(spec, rate), len(pairs.order)
     each = np.moveaxis(np.atleast_3d(kappa), 2, 0), np.moveaxis(np.atleast_3d(exponent), 2, 0)
     coefficients = np.stack([table_of(one, cutoff, 0.5 * p) for one, p in zip(*each, strict=True)])
-    return Around(coefficients, np.ones(len(pairs.order)), np.zeros((len(coefficients), len(pairs.order))))
+    return Around(coefficients, np.ones(m) if weights is None else weights, np.zeros((len(coefficients), m)))
 
 
 @helper
@@ -85,8 +94,8 @@ sum_around = over_pairs("sum_around", _pair_rate, _rates, first=_clear)
 
 @inlined
 def all_of(e, bi, bj, wi, wj):
-    """The rate l of a pair with what flows to others."""
-    return e * (bi + bj) + (bi * bi * (wi - e) + bj * bj * (wj - e)) / (bi + bj)
+    """The rate l of a pair with what flows to others; nothing does where sums are 0, since they are not needed."""
+    return e * (bi + bj) + (bi * bi * max(wi - e, 0.0) + bj * bj * max(wj - e, 0.0)) / (bi + bj)
 
 
 @inlined
@@ -104,6 +113,8 @@ def drifted(kT, im, dt, cutoff):
 @inlined
 def part_of(y, every, left, alike, moving):
     """The part ``lost`` of a difference, with l = ``every`` >= y > 0, ``left`` = 1 - exp(-l), s = ``moving``."""
+    if every == y:  # nobody else
+        return left
     more = every + moving * every * (every - y)
     # the quotient need not wait for the exponential
     return min(1.0 + _BEYOND * alike, y - y * y / (every * more) * (more - left))

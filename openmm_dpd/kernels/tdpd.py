@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from . import exchange, forces, sweeps
+from . import columns, exchange, forces, sweeps
 from .chunks import look_at, look_up_one, powers
 from .columns import Motion, deliver_rates, gather_and_clear_rates, over_pairs
 from .dpd import SweptLayer
@@ -39,7 +39,7 @@ CUTOFF_C, SPECIES = 8, 9
 FIRST_SPECIES = 1
 #: Rows of scratch that :mod:`.forces` and :mod:`.sweeps` leave free here; others behind them.
 _NOISE, _MOVING, _OTHER = rows(7)[4:]
-_KAPPA, _EPSILON, _RANGE, _EXPONENT, _WEIGHT, _AROUND, _BESIDE, _MOTION, _SPECIES = rows(29)[20:]
+_KAPPA, _EPSILON, _RANGE, _EXPONENT, _WEIGHT, _AROUND, _BESIDE, _MOTION, _LOST, _SPECIES = rows(30)[20:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +56,7 @@ class SpeciesTable:
     kappa: np.ndarray
     epsilon: np.ndarray
     exponent_c: np.ndarray
+    unit_time: float = np.inf  #: (m/kT)^(1/2) times the longest range of diffusion
 
     def coefficients(self, kT: float) -> np.ndarray:
         """(T*T, 9 + 3 K) table at the thermal energy kT: sigma^2 = 2 kT gamma; noise has half the exponents."""
@@ -76,13 +77,15 @@ class SpeciesLayer(SweptLayer):
     def __init__(self, table: SpeciesTable, spec: PairSpec, number: int):
         species = table.kappa.shape[-1]
         assert spec.fields is not None and spec.fields.n_values == species
-        super().__init__(table, number, PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions), False, transverse=False)
+        rate = float(table.kappa.max()) * table.unit_time
+        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=not exchange.fast(spec, rate))
+        super().__init__(table, number, pairs, False, transverse=False)
         self.pairs.rows_of_scratch += 2 * species
         #: whether no pair is listed that does not repel
         self._short = np.array_equal(table.cutoff, table.cutoff_F)
         # scratch, in the order of the pair list
         self._c, self._other = np.zeros((2, len(self.pairs.order), species))
-        self._around = exchange.around(self.pairs, table.kappa, table.cutoff_c, table.exponent_c)
+        self._around = exchange.around(self.pairs, spec, rate, table.kappa, table.cutoff_c, table.exponent_c)
 
     def forces(self, call: Call, out: np.ndarray, add: bool) -> Sums:
         """Force form at the listed positions, written or added to ``out``; rates (N, K) are dC/dt."""
@@ -99,8 +102,13 @@ class SpeciesLayer(SweptLayer):
         assert call.field_values is not None and increments is not None
         of_beads = call.field_values, increments, self._other, self._c, v, self._motion.v
         noise = call.kT, call.dt, call.key(self.number)
-        exchange.sum_around(self.pairs, self._around)
-        species_sweep(self.pairs, SpeciesExchange(call.update, False, 0, *noise, self._at(call.kT), *of_beads, self._around.sums))
+        sums = self._around.sums if self.pairs.spread else self._around.sums[:, :0]
+        given = SpeciesExchange(call.update, False, 0, *noise, self._at(call.kT), *of_beads, sums)
+        if self.pairs.spread:
+            exchange.sum_around(self.pairs, self._around)
+            species_sweep(self.pairs, given)
+        else:
+            slow_species_sweep(self.pairs, given)
 
     def laplacian(self) -> float:
         """Sum over mobile beads of the Laplacian of the conservative energy."""
@@ -192,7 +200,7 @@ def _gather(pairs, data, begin, end):
             data.c[k, s] = data.values[pairs.seats[k], s]
 
 
-species_forces = over_pairs("species_forces", _pair_diffusion, _diffusion_terms, first=_gather, last=deliver_rates)
+species_forces = over_pairs("species_forces", _pair_diffusion, _diffusion_terms, first=_gather, last=deliver_rates, again=columns.on_forces)
 
 
 class SpeciesExchange(NamedTuple):
@@ -227,23 +235,27 @@ def _exchange_terms(pairs, data, begin, m, scratch):
         values[_OTHER + k] = 1.0 if values[_OTHER + k] > 0.0 else 0.0
     for species in range(data.c.shape[1]):
         noisy = _look_at_species(pairs, data, species, begin, m, scratch)
-        look_at(data.sums[species], pairs, begin, m, scratch, _AROUND, _BESIDE)
         for k in range(m):
-            w, bi, bj = values[_WEIGHT + k], values[_MOVING + k], values[_OTHER + k]
-            e = values[_KAPPA + k] * w * w * data.dt
-            every = exchange.all_of(e, bi, bj, values[_AROUND + k] * data.dt, values[_BESIDE + k] * data.dt)
-            values[_KAPPA + k] = e * (bi + bj)
-            values[_AROUND + k] = values[_BESIDE + k] = every if e * (bi + bj) > 0.0 else 0.0
+            w, both = values[_WEIGHT + k], values[_MOVING + k] + values[_OTHER + k]
+            values[_KAPPA + k] = values[_LOST + k] = values[_KAPPA + k] * w * w * data.dt * both
             values[_EPSILON + k] *= values[_EPSILON + k] * w * w * data.dt
-        sweeps.decays(EXACT, m, scratch, _BESIDE)
-        for k in range(m):
-            y, every, bi, bj = values[_KAPPA + k], values[_AROUND + k], values[_MOVING + k], values[_OTHER + k]
+        if data.sums.shape[1]:
+            look_at(data.sums[species], pairs, begin, m, scratch, _AROUND, _BESIDE)
+            for k in range(m):
+                y, bi, bj = values[_KAPPA + k], values[_MOVING + k], values[_OTHER + k]
+                every = exchange.all_of(y / (bi + bj), bi, bj, values[_AROUND + k] * data.dt, values[_BESIDE + k] * data.dt)
+                values[_AROUND + k] = values[_LOST + k] = every if y > 0.0 else 0.0
+        sweeps.decays(EXACT, m, scratch, _LOST)
+        for k in range(m if data.sums.shape[1] else 0):
+            every, alike = values[_AROUND + k], values[_MOVING + k] * values[_OTHER + k]
             moving = exchange.drifted(data.kT, values[_MOTION + k], data.dt, values[_RANGE + k])
-            lost = exchange.part_of(y, every, values[_BESIDE + k], bi * bj, moving) if every > 0.0 else 0.0
+            values[_LOST + k] = exchange.part_of(values[_KAPPA + k], every, values[_LOST + k], alike, moving) if every > 0.0 else 0.0
+        for k in range(m):
+            y, lost, both = values[_KAPPA + k], values[_LOST + k], values[_MOVING + k] + values[_OTHER + k]
             # V (1 - q^2), also where kappa is 0
             part = lost * (2.0 - lost) / (2.0 * y) if y > 0.0 else 1.0
             values[_EPSILON + k] = np.sqrt(values[_EPSILON + k] * part) * values[_NOISE + k] if noisy else 0.0
-            values[_KAPPA + k] = lost / (bi + bj) if lost > 0.0 else 0.0
+            values[_KAPPA + k] = lost / both if lost > 0.0 else 0.0
         _put_species(species, m, values)
 
 
@@ -284,3 +296,6 @@ def _scatter_swept(pairs, data, begin, end):
 
 
 species_sweep = over_pairs("species_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept, rounds=ROUNDS)
+slow_species_sweep = over_pairs(
+    "slow_species_sweep", _pair_exchange, _exchange_terms, first=_gather_swept, last=_scatter_swept, again=columns.on_velocities
+)

@@ -49,6 +49,8 @@ def _scenes() -> Iterator[tuple[str, Scene]]:
         yield name, scene(energy_dpd.EnergyDPD(A=25, sigma=3.0, kappa=1.0), internal=internal.InternalEnergy(curve, np.ones(_BEADS)))
     yield "eDPD", scene(edpd.EDPD(A=18.75, gamma=4.5, kappa=1e-5), internal=internal.BeadTemperatures(1.0, 1e5))
     yield "tDPD", scene(tdpd.TDPD(A=18.75, gamma=4.5, kappa=(1.0,)), internal=internal.Concentrations(np.ones((_BEADS, 1))))
+    fast = tdpd.TDPD(A=18.75, gamma=4.5, kappa=(100.0,))
+    yield "tDPD with fast exchange", scene(fast, internal=internal.Concentrations(np.ones((_BEADS, 1))))
 
 
 def warm(log: Callable[[str], None]) -> None:

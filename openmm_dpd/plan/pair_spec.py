@@ -55,7 +55,7 @@ def pair_spec(
     mobile, wall_velocity = ~scene.immobile, None
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
         wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
-    beads = BeadData(scene.type_names, scene.bead_masses, scene.compat)
+    beads = BeadData(scene.type_names, scene.bead_masses, scene.compat, scene.initial_kT)
     return PairSpec(
         # numba would compile kernels of their own for the scene's read-only arrays
         types=scene.type_ids.copy() if left_out is None else np.where(left_out, np.int32(-1), scene.type_ids),
@@ -73,7 +73,7 @@ def pair_spec(
 def renew(scene: Scene, kept: Sequence[dict], spec: PairSpec, tables: Sequence[PairTable]) -> None:
     """Write other coefficients of the same kinds, for the same types and cutoffs, into the tables of a plan, ``kept``, layers before
     overlays, and of kernels that hold all pair terms."""
-    names, beads = scene.type_names, BeadData(scene.type_names, scene.bead_masses, scene.compat)
+    names, beads = scene.type_names, BeadData(scene.type_names, scene.bead_masses, scene.compat, scene.initial_kT)
     found = [table for table in (table.resolve(names) for table in tables) if any(c is not NONE for c in table.values())]
     found.sort(key=lambda table: resolved_kind(table).overlay is not None)
     held = [*spec.terms, *(extra for extra in spec.extras if isinstance(extra, RadialTerms))]

@@ -18,8 +18,14 @@ from ..forces.expressions import dpd_expression
 from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
+def _unit_time(cutoff: np.ndarray, beads: BeadData) -> float:
+    """The longest range times (m/kT)^(1/2), which bounds the step of the motion."""
+    return float(cutoff.max() * (beads.masses.max() / beads.kT) ** 0.5) if beads.kT > 0.0 else np.inf
+
+
 def _terms(table: Resolved, beads: BeadData) -> EnergyTable:
-    return EnergyTable(**symmetric_arrays(table, beads.names, "A sigma kappa cutoff"))
+    arrays = symmetric_arrays(table, beads.names, "A sigma kappa cutoff")
+    return EnergyTable(**arrays, unit_time=_unit_time(arrays["cutoff"], beads))
 
 
 def _fields(scene: Scene) -> FieldSpec:
@@ -73,7 +79,8 @@ register(
 def _thermal_terms(table: Resolved, beads: BeadData) -> ThermalTable:
     same = "A gamma kappa exponent exponent_T cutoff_T exponent_polynomial kappa_polynomial"
     ranges = {"cutoff_F": lambda c: c.cutoff, "cutoff": lambda c: max(c.cutoff, c.cutoff_T)}
-    return ThermalTable(**symmetric_arrays(table, beads.names, same, **ranges), lammps=beads.compat == "lammps")
+    arrays = symmetric_arrays(table, beads.names, same, **ranges)
+    return ThermalTable(**arrays, lammps=beads.compat == "lammps", unit_time=_unit_time(arrays["cutoff_T"], beads))
 
 
 def _temperatures(scene: Scene) -> FieldSpec:
@@ -90,7 +97,7 @@ def gains_energy(scene: Scene) -> str | None:
         return None
     text = (
         "the repulsion A T_m w of EDPD gives energy to beads of small heat capacity (here {:g} k_B) at any step, 0.13 kT per bead and unit "
-        "of time at A = 18.75, density 3, range 1 and 10 k_B, 0.006 at 100 k_B; use A = 0, EnergyDPD, or 1000 k_B and more"
+        "of time at A = 18.75, density 3, range 1 and 10 k_B, 0.005 at 100 k_B; use A = 0, EnergyDPD, or 1000 k_B and more"
     )
     least = scene.internal.heat_capacities(scene.n_beads).min()
     return text.format(least) if least < 1000.0 else None
@@ -121,7 +128,8 @@ register(
 
 def _species_terms(table: Resolved, beads: BeadData) -> SpeciesTable:
     ranges = {"cutoff_F": lambda c: c.cutoff, "cutoff": lambda c: max(c.cutoff, c.cutoff_c)}
-    return SpeciesTable(**symmetric_arrays(table, beads.names, "A gamma exponent cutoff_c kappa epsilon exponent_c", **ranges))
+    arrays = symmetric_arrays(table, beads.names, "A gamma exponent cutoff_c kappa epsilon exponent_c", **ranges)
+    return SpeciesTable(**arrays, unit_time=_unit_time(arrays["cutoff_c"], beads))
 
 
 def _concentrations(scene: Scene) -> FieldSpec:

@@ -22,11 +22,12 @@ Resolved = Mapping[tuple[str, str], Any]
 
 
 class BeadData(NamedTuple):
-    """What coefficients may depend on: names of the types, masses of the beads, and the scene's ``compat``."""
+    """What coefficients may depend on: names of the types, masses of the beads, the scene's ``compat``, and its kT at the start."""
 
     names: list[str]
     masses: np.ndarray
     compat: str = "consistent"
+    kT: float = 1.0
 
 
 class Curves(NamedTuple):
