@@ -26,6 +26,7 @@ _MOST = np.uint64(2048)
 #: Into so many parts a batch is divided, of each of which comes one pair after the other; so many hits are collected for it.  And where
 #: pairs of one bead are to be far apart.
 USUAL, SPREAD = (np.uint64(4), np.uint64(384)), (np.uint64(64), np.uint64(768))
+_FEW = USUAL[0]
 #: Cells of a large layer: beads of several such layers are more than a processor's second cache holds.
 _LARGE = 500
 #: Numbers on two lines of the processor's cache, which come together.
@@ -228,15 +229,25 @@ def _put(near, bead, hits, q, out, p):
 
 
 @inlined
-def _write(near, bead, hits, m, n, rows, longest2, out):
-    """Write hits as pairs number n and following; returns whether all are near enough.  Pairs that follow each other are of beads that are
-    apart, so that what is done with one of them need not wait for the one before it."""
-    g, apart, good = out.geometry, m // rows, True
+def _put_all(near, bead, hits, m, n, rows, out):
+    """Write hits as pairs number n and following: of each of so many parts in turn."""
+    apart = m // rows
     for k in range(apart):
         for row in range(rows):
             _put(near, bead, hits, row * apart + k, out, n + rows * k + row)
     for k in range(rows * apart, m):
         _put(near, bead, hits, k, out, n + k)
+
+
+@inlined
+def _write(near, bead, hits, m, n, rows, longest2, out):
+    """Write hits as pairs number n and following; returns whether all are near enough.  Pairs that follow each other are of beads that are
+    apart, so that what is done with one of them need not wait for the one before it."""
+    g, good = out.geometry, True
+    if rows == _FEW:  # known when this is compiled, which saves a tenth of all listing
+        _put_all(near, bead, hits, m, n, _FEW, out)
+    else:
+        _put_all(near, bead, hits, m, n, rows, out)
     for p in range(n, n + m):
         dx, dy, dz = g[0, p], g[1, p], g[2, p]
         r2 = dx * dx + dy * dy + dz * dz
