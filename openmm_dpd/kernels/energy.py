@@ -110,7 +110,7 @@ class EnergyLayer:
         self._find_temperatures(call.field_values, increments, "before the sweep")
         of_beads = v, increments, self.eos.capacity, self.eos.curve, *self.eos.curves, self.fields.immobile
         in_order = self._motion.v, self._u, self._inverse, self._capacity, self._curve, self._changes
-        sweep = (constant_sweep if self.pairs.spread else slow_constant_sweep) if self._constant else energy_sweep
+        sweep = _SWEEPS[self._constant, self.pairs.spread]
         if call.update == EXACT and self.pairs.spread:
             exchange.sum_around(self.pairs, self._around)
         noise = call.update, call.dt, call.key(self.number)
@@ -274,7 +274,11 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     return 0.0, 0.0, 0.0
 
 
-energy_sweep = over_pairs("energy_sweep", merged(_pair_exchange), first=_gather, last=_scatter, rounds=ROUNDS)
-_of_constants = merged(renamed(_pair_exchange, "constants_exchange", {"_CONSTANTS": True}))
-constant_sweep = over_pairs("constant_sweep", _of_constants, first=_gather, last=_scatter, rounds=ROUNDS)
-slow_constant_sweep = over_pairs("slow_constant_sweep", _of_constants, first=_gather, last=_scatter)
+_of_any, _of_constants = merged(_pair_exchange), merged(renamed(_pair_exchange, "constants_exchange", {"_CONSTANTS": True}))
+#: By whether all beads have constant heat capacities, and whether the list is spread.
+_SWEEPS = {
+    (False, True): over_pairs("energy_sweep", _of_any, first=_gather, last=_scatter, rounds=ROUNDS),
+    (False, False): over_pairs("slow_energy_sweep", _of_any, first=_gather, last=_scatter),
+    (True, True): over_pairs("constant_sweep", _of_constants, first=_gather, last=_scatter, rounds=ROUNDS),
+    (True, False): over_pairs("slow_constant_sweep", _of_constants, first=_gather, last=_scatter),
+}

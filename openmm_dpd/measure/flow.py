@@ -256,8 +256,7 @@ class ProfileReporter(BuiltReporter):
         assert present.box is not None
         edge = present.box[self._axis, self._axis]
         x = present.x[self._mobile, self._axis] / edge
-        force = present.conservative().force if needs_forces(self.built.plan.options.scheme) else np.zeros_like(present.x)
-        v = present.on_step(force)
+        force, v = present.seen()
         mass = self.built.plan.scene.bead_masses[self._mobile]
         slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
         total = sums_in_slices(slab, mass, self.bins)

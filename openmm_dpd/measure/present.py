@@ -26,7 +26,7 @@ from ..plan.made import acting, groups_of, masses_of
 from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
 from ..simulation.fields import per_dof, raw_fields
-from .stress_parts import Part, charge_evaluator, kinetic_deficit, kinetic_stress, stress_parts
+from .stress_parts import Part, charge_evaluator, kinetic_deficit, kinetic_stress, needs_forces, stress_parts
 from .temperature import noise_state
 
 
@@ -282,6 +282,11 @@ class Present:
     def on_step(self, force: np.ndarray | None) -> np.ndarray:
         """Velocities at the time of the positions, (N, 3); those of some schemes lag by part of a kick."""
         return self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
+
+    def seen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Conservative forces (N, 3), 0 if kinetic stresses of the scheme need none, and velocities at the time of the positions."""
+        force = self.conservative().force if needs_forces(self.plan.options.scheme) else np.zeros_like(self.x)
+        return force, self.on_step(force)
 
     @property
     def corrected(self) -> bool:

@@ -8,7 +8,6 @@ from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.flow import Wall
 from ..model.pairs import describe
 from .kinds import bonded_kind
-from .kinds.fields import gains_energy
 from .pair_spec import longest
 from .plan import Plan
 
@@ -132,8 +131,7 @@ def _field_text(plan: Plan) -> str:
         text += "; equation of state " + ", ".join(f"{name}: {state}" for name, state in zip(plan.scene.type_names, eos, strict=True))
     if fields.kind == TEMPERATURE and plan.scene.compat == "lammps":
         text += "; heat as LAMMPS computes it (compat), which does not conserve energy"
-    if gain := gains_energy(plan.scene):
-        text += f"; {gain}"
+    text += "".join(f"; {caution}" for kind in plan.kinds if (caution := kind.caution(plan.scene)))
     return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
 
 

@@ -19,7 +19,6 @@ from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms
 from ..plan.forces.bonded import MOLECULES
 from ..plan.forces.pair_force import PairForceFunction
-from ..plan.kinds.fields import gains_energy
 from ..plan.made import Made
 from ..plan.pair_spec import extras
 from ..plan.plan import Plan, make_plan
@@ -103,8 +102,8 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
         program=program,
     )
     run_in(built, system, system.getForces(), "build()")
-    if gain := gains_energy(scene):
-        logging.getLogger("openmm_dpd").warning("%s", gain)
+    for caution in filter(None, (kind.caution(scene) for kind in plan.kinds)):
+        logging.getLogger("openmm_dpd").warning("%s", caution)
     return built
 
 

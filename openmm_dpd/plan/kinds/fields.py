@@ -90,11 +90,12 @@ def _temperatures(scene: Scene) -> FieldSpec:
     return FieldSpec(TEMPERATURE, internal.values(scene.n_beads), scene.immobile, capacity=capacity, sources=tuple(scene.sources))
 
 
-def gains_energy(scene: Scene) -> str | None:
+def _gains_energy(scene: Scene) -> str | None:
     """Why beads of eDPD gain energy at any step, if they do: A T_m w follows temperatures without heat (docs/measure/heat_steps.py)."""
     pairs = [value for table in scene.tables for value in table.resolve(scene.type_names).values()]
-    if not isinstance(scene.internal, BeadTemperatures) or not any(isinstance(pair, EDPD) and pair.A for pair in pairs):
+    if not any(isinstance(pair, EDPD) and pair.A for pair in pairs):
         return None
+    assert isinstance(scene.internal, BeadTemperatures)
     text = (
         "the repulsion A T_m w of EDPD gives energy to beads of small heat capacity (here {:g} k_B) at any step, 0.13 kT per bead and unit "
         "of time at A = 18.75, density 3, range 1 and 10 k_B, 0.005 at 100 k_B; use A = 0, EnergyDPD, or 1000 k_B and more"
@@ -118,6 +119,7 @@ register(
         frictions=lambda c, _: [(c.gamma, 0.5 * c.exponent)],
         field_text="temperature of the bead",
         no_sweep=_no_sweep,
+        caution=_gains_energy,
         why_no_laplacian=lambda _: "the repulsion depends on the temperatures of the beads (EDPD)",
         unlike_lammps="pair edpd: friction, noise and conduction keep the energy here, which LAMMPS's heat does not (--compat lammps "
         "computes it): with --scheme middle to rounding, with mvv to first order in the step (in in.edpd, at a step of 0.01, the mean "
