@@ -131,7 +131,7 @@ def _field_text(plan: Plan) -> str:
         text += "; equation of state " + ", ".join(f"{name}: {state}" for name, state in zip(plan.scene.type_names, eos, strict=True))
     if fields.kind == TEMPERATURE and plan.scene.compat == "lammps":
         text += "; heat as LAMMPS computes it (compat), which does not conserve energy"
-    text += "".join(f"; {caution}" for kind in plan.kinds if (caution := kind.caution(plan.scene)))
+    text += "".join(f"; {caution}" for kind in plan.kinds if kind.caution and (caution := kind.caution(plan.scene)))
     return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
 
 

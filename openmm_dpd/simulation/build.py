@@ -102,7 +102,7 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
         program=program,
     )
     run_in(built, system, system.getForces(), "build()")
-    for caution in filter(None, (kind.caution(scene) for kind in plan.kinds)):
+    for caution in filter(None, (kind.caution(scene) for kind in (plan.kinds if plan.spec.fields else ()) if kind.caution)):
         logging.getLogger("openmm_dpd").warning("%s", caution)
     return built
 

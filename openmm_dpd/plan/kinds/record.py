@@ -57,7 +57,7 @@ class Kind:
     field_text: str = ""  #: What the per-DOF variables hold
     #: (of a Scene) why no scheme with sweeps runs it, a sentence that begins with its name, or None
     no_sweep: Callable[[Scene], str | None] = lambda _: None
-    caution: Callable[[Scene], str | None] = lambda _: None  #: What to know of its physics: said at build, and by explain
+    caution: Callable[[Scene], str | None] | None = None  #: What to know of its beads' fields: said at build, and by explain
     #: Why OpenMM's DPDIntegrator cannot apply its friction, a part of a sentence, or None
     why_not_native: Callable[[Any], str | None] | None = None
     #: Why there is no Laplacian of the potential, hence no configurational temperature, or None
