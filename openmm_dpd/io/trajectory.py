@@ -23,7 +23,7 @@ from openmm import app, unit
 from ..base.errors import ParameterError
 from ..base.garbage import nothing_collected
 from ..base.units import whole_number
-from ..model.scene import box_vectors
+from ..model.box import box_vectors
 from .psf import SEGMENT, Beads, checked_bonds, molecule_numbers, read_psf, residue_names, runs, write_psf as write_psf
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from openmm import unit
 
 from ..base.errors import ParameterError, what_is
 from ..base.units import thermal_energy, whole_number
+from ..model.box import box_vectors
 from ..model.pairs import checked
-from ..model.scene import box_vectors
 from ..model.sources import Block, Sphere
 from .mixture import Mixture
 from .molecule import Molecule

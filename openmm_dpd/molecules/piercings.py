@@ -10,7 +10,7 @@ from openmm import app
 from ..base.errors import ParameterError, what_is
 from ..base.geometry import minimum_images, pairs_within, widths
 from ..base.units import position_array, whole_number
-from ..model.scene import box_vectors
+from ..model.box import box_vectors
 
 
 def neighbours_of(bonds: np.ndarray, n: int) -> list[list[int]]:

@@ -13,8 +13,8 @@ from ..base.errors import ParameterError, RunError, fact_table, what_is
 from ..base.geometry import minimum_images, widths
 from ..base.platforms import platform_here
 from ..base.units import BOLTZMANN, to_md, whole_number
+from ..model.box import box_vectors
 from ..model.pairs import DPD
-from ..model.scene import box_vectors
 from ..plan.made import LISTED, checked_positions, degrees_of_freedom, masses_of
 from ..simulation.thermostat import add_thermostat
 from .piercings import Piercing, bonds_of_topology, find_piercings, pushed_out

@@ -16,7 +16,7 @@ from ..base.errors import ParameterError, PlanError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
 from ..base.openmm_private import bare
 from ..base.units import position_array
-from ..model.scene import box_vectors
+from ..model.box import box_vectors
 from .program_options import ProgramOptions
 
 #: Barostats of OpenMM's: they are forces of a System, but exert none.
