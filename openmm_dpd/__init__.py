@@ -35,6 +35,7 @@ from .model.angles import (
     OPLSDihedrals as OPLSDihedrals,
     PeriodicAngles as PeriodicAngles,
 )
+from .model.bodies import Body as Body
 from .model.bonds import FENEBonds as FENEBonds, HarmonicBonds as HarmonicBonds, MorseBonds as MorseBonds
 from .model.edpd import EDPD as EDPD
 from .model.electrostatics import GaussianCharges as GaussianCharges, SlaterCharges as SlaterCharges

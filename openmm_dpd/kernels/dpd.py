@@ -1,5 +1,6 @@
 """The layer of isothermal DPD terms: repulsion, friction and noise, radial and transverse."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,17 @@ from .pairs import PairList
 _TERMS = CONSERVATIVE | DISSIPATIVE | RANDOM
 #: Each doubling that makes up for a halving rounds once.
 _MOST_HALVINGS = 8
+
+
+def _with_bodies(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The coefficients of T types, of 2T types: those of free beads, then those of beads in bodies; and the same without the friction of
+    the latter."""
+    types = math.isqrt(len(coefficients))
+    whole = np.tile(coefficients.reshape(types, types, -1), (2, 2, 1))
+    free = whole.copy()
+    for column in (GAMMA, SIGMA):
+        free[types:, :, column] = free[:, types:, column] = 0.0
+    return whole.reshape(4 * types * types, -1), free.reshape(4 * types * types, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +67,14 @@ class SweptLayer:
     passed: np.ndarray | None = None
     #: Whether its forces can be written with the conservative ones apart.
     parts_forces = False
+    #: What sweeps over pairs with beads of rigid bodies, if there are any.
+    bodies: Any = None
 
     def __init__(self, table: Any, number: int, pairs: PairList, plain: bool, transverse: bool):
         self.table, self.number, self.pairs = table, number, pairs
         self._plain, self._transverse, self._motion = plain, transverse, SortedMotion(pairs)
         # of the last two temperatures: a step asks for conservative forces, at 0, and for friction
-        self._coefficients: dict[float, np.ndarray] = {}
+        self._coefficients: dict[float, tuple[np.ndarray, np.ndarray]] = {}
         # scratch, in the order of the list; made when it is wanted
         self._apart = np.zeros((0, 3))
         self._inv_mass = (pairs.common_inv_mass or None) if plain else None
@@ -69,16 +83,18 @@ class SweptLayer:
         """See :meth:`.interface.Engine.renew`."""
         self._coefficients.clear()
 
-    def _at(self, kT: float) -> np.ndarray:
+    def _at(self, kT: float, free: bool = False) -> np.ndarray:
+        """Coefficients; with ``free`` those of the sweep over pairs of free beads, in which beads of bodies have no friction."""
         if kT not in self._coefficients:
             if len(self._coefficients) > 1:
                 self._coefficients.clear()
-            self._coefficients[kT] = self.table.coefficients(kT)
-        return self._coefficients[kT]
+            found = self.table.coefficients(kT)
+            self._coefficients[kT] = (found, found) if self.bodies is None else _with_bodies(found)
+        return self._coefficients[kT][free]
 
     def coefficients_at(self, heats: np.ndarray) -> np.ndarray | None:
         """(S, T*T, ...) coefficients at S thermal energies, if sigma alone depends on them."""
-        if np.isnan(self.table.gamma).any():
+        if np.isnan(self.table.gamma).any() or self.bodies is not None:
             return None
         tables = np.repeat(self.table.coefficients(1.0)[None], len(heats), axis=0)
         for sigma, gamma in ((SIGMA, GAMMA), (SIGMA_PERP, GAMMA_PERP)):
@@ -87,13 +103,15 @@ class SweptLayer:
 
     def sweep(self, call: Call, v: np.ndarray, increments: np.ndarray | None) -> None:
         """Update the velocities (N, 3) pair by pair, in place."""
-        coefficients, inv_mass, halvings = self._at(call.kT), self._inv_mass, 0
+        coefficients, inv_mass, halvings = self._at(call.kT, True), self._inv_mass, 0
         if inv_mass is not None:
             halvings = sweeps.halvings(call.update, coefficients[0, GAMMA] * 2.0 * inv_mass * call.dt)
         plain = inv_mass is not None and halvings <= _MOST_HALVINGS
         noise = call.kT, call.dt, call.key(self.number)
         terms = sweeps.Sweep(call.update, plain, halvings, *noise, coefficients, v, self._motion.v)
         self.passed = sweeps.sweep(self.pairs, terms, self._transverse).stress
+        if self.bodies is not None:
+            self.bodies.sweep(self.pairs, call.update, *noise, self._at(call.kT), v)
 
     def tensors(self, v: np.ndarray, kT: float) -> tuple[np.ndarray, np.ndarray, float]:
         """See :meth:`.interface.Engine.tensors`."""
@@ -107,7 +125,11 @@ class DPDLayer(SweptLayer):
     repels_by_pairs = repeats = True
 
     def __init__(self, table: TermTable, spec: PairSpec, number: int):
-        pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=True)
+        types, cutoff, bodies = spec.types, table.cutoff, spec.bodies
+        if bodies is not None:  # beads of bodies have types of their own
+            types, cutoff = types.copy(), np.tile(cutoff, (2, 2))
+            types[bodies.beads] += np.where(types[bodies.beads] < 0, 0, len(table.cutoff)).astype(types.dtype)
+        pairs = PairList(types, spec.inv_mass, cutoff, spec.exceptions, passes=bodies is None)
         transverse = bool(np.any(table.gamma_perp != 0.0))
         plain = bool(pairs.alike and table.exponent.flat[0] == 1.0 and not transverse)
         super().__init__(table, number, pairs, plain, transverse)

@@ -12,6 +12,7 @@ import numpy as np
 from ..base.errors import RunError
 from ..runtime import announced
 from . import motion
+from .bodies import Bodies
 from .columns import Totals
 from .dpd import SweptLayer
 from .eos import CONSTANT
@@ -40,6 +41,10 @@ class PairEngine(Engine):
             self.set_flow(np.zeros(1))
             for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
                 pairs.slides = True
+        if spec.bodies is not None:
+            self.bodies = Bodies(spec.bodies, len(spec.types))
+            for layer in self.layers:
+                layer.bodies = self.bodies  # type: ignore[attr-defined]  # of all that know them
         self._inv_mass = self._prescribed = None
         if spec.wall_velocity is not None:
             self._inv_mass, self._prescribed = spec.inv_mass.copy(), spec.wall_velocity.copy()
@@ -119,8 +124,12 @@ class PairEngine(Engine):
             if given is not None:
                 self.increments += given
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
+        if self.bodies is not None:
+            self.bodies.look(self._x, out)
         for layer in self.layers:
             layer.sweep(call, out, self.increments)
+        if self.bodies is not None:
+            self.bodies.write(out)
         if given is not None:
             self.increments += given
         return out
@@ -181,7 +190,7 @@ class PairEngine(Engine):
         return self.lists[0].order.copy()
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
-        for each in (*self.lists, *self.extras):
+        for each in (*self.lists, *self.extras, *([self.bodies] if self.bodies is not None else ())):
             each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
         if self._prescribed is not None:
             np.take(self.spec.inv_mass, names, out=self._inv_mass)

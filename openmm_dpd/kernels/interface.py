@@ -1,6 +1,6 @@
 """The interface of engines, which loops over steps, the pair force, fields and measurements use."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,6 +20,7 @@ class Engine(Protocol):
     body_scale: float  #: Factor of forces on single beads
     rates: np.ndarray  #: (N, K) rates of change of the fields from the last call of :meth:`sums`
     increments: np.ndarray  #: (N, K) changes of the fields from the last call of :meth:`swept`
+    bodies: Any = None  #: What moves rigid bodies, a :class:`.bodies.Bodies`, if there are any
 
     def holds(self, x: np.ndarray, box: np.ndarray | None) -> bool:
         """Whether x and the box are those that are kept."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -127,3 +127,4 @@ class PairSpec:
     sweeps: bool = True  #: Whether the scheme sweeps over pairs at all
     extras: tuple[Extra, ...] = ()  #: Conservative forces beside the pair terms (see :mod:`.extras`)
     sheared: bool = False  #: Whether there is a Lees-Edwards shear
+    bodies: Any = None  #: Rigid bodies, a :class:`.bodies.BodySpec`, if there are any

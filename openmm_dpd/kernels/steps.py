@@ -12,7 +12,7 @@ import numpy as np
 from ..base.errors import RunError
 from ..base.signals import CTRL_C
 from ..runtime import Tape, threads_for
-from . import motion
+from . import bodies, motion
 from .columns import Totals
 from .driven import continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
@@ -241,10 +241,10 @@ class StepLoop:
         """Kick by a force and drift; returns how many beads have to be watched (in a shear :meth:`_look` finds most of them)."""
         if time:
             self.valid.drift()
-        flat = m.x.ravel(), m.v.ravel(), force.ravel(), self.masses.components
+        flat = force.ravel(), self.masses.components
         if time:
             self._slide(m, time, BEFORE, m.v)
-        found = motion.move(*flat, kick, time, self._limit(m) if m.flow is None else np.inf)
+        found = bodies.move_all(self.engine.bodies, m, *flat, kick, time, self._limit(m) if m.flow is None else np.inf)
         if time:
             self._slide(m, 0.0, AFTER, m.v)
         return found
@@ -358,13 +358,14 @@ class StepLoop:
                 seen = m.values + self.spec.field_lam * dt * m.rates  # type: ignore[operator]  # where there are values
             motion.advance(m.values, m.rates, 0.5 * dt)
         self.valid.drift()
-        flat = m.x.ravel(), m.v.ravel(), m.acc.ravel(), self.masses.moving  # type: ignore[union-attr]  # carry_out has seen to it
+        flat = m.acc.ravel(), self.masses.moving  # type: ignore[union-attr]  # carry_out has seen to it
         moving = (m.v,) if predicted is None else (predicted, m.v)
         self._slide(m, dt, BEFORE, *moving)
         if guide.limits:
-            motion.move(*flat, 0.5 * dt, 0.0, np.inf)
+            bodies.move_all(self.engine.bodies, m, *flat, 0.5 * dt, 0.0, np.inf)
             guide.limit(m)
-        fast = motion.move(*flat, 0.0 if guide.limits else 0.5 * dt, dt, self._limit(m) if m.flow is None else np.inf)
+        limit = self._limit(m) if m.flow is None else np.inf
+        fast = bodies.move_all(self.engine.bodies, m, *flat, 0.0 if guide.limits else 0.5 * dt, dt, limit)
         self._slide(m, 0.0, AFTER, *moving)
         self._reflect(m, *moving)
         guide.place(m, moving[0])
@@ -394,6 +395,6 @@ class StepLoop:
         self._sum(which, self._seen(m, v)[0], m.kT, m.dt, m.seed, m.counter, values, **apart)
         step = m.number + (kick > 0.0)
         force = m.guide.forces(m, v, self.force if m.others is None else self.force + m.others(m, step), step)
-        motion.accelerate(m.acc.ravel(), m.v.ravel(), force.ravel(), self.masses.components, kick)  # type: ignore[union-attr]
+        bodies.accelerate_all(self.engine.bodies, m, force.ravel(), self.masses.components, kick)
         if values is not None:
             motion.take_moving(m.rates, self.engine.rates, self.masses.inverse)

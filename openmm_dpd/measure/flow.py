@@ -212,7 +212,7 @@ class VelocityProfile:
 
 
 class ProfileReporter(BuiltReporter):
-    """Reporter that records velocities in slabs; immobile beads are left out.
+    """Reporter that records velocities in slabs; immobile beads and those of rigid bodies are left out.
 
     In a Lees-Edwards shear, velocities are those of the beads wrapped into the box.
 
@@ -248,6 +248,8 @@ class ProfileReporter(BuiltReporter):
         self._mass, self._freedom, self._square, self._density = np.zeros((4, self.bins))
         self._edges: list[float] = []
         self._mobile, self._present = built.plan.spec.inv_mass > 0, Present(built)
+        if self._present.bodies is not None:
+            self._mobile &= ~self._present.bodies.inside_bodies
 
     def report(self, simulation, state):
         """Take one sample."""

@@ -66,6 +66,8 @@ class SceneSampler:
         )
         if overlays:
             return overlays
+        if self.plan.scene.bodies:
+            return "the Laplacian of the energy of rigid bodies is not known"
         if self.plan.scene.segments is not None:
             return "the segmental repulsion has no Laplacian here"
         if self.plan.scene.electrostatics is not None:
@@ -142,7 +144,7 @@ class SceneSampler:
             improper=improper,
             coulomb_real=short,
             coulomb_reciprocal=lattice,
-            virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()),
+            virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()) - present.inside(found.force),
             virial_dissipative=friction.dissipative,
             virial_random=friction.random,
             gradient2=2.0 * self._half(self._counted, found.force),
@@ -203,9 +205,9 @@ class SceneSampler:
 
     @cached_property
     def _free(self) -> tuple[int, int]:
-        """Numbers of velocity components of the mobile beads, and of conserved components of momentum."""
+        """Numbers of velocity components of the mobile beads and bodies, and of conserved components of momentum."""
         scene = self.plan.scene
-        return 3 * self._n_mobile if scene.interacting is None else int(scene.interacting[self._mobile].sum()), scene.kept_momenta
+        return scene.freedom if scene.interacting is None else int(scene.interacting[self._mobile].sum()), scene.kept_momenta
 
     def _internal(self, values: np.ndarray | None, mobile: np.ndarray) -> dict[str, Any]:
         """Sums of the internal energies of the mobile beads by their names in :class:`Sample`; empty if there are none."""

@@ -15,6 +15,7 @@ from ..base.errors import ParameterError
 from ..base.names import PAIR_FORCE, SHEARED, SLOW_STEP
 from ..base.openmm_private import bare, vectors
 from ..kernels import motion
+from ..kernels.bodies import Bodies
 from ..kernels.charges import ChargeEvaluator
 from ..kernels.columns import Totals
 from ..kernels.fields import TEMPERATURE
@@ -51,6 +52,8 @@ def why_no_stress(plan: Plan) -> str | None:
     """Why there is no stress tensor of a scene, or None."""
     if plan.scene.box is None:
         return "there is no periodic box"
+    if plan.spec.bodies is not None:
+        return "that of the forces that keep bodies rigid is not known"
     if plan.spec.fields is not None:
         return "its beads have energies, temperatures or concentrations"
     if plan.engine.lacks(["stress"]):
@@ -86,6 +89,7 @@ class Present:
         self._own = self.plan.new_engine() if self.plan.layers and whole is None else None
         self._groups = built.integrator.getIntegrationForceGroups()
         self.mass, self._deficit = masses_of(built.system), kinetic_deficit(self.plan.options.scheme)
+        self.bodies = None if self.plan.spec.bodies is None else Bodies(self.plan.spec.bodies, len(self.mass))
         self.changed: np.ndarray | None = None
         #: Number of forces in the System when only the pair force acts.
         self._alone: int | None = None
@@ -156,7 +160,7 @@ class Present:
             or scene.interacting is not None
         ):
             return False
-        return not (scene.electrostatics or scene.shear or plan.driven or plan.options.ramp)
+        return not (scene.bodies or scene.electrostatics or scene.shear or plan.driven or plan.options.ramp)
 
     @property
     def loop(self) -> Stepper | None:
@@ -199,12 +203,18 @@ class Present:
             total, counted = last.force, last.totals
             if conservative.force is not conservative.held:
                 total = conservative.force + (total - conservative.held)
-            return FrictionSums(total, counted.drag, counted.virial - conservative.pairs.virial - counted.drag)
+            inside = self.inside(total - conservative.force)
+            return FrictionSums(total, counted.drag, counted.virial - conservative.pairs.virial - counted.drag - inside)
         force, which = np.empty_like(self.x), DISSIPATIVE
         if self.plan.options.predicting:
             v, which = self.force_velocities(), DISSIPATIVE | RANDOM
         found = engine.sums(which, v, self.kT, self.dt, self.seed, self.counter, self.values, force)
-        return FrictionSums(conservative.force + force if which & RANDOM else conservative.force, found.drag, found.virial - found.drag)
+        total, drag = conservative.force + force if which & RANDOM else conservative.force, found.drag - self.inside(force)
+        return FrictionSums(total, drag, found.virial - found.drag)
+
+    def inside(self, force: np.ndarray) -> float:
+        """What is to be taken off a virial because of forces (N, 3) on beads of rigid bodies, whose pressure is that on their centres."""
+        return 0.0 if self.bodies is None else self.bodies.inside(self.x, force)
 
     @property
     def _last_step(self) -> LastStep | None:
@@ -281,7 +291,10 @@ class Present:
     # -- velocities --------------------------------------------------------------------------------------------------------------
     def on_step(self, force: np.ndarray | None) -> np.ndarray:
         """Velocities at the time of the positions, (N, 3); those of some schemes lag by part of a kick."""
-        return self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
+        found = self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
+        if self.bodies is not None and found is not self.v:
+            self.bodies.carry(self.x, found, 0.0)
+        return found
 
     def seen(self) -> tuple[np.ndarray, np.ndarray]:
         """Conservative forces (N, 3), 0 if kinetic stresses of the scheme need none, and velocities at the time of the positions."""
@@ -290,12 +303,16 @@ class Present:
 
     @property
     def corrected(self) -> bool:
-        """Whether the kinetic stress needs a correction of sum m v v for the scheme."""
-        return self._deficit != 0.0
+        """Whether the kinetic stress is not just the sum of m v v: it needs a correction for the scheme, or bodies turn."""
+        return self._deficit != 0.0 or self.bodies is not None
 
     def kinetic_stress(self, v: np.ndarray, force: np.ndarray | None, product: Callable | None = None):
-        """Kinetic stress of the mobile beads with velocities v under conservative forces, :func:`.stress_parts.kinetic_stress`."""
+        """Kinetic stress of the mobile beads with velocities v under conservative forces, :func:`.stress_parts.kinetic_stress`; of rigid
+        bodies that of their centres."""
         rest = {} if product is None else {"product": product}
+        if self.bodies is not None:
+            v = self.bodies.centred(v)
+            force = None if force is None else self.bodies.centred(force * self.plan.spec.inv_mass[:, None]) * self.mass[:, None]
         return kinetic_stress(self._deficit, self.mass, v, force, self.dt, self.plan.spec.inv_mass, **rest)
 
     def force_velocities(self) -> np.ndarray:

@@ -140,6 +140,7 @@ def _why_not(plan: Plan) -> str | None:
         f"the scheme {scheme.name!r} is no word": not scheme.letters,
         f"the scheme {scheme.name!r} has more than one sweep": sum(letter in SWEEPS for letter, _ in scheme.letters) > 1,
         "walls reflect beads": bool(scene.walls),
+        "rigid bodies turn": bool(scene.bodies),
         "a shear does work": scene.shear is not None,
         "kicks by charges or by forces on single beads are not part of the word": bool(scene.electrostatics or scene.body_forces),
         "the temperature follows a ramp": plan.options.ramp is not None,

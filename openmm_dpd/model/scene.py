@@ -8,6 +8,7 @@ import numpy as np
 from ..base.errors import ParameterError, bead_number, either, fact_table, what_is
 from ..base.units import keep, known_under, thermal_energy, to_md
 from .angles import Angles, Dihedrals, check_angles, check_torsions
+from .bodies import Body, Shape, check_bodies
 from .bonds import BondedTerms, Bonds, check_members
 from .box import box_vectors
 from .electrostatics import EwaldSum, SmearedCharges, checked_ewald, special_factors
@@ -82,6 +83,8 @@ class Scene:
         Dihedrals along three successive bonds, and impropers.  They do not affect ``bonded_factors``, which follow from the bonds.
     shear : LeesEdwards, optional
         Shear by sliding images.  ``velocities``, if given, include the flow.
+    bodies : sequence of Body
+        Rigid bodies: beads that move together.
 
     Raises
     ------
@@ -115,9 +118,11 @@ class Scene:
     dihedrals: Sequence[Dihedrals] = ()
     shear: LeesEdwards | None = None
     impropers: Sequence[Impropers] = ()
+    bodies: Sequence[Body] = ()
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
     gaps: Mapping[int, Gap] = field(init=False, repr=False)  #: Gap between the walls, by the number of the axis
+    shapes: tuple[Shape, ...] = field(init=False, repr=False)  #: Of the bodies
     ewald: EwaldSum | None = field(init=False, repr=False)  #: Settings of the lattice sum, if charges interact in a box
 
     def __post_init__(self):
@@ -158,6 +163,8 @@ class Scene:
         self._check_flow()
         put("ewald", checked_ewald(self.electrostatics, self.charges, self.box, self.initial_kT))
         check_shear(self.shear, self)
+        self._check_kinds("bodies", Body)
+        put("shapes", check_bodies(self.bodies, self))
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
 
@@ -189,6 +196,7 @@ class Scene:
             "bonds": len(self.bond_pairs) or None,
             "charges": None if self.charges is None else np.count_nonzero(self.charges),
             "immobile beads": int(self.immobile.sum()) or None,
+            "rigid bodies": len(self.bodies) or None,
             "shear": None if self.shear is None else str(self.shear),
         }
 
@@ -200,7 +208,15 @@ class Scene:
             return 0
         places = [force.formulas for force in self.body_forces if isinstance(force, PositionForce)]
         pushed = {axis for formulas in places for axis, formula in zip("xyz", formulas, strict=True) if formula.strip() != "0"}
-        return 3 - len(pushed | {wall.axis for wall in self.walls})
+        return 3 - len(
+            pushed | {wall.axis for wall in self.walls} | {axis for body in self.bodies for axis in "xyz" if axis not in body.moves}
+        )
+
+    @property
+    def freedom(self) -> int:
+        """Number of ways in which mobile beads move: three for each, but of a body those of the whole."""
+        bound = sum(3 * len(shape.mass) - shape.freedom for shape in self.shapes)
+        return 3 * int(np.count_nonzero(~self.immobile)) - bound
 
     @property
     def n_beads(self) -> int:

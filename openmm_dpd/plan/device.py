@@ -73,6 +73,7 @@ def chosen_engine(
         f"it has no {beyond}": beyond is not None,
         "it has no beads on which only body forces act": scene.interacting is not None,
         "it has no Lees-Edwards shear": scene.shear is not None,
+        "it has no rigid bodies": bool(scene.bodies),
         "it has no walls that move or have something behind them": driven,
         "it has no several tables": len(kinds) > 1,
         f"it takes no more than {MOST_BEADS:,} beads": scene.n_beads > MOST_BEADS,

@@ -105,13 +105,29 @@ def why_no_loop(
     return next((reason for reason, holds in reasons.items() if holds), None)
 
 
-def check_sheared(why_no_loop: str | None, platform: str | None) -> None:
-    """Raise PlanError if a scene with Lees-Edwards shear would not run in whole steps with double precision; ``why_no_loop`` is the reason
-    why there are no whole steps."""
+def check_whole_steps(what: str, why_no_loop: str | None, platform: str | None) -> None:
+    """Raise PlanError if a scene with ``what`` would not run in whole steps with double precision; ``why_no_loop`` is the reason why there
+    are no whole steps."""
     if platform not in DOUBLE_PLATFORMS:
         why_no_loop = f"positions that are never folded back lose their digits on the platform {platform}; take CPU or Reference"
     if why_no_loop is not None:
-        raise PlanError(f"Lees-Edwards shear needs the pair kernel's whole steps in double precision: {why_no_loop}")
+        raise PlanError(f"{what} the pair kernel's whole steps in double precision: {why_no_loop}")
+
+
+def check_rigid(
+    scene: Scene, kinds: Sequence[Kind], layers: Sequence[Mapping], lam: float, why_no_loop: str | None, platform: str | None
+) -> None:
+    """Raise PlanError if rigid bodies of a scene would not move as such; ``why_no_loop`` as in :func:`check_whole_steps`."""
+    if not scene.bodies:
+        return
+    check_whole_steps("rigid bodies need", why_no_loop, platform)
+    beyond = next((kind.name for kind in kinds if kind.name != "DPD"), None)
+    if beyond is not None:
+        raise PlanError(f"rigid bodies need pairs with friction of isothermal DPD, not of {beyond}")
+    if any(c is not NONE and c.gamma_perp for layer in layers for c in layer.values()):
+        raise PlanError("friction across the line between beads (gamma_perp) does not act on rigid bodies; leave it out")
+    if lam != 0.5:
+        raise PlanError("velocities of rigid bodies are not predicted: lam must be 0.5")
 
 
 def why_parts(

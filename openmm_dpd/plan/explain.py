@@ -54,6 +54,8 @@ def explain_plan(plan: Plan) -> str:
         lines.append(f"beads on which only body forces act, along x/y/z: {counts}")
     if scene.shear is not None:
         lines.append(f"Lees-Edwards shear along x, growing with y: {scene.shear}")
+    if scene.bodies:
+        lines.append(f"{len(scene.bodies)} rigid bodies of {sum(len(body.beads) for body in scene.bodies)} beads")
     for axis, gap in scene.gaps.items():
         lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {in_length(gap.low)} to {in_length(gap.high)}")
         lines += [f"  {_wall_text(wall)}" for wall in gap.sides.values() if wall.driven]

@@ -5,7 +5,9 @@ from itertools import groupby
 
 import numpy as np
 
+from ..base.geometry import pairs_within
 from ..kernels import external
+from ..kernels.bodies import BodySpec
 from ..kernels.external import BodyTerms
 from ..kernels.extras import Extra
 from ..kernels.fields import FieldSpec
@@ -35,6 +37,16 @@ def neighbour_factors(scene: Scene) -> tuple[Factors, Factors]:
         {pair: factors[k - 1] for k, pairs in found.items() if factors[k - 1] != 1.0 for pair in pairs} for factors in asked
     )
     return pair_terms, of_charges
+
+
+def inner_factors(scene: Scene, reach: float) -> Factors:
+    """Factors 0 of pairs within bodies that do not count their inner energies, as far as pair terms reach."""
+    found: Factors = {}
+    for shape in scene.shapes:
+        beads = shape.body.beads
+        i, j, _ = pairs_within(shape.places, None, None, reach) if not shape.body.inner else (beads[:0],) * 3
+        found |= {(min(pair), max(pair)): 0.0 for pair in zip(beads[i].tolist(), beads[j].tolist(), strict=True)}
+    return found
 
 
 def longest(layers: Sequence[dict]) -> float:
@@ -67,6 +79,7 @@ def pair_spec(
         fields=fields,
         sweeps=scheme.sweeps,
         sheared=scene.shear is not None,
+        bodies=BodySpec.of(scene.shapes) if scene.shapes else None,
     )
 
 

@@ -25,10 +25,19 @@ from .charge_forces import few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, listed, platform_name, predicting
 from .continuum import check_driven, driven_walls
 from .device import DEVICE, chosen_engine
-from .execution import DOUBLE_PLATFORMS, Execution, check_sheared, conservative_place, why_no_loop, why_not_native, why_parts
+from .execution import (
+    DOUBLE_PLATFORMS,
+    Execution,
+    check_rigid,
+    check_whole_steps,
+    conservative_place,
+    why_no_loop,
+    why_not_native,
+    why_parts,
+)
 from .kinds import Kind, bonded_kind, resolved_kind
 from .made import Host
-from .pair_spec import Factors, longest, neighbour_factors, pair_spec
+from .pair_spec import Factors, inner_factors, longest, neighbour_factors, pair_spec
 from .program_options import ProgramOptions, field_options, tau_ratio
 
 #: Coefficients by pair of types, all of one kind.
@@ -149,6 +158,7 @@ class Plan:
             "scenes without a box": scene.box is None,
             "tilted boxes": scene.box is not None and bool(np.any(np.tril(scene.box, -1))),
             "Lees-Edwards shear": scene.shear is not None,
+            "rigid bodies": bool(scene.bodies),
             "factors of bonded neighbours": bool(self.exceptions),
             "immobile beads": bool(scene.immobile.any()),
             "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
@@ -258,6 +268,7 @@ def make_plan(
             f"only scheme={predicting()} can do that"
         )
     (exceptions, charge_exceptions), reach = neighbour_factors(scene), longest(layers)
+    exceptions |= inner_factors(scene, max(reach, longest(overlays)))
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     rubs = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())
     thermostat = rubs or guide is not None  # a guide changes forces, which has steps of mvv only
@@ -266,6 +277,7 @@ def make_plan(
     double, driven = platform in DOUBLE_PLATFORMS, any(wall.driven for wall in scene.walls)
     check_driven(scene, chosen, tables, thermostat)
     only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
+    only = only or ("rigid bodies need whole steps of the pair kernel" if scene.bodies else None)
     only = only or (None if guide is None or not repulsive else f"{guide.what} need whole steps of the pair kernel")
     engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, driven or guide is not None)
     on_device = engine_name == DEVICE.name
@@ -282,7 +294,8 @@ def make_plan(
     if driven and no_loop is not None:
         raise PlanError(f"{_DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
     if scene.shear is not None:
-        check_sheared(no_loop, platform)
+        check_whole_steps("Lees-Edwards shear needs", no_loop, platform)
+    check_rigid(scene, kinds, layers, lam, no_loop, platform)
     bonded = [bonded_kind(type(group)).name for group in scene.bonded]
     held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene), double)
     constrained = host is not None and host.constrained

@@ -12,6 +12,7 @@ from ..base.geometry import weighted_sum
 from ..base.names import ALONE
 from ..base.platforms import platform_here
 from ..io.trajectory import openmm_topology
+from ..kernels.bodies import Bodies, BodySpec
 from ..kernels.elementary import without_last_bits
 from ..kernels.moment import Guide, StepSpec
 from ..kernels.shear import add_flow, rate_at
@@ -97,7 +98,7 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
         integrator=integrator,
         topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
         positions=scene.positions.copy() * unit.nanometer,
-        velocities=initial_velocities(scene, options.seed) * (unit.nanometer / unit.picosecond),
+        velocities=initial_velocities(scene, options.seed, plan.spec.bodies) * (unit.nanometer / unit.picosecond),
         plan=plan,
         program=program,
     )
@@ -107,11 +108,11 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     return built
 
 
-def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
+def initial_velocities(scene: Scene, seed: int, bodies: BodySpec | None) -> np.ndarray:
     """(N, 3) velocities: those of the scene, or drawn from the Maxwell distribution with no total momentum and exactly the scene's
-    temperature, to which the flow of a shear is added; immobile beads are at rest."""
+    temperature, to which the flow of a shear is added; immobile beads are at rest, and beads of rigid bodies move with them."""
     if scene.velocities is not None:
-        return scene.velocities.copy()
+        return _of_bodies(scene.velocities.copy(), scene, bodies)
     flow = 0.0 if scene.shear is None else rate_at(scene.shear, 0.0)
     mobile = ~scene.immobile
     mass = scene.bead_masses[mobile]
@@ -121,12 +122,21 @@ def initial_velocities(scene: Scene, seed: int) -> np.ndarray:
     drawn = normal * np.sqrt(scene.initial_kT / mass)[:, None]
     if len(mass) > 1:
         drawn -= weighted_sum(mass, drawn) / mass.sum()
+        v[mobile] = drawn
+        drawn = _of_bodies(v, scene, bodies)[mobile]
         kinetic = np.sum(mass[:, None] * drawn**2)
         if kinetic > 0:
-            drawn *= np.sqrt(3 * (len(mass) - 1) * scene.initial_kT / kinetic)
+            drawn *= np.sqrt(max(scene.freedom - 3, 0) * scene.initial_kT / kinetic)
     v[mobile] = drawn
     if flow:
         add_flow(v, flow, scene.positions)
+    return v
+
+
+def _of_bodies(v: np.ndarray, scene: Scene, bodies: BodySpec | None) -> np.ndarray:
+    """Change velocities (N, 3) to those of rigid bodies, and return them."""
+    if bodies is not None:
+        Bodies(bodies, len(v)).carry(scene.positions.copy(), v, 0.0)
     return v
 
 

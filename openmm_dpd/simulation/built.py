@@ -93,8 +93,9 @@ class DPDSimulation(app.Simulation):
         """Minimise the potential energy by :func:`openmm_dpd.simulation.downhill.descend`, with the parameters of ``app.Simulation``.
 
         No particle moves by more than a tenth of the longest cutoff in one iteration, and no FENE bond gets as long as its R0.  OpenMM's
-        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.  RunError if the energy is not finite at the start.  With the
-        Lucy kernel of many-body DPD it warns: that force derives from no potential, and has no minimum to go to.
+        own minimiser breaks such bonds, and crashes on OpenCL through PoCL.  Rigid bodies stay where they are.  RunError if the energy is
+        not finite at the start.  With the Lucy kernel of many-body DPD it warns: that force derives from no potential, and has no minimum
+        to go to.
         """
         scene, plan = self._plan.scene, self._plan
 
@@ -106,7 +107,8 @@ class DPDSimulation(app.Simulation):
         least, most = checked(tolerance, "force", "tolerance"), whole_number(maxIterations, "maxIterations", least=0)
         if plan.no_potential is not None:
             _LOGGER.warning("minimizeEnergy goes down an energy, but %s: it may stop where forces are far from 0", plan.no_potential)
-        descend(self.context, least, most, reporter, longest=reach, impossible=impossible)
+        held = np.concatenate([np.zeros(0, np.int64), *(body.beads for body in scene.bodies)])
+        descend(self.context, least, most, reporter, longest=reach, impossible=impossible, held=held)
 
     def saveState(self, file):
         """Save the state as XML, to a file by its name or to an open one; an OutputError leaves one that was there as it is."""

@@ -5,7 +5,7 @@ where a FENE bond is longer than its R0, is never taken.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,10 +33,12 @@ def descend(
     *,
     longest: float = np.inf,
     impossible: Callable[[np.ndarray], str | None] = lambda x: None,
+    held: Sequence[int] | np.ndarray = (),
 ) -> None:
     """Move the particles of a Context down its potential energy; velocities stay as they are.
 
-    Constraints are springs on the way and hold at the end; particles of mass 0 stay, but for virtual sites. It ends at a root mean
+    Constraints are springs on the way and hold at the end; particles of mass 0 stay, but for virtual sites, and so do those that are
+    ``held``, by their indices. It ends at a root mean
     square of the forces on particles that move (``tolerance``, kJ/mol/nm), after so many ``iterations`` (0 for any number), or where
     ``reporter.report``, which is called after every iteration as by OpenMM's minimiser, returns True. No particle moves farther than
     ``longest`` (nm) in one iteration. ``impossible`` says why there is no energy at positions (N, 3), or None.
@@ -48,6 +50,7 @@ def descend(
     D. C. Liu and J. Nocedal, Math. Program. 45, 503 (1989).
     """
     slope = _Slope(context, impossible)
+    slope.mobile[np.asarray(held, dtype=np.int64)] = False
     x, before = slope.start, np.inf
     try:
         for _ in range(TURNS):

@@ -41,6 +41,7 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     factors = _excluded_pairs(plan, expressions)
     outside = [group for group in scene.bonded if not plan.holds(group)]
     told = [bonds.pairs for bonds in scene.bonds if plan.holds(bonds) and len(bonds.pairs)]
+    told += [np.stack([body.beads[:-1], body.beads[1:]], axis=1) for body in scene.bodies]
     free = _add_pair_expressions(system, plan, expressions, factors)
     _add_charges(system, plan, factors)
     if free - len(densities) + 1 < LAST_POTENTIAL_GROUP:

@@ -60,6 +60,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.TabulatedPair: lambda: {"distances": DISTANCES.copy(), "energies": 1 - DISTANCES, "forces": np.ones(12)},
     dpd.TabulatedEOS: lambda: {"thetas": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
     dpd.SegmentalRepulsion: lambda: {"A": 1.0, "bonds": np.array(PAIRS)},
+    dpd.Body: lambda: {"beads": np.array([0, 2])},
     dpd.BodyForce: lambda: {"force": np.array(X), "types": ["A"], "beads": np.array(MASK)},
     dpd.PositionForce: lambda: {"formulas": ["x", "0", "0"], "types": ["A"], "beads": np.array(MASK), "corner": np.zeros(3)},
     dpd.Block: lambda: {"low": np.zeros(3), "high": np.ones(3)},

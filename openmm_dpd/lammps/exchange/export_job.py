@@ -175,7 +175,7 @@ def export_texts(job: Job) -> dict[str, str]:
     segments = segment_use(scene, units, job.bonds.rows, len(job.types), differences)
     places = of_scene.lammps_box(scene, job.corner, differences, job.images)
     eos, eos_table = eos_lines(scene, job.types, units, f"eos.{job.name}", differences)
-    velocities, extra = initial_velocities(scene, job.seed), int(segments is not None)
+    velocities, extra = initial_velocities(scene, job.seed, None), int(segments is not None)
     if scene.shear is not None:
         # of the beads in the box rather than of their images
         assert scene.box is not None

@@ -26,7 +26,7 @@ KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
 #: Phases that look at the kept positions.
 AT_KEPT = (Phase.FORCE_KEPT, Phase.SWEEP_KEPT)
 #: Why OpenMM cannot carry out a program.
-ONE_BY_ONE = "Lees-Edwards shear is in the pair kernel's whole steps alone, not in programs that OpenMM executes line by line"
+ONE_BY_ONE = "in the pair kernel's whole steps alone, not in programs that OpenMM executes line by line"
 #: Thermal energy, step size, seed and counter of the noise, values of the fields.
 Conditions = tuple[float, float, int, int, np.ndarray | None]
 
@@ -116,8 +116,9 @@ class PairForceFunction:
 
     def _evaluate(self, own: ThreadState, phase: int, state, parameters: dict):
         """Energy and forces for a phase."""
-        if self.spec.sheared and phase != Phase.IDLE:
-            raise RunError(f"{ONE_BY_ONE}: step the integrator that build() made, by a Simulation or its own step()")
+        if (self.spec.sheared or self.spec.bodies is not None) and phase != Phase.IDLE:
+            what = "Lees-Edwards shear is" if self.spec.sheared else "rigid bodies are"
+            raise RunError(f"{what} {ONE_BY_ONE}: step the integrator that build() made, by a Simulation or its own step()")
         x = self.positions(state)
         box = self.box(state)
         self.take_over(own, parameters)
