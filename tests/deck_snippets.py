@@ -232,6 +232,17 @@ SNIPPETS: dict[str, dict[str, str]] = {
             before="variable a equal 10+2*step\nfix push all adapt 2 pair dpd a0 1 * v_a pair dpd gamma 2 2 v_a",
             between="pair_coeff 1 1 20.0 4.0\nunfix push\nfix push all adapt 4 pair dpd a0 * * v_a scale yes reset yes",
         ),
+        **{
+            style: deck(
+                "bonds",
+                "group stiff molecule 1:3\ngroup two molecule 2\nvelocity two set 0 0 0\ngroup soft subtract all stiff\nunfix move\n"
+                f"fix move soft nve\nfix bodies stiff {style} molecule{more}\nneigh_modify exclude molecule/intra stiff",
+            )
+            for style, more in {
+                **{"rigid": " force 2 off off off torque 2 off off off", "rigid/nve": " force 2 on off off torque 2 off off off"},
+                **{"rigid/small": "", "rigid/nve/small": " reinit no"},
+            }.items()
+        },
         "langevin": deck(before="fix bath all langevin 1.0 1.0 0.5 42 tally yes zero yes\n" + averaged("f_bath")),
         "viscous": deck(before="fix slow all viscous 0.5 scale 2 3.0"),
         "temp/rescale": deck(before="fix heat all temp/rescale 2 2.0 1.0 0.01 0.5\n" + averaged("f_heat")),

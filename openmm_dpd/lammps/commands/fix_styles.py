@@ -1,6 +1,7 @@
 """Fix styles: equations of state, sources, pressure, body forces, walls, momentum, shear, and the integrators."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.deforming import Deforming, parse_deforming
 from ..state.records import MomentumRemoval, PressureControl
+from ..state.rigid import RIGID, parse_rigid
 from .motion_styles import ACTING_STYLES, FACES, component, nose_hoover
 
 #: Parser of a fix: its parameters from (state, group, words).
@@ -296,4 +298,5 @@ FIX_STYLES: dict[str, FixReader] = {
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "npt": _npt, "gravity": _gravity},
     **{"wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform, "enforce2d": _enforce2d, **ACTING_STYLES},
     "balance": _balance,
+    **{style: partial(parse_rigid, fix=style) for style in RIGID},
 }

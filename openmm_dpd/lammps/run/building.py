@@ -20,6 +20,7 @@ from ...simulation.downhill import follow
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
 from ..state.records import GUIDED, DeckSample, StoppingRule
+from ..state.rigid import RIGID
 from ..values.resolver import Resolver
 from .acting import FORCES, acted_on
 from .guide import DeckGuide
@@ -148,6 +149,8 @@ def carry_out_minimization(request: RunRequest, rule: StoppingRule, options: Run
     """Minimise the potential energy of a deck, with a row of thermo output at the start and at the end; where forces derive from no energy
     that OpenMM knows, follow these forces."""
     state = request.state
+    for fix in state.fixes_of(*RIGID):
+        raise fix.error("a minimisation would move beads of its bodies one by one; give the fix after it")
     for dump in request.dumps:
         dump.begin(state)
     # box and velocities do not change; forces of fixes are added where they are needed

@@ -108,8 +108,7 @@ class RunRequest:
 
     def first_moment(self) -> Resolver:
         """The moment at which the run begins."""
-        atoms, units = self.state.atoms, self.state.units
-        x, v = atoms.positions * units.length, atoms.velocities * units.velocity
+        x, v = self.state.scene_positions, self.state.atoms.velocities * self.state.units.velocity
         return Resolver(self.state, DeckSample(self.first_step, positions=x, velocities=v), self.window)
 
     def override(

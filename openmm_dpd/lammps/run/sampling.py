@@ -123,6 +123,8 @@ class Sampler:
         includes them."""
         friction = measured.virial_dissipative + measured.virial_random
         virial = measured.virial_conservative + (friction if (predicts := scheme_of(self.request.scheme).predicts) else 0.0)
+        if self.built.plan.scene.bodies:  # the forces that keep bodies rigid hold beads on their circles
+            virial += 2.0 * (measured.kinetic_pressure - measured.kinetic_on_step)
         return virial, virial if predicts else virial + friction
 
     def sample(self, step: int, cpu: float) -> LiveSample:

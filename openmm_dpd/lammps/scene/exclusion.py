@@ -1,5 +1,6 @@
 """Pairs that ``neigh_modify exclude`` leaves out: beads of one type that leave out different pairs get types of their own."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from ...base.errors import ParameterError
 from ...model.pairs import NONE, PairTable
 from ..state.deck_state import DeckState, pairs_left_out
+from ..state.rigid import other_exclusions
 
 #: More types than this are rejected: the tables of pairs become large.
 _MOST = 300
@@ -24,6 +26,8 @@ class ScenePairs:
 def scene_pairs(state: DeckState, tables: list[PairTable]) -> ScenePairs:
     """The deck's types and ``tables``, without the pairs that the deck excludes.  ParameterError if these need too many types."""
     numbers = [*map(str, range(1, state.n_types + 1))]
+    state = copy(state)
+    state.exclusions = other_exclusions(state)
     if not state.exclusions:
         return ScenePairs([numbers[k - 1] for k in state.atoms.types.tolist()], {name: k for k, name in enumerate(numbers, 1)}, tables)
     for style in state.pair.styles:

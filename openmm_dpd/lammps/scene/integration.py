@@ -7,10 +7,11 @@ import numpy as np
 from ..language.lexer import located
 from ..state.deck_state import DeckState
 from ..state.records import COUPLED, Fix, PressureControl
+from ..state.rigid import RIGID, moved_by
 from .flow import still_beads
 
 #: Fixes that move beads.
-INTEGRATORS = ("nve", "nve/limit", "nvt", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph", "npt", "move")
+INTEGRATORS = ("nve", "nve/limit", "nvt", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph", "npt", "move", *RIGID)
 #: Pair styles whose friction and noise fix shardlow applies.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
 #: Pair styles with a bead field that only one fix advances: that fix, and the field.
@@ -33,7 +34,7 @@ def integration(state: DeckState) -> Integration:
     mobile = np.zeros(len(state.atoms), dtype=bool)
     owners: list[Fix] = []
     for fix in state.fixes_of(*INTEGRATORS):
-        group = state.group(fix.group)
+        group = moved_by(state, fix)
         if np.any(mobile & group):
             bead = int(state.atoms.ids[np.argmax(mobile & group)])
             others = ", ".join(other.name for other in owners)

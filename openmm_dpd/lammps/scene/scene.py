@@ -14,6 +14,7 @@ from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
 from ..state.records import COUPLED, FORCE_FIXES, GUIDED, Fix
+from ..state.rigid import bodies_of, make_whole
 from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
@@ -50,6 +51,7 @@ def build_scene(
     if state.dimension == 2:
         _check_plane(state)
     mobile = integration(state).mobile if mobile is None else mobile
+    make_whole(state)
     atoms, units = state.atoms, state.units
     vectors, shear = box.reduced_vectors * units.length, shear_of(state)
     with errors_at(state.here), read_by(state):
@@ -57,7 +59,7 @@ def build_scene(
         return Scene(
             masses={name: state.masses[k] for name, k in pairs.of_deck.items()},
             types=pairs.types,
-            positions=axes.of_scene(atoms.positions * units.length),
+            positions=axes.of_scene(state.scene_positions),
             pairs=pairs.tables,
             kT=deck_kT(state, window),
             box=axes.box_of_scene(vectors),
@@ -80,6 +82,7 @@ def build_scene(
             electrostatics=electrostatics_of(state),
             interacting=interacting_beads(state, mobile),
             shear=shear if axes == axes_of(state) else None,
+            bodies=bodies_of(state),
         )
 
 

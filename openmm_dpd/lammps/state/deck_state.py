@@ -95,6 +95,7 @@ class DeckState:
     noise_counter: float = 0.0  #: Counter of the noise: each run draws new random numbers
     restarts: dict[int, RestartSettings] = field(default_factory=dict)  #: Settings of ``restart``, by the number of file names
     notes: list[str] = field(default_factory=list)  #: Remarks about the deck, such as options without effect
+    whole: np.ndarray | None = None  #: (N, 3) images of beads of bodies that a scene has, counted from those of the deck's positions
     runs: int = 0
     reordered: bool = False  #: Whether LAMMPS would have sorted the beads by position, which it does at the start of a run or minimisation
     last_sample: DeckSample | None = None  #: The last row of the last run, for formulas evaluated between runs
@@ -211,10 +212,18 @@ class DeckState:
         """The point that ``fix npt`` scales the box about, if there is one."""
         return next((np.array(fix.parameters["piston"]["about"]) for fix in self.fixes_of("npt")), None)
 
+    @property
+    def scene_positions(self) -> np.ndarray:
+        """(N, 3) positions of a scene (nm), with bodies that are whole."""
+        x = self.atoms.positions
+        return (x if self.whole is None else x + self.whole @ self.require_box("a run").vectors) * self.units.length
+
     def in_deck_units(self, positions: np.ndarray) -> np.ndarray:
         """(N, 3) positions of a simulation (nm) in the deck's unit.  Beads that have not moved get back the deck's numbers, bit for bit;
         differences up to the rounding of coordinates as large as the box do not count as motion."""
         mine, found = self.atoms.positions, positions / self.units.length
+        if self.whole is not None:
+            found = found - self.whole @ self.require_box("a simulation").vectors
         return np.where(np.abs(found - mine) <= np.spacing(np.abs(self.require_box("a simulation").bounds).max()), mine, found)
 
     def folded(self, positions: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
@@ -363,7 +372,7 @@ class DeckState:
             self.box = before.following(np.asarray(box) / self.units.length, self.centre)
             self.atoms.images = self.box.turned(self.atoms.images, before, slide.axes, slide.distance / self.units.length)
         own = self.require_box("a run")
-        inside, shifts = self.folded(self.in_deck_units(positions), own)
+        (inside, shifts), self.whole = self.folded(self.in_deck_units(positions), own), None
         # walls keep beads inside up to the platform's rounding; the next run needs them exactly inside
         self.take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = (np.asarray(velocities, dtype=np.float64) - slide.shift(shifts, slide.speed)) / self.units.velocity

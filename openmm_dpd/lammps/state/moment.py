@@ -12,6 +12,7 @@ from .box import Box
 from .deck_state import DeckState, bead_fields
 from .records import COUPLED, NO_SLIDE, Compute, DeckSample, Slide, Window as Window
 from .regions import Region
+from .rigid import bound_freedom
 
 
 class DeckMoment(ABC):
@@ -128,8 +129,9 @@ class DeckMoment(ABC):
 
     def freedom(self, compute: Compute) -> float:
         """Degrees of freedom counted by a temperature compute.  ParameterError if their number is negative."""
-        n = int(self.state.group(compute.group).sum())
-        found = compute.settings.freedom(n)
+        mask = self.state.group(compute.group)
+        n, bound = int(mask.sum()), bound_freedom(self.state, mask)
+        found = compute.settings.freedom(n, bound)
         if found < 0 and n:
             raise ParameterError(f"compute {compute.name} (style {compute.style}) counts {found:g} degrees of freedom of its {n} beads")
         return found

@@ -236,10 +236,10 @@ class Temperature:
         """Number of bins."""
         return math.prod(self.bins)
 
-    def freedom(self, n: int) -> float:
-        """Degrees of freedom of n beads."""
+    def freedom(self, n: int, bound: int = 0) -> float:
+        """Degrees of freedom of n beads, of which rigid bodies take some."""
         counted = sum(self.counted[: self.dimension])
-        return counted * n - counted / self.dimension * self.extra - sum(self.streaming) * self.count
+        return counted * n - counted / self.dimension * (self.extra + bound) - sum(self.streaming) * self.count
 
     def numbers(self, box: Box, positions: np.ndarray) -> np.ndarray:
         """(N,) bin of each bead, x fastest; positions are in the box."""

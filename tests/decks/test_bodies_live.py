@@ -1,0 +1,128 @@
+"""Decks with rigid bodies beside a live LAMMPS, without noise, and what decks with bodies are refused."""
+
+from pathlib import Path
+
+import lammps_peer
+import numpy as np
+import pytest
+from cases import cases, put
+from lammps_peer import theirs
+
+from openmm_dpd.base.errors import DeckError
+from openmm_dpd.lammps import RunOptions, run_deck
+
+EDGE, FREE = 5.0, 260
+
+
+def data_file() -> str:
+    """Lumps of five beads, rods of three and pairs, of unequal masses, one after the other, wherever the faces of the box are; then free beads."""
+    rng, rows, molecule = np.random.default_rng(4), [], 0
+    for beads in (5, 5, 3, 2, 5, 3, 2):
+        molecule += 1
+        places = rng.normal(size=(beads, 3)) * 0.4 if beads != 3 else np.outer(np.arange(3), rng.normal(size=3) * 0.4)
+        for k, place in enumerate(places + rng.random(3) * EDGE):
+            rows.append((molecule, 1 + k % 2, place))
+    rows += [(0, 3, place) for place in rng.random((FREE, 3)) * EDGE]
+    atoms = []
+    for k, (molecule, kind, place) in enumerate(rows):
+        image = np.floor(place / EDGE).astype(int)
+        x, i = " ".join(f"{value:.15g}" for value in place - EDGE * image), " ".join(map(str, image))
+        atoms.append(f"{k + 1} {molecule} {kind} {x} {i}")
+    v = rng.normal(size=(len(rows), 3))
+    speeds = [f"{k + 1} {' '.join(f'{value:.15g}' for value in row)}" for k, row in enumerate(v)]
+    head = f"# bodies\n\n{len(rows)} atoms\n3 atom types\n\n" + "".join(f"0 {EDGE} {a}lo {a}hi\n" for a in "xyz")
+    return (
+        f"{head}\nMasses\n\n1 1.0\n2 7.5\n3 1.0\n\nAtoms # molecular\n\n"
+        + "\n".join(atoms)
+        + "\n\nVelocities\n\n"
+        + "\n".join(speeds)
+        + "\n"
+    )
+
+
+DECK = """units lj
+atom_style molecular
+atom_modify map yes
+comm_modify vel yes cutoff 4.0
+read_data data.bodies
+pair_style dpd 0.0 1.0 34387
+pair_coeff * * 25.0 4.5 1.0
+pair_coeff 1*2 3 40.0 20.0 1.2
+group stiff type 1 2
+group water type 3
+group first molecule 1
+group second molecule 2 3
+FIX
+fix w water nve
+timestep 0.001
+thermo 20
+compute body stiff temp
+compute some first temp
+variable e equal pe
+thermo_style custom step temp pe ke press c_body c_some
+thermo_modify norm no
+run 0
+fix p all print 20 "$(step) $(temp:%.12g) $(pe:%.12g) $(ke:%.12g) $(press:%.12g) $(c_body:%.12g) $(c_some:%.12g)" file rows.txt screen no
+dump d all custom 100 end.dump id type x y z ix iy iz vx vy vz
+dump_modify d sort id format float %.17g
+run 100
+"""
+HOLD = "velocity first set 0 0 0\nvelocity second set 0.3 -0.2 0.1\n"
+FIXES = {
+    "molecules": "fix b stiff rigid/nve molecule\nneigh_modify exclude molecule/intra stiff",
+    "pushed": "fix push second addforce 9.0 2.0 0.5\nfix down stiff gravity 5 vector 0 0 -1\nfix b stiff rigid/nve molecule",
+    "small, inner pairs": "fix b stiff rigid/nve/small molecule",
+    "single": "fix b first rigid/nve single\nneigh_modify exclude group first first",
+    "groups, held, pushed": f"{HOLD}fix push first addforce 1.0 2.0 0.5\nfix down second gravity 0.5 vector 0 0 -1\n"
+    "fix b stiff rigid/nve group 2 first second force 1 off on off torque 1 off off off",
+}
+
+
+def rows_of(folder: Path) -> np.ndarray:
+    lines = (folder / "rows.txt").read_text().splitlines()
+    return np.array([line.split() for line in lines if not line.startswith("#")], dtype=float)
+
+
+def last_frame(folder: Path) -> np.ndarray:
+    lines = (folder / "end.dump").read_text().partition("TIMESTEP\n100\n")[2].partition("ITEM: ATOMS")[2].splitlines()[1:]
+    return np.array([line.split() for line in lines], dtype=float)
+
+
+@lammps_peer.needed()
+@cases("fix", FIXES)
+def test_bodies_move_as_lammps_moves_them(tmp_path, fix):
+    """1e-6 over 100 steps in positions; the pressure is that of the moment, and LAMMPS's a mean over two half steps."""
+    lammps_peer.need(("fix", "rigid/nve"))
+    text = DECK.replace("FIX", fix)
+    (tmp_path / "lammps").mkdir()
+    for folder in (tmp_path / "lammps", tmp_path):
+        put(folder / "data.bodies", data_file())
+    theirs(tmp_path / "lammps", text)
+    run_deck(put(tmp_path / "in.bodies", text), RunOptions(platform="Reference", threads=1), out=tmp_path)
+    found, expected = last_frame(tmp_path), last_frame(tmp_path / "lammps")
+    unwrapped = [rows[:, 2:5] + EDGE * rows[:, 5:8] for rows in (found, expected)]
+    np.testing.assert_allclose(*unwrapped, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found[:, 8:], expected[:, 8:], rtol=0, atol=1e-5)
+    ours, rows = rows_of(tmp_path), rows_of(tmp_path / "lammps")
+    np.testing.assert_allclose(np.delete(ours, 4, axis=1), np.delete(rows, 4, axis=1), rtol=1e-6)
+    if "off" not in fix:  # LAMMPS counts the forces that hold a body, at its place in the box
+        np.testing.assert_allclose(ours[1:, 4], rows[1:, 4], rtol=2e-3)
+
+
+@cases(
+    "fix, match",
+    ("fix b stiff rigid/nve molecule\nfix m all momentum 10 linear 1 1 1", "momentum changes single beads"),
+    ("fix b stiff rigid/nve molecule\nfix t stiff temp/berendsen 1 1 1", "temp/berendsen changes single beads"),
+    ("fix b water rigid/nve molecule", "in no molecule"),
+    ("fix b stiff rigid/nve molecule langevin 1", "set velocities"),
+    ("fix b stiff rigid/nve molecule torque * on off off", "about all axes, or about none"),
+    ("fix b stiff rigid/nve molecule force * off off off", "it is held there"),
+    ("fix b stiff rigid/small single", "rigid/small"),
+    ("fix b stiff rigid/nve molecule\nminimize 0 0 10 10", "one by one"),
+    ("fix b stiff rigid/nve molecule\nfix s all shardlow", "shardlow needs pair style"),
+    ("group lone id 1\nfix b lone rigid/nve single", "two at least"),
+)
+def test_what_is_refused(tmp_path, fix, match):
+    put(tmp_path / "data.bodies", data_file())
+    with pytest.raises(DeckError, match=match):
+        run_deck(put(tmp_path / "in.bodies", DECK.replace("FIX", fix)), RunOptions(platform="Reference", threads=1), out=tmp_path)
