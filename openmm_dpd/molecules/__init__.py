@@ -1,5 +1,6 @@
 """Molecules as data, and boxes packed with molecules."""
 
+from .bodies import body_shape as body_shape, suspension as suspension
 from .builders import (
     Model as Model,
     bead as bead,

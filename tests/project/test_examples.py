@@ -247,6 +247,15 @@ def test_shear(tmp_path, monkeypatch, seed):
     assert is_picture(tmp_path / "shear.png")
 
 
+@pytest.mark.slow
+@any_seed(0)
+def test_colloids(tmp_path, monkeypatch, seed):
+    """A shorter run with a weak and a strong force: one line, and a radius from the beads' centres to half a cutoff outside."""
+    found = example("17_colloids", monkeypatch, seed, FORCES=(15.0, 30.0), STEPS=4000, EDGE=6.0).main(tmp_path)
+    assert found["chi2"] < 9 and 1.0 < found["radius"] < 1.7
+    assert is_picture(tmp_path / "colloids.png")
+
+
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
     found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()

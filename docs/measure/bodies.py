@@ -1,0 +1,179 @@
+"""Rigid bodies in the standard fluid: temperatures of their translation and rotation, and what they cost.
+
+python docs/measure/bodies.py temperatures sphere --gamma 40.5 --dt 0.05 --samples 20000
+python docs/measure/bodies.py cost
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import openmm_dpd as dpd
+from openmm_dpd.base.geometry import minimum_images
+from openmm_dpd.molecules import body_shape, relax, suspension
+from openmm_dpd.stats import block_average
+
+EDGE, FREE, BODIES, EVERY = 4.0, 110, 8, 4
+GOLDEN = (1 + 5**0.5) / 2
+_CORNERS = np.array([[0, a, b * GOLDEN] for a in (-1, 1) for b in (-1, 1)])
+#: Places and masses of the beads of a body: the corners of an icosahedron, a rod, and a lump whose masses are 1 to 1000.
+SHAPES = {
+    "sphere": (0.4 * np.concatenate([np.roll(_CORNERS, k, axis=1) for k in range(3)]), np.ones(12)),
+    "rod": (np.outer(np.arange(5) - 2.0, [0.4, 0, 0]), np.ones(5)),
+    "lump": (np.random.default_rng(3).normal(size=(6, 3)) * 0.5, np.array([1.0, 3.0, 10.0, 30.0, 100.0, 1000.0])),
+}
+
+
+def scene(
+    places: np.ndarray, masses: np.ndarray, gamma: float, rigid: bool = True, edge: float = EDGE, free: int = FREE, count: int = BODIES
+) -> dpd.Scene:
+    """Bodies in random places of a fluid."""
+    rng, n = np.random.default_rng(5), len(places)
+    turned = [places @ np.linalg.qr(rng.normal(size=(3, 3)))[0] + rng.random(3) * edge for _ in range(count)]
+    x = np.concatenate([*turned, rng.random((free, 3)) * edge])
+    types, mass = ["C"] * (n * count) + ["W"] * free, np.concatenate([np.tile(masses, count), np.ones(free)])
+    bodies = [dpd.Body(range(n * k, n * k + n)) for k in range(count)] if rigid else []
+    pairs = {pair: dpd.DPD(A=25, gamma=gamma) for pair in (("C", "C"), ("C", "W"), ("W", "W"))}
+    return dpd.Scene({"C": 1.0, "W": 1.0}, types, x, pairs, 1.0, box=[edge] * 3, bead_masses=mass, bodies=bodies)
+
+
+def temperatures(shape: str, gamma: float, dt: float, samples: int, scheme: str) -> None:
+    """Print the temperatures of translation, rotation and of the fluid, without what the total momentum takes."""
+    of = scene(*SHAPES[shape], gamma)
+    simulation = dpd.build(of, dt=dt, scheme=scheme, seed=7, platform="CPU").simulation()
+    simulation.minimizeEnergy(maxIterations=50)
+    simulation.step(1000)
+    n, m, total, rows = len(SHAPES[shape][0]), SHAPES[shape][1], of.bead_masses.sum(), []
+    inertia = 3 - of.shapes[0].in_line
+    for _ in range(samples):
+        simulation.step(EVERY)
+        v = np.array(simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value)
+        its = v[: n * BODIES].reshape(BODIES, n, 3)
+        centre = np.einsum("k,bka->ba", m, its) / m.sum()
+        turning = np.einsum("k,bka,bka->", m, its - centre[:, None], its - centre[:, None]) / (inertia * BODIES)
+        going = np.mean(centre**2) / (1 / m.sum() - 1 / total)
+        rows.append((going, turning, np.mean(v[n * BODIES :] ** 2) / (1 - 1 / total)))
+    found = [block_average(column) for column in np.array(rows).T]
+    print(f"{shape} {scheme} gamma {gamma:g} dt {dt:g}: " + ", ".join(f"{a.mean:.4f} +- {a.sem:.4f}" for a in found), flush=True)
+
+
+def cost() -> None:
+    """Print the time of a step of 10,125 beads of which 5 % are in spheres over that where they are free, from the best of alternating pieces."""
+    made = {}
+    for rigid in (False, True):
+        of = scene(*SHAPES["sphere"], 4.5, rigid, edge=15.0, free=9621, count=42)
+        made[rigid] = dpd.build(of, dt=0.02, seed=7, platform="CPU").simulation()
+        made[rigid].minimizeEnergy(maxIterations=30)
+        made[rigid].step(1000)
+    best = dict.fromkeys(made, np.inf)
+    for _ in range(40):
+        for rigid, simulation in made.items():
+            begun = time.process_time()
+            simulation.step(40)
+            best[rigid] = min(best[rigid], (time.process_time() - begun) / 40)
+    print(f"{1e3 * best[False]:.3f} ms free, {1e3 * best[True]:.3f} ms in bodies, ratio {best[True] / best[False]:.3f}")
+
+
+#: Spheres, their radius, steps between frames in units of time, and lags at which displacements are compared.
+COLLOIDS, RADIUS, FRAME, LAGS = 4, 1.2, 0.5, (4, 16)
+DECK = """units lj
+atom_style molecular
+comm_modify vel yes cutoff 4.0
+read_data data.colloids
+pair_style dpd 1.0 1.0 34387
+pair_coeff * * 25.0 4.5 1.0
+pair_coeff 1 2 25.0 18.0 1.0
+group stiff type 1
+group water type 2
+neighbor 0.4 bin
+neigh_modify delay 0 every 1 exclude molecule/intra stiff
+velocity all create 1.0 4928
+fix b stiff rigid/nve molecule
+fix w water nve
+timestep {dt}
+run {wait}
+dump d stiff custom {every} frames.txt id xu yu zu
+dump_modify d sort id format float %.10g
+run {steps}
+"""
+
+
+def diffusion(dt: float, frames: int, lammps: bool) -> None:
+    """Print the diffusion coefficients of translation and rotation of hollow spheres, and Stokes's with the radius of their beads' centres."""
+    edge, shell = 9.0, body_shape("shell", RADIUS, 0.45)
+    spheres, fluid = suspension(shell, COLLOIDS, [edge] * 3, apart=0.5, density=3.0, seed=2)
+    far = [np.linalg.norm(minimum_images(fluid - sphere.mean(axis=0), np.diag([edge] * 3)), axis=1) > RADIUS for sphere in spheres]
+    fluid, n, every, wait = fluid[np.all(far, axis=0)], len(shell), round(FRAME / dt), round(40 / dt)
+    x, inside = np.concatenate([spheres.reshape(-1, 3), fluid]), n * COLLOIDS
+    pairs = {("C", "C"): dpd.DPD(A=25, gamma=4.5), ("C", "W"): dpd.DPD(A=25, gamma=18), ("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    bodies = [dpd.Body(range(n * k, n * k + n)) for k in range(COLLOIDS)]
+    of = dpd.Scene({"C": 1.0, "W": 1.0}, ["C"] * inside + ["W"] * len(fluid), x, pairs, 1.0, box=[edge] * 3, bodies=bodies)
+    of = relax(of, iterations=50)
+    if lammps:
+        with tempfile.TemporaryDirectory() as folder:
+            folded = of.positions - edge * np.floor(of.positions / edge)
+            image = np.floor(of.positions / edge).astype(int)
+            lines = [
+                f"{k + 1} {k // n + 1 if k < inside else 0} {1 + (k >= inside)} {' '.join(map(repr, row.tolist()))} {' '.join(map(str, i))}"
+                for k, (row, i) in enumerate(zip(folded, image.tolist(), strict=True))
+            ]
+            head = f"# colloids\n\n{len(x)} atoms\n2 atom types\n\n" + "".join(f"0 {edge} {a}lo {a}hi\n" for a in "xyz")
+            Path(folder, "data.colloids").write_text(f"{head}\nMasses\n\n1 1.0\n2 1.0\n\nAtoms # molecular\n\n" + "\n".join(lines) + "\n")
+            Path(folder, "in.colloids").write_text(DECK.format(dt=dt, every=every, wait=wait, steps=every * frames))
+            subprocess.run(["lmp", "-in", "in.colloids", "-log", "none", "-screen", "none"], cwd=folder, check=True)
+            rows = [
+                line.split() for line in Path(folder, "frames.txt").read_text().splitlines() if len(line.split()) == 4 and line[0] != "I"
+            ]
+        found = np.array(rows, dtype=float)[:, 1:].reshape(-1, COLLOIDS, n, 3)
+    else:
+        simulation = dpd.build(of, dt=dt, scheme="middle", seed=3, platform="CPU").simulation()
+        simulation.step(wait)
+        taken = []
+        for _ in range(frames):
+            simulation.step(every)
+            taken.append(simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[:inside].reshape(COLLOIDS, n, 3))
+        found = np.array(taken)
+    centres = found.mean(axis=2)
+    first, second = found[:, :, 0] - centres, found[:, :, n // 3] - centres
+    axes = [first / np.linalg.norm(first, axis=2, keepdims=True)]
+    second -= axes[0] * np.sum(axes[0] * second, axis=2, keepdims=True)
+    axes += [
+        second / np.linalg.norm(second, axis=2, keepdims=True),
+        np.cross(axes[0], second / np.linalg.norm(second, axis=2, keepdims=True)),
+    ]
+    short, long = LAGS
+    squares = [np.mean(np.sum((centres[lag:] - centres[:-lag]) ** 2, axis=2)[: len(centres) - long], axis=1) for lag in LAGS]
+    going = block_average((squares[1] - squares[0]) / (6 * FRAME * (long - short)))
+    turned = [np.array([np.mean([np.sum(a[t + lag] * a[t], axis=1) for a in axes]) for t in range(len(centres) - long)]) for lag in LAGS]
+    means = [each.mean() for each in turned]
+    slope = turned[0] / means[0] - turned[1] / means[1]
+    turning, error = np.log(means[0] / means[1]) / (2 * FRAME * (long - short)), block_average(slope).sem / (2 * FRAME * (long - short))
+    eta = 0.85
+    stokes = (1 - 2.837 * RADIUS / edge) / (6 * np.pi * eta * RADIUS), 1 / (8 * np.pi * eta * RADIUS**3)
+    print(f"{'LAMMPS' if lammps else 'here'} dt {dt:g}: D {going.mean:.4f} +- {going.sem:.4f} (Stokes {stokes[0]:.4f}), ", end="")
+    print(f"D of rotation {turning:.4f} +- {error:.4f} (Stokes {stokes[1]:.4f})", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["temperatures", "diffusion", "cost"])
+    parser.add_argument("shape", nargs="?", choices=SHAPES, default="sphere")
+    parser.add_argument("--gamma", type=float, default=4.5)
+    parser.add_argument("--dt", type=float, default=0.05)
+    parser.add_argument("--samples", type=int, default=20000)
+    parser.add_argument("--scheme", default="bababo")
+    parser.add_argument("--frames", type=int, default=4000)
+    parser.add_argument("--lammps", action="store_true")
+    given = parser.parse_args()
+    if given.what == "cost":
+        cost()
+    elif given.what == "diffusion":
+        diffusion(given.dt, given.frames, given.lammps)
+    else:
+        temperatures(given.shape, given.gamma, given.dt, given.samples, given.scheme)
