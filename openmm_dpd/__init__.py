@@ -20,6 +20,7 @@ from .io import bead_pictures as pictures, trajectory as trajectory, view as vie
 from .measure import (
     DPDReporter as DPDReporter,
     Observer as Observer,
+    ReactionReporter as ReactionReporter,
     Sample as Sample,
     force_terms as force_terms,
     set_kT as set_kT,
@@ -53,6 +54,11 @@ from .model.mdpd import MDPD as MDPD
 from .model.pairs import DPD as DPD, NONE as NONE, LennardJones as LennardJones, PairTable as PairTable, TabulatedPair as TabulatedPair
 from .model.point_charges import PointCharges as PointCharges
 from .model.radial import RadialPair as RadialPair
+from .model.reactions import (
+    BondBreaking as BondBreaking,
+    BondFormation as BondFormation,
+    ReactiveBonds as ReactiveBonds,
+)
 from .model.scene import Scene as Scene
 from .model.segments import SegmentalRepulsion as SegmentalRepulsion
 from .model.shear import LeesEdwards as LeesEdwards
@@ -64,6 +70,7 @@ from .plan.made import degrees_of_freedom as degrees_of_freedom
 from .plan.plan import Plan as Plan, make_plan as make_plan
 from .runtime import get_threads as get_threads, set_threads as set_threads
 from .simulation.barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
+from .simulation.bonds import read_bonds as read_bonds, read_reacted as read_reacted
 from .simulation.build import build as build, build_plan as build_plan
 from .simulation.built import BuiltSystem as BuiltSystem
 from .simulation.field_file import FieldReporter as FieldReporter, load_fields as load_fields

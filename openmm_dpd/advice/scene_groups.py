@@ -46,7 +46,7 @@ def groups(scene: Scene) -> tuple[list[Groups], list[str]]:
         return [], ["no bead moves"]
     walls = "walls, which heat beads near them"
     unmeasured: dict[str, object] = {walls: scene.walls, "segmental repulsion": scene.segments, "a shear": scene.shear}
-    unmeasured["rigid bodies"] = scene.bodies
+    unmeasured |= {"rigid bodies": scene.bodies, "bonds that form and break": scene.reactions}
     for what, there in unmeasured.items():
         if there:
             return [], [f"no steps were measured with {what}: halve the step until your results stay the same ({_SCRIPT})"]

@@ -18,6 +18,7 @@ from .membranes import (
     bilayer_thickness as bilayer_thickness,
     height_spectrum as height_spectrum,
 )
+from .networks import Network as Network, gel_fraction as gel_fraction, network as network
 from .profiles import density_profile as density_profile, temperature_profile as temperature_profile, velocity_profile as velocity_profile
 from .rheology import (
     ShearModuli as ShearModuli,

@@ -48,7 +48,7 @@ PORTABLE = ("ahead", "unused", "fingerprint", "valid_for", "stamp")
 ALONE = "alone"
 #: Global variable of an integrator: number of steps already done, in which only barostats still have to act.
 AHEAD = "ahead"
-#: Prefix of global variables of an integrator with what a guide of its steps keeps.
+#: Prefix of global variables of an integrator with what a guide of its steps keeps, and then how many bonds reactions have changed.
 GUIDE = "guide"
 #: Global variable of an integrator whose slow forces do not kick in every step: steps since their last kick.
 SLOW_STEP = "slow_step"
@@ -59,6 +59,8 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 #: Names of the per-DOF variables of internal energies, temperatures or concentrations, with three values per bead each; and of their rates,
 #: if a scheme keeps them.
 FIELD, RATE = "field", "rate"
+#: Prefix of per-DOF variables with the table of bonds that form and break, see :mod:`openmm_dpd.kernels.reactions`.
+BONDS = "bonds"
 #: Prefix of per-DOF variables with the velocities and fields that the last call of step left; and global variables that mark the first and
 #: last step of a call (by default every step is both).
 LEFT, FIRST, LAST = "left_", "first", "last"

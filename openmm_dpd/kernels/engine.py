@@ -37,6 +37,7 @@ class PairEngine(Engine):
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
+        self._beads: list[np.ndarray] = []  #: Of the bonds that form and break
         if spec.sheared:
             self.set_flow(np.zeros(1))
             for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
@@ -165,8 +166,16 @@ class PairEngine(Engine):
     def densities(self, layer: int) -> np.ndarray:
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
+    def set_bonds(self, beads: list[np.ndarray]) -> None:
+        made = [terms.between(pairs).evaluator() for terms, pairs in zip(self.spec.sorts, beads, strict=True) if len(pairs)]
+        self.number += 1  # first: what was computed before is not valid any more
+        self.extras, self._beads = [*self.extras[: len(self.spec.extras)], *made], beads
+
     def another(self) -> "PairEngine":
-        return type(self)(self.spec)
+        made = type(self)(self.spec)
+        if self._beads:
+            made.set_bonds(self._beads)
+        return made
 
     @property
     def repeats(self) -> bool:

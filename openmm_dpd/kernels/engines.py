@@ -9,7 +9,7 @@ from .extras import warm_up_extras
 from .interface import Engine
 from .layer import PairSpec
 from .moment import Stepper, StepSpec, Watch
-from .steps import StepLoop
+from .reactions import step_loop
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -23,7 +23,7 @@ class EngineKind:
     #: None: everything.  Scenes that need more are refused.
     can: Container[str] | None = None
     #: Makes what does whole steps with an engine, from (StepSpec, engine, watch, reach), see :class:`.steps.StepLoop`.
-    stepper: Callable[[StepSpec, Engine, Watch, float], Stepper] = StepLoop
+    stepper: Callable[[StepSpec, Engine, Watch, float], Stepper] = step_loop
     #: Does what is needed once before the first step, such as compiling; tells ``log``, a function of a text, if that takes long.
     warm_up: Callable[[PairSpec, Callable[[str], None]], None] = lambda spec, log: None
 
@@ -52,7 +52,7 @@ def engine_kind(name: str) -> EngineKind:
 
 def _warm_up_host(spec: PairSpec, log: Callable[[str], None]) -> None:
     warm_up(spec, log)
-    warm_up_extras(spec.extras)
+    warm_up_extras((*spec.extras, *spec.sorts))
 
 
 register_engine(EngineKind(name="host", what="compiled pair kernel", make=host_engine, warm_up=_warm_up_host))

@@ -9,7 +9,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, ClassVar, Protocol
 
@@ -187,6 +187,10 @@ class BondedKernel:
     def evaluator(self) -> TermEvaluator:
         """What computes it."""
         return TermEvaluator(self)
+
+    def between(self, beads: np.ndarray) -> BondedKernel:
+        """Terms of these beads (K, width), all like the first one here."""
+        return replace(self, beads=beads, parameters=np.repeat(self.parameters[:, :1], len(beads), axis=1))
 
     def few(self) -> tuple[BondedKernel, np.ndarray, np.ndarray]:
         """One term."""

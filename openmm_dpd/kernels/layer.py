@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from .columns import Motion
-from .extras import Extra
+from .extras import BondedKernel, Extra
 from .fields import FieldSpec
 from .noise import told_key
 from .pairs import Exceptions, PairList, no_exceptions
@@ -128,3 +128,4 @@ class PairSpec:
     extras: tuple[Extra, ...] = ()  #: Conservative forces beside the pair terms (see :mod:`.extras`)
     sheared: bool = False  #: Whether there is a Lees-Edwards shear
     bodies: Any = None  #: Rigid bodies, a :class:`.bodies.BodySpec`, if there are any
+    sorts: tuple[BondedKernel, ...] = ()  #: One bond of each sort that forms and breaks

@@ -40,6 +40,7 @@ class StepSpec:
     ramp: Any = None  #: A TemperatureRamp of the model, or None
     shear: Any = None  #: A LeesEdwards of the model, or None
     tilt: float = 0.0  #: Tilt of the box at the start of a shear, nm
+    reactions: Any = None  #: A :class:`.reactions.BondsSpec`, if bonds form and break
 
     @property
     def predicts(self) -> bool:
@@ -141,7 +142,9 @@ class Moment:
     #: (4,) in a shear, see :mod:`.shear`; the box vectors belong to its time, and both change in place
     flow: np.ndarray | None = None
     number: int = 0  #: Steps done in the Context
-    #: (K,) what a :class:`Guide` keeps from step to step
+    bonds: np.ndarray | None = None  #: (N, W) int64, the table of bonds that form and break, see :mod:`.reactions`
+    #: (K,) what a :class:`Guide` keeps from step to step, and then for each reaction bonds made, bonds broken, bonds that its last trial
+    #: has changed
     numbers: np.ndarray = field(default_factory=lambda: np.zeros(0))
     guide: Guide = NO_GUIDE  #: Acts within the steps
     more: int = 0  #: If friction is a force: what the present step sums beside forces

@@ -74,6 +74,13 @@ class Seats:
         self._seat(names)
         return kept
 
+    def set_bonds(self, beads: list[np.ndarray]) -> None:
+        """See :meth:`.interface.Engine.set_bonds`."""
+        self.loop.engine.set_bonds(beads)
+        if len(self._names):
+            self.loop.engine.seat(self._names, self._places)
+        self.loop.valid.take()
+
     def _seat(self, names: np.ndarray) -> None:
         """Give each bead a seat, in the order of these numbers (N,)."""
         loop = self.loop

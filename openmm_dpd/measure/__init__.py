@@ -2,6 +2,7 @@
 
 from .flow import ProfileReporter as ProfileReporter, StressReporter as StressReporter, WallReporter as WallReporter
 from .observer import Observer as Observer
+from .reacting import ReactionReporter as ReactionReporter
 from .reporters import DPDReporter as DPDReporter, VelocityReporter as VelocityReporter
 from .sample import Sample as Sample, SystemSample as SystemSample
 from .shadow_work import ShadowWorkReporter as ShadowWorkReporter

@@ -94,8 +94,9 @@ class SceneSampler:
 
     def sample(self, context: openmm.Context) -> Sample:
         """Measure the present state of a Context."""
-        plan, present = self.plan, self.present
+        present = self.present
         looked = present.look(context)
+        plan = present.plan
         x, v, box, mobile = present.x, present.v, present.box, self._mobile
         others = present.others
         found = present.conservative(LAPLACIAN * (not others and self._no_laplacian is None and present.engine is not None))

@@ -25,8 +25,9 @@ from ..kernels.moment import LastStep, Stepper
 from ..kernels.shear import add_flow, rate_at
 from ..plan.made import acting, groups_of, masses_of
 from ..plan.plan import Plan
+from ..simulation.bonds import with_bonds
 from ..simulation.built import BuiltSystem
-from ..simulation.fields import per_dof, raw_fields
+from ..simulation.fields import per_dof, raw_bonds, raw_fields
 from .stress_parts import Part, charge_evaluator, kinetic_deficit, kinetic_stress, needs_forces, stress_parts
 from .temperature import noise_state
 
@@ -91,6 +92,7 @@ class Present:
         self.mass, self._deficit = masses_of(built.system), kinetic_deficit(self.plan.options.scheme)
         self.bodies = None if self.plan.spec.bodies is None else Bodies(self.plan.spec.bodies, len(self.mass))
         self.changed: np.ndarray | None = None
+        self.bonds: np.ndarray | None = None  #: Table of the bonds that form and break, which are in the plan's scene
         #: Number of forces in the System when only the pair force acts.
         self._alone: int | None = None
 
@@ -121,6 +123,9 @@ class Present:
             self.v = self._without_flow(self.v)
         self.box = None if self.plan.scene.box is None else bare(state.getPeriodicBoxVectors(asNumpy=True))
         self.kT, self.seed, self.counter, self.dt = noise_state(context, self.plan)
+        if self.plan.scene.reactions and not np.array_equal(table := raw_bonds(context.getIntegrator()), self.bonds):  # type: ignore[arg-type]
+            self.plan, self.bonds = with_bonds(self.built.plan, table), table
+            self.renew()
         self._values: np.ndarray | None = None
         self._charges: tuple[float, float, np.ndarray] | None = None
         self._prepared: Engine | None = None
@@ -144,6 +149,8 @@ class Present:
                 local = self._function.thread_state()
                 self._function.take_over(local, self._context.getParameters())
                 self._prepared = local.engine
+                if self.bonds is not None:
+                    local.loop.show(self.bonds)  # type: ignore[union-attr]
             if self._prepared is not None:
                 self._prepared.prepare(self.x, self.box)
         return self._prepared
@@ -157,6 +164,7 @@ class Present:
             or loop is None
             or not loop.engine.repels_by_pairs
             or loop.engine.spec.extras
+            or scene.reactions
             or scene.interacting is not None
         ):
             return False

@@ -75,7 +75,60 @@ def _reasons(observer: Observer, columns: Sequence[str]) -> dict[str, list[str]]
     return reasons
 
 
-class DPDReporter(Cadence):
+class RowReporter(Cadence):
+    """Base of reporters that write rows of numbers to a CSV file with a header."""
+
+    _columns: tuple[str, ...]
+    _owned = False  # also if __init__ fails early
+
+    def _open(self, file: str | os.PathLike | TextIO, append: bool) -> None:
+        """Open the file, and write or check its header."""
+        if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
+            raise ParameterError(f"file must be a path or a text file open for writing, not {what_is(file)}")
+        self._unended = False  # whether the header lacks its newline
+        begun = self._has_header(file, append)
+        self._out: TextIO = open(file, "a" if append else "w") if isinstance(file, (str, os.PathLike)) else file
+        self._owned = isinstance(file, (str, os.PathLike))
+        if not begun:
+            self._write(self._columns)
+        elif self._unended:
+            self._out.write("\n")
+
+    def _has_header(self, file: str | os.PathLike | TextIO, append: bool) -> bool:
+        """Whether the file to append to has a header; ParameterError if it is another one.  An incomplete last row is removed."""
+        if isinstance(file, (str, os.PathLike)):
+            path: str | os.PathLike = file
+            begun = append and os.path.exists(path) and os.path.getsize(path) > 0
+        else:
+            path = getattr(file, "name", "")
+            append = append or "a" in getattr(file, "mode", "")
+            begun = append and file.seekable() and file.tell() > 0
+        if begun and isinstance(path, (str, os.PathLike)) and os.path.isfile(path):
+            with open(path, "rb") as there:
+                content = there.read()
+            header, rows = content.partition(b"\n")[0].decode(), content[: content.rfind(b"\n") + 1]
+            self._unended = not rows
+            if header != ",".join(self._columns):
+                raise ParameterError(
+                    f"cannot append to {os.fspath(path)}: its header is {header!r}, but the columns are {','.join(self._columns)!r}"
+                )
+            if rows and len(rows) < len(content):  # a crash or a full disk has cut the row, and perhaps its last number
+                _LOGGER.warning("%s: the last row is incomplete and is removed", os.fspath(path))
+                os.truncate(path, len(rows))
+                if hasattr(file, "seek"):
+                    file.seek(0, os.SEEK_END)
+        return begun
+
+    def _write(self, fields) -> None:
+        self._out.write(",".join(fields) + "\n")
+        self._out.flush()
+
+    def __del__(self):
+        if self._owned:
+            self._out.close()
+
+
+class DPDReporter(RowReporter):
     """Reporter that writes measured quantities to a CSV file.
 
     After 20, 40, 80, ... rows it compares the kinetic temperature of their second half with the set one, and warns once, through
@@ -109,8 +162,6 @@ class DPDReporter(Cadence):
         the file to append to has another header.
     """
 
-    _owned = False  # also if __init__ fails early
-
     def __init__(
         self,
         file: str | os.PathLike | TextIO,
@@ -136,46 +187,11 @@ class DPDReporter(Cadence):
             raise ParameterError(f"columns {', '.join(absent)} are not measured for {where}; choose among {', '.join(able)}")
         super().__init__(interval)
         self._columns, self._observer, self._watch = tuple(columns), Observer(built), TemperatureWatch(built.plan)
-        if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
-            raise ParameterError(f"file must be a path or a text file open for writing, not {what_is(file)}")
-        # opened last, so that an error above leaves an existing file as it is
-        self._unended = False  # whether the header lacks its newline
-        begun = self._has_header(file, append)
-        self._out: TextIO = open(file, "a" if append else "w") if isinstance(file, (str, os.PathLike)) else file
-        self._owned = isinstance(file, (str, os.PathLike))
-        if not begun:
-            self._write(self._columns)
-        elif self._unended:
-            self._out.write("\n")
+        self._open(file, append)  # last, so that an error above leaves an existing file as it is
         for reason, names in _reasons(self._observer, self._columns).items():
             _LOGGER.warning("columns of DPDReporter that will be nan: %s (%s)", ", ".join(names), reason)
         if self._observer.uncounted and any(name.startswith("pressure") for name in self._columns):
             _LOGGER.warning("the pressure of DPDReporter leaves out forces that are not the scene's own: %s", self._observer.uncounted)
-
-    def _has_header(self, file: str | os.PathLike | TextIO, append: bool) -> bool:
-        """Whether the file to append to has a header; ParameterError if it is another one.  An incomplete last row is removed."""
-        if isinstance(file, (str, os.PathLike)):
-            path: str | os.PathLike = file
-            begun = append and os.path.exists(path) and os.path.getsize(path) > 0
-        else:
-            path = getattr(file, "name", "")
-            append = append or "a" in getattr(file, "mode", "")
-            begun = append and file.seekable() and file.tell() > 0
-        if begun and isinstance(path, (str, os.PathLike)) and os.path.isfile(path):
-            with open(path, "rb") as there:
-                content = there.read()
-            header, rows = content.partition(b"\n")[0].decode(), content[: content.rfind(b"\n") + 1]
-            self._unended = not rows
-            if header != ",".join(self._columns):
-                raise ParameterError(
-                    f"cannot append to {os.fspath(path)}: its header is {header!r}, but the columns are {','.join(self._columns)!r}"
-                )
-            if rows and len(rows) < len(content):  # a crash or a full disk has cut the row, and perhaps its last number
-                _LOGGER.warning("%s: the last row is incomplete and is removed", os.fspath(path))
-                os.truncate(path, len(rows))
-                if hasattr(file, "seek"):
-                    file.seek(0, os.SEEK_END)
-        return begun
 
     def report(self, simulation, state):
         """Write one row."""
@@ -191,14 +207,6 @@ class DPDReporter(Cadence):
         wrong = self._watch.add(sample)
         if wrong is not None:
             _LOGGER.warning("step %d: %s", sample.step, wrong)
-
-    def _write(self, fields) -> None:
-        self._out.write(",".join(fields) + "\n")
-        self._out.flush()
-
-    def __del__(self):
-        if self._owned:
-            self._out.close()
 
 
 class VelocityReporter(Cadence):

@@ -53,6 +53,11 @@ def force_terms(
     x = _vectors(scene.positions if positions is None else positions, "length", "positions", scene.n_beads)
     v = _vectors(built.velocities if velocities is None else velocities, "velocity", "velocities", scene.n_beads)
     counter = whole_number(counter, "counter", least=0)
+    function = None if built.integrator.whole is None else built.integrator.whole.function
+    held = [] if function is None else [*function.spec.extras]
+    if scene.reactions and function is not None:
+        function.thread_state().loop.show(function.steps.reactions.initial)
+        held += [each.terms for each in function.thread_state().engine.extras[len(held) :]]
     # an integrator belongs to one Context, and this one is discarded
     integrator = openmm.VerletIntegrator(plan.options.dt)
     context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
@@ -68,7 +73,7 @@ def force_terms(
     }
     terms = {name: _forces(context, found) for name, found in apart.items() if found}
     terms["conservative"] = _forces(context, groups.difference(*apart.values()))
-    for extra in () if built.integrator.whole is None else built.integrator.whole.function.spec.extras:
+    for extra in held:
         if extra.term != "conservative":
             # part of the pair force
             part = np.zeros_like(x)

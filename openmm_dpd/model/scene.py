@@ -16,6 +16,7 @@ from .flow import BodyForce, Gap, PositionForce, Wall, check_inside, gaps
 from .impropers import Impropers
 from .internal import Internal, check_internal
 from .pairs import NONE, PairTable, require_complete
+from .reactions import BondBreaking, BondFormation, check_reactions
 from .segments import SegmentalRepulsion, check_segments
 from .shear import LeesEdwards, check_shear
 from .sources import Source
@@ -85,6 +86,8 @@ class Scene:
         Shear by sliding images.  ``velocities``, if given, include the flow.
     bodies : sequence of Body
         Rigid bodies: beads that move together.
+    reactions : sequence of BondFormation and BondBreaking
+        Bonds that form and break, beside ``bonds``, which stay.  They are tried in this order.
 
     Raises
     ------
@@ -119,6 +122,7 @@ class Scene:
     shear: LeesEdwards | None = None
     impropers: Sequence[Impropers] = ()
     bodies: Sequence[Body] = ()
+    reactions: Sequence[BondFormation | BondBreaking] = ()
     type_ids: np.ndarray = field(init=False, repr=False)
     tables: tuple[PairTable, ...] = field(init=False, repr=False)
     gaps: Mapping[int, Gap] = field(init=False, repr=False)  #: Gap between the walls, by the number of the axis
@@ -165,6 +169,8 @@ class Scene:
         check_shear(self.shear, self)
         self._check_kinds("bodies", Body)
         put("shapes", check_bodies(self.bodies, self))
+        self._check_kinds("reactions", BondFormation, BondBreaking)
+        check_reactions(self)
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
 

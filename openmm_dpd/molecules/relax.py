@@ -54,6 +54,8 @@ def relax(
         raise ParameterError("relax needs a step size for its steps, such as relax(scene, steps=200, dt=0.01)")
     if not isinstance(scene, Scene):
         raise ParameterError(f"scene must be a Scene, such as mixture.scene(...), not {what_is(scene)}")
+    if steps and scene.reactions:
+        raise ParameterError("in steps of relax bonds would form that its scene does not have; relax without steps")
     size = 0.001 if dt is None else to_md(dt, "time", "dt")
     # at rest: a shear would change the box
     still = scene if scene.shear is None else replace(scene, shear=None, velocities=None)

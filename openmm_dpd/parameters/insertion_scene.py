@@ -96,6 +96,7 @@ def check(molecule: Molecule, solvent: Scene) -> None:
         "forces on single beads": bool(solvent.body_forces),
         "walls": bool(solvent.walls),
         "a shear": solvent.shear is not None,
+        "bonds that form and break": bool(solvent.reactions),
         "beads that do not move": bool(solvent.immobile.any()),
         "beads on which not all forces act": solvent.interacting is not None,
         "a temperature that changes": isinstance(solvent.kT, TemperatureRamp),

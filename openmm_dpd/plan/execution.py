@@ -16,6 +16,8 @@ from .choices import may_miss_pairs
 from .kinds import Kind
 from .pair_spec import longest
 
+#: What reactions are about, in messages.
+REACTING = "bonds that form and break"
 #: Platforms where positions, velocities and forces are double precision.
 DOUBLE_PLATFORMS = ("Reference", "CPU")
 

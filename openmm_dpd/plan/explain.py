@@ -42,6 +42,7 @@ def explain_plan(plan: Plan) -> str:
     if len(scene.bond_pairs):
         lines.append(f"{_bond_text(plan)}; {len(plan.exceptions)} bonded neighbours with a factor other than 1")
     lines += [f"{len(group.beads)} {bonded_kind(type(group)).name}" for group in scene.bonded[len(scene.bonds) :]]
+    lines += [str(each) for each in scene.reactions]
     if scene.segments is not None:
         lines.append(_segment_text(plan))
     if scene.electrostatics is not None:

@@ -27,6 +27,7 @@ from .continuum import check_driven, driven_walls
 from .device import DEVICE, chosen_engine
 from .execution import (
     DOUBLE_PLATFORMS,
+    REACTING,
     Execution,
     check_rigid,
     check_whole_steps,
@@ -39,6 +40,7 @@ from .kinds import Kind, bonded_kind, resolved_kind
 from .made import Host
 from .pair_spec import Factors, inner_factors, longest, neighbour_factors, pair_spec
 from .program_options import ProgramOptions, field_options, tau_ratio
+from .reactions import table_blocks
 
 #: Coefficients by pair of types, all of one kind.
 ResolvedTable = dict[tuple[str, str], Any]
@@ -163,6 +165,7 @@ class Plan:
             "immobile beads": bool(scene.immobile.any()),
             "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
             _DRIVEN: self.driven is not None,
+            REACTING: bool(scene.reactions),
         }
         yield from (name for name, there in features.items() if there)
         yield from (part for part in self.execution.why if part in self.execution.held)
@@ -279,7 +282,9 @@ def make_plan(
     only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
     only = only or ("rigid bodies need whole steps of the pair kernel" if scene.bodies else None)
     only = only or (None if guide is None or not repulsive else f"{guide.what} need whole steps of the pair kernel")
-    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, driven or guide is not None)
+    only = only or (f"{REACTING} need whole steps of the pair kernel" if scene.reactions and repulsive else None)
+    own = driven or guide is not None or bool(scene.reactions)
+    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, own)
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, reach)
     where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
@@ -295,6 +300,8 @@ def make_plan(
         raise PlanError(f"{_DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
     if scene.shear is not None:
         check_whole_steps("Lees-Edwards shear needs", no_loop, platform)
+    if scene.reactions:
+        check_whole_steps(f"{REACTING} need", no_loop, platform)
     check_rigid(scene, kinds, layers, lam, no_loop, platform)
     bonded = [bonded_kind(type(group)).name for group in scene.bonded]
     held, why_held = why_parts(scene, bonded, bool(overlays), no_loop is None, double and few_charges(scene), double)
@@ -333,8 +340,9 @@ def make_plan(
         walls=kind_of(scene.gaps),
         partial=scene.interacting is not None,
         guided="" if guide is None else guide.what,
-        numbers=() if guide is None else guide.numbers,
+        numbers=(*(() if guide is None else guide.numbers), *(0.0,) * (3 * len(scene.reactions))),
         frictionless=thermostat and not rubs,
+        bond_blocks=table_blocks(scene) if scene.reactions else 0,
         **choices,
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))

@@ -34,10 +34,11 @@ class ProgramOptions:
     tau_ratio: float = 1.0 / 32.0  #: Trial drift in units of the step size
     trial: float | None = None  #: Trial drift, ps, which replaces ``tau_ratio``
     guided: str = ""  #: What a guide that acts within steps is, in words; empty if there is none
-    numbers: tuple[float, ...] = ()  #: What it keeps from step to step, at the start
+    numbers: tuple[float, ...] = ()  #: What it keeps from step to step, at the start; then three for each reaction
     frictionless: bool = False  #: Whether there is no friction and noise but what a guide may add
     walls: str = ""  #: Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none
     partial: bool = False  #: Whether there are beads on which only body forces act along some axis
+    bond_blocks: int = 0  #: Number of per-DOF variables with the table of bonds that form and break
     field_blocks: int = 0  #: Number of per-DOF variables that hold internal energies, temperatures or concentrations
     field_names: str = ""  #: What the per-DOF variables of fields hold, for the listing
     fields_act: bool = False  #: Whether forces depend on fields

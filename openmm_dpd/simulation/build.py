@@ -9,7 +9,7 @@ import openmm
 from openmm import unit
 
 from ..base.geometry import weighted_sum
-from ..base.names import ALONE
+from ..base.names import ALONE, BONDS
 from ..base.platforms import platform_here
 from ..io.trajectory import openmm_topology
 from ..kernels.bodies import Bodies, BodySpec
@@ -23,6 +23,7 @@ from ..plan.forces.pair_force import PairForceFunction
 from ..plan.made import Made
 from ..plan.pair_spec import extras
 from ..plan.plan import Plan, make_plan
+from ..plan.reactions import bonds_spec
 from .built import BuiltSystem
 from .fields import field_variables
 from .integrators import PairIntegrator
@@ -81,8 +82,12 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     system = scene_system(plan, integrator, function)
     if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
         integrator.whole = WholeSteps(function, options.pair_group, guide)
-    if isinstance(integrator, PairIntegrator) and function is not None and plan.spec.fields is not None and plan.spec.fields.acts:
+    acts = plan.spec.fields is not None and plan.spec.fields.acts
+    if isinstance(integrator, PairIntegrator) and function is not None and (acts or function.spec.sorts):
         integrator.shown_to = function
+    if scene.reactions and function is not None and function.steps is not None:
+        for name, values in field_variables(function.steps.reactions.initial, BONDS).items():
+            integrator.setPerDofVariableByName(name, values)
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
@@ -158,15 +163,16 @@ def _pair_function(plan: Plan) -> PairForceFunction:
     held = extras(scene, plan.overlays, plan.exceptions, execution.held)
     charges = charge_terms(scene, scene.ewald, plan.charge_exceptions) if "charges" in execution.held else None
     held += () if charges is None else (charges,)
+    steps = _step_spec(plan) if execution.looped else None
     held += () if plan.driven is None or plan.driven.continuum is None else (plan.driven.continuum,)
     return PairForceFunction(
-        replace(plan.spec, extras=held),
+        replace(plan.spec, extras=held, sorts=() if steps is None or steps.reactions is None else steps.reactions.sorts),
         conservative=execution.pushes,
         periodic=scene.box is not None,
         scale=options.field_scale,
         balanced=options.compensated and plan.spec.sweeps,
         length_checked=tuple(bonds for bonds in scene.bonds if bonds.limited and not plan.holds(bonds)),
-        steps=_step_spec(plan) if execution.looped else None,
+        steps=steps,
         engine=execution.engine,
     )
 
@@ -179,4 +185,5 @@ def _step_spec(plan: Plan) -> StepSpec:
     planes = tuple(found[name] for name in walls.CONSTANTS) if found else None
     weights = options.thermostat, options.lam, options.field_lam
     tilt = 0.0 if scene.box is None else float(scene.box[1, 0])
-    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, planes, plan.driven, options.ramp, scene.shear, tilt)
+    walled = planes, plan.driven, options.ramp
+    return StepSpec(letters, options.slow_kicks, options.slow_every, *weights, *walled, scene.shear, tilt, bonds_spec(scene))

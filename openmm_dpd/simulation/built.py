@@ -26,8 +26,10 @@ from ..plan.explain import explain_plan
 from ..plan.made import variables_number
 from ..plan.pair_spec import longest
 from ..plan.plan import Plan
+from .bonds import with_bonds
 from .device_check import check_device
 from .downhill import descend
+from .fields import raw_bonds
 from .integrators import NativeIntegrator, PairIntegrator
 from .programs.program import Program
 from .watching import whole_steps
@@ -97,17 +99,17 @@ class DPDSimulation(app.Simulation):
         not finite at the start.  With the Lucy kernel of many-body DPD it warns: that force derives from no potential, and has no minimum
         to go to.
         """
-        scene, plan = self._plan.scene, self._plan
+        plan = with_bonds(self._plan, raw_bonds(self.integrator)) if self._plan.scene.reactions else self._plan
 
         def impossible(x: np.ndarray) -> str | None:
-            return next(filter(None, (group.overstretched(x, box) for group in scene.bonds)), None)
+            return next(filter(None, (group.overstretched(x, box) for group in plan.scene.bonds)), None)
 
-        box = None if scene.box is None else self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
+        box = None if plan.scene.box is None else self.context.getState().getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         reach = FARTHEST * longest((*plan.layers, *plan.overlays)) or np.inf
         least, most = checked(tolerance, "force", "tolerance"), whole_number(maxIterations, "maxIterations", least=0)
         if plan.no_potential is not None:
             _LOGGER.warning("minimizeEnergy goes down an energy, but %s: it may stop where forces are far from 0", plan.no_potential)
-        held = np.concatenate([np.zeros(0, np.int64), *(body.beads for body in scene.bodies)])
+        held = np.concatenate([np.zeros(0, np.int64), *(body.beads for body in plan.scene.bodies)])
         descend(self.context, least, most, reporter, longest=reach, impossible=impossible, held=held)
 
     def saveState(self, file):

@@ -128,7 +128,7 @@ class FieldReporter(Cadence):
     interval : int
         Steps between frames.
     built : BuiltSystem
-        A scene whose beads have internal energies, temperatures, concentrations or local densities.
+        A scene whose beads have internal energies, temperatures, concentrations, local densities, or bonds that form and break.
     append : bool, default False
         Go on with the frames of a file that is there; one that is not there is begun.
 
@@ -156,8 +156,8 @@ class FieldReporter(Cadence):
         super().__init__(interval)
         if not isinstance(built, BuiltSystem):
             raise ParameterError(f"FieldReporter needs what openmm_dpd.build() returned, not {what_is(built)}")
-        if not has_fields(built):
-            raise ParameterError("the beads of this scene have no internal energies, temperatures, concentrations or local densities")
+        if not has_fields(built) and not built.plan.scene.reactions:
+            raise ParameterError("the beads of this scene have no internal energies, temperatures, concentrations, densities or reactions")
         self._writer, self._built = FieldWriter(file, append), built
 
     def report(self, simulation, state):

@@ -12,7 +12,7 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.names import FIELD, RATE
+from ..base.names import BONDS, FIELD, RATE
 from ..base.units import thermal_energies, to_md
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..model.internal import InternalEnergy
@@ -57,6 +57,12 @@ def _blocks(context: openmm.Context, name: str, spec: FieldSpec) -> np.ndarray:
     return np.concatenate([per_dof(integrator, f"{name}{k}") for k in range(spec.n_blocks)], axis=1)
 
 
+def raw_bonds(integrator: openmm.CustomIntegrator) -> np.ndarray:
+    """The table of the bonds that form and break, see :mod:`openmm_dpd.kernels.reactions`."""
+    names = map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))
+    return np.concatenate([per_dof(integrator, name) for name in names if name.startswith(BONDS)], axis=1).astype(np.int64)
+
+
 def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
     """Per-bead fields of a running scene, by name.
 
@@ -70,17 +76,19 @@ def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
     -------
     dict of arrays
         InternalEnergy: ``u_cond``, ``u_mech`` and ``theta``, each (N,), kJ/mol.  BeadTemperatures: ``theta`` (N,), kJ/mol.
-        Concentrations: ``concentrations`` (N, K).  MDPD: ``density`` (N,), the local densities at the present positions.  Empty for a
-        scene without any of these.
+        Concentrations: ``concentrations`` (N, K).  MDPD: ``density`` (N,), the local densities at the present positions.  Reactions:
+        ``bonds`` (N, W), the bonds of each bead that form and break, 1 + partner + N sort, and 0 where there is none.  Empty for a scene
+        without any of these.
     """
     spec = plan.spec.fields
+    bonds = {"bonds": raw_bonds(context.getIntegrator())} if plan.scene.reactions else {}
     if spec is None:
-        return _densities(context, plan)
+        return _densities(context, plan) | bonds
     values = raw_fields(context, spec)
     if spec.kind == ENERGY:
         assert spec.eos is not None
         return {"u_cond": values[:, 0], "u_mech": values[:, 1], "theta": spec.eos.thetas(values.sum(axis=1))}
-    return {"theta": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values}
+    return {"theta": values[:, 0]} if spec.kind == TEMPERATURE else {"concentrations": values} | bonds
 
 
 def _densities(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:

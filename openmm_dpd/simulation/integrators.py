@@ -11,11 +11,11 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.names import AHEAD, BY_SEED, FIELD, FIRST, KT, LAST, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
+from ..base.names import AHEAD, BY_SEED, FIRST, KT, LAST, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
 from .barostat_temperature import set_barostats
-from .fields import raw_fields
+from .fields import raw_bonds, raw_fields
 from .watching import MOST, PIECE, STRAIGHT, Watching
 
 #: Lines of a program (kind, target, expression, why) that reconcile temperature and thermal energy: whichever was set last holds, and the
@@ -104,11 +104,14 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             self._forget_acceleration()
 
     def looked(self, context: openmm.Context, forces: bool) -> None:
-        """Called before the state of the Context is read; for forces, the pair force gets the fields of this Context."""
+        """Called before the state of the Context is read; for forces, the pair force gets the fields and bonds of this Context."""
         super().looked(context, forces)
         if forces and self.shown_to is not None:
             own = self.shown_to.thread_state()
-            own.fields.values = raw_fields(context, self.shown_to.spec.fields)
+            if own.fields is not None:
+                own.fields.values = raw_fields(context, self.shown_to.spec.fields)
+            if self.shown_to.spec.sorts:
+                own.loop.show(raw_bonds(self))
 
     def _announce(self, steps: int) -> None:
         put = openmm.CustomIntegrator.setGlobalVariableByName
@@ -229,7 +232,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         """Set a per-DOF variable by its name."""
         super().setPerDofVariableByName(name, values)
         self._forget()
-        context = self.context() if name.startswith(FIELD) and self.shown_to is not None else None
+        context = self.context() if self.shown_to is not None else None
         if context is not None:
             self.looked(context, True)
 

@@ -18,13 +18,13 @@ from ..kernels.shear import TIME, flow_at, sheared_box, strain_at
 from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.pair_force import PairForceFunction
 from ..plan.forces.thread_state import ThreadState, fingerprint
-from .fields import field_variables, per_dof, raw_fields, raw_rates
+from .fields import field_variables, per_dof, raw_bonds, raw_fields, raw_rates
 from .integrators import PairIntegrator
 
 
-def guide_variables(guide: Guide | None) -> list[str]:
-    """Global variables of an integrator with what a guide keeps from step to step."""
-    return [] if guide is None else [f"{shared.GUIDE}{k}" for k in range(len(guide.numbers))]
+def guide_variables(guide: Guide | None, more: int = 0) -> list[str]:
+    """Global variables of an integrator with what a guide keeps from step to step, and with so ``more`` numbers about reactions."""
+    return [f"{shared.GUIDE}{k}" for k in range(more + (0 if guide is None else len(guide.numbers)))]
 
 
 class WholeSteps:
@@ -38,6 +38,10 @@ class WholeSteps:
         #: per-DOF variables that a stored acceleration depends on, besides positions, box and parameters
         self._left = [f"{shared.FIELD}{k}" for k in fields] + ["v"] * (function.steps is not None and function.steps.thermostat)
         self._held: tuple[float, dict[str, np.ndarray]] = (0.0, {})
+        self._known: np.ndarray | None = None  #: Table of bonds that is in the integrator, and in what is held
+        self.heard: list[list] = []  #: Lists that get what happens to bonds from now on, :class:`openmm_dpd.kernels.reactions.Event`
+        bonds = None if function.steps is None else function.steps.reactions
+        self._numbers = guide_variables(guide, 0 if bonds is None else 3 * len(bonds.reactions))
 
     @property
     def spec(self) -> StepSpec:
@@ -67,6 +71,7 @@ class WholeSteps:
             assert loop is not None
             # free arrays early: each has 24 bytes per bead
             loop.forget()
+            loop.events = [] if self.heard else None  # type: ignore[attr-defined]
             x, box = self.function.positions(state), self.function.box(state)
             del state
             moment, resting = self._moment(integrator, context, x, box, clock[0], parameters, own)
@@ -101,6 +106,8 @@ class WholeSteps:
                 context.setTime(clock[-1])  # OpenMM counts with the step size that the Context was made with
             finally:
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, shared.AHEAD, 0.0)
+        for events in self.heard:
+            events += loop.events  # type: ignore[attr-defined]
 
     def _moment(
         self, integrator: PairIntegrator, context: openmm.Context, x: np.ndarray, box, time: float, parameters, own: ThreadState
@@ -114,7 +121,7 @@ class WholeSteps:
         v[self._still] = 0.0
         kT = function.thermal_energy(parameters)
         moment = Moment(x, v, box, dt, kT, *function.noise(parameters))
-        moment.numbers = np.array([integrator.getGlobalVariableByName(name) for name in guide_variables(self.guide)])
+        moment.numbers = np.array([integrator.getGlobalVariableByName(name) for name in self._numbers])
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
         if spec.driven is not None:
@@ -132,6 +139,10 @@ class WholeSteps:
                     f"the box is tilted by {box[1, 0]:g} and not by the {moment.box[1, 0]:g} nm of the shear: it was set, or comes from a "
                     "state without its parameters; load states whole"
                 )
+        if spec.reactions is not None:
+            kept, moment.bonds = self.kept(integrator), raw_bonds(integrator)
+            self._known = moment.bonds.copy() if kept else None
+            parameters[shared.BONDS] = fingerprint(moment.bonds, np.zeros(0))
         fields = function.spec.fields
         if fields is not None:
             moment.values = raw_fields(context, fields)
@@ -163,7 +174,7 @@ class WholeSteps:
             context.setPeriodicBoxVectors(*moment.box)  # type: ignore[misc]
         context.setPositions(moment.x)
         context.setVelocities(moment.v)
-        for name, value in zip(guide_variables(self.guide), moment.numbers.tolist(), strict=True):
+        for name, value in zip(self._numbers, moment.numbers.tolist(), strict=True):
             put(integrator, name, value)
         if spec.slow_every > 1:
             put(integrator, shared.SLOW_STEP, float(moment.slow_step))
@@ -179,6 +190,11 @@ class WholeSteps:
         if moment.values is not None and own.fields is not None:
             own.fields.values = moment.values
             held = field_variables(moment.values)
+        there = set[str]()
+        if moment.bonds is not None:
+            parameters[shared.BONDS] = fingerprint(moment.bonds, np.zeros(0))
+            bonds = field_variables(moment.bonds, shared.BONDS)
+            held, there = held | bonds, set(bonds if self._known is not None and np.array_equal(moment.bonds, self._known) else ())
         if spec.predicts:
             assert moment.acc is not None
             held |= {"acc": moment.acc} | ({} if moment.rates is None else field_variables(moment.rates, shared.RATE))
@@ -194,9 +210,9 @@ class WholeSteps:
                 own.fingerprints.forget()  # nobody folds these beads
             put(integrator, "valid_for", last)
             put(integrator, "fingerprint", last)
-        for name, values in held.items():
-            openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, values)
-        if held:
+        for name in held.keys() - there:  # to write what is there would take longer than a step
+            openmm.CustomIntegrator.setPerDofVariableByName(integrator, name, held[name])
+        if len(held) > len(there):
             first, *more = held.values()
             stamp = fingerprint(first, np.concatenate(more).ravel() if more else np.zeros(0))
             put(integrator, shared.STAMP, stamp)
@@ -210,6 +226,8 @@ class WholeSteps:
             own, state = self.function.thread_state(), context.getState(positions=True, parameters=True)
             own.fingerprints.forget()
             parameters = state.getParameters().asdict() | {shared.DT: bare(integrator.getStepSize())}
+            if self.spec.reactions is not None:
+                parameters[shared.BONDS] = fingerprint(raw_bonds(integrator), np.zeros(0))
             last = own.fingerprints.of(self.function.positions(state), self.function.box(state), parameters)
             for name in ("valid_for", "fingerprint"):
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, name, last)

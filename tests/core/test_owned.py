@@ -19,6 +19,7 @@ KJ, MASK = unit.kilojoule_per_mole, [True, False, True]
 PAIRS = [[0, 1], [1, 2]]
 X = [[0.1, 0.2, 0.3], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]]
 DISTANCES = np.linspace(0.1, 1.0, 12)
+REACTIVE = dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 1.0, "r0": 1.0})
 
 
 def scene_arguments() -> dict:
@@ -56,6 +57,8 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.HarmonicImpropers: lambda: dihedrals("k", "chi0"),
     dpd.CosineImpropers: lambda: dihedrals("k", "d", "n"),
     dpd.UmbrellaImpropers: lambda: dihedrals("k", "omega0"),
+    dpd.ReactiveBonds: lambda: {"kind": dpd.HarmonicBonds, "coefficients": {"k": 1.0, "r0": 1.0}, "pairs": np.array(PAIRS)},
+    dpd.BondFormation: lambda: {"bonds": REACTIVE, "types": ["A", "A"], "within": 0.5, "valences": [2, 2]},
     dpd.RadialPair: lambda: {"form": "gauss", "values": {"A": 1.0, "B": 2.0}, "cutoff": 1.0},
     dpd.TabulatedPair: lambda: {"distances": DISTANCES.copy(), "energies": 1 - DISTANCES, "forces": np.ones(12)},
     dpd.TabulatedEOS: lambda: {"thetas": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
@@ -76,7 +79,9 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.GaussianCharges: lambda: {"permittivity": 1.0, "width": 0.5, "bonded_factors": [0.0, 0.0, 1.0], "grid": [8, 8, 8]},
 }
 
-_SCALARS = "ConstantHeatCapacity DPD EnergyDPD EwaldSum LeesEdwards LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall"
+_SCALARS = (
+    "BondBreaking ConstantHeatCapacity DPD EnergyDPD EwaldSum LeesEdwards LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall"
+)
 SCALARS = set(_SCALARS.split())  # Only numbers, text and other frozen classes in them.
 
 

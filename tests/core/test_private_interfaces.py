@@ -33,7 +33,7 @@ ATTRIBUTES["_getvalue"] = ADDRESSES
 ATTRIBUTES["_default_value"] = "openmm_dpd.molecules.inputs.gsd_files"  # of gsd
 
 #: Attributes of the package's own classes that others look at, and the documented one of named tuples.
-OWN = {"_BEADS", "_DIMENSIONS", "_evaluated", "_replace", "_take"}
+OWN = {"_BEADS", "_DIMENSIONS", "_accelerate", "_count", "_evaluated", "_reflect", "_replace", "_take"}
 
 
 @contextmanager

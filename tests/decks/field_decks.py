@@ -224,6 +224,12 @@ pair_coeff 1 2 none; pair_coeff 2 2 srp 80 0.8; @move; types 2
 = chains that grow : dimers : bond :
 @chains 50 0.5; @one; fix grow all bond/create 5 1 1 0.5 1 iparam 2 1 jparam 2 1; @move; reads extra/bond/per/atom 4 extra/special/per/atom 9
 = bonds that break : diblocks : bond : @chains 50 0.7; @two; fix tear all bond/break 5 1 0.9; @move
+= network that forms and tears : dimers : bond :
+@chains 50 0.5; @one; fix grow all bond/create 4 1 1 0.6 1 iparam 3 1 jparam 3 1; fix tear all bond/break 6 1 0.55; @move; RUNS run 27
+show ebond bonds f_grow[1] f_grow[2] f_tear[1] f_tear[2]; reads extra/bond/per/atom 4 extra/special/per/atom 19
+= bonds over two runs : dimers : bond :
+@chains 50 0.5; @one; fix grow all bond/create 5 1 1 0.5 1 iparam 2 1 jparam 2 1; @move; RUNS run 8; RUNS run 13
+show ebond bonds f_grow[1] f_grow[2]; reads extra/bond/per/atom 4 extra/special/per/atom 9
 = drop : drop : mdpd : BEADS; @mdpd; @mvv
 = thread : thread : mdpd : BEADS; @mdpd; @mvv; compute rho all property/atom rho; compute mean all reduce ave c_rho; show c_mean
 = drop on a wall : wall : mdpd : @wetting; fix hold wall setforce 0 0 0; fix move liquid mvv/dpd 0.5
@@ -364,8 +370,6 @@ for part in TEXTS.split("\n= ")[1:]:
 #: What is said to decks that are refused, and which they are.
 REFUSED: dict[str, tuple[str, ...]] = {
     "'smd'": ("lipid pulled out",),
-    "'bond/create'": ("chains that grow",),
-    "'bond/break'": ("bonds that break",),
     "'viscosity'": ("viscosity by exchange of momentum",),
     "'rigid/": (
         "rigid clay",

@@ -14,7 +14,7 @@ from test_commands_live import BEADS, FRAMES, RUN
 from openmm_dpd.base.errors import DeckError, DPDError
 from openmm_dpd.lammps import RunOptions, explain_deck, export_deck
 from openmm_dpd.lammps.run.acting import FORCES
-from openmm_dpd.lammps.state.records import ACTING_FIXES, COUPLED, FIX_VALUES, FORCE_FIXES
+from openmm_dpd.lammps.state.records import ACTING_FIXES, COUPLED, FIX_VALUES, FORCE_FIXES, REACTING
 
 START = BEADS.replace("pair_coeff * * 25 0.5", "pair_coeff * * 25 4.5")
 #: Beads some way from the faces, for walls all around.
@@ -163,7 +163,7 @@ def test_both_programs_write_the_same(trial, name):
 
 def test_tables_agree():
     assert set(FORCES) == {*FORCE_FIXES, *ACTING_FIXES}
-    assert set(FIX_VALUES) <= {*FORCES, *COUPLED, "nve/limit"}
+    assert set(FIX_VALUES) <= {*FORCES, *COUPLED, *REACTING, "nve/limit"}
 
 
 def test_what_npt_conserves_is_conserved(tmp_path):

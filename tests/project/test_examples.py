@@ -256,6 +256,17 @@ def test_colloids(tmp_path, monkeypatch, seed):
     assert is_picture(tmp_path / "colloids.png")
 
 
+@pytest.mark.slow
+@any_seed(0)
+def test_network(tmp_path, monkeypatch, seed):
+    """A gel, later than without rings; a row for each bond."""
+    found = example("18_network", monkeypatch, seed, MOLECULES=300).main(tmp_path)
+    assert 0.5 < found["gel_point"] < 0.85 and found["gel"] < found["gel_in_theory"]
+    rows = np.genfromtxt(tmp_path / "events.csv", delimiter=",", names=True)
+    assert np.all(rows["change"] == 1) and len(rows) > 0.45 * 900 * 0.9
+    assert is_picture(tmp_path / "network.png")
+
+
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
     found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()

@@ -285,6 +285,51 @@ def _of_all(style: str, atom_style: str | None = None) -> FixReader:
     return reader
 
 
+# -- bonds -----------------------------------------------------------------------------------------------------------------------
+def _bond_type(state: DeckState, word: str) -> int:
+    kind = read.integer(state.numbered("bond", word), "the bond type", 1)
+    if kind > state.n_bond_types:
+        raise ParameterError(f"bond type {kind} is out of range: there are {state.n_bond_types}")
+    return kind
+
+
+def _chance(words: list[str]) -> float:
+    value = read.number(words[0], "the probability")
+    if not 0 <= value <= 1:
+        raise ParameterError(f"the probability must be between 0 and 1, but is {value:g}")
+    read.integer(words[1], "the seed", 1)
+    return value
+
+
+def _bond_create(state: DeckState, group: str, words: list[str]) -> dict:
+    usage = "fix ID all bond/create N itype jtype Rmin bondtype iparam maxbond itype jparam maxbond jtype [prob fraction seed]"
+    read.count(words, usage, 5, None)
+    types = tuple(state.type_number(state.numbered("atom", word)) for word in words[1:3])
+    most, probability = dict[str, int](), 1.0
+    for keyword, values in read.options(words[5:], {"iparam": 2, "jparam": 2, "prob": 2}, "fix bond/create"):
+        if keyword == "prob":
+            probability = _chance(values)
+            continue
+        most[keyword] = read.integer(values[0], "maxbond", 1)
+        if state.type_number(state.numbered("atom", values[1])) != types[keyword == "jparam"]:
+            raise ParameterError(f"fix bond/create {keyword}: beads that change their type are not supported; let newtype be the type")
+    if len(most) < 2:
+        raise ParameterError(f"fix bond/create without iparam and jparam is not supported: give maxbond, '{usage}'")
+    if types[0] == types[1] and most["iparam"] != most["jparam"]:
+        raise ParameterError("fix bond/create: iparam and jparam of one atom type must be the same")
+    every, length = read.integer(words[0], "the interval", 1), read.positive(words[3], "Rmin")
+    rest = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0]}
+    return {"every": every, "types": types, "length": length, "most": (most["iparam"], most["jparam"]), **rest}
+
+
+def _bond_break(state: DeckState, group: str, words: list[str]) -> dict:
+    read.count(words, "fix ID all bond/break N bondtype Rmax [prob fraction seed]", 3, None)
+    options = dict(read.options(words[3:], {"prob": 2}, "fix bond/break"))
+    every, length = read.integer(words[0], "the interval", 1), read.non_negative(words[2], "Rmax")
+    rest = {"probability": _chance(options["prob"]) if options else 1.0, "counts": [0.0, 0.0]}
+    return {"every": every, "bond": _bond_type(state, words[1]), "length": length, **rest}
+
+
 def _balance(state: DeckState, group: str, words: list[str]) -> dict:
     state.note("fix balance has no effect here; keep it for LAMMPS")
     return {}
@@ -297,6 +342,6 @@ FIX_STYLES: dict[str, FixReader] = {
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "npt": _npt, "gravity": _gravity},
     **{"wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform, "enforce2d": _enforce2d, **ACTING_STYLES},
-    "balance": _balance,
+    **{"balance": _balance, "bond/create": _bond_create, "bond/break": _bond_break},
     **{style: partial(parse_rigid, fix=style) for style in RIGID},
 }

@@ -18,11 +18,13 @@ from ...measure.of_beads import bead_shares, pair_terms
 from ...measure.present import require_stress, why_no_stress
 from ...measure.within import Row, Within
 from ...model.schemes import scheme_of
+from ...simulation.bonds import read_reacted
 from ...simulation.built import BuiltSystem
 from ...simulation.fields import read_fields
 from ...simulation.whole_steps import guide_variables
 from ..scene.axes import SAME, Axes
 from ..scene.flow import guided
+from ..scene.reacting import reacted_values, take_bonds
 from ..state.records import ACTING_FIXES, FIX_VALUES, NO_SLIDE, DeckSample, Slide
 from ..values.resolver import Resolver
 from .acting import acted_on
@@ -133,6 +135,8 @@ class Sampler:
         if self.request.state.fixes_of("adapt"):
             self.observer.present.renew()
         present, slide = self.observer.present, slide_of(self.built, self.context, self.axes)
+        if present.bonds is not None:
+            take_bonds(self.request.state, present.bonds)
         # of all beads: LAMMPS counts the velocities of immobile beads, too
         products = moments(self._masses, self._velocities(slide))[:6]
         place = {"positions": self.axes.of_deck(present.x), "box": self.axes.box_of_deck(present.box)}
@@ -165,6 +169,8 @@ class Sampler:
             found, acted = self._acted_on(sample, measured.untaken)
             # otherwise they are those of the simulation
             forces = found if self._guided or state.fixes_of("setforce") else forces
+        if self.built.plan.scene.reactions:
+            acted = acted | self.reacted(sample.step)
         vars(sample).update(
             measured=measured,
             pair_energy=measured.pair,
@@ -197,6 +203,11 @@ class Sampler:
         halfway = DeckSample(sample.step, positions=sample.positions, velocities=v, box=sample.box)
         found, values = acted_on(Resolver(state, halfway, window), forces / unit)
         return found * unit, values if self.guide is None else values | self.guide.values(self.numbers(), moment)
+
+    def reacted(self, step: int) -> dict[str, list[float]]:
+        """Values of the fixes that make and break bonds."""
+        reacted = read_reacted(self.context, self.built.plan)
+        return reacted_values(self.request.state, reacted, step, self.request.first_step)
 
     def numbers(self) -> np.ndarray:
         """What the guide has kept in the Context."""

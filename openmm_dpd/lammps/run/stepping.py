@@ -160,6 +160,8 @@ class DeckSteps:
 
     def begin(self, scene: Scene) -> None:
         """Do everything that is due before the first step."""
+        if scene.reactions:
+            self.request.state.bonds_before = self.request.state.bonds
         for reader in self.readers:
             reader.begin(self.request.state, self.request.first_step)
         for dump in self.dumps:
@@ -218,6 +220,10 @@ class DeckSteps:
         context, guide = self.simulation.context, self.sampler.guide
         if guide is not None:
             guide.keep(self.sampler.numbers())
+        if self.built.plan.scene.reactions:
+            for name, values in self.sampler.reacted(self.request.last_step).items():
+                self.request.state.fixes[name].parameters["counts"] = values[1:]
+            self.request.state.bonds_before = None
         x, v, box = arrays(context, self.request.axes)
         last = None if self._sample is None else self._sample.kept()
         slide = slide_of(self.built, context, self.request.axes)

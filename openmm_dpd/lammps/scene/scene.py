@@ -1,5 +1,7 @@
 """From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`, including bead fields and sources."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...base.errors import read_by
@@ -23,6 +25,7 @@ from .axes import SAME, Axes, axes_of
 from .exclusion import scene_pairs
 from .flow import body_forces_of, guided, interacting_beads, walls_of
 from .integration import integration
+from .reacting import reacting_types, reactions_of
 
 
 def build_scene(
@@ -66,7 +69,7 @@ def build_scene(
             velocities=axes.of_scene(atoms.velocities * units.velocity),
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
-            bonds=_bonded_terms(state, "bond"),
+            bonds=_bonded_terms(state, "bond", leave=reacting_types(state)),
             angles=_bonded_terms(state, "angle"),
             dihedrals=_bonded_terms(state, "dihedral"),
             impropers=_bonded_terms(state, "improper"),
@@ -83,6 +86,7 @@ def build_scene(
             interacting=interacting_beads(state, mobile),
             shear=shear if axes == axes_of(state) else None,
             bodies=bodies_of(state),
+            reactions=reactions_of(state, state.step if window is None else window.first),
         )
 
 
@@ -125,11 +129,11 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
 
 
-def _bonded_terms(state: DeckState, what: str) -> list:
+def _bonded_terms(state: DeckState, what: str, leave: Sequence[int] = ()) -> list:
     """Bonds, angles, ... by type.  Bonds without energy are kept, since they count for special_bonds; other terms without energy
     are left out."""
     terms, setup, known, found = getattr(state, f"{what}s"), getattr(state, what), bonded_styles(what), []
-    for kind in np.unique(terms[:, 0]).tolist():
+    for kind in np.setdiff1d(terms[:, 0], leave).tolist():
         style: str = "none"
         values: dict[str, float] = {}
         if setup.style not in ("none", "zero") and kind > 0:

@@ -55,6 +55,7 @@ class DeckState:
     masses: dict[int, float] = field(default_factory=dict)  #: Mass of each type that has one, Da
     atoms: Atoms = field(default_factory=Atoms)  #: Arrays in the order of the ids
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: (B, 3) bond type and the ids of the two beads
+    bonds_before: np.ndarray | None = None  #: Those at the start of the present run, where fixes make and break bonds
     #: (A, 4) angle type and the ids of the three beads, the vertex in the middle.  Types of terms that are turned off are negative.
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) dihedral type and the four ids
@@ -377,9 +378,9 @@ class DeckState:
         self.take_inside(np.where(own.periodic, inside, np.clip(inside, own.low, np.nextafter(own.high, own.low))), shifts)
         self.atoms.velocities = (np.asarray(velocities, dtype=np.float64) - slide.shift(shifts, slide.speed)) / self.units.velocity
         places = bead_fields(self.atom_style, self.units)
-        for name, values in (fields or {}).items():
+        for name in (fields or {}).keys() - {"bonds"}:  # the deck has those since the last measurement
             place, unit = places[name]
-            setattr(self.atoms, place, np.array(values, dtype=np.float64) / unit)
+            setattr(self.atoms, place, np.array(fields[name], dtype=np.float64) / unit)  # type: ignore[index]
 
 
 def pairs_left_out(

@@ -40,11 +40,14 @@ COUPLED = ("nvt", "npt", "temp/rescale", "temp/berendsen", "langevin")
 #: Fixes that only a guide of whole steps carries out, and all that one may.
 GUIDING = (*ACTING_FIXES, *COUPLED, "nve/limit", "move", "adapt")
 GUIDED = (*FORCE_FIXES, *GUIDING)
+#: Fixes that make and break bonds.
+REACTING = ("bond/create", "bond/break")
 #: Values of fixes by style: whether there is a scalar, the length of the vector (None: it varies), and whether that is a sum over beads.
 FIX_VALUES: dict[str, tuple[bool, int | None, bool]] = {
     **{"addforce": (True, 3, True), "setforce": (False, 3, True), "aveforce": (False, 3, True), "efield": (True, 3, True)},
     **{"spring": (True, 4, True), "spring/self": (True, 0, True), "wall/region": (True, 3, True), "nvt": (True, None, False)},
     **dict.fromkeys(("temp/rescale", "temp/berendsen", "langevin", "nve/limit", "npt"), (True, 0, True)),
+    **dict.fromkeys(REACTING, (False, 2, False)),
     **dict.fromkeys([style for style in ACTING_FIXES if style.startswith("wall/") and style != "wall/region"], (True, None, True)),
 }
 

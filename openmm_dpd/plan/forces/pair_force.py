@@ -116,8 +116,8 @@ class PairForceFunction:
 
     def _evaluate(self, own: ThreadState, phase: int, state, parameters: dict):
         """Energy and forces for a phase."""
-        if (self.spec.sheared or self.spec.bodies is not None) and phase != Phase.IDLE:
-            what = "Lees-Edwards shear is" if self.spec.sheared else "rigid bodies are"
+        if phase != Phase.IDLE and (self.spec.sheared or self.spec.bodies is not None or self.spec.sorts):
+            what = "bonds form and break" if self.spec.sorts else "Lees-Edwards shear is" if self.spec.sheared else "rigid bodies are"
             raise RunError(f"{what} {ONE_BY_ONE}: step the integrator that build() made, by a Simulation or its own step()")
         x = self.positions(state)
         box = self.box(state)

@@ -107,6 +107,8 @@ class Program:
             self.steps.append(Step("if", expression=f"{shared.AHEAD} < 1", why="is this step still to be done?"))
         for k, value in enumerate(self.options.numbers):
             self.declare(f"{shared.GUIDE}{k}", value, "what acts within steps keeps it")
+        for k in range(self.options.bond_blocks):
+            self.declare_per_dof(f"{shared.BONDS}{k}", "bonds that form and break: 1 + partner + N sort")
         if self.options.kernel:
             self.set(shared.DT, "dt", "so that setStepSize works")
         if self.options.settable:
@@ -124,7 +126,8 @@ class Program:
         """Add the lines at the end of every step, which close those of :meth:`begin`; what a loop of steps left is no longer valid."""
         if self.options.kernel:
             self.phase(shared.Phase.IDLE)
-        if self.options.kernel and not self.options.execution.on_device and (self.options.field_blocks or self.options.predicting):
+        kept = self.options.field_blocks or self.options.predicting or self.options.bond_blocks
+        if self.options.kernel and not self.options.execution.on_device and kept:
             self.declare(shared.STAMP, 0.0, "fingerprint of the per-DOF variables that a loop of steps left, or 0")
             self.set(shared.STAMP, "0")
         if self.options.execution.looped:

@@ -1,0 +1,83 @@
+"""Bonds that ``fix bond/create`` and ``fix bond/break`` make and break: from the deck to reactions, and back."""
+
+import numpy as np
+
+from ...base.errors import ParameterError
+from ...kernels.reactions import bonds_in
+from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
+from ..language.lexer import errors_at
+from ..state.deck_state import DeckState
+from ..state.records import REACTING
+from ..styles.words import bonded_styles
+
+
+def reacting_types(state: DeckState) -> list[int]:
+    """Bond types that fixes make and break, in the order of the fixes."""
+    return list(dict.fromkeys(fix.parameters["bond"] for fix in state.fixes_of(*REACTING)))
+
+
+def _pairs(state: DeckState, kind: int) -> np.ndarray:
+    """Beads (B, 2) of the bonds of a type at the start of a run."""
+    bonds = state.bonds if state.bonds_before is None else state.bonds_before
+    return state.atoms.index_of(bonds[bonds[:, 0] == kind, 1:].ravel()).reshape(-1, 2)
+
+
+def _turns(state: DeckState, kind: int) -> bool:
+    """Whether a bead of a bond of this type is in an angle, a dihedral or an improper, which LAMMPS takes away with the bond."""
+    terms = [terms[:, 1:].ravel() for terms in (state.angles, state.dihedrals, state.impropers)]
+    return bool(np.isin(state.atoms.ids[_pairs(state, kind)], np.concatenate(terms)).any())
+
+
+def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaking]:
+    """The reactions of a run that begins at a step.  DeckError where a fix cannot act as in LAMMPS."""
+    fixes, sorts, found = state.fixes_of(*REACTING), dict[int, ReactiveBonds](), list[BondFormation | BondBreaking]()
+    made = {fix.parameters["bond"] for fix in fixes if fix.style == "bond/create"}
+    for fix in fixes:
+        given, kind = fix.parameters, fix.parameters["bond"]
+        broken = any(other.style == "bond/break" and other.parameters["counts"][1] for other in fixes if other.parameters["bond"] == kind)
+        reasons = {
+            "its group must be all": fix.group != "all",
+            "it needs special_bonds lj 1 1 1: beads keep their pair terms when they are bonded": set(state.special) != {1.0},
+            f"bond type {kind} has no coefficients": kind not in state.bond.coefficients,
+            "it cannot be combined with fix npt, whose pressure leaves out bonds that form and break": bool(state.fixes_of("npt")),
+            "neigh_modify exclude is not supported beside it": bool(state.exclusions),
+            "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
+            "bonds were broken in a run before, which count for maxbond in LAMMPS; put both into one run": broken and kind in made,
+        }
+        for reason in (reason for reason, holds in reasons.items() if holds):
+            raise fix.error(reason)
+        with errors_at(fix.where, f"fix {fix.name}: "):
+            if kind not in sorts:
+                style, values = state.bond.coefficients[kind]
+                if style in ("none", "zero"):
+                    raise ParameterError(f"bonds of style {style} have no energy")
+                bond = bonded_styles("bond")[style].build(np.array([[0, 1]]), values)
+                sorts[kind] = ReactiveBonds(type(bond), {name: getattr(bond, name)[0] for name in bond._DIMENSIONS}, _pairs(state, kind))
+            trials = {"probability": given["probability"], "every": given["every"], "start": -step % given["every"]}
+            length = given["length"] * state.units.length
+            if fix.style == "bond/create":
+                one, other = map(str, given["types"])
+                found.append(BondFormation(sorts[kind], (one, other), length, given["most"], **trials))
+            else:
+                found.append(BondBreaking(sorts[kind], length, spends=kind in made, **trials))
+    return found
+
+
+def take_bonds(state: DeckState, table: np.ndarray) -> None:
+    """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`."""
+    kinds = reacting_types(state)
+    rows = [state.bonds[~np.isin(state.bonds[:, 0], kinds)]]
+    for k, kind in enumerate(kinds):
+        ids = state.atoms.ids[bonds_in(table, k).astype(np.int64)]
+        rows.append(np.column_stack([np.full(len(ids), kind), ids]))
+    state.bonds = np.concatenate(rows)
+
+
+def reacted_values(state: DeckState, reacted: np.ndarray, step: int, first: int) -> dict[str, list[float]]:
+    """Values of the fixes at a step of a run: bonds changed by the last trial, and since the fix was made, from those that the reactions
+    have changed since the first step, (R, 3)."""
+    found = {}
+    for fix, (made, broken, last) in zip(state.fixes_of(*REACTING), reacted.tolist(), strict=True):
+        before, every = fix.parameters["counts"], fix.parameters["every"]
+        found[fix.name] = [0.0, float(last if step // every > first // every else before[0]), float(before[1] + made + broken)]
+    return found

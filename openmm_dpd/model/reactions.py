@@ -1,0 +1,233 @@
+"""Bonds that form and break during a run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..base.errors import ParameterError, in_length, what_is
+from ..base.geometry import widths
+from ..base.units import checked, keep, whole_number
+from .bonds import Bonds, bead_indices, check_members
+from .internal import Concentrations
+
+
+@dataclass(frozen=True, eq=False)
+class ReactiveBonds:
+    """Bonds of one sort, which reactions make and break.  Reactions with the same object act on the same bonds.
+
+    Parameters
+    ----------
+    kind, coefficients : class, and mapping of str to number
+        HarmonicBonds or another kind of bonds, and its coefficients by name, ``{"k": 50.0, "r0": 0.5}``, the same for all bonds.
+    pairs : (B, 2) array of int, optional
+        The beads of the bonds that there are at the start.
+    """
+
+    kind: Any
+    coefficients: Mapping[str, float]
+    pairs: np.ndarray = ()  # type: ignore[assignment]  # an array once constructed
+
+    def __post_init__(self):
+        if not (isinstance(self.kind, type) and issubclass(self.kind, Bonds) and self.kind is not Bonds):
+            raise ParameterError(f"the kind of reactive bonds must be a class such as HarmonicBonds, not {what_is(self.kind)}")
+        try:
+            one = self.between(np.array([[0, 1]]))
+        except TypeError:
+            names = ", ".join(self.kind._DIMENSIONS)
+            raise ParameterError(f"{self.kind.__name__} has the coefficients {names}, not {what_is(self.coefficients)}") from None
+        values = {name: float(getattr(one, name)[0]) for name in self.kind._DIMENSIONS}
+        keep(self, coefficients=values, pairs=bead_indices(self.pairs, 2, "reactive bonds"))
+
+    def __str__(self) -> str:
+        return f"{self.kind.__name__} with {', '.join(f'{name} = {value:g}' for name, value in self.coefficients.items())}"
+
+    def between(self, pairs: np.ndarray) -> Bonds:
+        """Bonds of this sort between these beads, (B, 2)."""
+        return self.kind(pairs, **self.coefficients)
+
+    def curve(self, r: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Energies, first and second derivatives at these lengths, (B,) each."""
+        return self.between(np.tile([[0, 1]], (len(r), 1))).curve(r)
+
+
+class _Reaction:
+    """Base of what makes and breaks bonds."""
+
+    bonds: ReactiveBonds
+    probability: float
+    rate: float | None
+    every: int
+    start: int
+    forms: ClassVar[bool]  #: Whether it makes bonds
+    what: ClassVar[str]  #: What it is, in messages
+
+    def __post_init__(self):
+        if not isinstance(self.bonds, ReactiveBonds):
+            raise ParameterError(f"the bonds of a {self.what} must be ReactiveBonds, not {what_is(self.bonds)}")
+        probability = checked(self.probability, "dimensionless", f"the probability of a {self.what}")
+        rate = None if self.rate is None else checked(self.rate, "rate", f"the rate of a {self.what}")
+        if probability > 1.0 or (rate is not None and probability != 1.0):
+            raise ParameterError(f"a {self.what} has a probability of at most 1, or a rate in its place, not {probability:g} and {rate}")
+        every = whole_number(self.every, f"the interval between trials of a {self.what}, in steps,", least=1)
+        start = whole_number(self.start, f"the first step with a trial of a {self.what}", least=0)
+        keep(self, probability=probability, rate=rate, every=every, start=start)
+
+    def __str__(self) -> str:
+        given = ((each.name, getattr(self, each.name)) for each in fields(self)[1:] if getattr(self, each.name) != each.default)  # type: ignore[arg-type]
+        return f"{self.what} of {self.bonds}: {', '.join(f'{name} = {value}' for name, value in given)}"
+
+    def until(self, number: int) -> int:
+        """Steps from step ``number`` to the end of the next one with a trial."""
+        return max(self.start - number, (self.start - number - 1) % self.every + 1)
+
+    def chance(self, dt: float, factor: Any = 1.0) -> Any:
+        """Probability at a trial, where steps have this size and the rate is larger by a factor."""
+        return self.probability if self.rate is None else -np.expm1(-self.rate * factor * self.every * dt)
+
+
+@dataclass(frozen=True, eq=False)
+class BondFormation(_Reaction):
+    r"""Beads that come close are bonded: for good, or in equilibrium.
+
+    Without an ``energy``, mutual nearest beads that have valences left are bonded with a probability at each trial, one bond for each bead
+    at most, as in LAMMPS's ``fix bond/create``.  With an ``energy`` :math:`\varepsilon`, every pair that is close enough is chosen with a
+    probability, and if both beads may have this bond, it is there afterwards with the probability
+    :math:`1/(1 + e^{(U(r) - \varepsilon)/k_BT})`, whatever was before: bonds are in equilibrium (heat bath; Creutz, Phys. Rev. D 21, 2308
+    (1980)).
+
+    Parameters
+    ----------
+    bonds : ReactiveBonds
+        What is made.
+    types, valences : two type names, and one int or two
+        Types of the two beads, and most bonds of this sort that each may have.
+    within : length
+        Beads have to be closer than this, nm.
+    probability : float, or rate : inverse time
+        Probability at a trial, 1 by default; or k in 1 - exp(-k t), t the time between trials, 1/ps.
+    energy : energy, optional
+        By how much a bond is lower than U(r), kJ/mol, of either sign.
+    every, start : int
+        Steps between trials, 1 by default, and the step of the first one.  A trial comes after the last drift of a step.
+    """
+
+    bonds: ReactiveBonds
+    types: tuple[str, str]
+    within: float
+    valences: tuple[int, int]
+    probability: float = 1.0
+    rate: float | None = None
+    energy: float | None = None
+    every: int = 1
+    start: int = 0
+    forms, what = True, "bond formation"
+
+    def __post_init__(self):
+        super().__post_init__()
+        given = self.valences if isinstance(self.valences, Sequence) else (self.valences,) * 2
+        for name, pair in (("types", self.types), ("valences", given)):
+            if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
+                raise ParameterError(f"the {name} of a bond formation must be two, one for each bead, not {what_is(pair)}")
+        valences = tuple(whole_number(each, "a valence of a bond formation", least=1) for each in given)
+        if self.types[0] == self.types[1] and valences[0] != valences[1]:
+            raise ParameterError(
+                f"both beads of a bond formation are {what_is(self.types[0])}, so their valences are the same, not {valences}"
+            )
+        within = checked(self.within, "length", "the distance of a bond formation", positive=True)
+        if self.bonds.between(np.array([[0, 1]])).overstretched(within * np.array([[0.0, 0, 0], [1 - 1e-9, 0, 0]]), None):
+            raise ParameterError(f"a bond formation within {in_length(within)} would make longer bonds than {self.bonds} can be")
+        energy = None if self.energy is None else checked(self.energy, "energy", "the energy of a bond formation", signed=True)
+        keep(self, types=tuple(self.types), valences=valences, within=within, energy=energy)
+
+    def weight(self, r: np.ndarray, kT: float) -> np.ndarray:
+        """exp((U - energy)/kT) at these lengths: the weight of no bond beside that of one."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return np.exp((self.bonds.curve(r)[0] - self.energy) / np.float64(kT))
+
+
+@dataclass(frozen=True, eq=False)
+class BondBreaking(_Reaction):
+    r"""Bonds break that are too long, or by chance.
+
+    With ``beyond``, at each trial longer bonds that are the longest of both their beads break with a ``probability``, as in LAMMPS's
+    ``fix bond/break``.  With a ``rate``, bonds break at the rate :math:`k_0 e^{F x/k_BT}`, F = U'(r) (Bell, Science 200, 618 (1978)).
+
+    Parameters
+    ----------
+    bonds : ReactiveBonds
+        What breaks.
+    beyond, probability : length and float
+        Length, nm, and probability with which a longer bond breaks at a trial, 1 by default.
+    rate, barrier : inverse time and length
+        Rate :math:`k_0` without a tension, 1/ps, and distance x to the barrier, nm, 0 by default.
+    spends : bool, default False
+        Whether a broken bond goes on counting for the valences of its beads, so that they do not react again, as in LAMMPS.
+    every, start : int
+        Steps between trials, 1 by default, and the step of the first one.  A trial comes after the last drift of a step.
+    """
+
+    bonds: ReactiveBonds
+    beyond: float | None = None
+    probability: float = 1.0
+    rate: float | None = None
+    barrier: float = 0.0
+    spends: bool = False
+    every: int = 1
+    start: int = 0
+    forms, what = False, "bond breaking"
+
+    def __post_init__(self):
+        super().__post_init__()
+        barrier = checked(self.barrier, "length", "the barrier of a bond breaking")
+        if (self.beyond is None) == (self.rate is None) or (barrier and self.rate is None):
+            raise ParameterError("a bond breaking needs a length (beyond), or a rate, and then perhaps a barrier")
+        beyond = None if self.beyond is None else checked(self.beyond, "length", "the length of a bond breaking")
+        keep(self, beyond=beyond, barrier=barrier, spends=bool(self.spends))
+
+    def faster(self, r: np.ndarray, kT: float) -> Any:
+        """The factor by which tension makes bonds of these lengths break faster."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return np.exp(self.bonds.curve(r)[1] * self.barrier / np.float64(kT)) if self.barrier else 1.0
+
+
+def bond_sorts(reactions: Sequence[Any]) -> list[ReactiveBonds]:
+    """The sorts of bonds that some reactions act on, in the order in which they come first."""
+    return list({id(reaction.bonds): reaction.bonds for reaction in reactions}.values())
+
+
+def check_reactions(scene: Any) -> None:
+    """Raise ParameterError if the reactions of a scene are not possible, with the reason."""
+    if not scene.reactions:
+        return
+    charges, alike = scene.electrostatics, (None, (1.0, 1.0, 1.0))
+    formations = [reaction for reaction in scene.reactions if reaction.forms]
+    unknown = [name for reaction in formations for name in reaction.types if name not in scene.masses]
+    farthest, half = max((each.within for each in formations), default=0.0), np.inf if scene.box is None else 0.5 * widths(scene.box).min()
+    heated = any(reaction.energy is not None if reaction.forms else reaction.barrier for reaction in scene.reactions)
+    reasons = {
+        f"there is no bead type {what_is(unknown[0] if unknown else None)}": bool(unknown),
+        f"beads within {in_length(farthest)} are looked for in a box that is less than twice as wide": farthest > half * (1 + 1e-9),
+        "bonds in equilibrium, and those that break over a barrier, need a temperature": heated and scene.initial_kT == 0,
+        "rigid bodies are not supported beside them": bool(scene.bodies),
+        "beads keep their pair terms when they are bonded, so `bonded_factors` must be (1, 1, 1)": scene.bonded_factors not in alike,
+        "charges interact whether beads are bonded or not, so the `bonded_factors` of `electrostatics` must be (1, 1, 1)": (
+            charges is not None and charges.bonded_factors not in alike
+        ),
+        "`segments` repel bonds that stay": scene.segments is not None,
+        "beads have energies or temperatures of their own, and nothing says which of them the energy of a bond comes from": (
+            scene.internal is not None and not isinstance(scene.internal, Concentrations)
+        ),
+    }
+    wrong = next((reason for reason, holds in reasons.items() if holds), None)
+    if wrong is not None:
+        raise ParameterError(f"reactions are not possible in this scene: {wrong}")
+    sorts = bond_sorts(scene.reactions)
+    there = np.concatenate([scene.bond_pairs, *(bonds.pairs for bonds in sorts)])
+    check_members(np.sort(there, axis=1), scene.n_beads, "a reactive bond", "the bond between")
+    for group in (bonds.between(bonds.pairs) for bonds in sorts):
+        group.check_box(scene.box)
+        wrong = group.overstretched(scene.positions, scene.box)
+        if wrong is not None:
+            raise ParameterError(f"{wrong}; move the beads, or start without this bond")

@@ -1,0 +1,39 @@
+"""Bonds that form and break in a running scene.  They are per-DOF variables of the integrator (``bonds0``, ..., three bonds per bead in
+each), so OpenMM's checkpoints and saved states hold them."""
+
+from copy import copy
+
+import numpy as np
+import openmm
+
+from ..base.names import GUIDE
+from ..base.units import keep
+from ..kernels.reactions import bonds_in
+from ..model.reactions import bond_sorts
+from ..plan.plan import Plan
+from .fields import raw_bonds
+
+
+def read_bonds(context: openmm.Context, plan: Plan) -> np.ndarray:
+    """(B, 3) bonds that form and break, as they are now, in the plan ``built.plan``: two beads, and the sort, which is the number of its
+    :class:`~openmm_dpd.ReactiveBonds` in the order in which ``reactions`` name them."""
+    found = [np.zeros((0, 3), np.int64)]
+    for k in range(len(bond_sorts(plan.scene.reactions))):
+        pairs = bonds_in(raw_bonds(context.getIntegrator()), k).astype(np.int64)
+        found.append(np.column_stack([pairs, np.full(len(pairs), k)]))
+    return np.concatenate(found)
+
+
+def read_reacted(context: openmm.Context, plan: Plan) -> np.ndarray:
+    """(R, 3) for each of the scene's ``reactions``: bonds made and broken since the start, and bonds that its last trial has changed."""
+    get, end = context.getIntegrator().getGlobalVariableByName, len(plan.options.numbers)
+    return np.array([get(f"{GUIDE}{k}") for k in range(end - 3 * len(plan.scene.reactions), end)]).reshape(-1, 3).astype(np.int64)
+
+
+def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
+    """The plan with a scene whose ``bonds`` are those that stay and those of a table, (N, W): what measurements of that moment need."""
+    groups = [bonds.between(bonds_in(table, k).astype(np.int64)) for k, bonds in enumerate(bond_sorts(plan.scene.reactions))]
+    now, scene = copy(plan), copy(plan.scene)
+    keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
+    keep(now, scene=scene)
+    return now
