@@ -5,7 +5,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ..base.geometry import pairs_within
+from ..base.geometry import pairs_within, widths
 from ..kernels import external
 from ..kernels.bodies import BodySpec
 from ..kernels.external import BodyTerms
@@ -40,11 +40,14 @@ def neighbour_factors(scene: Scene) -> tuple[Factors, Factors]:
 
 
 def inner_factors(scene: Scene, reach: float) -> Factors:
-    """Factors 0 of pairs within bodies that do not count their inner energies, as far as pair terms reach."""
+    """Factors 0 of pairs within bodies that do not count their inner energies, as far as pair terms reach; of all pairs of a body that may
+    come near its own image."""
     found: Factors = {}
     for shape in scene.shapes:
-        beads = shape.body.beads
-        i, j, _ = pairs_within(shape.places, None, None, reach) if not shape.body.inner else (beads[:0],) * 3
+        beads, across = shape.body.beads, 2.0 * float(np.linalg.norm(shape.places, axis=1).max())
+        near = scene.box is not None and across + reach > 0.9 * widths(scene.box).min()
+        i, j = np.triu_indices(len(beads), 1) if near else pairs_within(shape.places, None, None, reach)[:2]
+        i, j = (i[:0], j[:0]) if shape.body.inner else (i, j)
         found |= {(min(pair), max(pair)): 0.0 for pair in zip(beads[i].tolist(), beads[j].tolist(), strict=True)}
     return found
 

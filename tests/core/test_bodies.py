@@ -294,6 +294,19 @@ def test_barostats_move_bodies_as_wholes():
     )
 
 
+def test_a_body_does_not_meet_its_own_image():
+    """In a box that is not twice as wide as the body, at any rotation."""
+    x = np.random.default_rng(8).normal(size=(9, 3)) * 0.9
+    options = {"box": [2.5] * 3, "bodies": [dpd.Body(range(9))], "velocities": np.cross([30.0, 10.0, -20.0], x)}
+    built = dpd.build(dpd.Scene({"C": 1.0}, ["C"] * 9, x, {("C", "C"): PAIRS["C", "C"]}, 1.0, **options), dt=0.001, seed=1, platform="CPU")
+    simulation, observer = built.simulation(), Observer(built)
+    start = state_of(simulation.context)[1]
+    for _ in range(5):
+        simulation.step(9)
+        assert observer.sample(simulation.context).potential == 0.0
+    assert np.abs(start).max() > 10.0 and np.abs(state_of(simulation.context)[1]).max() > 10.0
+
+
 def free(**changes) -> dpd.Scene:
     return replace(scene(), **changes)
 

@@ -21,7 +21,7 @@ EXPECTED: tuple[tuple[str | None, str | None, str | None, str], ...] = (
     (None, r"Failed to reorder neighbor lists", None, "LAMMPS asks for reports of this one"),
     (None, r"Cannot reset timestep with active dump", None, "frames are counted anew here"),
     (None, r"coord/atom cutoff is longer than pairwise cutoff", None, "neighbours are counted at any distance here"),
-    (None, r"exceeds ghost atom range|requires ghost atoms store velocity", None, "there are no ghosts here"),
+    (None, r"exceeds ghost atom range|requires ghost atoms store velocity|Rigid body extent", None, "there are no ghosts here"),
     (None, r"Must use variable energy with fix addforce", None, "a minimisation follows forces that are no gradients here"),
     (None, r"does not support compute pair/local", None, "pairs of all styles have forces here"),
     (None, r"Lost atoms|Non-numeric|simulation unstable", None, "beads that fly apart: each program has its own bound"),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from ..deck import Deck
 from ..draw import Draw
 from .averages import averages
+from .bodies import bodies
 from .bonded import bonded
 from .charges import charges
 from .control import control
@@ -31,6 +32,7 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {  # Areas by name: wei
     "averages": (2.5, averages),
     "pairs": (2.0, pairs),
     "bonded": (1.5, bonded),
+    "bodies": (0.5, bodies),
     "meso": (1.0, meso),
     "charges": (0.5, charges),
     "flow": (1.0, flow),
