@@ -66,7 +66,6 @@ class Shape(NamedTuple):
     mass: np.ndarray  #: (M,) masses of its beads, Da
     places: np.ndarray  #: (M, 3) places of its beads along its principal axes, nm
     moments: np.ndarray  #: (3,) moments of inertia, Da nm^2; the third is 0 for beads in line
-    axes: np.ndarray  #: (3, 3) columns are the principal axes in the scene
 
     @property
     def in_line(self) -> bool:
@@ -91,18 +90,15 @@ def shape_of(body: Body, positions: np.ndarray, masses: np.ndarray) -> Shape:
     moments = moments.sum() - moments  # about each axis, from sums of squares along it
     third = int(np.argmin(moments))
     in_line = bool(moments[third] <= _THIN**2 * mass.sum() * size2)
-    if in_line:
-        moments[third] = 0.0
-    else:
-        inverse = 1.0 / moments
-        third = int(np.argmin([abs(inverse[(k + 1) % 3] - inverse[(k + 2) % 3]) for k in range(3)]))
+    if not in_line:
+        third = int(np.argmin([abs(1.0 / moments[(k + 1) % 3] - 1.0 / moments[(k + 2) % 3]) for k in range(3)]))
     order = [(third + 1) % 3, (third + 2) % 3, third]
     axes = axes[:, order]
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     places = np.stack([np.sum(r * axes[:, k], axis=1) for k in range(3)], axis=1)
     if in_line:
-        places[:, :2] = 0.0
-    return Shape(body, mass, places, moments[order], axes)
+        moments[third], places[:, :2] = 0.0, 0.0
+    return Shape(body, mass, places, moments[order])
 
 
 def _diagonalised(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,10 +111,8 @@ def _diagonalised(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             ratio = (a[q, q] - a[p, p]) / (2.0 * a[p, q])
             t = (1.0 if ratio >= 0.0 else -1.0) / (abs(ratio) + np.sqrt(1.0 + ratio * ratio))
             c = 1.0 / np.sqrt(1.0 + t * t)
-            turn = np.array([[c, t * c], [-t * c, c]])
             for rows in (a, a.T, vectors):
-                one, other = rows[:, p].copy(), rows[:, q].copy()
-                rows[:, p], rows[:, q] = one * turn[0, 0] + other * turn[1, 0], one * turn[0, 1] + other * turn[1, 1]
+                rows[:, p], rows[:, q] = c * rows[:, p] - t * c * rows[:, q], t * c * rows[:, p] + c * rows[:, q]
     return np.diagonal(a).copy(), vectors
 
 
