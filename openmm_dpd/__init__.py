@@ -26,6 +26,7 @@ from .measure import (
     set_kT as set_kT,
     set_temperature as set_temperature,
 )
+from .model import shapes as shapes
 from .model.angles import (
     CosineAngles as CosineAngles,
     CosineDeltaAngles as CosineDeltaAngles,
@@ -61,6 +62,7 @@ from .model.reactions import (
 )
 from .model.scene import Scene as Scene
 from .model.segments import SegmentalRepulsion as SegmentalRepulsion
+from .model.shapes import SolidWall as SolidWall
 from .model.shear import LeesEdwards as LeesEdwards
 from .model.sources import Block as Block, Source as Source, Sphere as Sphere
 from .model.tdpd import TDPD as TDPD
@@ -81,7 +83,7 @@ from .simulation.thermostat import add_thermostat as add_thermostat
 __version__ = "0.2.0"
 
 #: Modules that scripts import by a name of their own, and where they are.
-PUBLIC_MODULES = {"pictures": pictures, "stats": stats, "trajectory": trajectory, "units": units, "view": view}
+PUBLIC_MODULES = {"pictures": pictures, "shapes": shapes, "stats": stats, "trajectory": trajectory, "units": units, "view": view}
 sys.modules.update({f"{__name__}.{name}": module for name, module in PUBLIC_MODULES.items()})
 
 

@@ -72,9 +72,13 @@ IMPULSES = {
     for side in range(2)
     for k in range(3)
 }
+#: Context parameters with walls that have a shape: impulse and angular impulse (force, torque) on each, by its number, and how many there
+#: may be.
+SOLID, MOST_SOLIDS = "dpd_solid_{}_{}_{}", 8
 #: Parameters that change within a step and are not part of the state.
 VOLATILE = frozenset((PHASE, TAU, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 VOLATILE |= frozenset(IMPULSES.values())
+VOLATILE |= {SOLID.format(k, kind, axis) for k in range(MOST_SOLIDS) for kind in ("force", "torque") for axis in "xyz"}
 
 #: Context parameter with a Lees-Edwards shear: its duration, to which the box vectors belong.
 SHEARED = "dpd_sheared"

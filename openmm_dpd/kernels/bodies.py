@@ -23,6 +23,7 @@ from .moment import Moment
 from .noise import normal, pair_key
 from .pairs import PairList
 from .rigid import INVERSE, MOVES, SPEED, SPIN, BodyBeads, carry_bodies, cross, frame, keep_beads, look_at_bodies, write_beads
+from .solids import Solids
 from .sweeps import decay
 
 
@@ -185,11 +186,16 @@ class Bodies:
         write_beads(self.beads, v)
 
 
-def move_all(bodies: Bodies | None, m: Moment, force: np.ndarray, inv_mass: np.ndarray, kick: float, time: float, limit: float) -> int:
-    """Kick and drift the beads of a moment (see :func:`.motion.move`), those of bodies together."""
+def move_all(
+    bodies: Bodies | None, walls: Any, m: Moment, force: np.ndarray, inv_mass: np.ndarray, kick: float, time: float, limit: float
+) -> int:
+    """Kick and drift the beads of a moment (see :func:`.motion.move`), those of bodies together, and up to walls that have a shape."""
+    bounces = time != 0.0 and isinstance(walls, Solids)
     if bodies is not None and time:
         bodies.keep(m.x)
-    found = motion.move(m.x.ravel(), m.v.ravel(), force, inv_mass, kick, time, limit)
+    found = motion.move(m.x.ravel(), m.v.ravel(), force, inv_mass, kick, 0.0 if bounces else time, limit)
+    if bounces:
+        walls.drift(m.x, m.v, time, m.impulses)
     if bodies is not None:
         bodies.carry(m.x, m.v, time)
     return found

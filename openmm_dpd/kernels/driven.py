@@ -18,6 +18,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from ..base.names import IMPULSES
 from ..runtime import Kernel, inlined
 from .elementary import sine
 from .motion import put_back
@@ -68,6 +69,12 @@ class Driven:
     velocity: np.ndarray  #: (3, 2, 3) of each axis and side, nm/ps
     period: np.ndarray  #: (3, 2) of their oscillation, ps; 0 where the velocity is constant
     continuum: Continuum | None
+    shape: ClassVar[tuple[int, int, int]] = (3, 2, 3)  #: Of what is recorded
+
+    @property
+    def impulses(self) -> dict[tuple[int, int, int], str]:
+        """Names of what is recorded, by axis, side and component."""
+        return {place: name for place, name in IMPULSES.items() if self.there[place[:2]]}
 
     @property
     def steady(self) -> bool:

@@ -11,6 +11,7 @@ from ..runtime import Tape
 from .columns import Totals
 from .driven import Driven
 from .interface import Engine
+from .solids import Solids
 
 #: Speeds in thermal velocities that no bead has in equilibrium: the Maxwell distribution gives one in 10^21 beads.
 FASTEST = 10.0
@@ -36,7 +37,7 @@ class StepSpec:
     field_lam: float = 0.5  #: Weight of the prediction of fields in that scheme
     #: Planes that beads do not pass, five arrays (3,): low, high, start, period, back (see :mod:`openmm_dpd.simulation.programs.walls`).
     walls: tuple[np.ndarray, ...] | None = None
-    driven: Driven | None = None  #: The walls, if some move or have something behind them
+    driven: Driven | Solids | None = None  #: The walls, if some move, or have a shape or something behind them
     ramp: Any = None  #: A TemperatureRamp of the model, or None
     shear: Any = None  #: A LeesEdwards of the model, or None
     tilt: float = 0.0  #: Tilt of the box at the start of a shear, nm
@@ -131,7 +132,7 @@ class Moment:
     ramped: float | None = None  #: Steps done, for a temperature ramp that the loop follows; None where the caller follows it
     slow_step: int = 0  #: Steps done since forces that are not the kernel's kicked
     time: float = 0.0  #: Time of the Context, ps, where walls are driven
-    #: (3, 2, 3) momentum that walls have taken up, by axis, side and component, where they are driven
+    #: Momentum that walls have taken up, where they are driven, at the places that their ``impulses`` name
     impulses: np.ndarray | None = None
     values: np.ndarray | None = None  #: (N, K) fields
     rates: np.ndarray | None = None  #: (N, K) rates of change of the fields, if friction is a force

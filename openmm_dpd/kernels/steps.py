@@ -14,7 +14,7 @@ from ..base.signals import CTRL_C
 from ..runtime import Tape, threads_for
 from . import bodies, motion
 from .columns import Totals
-from .driven import continuum_push, drag_by_walls, reflect_driven
+from .driven import Driven, continuum_push, drag_by_walls, reflect_driven
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM
 from .moment import FASTEST, NO_GUIDE, LastStep, Looks, Masses, Moment, SlowForces, StepSpec, Watch, ramped_energy
@@ -244,7 +244,7 @@ class StepLoop:
         flat = force.ravel(), self.masses.components
         if time:
             self._slide(m, time, BEFORE, m.v)
-        found = bodies.move_all(self.engine.bodies, m, *flat, kick, time, self._limit(m) if m.flow is None else np.inf)
+        found = bodies.move_all(self.engine.bodies, self.spec.driven, m, *flat, kick, time, self._limit(m) if m.flow is None else np.inf)
         if time:
             self._slide(m, 0.0, AFTER, m.v)
         return found
@@ -277,7 +277,7 @@ class StepLoop:
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
         walls, driven = self.spec.walls, self.spec.driven
-        if driven is not None:
+        if walls is not None and isinstance(driven, Driven):
             speeds, taken = driven.velocities(m.time + 0.5 * m.dt), np.zeros((3, 2, 3))
             for k, v in enumerate(velocities):
                 reflect_driven(m.x, v, self.masses.inverse, *walls, speeds, k == len(velocities) - 1, taken, m.impulses)  # type: ignore[misc]
@@ -362,10 +362,10 @@ class StepLoop:
         moving = (m.v,) if predicted is None else (predicted, m.v)
         self._slide(m, dt, BEFORE, *moving)
         if guide.limits:
-            bodies.move_all(self.engine.bodies, m, *flat, 0.5 * dt, 0.0, np.inf)
+            bodies.move_all(self.engine.bodies, self.spec.driven, m, *flat, 0.5 * dt, 0.0, np.inf)
             guide.limit(m)
         limit = self._limit(m) if m.flow is None else np.inf
-        fast = bodies.move_all(self.engine.bodies, m, *flat, 0.0 if guide.limits else 0.5 * dt, dt, limit)
+        fast = bodies.move_all(self.engine.bodies, self.spec.driven, m, *flat, 0.0 if guide.limits else 0.5 * dt, dt, limit)
         self._slide(m, 0.0, AFTER, *moving)
         self._reflect(m, *moving)
         guide.place(m, moving[0])

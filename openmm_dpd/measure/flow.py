@@ -1,14 +1,11 @@
-"""Reporters for viscosities: stress tensors, velocities in slabs, and forces on walls."""
+"""Reporters for viscosities: stress tensors, and velocities in slabs."""
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
-from openmm import unit
 
 from ..base.errors import ParameterError, what_is
 from ..base.geometry import sums_in_slices
-from ..base.names import IMPULSES
 from ..base.openmm_private import bare
 from ..base.stats import block_average
 from ..base.units import whole_number
@@ -295,69 +292,3 @@ class ProfileReporter(BuiltReporter):
         velocity = rows.mean(axis=0)
         error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
         return VelocityProfile(centres, width, velocity, error, self._density / n, kT, rows, self.length)
-
-
-class WallReporter(BuiltReporter):
-    """Reporter that records the forces on two walls, for :func:`.couette_viscosity`.
-
-    A force is the impulse of reflections, repulsion and friction per time, over all steps since the last report.  The Context keeps the
-    sums, so they continue after a restart.  The fluid has lost the momentum that the walls have gained, to rounding.
-
-    Parameters
-    ----------
-    interval : int
-        Steps between samples; the error of the stress is small over some units of time, as exchange with the first layer cancels.
-    built : BuiltSystem
-        A built scene in which a wall has a velocity, which may be (0, 0, 0), or a continuum behind it.
-    axis : {"x", "y", "z"}
-        Normal of the walls, one at each end.
-
-    Raises
-    ------
-    ParameterError
-        If there are no two walls along the axis whose forces are recorded, or no periodic box.
-    """
-
-    def __init__(self, interval: int, built: BuiltSystem, axis: str = "z"):
-        super().__init__(interval, built)
-        driven = built.plan.driven
-        if axis not in AXES or driven is None or not driven.there[AXES.index(axis)].all():
-            raise ParameterError(
-                f"there are no two walls along {what_is(axis)} whose forces are recorded; give one of them a velocity, such as (0, 0, 0)"
-            )
-        box = built.plan.scene.box
-        if box is None:
-            raise ParameterError("the area of walls, over which forces are taken, needs a periodic box; the scene has none")
-        self._axis, self._rows = AXES.index(axis), list[tuple[float, np.ndarray]]()
-        self.area = float(np.prod(np.delete(np.diag(box), self._axis)))
-
-    def report(self, simulation, state):
-        """Take one sample; the first one starts the record."""
-        state = simulation.context.getState(parameters=True)
-        values, places = state.getParameters(), product(range(2), range(3))
-        taken = [values[IMPULSES[self._axis, side, k]] for side, k in places]
-        self._rows.append((state.getTime().value_in_unit(unit.picosecond), np.reshape(taken, (2, 3))))
-
-    @property
-    def times(self) -> np.ndarray:
-        """(n,) time at the end of each interval, ps."""
-        return np.array([time for time, _ in self._rows[1:]])
-
-    @property
-    def forces(self) -> np.ndarray:
-        """(n, 2, 3) mean force on the lower and on the upper wall in each interval, kJ/mol/nm."""
-        spans = np.diff([time for time, _ in self._rows])
-        return np.diff([taken for _, taken in self._rows], axis=0).reshape(-1, 2, 3) / spans[:, None, None]
-
-    def shear(self, component: str = "x") -> np.ndarray:
-        """(n,) shear stress, viscosity times shear rate, from the drag on the two walls (mean of both), kJ/mol/nm^3."""
-        if component not in AXES or AXES.index(component) == self._axis:
-            raise ParameterError(f"component must be a direction in the plane of the walls, not {what_is(component)}")
-        along = self.forces[:, :, AXES.index(component)]
-        return 0.5 * (along[:, 0] - along[:, 1]) / self.area
-
-    @property
-    def pressure(self) -> np.ndarray:
-        """(n,) pressure of the fluid on the walls, mean of both, kJ/mol/nm^3."""
-        across = self.forces[:, :, self._axis]
-        return 0.5 * (across[:, 1] - across[:, 0]) / self.area

@@ -118,7 +118,7 @@ def has_set_temperature(plan: Plan) -> bool:
     """
     scene = plan.scene
     moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
-    moving_wall = moving_wall or any(np.any(wall.velocity) for wall in scene.walls if wall.velocity is not None)
+    moving_wall = moving_wall or any(wall.moves for wall in scene.walls)
     return (
         sets_temperature(plan)
         and plan.options.ramp is None

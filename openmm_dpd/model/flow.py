@@ -283,6 +283,11 @@ class Wall:
             keep(self, period=checked(self.period, "time", "the period of a wall", positive=True))
 
     @property
+    def moves(self) -> bool:
+        """Whether it has a velocity."""
+        return self.velocity is not None and any(self.velocity)
+
+    @property
     def driven(self) -> bool:
         """Whether the wall has a velocity or a continuum behind it."""
         return self.velocity is not None or self.behind is not None

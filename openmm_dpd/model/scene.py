@@ -18,6 +18,7 @@ from .internal import Internal, check_internal
 from .pairs import NONE, PairTable, require_complete
 from .reactions import BondBreaking, BondFormation, check_reactions
 from .segments import SegmentalRepulsion, check_segments
+from .shapes import SolidWall, plane_walls
 from .shear import LeesEdwards, check_shear
 from .sources import Source
 from .temperature import TemperatureRamp
@@ -71,8 +72,8 @@ class Scene:
         Repulsion between bonds, which keeps chains from crossing.
     body_forces : sequence of BodyForce and PositionForce
         Forces on single beads, which drive a flow.
-    walls : sequence of Wall
-        Planes that reflect beads.
+    walls : sequence of Wall, or of SolidWall
+        Planes that reflect beads, or shapes from which they bounce back.
     residues : sequence of N str, optional
         Name of the molecule of each bead, for the topology.
     electrostatics : SlaterCharges, GaussianCharges or PointCharges, optional
@@ -114,7 +115,7 @@ class Scene:
     angles: Sequence[Angles] = ()
     segments: SegmentalRepulsion | None = None
     body_forces: Sequence[BodyForce | PositionForce] = ()
-    walls: Sequence[Wall] = ()
+    walls: Sequence[Wall] | Sequence[SolidWall] = ()
     residues: Sequence[str] | None = None
     electrostatics: SmearedCharges | None = None
     interacting: np.ndarray | None = None
@@ -215,7 +216,7 @@ class Scene:
         places = [force.formulas for force in self.body_forces if isinstance(force, PositionForce)]
         pushed = {axis for formulas in places for axis, formula in zip("xyz", formulas, strict=True) if formula.strip() != "0"}
         return 3 - len(
-            pushed | {wall.axis for wall in self.walls} | {axis for body in self.bodies for axis in "xyz" if axis not in body.moves}
+            pushed | {"xyz"[axis] for axis in self.gaps} | {axis for body in self.bodies for axis in "xyz" if axis not in body.moves}
         )
 
     @property
@@ -373,7 +374,7 @@ class Scene:
                 term.vectors(self.type_ids, self.type_names, self.box)
             else:
                 term.check_values(self.positions, term.mask(self.type_ids, self.type_names), self.box)
-        keep(self, gaps=gaps(self.walls, self.box) if self.walls else {}, walls=tuple(self.walls))
+        keep(self, gaps=gaps(plane_walls(self.walls), self.box), walls=tuple(self.walls))
         check_inside(self.gaps, self.positions, ~self.immobile)
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:

@@ -15,6 +15,7 @@ from .builders import (
     surfactant as surfactant,
     unlike_repulsion as unlike_repulsion,
 )
+from .frozen_layer import frozen_layer as frozen_layer
 from .mixture import Mixture as Mixture
 from .molecule import Molecule as Molecule, formula as formula, join as join, sequence as sequence
 from .pack import Bilayer as Bilayer, Scattered as Scattered, pack as pack

@@ -25,11 +25,14 @@ from numpy.polynomial import chebyshev, polynomial
 from ..base.errors import PlanError, in_length, what_is
 from ..kernels.driven import Continuum, Driven
 from ..kernels.elementary import without_last_bits
+from ..kernels.solids import Solids
 from ..model.flow import AXES, Gap, Wall
 from ..model.pairs import DPD, NONE
 from ..model.scene import Scene
 from ..model.schemes import Scheme
 from ..model.temperature import TemperatureRamp
+from .pair_spec import longest
+from .solids import solid_walls
 
 #: How far a wall reaches; rows of a table; points of the grid of g(r), and its length.  Lengths in cutoffs.
 REACH, ROWS, POINTS, RANGE = 1.25, 256, 1024, 8.0
@@ -45,10 +48,15 @@ def wall_measures() -> dict:
     return json.loads(files(__package__).joinpath("continuum.json").read_text(encoding="utf-8"))
 
 
-def driven_walls(scene: Scene, tables: list[dict]) -> Driven | None:
-    """Walls as the kernel needs them; None if all are plain.  ``tables`` are the resolved pair coefficients."""
+def driven_walls(scene: Scene, tables: list[dict], lam: float) -> Driven | Solids | None:
+    """Walls as the kernel needs them; None if all are plain.  ``tables`` are the resolved pair coefficients, ``lam`` the weight of the
+    prediction in ``mvv``."""
     if not any(wall.driven for wall in scene.walls):
         return None
+    if not scene.gaps:
+        if lam != 0.5:
+            raise PlanError("velocities of beads that bounce back are not predicted: with walls of a shape lam must be 0.5")
+        return solid_walls(scene, longest(tables))
     there, velocity, period, continuum = np.zeros((3, 2), bool), np.zeros((3, 2, 3)), np.zeros((3, 2)), None
     for axis, gap in scene.gaps.items():
         for side, wall in enumerate(gap.sides.get(name) for name in ("above", "below")):

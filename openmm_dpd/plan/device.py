@@ -55,7 +55,7 @@ def is_gpu(platform: str | None) -> bool:
 def chosen_engine(
     engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, scene: Scene, driven: bool
 ) -> tuple[str, str]:
-    """Name of the engine, and why it is that one; ``driven``: walls move or have something behind them.
+    """Name of the engine, and why it is that one; ``driven``: walls move, or have a shape or something behind them.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def chosen_engine(
         "it has no beads on which only body forces act": scene.interacting is not None,
         "it has no Lees-Edwards shear": scene.shear is not None,
         "it has no rigid bodies": bool(scene.bodies),
-        "it has no walls that move or have something behind them": driven,
+        "it has no walls that move or have a shape or something behind them": driven,
         "it has no several tables": len(kinds) > 1,
         f"it takes no more than {MOST_BEADS:,} beads": scene.n_beads > MOST_BEADS,
     }

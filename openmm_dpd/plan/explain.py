@@ -7,9 +7,11 @@ from ..kernels.fields import ENERGY, TEMPERATURE
 from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.flow import Wall
 from ..model.pairs import describe
+from ..model.shapes import SolidWall
 from .kinds import bonded_kind
 from .pair_spec import longest
 from .plan import Plan
+from .solids import solid_text
 
 
 def explain_plan(plan: Plan) -> str:
@@ -60,6 +62,7 @@ def explain_plan(plan: Plan) -> str:
     for axis, gap in scene.gaps.items():
         lines.append(f"{gap.kind} walls: {'xyz'[axis]} from {in_length(gap.low)} to {in_length(gap.high)}")
         lines += [f"  {_wall_text(wall)}" for wall in gap.sides.values() if wall.driven]
+    lines += [solid_text(wall, plan.driven, number) for number, wall in enumerate(scene.walls) if isinstance(wall, SolidWall)]
     if frozen:
         lines.append(f"{frozen} beads do not move (mass 0)")
     return "\n".join(lines)

@@ -15,6 +15,7 @@ from ..kernels.fields import ENERGY
 from ..kernels.interface import Engine
 from ..kernels.layer import PairSpec
 from ..kernels.moment import Guide
+from ..kernels.solids import Solids
 from ..model.bonds import BondedTerms
 from ..model.flow import kind_of
 from ..model.pairs import NONE
@@ -46,7 +47,7 @@ from .reactions import table_blocks
 ResolvedTable = dict[tuple[str, str], Any]
 
 
-_DRIVEN = "walls that move or have something behind them"
+_DRIVEN = "walls that move or have a shape or something behind them"
 #: What an engine needs for the letters of a word that sweep.
 _SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
 
@@ -72,8 +73,8 @@ class Plan:
         Name of the platform.
     host : Host or None
         The System made elsewhere that the pair terms are added to.
-    driven : Driven or None
-        Walls, if some move or have something behind them.
+    driven : Driven, Solids or None
+        Walls, if some move, or have a shape or something behind them.
     """
 
     scene: Scene
@@ -85,7 +86,7 @@ class Plan:
     charge_exceptions: Factors
     platform: str | None
     host: Host | None = None
-    driven: Driven | None = None
+    driven: Driven | Solids | None = None
 
     def __repr__(self) -> str:
         options = self.options
@@ -115,7 +116,7 @@ class Plan:
     def no_volume_moves(self, axes: str) -> str | None:
         """Why no Monte Carlo move can change the box along these axes, or None."""
         scene = self.scene
-        walled = next((wall.axis for wall in scene.walls if wall.axis in axes), None)
+        walled = next(("xyz"[axis] for axis in scene.gaps if "xyz"[axis] in axes), None)
         reasons = {
             "a scene without a box has no pressure to hold constant": scene.box is None,
             "a barostat would scale the positions of immobile beads; it needs a scene where all beads move": (
@@ -123,7 +124,7 @@ class Plan:
             ),
             "a barostat does not know the sliding images of a Lees-Edwards shear": scene.shear is not None,
             "a barostat needs a scene where all forces act on all beads; `interacting` takes some away": scene.interacting is not None,
-            "a barostat moves beads and not walls that move or have something behind them": self.driven is not None,
+            f"a barostat moves beads and not {_DRIVEN}": self.driven is not None,
             f"a barostat judges volumes by an energy, but {self.no_potential}": self.no_potential is not None,
             f"a barostat that changes {walled} would move beads behind walls; leave it out of axes, coupled=False": walled is not None,
         }
@@ -348,7 +349,7 @@ def make_plan(
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
     spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out)
     parts = scene, spec, options, tuple(layers), tuple(overlays), exceptions, charge_exceptions, platform
-    plan = Plan(*parts, host, driven_walls(scene, layers))
+    plan = Plan(*parts, host, driven_walls(scene, layers, lam))
     if engine != "auto":
         _check_engine(plan)
     reason = why_not_native(scene, kinds, layers, bool(exceptions), platform) if chosen.native else None

@@ -91,7 +91,7 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     if plan.spec.fields is not None:
         for name, values in field_variables(plan.spec.fields.initial).items():
             integrator.setPerDofVariableByName(name, values)
-    if scene.walls and execution.steps != "device":
+    if scene.gaps and execution.steps != "device":
         for name, values in walls.variables(scene.gaps, options.walls, scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
     if scene.interacting is not None:
@@ -181,7 +181,7 @@ def _step_spec(plan: Plan) -> StepSpec:
     """What a whole step is."""
     scene, options = plan.scene, plan.options
     letters = () if options.predicting else tuple((letter, float(part)) for letter, part in options.scheme.steps(options.thermostat))
-    found = walls.planes(scene.gaps) if scene.walls else {}
+    found = walls.planes(scene.gaps) if scene.gaps else {}
     planes = tuple(found[name] for name in walls.CONSTANTS) if found else None
     weights = options.thermostat, options.lam, options.field_lam
     tilt = 0.0 if scene.box is None else float(scene.box[1, 0])

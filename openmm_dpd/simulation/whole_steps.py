@@ -125,8 +125,8 @@ class WholeSteps:
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
         if spec.driven is not None:
-            moment.time, moment.impulses = time, np.zeros((3, 2, 3))
-            for place, name in shared.IMPULSES.items():
+            moment.time, moment.impulses = time, np.zeros(spec.driven.shape)
+            for place, name in spec.driven.impulses.items():
                 moment.impulses[place] = parameters.get(name, 0.0)
         if spec.ramp is not None:
             moment.ramped = integrator.getGlobalVariableByName(shared.RAMP_STEP)
@@ -181,8 +181,8 @@ class WholeSteps:
         if spec.ramp is not None:
             now[shared.KT] = moment.kT
             put(integrator, shared.RAMP_STEP, moment.ramped)
-        if moment.impulses is not None:
-            now |= {name: float(moment.impulses[place]) for place, name in shared.IMPULSES.items() if name in parameters}
+        if spec.driven is not None and moment.impulses is not None:
+            now |= {name: float(moment.impulses[place]) for place, name in spec.driven.impulses.items() if name in parameters}
         for name, value in now.items():
             context.setParameter(name, value)
         parameters |= now

@@ -617,7 +617,7 @@ MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.
         (
             lambda: beads(40, positions=1 + np.random.default_rng(1).random((40, 3)) * 2, edge=5.0, walls=MOVING),
             "middle",
-            "it has no walls that move or have something behind them",
+            "it has no walls that move or have a shape or something behind them",
         ),
     ],
 )

@@ -68,6 +68,13 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.PositionForce: lambda: {"formulas": ["x", "0", "0"], "types": ["A"], "beads": np.array(MASK), "corner": np.zeros(3)},
     dpd.Block: lambda: {"low": np.zeros(3), "high": np.ones(3)},
     dpd.Sphere: lambda: {"centre": np.zeros(3), "radius": 1.0},
+    dpd.shapes.Ball: lambda: {"centre": np.zeros(3), "radius": 1.0},
+    dpd.shapes.Cone: lambda: {"centre": np.zeros(3), "axis": np.ones(3), "length": 1.0, "radius": 1.0},
+    dpd.shapes.Cylinder: lambda: {"centre": np.zeros(3), "axis": np.ones(3), "radius": 1.0, "length": 1.0},
+    dpd.shapes.RoundedBox: lambda: {"centre": np.zeros(3), "size": np.ones(3)},
+    dpd.shapes.GridShape: lambda: {"distances": np.zeros((2, 2, 2))},
+    dpd.shapes.Union: lambda: {"shapes": [dpd.shapes.Ball(np.zeros(3), 1.0)]},
+    dpd.SolidWall: lambda: {"shape": dpd.shapes.Ball(np.zeros(3), 1.0), "velocity": np.zeros(3), "spin": np.ones(3), "centre": np.ones(3)},
     dpd.Source: lambda: {"region": dpd.Sphere([0, 0, 0], 1.0), "rate": 1.0, "beads": np.array(MASK), "corner": np.zeros(3)},
     dpd.InternalEnergy: lambda: {"eos": {"A": dpd.ConstantHeatCapacity(10.0)}, "thetas": np.ones(3) * KJ, "conductive": np.ones(3)},
     dpd.BeadTemperatures: lambda: {"thetas": np.ones(3), "capacities": np.ones(3)},
@@ -80,7 +87,8 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
 }
 
 _SCALARS = (
-    "BondBreaking ConstantHeatCapacity DPD EnergyDPD EwaldSum LeesEdwards LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall"
+    "BondBreaking ConstantHeatCapacity DPD EnergyDPD EwaldSum LeesEdwards LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall "
+    "FormulaShape Complement Difference"
 )
 SCALARS = set(_SCALARS.split())  # Only numbers, text and other frozen classes in them.
 

@@ -267,6 +267,14 @@ def test_network(tmp_path, monkeypatch, seed):
     assert is_picture(tmp_path / "network.png")
 
 
+@pytest.mark.slow
+def test_pipe(tmp_path, monkeypatch):
+    """A shorter run: the same flow through every cross-section, twice as fast where it is narrow."""
+    found = example("19_pipe", monkeypatch, 0, STEPS=1500, LENGTH=12.0).main(tmp_path)
+    assert found["spread"] < 0.1 * found["through"] and 1.5 < found["narrow"] / found["wide"] < 3.5
+    assert is_picture(tmp_path / "pipe.png")
+
+
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
     found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()

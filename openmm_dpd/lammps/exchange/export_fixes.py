@@ -195,6 +195,8 @@ def flow_lines(scene: Scene, units: UnitSystem, corner: np.ndarray) -> Iterator[
             yield from _body_lines(scene, term, units, f"push{k}")
         else:
             yield from _formula_lines(scene, term, units, corner, f"push{k}")
+    if len(scene.walls) and not scene.gaps:
+        raise ParameterError("beads bounce back from walls of a shape, for which LAMMPS has no fix; use frozen beads")
     for axis, gap in scene.gaps.items():
         if gap.kind != SPECULAR:
             raise ParameterError(

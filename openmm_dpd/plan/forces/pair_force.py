@@ -124,8 +124,8 @@ class PairForceFunction:
         self.take_over(own, parameters)
         if phase != Phase.IDLE and self.steps is not None and self.steps.driven is not None:
             raise RunError(
-                "walls that move or have something behind them need the integrator that build() returned, by itself: its program, which "
-                "OpenMM carries out if it was read from XML or is part of a CompoundIntegrator, does not know them"
+                "walls that move or have a shape or something behind them need the integrator that build() returned, by itself: its "
+                "program, which OpenMM carries out if it was read from XML or is part of a CompoundIntegrator, does not know them"
             )
         if phase in KEEPING:
             for bonds in self.length_checked:
@@ -255,7 +255,7 @@ def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrat
     if any(extra.term == "external" for extra in function.spec.extras):
         parameters[names.BODY_FORCE] = 1.0
     if function.steps is not None and function.steps.driven is not None:
-        parameters |= {names.IMPULSES[place]: 0.0 for place in np.ndindex(3, 2, 3) if function.steps.driven.there[place[:2]]}
+        parameters |= dict.fromkeys(function.steps.driven.impulses.values(), 0.0)
     if function.spec.sheared:
         parameters[names.SHEARED] = 0.0
     force = openmm.PythonForce(function, parameters)

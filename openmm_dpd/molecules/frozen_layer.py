@@ -1,0 +1,81 @@
+"""A fluid with walls of any shape, and behind them beads of the fluid itself, which do not move."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+import openmm
+import scipy
+
+from ..base.errors import ParameterError, what_is
+from ..base.geometry import folded
+from ..base.openmm_private import vectors
+from ..base.units import whole_number
+from ..model.scene import Scene
+from ..model.shapes import SolidWall
+from ..plan.pair_spec import longest
+from ..plan.solids import solids_of, surface
+from ..simulation.build import build
+
+#: Moments at the end of the run, of which the one is taken where the fluid is nearest to its mean density, and steps between two.
+MOMENTS, BETWEEN = 20, 10
+#: Parts of a scene that may be there.
+_PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "bead_masses", "compat", "body_forces", "sources"}
+
+
+def frozen_layer(
+    scene: Scene, walls: Sequence[SolidWall], *, dt, steps: int = 500, seed: int | None = None, types: Mapping[str, str] | None = None
+) -> Scene:
+    """Put walls of any shape into a fluid, with a layer of the fluid itself behind them, in which beads do not move.
+
+    The fluid, which fills the whole box, runs without walls, up to a moment when its density outside them is that of the box.  Then
+    beads in the solid are frozen with the velocity of their wall if the surface is within the longest cutoff, and left out if it is farther
+    away.  So the fluid has the structure that it has inside up to the wall, on average over places of the surface.
+
+    Parameters
+    ----------
+    scene : Scene
+        A fluid of single beads in a periodic box.  Body forces and sources act from the new scene on.
+    walls : sequence of SolidWall
+    dt, steps, seed : time, int, int
+        The run, with the scheme ``middle``; it takes several hundred steps if beads start from random positions.
+    types : mapping of str to str, optional
+        Bead types, among the ``masses`` of the scene, that frozen beads get, by their own types.  Others keep theirs.
+
+    Returns
+    -------
+    Scene
+        Beads of the fluid with the positions and velocities after the run, then those of the walls, for which ``mobile`` is False;
+        ParameterError if the scene is not a plain fluid, or the walls do not fit into it.
+    """
+    parts = {f.name: (getattr(scene, f.name), f.default) for f in fields(Scene) if f.init and f.name not in _PLAIN}
+    others = [name for name, (part, default) in parts.items() if isinstance(part, np.ndarray) or part not in (None, (), default)]
+    if others:
+        raise ParameterError(f"a frozen layer is made of a fluid of single beads; the scene has {', '.join(others)}")
+    if not isinstance(walls, Sequence) or not walls or not all(isinstance(wall, SolidWall) for wall in walls):
+        raise ParameterError(f"walls must be a sequence of SolidWall, not {what_is(walls)}")
+    if set(types or ()) - set(scene.types):
+        raise ParameterError(f"no beads are of the type {min(set(types or ()) - set(scene.types))!r}")
+    reach = longest([table.resolve(scene.type_names) for table in scene.tables])
+    solids = solids_of(walls, scene.box, reach, np.zeros(0))
+    simulation = build(replace(scene, body_forces=(), sources=()), dt=dt, seed=seed, platform="CPU").simulation()
+    simulation.step(whole_number(steps, "steps", 0))
+    wanted, found = scene.n_beads * float(np.mean(solids.distances.min(axis=0) > 0)), []
+    for _ in range(MOMENTS):
+        simulation.step(BETWEEN)
+        state = simulation.context.getState(positions=True, velocities=True)
+        x, v = folded(vectors(state, openmm.State.Positions), scene.box), vectors(state, openmm.State.Velocities)
+        distance = solids.distance(x)
+        found.append((abs(np.count_nonzero(distance.min(axis=0) > 0) - wanted), x, v, distance))
+    _, x, v, distance = min(found, key=lambda moment: moment[0])
+    points = np.concatenate([surface(solids, number)[0] for number in range(len(walls))])
+    tree = scipy.spatial.cKDTree(points - solids.edges * np.floor(points / solids.edges), boxsize=solids.edges * (1 + 1e-12))
+    fluid = distance.min(axis=0) > 0
+    layer = ~fluid & (tree.query(x)[0] <= reach)
+    for number in range(len(walls)):
+        its = layer & (distance.argmin(axis=0) == number)
+        v[its] = solids.velocity(number, x[its])
+    kept, free = np.concatenate([np.flatnonzero(fluid), np.flatnonzero(layer)]), np.count_nonzero(fluid)
+    names = [scene.types[k] if place < free else (types or {}).get(scene.types[k], scene.types[k]) for place, k in enumerate(kept)]
+    changed = {"types": names, "positions": x[kept], "velocities": v[kept], "bead_masses": scene.bead_masses[kept]}
+    return replace(scene, **changed, mobile=np.arange(len(kept)) < free, walls=tuple(walls))
