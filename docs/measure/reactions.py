@@ -95,17 +95,17 @@ def gel(molecules=400, seeds=4) -> None:
     corners = 3 * np.arange(molecules)[:, None, None] + np.array([[0, 1], [1, 2], [0, 2]])
     pairs, types, ideal = corners.reshape(-1, 2), ["A"] * (3 * molecules), (molecules / 1.0) ** (1 / 3)
     print("| conversion, at random | gel fraction | Flory, Stockmayer |\n| --- | --- | --- |")
-    for wanted in (0.4, 0.55, 0.6, 0.7, 0.8, 0.9):
+    for wanted in (0.4, 0.55, 0.65, 0.75, 0.85):
         energy = np.log(wanted / (1 - wanted) ** 2 / len(types))
         found = []
         for seed in range(seeds):
             bonds = dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 0.0, "r0": 0.5})
-            reaction = dpd.BondFormation(bonds, ("A", "A"), within=ideal / 2, valences=1, energy=energy, probability=0.05, every=10)
+            reaction = dpd.BondFormation(bonds, ("A", "A"), within=ideal / 2, valences=1, energy=energy, probability=0.3, every=50)
             built = built_of([reaction], types, ideal, seed=seed, pairs=pairs)
             simulation = built.simulation()
             simulation.minimizeEnergy(maxIterations=100)
-            simulation.step(3000)
-            for _ in range(20):
+            simulation.step(1500)
+            for _ in range(10):
                 simulation.step(100)
                 found.append(_of_gel(simulation, built, pairs))
         p, part = np.mean(found, axis=0)

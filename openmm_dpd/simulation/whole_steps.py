@@ -88,7 +88,8 @@ class WholeSteps:
                         context.setParameter(shared.KT, m.kT)
                 used = integrator.getIntegrationForceGroups()
                 groups = {group for group in range(32) if used >> group & 1} - {self.pair_group}
-                return bare(context.getState(forces=True, groups=groups).getForces(asNumpy=True))
+                its = openmm.Context.getState(context, forces=True, groups=groups)  # its own method would show bonds of before this run
+                return bare(its.getForces(asNumpy=True))
 
             loop.run(moment, n, forces if slow else None)
         except RunError as error:
@@ -192,8 +193,7 @@ class WholeSteps:
             held = field_variables(moment.values)
         there = set[str]()
         if moment.bonds is not None:
-            parameters[shared.BONDS] = fingerprint(moment.bonds, np.zeros(0))
-            bonds = field_variables(moment.bonds, shared.BONDS)
+            bonds, parameters[shared.BONDS] = field_variables(moment.bonds, shared.BONDS), fingerprint(moment.bonds, np.zeros(0))
             held, there = held | bonds, set(bonds if self._known is not None and np.array_equal(moment.bonds, self._known) else ())
         if spec.predicts:
             assert moment.acc is not None

@@ -121,6 +121,22 @@ def test_forces_energies_and_stresses_are_those_of_bonds_that_stay():
 
 
 @pytest.mark.parametrize("scheme", ["middle", "mvv"])
+def test_slow_forces_act_beside_the_present_bonds(scheme):
+    """OpenMM's own forces in every step, for which the Context is read during a run: cuts between trials move no bit."""
+    found = []
+    for cut in ((20,), (4, 16), (19, 1)):
+        push = dpd.PositionForce(["0.1*sin(x)", "0", "0"])
+        built = dpd.build(scene(both(every=(3, 4)), body_forces=[push]), dt=0.03, scheme=scheme, platform="CPU", seed=3)
+        simulation = built.simulation()
+        for steps in cut:
+            simulation.step(steps)
+        found.append((*state(simulation), bonds_in(simulation, built)))
+    for other in found[1:]:
+        assert np.array_equal(found[0][0], other[0])
+        assert found[0][2:] == other[2:]
+
+
+@pytest.mark.parametrize("scheme", ["middle", "mvv"])
 def test_momentum_is_conserved_and_runs_do_not_depend_on_cuts_threads_or_restarts(scheme):
     reactions = [*both(probability=0.6), dpd.BondFormation(_sort(), ("A", "A"), 0.6, 1, energy=1.0, every=3)]
 
