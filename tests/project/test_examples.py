@@ -251,6 +251,7 @@ def test_shear(tmp_path, monkeypatch, seed):
 @any_seed(0)
 def test_colloids(tmp_path, monkeypatch, seed):
     """A shorter run with a weak and a strong force: one line, and a radius from the beads' centres to half a cutoff outside."""
+    monkeypatch.setattr("matplotlib.pyplot.imread", lambda path: np.zeros((2, 2, 4)))  # pictures of beads are blank in tests
     found = example("17_colloids", monkeypatch, seed, FORCES=(15.0, 30.0), STEPS=4000, EDGE=6.0).main(tmp_path)
     assert found["chi2"] < 9 and 1.0 < found["radius"] < 1.7
     assert is_picture(tmp_path / "colloids.png")
