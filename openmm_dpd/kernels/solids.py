@@ -20,8 +20,8 @@ from ..base.names import SOLID
 from ..runtime import Kernel, helper, inlined, meet, threads_for
 from .rigid import cross
 
-#: Bounces of a bead in one drift; halvings of a stretch; beads in a block; columns of a wall: velocity, angular velocity, centre.
-TRIES, HALVINGS, BLOCK, SPEED, SPIN, CENTRE = 8, 40, 64, 0, 3, 6
+#: Bounces of a bead in one drift; halvings of a stretch; beads in a block; cells in one; columns of a wall: angular velocity, centre.
+TRIES, HALVINGS, BLOCK, SPAN, SPIN, CENTRE = 8, 40, 64, 4, 3, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,7 @@ class Solids:
     """S walls in a box with the edges of a grid: the part that never changes."""
 
     distances: np.ndarray  #: (S, K, L, M) float32 at the points of the grid, nm
+    lowest: np.ndarray  #: (S, ...) float32, the lowest of them in blocks of SPAN cells along each axis, which stay in the cache
     edges: np.ndarray  #: (3,) of the box, nm
     slopes: np.ndarray  #: (S,) what the gradient of the distances never exceeds
     motion: np.ndarray  #: (S, 9) velocity, angular velocity and the point that the axis goes through
@@ -63,7 +64,7 @@ class Solids:
         """Let beads drift and bounce; what walls get of momentum is added to the impulses (S, 2, 3).  RunError if a bead starts in one."""
         parts = threads_for(len(x))
         wrong, taken = np.full(parts, -1), np.zeros((-(-len(x) // BLOCK), *impulses.shape))
-        here = self.distances, self.edges, self.slopes, self.motion, self.slack
+        here = self.distances, self.lowest, self.edges, self.slopes, self.motion, self.slack
         if _drift_kernel(x, v, self.inv_mass, time, *here, taken, impulses, wrong, parts=parts):
             bead = int(wrong.max())
             depth = -self.distance(x[bead : bead + 1]).min()
@@ -81,6 +82,14 @@ def _place(x, edge, count):
     if not 0 <= low < count:  # rounding, or no number
         low, place = 0, 0.0
     return low, low + 1 if low + 1 < count else 0, place - low
+
+
+@inlined
+def _block(x, scale, count):
+    """Block of :attr:`Solids.lowest` that a coordinate is in; ``scale`` is the inverse of the length with so many points."""
+    place = x * scale
+    low = int((place - np.floor(place)) * count)
+    return low // SPAN if 0 <= low < count else 0
 
 
 @helper
@@ -136,9 +145,11 @@ def _nearest(d, edge):
     return d - edge * np.rint(d / edge)
 
 
-def _drift(x, v, inv_mass, time, distances, edges, slopes, motion, slack, taken, impulses, wrong, part, parts, team):
+def _drift(x, v, inv_mass, time, distances, lowest, edges, slopes, motion, slack, taken, impulses, wrong, part, parts, team):
     """Drift and bounce; see :meth:`Solids.drift`."""
     blocks, bad = len(taken), False
+    _, nx, ny, nz = distances.shape
+    sx, sy, sz = 1.0 / edges[0], 1.0 / edges[1], 1.0 / edges[2]
     for block in range(blocks * part // parts, blocks * (part + 1) // parts):
         its = taken[block]
         its[:] = 0.0
@@ -148,10 +159,15 @@ def _drift(x, v, inv_mass, time, distances, edges, slopes, motion, slack, taken,
             px, py, pz, left = x[i, 0], x[i, 1], x[i, 2], time
             way = time * np.sqrt(v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1] + v[i, 2] * v[i, 2])
             near, depth = False, 0.0
+            a, b, c = _block(px, sx, nx), _block(py, sy, ny), _block(pz, sz, nz)
             for s in range(len(slopes)):
-                here = _distance(distances, edges, s, px, py, pz)
-                near |= not here > slopes[s] * way
-                depth = min(depth, here)
+                near |= not lowest[s, a, b, c] > slopes[s] * way
+            if near:
+                near = False
+                for s in range(len(slopes)):
+                    here = _distance(distances, edges, s, px, py, pz)
+                    near |= not here > slopes[s] * way
+                    depth = min(depth, here)
             if not near:
                 for k in range(3):
                     x[i, k] += time * v[i, k]

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..base.errors import ParameterError, bead_number, either, in_length
 from ..base.names import MOST_SOLIDS
-from ..kernels.solids import Solids
+from ..kernels.solids import SPAN, Solids
 from ..model.shapes import SolidWall
 
 #: Spacing of the grid, in cutoffs; most points of it; depth at which a bead may start, as single precision rounds positions, in spacings.
@@ -48,7 +48,11 @@ def solids_of(walls: Sequence[SolidWall], box: np.ndarray | None, cutoff: float,
     motion = np.array([np.concatenate([wall.velocity, wall.spin, wall.centre]) for wall in walls])
     steps = [np.stack([np.roll(each, -1, axis) - each for axis in range(3)]) for each in distances]
     slopes = np.array([np.linalg.norm(np.abs(step).max(axis=(1, 2, 3)) * counts / edges) for step in steps])
-    made = Solids(distances, edges, slopes * (1 + 1e-6), motion, inv_mass, SLACK * spacing)
+    lowest = distances
+    for axis, count in enumerate(counts, start=1):
+        within = (SPAN * np.arange(-(-count // SPAN))[:, None] + np.arange(SPAN + 1)) % count
+        lowest = lowest.take(within, axis=axis).min(axis=axis + 1)
+    made = Solids(distances, lowest, edges, slopes * (1 + 1e-6), motion, inv_mass, SLACK * spacing)
     for number, (wall, step) in enumerate(zip(walls, steps, strict=True)):
         _check_surface(wall, made, number, step)
     return made
