@@ -22,6 +22,8 @@ from openmm_dpd.shapes import Ball, Complement, Cone, Cylinder, Difference, Roun
 
 DT, LENGTH, WIDTH = 0.04, 10.0, 0.25
 PAIRS = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+#: Friction with frozen beads over that within the fluid.
+MORE = 1.0
 
 
 def around(radius: float, inner: float | None, spin: float, force: float, seed: int) -> tuple[dpd.Scene, float]:
@@ -30,12 +32,13 @@ def around(radius: float, inner: float | None, spin: float, force: float, seed: 
     box, middle = np.array([edge, edge, LENGTH]), 0.5 * edge
     x = np.random.default_rng(seed).random((round(3 * float(np.prod(box))), 3)) * box
     push = [dpd.BodyForce((0, 0, force))] if force else []
-    fluid = dpd.Scene({"W": 1.0}, ["W"] * len(x), x, PAIRS, kT=1.0, box=box, body_forces=push)
+    pairs = PAIRS | {("W", "S"): dpd.DPD(A=25, gamma=4.5 * MORE), ("S", "S"): dpd.NONE}
+    fluid = dpd.Scene({"W": 1.0, "S": 1.0}, ["W"] * len(x), x, pairs, kT=1.0, box=box, body_forces=push)
     centre = (middle, middle, 0.0)
     walls = [SolidWall(Complement(Cylinder(centre, "z", radius)), centre=centre)]
     if inner:
         walls.append(SolidWall(Cylinder(centre, "z", inner), spin=(0, 0, spin), centre=centre))
-    return frozen_layer(fluid, walls, dt=DT, seed=seed), middle
+    return frozen_layer(fluid, walls, dt=DT, seed=seed, types={"W": "S"}), middle
 
 
 class Rings:
@@ -199,9 +202,12 @@ if __name__ == "__main__":
     parser.add_argument("--radius", type=float, default=6.0)
     parser.add_argument("--time", type=float, default=2500.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--more", type=float, default=1.0, help="friction with frozen beads over that within the fluid")
+    parser.add_argument("--push", type=float, default=1.0, help="force on a bead times the square of the radius")
     given = parser.parse_args()
+    MORE = given.more
     if given.what == "pipe":
-        pipe(given.radius, 1.0 / given.radius**2, given.time, given.seed)
+        pipe(given.radius, given.push / given.radius**2, given.time, given.seed)
     elif given.what == "couette":
         couette(2.5, 6.0, 0.4, given.time, given.seed)
     elif given.what == "cost":
