@@ -36,12 +36,12 @@ def solids(*walls: SolidWall, cutoff: float = 1.0, inv_mass=None):
 
 
 def fluid(around, n: int = 300, seed: int = 1, **options) -> dpd.Scene:
-    """Beads at random places outside the walls."""
+    """Up to so many beads at random places outside the walls."""
     rng = np.random.default_rng(seed)
     x = rng.random((40 * n, 3)) * EDGES * 3 - EDGES
     x = x[solids(*around).distance(x).min(axis=0) > 0.02][:n]
-    given = {"masses": {"A": 1.0, "B": 2.5}, "types": ["A", "B"] * (n // 2), "pairs": FLUID, "kT": 1.0, "box": EDGES}
-    return dpd.Scene(**given | {"positions": x, "walls": around, "velocities": rng.normal(size=(n, 3))} | options)
+    given = {"masses": {"A": 1.0, "B": 2.5}, "types": (["A", "B"] * n)[: len(x)], "pairs": FLUID, "kT": 1.0, "box": EDGES}
+    return dpd.Scene(**given | {"positions": x, "walls": around, "velocities": rng.normal(size=(len(x), 3))} | options)
 
 
 TURNING = [
