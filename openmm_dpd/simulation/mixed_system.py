@@ -132,7 +132,7 @@ def create_mixed_system(
 
 # -- checks --------------------------------------------------------------------------------------------------------------------------
 def _check_scene(scene: Scene) -> None:
-    for name in ("walls", "body_forces", "internal", "sources", "electrostatics", "interacting", "shear", "reactions"):
+    for name in ("walls", "body_forces", "internal", "sources", "electrostatics", "interacting", "shear", "bodies", "reactions"):
         if getattr(scene, name) not in (None, ()):
             raise PlanError(f"a scene with `{name}` cannot be put beside atoms")
     for table in scene.tables:

@@ -418,6 +418,7 @@ def test_beads_that_interact_with_atoms_only():
     ({"force": openmm.CMMotionRemover()}, dpd.PlanError, "removeCMMotion=False"),
     ({"own": {"walls": [dpd.Wall("z", 0, "above"), dpd.Wall("z", EDGE - 1e-3, "below")]}}, dpd.PlanError, "`walls` cannot be put beside"),
     ({"own": {"body_forces": [dpd.BodyForce([1, 0, 0])]}}, dpd.PlanError, "`body_forces` cannot be put beside atoms"),
+    ({"own": {"bodies": [dpd.Body([0, 1])]}}, dpd.PlanError, "`bodies` cannot be put beside atoms"),
 )
 def test_bad_input(changes, error, message):
     topology, system, x = atoms()
