@@ -10,7 +10,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, PlanError, what_is
 from ..base.names import AHEAD, BY_SEED, FIRST, KT, LAST, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
@@ -41,6 +41,7 @@ class StepsAtOnce(Protocol):
 
     function: Any
     guide: Any
+    pair_group: int
 
     def run(self, integrator: PairIntegrator, context: openmm.Context, n: int, *, slow: bool, barostats: bool) -> None:
         """Carry out n steps; ``slow``: some forces are OpenMM's, ``barostats``: a barostat acts behind them."""
@@ -112,6 +113,18 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
                 own.fields.values = raw_fields(context, self.shown_to.spec.fields)
             if self.shown_to.spec.sorts:
                 own.loop.show(raw_bonds(self))
+
+    def look_at(self, context: openmm.Context) -> None:
+        """See :meth:`.Watching.look_at`; PlanError in the Context of a copied System, which nothing shows the bonds of now."""
+        if not self._looked_at and self.whole is not None and self.shown_to is not None and self.shown_to.spec.sorts:
+            own = self.shown_to.thread_state()
+            own.asked = False
+            openmm.Context.getState(context, energy=True, groups={self.whole.pair_group})
+            if not own.asked:
+                raise PlanError(
+                    "where bonds form and break a copy of the System has energies without them; make the Context with built.system"
+                )
+        super().look_at(context)
 
     def _announce(self, steps: int) -> None:
         put = openmm.CustomIntegrator.setGlobalVariableByName

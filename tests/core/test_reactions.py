@@ -200,7 +200,14 @@ def test_two_contexts_and_a_copy_of_the_integrator_keep_their_own_bonds():
     assert len(dpd.read_bonds(fresh, built.plan)) in (2, len(dpd.read_bonds(simulation.context, built.plan)))
     fresh.getState(energy=True)
     assert state(simulation)[2] == energy
+    fresh.setState(simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True))
+    other.step(5)
+    alone = fresh.getState(energy=True).getPotentialEnergy()._value
     simulation.step(5)
+    assert state(simulation)[2] == alone
+    cloned = type(simulation.context)(openmm.XmlSerializer.clone(built.system), copy.copy(other), simulation.context.getPlatform())
+    cloned.setPositions(simulation.context.getState(positions=True).getPositions())
+    raises(dpd.PlanError, "a copy of the System", cloned.getIntegrator().step, 1)
 
 
 def test_two_threads_make_the_same_bonds():

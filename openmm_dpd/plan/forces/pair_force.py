@@ -82,6 +82,9 @@ class PairForceFunction:
         known = self.spec, self.conservative, self.periodic, self.scale, self.balanced, self.length_checked, self.steps, self.engine
         return type(self), known
 
+    def __deepcopy__(self, memo) -> "PairForceFunction":
+        return self  # a copy of an integrator shows fields and bonds to the function of the System, not to one of its own
+
     def thread_state(self) -> ThreadState:
         """What the calling thread keeps."""
         found = getattr(self._local, "state", None)
@@ -100,6 +103,7 @@ class PairForceFunction:
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
         own = self.thread_state()
+        own.asked = True
         here = (phase, parameters[names.COUNTER])
         if phase != Phase.IDLE and here == own.failed:
             # a step failed and its phase is still set: a call from outside gets what IDLE gives, but a new step may begin so too

@@ -144,6 +144,7 @@ class ThreadState:
     fingerprints: Fingerprints = field(default_factory=Fingerprints)
     kept: np.ndarray | None = None  #: (N, 3) positions that were stored last
     failed: tuple[int, float] | None = None  #: Phase and noise counter of an evaluation that failed
+    asked: bool = False  #: Whether it has been evaluated since somebody said that it has not
     v: np.ndarray = field(init=False)  # v, result: (N, 3) velocities that were shown, and what an evaluation returns:
     result: np.ndarray = field(init=False)  # written again and again, since OpenMM copies what it is given
 
