@@ -1,4 +1,5 @@
-"""The command line, ``openmm-dpd run | check | forces | explain | recommend | export | warm``: a layer over :mod:`openmm_dpd.lammps`."""
+"""The command line, ``openmm-dpd run | check | forces | explain | recommend | export | score | warm``: a layer over
+:mod:`openmm_dpd.lammps` and :mod:`openmm_dpd.score`."""
 
 import argparse
 import json
@@ -94,6 +95,14 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("--name", metavar="NAME", help="files are in.NAME and data.NAME (default: the deck's name without 'in.')")
     export.add_argument("--every", type=int, metavar="N", help="steps between two frames (default: a hundredth of the steps)")
     _add(export, "scheme dt steps seed compat var")
+    score = command("score", "print what a scheme costs at a joint error, in the scenes of the reference suite", "seed")
+    score.add_argument("what", metavar="WORD|FRAMES", help="scheme or word, or with --dt frames that another program wrote (a text dump)")
+    score.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes of the suite (default: all that the scheme can run)")
+    score.add_argument("--dt", type=float, metavar="DT", help="time step of FRAMES, whose scene --scenes names")
+    score.add_argument("--error", type=float, default=0.01, metavar="E", help="relative error of every quantity to accept (default: 0.01)")
+    score.add_argument("--time", type=float, default=200.0, metavar="T", help="length of each run, in units of the scene (default: 200)")
+    score.add_argument("--json", type=Path, metavar="FILE", help="write all errors to this file")
+    score.add_argument("--picture", type=Path, metavar="FILE", help="draw the last column, as a PNG file")
     command("warm", "compile the kernels of all kinds of models now rather than in their first run; takes about a minute", "threads")
     return parser
 
@@ -127,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             commands: dict[str, Callable[[argparse.Namespace, Signals], int | None]] = {
                 **{"run": _run, "check": _check, "forces": _forces, "explain": _explain, "recommend": _recommend},
-                **{"export": _export, "warm": _warm},
+                **{"export": _export, "score": _score, "warm": _warm},
             }
             return commands[options.command](options, signals) or 0
         except KeyboardInterrupt as error:
@@ -264,6 +273,29 @@ def _export(options: argparse.Namespace, signals: Signals) -> None:
     for text in written.differences:
         print(f"openmm-dpd: different in LAMMPS: {text}", file=sys.stderr)
     print("\n".join(str(path) for path in (written.deck, written.data, *written.tables)))
+
+
+def _score(options: argparse.Namespace, signals: Signals) -> None:
+    from .score import judge, load_suite, report, run_frames, score_word
+
+    if options.dt is not None:
+        suite = load_suite()
+        if not options.scenes or len(options.scenes) != 1 or options.scenes[0] not in suite:
+            raise ParameterError(f"scenes must be the one that the frames are of: {', '.join(suite)}")
+        its = suite[options.scenes[0]]
+        found = run_frames(its, options.what, options.dt)
+        print(report.errors_in_words(its, judge(its, options.dt, found), found.mean))
+        return
+    for target in (options.json, options.picture):
+        if target:
+            _check_target(target)
+    scores = score_word(options.what, options.scenes, error=options.error, time=options.time, seed=options.seed or 1)
+    gained = report.gains(scores)
+    print(report.in_words(scores, gained, options.error))
+    if options.json:
+        _write(options.json, {score.scene.name: score.as_data() | {"gain": gained[score.scene.name]} for score in scores})
+    if options.picture:
+        report.score_picture(options.picture, options.what, scores, gained)
 
 
 def _warm(options: argparse.Namespace, signals: Signals) -> None:

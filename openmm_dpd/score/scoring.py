@@ -1,0 +1,196 @@
+"""The cost of a scheme at a joint error: the longest step at which all quantities of a scene are within it, and the time of a run there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import ParameterError, what_is
+from ..model.schemes import scheme_of
+from .runs import BlockMeans, run_word
+from .suite import SuiteScene, load_suite
+
+#: Ratio of steps that are tried, and how many at most; errors below this many standard errors count as half of what is accepted at most.
+RATIO, MOST, SURE = 1.25, 10, 2.0
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The errors of runs at one step.
+
+    Attributes
+    ----------
+    dt : step size
+    errors, sems : (Q,) deviations from the reference, relative to the scale of each quantity, and their standard errors
+    seconds : CPU time of one unit of simulated time
+    reason : why the run broke down, or empty
+    """
+
+    dt: float
+    errors: np.ndarray
+    sems: np.ndarray
+    seconds: float
+    reason: str = ""
+
+    def joint(self, accepted: float) -> float:
+        """The largest error; those that noise explains count as half of ``accepted`` at most."""
+        if self.reason:
+            return np.inf
+        sizes = np.abs(self.errors)
+        return float(np.max(np.where(sizes < SURE * self.sems, np.minimum(sizes, 0.5 * accepted), sizes)))
+
+
+def judge(its: SuiteScene, dt: float, found: BlockMeans) -> Judged:
+    """Errors of a run relative to the reference."""
+    if found.reason:
+        nothing = np.full(len(its.quantities), np.inf)
+        return Judged(dt, nothing, nothing, found.seconds, found.reason)
+    sems = np.sqrt(np.diag(found.covariance) + np.diag(its.covariance))
+    return Judged(dt, (found.mean - its.reference) / its.scale, sems / its.scale, found.seconds)
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a method costs in one scene.
+
+    Attributes
+    ----------
+    scene : its name
+    runs : tuple of Judged, by step
+    limit : longest step at which all errors are within ``accepted``; 0 if none was
+    limited_by : the quantity that exceeds it first, or the reason why runs break down; empty if none did
+    seconds : CPU time of one unit of simulated time there
+    """
+
+    scene: SuiteScene
+    runs: tuple[Judged, ...]
+    limit: float
+    limited_by: str
+    seconds: float
+
+    def as_data(self) -> dict[str, Any]:
+        """Everything as plain data, for JSON."""
+        return {
+            "limit": _short(self.limit),
+            "limited_by": self.limited_by,
+            "us_per_bead": _short(1e6 * self.seconds / self.scene.scene.n_beads),
+            "runs": [
+                {"dt": _short(run.dt), "failed": run.reason}
+                if run.reason
+                else {
+                    "dt": _short(run.dt),
+                    "errors": {
+                        name: [_short(error), _short(sem)]
+                        for name, error, sem in zip(self.scene.quantities, run.errors, run.sems, strict=True)
+                    },
+                }
+                for run in self.runs
+            ],
+        }
+
+
+def _short(value: float) -> float | None:
+    return float(f"{value:.3g}") if np.isfinite(value) else None
+
+
+def forces(word: str) -> int:
+    """Force evaluations in a step: kicks that are apart by drifts, step after step."""
+    letters = [letter for letter, _ in scheme_of(word).motion if letter in "AB"]
+    groups = [letter for letter, _ in groupby(letters)]
+    return max(1, groups.count("B") - (len(groups) > 1 and groups[0] == groups[-1] == "B"))
+
+
+def climbed(first: float, judged: Callable[[float], Judged], accepted: float) -> list[Judged]:
+    """Runs at longer and longer steps up to the first that is not accepted, or at shorter ones down to one that is; sorted by step."""
+    runs, ratio = [judged(first)], RATIO
+    good = runs[0].joint(accepted) <= accepted
+    if not good:
+        ratio = 1 / RATIO
+    while len(runs) < MOST and (runs[-1].joint(accepted) <= accepted) == good:
+        runs.append(judged(runs[-1].dt * ratio))
+    return sorted(runs, key=lambda run: run.dt)
+
+
+def summed_up(its: SuiteScene, runs: Sequence[Judged], accepted: float) -> Score:
+    """The step at which the joint error reaches what is accepted, by a straight line between logarithms; before a breakdown the last one
+    that is accepted."""
+    joints = [run.joint(accepted) for run in runs]
+    bad = next((k for k, joint in enumerate(joints) if joint > accepted), None)
+    if bad is None or bad == 0:
+        limit, why = (runs[-1].dt, "") if bad is None else (0.0, _worst(its, runs[0], accepted))
+    else:
+        low, high, why = runs[bad - 1], runs[bad], _worst(its, runs[bad], accepted)
+        part = 0.0
+        if not high.reason:
+            small, large = np.log(max(joints[bad - 1], 0.1 * accepted)), np.log(joints[bad])
+            part = float((np.log(accepted) - small) / (large - small))
+        limit = float(low.dt * (high.dt / low.dt) ** part)
+    steps = [run.seconds * run.dt for run in runs if np.isfinite(run.seconds)]
+    return Score(its, tuple(runs), limit, why, min(steps) / limit if steps and limit else np.nan)
+
+
+def _worst(its: SuiteScene, run: Judged, accepted: float) -> str:
+    if run.reason:
+        return run.reason
+    sizes = np.abs(run.errors)
+    return its.quantities[int(np.argmax(np.where(sizes < SURE * run.sems, np.minimum(sizes, 0.5 * accepted), sizes)))]
+
+
+def score_word(
+    word: str, scenes: Iterable[str] | None = None, *, error: float = 0.01, time: float = 200.0, seed: int = 1, lam: float = 0.5
+) -> list[Score]:
+    """What a scheme or word costs in scenes of the suite.
+
+    Steps a quarter apart are tried, from the one at which velocity Verlet is about 1 % off (times the force evaluations in a step of the
+    word), to the first at which a quantity is off by more than is accepted.
+
+    Parameters
+    ----------
+    word : str
+        Name of a scheme, or a word such as ``"B/2 A/2 O A/2 B/2"``.
+    scenes : names, optional
+        All that the scheme can run by default.
+    error : float
+        Relative error that every quantity may have.
+    time : float
+        Length of each run in units of the scene; standard errors are some 0.2 to 0.5 % with 200.
+    seed : int
+        Of the noise.
+    lam : float
+        Lambda of ``mvv``.
+
+    Returns
+    -------
+    list of Score
+
+    Raises
+    ------
+    ParameterError
+        If a scene is not in the suite, or the scheme cannot run one that is named.
+    """
+    suite = load_suite()
+    unknown = [name for name in scenes or () if name not in suite]
+    if unknown:
+        raise ParameterError(f"there is no scene {what_is(unknown[0])} in the suite; its scenes are {', '.join(suite)}")
+    if not 0 < error < 1:
+        raise ParameterError(f"error must be between 0 and 1, not {what_is(error)}")
+    scheme_of(word)
+    found = []
+    for name in scenes or suite:
+        its = suite[name]
+        try:
+            runs = climbed(
+                its.step * forces(word),
+                lambda dt, its=its: judge(its, dt, run_word(its, word, dt, time=time, seed=seed, lam=lam)),  # type: ignore[misc]
+                error,
+            )
+        except ParameterError:
+            if scenes is not None:
+                raise
+            continue  # a scheme that is not for this kind of beads
+        found.append(summed_up(its, runs, error))
+    return found

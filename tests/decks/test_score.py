@@ -1,0 +1,183 @@
+"""The reference suite: its files, its quantities against other ways to compute them, and what scores a word or the frames of another program."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import cases
+
+import openmm_dpd as dpd
+from openmm_dpd.__main__ import main
+from openmm_dpd.base.errors import ParameterError
+from openmm_dpd.lammps import check_deck
+from openmm_dpd.lammps.run.check import as_data
+from openmm_dpd.score import BlockMeans, Judged, judge, load_suite, run_frames, run_word, score_word
+from openmm_dpd.score.quantities import INTERVAL, QUANTITIES
+from openmm_dpd.score.scoring import climbed, forces, summed_up
+from openmm_dpd.score.suite import FOLDER
+
+SUITE = load_suite()
+
+
+def test_the_file_is_as_its_schema_says():
+    from jsonschema import Draft202012Validator
+
+    data, schema = (json.loads((FOLDER / f"suite{end}.json").read_text(encoding="utf-8")) for end in ("", ".schema"))
+    Draft202012Validator.check_schema(schema)
+    Draft202012Validator(schema).validate(data)
+    assert "CC-BY-4.0" in data["licence"] and "CC-BY-4.0" in (FOLDER / "LICENSE").read_text(encoding="utf-8")
+    assert set(data["scenes"]) == {path.name.removeprefix("in.") for path in (FOLDER / "scenes").glob("in.*")} and len(data["scenes"]) == 12
+
+
+def test_every_scene_is_a_deck_that_runs():
+    for its in SUITE.values():
+        assert as_data(check_deck(its.deck))["runs"]
+        assert its.scene.n_beads > 800 and set(its.quantities) <= set(QUANTITIES)
+        values = np.linalg.eigvalsh(its.covariance)
+        assert np.all(values > -1e-9 * values.max()) and np.all(its.scale > 0)
+
+
+def test_both_programs_agree_about_every_scene():
+    """Deviations in standard errors of all quantities and scenes: none above 4, and their mean square as that of noise."""
+    data = json.loads((FOLDER / "suite.json").read_text(encoding="utf-8"))
+    z = [
+        (its["openmm_dpd"][0] - its["LAMMPS"][0]) / np.hypot(its["openmm_dpd"][1], its["LAMMPS"][1])
+        for entry in data["scenes"].values()
+        for its in entry["quantities"].values()
+    ]
+    assert np.abs(z).max() < 4 and np.mean(np.square(z)) < 1 + 4 * (2 / len(z)) ** 0.5
+
+
+@cases("word, count", ("mvv", 1), ("middle", 1), ("aboba", 1), ("bababo", 2), ("bab3", 3), ("B/2 A B/2 O", 1), ("A/2 B A/2 O", 1))
+def test_force_evaluations_of_a_word(word, count):
+    assert forces(word) == count
+
+
+def dump(path, its, word, dt, time, columns=True):
+    """Frames of a run here, as LAMMPS would write them."""
+    built = dpd.build(its.scene, dt=dt, scheme=word, platform="CPU", seed=1)
+    simulation, every = built.simulation(properties={"Threads": "1"}), round(INTERVAL / dt)
+    ends = "\n".join(f"0.0 {edge!r}" for edge in np.diag(its.scene.box).tolist())
+    with path.open("w") as file:
+        for k in range(round(time / INTERVAL) + 1):
+            state = simulation.context.getState(positions=True, velocities=True)
+            x, v = (np.array(values._value) for values in (state.getPositions(asNumpy=True), state.getVelocities(asNumpy=True)))
+            fields = dpd.read_fields(simulation.context, built.plan)
+            more = [np.ravel(fields["concentrations"])] if "concentrations" in fields and columns else []
+            head = "id type x y z vx vy vz" + " c_species1" * len(more)
+            file.write(
+                f"ITEM: TIMESTEP\n{k * every}\nITEM: NUMBER OF ATOMS\n{len(x)}\nITEM: BOX BOUNDS pp pp pp\n{ends}\nITEM: ATOMS {head}\n"
+            )
+            rows = np.column_stack([np.arange(1, len(x) + 1), its.scene.type_ids + 1, x, v, *more])
+            np.savetxt(file, rows, fmt=["%d", "%d"] + ["%.12g"] * (rows.shape[1] - 2))
+            simulation.step(every)
+
+
+@cases("name", "standard", "species")
+def test_frames_of_a_run_say_what_the_run_says(name, tmp_path):
+    """Of velocity Verlet, whose velocities do not lag: the same quantities from a dump as from the Context."""
+    its, dt = SUITE[name], INTERVAL / 16
+    dump(tmp_path / "frames", its, "mvv", dt, 24.0)
+    found, expected = run_frames(its, tmp_path / "frames", dt, discard=4.0), run_word(its, "mvv", dt, time=20.0, discard=3.75)
+    assert not expected.reason
+    np.testing.assert_allclose(found.mean[:2], expected.mean[:2], rtol=0.02)
+    its = replace(its, reference=expected.mean, covariance=np.zeros_like(its.covariance))
+    assert judge(its, dt, found).joint(0.01) < 0.05
+
+
+def test_frames_that_lack_something_are_refused(tmp_path):
+    its = SUITE["species"]
+    dump(tmp_path / "frames", its, "mvv", INTERVAL / 16, 1.0, columns=False)
+    with pytest.raises(ParameterError, match="do.* not have the beads' own .*concentrations"):
+        run_frames(its, tmp_path / "frames", INTERVAL / 16)
+    its = SUITE["standard"]
+    dump(tmp_path / "frames", its, "mvv", INTERVAL / 16, 1.0)
+    with pytest.raises(ParameterError, match="needs 80 frames or more after 20 units"):
+        run_frames(its, tmp_path / "frames", INTERVAL / 16)
+
+
+def judged_by(power, bound=0.08):
+    """Runs whose only error grows with a power of the step, and reaches 1 % at a step."""
+    return lambda dt: Judged(dt, np.array([0.01 * (dt / bound) ** power]), np.array([1e-9]), 1.0 / dt)
+
+
+@cases("first", 0.02, 0.07, 0.5)
+def test_the_longest_step_is_found_from_either_side(first):
+    its = replace(SUITE["standard"], quantities=("T_kin",))
+    score = summed_up(its, climbed(first, judged_by(2.0), 0.01), 0.01)
+    assert score.limit == pytest.approx(0.08, rel=1e-6) and score.limited_by == "T_kin"
+    assert score.seconds == pytest.approx(1 / 0.08)
+
+
+def test_noise_and_breakdowns():
+    its = SUITE["standard"]
+    assert Judged(0.1, np.array([0.015]), np.array([0.01]), 1.0).joint(0.01) == pytest.approx(0.005)
+    assert Judged(0.1, np.array([0.025]), np.array([0.01]), 1.0).joint(0.01) == pytest.approx(0.025)
+    stopped = judge(its, 0.1, BlockMeans(np.full((1, 7), np.inf), reason="too long"))
+    good = Judged(0.08, np.zeros(7), np.full(7, 1e-3), 1.0)
+    score = summed_up(its, [good, stopped], 0.01)
+    assert (score.limit, score.limited_by) == (0.08, "too long")
+    assert json.loads(json.dumps(score.as_data()))["runs"][1] == {"dt": 0.1, "failed": "too long"}
+
+
+def test_a_step_that_is_too_long_breaks_down():
+    found = run_word(SUITE["stiff"], "mvv", 0.2, time=20.0)
+    assert found.reason and np.isinf(found.mean).all()
+
+
+@cases(
+    "arguments, message",
+    (["nothing"], "'nothing'"),
+    (["middle", "--scenes", "lake"], "no scene 'lake' in the suite; its scenes are standard,"),
+    (["middle", "--error", "0"], "error must be between 0 and 1"),
+    (["frames", "--dt", "0.01"], "scenes must be the one that the frames are of: standard,"),
+)
+def test_wrong_arguments_are_named(arguments, message, capsys):
+    assert main(["score", *arguments]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_score_on_the_command_line(tmp_path, capsys):
+    files = [tmp_path / "score.json", tmp_path / "score.png"]
+    arguments = [
+        "score",
+        "B A/2 O A/2",
+        "--scenes",
+        "standard",
+        "--time",
+        "12",
+        "--error",
+        "0.05",
+        "--json",
+        str(files[0]),
+        "--picture",
+        str(files[1]),
+    ]
+    assert main(arguments) == 0
+    out = capsys.readouterr().out
+    assert "standard" in out and "times as fast as mvv" in out
+    found = json.loads(files[0].read_text())["standard"]
+    assert 0.03 < found["limit"] < 0.2 and files[1].stat().st_size > 10_000
+    assert set(found["runs"][0]["errors"]) == set(SUITE["standard"].quantities)
+
+
+@pytest.mark.slow
+@pytest.mark.statistical
+def test_short_steps_reproduce_the_reference():
+    """Every scene with a word and seeds that the reference does not know: no quantity is off by more than 4.5 of its errors."""
+    for its in SUITE.values():
+        run = judge(its, its.step, run_word(its, "bab3", its.step, time=60.0, seed=5))
+        assert not run.reason
+        # errors of eight blocks are themselves known to a quarter; steps are short, but not 0
+        far = np.abs(run.errors) / np.hypot(run.sems, 0.002)
+        assert far.max() < 4.5, (its.name, its.quantities[int(far.argmax())], run.errors, run.sems)
+
+
+@pytest.mark.slow
+def test_a_small_score_orders_the_schemes():
+    """With the same noise in two scenes, ``bababo`` takes steps at least 1.4 times as long as ``middle``, which is within 1 % for longer than
+    velocity Verlet."""
+    limits = {word: [score.limit for score in score_word(word, ["standard", "melt"], time=60.0)] for word in ("mvv", "middle", "bababo")}
+    assert all(np.array(limits["middle"]) > limits["mvv"])
+    assert all(np.array(limits["bababo"]) > 1.4 * np.array(limits["middle"]))
