@@ -14,8 +14,11 @@ from ..model.schemes import scheme_of
 from .runs import BlockMeans, run_word
 from .suite import SuiteScene, load_suite
 
-#: Ratio of steps that are tried, and how many at most; errors below this many standard errors count as half of what is accepted at most.
-RATIO, MOST, SURE = 1.25, 10, 2.0
+#: Ratio of steps that are tried, and how many at most.
+RATIO, MOST = 1.25, 10
+#: Errors below the first of these numbers of standard errors count as half of what is accepted at most; runs with larger ones, below the
+#: second, are repeated with other noise, up to some times.
+SURE, SURER, REPEATS = 2.0, 4.0, 3
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,11 @@ class Judged:
         sizes = np.abs(self.errors)
         return float(np.max(np.where(sizes < SURE * self.sems, np.minimum(sizes, 0.5 * accepted), sizes)))
 
+    def unsure(self, accepted: float) -> bool:
+        """Whether a quantity is off by more than is accepted, and none by many standard errors."""
+        off = np.abs(self.errors) > accepted
+        return not self.reason and bool(off.any()) and not bool((off & (np.abs(self.errors) >= SURER * self.sems)).any())
+
 
 def judge(its: SuiteScene, dt: float, found: BlockMeans) -> Judged:
     """Errors of a run relative to the reference."""
@@ -51,6 +59,21 @@ def judge(its: SuiteScene, dt: float, found: BlockMeans) -> Judged:
         return Judged(dt, nothing, nothing, found.seconds, found.reason)
     sems = np.sqrt(np.diag(found.covariance) + np.diag(its.covariance))
     return Judged(dt, (found.mean - its.reference) / its.scale, sems / its.scale, found.seconds)
+
+
+def judge_surely(its: SuiteScene, dt: float, run: Callable[[int], BlockMeans], accepted: float) -> Judged:
+    """Errors at a step, of as many runs as tell whether they are accepted; ``run`` takes the number of the run, from 0."""
+    found = run(0)
+    judged = judge(its, dt, found)
+    for number in range(1, REPEATS + 1):
+        if not judged.unsure(accepted):
+            break
+        more = run(number)
+        if more.reason:
+            return judge(its, dt, more)
+        found = BlockMeans(np.concatenate([found.values, more.values]), found.seconds)
+        judged = judge(its, dt, found)
+    return judged
 
 
 @dataclass(frozen=True)
@@ -146,7 +169,7 @@ def score_word(
     """What a scheme or word costs in scenes of the suite.
 
     Steps a quarter apart are tried, from the one at which velocity Verlet is about 1 % off (times the force evaluations in a step of the
-    word), to the first at which a quantity is off by more than is accepted.
+    word), to the first at which a quantity is off by more than is accepted.  Where noise leaves this open, runs are repeated.
 
     Parameters
     ----------
@@ -185,7 +208,9 @@ def score_word(
         try:
             runs = climbed(
                 its.step * forces(word),
-                lambda dt, its=its: judge(its, dt, run_word(its, word, dt, time=time, seed=seed, lam=lam)),  # type: ignore[misc]
+                lambda dt, its=its: judge_surely(  # type: ignore[misc]
+                    its, dt, lambda number: run_word(its, word, dt, time=time, seed=seed + number, lam=lam), error
+                ),
                 error,
             )
         except ParameterError:

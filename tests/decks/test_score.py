@@ -165,19 +165,20 @@ def test_a_score_on_the_command_line(tmp_path, capsys):
 @pytest.mark.slow
 @pytest.mark.statistical
 def test_short_steps_reproduce_the_reference():
-    """Every scene with a word and seeds that the reference does not know: no quantity is off by more than 4.5 of its errors."""
+    """Every scene with a word and a seed that the reference does not know.  With errors from eight blocks, z^2 is 1.4 on average and has a
+    variance of 8; diffusion is left out, since blocks of so short a run are correlated by its lag."""
+    z = []
     for its in SUITE.values():
         run = judge(its, its.step, run_word(its, "bab3", its.step, time=60.0, seed=5))
         assert not run.reason
-        # errors of eight blocks are themselves known to a quarter; steps are short, but not 0
-        far = np.abs(run.errors) / np.hypot(run.sems, 0.002)
-        assert far.max() < 4.5, (its.name, its.quantities[int(far.argmax())], run.errors, run.sems)
+        # steps are short, but not 0
+        z += [e / np.hypot(s, 0.001) for q, e, s in zip(its.quantities, run.errors, run.sems, strict=True) if not q.startswith("D")]
+    assert np.mean(np.square(z)) < 1.4 + 4 * (8 / len(z)) ** 0.5, np.round(z, 1)
 
 
 @pytest.mark.slow
 def test_a_small_score_orders_the_schemes():
-    """With the same noise in two scenes, ``bababo`` takes steps at least 1.4 times as long as ``middle``, which is within 1 % for longer than
-    velocity Verlet."""
-    limits = {word: [score.limit for score in score_word(word, ["standard", "melt"], time=60.0)] for word in ("mvv", "middle", "bababo")}
-    assert all(np.array(limits["middle"]) > limits["mvv"])
-    assert all(np.array(limits["bababo"]) > 1.4 * np.array(limits["middle"]))
+    """In the standard fluid ``bababo`` takes steps at least 1.4 times as long as ``middle``, which is within 1 % for longer than velocity
+    Verlet: by factors of about 2.5 and 2 in longer runs."""
+    mvv, middle, bababo = (score_word(word, ["standard"], time=60.0)[0].limit for word in ("mvv", "middle", "bababo"))
+    assert middle > mvv and bababo > 1.4 * middle

@@ -23,7 +23,8 @@ ELSEWHERE = {  # Pages, and the Contexts in them (by their number among those th
     "changes": {0: "a trap takes up momentum"},
     "dense_start": {1: "OpenMM's Langevin integrator takes momentum up"},
     "build_scene": {2: "immobile beads take up momentum", 3: "a trap takes up momentum"},
-    "flow": {0: "the body force of reverse Poiseuille flow depends on where beads are"} | dict.fromkeys((1, 2), "walls take up momentum"),
+    "flow": {0: "the body force of reverse Poiseuille flow depends on where beads are"}
+    | dict.fromkeys((1, 2, 4), "walls take up momentum"),
     "heat_species": {1: "walls take up momentum"},
     "partition": dict.fromkeys(range(15), "the beads by which copies of a molecule are held take up momentum"),
 }
