@@ -35,6 +35,7 @@ from atlas_parts.store import Store, carry_out  # noqa: E402
 from suite_scenes import SCENES, SUITE, freeze  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.model.schemes import SCHEMES  # noqa: E402
 from openmm_dpd.plan.plan import make_plan  # noqa: E402
 from openmm_dpd.score.quantities import INTERVAL, QUANTITIES  # noqa: E402
 from openmm_dpd.score.runs import BlockMeans, State, broken, run_frames, run_states, run_word  # noqa: E402
@@ -242,7 +243,7 @@ def page_tables(scenes: dict) -> dict[str, str]:
         found = {name: entry["scores"].get(method) for name, entry in scenes.items()}
         if not any(found.values()):
             continue
-        label = f"`{method}`" if method in dpd.SCHEMES else method
+        label = f"`{method}`" if method in SCHEMES else method
         limits.append([label, *(limit_text(its) for its in found.values())])
         its = {name: gain_of(scenes[name], score) for name, score in found.items() if score}
         known = [value for value in its.values() if np.isfinite(value)]
