@@ -33,7 +33,7 @@ def gains(scores: Sequence[Score]) -> dict[str, float]:
 
 def in_words(scores: Sequence[Score], gained: Mapping[str, float], accepted: float) -> str:
     """A table: for each scene the longest step, what limits it, and the CPU time there."""
-    heads = ("scene", f"dt, {accepted:.3g}", "limited by", "us per bead and unit", f"times as fast as {PEER}")
+    heads = ("scene", f"dt, {accepted:.3g}", "limited by", "us per bead and unit", f"times as fast as {PEER} at 1 %")
     rows = []
     for score in scores:
         us = 1e6 * score.seconds / score.scene.scene.n_beads
@@ -83,10 +83,11 @@ def score_picture(path: str | os.PathLike, name: str, scores: Sequence[Score], g
     axis = figure.subplots()
     labels = [f"{score.scene.name}, {score.limit:.2g}" for score in reversed(scores)]
     values = [gained[score.scene.name] for score in reversed(scores)]
-    axis.barh(labels, np.nan_to_num(values), color="#1f5a99", height=0.6)
+    axis.barh(range(len(labels)), np.nan_to_num(values), color="#1f5a99", height=0.6)
     for place, score in enumerate(reversed(scores)):
         axis.text(np.nan_to_num(values[place]), place, f" {score.limited_by[:24]}", va="center", fontsize=9)
     axis.axvline(1.0, color="0.6", linewidth=0.8)
     finish_axis(axis, "", legend=False)
-    axis.set(xlabel=f"{name}: times as fast as {PEER}", xlim=(0.0, 1.25 * max([1.0, *np.nan_to_num(values)])))
+    axis.set_yticks(range(len(labels)), labels)
+    axis.set(xlabel=f"{name}: times as fast as {PEER} at 1 %", xlim=(0.0, 1.25 * max([1.0, *np.nan_to_num(values)])))
     write_picture(path, figure)

@@ -20,6 +20,11 @@ from openmm_dpd.score.suite import FOLDER
 SUITE = load_suite()
 
 
+@pytest.fixture(autouse=True)
+def undrawn():
+    """Pictures are drawn."""
+
+
 def test_the_file_is_as_its_schema_says():
     from jsonschema import Draft202012Validator
 
