@@ -290,6 +290,8 @@ def _score(options: argparse.Namespace, signals: Signals) -> None:
         if target:
             _check_target(target)
     scores = score_word(options.what, options.scenes, error=options.error, time=options.time, seed=options.seed or 1)
+    if left_out := [] if options.scenes else sorted(load_suite().keys() - {score.scene.name for score in scores}):
+        print(f"{options.what} cannot run {', '.join(left_out)}")
     gained = report.gains(scores)
     print(report.in_words(scores, gained, options.error))
     if options.json:

@@ -58,7 +58,7 @@ def _each(value: Callable[[Instant], float]) -> Along:
     return lambda run: np.array([value(moment) for moment in run], float)
 
 
-def _interval(run: list[Instant]) -> float:
+def interval(run: list[Instant]) -> float:
     """Time between two moments."""
     return (run[-1].sample.time - run[0].sample.time) / (len(run) - 1)
 
@@ -83,11 +83,11 @@ def _diffusion(which: Callable[[Scene], np.ndarray]) -> Along:
     """(msd(t2) - msd(t1))/(6 (t2 - t1)) up to each moment, for some of the beads."""
 
     def series(run: list[Instant]) -> np.ndarray:
-        interval = _interval(run)
-        first, second = (round(lag / interval) for lag in LAGS)
+        apart = interval(run)
+        first, second = (round(lag / apart) for lag in LAGS)
         paths = np.array([moment.path for moment in run])[:, which(run[0].scene)]
         squares = [np.mean(np.sum((paths[lag:] - paths[:-lag]) ** 2, axis=2), axis=1) for lag in (first, second)]
-        later = (squares[1] - squares[0][second - first :]) / (6 * (second - first) * interval)
+        later = (squares[1] - squares[0][second - first :]) / (6 * (second - first) * apart)
         return np.concatenate([np.full(second, np.nan), later])
 
     return series
@@ -96,7 +96,7 @@ def _diffusion(which: Callable[[Scene], np.ndarray]) -> Along:
 def _drift(run: list[Instant]) -> np.ndarray:
     """Growth of the energy in 1,000 units of time, relative to it: from moment to moment, so that the mean is that of the run."""
     total = np.array([moment.sample.total for moment in run])
-    return np.concatenate([[np.nan], np.diff(total) / total[0] * 1000 / _interval(run)])
+    return np.concatenate([[np.nan], np.diff(total) / total[0] * 1000 / interval(run)])
 
 
 def _bonds(moment: Instant) -> np.ndarray:

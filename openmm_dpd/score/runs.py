@@ -20,7 +20,7 @@ from ..measure.observer import Observer
 from ..simulation.build import build
 from ..simulation.built import BuiltSystem
 from ..simulation.fields import read_fields, write_fields
-from .quantities import INTERVAL, LAGS, QUANTITIES, Instant
+from .quantities import INTERVAL, LAGS, QUANTITIES, Instant, interval
 from .suite import SuiteScene
 
 #: BlockMeans that a run is divided into; a run that is hotter than this many times its temperature breaks down.
@@ -83,12 +83,12 @@ class _Looker:
 
     def blocks(self) -> np.ndarray:
         """(B, Q) averages of the blocks."""
+        count = len(self._run)
+        # before the second lag there is no diffusion
+        if count < 2 * BLOCKS or count < 2 * BLOCKS + round(LAGS[1] / interval(self._run)):
+            raise ParameterError(f"a run of {count} samples is too short: {2 * BLOCKS} are needed after {LAGS[1]:g} units of time")
         rows = np.array([QUANTITIES[name][1](self._run) for name in self.names]).T
-        known = np.flatnonzero(np.isfinite(rows).all(axis=1))  # before the second lag there is no diffusion
-        if len(known) < 2 * BLOCKS:
-            raise ParameterError(
-                f"a run of {len(rows)} samples is too short: {2 * BLOCKS} and those of {LAGS[1]:g} units of time are needed"
-            )
+        known = np.flatnonzero(np.isfinite(rows).all(axis=1))
         return np.array([part.mean(axis=0) for part in np.array_split(rows[known[0] :], BLOCKS)])
 
 

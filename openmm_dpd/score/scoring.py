@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import DPDError, ParameterError, what_is
 from ..model.schemes import scheme_of
+from ..simulation.build import build
 from .runs import BlockMeans, run_word
 from .suite import SuiteScene, load_suite
 
@@ -163,6 +164,18 @@ def _worst(its: SuiteScene, run: Judged, accepted: float) -> str:
     return its.quantities[int(np.argmax(np.where(sizes < SURE * run.sems, np.minimum(sizes, 0.5 * accepted), sizes)))]
 
 
+def scenes_for(suite: Mapping[str, SuiteScene], word: str) -> list[str]:
+    """Names of the scenes that a scheme or word can run."""
+    found = []
+    for name, its in suite.items():
+        try:
+            build(its.scene, dt=its.step, scheme=word, platform="CPU", seed=1)
+        except DPDError:
+            continue
+        found.append(name)
+    return found
+
+
 def score_word(
     word: str, scenes: Iterable[str] | None = None, *, error: float = 0.01, time: float = 200.0, seed: int = 1, lam: float = 0.5
 ) -> list[Score]:
@@ -203,19 +216,14 @@ def score_word(
         raise ParameterError(f"error must be between 0 and 1, not {what_is(error)}")
     scheme_of(word)
     found = []
-    for name in scenes or suite:
+    for name in scenes_for(suite, word) if scenes is None else scenes:
         its = suite[name]
-        try:
-            runs = climbed(
-                its.step * forces(word),
-                lambda dt, its=its: judge_surely(  # type: ignore[misc]
-                    its, dt, lambda number: run_word(its, word, dt, time=time, seed=seed + number, lam=lam), error
-                ),
-                error,
-            )
-        except ParameterError:
-            if scenes is not None:
-                raise
-            continue  # a scheme that is not for this kind of beads
+        runs = climbed(
+            its.step * forces(word),
+            lambda dt, its=its: judge_surely(  # type: ignore[misc]
+                its, dt, lambda number: run_word(its, word, dt, time=time, seed=seed + number, lam=lam), error
+            ),
+            error,
+        )
         found.append(summed_up(its, runs, error))
     return found

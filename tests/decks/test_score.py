@@ -14,7 +14,7 @@ from openmm_dpd.lammps import check_deck
 from openmm_dpd.lammps.run.check import as_data
 from openmm_dpd.score import BlockMeans, Judged, judge, load_suite, run_frames, run_word, score_word
 from openmm_dpd.score.quantities import INTERVAL, QUANTITIES
-from openmm_dpd.score.scoring import climbed, forces, summed_up
+from openmm_dpd.score.scoring import climbed, forces, scenes_for, summed_up
 from openmm_dpd.score.suite import FOLDER
 
 SUITE = load_suite()
@@ -136,11 +136,17 @@ def test_a_step_that_is_too_long_breaks_down():
     (["nothing"], "'nothing'"),
     (["middle", "--scenes", "lake"], "no scene 'lake' in the suite; its scenes are standard,"),
     (["middle", "--error", "0"], "error must be between 0 and 1"),
+    (["middle", "--time", "5"], "samples is too short: 16 are needed after 6 units of time"),
     (["frames", "--dt", "0.01"], "scenes must be the one that the frames are of: standard,"),
 )
 def test_wrong_arguments_are_named(arguments, message, capsys):
     assert main(["score", *arguments]) == 1
     assert message in capsys.readouterr().err
+
+
+def test_scenes_that_a_scheme_cannot_run_are_known():
+    assert scenes_for(SUITE, "bababo") == list(SUITE)
+    assert not {"slab", "conducting", "heat", "species"} & set(scenes_for(SUITE, "native"))
 
 
 def test_a_score_on_the_command_line(tmp_path, capsys):
