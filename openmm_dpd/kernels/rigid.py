@@ -66,11 +66,7 @@ def _in_space(turn, x, y, z):
 
 @inlined
 def _in_body(turn, x, y, z):
-    return (
-        turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z,
-        turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z,
-        turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z,
-    )
+    return _in_space(turn.T, x, y, z)
 
 
 @inlined
