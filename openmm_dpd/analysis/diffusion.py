@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
+from ..base.slices import axis_number
 from ..base.stats import Average, block_average
 from ..base.units import thermal_energy, to_md
-from .frames import Beads, Curve, Trajectories, axis_number, curve_of_averages, frames_of, indices, positive_number, selected, weights_of
+from .frames import Beads, Curve, Trajectories, curve_of_averages, frames_of, indices, positive_number, selected, weights_of
 from .profiles import velocity_frames
 from .unwrapping import means_over, molecule_labels, unwrapped
 

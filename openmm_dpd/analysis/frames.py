@@ -152,15 +152,6 @@ def weights_of(topology: mdtraj.Topology) -> np.ndarray:
 
 
 # -- boxes -----------------------------------------------------------------------------------------------------------------------
-def axis_number(axis: str | int) -> int:
-    """Number of an axis given as ``x``, ``y``, ``z`` or 0, 1, 2; ParameterError for anything else."""
-    if axis in ("x", "y", "z"):
-        return "xyz".index(str(axis))
-    if isinstance(axis, (int, np.integer)) and not isinstance(axis, bool) and 0 <= axis <= 2:
-        return int(axis)
-    raise ParameterError(f"axis must be 'x', 'y', 'z' or 0, 1, 2, not {what_is(axis)}")
-
-
 def positive_number(value, name: str) -> float:
     """The value as a float; ParameterError if it is not a finite number > 0."""
     try:
@@ -205,7 +196,8 @@ class Curve:
     Attributes
     ----------
     x, y : (K,) arrays
-    sem : (K,) array
+        A profile along two axes has y (K, L), and x (K, L, 2): the two coordinates of the middle of each cell.
+    sem : array shaped as y
         Standard errors of y from blocks of frames (:func:`openmm_dpd.base.stats.block_average`); NaN with fewer than 5 frames, and too
         small, as a rule, with fewer than about 30.
     n_frames : int
@@ -240,4 +232,6 @@ def curve_of_averages(x, averages: list[Average], frames: int) -> Curve:
     """Curve of averages, one for each x, over this number of frames."""
     y = np.array([average.mean for average in averages], dtype=np.float64)
     sem = np.array([np.nan if average.sem is None else average.sem for average in averages], dtype=np.float64)
-    return Curve(np.asarray(x, dtype=np.float64), y, sem, frames)
+    x = np.asarray(x, dtype=np.float64)
+    shape = x.shape[: max(1, x.ndim - 1)]
+    return Curve(x, y.reshape(shape), sem.reshape(shape), frames)

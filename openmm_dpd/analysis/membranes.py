@@ -10,10 +10,10 @@ import scipy
 
 from ..base.errors import ParameterError, what_is
 from ..base.geometry import widths
+from ..base.slices import axis_number, periodic_centre
 from ..base.stats import Average, block_average, long_enough
 from ..base.units import md_tension, thermal_energy, to_md
-from .frames import Curve, Frame, axis_number, curve_of, frames_of, positive_number, selected, weights_of
-from .profiles import periodic_centre
+from .frames import Curve, Frame, curve_of, frames_of, positive_number, selected, weights_of
 from .unwrapping import means_over, molecule_labels
 
 if TYPE_CHECKING:

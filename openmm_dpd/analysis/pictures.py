@@ -62,10 +62,18 @@ def profile_picture(
     unit: str = "nm",
     title: str = "",
 ) -> None:
-    """Plot one or more profiles along an axis: densities, or any ``quantity`` with its unit, from :mod:`openmm_dpd.analysis.profiles`."""
+    """Plot one or more profiles along an axis: densities, or any ``quantity`` with its unit, from :mod:`openmm_dpd.analysis.profiles`; or
+    one along two axes (``axis_name="rz"``), as a map in colours."""
     figure, axis = _axes()
+    if isinstance(curves, Curve) and curves.y.ndim == 2:
+        if len(axis_name) != 2:
+            raise ParameterError(f"axis_name must have two letters for a profile along two axes, not {what_is(axis_name)}")
+        colours = axis.pcolormesh(*np.moveaxis(curves.x, 2, 0), curves.y, cmap="viridis", shading="nearest", rasterized=True)
+        axis.set_aspect("equal")
+        figure.colorbar(colours, ax=axis, label=with_unit(quantity, quantity_unit))
+        return _write(figure, axis, path, with_unit(f"${axis_name[0]}$", unit), with_unit(f"${axis_name[1]}$", unit), title)
     _lines(axis, curves)
-    _write(figure, axis, path, with_unit(f"${axis_name}$", unit), with_unit(quantity, quantity_unit), title)
+    return _write(figure, axis, path, with_unit(f"${axis_name}$", unit), with_unit(quantity, quantity_unit), title)
 
 
 def displacement_picture(
@@ -125,8 +133,8 @@ def _axes() -> tuple[Any, Any]:
 def _lines(axis: Any, curves: Curve | Mapping[str, Curve], marker: str | None = None) -> None:
     """Draw curves with bands of one standard error, and markers if points are few."""
     named = {"": curves} if isinstance(curves, Curve) else curves
-    if not isinstance(named, Mapping) or not named or not all(isinstance(curve, Curve) for curve in named.values()):
-        raise ParameterError(f"curves must be a Curve, or a mapping of one or more names to Curves, not {what_is(curves)}")
+    if not isinstance(named, Mapping) or not named or not all(isinstance(curve, Curve) and curve.y.ndim == 1 for curve in named.values()):
+        raise ParameterError(f"curves must be a Curve, or a mapping of one or more names to Curves along one axis, not {what_is(curves)}")
     for number, (name, curve) in enumerate(named.items()):
         colour = LINES[number % len(LINES)]
         dots = {"marker": marker, "markersize": 3} if marker and len(curve.x) <= 200 else {}

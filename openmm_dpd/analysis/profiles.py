@@ -1,68 +1,24 @@
-"""Profiles along an axis of the box: densities, velocities and temperatures in slices."""
+"""Profiles along an axis of the box, two axes, or the radius around one: densities, velocities and temperatures."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..base.errors import ParameterError
-from ..base.geometry import sums_in_slices, widths
-from ..base.units import whole_number
-from .frames import Beads, Curve, Frame, Trajectories, axis_number, curve_of, frames_of, ratio_curve, selected, type_names, weights_of
-
-#: Length of the mean of exp(2 pi i s) below which beads are spread too evenly to have a centre.
-LEAST_RESULTANT = 0.05
-
-
-@dataclass(frozen=True)
-class Slicer:
-    """Assigns the beads of a frame to slices along an axis."""
-
-    axis: int  #: Box vector that the slices divide; they are parallel to the other two
-    n_bins: int
-    centre: np.ndarray | None  #: (M,) indices of beads whose centre of mass is moved to the middle, or None
-    weights: np.ndarray  #: (N,) masses of all beads
-
-    def heights(self, frame: Frame) -> np.ndarray:
-        """Position of each bead along the axis, (N,), as a fraction of the box in [0, 1); ``centre`` is moved to 1/2."""
-        s = frame.fractions("a profile")[:, self.axis]
-        if self.centre is not None:
-            s = s - periodic_centre(s[self.centre], self.weights[self.centre]) + 0.5
-        # a rounding error below 0 gives exactly 1
-        return np.mod(s, 1.0) % 1.0
-
-    def slices(self, frame: Frame) -> np.ndarray:
-        """Number of the slice that each bead is in, (N,), from 0."""
-        return np.minimum((self.heights(frame) * self.n_bins).astype(np.int64), self.n_bins - 1)
-
-    def coordinates(self, width: float) -> np.ndarray:
-        """Midpoints of the slices in a box of this width, (n_bins,); 0 is the lower face, or ``centre``."""
-        return ((np.arange(self.n_bins) + 0.5) / self.n_bins - (0.5 if self.centre is not None else 0.0)) * width
-
-
-def periodic_centre(fractions: np.ndarray, weights: np.ndarray) -> float:
-    """Centre of mass of beads in a periodic direction, as a fraction of the box; ParameterError if they are spread too evenly to have one.
-    The phase of sum w exp(2 pi i s) is the centre of a symmetric distribution (L. Bai and D. Breen, J. Graphics Tools 13, 53 (2008)); the
-    mean of the positions wrapped around it is the centre of mass, unless the beads reach around the box."""
-    resultant = np.sum(weights * np.exp(2j * np.pi * fractions)) / weights.sum()
-    if abs(resultant) < LEAST_RESULTANT:
-        raise ParameterError(
-            "the beads to be centred are spread evenly along the axis, or lie at opposite places, and have no centre of mass; choose others"
-        )
-    guess = np.angle(resultant) / (2 * np.pi)
-    around = fractions - guess - np.round(fractions - guess)
-    return float(guess + np.sum(weights * around) / weights.sum())
-
-
-def _slicer(topology, axis, n_bins, centre) -> Slicer:
-    n_bins = whole_number(n_bins, "n_bins", least=1)
-    return Slicer(axis_number(axis), n_bins, None if centre is None else selected(topology, centre, "centre"), weights_of(topology))
+from ..base.slices import Slicer, slicer
+from .frames import Beads, Curve, Trajectories, curve_of, frames_of, ratio_curve, selected, type_names, weights_of
 
 
 def density_profile(
-    trajectory: Trajectories, types: Beads = None, *, axis: str | int = "z", n_bins: int = 100, centre: Beads = None, mass: bool = False
+    trajectory: Trajectories,
+    types: Beads = None,
+    *,
+    axis: str | int = "z",
+    n_bins: int | Sequence[int] = 100,
+    centre: Beads = None,
+    mass: bool = False,
 ) -> dict[str, Curve]:
-    r"""Density profile of each bead type along an axis, rho(z) = n(z)/(A dz).
+    r"""Density profile of each bead type along an axis, rho(z) = n(z)/(A dz), along two, or around an axis.
 
     Parameters
     ----------
@@ -70,20 +26,23 @@ def density_profile(
         Any periodic box, which may change.
     types : str, sequence of str, array of int, or None
         Types, each with its own profile; by default all types of the topology.  Indices give one profile, named ``selected``.
-    axis : {"z", "y", "x"} or int
+    axis : {"z", "y", "x", "xy", "xz", "yz", "rz", "ry", "rx"} or int
         Axis of the profile: slices are parallel to the box face spanned by the other two box vectors; z is the distance from that face.
-    n_bins : int, default 100
-        Number of slices.  Their thickness scales with the box.
+        Two axes divide the box into cells.  ``"rz"`` means rings: radius around an axis along z, out to half the shorter edge across it
+        (beads farther away are left out), and height z.  Rings need a box with right angles.
+    n_bins : int or two of them, default 100
+        Number of slices, along each of two axes; ``axis="rz", n_bins=(40, 1)`` is a function of the radius alone.  Their thickness scales
+        with the box.
     centre : str, sequence of str, array of int, or None
-        Beads (a film, the tails of a bilayer) whose centre of mass is moved to z = 0, the middle, in every frame.  They may cross the
-        periodic boundary.
+        Beads (a film, a drop, the tails of a bilayer) whose centre of mass is moved to 0, the middle, in every frame.  They may cross the
+        periodic boundary.  The axis of rings goes through it, or through the middle of the box; heights along it remain those in the box.
     mass : bool
         Mass densities (Da/nm^3) instead of number densities (1/nm^3).
 
     Returns
     -------
     dict of str to Curve
-        For each type, x: z (nm) in a box of the mean width; y: density.
+        For each type, x: z (nm) in a box of the mean width; y: density.  With two axes x is (K, L, 2) and y (K, L).
 
     Raises
     ------
@@ -103,18 +62,22 @@ def density_profile(
     """
     topology, frames = frames_of(trajectory)
     groups = _groups(topology, types)
-    slicer = _slicer(topology, axis, n_bins, centre)
-    weights = slicer.weights if mass else np.ones(topology.n_atoms)
+    cut = _slicer(topology, axis, n_bins, centre)
+    weights = cut.weights if mass else np.ones(topology.n_atoms)
     rows: dict[str, list[np.ndarray]] = {name: [] for name in groups}
-    width = []
+    extents = []
     for frame in frames:
         box = frame.need_box("a density profile")
-        width.append(widths(box)[slicer.axis])
-        number, volume = slicer.slices(frame), np.linalg.det(box) / slicer.n_bins
+        extents.append(cut.extents(box))
+        number, volumes = cut.cells(frame.positions, box)[0], cut.volumes(box)
         for name, group in groups.items():
-            rows[name].append(sums_in_slices(number[group], weights[group], slicer.n_bins) / volume)
-    x = slicer.coordinates(float(np.mean(width)))
+            rows[name].append(cut.sums(number[group], weights[group]) / volumes)
+    x = cut.coordinates(np.mean(extents, axis=0))
     return {name: curve_of(x, found, f"the density of {name}") for name, found in rows.items()}
+
+
+def _slicer(topology, axis, n_bins, centre) -> Slicer:
+    return slicer(axis, n_bins, None if centre is None else selected(topology, centre, "centre"), weights_of(topology))
 
 
 def _groups(topology, types: Beads) -> dict[str, np.ndarray]:
@@ -135,10 +98,11 @@ def velocity_profile(
     *,
     component: str | int = "x",
     axis: str | int = "z",
-    n_bins: int = 50,
+    n_bins: int | Sequence[int] = 50,
     centre: Beads = None,
 ) -> Curve:
-    r"""Profile of the flow velocity along an axis: the centre-of-mass velocity of the beads in each slice, u(z) = <sum m v>/<sum m>.
+    r"""Profile of the flow velocity along an axis, along two, or around an axis: the centre-of-mass velocity of the beads in each slice,
+    u(z) = <sum m v>/<sum m>.
 
     Parameters
     ----------
@@ -148,19 +112,18 @@ def velocity_profile(
         :class:`openmm_dpd.analysis.VelocityReporter`, or ``mdtraj.formats.HDF5TrajectoryFile(...).read().velocities``.
     beads : str, sequence of str, array of int, or None
         Beads to average over; all by default.
-    component, axis : {"x", "y", "z"} or int
-        Component of the velocity; axis along which the box is sliced.
-    n_bins, centre
-        Number of slices; beads whose centre of mass is moved to z = 0 in every frame.
+    component : {"x", "y", "z"} or int
+        Component of the velocity; in rings around z ``"r"`` (away from the axis), ``"phi"`` (around it, right-handed) or ``"z"``.
+    axis, n_bins, centre
+        Axis or axes along which the box is sliced, or rings; number of slices; beads that are moved to 0 (:func:`density_profile`).
 
     Returns
     -------
     Curve
         x: z (nm); y: u (nm/ps), NaN in slices that are mostly empty.
     """
-    k = axis_number(component)
-    x, sums = _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre)
-    return ratio_curve(x, sums["momentum"][:, :, k], sums["mass"], "the velocity profile")
+    x, sums = _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre, component)
+    return ratio_curve(x, sums["along"], sums["mass"], "the velocity profile")
 
 
 def temperature_profile(
@@ -169,11 +132,11 @@ def temperature_profile(
     beads: Beads = None,
     *,
     axis: str | int = "z",
-    n_bins: int = 50,
+    n_bins: int | Sequence[int] = 50,
     centre: Beads = None,
     flow: bool = False,
 ) -> Curve:
-    r"""Profile of the kinetic temperature kT (kJ/mol) along an axis.
+    r"""Profile of the kinetic temperature kT (kJ/mol) along an axis, along two, or around an axis.
 
     .. math:: kT(z) = \frac{\langle \sum m\,(\mathbf v - \mathbf u)^2 \rangle}{3 \langle n \rangle},
 
@@ -200,27 +163,33 @@ def temperature_profile(
     return ratio_curve(x, square, 3 * count, "the temperature profile")
 
 
-def _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Midpoints of the slices, and sums over the beads of each slice and frame, (F, n_bins): mass, m v (with 3 columns), m v^2, number."""
+def _velocity_sums(trajectory, velocities, beads, axis, n_bins, centre, component=None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Midpoints of the cells; sums over the beads of each cell and frame, (F, cells): mass, number, m v^2, m v (3 columns), or a component
+    of it (``along``)."""
     topology, frames = frames_of(trajectory)
-    group, slicer = selected(topology, beads), _slicer(topology, axis, n_bins, centre)
-    m, width = slicer.weights[group], list[float]()
+    group, cut = selected(topology, beads), _slicer(topology, axis, n_bins, centre)
+    m, extents = cut.weights[group], list[np.ndarray]()
     rows: dict[str, list[np.ndarray]] = {"mass": [], "momentum": [], "square": [], "count": []}
+    number_along = None if component is None else cut.component(component)
     streamed = velocity_frames(velocities, topology.n_atoms)
     for frame in frames:
         v = next(streamed, None)
         if v is None:
-            raise ParameterError(f"there are velocities for {len(width)} frames only; the trajectory has more")
-        v, number = v[group], slicer.slices(frame)[group]
-        width.append(widths(frame.need_box("a profile"))[slicer.axis])
-        of_slice = [sums_in_slices(number, w, slicer.n_bins) for w in (m, *(m * v.T), m * np.sum(v**2, axis=1))]
+            raise ParameterError(f"there are velocities for {len(extents)} frames only; the trajectory has more")
+        box = frame.need_box("a profile")
+        number, v = (of_all[group] for of_all in cut.cells(frame.positions, box, v))  # type: ignore[index]
+        extents.append(cut.extents(box))
+        of_slice = [cut.sums(number, w) for w in (m, *(m * v.T), m * np.sum(v**2, axis=1))]
         rows["mass"].append(of_slice[0])
         rows["momentum"].append(np.column_stack(of_slice[1:4]))
         rows["square"].append(of_slice[4])
-        rows["count"].append(sums_in_slices(number, None, slicer.n_bins))
+        rows["count"].append(cut.sums(number))
     if next(streamed, None) is not None:
-        raise ParameterError(f"there are velocities for more frames than the {len(width)} of the trajectory")
-    return slicer.coordinates(float(np.mean(width))), {name: np.array(found, dtype=np.float64) for name, found in rows.items()}
+        raise ParameterError(f"there are velocities for more frames than the {len(extents)} of the trajectory")
+    sums = {name: np.array(found, dtype=np.float64) for name, found in rows.items()}
+    if number_along is not None:
+        sums["along"] = sums["momentum"][:, :, number_along]
+    return cut.coordinates(np.mean(extents, axis=0)), sums
 
 
 def velocity_frames(velocities: Iterable[np.ndarray], beads: int | None) -> Iterator[np.ndarray]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
+from ..base.slices import axis_number
 from ..base.stats import Average, block_average
-from .frames import axis_number
 
 #: Fewest periods for a standard error.
 LEAST_PERIODS = 5

@@ -78,20 +78,21 @@ def poiseuille_viscosity(profile: VelocityProfile, force, *, channel: tuple[floa
     f, skip = to_md(force, "force", "force"), checked(skip, "length", "skip")
     if not isinstance(f, float) or f == 0:
         raise ParameterError(f"force must be one number other than 0, not {what_is(force)}")
+    centres, width, length = _slabs(profile)
     if channel is None:
-        low, gap = checked(origin, "length", "origin", signed=True), profile.length / 2
-        z = (profile.centres - low) % profile.length
+        low, gap = checked(origin, "length", "origin", signed=True), length / 2
+        z = (centres - low) % length
         sign, z = np.where(z < gap, 1.0, -1.0), z % gap
     else:
         low, high = _ends(channel)
-        gap, z, sign = high - low, profile.centres - low, np.ones(len(profile.centres))
-    half = 0.5 * profile.width
+        gap, z, sign = high - low, centres - low, np.ones(len(centres))
+    half = 0.5 * width
     margin = max(skip, half * (1 - 1e-9))
     # a slab across an end mixes both sides
     used = (z >= margin) & (z <= gap - margin) & np.all(np.isfinite(profile.rows), axis=0)
     if used.sum() < 4:
         raise ParameterError(f"{int(used.sum())} slabs are too few to fit a parabola; take more and thinner ones, or a smaller skip")
-    shape = sign * 0.5 * (z * (gap - z) - profile.width**2 / 12)
+    shape = sign * 0.5 * (z * (gap - z) - width**2 / 12)
     columns = [shape, np.ones_like(z)] if channel is None else [shape, 1 - z / gap, z / gap]
     design = np.stack(columns, axis=1)
     amplitudes = profile.rows[:, used] @ np.linalg.pinv(design[used]).T
@@ -165,7 +166,8 @@ def couette_viscosity(profile: VelocityProfile, stress, *, channel: tuple[float,
         If too few slabs or samples are left, or the fluid is not sheared.
     """
     low, high = _ends(channel)
-    z, margin = profile.centres, max(checked(skip, "length", "skip"), 0.5 * profile.width * (1 - 1e-9))
+    z, width, _ = _slabs(profile)
+    margin = max(checked(skip, "length", "skip"), 0.5 * width * (1 - 1e-9))
     used = (z >= low + margin) & (z <= high - margin) & np.all(np.isfinite(profile.rows), axis=0)
     if used.sum() < 3:
         raise ParameterError(f"{int(used.sum())} slabs are too few to fit a line; take more and thinner ones, or a smaller skip")
@@ -293,6 +295,13 @@ def _viscosity(value) -> float:
     if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
         raise ParameterError(f"the instantaneous viscosity must be a number >= 0, not {what_is(value)}")
     return float(value)
+
+
+def _slabs(profile: VelocityProfile) -> tuple[np.ndarray, float, float]:
+    """Middles, width and length of the slabs of a profile; ParameterError for one along two axes."""
+    if profile.centres.ndim != 1:
+        raise ParameterError("a viscosity is fitted to a profile along one axis, not to one in cells or rings")
+    return profile.centres, float(profile.width), float(profile.length)
 
 
 def _ends(channel) -> tuple[float, float]:

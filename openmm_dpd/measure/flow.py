@@ -1,16 +1,16 @@
 """Reporters for viscosities: stress tensors, and velocities in slabs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..base.errors import ParameterError, what_is
-from ..base.geometry import sums_in_slices
 from ..base.openmm_private import bare
+from ..base.slices import slicer
 from ..base.stats import block_average
-from ..base.units import whole_number
 from ..io.snapshot import Cadence
-from ..model.flow import AXES, require_plain_axis
+from ..model.flow import require_plain_axis
 from ..model.shear import LeesEdwards
 from ..simulation.built import BuiltSystem
 from .observer import require_built
@@ -177,12 +177,12 @@ class StressReporter(BuiltReporter):
 
 @dataclass(frozen=True, eq=False)
 class VelocityProfile:
-    """Velocity along one axis in slabs along another, averaged over samples.
+    """Velocity in slabs along an axis, in cells along two, or in rings around an axis, averaged over samples.
 
     Attributes
     ----------
     centres, width : (B,) array, float
-        Of the slabs, nm.
+        Of the slabs, nm.  Along two axes (B, C, 2), and two widths; then the following arrays are (B, C).
     velocity, error : (B,) arrays
         Mean velocity of each slab and its standard error, nm/ps.
     density : (B,) array
@@ -192,24 +192,26 @@ class VelocityProfile:
     rows : (n, B) array
         Velocity of each slab in each sample (its momentum over its mean mass).
     length : float
-        Length of the box along the axis of the slabs.
+        Length of the box along the axis of the slabs; two of them along two axes, of rings the radius of the largest, and the height.
     """
 
     centres: np.ndarray
-    width: float
+    width: float | np.ndarray
     velocity: np.ndarray
     error: np.ndarray
     density: np.ndarray
     kT: np.ndarray
     rows: np.ndarray
-    length: float
+    length: float | np.ndarray
 
     def __repr__(self) -> str:
+        if self.centres.ndim > 1:
+            return f"<VelocityProfile of {len(self.rows)} samples in {' x '.join(map(str, self.density.shape))} cells>"
         return f"<VelocityProfile of {len(self.rows)} samples in {len(self.centres)} slabs of {self.width:g} nm>"
 
 
 class ProfileReporter(BuiltReporter):
-    """Reporter that records velocities in slabs; immobile beads and those of rigid bodies are left out.
+    """Reporter that records velocities in slabs, cells or rings; immobile beads and those of rigid bodies are left out.
 
     In a Lees-Edwards shear, velocities are those of the beads wrapped into the box.
 
@@ -219,76 +221,74 @@ class ProfileReporter(BuiltReporter):
         Steps between samples.
     built : BuiltSystem
         A built periodic scene.
-    axis : {"x", "y", "z"}
-        Axis along which the slabs are stacked.
-    component : {"x", "y", "z"}
-        Component of the velocity.
-    bins : int, default 20
-        Number of slabs in the box.
+    axis : {"x", "y", "z", "xy", "xz", "yz", "rx", "ry", "rz"}
+        Axis along which the slabs are stacked, two axes of cells, or rings around an axis through the middle of the box, and along it
+        (:func:`.density_profile`).
+    component : {"x", "y", "z", "r", "phi"}
+        Component of the velocity; in rings around z ``"r"``, ``"phi"`` or ``"z"``.
+    bins : int or two of them, default 20
+        Number of slabs in the box, along each axis.
     """
 
-    def __init__(self, interval: int, built: BuiltSystem, axis: str = "z", component: str = "x", bins: int = 20):
+    def __init__(self, interval: int, built: BuiltSystem, axis: str = "z", component: str = "x", bins: int | Sequence[int] = 20):
         super().__init__(interval, built)
-        for name in (axis, component):
-            if name not in AXES:
-                raise ParameterError(f"axis and component must be 'x', 'y' or 'z', not {what_is(name)}")
-        if built.plan.scene.box is None:
+        scene = built.plan.scene
+        self._cut = slicer(axis, bins, None, scene.bead_masses)
+        if not isinstance(axis, str):
+            raise ParameterError(f"axis must be one or two of 'x', 'y' and 'z', or 'r' before one of them, not {what_is(axis)}")
+        self._component = self._cut.component(component)
+        if scene.box is None:
             raise ParameterError("a velocity profile needs a periodic box")
-        require_plain_axis(built.plan.scene.box, axis, "a velocity profile")
-        shear = built.plan.scene.shear
-        if shear is not None and axis == "x":
+        for one in axis.replace("r", ""):
+            require_plain_axis(scene.box, one, "a velocity profile")
+        if scene.shear is not None and (self._cut.around or "x" in axis):
             raise ParameterError("axis must be 'y' or 'z' in a Lees-Edwards shear, whose images slide along x")
-        self._flows, self._rates = shear is not None and (axis, component) == ("y", "x"), list[float]()
-        self._axis, self._component = AXES.index(axis), AXES.index(component)
-        self.bins = whole_number(bins, "the number of slabs", least=2)
+        self._flows, self._rates = scene.shear is not None and axis[0] == "y" and component == "x", list[float]()
         self._momentum: list[np.ndarray] = []
-        self._mass, self._freedom, self._square, self._density = np.zeros((4, self.bins))
-        self._edges: list[float] = []
+        self._mass, self._freedom, self._square, self._density = np.zeros((4, self._cut.count))
+        self._extents: list[np.ndarray] = []
         self._mobile, self._present = built.plan.spec.inv_mass > 0, Present(built)
         if self._present.bodies is not None:
             self._mobile &= ~self._present.bodies.inside_bodies
 
     def report(self, simulation, state):
         """Take one sample."""
-        present = self._present
+        present, cut = self._present, self._cut
         present.look(simulation.context)
         assert present.box is not None
-        edge = present.box[self._axis, self._axis]
-        x = present.x[self._mobile, self._axis] / edge
         force, v = present.seen()
         mass = self.built.plan.scene.bead_masses[self._mobile]
-        slab = np.minimum((self.bins * (x - np.floor(x))).astype(np.int64), self.bins - 1)
-        total = sums_in_slices(slab, mass, self.bins)
-        momentum = np.array([sums_in_slices(slab, row, self.bins) for row in mass * v[self._mobile].T])
+        cell, along = cut.cells(present.x[self._mobile], present.box, v[self._mobile])
+        assert along is not None
+        total = cut.sums(cell, mass)
+        momentum = np.array([cut.sums(cell, row) for row in mass * along.T])
         self._momentum.append(momentum[self._component])
         self._rates.append(present.rate if self._flows else 0.0)
         self._mass += total
-        counts = sums_in_slices(slab, None, self.bins)
+        counts = cut.sums(cell)
         self._freedom += 3 * np.maximum(counts - 1, 0)
-        self._density += counts * self.bins / np.prod(present.box.diagonal())
-        self._edges.append(edge)
+        self._density += counts / cut.volumes(present.box)
+        self._extents.append(cut.extents(present.box))
         squares = present.kinetic_stress(v, force, lambda weight, a: weight * np.sum(a * a, axis=1))
         # a slab's own motion, steady or not, is not heat; its thermal part has three degrees of freedom
-        own = np.divide(np.sum(momentum**2, axis=0), total, out=np.zeros(self.bins), where=total > 0)
-        self._square += sums_in_slices(slab, squares[self._mobile], self.bins) - own
-
-    @property
-    def length(self) -> float:
-        """Mean edge of the box along the axis, nm; slabs divide the present edge."""
-        return float(np.mean(self._edges)) if self._edges else float(self.built.plan.scene.box[self._axis, self._axis])  # type: ignore[index]
+        own = np.divide(np.sum(momentum**2, axis=0), total, out=np.zeros(cut.count), where=total > 0)
+        self._square += cut.sums(cell, squares[self._mobile]) - own
 
     @property
     def profile(self) -> VelocityProfile:
         """Averages over the samples so far; ParameterError before the first one."""
-        n = len(self._momentum)
+        n, cut = len(self._momentum), self._cut
         if n == 0:
             raise ParameterError("ProfileReporter has no samples yet; run steps with it first")
         with np.errstate(divide="ignore", invalid="ignore"):
             rows = np.array(self._momentum) / (self._mass / n)
             kT = self._square / self._freedom
-        width = self.length / self.bins
-        centres = (np.arange(self.bins) + 0.5) * width
-        rows += np.outer(self._rates, centres)
-        velocity = rows.mean(axis=0)
+        lengths = np.mean(self._extents, axis=0)
+        widths = lengths / cut.bins
+        centres = cut.coordinates(lengths)
+        if self._flows:
+            rows += np.outer(self._rates, centres if centres.ndim == 1 else centres[..., 0].ravel())
         error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
-        return VelocityProfile(centres, width, velocity, error, self._density / n, kT, rows, self.length)
+        velocity, error, density, kT, rows = map(cut.shaped, (rows.mean(axis=0), error, self._density / n, kT, rows))
+        width, length = (widths, lengths) if len(lengths) > 1 else (float(widths[0]), float(lengths[0]))
+        return VelocityProfile(centres, width, velocity, error, density, kT, rows, length)
