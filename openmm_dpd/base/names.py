@@ -61,6 +61,9 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 FIELD, RATE = "field", "rate"
 #: Prefix of per-DOF variables with the table of bonds that form and break, see :mod:`openmm_dpd.kernels.reactions`.
 BONDS = "bonds"
+#: Context parameter where forces depend on bonds or temperatures, which OpenMM does not hand to them: the number of what they are now
+#: (:class:`openmm_dpd.plan.forces.thread_state.Shown`), 0 if nobody has said it.
+SHOWN = "dpd_shown"
 #: Prefix of per-DOF variables with the velocities and fields that the last call of step left; and global variables that mark the first and
 #: last step of a call (by default every step is both).
 LEFT, FIRST, LAST = "left_", "first", "last"

@@ -10,10 +10,11 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, PlanError, what_is
-from ..base.names import AHEAD, BY_SEED, FIRST, KT, LAST, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SLOW_STEP, STAMP, TEMPERATURE
+from ..base.errors import ParameterError, what_is
+from ..base.names import AHEAD, BY_SEED, FIRST, KT, LAST, RAMP_STEP, SEED, SEEN_KT, SEEN_TEMPERATURE, SHOWN, SLOW_STEP, STAMP, TEMPERATURE
 from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
+from ..plan.forces.thread_state import Shown
 from .barostat_temperature import set_barostats
 from .fields import raw_bonds, raw_fields
 from .watching import MOST, PIECE, STRAIGHT, Watching
@@ -60,6 +61,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     _variables: frozenset[str] = frozenset()
     _touched = True
     whole: StepsAtOnce | None
+    _shown: Shown | None = None
 
     def _take(self, context: openmm.Context, steps: int) -> None:
         if self.whole is None and FIRST in self.variables() and steps > 1:
@@ -96,6 +98,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         self._touched = True
         if self._mixed and self.whole is None:
             self._forget_acceleration()
+        self._show_now(context)
 
     def changed(self, context: openmm.Context) -> None:
         """Called before the state of the Context is changed from outside; a device notices only changes of positions and box by itself."""
@@ -107,24 +110,22 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def looked(self, context: openmm.Context, forces: bool) -> None:
         """Called before the state of the Context is read; for forces, the pair force gets the fields and bonds of this Context."""
         super().looked(context, forces)
-        if forces and self.shown_to is not None:
-            own = self.shown_to.thread_state()
-            if own.fields is not None:
-                own.fields.values = raw_fields(context, self.shown_to.spec.fields)
-            if self.shown_to.spec.sorts:
-                own.loop.show(raw_bonds(self))
+        if forces:
+            self._show_now(context)
 
-    def look_at(self, context: openmm.Context) -> None:
-        """See :meth:`.Watching.look_at`; PlanError in the Context of a copied System, which nothing shows the bonds of now."""
-        if not self._looked_at and self.whole is not None and self.shown_to is not None and self.shown_to.spec.sorts:
-            own = self.shown_to.thread_state()
-            own.asked = False
-            openmm.Context.getState(context, energy=True, groups={self.whole.pair_group})
-            if not own.asked:
-                raise PlanError(
-                    "where bonds form and break a copy of the System has energies without them; make the Context with built.system"
-                )
-        super().look_at(context)
+    def _show_now(self, context: openmm.Context) -> None:
+        if self.shown_to is not None:
+            spec = self.shown_to.spec
+            values = None if spec.fields is None else raw_fields(context, spec.fields)
+            self.show(context, raw_bonds(self) if spec.sorts else None, values)
+
+    def show(self, context: openmm.Context, bonds: np.ndarray | None, values: np.ndarray | None) -> float:
+        """Have the forces in a Context depend on a table of bonds, and on values of fields if they act; returns the number of both."""
+        fields, parameters = self.shown_to.spec.fields, context.getParameters()
+        self._shown = Shown(bonds, values if fields is not None and fields.acts else None).kept()
+        if SHOWN in parameters and parameters[SHOWN] != self._shown.number:
+            openmm.Context.setParameter(context, SHOWN, self._shown.number)
+        return self._shown.number
 
     def _announce(self, steps: int) -> None:
         put = openmm.CustomIntegrator.setGlobalVariableByName

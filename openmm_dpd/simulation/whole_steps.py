@@ -143,10 +143,11 @@ class WholeSteps:
         if spec.reactions is not None:
             kept, moment.bonds = self.kept(integrator), raw_bonds(integrator)
             self._known = moment.bonds.copy() if kept else None
-            parameters[shared.BONDS] = fingerprint(moment.bonds, np.zeros(0))
         fields = function.spec.fields
         if fields is not None:
             moment.values = raw_fields(context, fields)
+        if function.hidden:
+            parameters[shared.SHOWN] = integrator.show(context, moment.bonds, moment.values)
         if spec.predicts:
             if fields is not None:
                 moment.rates = raw_rates(context, fields)
@@ -188,13 +189,14 @@ class WholeSteps:
             context.setParameter(name, value)
         parameters |= now
         held = {}
-        if moment.values is not None and own.fields is not None:
-            own.fields.values = moment.values
+        if moment.values is not None:
             held = field_variables(moment.values)
         there = set[str]()
         if moment.bonds is not None:
-            bonds, parameters[shared.BONDS] = field_variables(moment.bonds, shared.BONDS), fingerprint(moment.bonds, np.zeros(0))
+            bonds = field_variables(moment.bonds, shared.BONDS)
             held, there = held | bonds, set(bonds if self._known is not None and np.array_equal(moment.bonds, self._known) else ())
+        if function.hidden:
+            parameters[shared.SHOWN] = integrator.show(context, moment.bonds, moment.values)
         if spec.predicts:
             assert moment.acc is not None
             held |= {"acc": moment.acc} | ({} if moment.rates is None else field_variables(moment.rates, shared.RATE))
@@ -226,8 +228,6 @@ class WholeSteps:
             own, state = self.function.thread_state(), context.getState(positions=True, parameters=True)
             own.fingerprints.forget()
             parameters = state.getParameters().asdict() | {shared.DT: bare(integrator.getStepSize())}
-            if self.spec.reactions is not None:
-                parameters[shared.BONDS] = fingerprint(raw_bonds(integrator), np.zeros(0))
             last = own.fingerprints.of(self.function.positions(state), self.function.box(state), parameters)
             for name in ("valid_for", "fingerprint"):
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, name, last)

@@ -19,7 +19,7 @@ from ...kernels.moment import FASTEST, Moment, StepSpec
 from ...kernels.shear import flow_at
 from ..made import origin, wrong_key
 from ..program_options import ProgramOptions
-from .thread_state import Fields, ThreadState
+from .thread_state import SHOWN_NOW, Fields, ThreadState
 
 #: Phases that store the positions.
 KEEPING = (Phase.STORE, Phase.FINGERPRINT, Phase.CONSERVE)
@@ -83,7 +83,13 @@ class PairForceFunction:
         return type(self), known
 
     def __deepcopy__(self, memo) -> "PairForceFunction":
-        return self  # a copy of an integrator shows fields and bonds to the function of the System, not to one of its own
+        return self  # it is immutable
+
+    @property
+    def hidden(self) -> str:
+        """What forces depend on that OpenMM does not hand to them."""
+        fields = self.spec.fields
+        return "bonds that form and break" if self.spec.sorts else "the beads' temperatures" if fields is not None and fields.acts else ""
 
     def thread_state(self) -> ThreadState:
         """What the calling thread keeps."""
@@ -103,7 +109,6 @@ class PairForceFunction:
         if phase == Phase.IDLE and not self.conservative:
             return 0.0, self._zero
         own = self.thread_state()
-        own.asked = True
         here = (phase, parameters[names.COUNTER])
         if phase != Phase.IDLE and here == own.failed:
             # a step failed and its phase is still set: a call from outside gets what IDLE gives, but a new step may begin so too
@@ -144,6 +149,8 @@ class PairForceFunction:
         if phase == Phase.IDLE or phase in KEEPING:
             if not self.conservative:
                 return 0.0, self._zero
+            if phase == Phase.IDLE and self.hidden:
+                self._show(own, parameters[names.SHOWN])
             own.engine.prepare(x, box)
             return own.conservative.now(own.fields)
         return 0.0, self._in_step(own, phase, x, box, parameters)
@@ -168,6 +175,19 @@ class PairForceFunction:
         own.engine.prepare(kept if phase in AT_KEPT else x, box)
         conditions = (kT, dt, *key, None if fields is None else fields.values)
         return self._sweep(own, block, conditions) if phase >= Phase.SWEEP_SEEN else self._force(own, phase, conditions)
+
+    def _show(self, own: ThreadState, number: float) -> None:
+        """Take over what forces in a Context depend on; RunError if nobody knows it."""
+        shown = SHOWN_NOW.get(number)
+        if shown is None:
+            raise RunError(
+                f"energies and forces depend on {self.hidden}, which only the integrator that build() returned, or a copy of it, hands to "
+                "them, by itself: not OpenMM's own integrators, one that was read from XML, or a CompoundIntegrator"
+            )
+        if shown.values is not None and own.fields is not None:
+            own.fields.values = shown.values.copy()
+        if shown.bonds is not None:
+            own.loop.show(shown.bonds)  # type: ignore[union-attr]  # they form and break in its steps
 
     def take_over(self, own: ThreadState, parameters) -> None:
         """Take the factor of body forces, and the rate of a shear, over from the Context."""
@@ -262,6 +282,8 @@ def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrat
         parameters |= dict.fromkeys(function.steps.driven.impulses.values(), 0.0)
     if function.spec.sheared:
         parameters[names.SHEARED] = 0.0
+    if function.hidden:
+        parameters[names.SHOWN] = 0.0
     force = openmm.PythonForce(function, parameters)
     force.setName(names.PAIR_FORCE)
     force.setForceGroup(options.pair_group)

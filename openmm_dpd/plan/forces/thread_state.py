@@ -2,6 +2,7 @@
 parameters."""
 
 from dataclasses import dataclass, field
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -38,6 +39,28 @@ def _of_words(x, parameters):
 def fingerprint(x: np.ndarray, parameters: np.ndarray) -> float:
     """A number that depends on every bit of the positions and parameters, too small to matter where it is taken for an energy."""
     return _of_words(x.ravel().view(np.uint64), parameters.view(np.uint64))
+
+
+@dataclass(eq=False)
+class Shown:
+    """What forces depend on and OpenMM does not hand to them: a table of bonds (:mod:`openmm_dpd.kernels.reactions`), and values of fields.
+    Its number is a context parameter (:data:`openmm_dpd.base.names.SHOWN`), by which the pair force of any copy of the System finds it as
+    long as an integrator keeps it."""
+
+    bonds: np.ndarray | None
+    values: np.ndarray | None
+    number: float = 0.0
+
+    def kept(self) -> "Shown":
+        """This, or an equal one that somebody keeps already."""
+        none = np.zeros(0)
+        bonds, values = (none if its is None else its for its in (self.bonds, self.values))
+        self.number = fingerprint(np.ascontiguousarray(values), np.ascontiguousarray(bonds).ravel())
+        return SHOWN_NOW.setdefault(self.number, self)
+
+
+#: What integrators keep, by its number.
+SHOWN_NOW: WeakValueDictionary[float, Shown] = WeakValueDictionary()
 
 
 def only_folded(x: np.ndarray, before: np.ndarray, box: np.ndarray) -> bool:
@@ -144,7 +167,6 @@ class ThreadState:
     fingerprints: Fingerprints = field(default_factory=Fingerprints)
     kept: np.ndarray | None = None  #: (N, 3) positions that were stored last
     failed: tuple[int, float] | None = None  #: Phase and noise counter of an evaluation that failed
-    asked: bool = False  #: Whether it has been evaluated since somebody said that it has not
     v: np.ndarray = field(init=False)  # v, result: (N, 3) velocities that were shown, and what an evaluation returns:
     result: np.ndarray = field(init=False)  # written again and again, since OpenMM copies what it is given
 

@@ -111,6 +111,8 @@ class Program:
             self.declare_per_dof(f"{shared.BONDS}{k}", "bonds that form and break: 1 + partner + N sort")
         if self.options.kernel:
             self.set(shared.DT, "dt", "so that setStepSize works")
+        if self.options.fields_act:
+            self.set(shared.SHOWN, "0", "the temperatures on which forces depend will be others")
         if self.options.settable:
             kelvin = self.options.kT / BOLTZMANN
             self.declare(shared.TEMPERATURE, kelvin, "temperature, K: set it here or by dpd_kT, the later one holds")
@@ -288,7 +290,7 @@ class Program:
     # -- checking and building ---------------------------------------------------------------------------------------------------
     def check(self) -> None:
         """Raise ProgramError for an unknown or shadowed name, or a line with two kinds of force."""
-        context = set(shared.PARAMETERS) if self.options.kernel else set()
+        context = {*shared.PARAMETERS, shared.SHOWN} if self.options.kernel else set()
         everywhere = set(self.globals_) | context | _RESERVED
         for name in [*self.globals_, *self.per_dof]:
             if name in _RESERVED or name in _FUNCTIONS or name in shared.PARAMETERS:
