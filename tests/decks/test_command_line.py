@@ -271,7 +271,7 @@ def test_a_step_that_is_too_long_never_passes_without_a_word(deck, tmp_path, cap
     (text,) = found(once, "0.1")
     assert text.startswith("the kinetic temperature of the last 41 rows is ") and "above the set 1;" in text
     assert [record.getMessage() for record in caplog.records if record.name == "openmm_dpd"] == [f"{deck}:21: {text}"]
-    assert found(FLUID, "0.02") == [None, None]
+    assert found(FLUID.replace("run 50", "run 300"), "0.02") == [None, None]  # relaxed by then
     assert found(once.replace("all nve\n", "all nve\nfix push all addforce 2.0 0 0\n"), "0.02") == [None]
     assert capsys.readouterr().err == ""
 

@@ -21,7 +21,7 @@ from openmm_dpd.model.tdpd import TDPD
 
 EV = 1e-2 / 1.0364269e-4  # kJ/mol per eV, from LAMMPS's own factor
 KB = 8.617343e-5  # eV/K, LAMMPS's
-BOX = "region b block -3 3 -3 3 -3 3 units box\ncreate_box 2 b\ncreate_atoms 1 random 30 1 b\ncreate_atoms 2 random 20 2 b\nmass * 1.0\n"
+BOX = "region b block -3 3 -3 3 -3 3 units box\ncreate_box 2 b\ncreate_atoms 1 random 30 5 b\ncreate_atoms 2 random 20 6 b\nmass * 1.0\n"
 METAL = "units metal\natom_style dpd\n" + BOX.replace("-3 3", "-15 15") + "set group all dpd/theta 300\n"
 EDPD_BOX = "atom_style edpd\n" + BOX
 TDPD_BOX = "atom_style tdpd 2\n" + BOX

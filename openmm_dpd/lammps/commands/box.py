@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ..state.atoms import Atoms
 from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.lattice import parse_lattice
-from ..state.regions import parse_region
+from ..state.regions import Region, parse_region
 from ..values.resolver import present
 from ..values.structure_computes import hidden
 from .beads import subset
@@ -149,12 +150,11 @@ def _lattice_points(state: DeckState, kind: int, basis: dict[int, int], words: l
 def _random_points(
     state: DeckState, words: list[str], options: dict[str, list[str]], scale: np.ndarray, placement: Placement | None
 ) -> np.ndarray:
-    """(N, 3) random positions of beads, or with ``placement`` (N, beads, 3) of molecules, whose points LAMMPS draws alike."""
+    """(N, 3) random positions of beads, or with ``placement`` (N, beads, 3) of molecules: those of LAMMPS."""
     wanted = read.integer(words[0], "the number of beads", 0)
     if wanted > 2**31 - 1:
         raise ParameterError(f"create_atoms random: {wanted} beads are too many")
     seed = read.integer(words[1], "the seed", 1)
-    rng = np.random.default_rng(seed) if placement is None else ParkMiller(seed)
     limit = None if words[2] == "NULL" else state.region(words[2])
     box = state.require_box("create_atoms")
     low, high = box.bounds
@@ -166,25 +166,26 @@ def _random_points(
     tries = read.integer(options["maxtry"][0], "maxtry", 1) if "maxtry" in options else 1000
     found: list[np.ndarray] = []
     there = state.atoms.positions
-    # as in LAMMPS each molecule has its own tries
-    batch = max(1, wanted) if placement is None else 1
-    for _ in range(wanted // batch):
-        drawn, goal = 0, len(found) + batch
-        while len(found) < goal and drawn < batch * tries:
-            points = low + (high - low) * rng.random((goal - len(found), 3))
-            points[:, 2] *= not box.flat
-            drawn += len(points)
-            inside = box.holds(points)
-            if limit is not None:
-                inside &= limit.contains(points)
-            for point in points[inside]:
-                beads = point if placement is None else placement(point)
-                if not overlap or _closest(there, beads, box) >= overlap:
-                    found.append(beads)
-                    there = np.vstack([there, beads]) if overlap else there
+    points = _drawn(ParkMiller(seed), min(wanted, 100_000), low, high, box, limit)
+    for _ in range(wanted):
+        for point, inside in islice(points, tries):
+            beads = point if placement is None or not inside else placement(point)
+            if inside and (not overlap or _closest(there, beads, box) >= overlap):
+                found.append(beads)
+                there = np.vstack([there, beads]) if overlap else there
+                break
     if len(found) < wanted:
         state.note(f"create_atoms random: only {len(found)} of {wanted} {'beads' if placement is None else 'molecules'} could be placed")
     return np.array(found) if found else np.zeros((0, 3))
+
+
+def _drawn(generator: ParkMiller, many: int, low: np.ndarray, high: np.ndarray, box: Box, limit: Region | None):
+    """Random points between two corners, and whether each is in the box and in a region, without end; so many are drawn at a time."""
+    while True:
+        points = low + (high - low) * generator.random((many, 3))
+        points[:, 2] *= not box.flat
+        inside = box.holds(points) if limit is None else box.holds(points) & limit.contains(points)
+        yield from zip(points, inside.tolist(), strict=True)
 
 
 def _closest(points: np.ndarray, beads: np.ndarray, box: Box) -> float:

@@ -99,16 +99,18 @@ class ParkMiller:
     """The generator of Park and Miller (1988), as LAMMPS uses it for random positions."""
 
     def __init__(self, seed: int):
-        self._at = seed
+        self._at = seed % (2**31 - 1)
         self.random((30,))  # thrown away, as in LAMMPS
 
     def random(self, shape: tuple[int, ...]) -> np.ndarray:
         """Numbers between 0 and 1."""
-        found = np.empty(int(np.prod(shape)))
-        for k in range(len(found)):
-            self._at = 16807 * self._at % (2**31 - 1)
-            found[k] = self._at * (1.0 / (2**31 - 1))
-        return found.reshape(shape)
+        count, prime = int(np.prod(shape)), 2**31 - 1
+        powers = np.full(min(count, 1), 16807)  # 16807**1, 16807**2, ...
+        while len(powers) < count:
+            powers = np.concatenate([powers, powers * powers[-1] % prime])[:count]
+        found = powers * self._at % prime
+        self._at = int(found[-1]) if count else self._at
+        return (found * (1.0 / prime)).reshape(shape)
 
 
 class Ranmar:
