@@ -39,9 +39,11 @@ class BondsSpec:
     """All bonds that may form and break."""
 
     reactions: tuple[ReactionSpec, ...]
-    sorts: tuple[BondedKernel, ...]  #: One bond of each sort
+    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, and one angle, if bonds that are made have one with others
     initial: np.ndarray  #: (N, W) table at the start
     neighbours: Exceptions  #: Beads with bonds that stay, of the factor 0: they get no other one
+    start: np.ndarray  #: Bonds that stay and those of the initial table, see :func:`both_ways`
+    bent: bool  #: Whether there is that angle
 
 
 class Event(NamedTuple):
@@ -53,7 +55,7 @@ class Event(NamedTuple):
     i: int
     j: int
     length: float  #: nm
-    energy: float  #: Change of the potential energy, kJ/mol
+    energy: float  #: Change of the energy of the bond, kJ/mol
 
 
 def bonds_in(table: np.ndarray, sort: int) -> np.ndarray:
@@ -62,6 +64,24 @@ def bonds_in(table: np.ndarray, sort: int) -> np.ndarray:
     j = (table[i, place] - 1) % len(table)
     i, j = i[i < j], j[i < j]
     return np.column_stack([i, j])[np.lexsort((j, i))].astype(np.uint32)
+
+
+def both_ways(pairs: np.ndarray, n: int) -> np.ndarray:
+    """Bonds (B, 2) of n beads as numbers, partner + n bead, twice each, in their order."""
+    i, j = pairs.T.astype(np.int64)
+    return np.unique(np.concatenate([i * n + j, j * n + i]))
+
+
+def angles_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """(K, 3) uint32 angles between two bonds of a bead, of which at least one has been made: it is not in ``start`` (:func:`both_ways`)."""
+    i, place = np.nonzero(table > 0)
+    now = np.union1d(start, i * len(table) + (table[i, place] - 1) % len(table))
+    vertex, partner, made = now // len(table), now % len(table), ~np.isin(now, start)
+    found = [np.zeros((0, 3), np.int64)]
+    for gap in range(1, np.bincount(vertex).max(initial=0)):
+        first = np.flatnonzero((vertex[gap:] == vertex[:-gap]) & (made[gap:] | made[:-gap]))
+        found.append(np.column_stack([partner[first], vertex[first], partner[first + gap]]))
+    return np.concatenate(found).astype(np.uint32)
 
 
 def counts_in(table: np.ndarray, sort: int) -> np.ndarray:
@@ -176,9 +196,11 @@ class ReactingLoop(StepLoop):
         """Have the bonds of a table act."""
         if self._shown is not None and np.array_equal(table, self._shown):
             return
-        beads = [bonds_in(table, k) for k in range(len(self._bonds.sorts))]
+        beads = [bonds_in(table, k) for k in range(len(self._bonds.sorts) - self._bonds.bent)]
         if np.count_nonzero(table > 0) != 2 * sum(map(len, beads)):
             raise RunError("the state has bonds that this scene's reactions cannot make: a script with others wrote it")
+        if self._bonds.bent:
+            beads.append(angles_in(table, self._bonds.start))
         self._shown = None  # until all have them
         self.engine.set_bonds(beads)
         self.valid.take()

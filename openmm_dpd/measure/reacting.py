@@ -14,7 +14,7 @@ class ReactionReporter(RowReporter):
     """Reporter that writes a row for each bond that was made or broken to a CSV file, every ``interval`` steps those of all steps since.
 
     The columns are the step, the number of the reaction in the scene's ``reactions``, the change (1 or -1), the two beads, the length of
-    the bond then (nm), and by how much that changed the potential energy (kJ/mol).  With ``append``, rows of steps that are still to come
+    the bond then (nm), and by how much that changed its energy (kJ/mol).  With ``append``, rows of steps that are still to come
     are removed from the file first.  :class:`openmm_dpd.FieldReporter` writes all bonds that there are.
     """
 

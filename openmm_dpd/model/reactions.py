@@ -9,6 +9,7 @@ import numpy as np
 from ..base.errors import ParameterError, in_length, what_is
 from ..base.geometry import widths
 from ..base.units import checked, keep, whole_number
+from .angles import Angles
 from .bonds import Bonds, bead_indices, check_members
 from .internal import Concentrations
 
@@ -75,7 +76,8 @@ class _Reaction:
         keep(self, probability=probability, rate=rate, every=every, start=start)
 
     def __str__(self) -> str:
-        given = ((each.name, getattr(self, each.name)) for each in fields(self)[1:] if getattr(self, each.name) != each.default)  # type: ignore[arg-type]
+        given = [(each.name, getattr(self, each.name)) for each in fields(self)[1:] if getattr(self, each.name) != each.default]  # type: ignore[arg-type]
+        given = [(name, type(value).__name__ if isinstance(value, Angles) else value) for name, value in given]
         return f"{self.what} of {self.bonds}: {', '.join(f'{name} = {value}' for name, value in given)}"
 
     def until(self, number: int) -> int:
@@ -111,6 +113,9 @@ class BondFormation(_Reaction):
         By how much a bond is lower than U(r), kJ/mol, of either sign.
     every, start : int
         Steps between trials, 1 by default, and the step of the first one.  A trial comes after the last drift of a step.
+    angle : Angles, optional
+        One angle of any kind, whatever its beads: a bond that is made has an angle like this with each other bond of its two beads, as in
+        LAMMPS.  It goes with either of its bonds.
     """
 
     bonds: ReactiveBonds
@@ -122,6 +127,7 @@ class BondFormation(_Reaction):
     energy: float | None = None
     every: int = 1
     start: int = 0
+    angle: Angles | None = None
     forms, what = True, "bond formation"
 
     def __post_init__(self):
@@ -139,6 +145,9 @@ class BondFormation(_Reaction):
         if self.bonds.between(np.array([[0, 1]])).overstretched(within * np.array([[0.0, 0, 0], [1 - 1e-9, 0, 0]]), None):
             raise ParameterError(f"a bond formation within {in_length(within)} would make longer bonds than {self.bonds} can be")
         energy = None if self.energy is None else checked(self.energy, "energy", "the energy of a bond formation", signed=True)
+        if self.angle is not None and not (isinstance(self.angle, Angles) and len(self.angle.triples) == 1):
+            one = "one angle such as HarmonicAngles([[0, 1, 2]], k, theta0)"
+            raise ParameterError(f"the angle of a bond formation must be {one}, not {what_is(self.angle)}")
         keep(self, types=tuple(self.types), valences=valences, within=within, energy=energy)
 
     def weight(self, r: np.ndarray, kT: float) -> np.ndarray:
@@ -192,6 +201,16 @@ class BondBreaking(_Reaction):
             return np.exp(self.bonds.curve(r)[1] * self.barrier / np.float64(kT)) if self.barrier else 1.0
 
 
+def angles_like(angle: Any, triples: np.ndarray) -> Angles:
+    """Angles between these beads (K, 3), all like one."""
+    return type(angle)(triples, **{name: getattr(angle, name)[0] for name in angle._DIMENSIONS})
+
+
+def angle_formed(reactions: Sequence[Any]) -> Angles | None:
+    """The angle that bonds which some reactions make have with others, None without any."""
+    return next((each.angle for each in reactions if each.forms), None)
+
+
 def bond_sorts(reactions: Sequence[Any]) -> list[ReactiveBonds]:
     """The sorts of bonds that some reactions act on, in the order in which they come first."""
     return list({id(reaction.bonds): reaction.bonds for reaction in reactions}.values())
@@ -206,7 +225,14 @@ def check_reactions(scene: Any) -> None:
     unknown = [name for reaction in formations for name in reaction.types if name not in scene.masses]
     farthest, half = max((each.within for each in formations), default=0.0), np.inf if scene.box is None else 0.5 * widths(scene.box).min()
     heated = any(reaction.energy is not None if reaction.forms else reaction.barrier for reaction in scene.reactions)
+    angle = angle_formed(scene.reactions)
+    broken = {id(reaction.bonds) for reaction in scene.reactions if not reaction.forms or reaction.energy is not None}
     reasons = {
+        "all bond formations need the same object as their `angle`, or none": any(each.angle is not angle for each in formations),
+        "bonds in equilibrium cannot have an `angle`": angle is not None and any(each.energy is not None for each in formations),
+        "beside an `angle`, bonds that are there at the start cannot break": (
+            angle is not None and any(len(bonds.pairs) and id(bonds) in broken for bonds in bond_sorts(scene.reactions))
+        ),
         f"there is no bead type {what_is(unknown[0] if unknown else None)}": bool(unknown),
         f"beads within {in_length(farthest)} are looked for in a box that is less than twice as wide": farthest > half * (1 + 1e-9),
         "bonds in equilibrium, and those that break over a barrier, need a temperature": heated and scene.initial_kT == 0,

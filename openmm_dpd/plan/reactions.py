@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from ..kernels.pairs import compressed_exceptions
-from ..kernels.reactions import BondsSpec, ReactionSpec, turn
-from ..model.reactions import bond_sorts
+from ..kernels.reactions import BondsSpec, ReactionSpec, both_ways, turn
+from ..model.reactions import angle_formed, bond_sorts
 from ..model.scene import Scene
 from .kinds import bonded_kind
 
@@ -28,6 +28,11 @@ def table_blocks(scene: Scene) -> int:
     return -(-int(most.max(initial=1)) // 3)
 
 
+def start_of(scene: Scene) -> np.ndarray:
+    """All bonds at the start, see :func:`.kernels.reactions.both_ways`."""
+    return both_ways(np.concatenate([scene.bond_pairs, *(bonds.pairs for bonds in bond_sorts(scene.reactions))]), scene.n_beads)
+
+
 def bonds_spec(scene: Scene) -> BondsSpec | None:
     """What the kernel needs of the reactions of a scene; None without any."""
     if not scene.reactions:
@@ -36,7 +41,9 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
     initial, groups = np.zeros((n, 3 * table_blocks(scene)), np.int64), [bonds.between(np.array([[0, 1]])) for bonds in sorts]
     for k, bonds in enumerate(sorts):
         turn(initial, np.zeros(n, np.int64), np.full(n, n), bonds.pairs.astype(np.uint32), np.ones(len(bonds.pairs), bool), k, 0)
-    kernels = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in groups]
+    angle = angle_formed(scene.reactions)
+    ones: list[Any] = groups if angle is None else [*groups, angle]
+    kernels = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in ones]
     specs = [ReactionSpec(each, [bonds is each.bonds for bonds in sorts].index(True), *_roles(scene, each)) for each in scene.reactions]
     neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n)
-    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours)
+    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, start_of(scene), angle is not None)

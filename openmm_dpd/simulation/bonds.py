@@ -8,9 +8,10 @@ import openmm
 
 from ..base.names import GUIDE
 from ..base.units import keep
-from ..kernels.reactions import bonds_in
-from ..model.reactions import bond_sorts
+from ..kernels.reactions import angles_in, bonds_in
+from ..model.reactions import angle_formed, angles_like, bond_sorts
 from ..plan.plan import Plan
+from ..plan.reactions import start_of
 from .fields import raw_bonds
 
 
@@ -31,9 +32,12 @@ def read_reacted(context: openmm.Context, plan: Plan) -> np.ndarray:
 
 
 def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
-    """The plan with a scene whose ``bonds`` are those that stay and those of a table, (N, W): what measurements of that moment need."""
+    """The plan with a scene whose ``bonds`` and ``angles`` are those that stay and those of a table, (N, W): what measurements of that
+    moment need."""
     groups = [bonds.between(bonds_in(table, k).astype(np.int64)) for k, bonds in enumerate(bond_sorts(plan.scene.reactions))]
-    now, scene = copy(plan), copy(plan.scene)
+    now, scene, angle = copy(plan), copy(plan.scene), angle_formed(plan.scene.reactions)
+    if angle is not None:
+        keep(scene, angles=(*scene.angles, angles_like(angle, angles_in(table, start_of(scene)).astype(np.int64))))
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
     keep(now, scene=scene)
     return now

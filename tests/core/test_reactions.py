@@ -26,10 +26,10 @@ def scene(reactions, n=N, edge=EDGE, A=25.0, seed=1, **changes):
     return dpd.Scene(**arguments | changes)
 
 
-def both(every=(5, 7), **changes):
+def both(every=(5, 7), angle=None, **changes):
     """A formation and a breaking that have something to do in most trials."""
-    bonds = dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, [[0, 1], [2, 3]])
-    made = dpd.BondFormation(bonds, ("A", "B"), within=0.7, valences=(1, 2), every=every[0], **changes)
+    bonds = dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, [] if angle else [[0, 1], [2, 3]])
+    made = dpd.BondFormation(bonds, ("A", "B"), within=0.7, valences=(1, 2), every=every[0], angle=angle, **changes)
     return [made, dpd.BondBreaking(bonds, beyond=0.75, every=every[1], **changes)]
 
 
@@ -99,20 +99,26 @@ def test_trials_are_those_of_the_oracle(scheme):
     assert (found[0, 0], found[1, 1]) == (made, lost)
 
 
-def test_forces_energies_and_stresses_are_those_of_bonds_that_stay():
+@pytest.mark.parametrize("angle", [None, dpd.CosineDeltaAngles([[7, 8, 9]], k=5.0, theta0=2.0)])
+def test_forces_energies_and_stresses_are_those_of_bonds_that_stay(angle):
     """The same positions, with the present bonds in `bonds`: what OpenMM asks for, and what an Observer measures; then a minimisation."""
-    built = dpd.build(scene(both()), dt=0.04, platform="CPU", seed=3)
+    built = dpd.build(scene(both(angle=angle)), dt=0.04, platform="CPU", seed=3)
     simulation = built.simulation()
     simulation.step(37)
     x, v, energy = state(simulation)
     there = dpd.HarmonicBonds(np.array(sorted(bonds_in(simulation, built))), **HARMONIC)
-    stays = dpd.build(scene([], positions=x, velocities=v, bonds=[there]), dt=0.04, platform="CPU", seed=3)
+    ends = []
+    for k in range(N) if angle else ():  # at most two bonds per bead
+        near = (there.pairs[(there.pairs == k).any(axis=1)].sum(axis=1) - k).tolist()
+        ends += [(near[0], k, near[1])] if len(near) == 2 else []
+    bent = [dpd.CosineDeltaAngles(ends, k=5.0, theta0=2.0)] if angle else []
+    stays = dpd.build(scene([], positions=x, velocities=v, bonds=[there], angles=bent), dt=0.04, platform="CPU", seed=3)
     other = stays.simulation()
     forces = [each.context.getState(forces=True).getForces(asNumpy=True)._value for each in (simulation, other)]
     np.testing.assert_allclose(forces[0], forces[1], rtol=0, atol=1e-10)
     assert energy == pytest.approx(state(other)[2], rel=1e-12)
     samples = [dpd.Observer(made).sample(each.context) for made, each in ((built, simulation), (stays, other))]
-    for name in ("bond", "pair", "potential", "virial_conservative", "virial_dissipative", "laplacian", "gradient2"):
+    for name in ("bond", "angle", "pair", "potential", "virial_conservative", "virial_dissipative", "laplacian", "gradient2"):
         assert getattr(samples[0], name) == pytest.approx(getattr(samples[1], name), rel=1e-11), name
     assert samples[0].bond > 10
     for each in (simulation, other):
@@ -329,6 +335,8 @@ def test_a_reporter_writes_every_event_once(tmp_path):
     raises(dpd.ParameterError, "neither form nor break", dpd.ReactionReporter, path, 10, other)
 
 
+BEND = dpd.HarmonicAngles([[0, 1, 2]], k=5.0, theta0=2.0)
+STARTED = dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, [[0, 1]])
 WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "valences": ({"valences": (1, 0)}, "a valence of a bond formation must be at least 1"),
     "one valence": ({"types": ("A", "A"), "valences": (1, 2)}, "so their valences are the same"),
@@ -341,6 +349,10 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "factors": ({"bonded_factors": (0, 1, 1)}, r"`bonded_factors` must be \(1, 1, 1\)"),
     "bodies": ({"bodies": [dpd.Body(np.arange(4))]}, "rigid bodies are not supported"),
     "twice": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, [[0, 1]]), "stays": [[1, 0]]}, "listed twice"),
+    "several angles": ({"angle": BEND, "straight": True}, "the same object as their `angle`"),
+    "angle in equilibrium": ({"angle": BEND, "energy": 1.0}, "in equilibrium cannot have an `angle`"),
+    "angle of no kind": ({"angle": dpd.HarmonicAngles([[0, 1, 2], [1, 2, 3]], 1.0, 2.0)}, "must be one angle such as"),
+    "broken at the start": ({"angle": BEND, "bonds": STARTED, "broken": STARTED}, "bonds that are there at the start cannot break"),
     "heat": ({"internal": dpd.BeadTemperatures(np.ones(N), np.full(N, 100.0))}, "energies or temperatures of their own"),
 }
 
@@ -354,7 +366,14 @@ def test_what_cannot_be_is_refused(name):
         others["pairs"] = {("*", "*"): dpd.EDPD(A=25.0, gamma=4.5, kappa=0.1, cutoff=1.0)}
     stays = arguments.pop("stays", None)
     others |= {} if stays is None else {"bonds": [dpd.HarmonicBonds(stays, **HARMONIC)]}
-    raises(dpd.ParameterError, message, lambda: scene([dpd.BondFormation(**arguments)], **others))
+    broken, straight = arguments.pop("broken", None), arguments.pop("straight", None)
+
+    def made():
+        more = [] if broken is None else [dpd.BondBreaking(broken, beyond=1.0)]
+        more += [] if straight is None else [dpd.BondFormation(_sort(), ("A", "A"), 0.6, 1)]
+        return scene([dpd.BondFormation(**arguments), *more], **others)
+
+    raises(dpd.ParameterError, message, made)
 
 
 def test_what_does_not_do_whole_steps_is_refused():

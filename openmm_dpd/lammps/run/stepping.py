@@ -161,7 +161,7 @@ class DeckSteps:
     def begin(self, scene: Scene) -> None:
         """Do everything that is due before the first step."""
         if scene.reactions:
-            self.request.state.bonds_before = self.request.state.bonds
+            self.request.state.before = {"bond": self.request.state.bonds, "angle": self.request.state.angles}
         for reader in self.readers:
             reader.begin(self.request.state, self.request.first_step)
         for dump in self.dumps:
@@ -223,7 +223,7 @@ class DeckSteps:
         if self.built.plan.scene.reactions:
             for name, values in self.sampler.reacted(self.request.last_step).items():
                 self.request.state.fixes[name].parameters["counts"] = values[1:]
-            self.request.state.bonds_before = None
+            self.request.state.before = {}
         x, v, box = arrays(context, self.request.axes)
         last = None if self._sample is None else self._sample.kept()
         slide = slide_of(self.built, context, self.request.axes)

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ...base.errors import ParameterError
-from ...kernels.reactions import bonds_in
+from ...kernels.reactions import angles_in, bonds_in, both_ways
+from ...model.angles import Angles
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
@@ -16,21 +17,27 @@ def reacting_types(state: DeckState) -> list[int]:
     return list(dict.fromkeys(fix.parameters["bond"] for fix in state.fixes_of(*REACTING)))
 
 
+def at_start(state: DeckState, what: str) -> np.ndarray:
+    """Bonds, angles, ... at the start of the present or the next run: a type and ids of beads."""
+    return state.before.get(what, getattr(state, f"{what}s"))
+
+
 def _pairs(state: DeckState, kind: int) -> np.ndarray:
     """Beads (B, 2) of the bonds of a type at the start of a run."""
-    bonds = state.bonds if state.bonds_before is None else state.bonds_before
+    bonds = at_start(state, "bond")
     return state.atoms.index_of(bonds[bonds[:, 0] == kind, 1:].ravel()).reshape(-1, 2)
 
 
 def _turns(state: DeckState, kind: int) -> bool:
     """Whether a bead of a bond of this type is in an angle, a dihedral or an improper, which LAMMPS takes away with the bond."""
-    terms = [terms[:, 1:].ravel() for terms in (state.angles, state.dihedrals, state.impropers)]
+    terms = [terms[:, 1:].ravel() for terms in (at_start(state, "angle"), state.dihedrals, state.impropers)]
     return bool(np.isin(state.atoms.ids[_pairs(state, kind)], np.concatenate(terms)).any())
 
 
 def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaking]:
     """The reactions of a run that begins at a step.  DeckError where a fix cannot act as in LAMMPS."""
     fixes, sorts, found = state.fixes_of(*REACTING), dict[int, ReactiveBonds](), list[BondFormation | BondBreaking]()
+    angles: dict[int, Angles | None] = {0: None}
     made = {fix.parameters["bond"] for fix in fixes if fix.style == "bond/create"}
     for fix in fixes:
         given, kind = fix.parameters, fix.parameters["bond"]
@@ -46,6 +53,9 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
         }
         for reason in (reason for reason, holds in reasons.items() if holds):
             raise fix.error(reason)
+        bend = given.get("angle", 0) if state.angle.style not in ("none", "zero") else 0  # LAMMPS makes none without a style
+        if bend not in angles and bend not in state.angle.coefficients:
+            raise fix.error(f"angle type {bend} has no coefficients")
         with errors_at(fix.where, f"fix {fix.name}: "):
             if kind not in sorts:
                 style, values = state.bond.coefficients[kind]
@@ -53,24 +63,34 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
                     raise ParameterError(f"bonds of style {style} have no energy")
                 bond = bonded_styles("bond")[style].build(np.array([[0, 1]]), values)
                 sorts[kind] = ReactiveBonds(type(bond), {name: getattr(bond, name)[0] for name in bond._DIMENSIONS}, _pairs(state, kind))
+            if bend not in angles:
+                style, values = state.angle.coefficients[bend]
+                flat = style in ("none", "zero")
+                angles[bend] = None if flat else bonded_styles("angle")[style].build(np.array([[0, 1, 2]]), values)
             trials = {"probability": given["probability"], "every": given["every"], "start": -step % given["every"]}
             length = given["length"] * state.units.length
             if fix.style == "bond/create":
                 one, other = map(str, given["types"])
-                found.append(BondFormation(sorts[kind], (one, other), length, given["most"], **trials))
+                found.append(BondFormation(sorts[kind], (one, other), length, given["most"], angle=angles[bend], **trials))
             else:
                 found.append(BondBreaking(sorts[kind], length, spends=kind in made, **trials))
     return found
 
 
 def take_bonds(state: DeckState, table: np.ndarray) -> None:
-    """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`."""
+    """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`, and the angles that have come with them."""
     kinds = reacting_types(state)
     rows = [state.bonds[~np.isin(state.bonds[:, 0], kinds)]]
     for k, kind in enumerate(kinds):
         ids = state.atoms.ids[bonds_in(table, k).astype(np.int64)]
         rows.append(np.column_stack([np.full(len(ids), kind), ids]))
     state.bonds = np.concatenate(rows)
+    bend = next((fix.parameters["angle"] for fix in state.fixes_of("bond/create")), 0)
+    if bend and state.angle.style != "none":
+        there = at_start(state, "bond")[:, 1:]
+        start = both_ways(state.atoms.index_of(there.ravel()).reshape(-1, 2), len(state.atoms))
+        ids = state.atoms.ids[angles_in(table, start).astype(np.int64)]
+        state.angles = np.concatenate([at_start(state, "angle"), np.column_stack([np.full(len(ids), bend), ids])])
 
 
 def reacted_values(state: DeckState, reacted: np.ndarray, step: int, first: int) -> dict[str, list[float]]:

@@ -25,7 +25,7 @@ from .axes import SAME, Axes, axes_of
 from .exclusion import scene_pairs
 from .flow import body_forces_of, guided, interacting_beads, walls_of
 from .integration import integration
-from .reacting import reacting_types, reactions_of
+from .reacting import at_start, reacting_types, reactions_of
 
 
 def build_scene(
@@ -132,7 +132,7 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
 def _bonded_terms(state: DeckState, what: str, leave: Sequence[int] = ()) -> list:
     """Bonds, angles, ... by type.  Bonds without energy are kept, since they count for special_bonds; other terms without energy
     are left out."""
-    terms, setup, known, found = getattr(state, f"{what}s"), getattr(state, what), bonded_styles(what), []
+    terms, setup, known, found = at_start(state, what), getattr(state, what), bonded_styles(what), []
     for kind in np.setdiff1d(terms[:, 0], leave).tolist():
         style: str = "none"
         values: dict[str, float] = {}
