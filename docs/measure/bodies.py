@@ -10,6 +10,7 @@ import argparse
 import subprocess
 import tempfile
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -80,15 +81,15 @@ def cost() -> None:
     print(f"{1e3 * best[False]:.3f} ms free, {1e3 * best[True]:.3f} ms in bodies, ratio {best[True] / best[False]:.3f}")
 
 
-#: Spheres (several would stick together), their radius, time between frames, and lags at which displacements are compared.
-COLLOIDS, RADIUS, FRAME, LAGS = 1, 1.2, 0.5, (4, 16)
+#: Spheres (several would stick together), their radius, and the time between frames.
+COLLOIDS, RADIUS, FRAME = 1, 1.2, 0.5
 DECK = """units lj
 atom_style molecular
 comm_modify vel yes cutoff 4.0
 read_data data.colloids
 pair_style dpd 1.0 1.0 34387
 pair_coeff * * 25.0 4.5 1.0
-pair_coeff 1 2 25.0 18.0 1.0
+pair_coeff 1 2 25.0 {friction} 1.0
 group stiff type 1
 group water type 2
 neighbor 0.4 bin
@@ -104,15 +105,15 @@ run {steps}
 """
 
 
-def diffusion(dt: float, frames: int, lammps: bool) -> None:
-    """Print how fast a hollow sphere spreads in translation and rotation between the two lags.  The fluid around it remembers for longer, so
-    this is less than the diffusion coefficient of translation: it is for a comparison with LAMMPS."""
+def diffusion(dt: float, frames: int, lags: list[int], friction: float, lammps: bool) -> None:
+    """Print how fast a hollow sphere spreads in translation and rotation from each lag (in frames) to the next.  The fluid around it remembers
+    for long: at short lags this is less than the diffusion coefficient of translation."""
     edge, shell = 7.0, body_shape("shell", RADIUS, 0.45)
     spheres, fluid = suspension(shell, COLLOIDS, [edge] * 3, apart=0.5, density=3.0, seed=2)
     far = [np.linalg.norm(minimum_images(fluid - sphere.mean(axis=0), np.diag([edge] * 3)), axis=1) > RADIUS for sphere in spheres]
     fluid, n, every, wait = fluid[np.all(far, axis=0)], len(shell), round(FRAME / dt), round(40 / dt)
     x, inside = np.concatenate([spheres.reshape(-1, 3), fluid]), n * COLLOIDS
-    pairs = {("C", "C"): dpd.DPD(A=25, gamma=4.5), ("C", "W"): dpd.DPD(A=25, gamma=18), ("W", "W"): dpd.DPD(A=25, gamma=4.5)}
+    pairs = {("C", "C"): dpd.DPD(A=25, gamma=4.5), ("C", "W"): dpd.DPD(A=25, gamma=friction), ("W", "W"): dpd.DPD(A=25, gamma=4.5)}
     bodies = [dpd.Body(range(n * k, n * k + n)) for k in range(COLLOIDS)]
     of = dpd.Scene({"C": 1.0, "W": 1.0}, ["C"] * inside + ["W"] * len(fluid), x, pairs, 1.0, box=[edge] * 3, bodies=bodies)
     of = relax(of, iterations=50)
@@ -126,7 +127,7 @@ def diffusion(dt: float, frames: int, lammps: bool) -> None:
             ]
             head = f"# colloids\n\n{len(x)} atoms\n2 atom types\n\n" + "".join(f"0 {edge} {a}lo {a}hi\n" for a in "xyz")
             Path(folder, "data.colloids").write_text(f"{head}\nMasses\n\n1 1.0\n2 1.0\n\nAtoms # molecular\n\n" + "\n".join(lines) + "\n")
-            Path(folder, "in.colloids").write_text(DECK.format(dt=dt, every=every, wait=wait, steps=every * frames))
+            Path(folder, "in.colloids").write_text(DECK.format(dt=dt, friction=friction, every=every, wait=wait, steps=every * frames))
             subprocess.run(["lmp", "-in", "in.colloids", "-log", "none", "-screen", "none"], cwd=folder, check=True)
             rows = [
                 line.split() for line in Path(folder, "frames.txt").read_text().splitlines() if len(line.split()) == 4 and line[0] != "I"
@@ -148,14 +149,16 @@ def diffusion(dt: float, frames: int, lammps: bool) -> None:
         second / np.linalg.norm(second, axis=2, keepdims=True),
         np.cross(axes[0], second / np.linalg.norm(second, axis=2, keepdims=True)),
     ]
-    short, long = LAGS
-    squares = [np.mean(np.sum((centres[lag:] - centres[:-lag]) ** 2, axis=2)[: len(centres) - long], axis=1) for lag in LAGS]
-    going = block_average((squares[1] - squares[0]) / (6 * FRAME * (long - short)))
-    turned = [np.array([np.mean([np.sum(a[t + lag] * a[t], axis=1) for a in axes]) for t in range(len(centres) - long)]) for lag in LAGS]
-    means = [each.mean() for each in turned]
-    slope = turned[0] / means[0] - turned[1] / means[1]
-    turning, error = np.log(means[0] / means[1]) / (2 * FRAME * (long - short)), block_average(slope).sem / (2 * FRAME * (long - short))
-    print(f"{'LAMMPS' if lammps else 'here'} dt {dt:g}: {going.mean:.4f} +- {going.sem:.4f}, {turning:.4f} +- {error:.4f}", flush=True)
+    for short, long in pairwise(lags):
+        last, apart = len(centres) - long, FRAME * (long - short)
+        squares = [np.mean(np.sum((centres[lag:] - centres[:-lag]) ** 2, axis=2)[:last], axis=1) for lag in (short, long)]
+        going = block_average((squares[1] - squares[0]) / (6 * apart))
+        turned = [np.mean([np.sum(a[lag:] * a[:-lag], axis=2)[:last].mean(axis=1) for a in axes], axis=0) for lag in (short, long)]
+        means = [each.mean() for each in turned]
+        turning = np.log(means[0] / means[1]) / (2 * apart)
+        error = block_average(turned[0] / means[0] - turned[1] / means[1]).sem / (2 * apart)
+        text = f"{going.mean:.4f} +- {going.sem:.4f}, {turning:.4f} +- {error:.4f}"
+        print(f"{'LAMMPS' if lammps else 'here'} dt {dt:g}, from {FRAME * short:g} to {FRAME * long:g}: {text}", flush=True)
 
 
 if __name__ == "__main__":
@@ -167,11 +170,13 @@ if __name__ == "__main__":
     parser.add_argument("--samples", type=int, default=20000)
     parser.add_argument("--scheme", default="bababo")
     parser.add_argument("--frames", type=int, default=4000)
+    parser.add_argument("--lags", type=int, nargs="+", default=[4, 16, 48])
+    parser.add_argument("--friction", type=float, default=18.0)
     parser.add_argument("--lammps", action="store_true")
     given = parser.parse_args()
     if given.what == "cost":
         cost()
     elif given.what == "diffusion":
-        diffusion(given.dt, given.frames, given.lammps)
+        diffusion(given.dt, given.frames, given.lags, given.friction, given.lammps)
     else:
         temperatures(given.shape, given.gamma, given.dt, given.samples, given.scheme)

@@ -1,44 +1,53 @@
-"""Walls of any shape: flow in a pipe, between cylinders, and no bead behind a wall.
+"""Walls of any shape: flow in a pipe, between cylinders, across cylinders, and no bead behind a wall.
 
     python docs/measure/solid_walls.py pipe       (about four minutes: Hagen and Poiseuille)
     python docs/measure/solid_walls.py couette    (about four minutes: an inner cylinder that turns)
+    python docs/measure/solid_walls.py array      (about ten minutes: drag on a cylinder in a square array)
     python docs/measure/solid_walls.py passes     (about five minutes: ten million bead-steps)
     python docs/measure/solid_walls.py cost       (a minute: CPU time of a step beside that between planes, 24,000 beads, one thread)
 
-The fluid is the standard one (A = 25, gamma = 4.5, density 3, kT = 1), the scheme ``middle``.
+The fluid is by default the standard one (A = 25, gamma = 4.5, density 3, kT = 1), the scheme ``middle``.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from time import process_time
 
 import numpy as np
 
 import openmm_dpd as dpd
-from openmm_dpd.measure import SolidReporter
 from openmm_dpd.molecules import frozen_layer
 from openmm_dpd.shapes import Ball, Complement, Cone, Cylinder, Difference, RoundedBox, SolidWall, Union
+from openmm_dpd.stats import block_average
 
-DT, LENGTH, WIDTH = 0.04, 10.0, 0.25
+LENGTH, WIDTH = 10.0, 0.25
 PAIRS = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
-#: Friction with frozen beads over that within the fluid.
-MORE = 1.0
 
 
-def around(radius: float, inner: float | None, spin: float, force: float, seed: int) -> tuple[dpd.Scene, float]:
-    """The standard fluid in a pipe, around an inner cylinder if there is one: a scene, and the middle of its box."""
+def fluid_with(walls: list[SolidWall], box: np.ndarray, force: tuple[float, float, float]) -> dpd.Scene:
+    """A fluid in a box around walls, with the frozen beads of :func:`frozen_layer`, or with so much more friction than in the fluid."""
+    x = np.random.default_rng(given.seed).random((round(3 * float(np.prod(box))), 3)) * box
+    pair, push = dpd.DPD(A=given.A, gamma=given.gamma), [dpd.BodyForce(force)] if any(force) else []
+    pairs, types = {("W", "W"): pair}, None
+    if given.more is not None:
+        pairs |= {("W", "S"): replace(pair, gamma=given.gamma * given.more), ("S", "S"): dpd.NONE}
+        types = {"W": "S"}
+    masses = {"W": 1.0} if types is None else {"W": 1.0, "S": 1.0}
+    fluid = dpd.Scene(masses, ["W"] * len(x), x, pairs, kT=1.0, box=box, body_forces=push)
+    return frozen_layer(fluid, walls, dt=given.dt, seed=given.seed, types=types)
+
+
+def around(radius: float, inner: float | None, spin: float, force: float) -> tuple[dpd.Scene, float]:
+    """A fluid in a pipe, around an inner cylinder if there is one: a scene, and the middle of its box."""
     edge = 2 * radius + 2.2
     box, middle = np.array([edge, edge, LENGTH]), 0.5 * edge
-    x = np.random.default_rng(seed).random((round(3 * float(np.prod(box))), 3)) * box
-    push = [dpd.BodyForce((0, 0, force))] if force else []
-    pairs = PAIRS | {("W", "S"): dpd.DPD(A=25, gamma=4.5 * MORE), ("S", "S"): dpd.NONE}
-    fluid = dpd.Scene({"W": 1.0, "S": 1.0}, ["W"] * len(x), x, pairs, kT=1.0, box=box, body_forces=push)
     centre = (middle, middle, 0.0)
     walls = [SolidWall(Complement(Cylinder(centre, "z", radius)), centre=centre)]
     if inner:
         walls.append(SolidWall(Cylinder(centre, "z", inner), spin=(0, 0, spin), centre=centre))
-    return frozen_layer(fluid, walls, dt=DT, seed=seed, types={"W": "S"}), middle
+    return fluid_with(walls, box, (0, 0, force)), middle
 
 
 class Rings:
@@ -83,13 +92,13 @@ def with_error(rings: Rings, of) -> list[tuple[float, float]]:
     return list(zip(whole, single.std(axis=0, ddof=1) / np.sqrt(n), strict=True))
 
 
-def pipe(radius: float, force: float, time: float, seed: int) -> None:
+def pipe(radius: float, force: float) -> None:
     """Viscosity from the curvature of the profile away from the wall and from the flux, and the slip."""
-    scene, middle = around(radius, None, 0.0, force, seed)
-    built = dpd.build(scene, dt=DT, seed=seed, platform="CPU")
+    scene, middle = around(radius, None, 0.0, force)
+    built = dpd.build(scene, dt=given.dt, seed=given.seed, platform="CPU")
     simulation, rings = built.simulation(), Rings(scene, middle, 0.0, radius)
-    simulation.step(round(1.2 * radius**2 / DT))
-    rings.run(simulation, round(time / DT), 20)
+    simulation.step(round(1.2 * radius**2 / given.dt))
+    rings.run(simulation, round(given.time / given.dt), 20)
 
     def of(rows, parts):
         squares, density, along, _, _ = rings.table(rows, parts)
@@ -108,15 +117,13 @@ def pipe(radius: float, force: float, time: float, seed: int) -> None:
     print("temperature across, last four rings:", np.round(kT[-4:], 3))
 
 
-def couette(inner: float, outer: float, spin: float, time: float, seed: int) -> None:
-    """The angular velocity A + B/r^2 that Navier and Stokes give without slip, beside the measured one; torque on the inner cylinder."""
-    scene, middle = around(outer, inner, spin, 0.0, seed)
-    built = dpd.build(scene, dt=DT, seed=seed, platform="CPU")
+def couette(inner: float, outer: float, spin: float) -> None:
+    """The angular velocity A + B/r^2 that Navier and Stokes give without slip, beside the measured one."""
+    scene, middle = around(outer, inner, spin, 0.0)
+    built = dpd.build(scene, dt=given.dt, seed=given.seed, platform="CPU")
     simulation, rings = built.simulation(), Rings(scene, middle, inner, outer)
-    simulation.step(round(1.5 * (outer - inner) ** 2 / DT))
-    reporter = SolidReporter(100, built)
-    simulation.reporters.append(reporter)
-    rings.run(simulation, round(time / DT), 20)
+    simulation.step(round(1.5 * (outer - inner) ** 2 / given.dt))
+    rings.run(simulation, round(given.time / given.dt), 20)
     b = spin * inner**2 * outer**2 / (outer**2 - inner**2)
     a = -b / outer**2
     r = 0.5 * (rings.edges[1:] + rings.edges[:-1])
@@ -130,6 +137,24 @@ def couette(inner: float, outer: float, spin: float, time: float, seed: int) -> 
     scale = np.sum(weight * wanted * found[:, 0]) / np.sum(weight * wanted**2)
     error, off = 1 / np.sqrt(np.sum(weight * wanted**2)), np.abs(found[:, 0] - wanted).max() / (spin * inner)
     print(f"measured / expected profile {scale:.4f} +- {error:.4f}, largest difference {off:.4f} of the speed of the cylinder")
+
+
+def array(radius: float, edge: float, force: float, viscosity: float) -> None:
+    """Drag on a cylinder in a square array, per length, viscosity and mean velocity, beside the series of Sangani and Acrivos (Int. J.
+    Multiphase Flow 8, 193 (1982))."""
+    box, middle = np.array([edge, edge, 6.0]), 0.5 * edge
+    scene = fluid_with([SolidWall(Cylinder((middle, middle, 0.0), "z", radius))], box, (force, 0, 0))
+    simulation = dpd.build(scene, dt=given.dt, seed=given.seed, platform="CPU").simulation()
+    simulation.step(round(100 / given.dt))
+    rows, every = [], 5
+    for _ in range(round(given.time / given.dt / every)):
+        simulation.step(every)
+        rows.append(simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value[scene.mobile, 0].sum())
+    flow, part = block_average(np.array(rows) / (3 * np.prod(box))), np.pi * radius**2 / edge**2
+    drag, error = 3 * force * edge**2 / (viscosity * flow.mean), flow.sem / flow.mean
+    series = 4 * np.pi / (-0.5 * np.log(part) - 0.738 + part - 0.887 * part**2 + 2.038 * part**3)
+    print(f"solid part {part:.4f}, mean velocity {flow.mean:.4f} +- {flow.sem:.4f}")
+    print(f"drag {drag:.2f} +- {drag * error:.2f}, series {series:.2f}, ratio {drag / series:.4f} +- {drag / series * error:.4f}")
 
 
 def passes(seeds: int, steps: int, n: int) -> None:
@@ -198,18 +223,23 @@ def cost() -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("pipe", "couette", "passes", "cost"))
+    parser.add_argument("what", choices=("pipe", "couette", "array", "passes", "cost"))
     parser.add_argument("--radius", type=float, default=6.0)
     parser.add_argument("--time", type=float, default=2500.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--more", type=float, default=1.0, help="friction with frozen beads over that within the fluid")
+    parser.add_argument("--more", type=float, help="friction with frozen beads over that within the fluid")
+    parser.add_argument("--A", type=float, default=25.0)
+    parser.add_argument("--gamma", type=float, default=4.5)
+    parser.add_argument("--dt", type=float, default=0.04)
+    parser.add_argument("--viscosity", type=float, default=0.837, help="of the bulk, for the drag on a cylinder")
     parser.add_argument("--push", type=float, default=1.0, help="force on a bead times the square of the radius")
     given = parser.parse_args()
-    MORE = given.more
     if given.what == "pipe":
-        pipe(given.radius, given.push / given.radius**2, given.time, given.seed)
+        pipe(given.radius, given.push / given.radius**2)
     elif given.what == "couette":
-        couette(2.5, 6.0, 0.4, given.time, given.seed)
+        couette(2.5, 6.0, 0.4)
+    elif given.what == "array":
+        array(2.0, 10.0, 0.05 * given.push, given.viscosity)
     elif given.what == "cost":
         cost()
     else:

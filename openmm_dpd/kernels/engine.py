@@ -67,6 +67,8 @@ class PairEngine(Engine):
         self._kept = False  # until the lists are complete
         for pairs in self.lists:
             pairs.build(x, box)
+        if self.spec.carried is not None:
+            self.spec.carried.see(x, self._prescribed)
         self.number += 1
         self._x, self._box = x, box
 

@@ -127,5 +127,6 @@ class PairSpec:
     sweeps: bool = True  #: Whether the scheme sweeps over pairs at all
     extras: tuple[Extra, ...] = ()  #: Conservative forces beside the pair terms (see :mod:`.extras`)
     sheared: bool = False  #: Whether there is a Lees-Edwards shear
+    carried: Any = None  #: Immobile particles that walls take along, a :class:`.solids.Carried`, if there are any
     bodies: Any = None  #: Rigid bodies, a :class:`.bodies.BodySpec`, if there are any
     sorts: tuple[BondedKernel, ...] = ()  #: One bond of each sort that forms and breaks

@@ -5,7 +5,7 @@ all that asks where the wall is has one answer.  In a drift a bead goes straight
 end of the first that ends in a solid, bisection finds the last point outside that numbers can tell; there the velocity becomes 2 u - v,
 with the velocity u of the wall at that point, and the rest of the drift goes on with it, so many times (:data:`TRIES`) that it stays at the
 last point in corners.  No bead crosses, therefore.  What a bead gains the wall loses: beads add it up in blocks whose size no number
-of threads changes, and the blocks one after the other.
+of threads changes, and the blocks one after the other.  Beads of a wall that moves go with it, exactly, however a drift is divided.
 """
 
 from __future__ import annotations
@@ -18,10 +18,29 @@ import numpy as np
 from ..base.errors import RunError, bead_number, in_length
 from ..base.names import SOLID
 from ..runtime import Kernel, helper, inlined, meet, threads_for
+from .elementary import sine
+from .motion import over_beads
 from .rigid import cross
 
 #: Bounces of a bead in one drift; halvings of a stretch; beads in a block; cells in one; columns of a wall: angular velocity, centre.
 TRIES, HALVINGS, BLOCK, SPAN, SPIN, CENTRE = 8, 40, 64, 4, 3, 6
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Beads that walls take along: the part that never changes.  Their velocities follow from where they are."""
+
+    wall: np.ndarray  #: (N,) int64 which wall a bead belongs to; -1 for those that none takes along
+    motion: np.ndarray  #: (S, 9) as in :class:`Solids`
+    edges: np.ndarray  #: (3,) of the box, nm
+
+    def move(self, x: np.ndarray, time: float) -> None:
+        """Move them from positions x (N, 3) on for a time."""
+        _carry(x, self.wall, self.motion, self.edges, time)
+
+    def see(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Write their velocities at positions (N, 3) to v (N, 3)."""
+        _see_carried(v, x, self.wall, self.motion, self.edges)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +54,7 @@ class Solids:
     motion: np.ndarray  #: (S, 9) velocity, angular velocity and the point that the axis goes through
     inv_mass: np.ndarray  #: (N,) 1/mass, 0 for beads that do not move
     slack: float  #: Depth in a wall at which a bead may start, as positions are rounded, nm
+    carried: Carried | None = None  #: Beads that walls take along, if there are any
     steady: ClassVar[bool] = True
     continuum: ClassVar[None] = None
 
@@ -56,9 +76,9 @@ class Solids:
 
     def velocity(self, number: int, x: np.ndarray) -> np.ndarray:
         """(N, 3) velocities of a wall at positions (N, 3)."""
-        arms = x - self.motion[number, CENTRE:]
-        arms -= self.edges * np.rint(arms / self.edges)
-        return self.motion[number, :SPIN] + np.cross(self.motion[number, SPIN:CENTRE], arms)
+        found = np.zeros((len(x), 3))
+        Carried(np.full(len(x), number), self.motion, self.edges).see(np.ascontiguousarray(x, dtype=np.float64), found)
+        return found
 
     def drift(self, x: np.ndarray, v: np.ndarray, time: float, impulses: np.ndarray) -> None:
         """Let beads drift and bounce; what walls get of momentum is added to the impulses (S, 2, 3).  RunError if a bead starts in one."""
@@ -71,6 +91,8 @@ class Solids:
             raise RunError(
                 f"bead {bead_number(bead)} is in a wall, {in_length(depth, 3)} deep; beads that are set or minimised stay outside"
             )
+        if self.carried is not None:
+            self.carried.move(x, time)
 
 
 @inlined
@@ -145,6 +167,42 @@ def _nearest(d, edge):
     return d - edge * np.rint(d / edge)
 
 
+@inlined
+def _speed(motion, edges, s, x, y, z):
+    """Vector to a point from the centre of a wall, and the velocity that the wall has there."""
+    m = motion[s]
+    rx, ry, rz = _nearest(x - m[CENTRE], edges[0]), _nearest(y - m[CENTRE + 1], edges[1]), _nearest(z - m[CENTRE + 2], edges[2])
+    ux, uy, uz = cross(m[SPIN], m[SPIN + 1], m[SPIN + 2], rx, ry, rz)
+    return rx, ry, rz, m[0] + ux, m[1] + uy, m[2] + uz
+
+
+@over_beads
+def _see_carried(begin, end, v, x, wall, motion, edges):
+    for i in range(begin, end):
+        if wall[i] >= 0:
+            _, _, _, v[i, 0], v[i, 1], v[i, 2] = _speed(motion, edges, wall[i], x[i, 0], x[i, 1], x[i, 2])
+
+
+@over_beads
+def _carry(begin, end, x, wall, motion, edges, time):
+    """Along with the velocity of a wall, and on a circle about its axis n by an angle a: r + sin(a) n x r + (1 - cos(a)) n x (n x r)."""
+    for i in range(begin, end):
+        if wall[i] < 0:
+            continue
+        m = motion[wall[i]]
+        rx, ry, rz, ux, uy, uz = _speed(motion, edges, wall[i], x[i, 0], x[i, 1], x[i, 2])
+        spin = np.sqrt(m[SPIN] * m[SPIN] + m[SPIN + 1] * m[SPIN + 1] + m[SPIN + 2] * m[SPIN + 2])
+        x[i, 0], x[i, 1], x[i, 2] = x[i, 0] + time * m[0], x[i, 1] + time * m[1], x[i, 2] + time * m[2]
+        if spin > 0.0:
+            half = sine(0.25 / np.pi * time * spin)
+            along, across = sine(0.5 / np.pi * time * spin) / spin, 2.0 * half * half / (spin * spin)
+            ux, uy, uz = ux - m[0], uy - m[1], uz - m[2]
+            wx, wy, wz = cross(m[SPIN], m[SPIN + 1], m[SPIN + 2], ux, uy, uz)
+            x[i, 0] += along * ux + across * wx
+            x[i, 1] += along * uy + across * wy
+            x[i, 2] += along * uz + across * wz
+
+
 def _drift(x, v, inv_mass, time, distances, lowest, edges, slopes, motion, slack, taken, impulses, wrong, part, parts, team):
     """Drift and bounce; see :meth:`Solids.drift`."""
     blocks, bad = len(taken), False
@@ -182,11 +240,9 @@ def _drift(x, v, inv_mass, time, distances, lowest, edges, slopes, motion, slack
                 if s < 0:
                     break
                 left *= 1.0 - part_of_it
-                rx, ry = _nearest(px - motion[s, CENTRE], edges[0]), _nearest(py - motion[s, CENTRE + 1], edges[1])
-                rz = _nearest(pz - motion[s, CENTRE + 2], edges[2])
-                ux, uy, uz = cross(motion[s, SPIN], motion[s, SPIN + 1], motion[s, SPIN + 2], rx, ry, rz)
+                rx, ry, rz, ux, uy, uz = _speed(motion, edges, s, px, py, pz)
                 scale = 2.0 / inv_mass[i]
-                gx, gy, gz = v[i, 0] - (motion[s, 0] + ux), v[i, 1] - (motion[s, 1] + uy), v[i, 2] - (motion[s, 2] + uz)
+                gx, gy, gz = v[i, 0] - ux, v[i, 1] - uy, v[i, 2] - uz
                 tx, ty, tz = cross(rx, ry, rz, gx, gy, gz)
                 for k, pushed, turned in ((0, gx, tx), (1, gy, ty), (2, gz, tz)):
                     v[i, k] -= 2.0 * pushed

@@ -230,7 +230,7 @@ class SolidWall:
     shape : Ball, Cylinder, Union, ...
         Where the solid is.  It repeats with the box, which may not be tilted.
     velocity, spin : three velocities, three rates, default 0
-        Velocity, nm/ps, and angular velocity, rad/ps, in which the shape does not change.
+        Velocity, nm/ps, and angular velocity, rad/ps, in which the shape does not change.  Immobile beads in the solid move with it.
     centre : three lengths, default (0, 0, 0)
         A point of the axis of the spin, to which torques refer.
     """

@@ -17,8 +17,9 @@ from ..plan.pair_spec import longest
 from ..plan.solids import solids_of, surface
 from ..simulation.build import build
 
-#: Moments at the end of the run, of which the one is taken where the fluid is nearest to its mean density, and steps between two.
-MOMENTS, BETWEEN = 20, 10
+#: Moments at the end of the run, of which the second half's one is taken where the beads in the solid are nearest to the means of the first
+#: half, and steps between two; powers of the nearness to the surface whose sums are compared: those on which densities beside it depend.
+MOMENTS, BETWEEN, POWERS = 120, 5, (2, 12)
 #: Parts of a scene that may be there.
 _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "bead_masses", "compat", "body_forces", "sources"}
 
@@ -28,7 +29,8 @@ def frozen_layer(
 ) -> Scene:
     """Put walls of any shape into a fluid, with a layer of the fluid itself behind them, in which beads do not move.
 
-    The fluid, which fills the whole box, runs without walls, up to a moment when its density outside them is that of the box.  Then
+    The fluid, which fills the whole box, runs without walls, up to a moment when it has as many beads outside them, and near their surface,
+    as on average.  Then
     beads in the solid are frozen with the velocity of their wall if the surface is within the longest cutoff, and left out if it is farther
     away.  So the fluid has the structure that it has inside up to the wall, on average over places of the surface.
 
@@ -60,14 +62,22 @@ def frozen_layer(
     solids = solids_of(walls, scene.box, reach, np.zeros(0))
     simulation = build(replace(scene, body_forces=(), sources=()), dt=dt, seed=seed, platform="CPU").simulation()
     simulation.step(whole_number(steps, "steps", 0))
-    wanted, found = scene.n_beads * float(np.mean(solids.distances.min(axis=0) > 0)), []
-    for _ in range(MOMENTS):
+    sums, best, least = list[np.ndarray](), (np.zeros((0, 3)),) * 3, np.inf
+    for k in range(MOMENTS):
         simulation.step(BETWEEN)
         state = simulation.context.getState(positions=True, velocities=True)
         x, v = folded(vectors(state, openmm.State.Positions), scene.box), vectors(state, openmm.State.Velocities)
         distance = solids.distance(x)
-        found.append((abs(np.count_nonzero(distance.min(axis=0) > 0) - wanted), x, v, distance))
-    _, x, v, distance = min(found, key=lambda moment: moment[0])
+        nearest = distance.min(axis=0)
+        near = np.clip(1.0 + nearest / reach, 0.0, 1.0) * (nearest <= 0)
+        its = np.array([np.count_nonzero(nearest > 0), *(np.sum(near**power) for power in POWERS)])
+        if k < MOMENTS // 2:
+            sums.append(its)
+            continue
+        off = float(np.sum(((its - np.mean(sums, axis=0)) / np.maximum(np.std(sums, axis=0), 1e-9)) ** 2))
+        if off < least:
+            best, least = (x, v, distance), off
+    x, v, distance = best
     points = np.concatenate([surface(solids, number)[0] for number in range(len(walls))])
     tree = scipy.spatial.cKDTree(points - solids.edges * np.floor(points / solids.edges), boxsize=solids.edges * (1 + 1e-12))
     fluid = distance.min(axis=0) > 0

@@ -14,6 +14,7 @@ from ..kernels.fields import FieldSpec
 from ..kernels.layer import PairSpec
 from ..kernels.pairs import compressed_exceptions
 from ..kernels.radial import RadialTerms
+from ..kernels.solids import Carried
 from ..kernels.sweeps import EXACT, SHARDLOW
 from ..model.bonds import bonded_neighbours
 from ..model.flow import AXES, BodyForce
@@ -65,11 +66,15 @@ def pair_spec(
     scheme: Scheme,
     fields: FieldSpec | None,
     left_out: np.ndarray | None = None,
+    carried: Carried | None = None,
 ) -> PairSpec:
-    """The pair terms for the engine: the tables ``layers`` of these kinds; ``left_out`` (N,) says which particles take no part."""
+    """The pair terms for the engine: the tables ``layers`` of these kinds; ``left_out`` (N,) says which particles take no part, ``carried``
+    which of the immobile ones walls take along."""
     mobile, wall_velocity = ~scene.immobile, None
     if scene.velocities is not None and np.any(scene.velocities[~mobile] != 0):
         wall_velocity = np.where(mobile[:, None], 0.0, scene.velocities)
+    elif carried is not None:
+        wall_velocity = np.zeros((scene.n_beads, 3))
     beads = BeadData(scene.type_names, scene.bead_masses, scene.compat, scene.initial_kT)
     return PairSpec(
         # numba would compile kernels of their own for the scene's read-only arrays
@@ -82,6 +87,7 @@ def pair_spec(
         fields=fields,
         sweeps=scheme.sweeps,
         sheared=scene.shear is not None,
+        carried=carried,
         bodies=BodySpec.of(scene.shapes) if scene.shapes else None,
     )
 

@@ -347,9 +347,10 @@ def make_plan(
         **choices,
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
-    spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out)
+    walls = driven_walls(scene, layers, lam)
+    spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out, walls.carried if isinstance(walls, Solids) else None)
     parts = scene, spec, options, tuple(layers), tuple(overlays), exceptions, charge_exceptions, platform
-    plan = Plan(*parts, host, driven_walls(scene, layers, lam))
+    plan = Plan(*parts, host, walls)
     if engine != "auto":
         _check_engine(plan)
     reason = why_not_native(scene, kinds, layers, bool(exceptions), platform) if chosen.native else None

@@ -1,13 +1,14 @@
 """Walls of any shape: their distances on a grid, and what cannot be."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..base.errors import ParameterError, bead_number, either, in_length
 from ..base.names import MOST_SOLIDS
-from ..kernels.solids import SPAN, Solids
+from ..kernels.solids import CENTRE, SPAN, SPIN, Carried, Solids
 from ..model.shapes import SolidWall
 
 #: Spacing of the grid, in cutoffs; most points of it; depth at which a bead may start, as single precision rounds positions, in spacings.
@@ -23,14 +24,39 @@ def solid_walls(scene: Any, cutoff: float) -> Solids | None:
     if not walls:
         return None
     made = solids_of(walls, scene.box, cutoff, np.where(scene.immobile, 0.0, 1.0 / scene.bead_masses))
-    distance = made.distance(scene.positions).min(axis=0)
+    distances = made.distance(scene.positions)
+    distance = distances.min(axis=0)
     inside = np.flatnonzero(~scene.immobile & (distance < -made.slack))
     if len(inside):
         raise ParameterError(
             f"bead {bead_number(inside[0])} starts in a wall, {in_length(-distance[inside[0]], 3)} deep ({len(inside)} such beads). "
             "Beads of the wall itself are frozen " + either("with `mobile`", "where no fix moves them")
         )
-    return made
+    wall = np.where(scene.immobile & (distance <= 0), distances.argmin(axis=0), -1)
+    wall[~np.array([*(each.moves for each in walls), False])[wall]] = -1
+    if not (wall >= 0).any():
+        return made
+    carried = Carried(wall, made.motion, made.edges)
+    _check_circles(carried, scene.positions)
+    return replace(made, carried=carried)
+
+
+def _check_circles(carried: Carried, x: np.ndarray) -> None:
+    """ParameterError if a bead that turns with its wall would come to where the next image of the wall turns it about another axis."""
+    beads = np.flatnonzero(carried.wall >= 0)
+    motion, edges = carried.motion[carried.wall[beads]], carried.edges
+    spin, arms = motion[:, SPIN:CENTRE], x[beads] - motion[:, CENTRE:]
+    arms -= edges * np.rint(arms / edges)
+    axis = spin / np.maximum(np.linalg.norm(spin, axis=1, keepdims=True), 1e-300)
+    along = np.sum(arms * axis, axis=1, keepdims=True) * axis
+    across = np.linalg.norm(arms - along, axis=1, keepdims=True) * np.sqrt(np.clip(1.0 - axis**2, 0.0, None))
+    far = (across > 0) & (np.abs(along) * (axis**2 < 1) + across > 0.5 * edges) & np.any(spin, axis=1, keepdims=True)
+    if far.any():
+        bead = beads[np.argmax(far.any(axis=1))]
+        raise ParameterError(
+            f"bead {bead_number(bead)} would turn with its wall, {carried.wall[bead]}, to where the next image of the wall turns it about "
+            "another axis: leave out beads that are so far from the axis"
+        )
 
 
 def solids_of(walls: Sequence[SolidWall], box: np.ndarray | None, cutoff: float, inv_mass: np.ndarray) -> Solids:
@@ -95,5 +121,7 @@ def solid_text(wall: SolidWall, made: Any, number: int) -> str:
     error = np.abs((wall.shape.distance(points, made.edges) - made.distance(points)[number]) / steep).max()
     motion = {"velocity": wall.velocity, "spin": wall.spin}
     moving = "".join(f", {name} ({', '.join(f'{u:g}' for u in of)})" for name, of in motion.items() if np.any(of))
+    along = 0 if made.carried is None else np.count_nonzero(made.carried.wall == number)
+    moving += f", which {along} immobile beads go along with" if along else ""
     size = " x ".join(map(str, made.distances.shape[1:]))
     return f"bounce-back wall of a shape: {type(wall.shape).__name__} on a grid of {size}, off by up to {in_length(error, 2)}{moving}"

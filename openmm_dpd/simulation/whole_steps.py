@@ -169,6 +169,8 @@ class WholeSteps:
         now = {shared.COUNTER: float(moment.counter), shared.DT: moment.dt}
         if len(self._still):
             moment.v[self._still] = resting
+            if function.spec.carried is not None:
+                function.spec.carried.see(moment.x, moment.v)
         if moment.flow is not None:
             context.setPeriodicBoxVectors(*moment.box)  # type: ignore[misc]  # a shear has one
             now[shared.SHEARED] = float(moment.flow[TIME])

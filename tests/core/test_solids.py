@@ -1,5 +1,6 @@
 """Walls of any shape: distances, bounces beside numpy, nothing behind them, momentum, restarts, threads, what is refused."""
 
+import dataclasses
 import io
 
 import numpy as np
@@ -35,11 +36,13 @@ def solids(*walls: SolidWall, cutoff: float = 1.0, inv_mass=None):
     return solids_of(walls, np.diag(EDGES), cutoff, np.ones(1) if inv_mass is None else inv_mass)
 
 
-def fluid(around, n: int = 300, seed: int = 1, **options) -> dpd.Scene:
-    """Up to so many beads at random places outside the walls."""
+def fluid(around, n: int = 300, seed: int = 1, frozen: int = 0, **options) -> dpd.Scene:
+    """Up to so many beads at random places outside the walls, and frozen ones inside."""
     rng = np.random.default_rng(seed)
     x = rng.random((40 * n, 3)) * EDGES * 3 - EDGES
-    x = x[solids(*around).distance(x).min(axis=0) > 0.02][:n]
+    from_wall = solids(*around).distance(x).min(axis=0)
+    x = np.concatenate([x[from_wall > 0.02][:n], x[from_wall < -0.02][:frozen]])
+    options |= {"mobile": np.arange(len(x)) < len(x) - frozen} if frozen else {}
     given = {"masses": {"A": 1.0, "B": 2.5}, "types": (["A", "B"] * n)[: len(x)], "pairs": FLUID, "kT": 1.0, "box": EDGES}
     return dpd.Scene(**given | {"positions": x, "walls": around, "velocities": rng.normal(size=(len(x), 3))} | options)
 
@@ -173,7 +176,7 @@ def test_walls_get_what_the_fluid_loses(scheme):
 
 @cases("scheme", "middle", pytest.param("mvv", marks=pytest.mark.slow))
 def test_restarts_and_numbers_of_threads_give_the_same_bits(scheme, many=500):
-    scene = fluid(TURNING, many)
+    scene = fluid(TURNING, many, frozen=60)
     _, simulation = run(scene, scheme)
     simulation.step(10)
     kept, xml = io.BytesIO(simulation.context.createCheckpoint()), None
@@ -198,6 +201,33 @@ def test_restarts_and_numbers_of_threads_give_the_same_bits(scheme, many=500):
             assert bits(again) == wanted
     finally:
         dpd.set_threads(before)
+
+
+@cases("scheme", "middle", "mvv", "O/2 B/2 A B/2 O/2")
+def test_frozen_beads_go_with_walls_that_move(scheme):
+    """Exactly, in one run or in several, and only those in a wall; friction sees their velocities of now."""
+    scene = fluid(TURNING, 100, frozen=40)
+    still, u = ~scene.mobile, TURNING[1].spin[2]
+    scene = dataclasses.replace(scene, positions=np.where(np.arange(140)[:, None] == 139, [2.5, 4.2, 3.0], scene.positions))
+    built, simulation = run(scene, scheme)
+    for steps in (1, 2, 47):
+        simulation.step(steps)
+    state = simulation.context.getState(positions=True, velocities=True)
+    x, v = state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value
+    start, wall = scene.positions, built.plan.driven.distance(scene.positions).argmin(axis=0)
+    arm = start - TURNING[1].centre
+    arm -= EDGES * np.rint(arm / EDGES)
+    wanted = start + np.where(
+        (wall == 1)[:, None], arm @ scipy.spatial.transform.Rotation.from_rotvec([0, 0, u]).as_matrix().T - arm, [0, 0, 0.3]
+    )
+    assert set(wall[still]) == {0, 1}
+    assert np.allclose(x[still][:-1], wanted[still][:-1], rtol=0, atol=1e-12) and np.array_equal(x[139], start[139])
+    speeds = np.array([built.plan.driven.velocity(wall[k], x[k : k + 1])[0] for k in np.flatnonzero(still)[:-1]])
+    assert np.array_equal(v[still][:-1], speeds) and not np.array_equal(speeds, built.plan.driven.velocity(1, start[still][:-1]))
+    assert f"which {np.count_nonzero(wall[still][:-1] == 1)} immobile beads go along with" in built.explain()
+    engine = built.plan.new_engine()
+    engine.prepare(x, np.diag(EDGES))
+    assert np.array_equal(engine.seen(v)[still][:-1], speeds)
 
 
 def test_platforms_agree_and_other_forces_act():
@@ -274,6 +304,8 @@ def test_what_cannot_be_is_refused():
     refused("would not stay where it is", [SolidWall(PIPE, velocity=(0.1, 0, 0))])
     refused("would not stay where it is", [SolidWall(PIPE, spin=(0, 0, 1.0), centre=(2.3, 3.0, 0))])
     refused("more than 8", [wall] * 9)
+    far = {"positions": np.random.default_rng(1).random((20, 3)) * 0.1 + [0.1, 0.1, 0.0], "mobile": [False] * 20}
+    refused("bead 0 would turn with its wall, 0,", [SolidWall(PIPE, spin=(0, 0, 1.0), centre=(2.5, 3.0, 0))], **far)
     refused("lam must be 0.5", build={"scheme": "mvv", "lam": 0.65})
     refused("whole steps", build={"loop": False})
     refused("walls", build={"scheme": "native"})
