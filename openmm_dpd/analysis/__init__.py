@@ -36,3 +36,4 @@ from .viscosity import (
     green_kubo_viscosity as green_kubo_viscosity,
     poiseuille_viscosity as poiseuille_viscosity,
 )
+from .wetting import ContactAngle as ContactAngle, contact_angle as contact_angle

@@ -210,7 +210,7 @@ class Curve:
     n_frames: int
 
 
-def curve_of(x, rows: Sequence[np.ndarray], name: str = "the series") -> Curve:
+def curve_of(x, rows: Sequence[np.ndarray] | np.ndarray, name: str = "the series") -> Curve:
     """Curve of the means over rows (F, K), one row per frame; each column has its error from blocks of frames."""
     table = np.asarray(rows, dtype=np.float64)
     return curve_of_averages(x, [block_average(column, name=name) for column in table.T], len(table))

@@ -60,20 +60,30 @@ def density_profile(
     >>> len(profiles["B"].x), round(float(profiles["B"].y.mean()), 3)
     (10, 0.4)
     """
+    x, found, _ = density_rows(trajectory, types, axis, n_bins, centre, mass=mass)
+    return {name: curve_of(x, rows, f"the density of {name}") for name, rows in found.items()}
+
+
+def density_rows(
+    trajectory: Trajectories, types: Beads, axis: str | int, n_bins: int | Sequence[int], centre: Beads = None, *, mass=False, drop=False
+) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
+    """Midpoints of the cells; density in them, (F, cells), of each type in each frame; mean volumes (cells,).  With ``drop``, the density
+    of all these beads together, centred on themselves."""
     topology, frames = frames_of(trajectory)
-    groups = _groups(topology, types)
-    cut = _slicer(topology, axis, n_bins, centre)
+    groups = {"drop": selected(topology, types)} if drop else _groups(topology, types)
+    cut = _slicer(topology, axis, n_bins, groups["drop"] if drop else centre)
     weights = cut.weights if mass else np.ones(topology.n_atoms)
     rows: dict[str, list[np.ndarray]] = {name: [] for name in groups}
-    extents = []
+    extents, volumes = [], []
     for frame in frames:
         box = frame.need_box("a density profile")
         extents.append(cut.extents(box))
-        number, volumes = cut.cells(frame.positions, box)[0], cut.volumes(box)
+        volumes.append(cut.volumes(box))
+        number, _ = cut.cells(frame.positions, box)
         for name, group in groups.items():
-            rows[name].append(cut.sums(number[group], weights[group]) / volumes)
-    x = cut.coordinates(np.mean(extents, axis=0))
-    return {name: curve_of(x, found, f"the density of {name}") for name, found in rows.items()}
+            rows[name].append(cut.sums(number[group], weights[group]) / volumes[-1])
+    found = {name: np.array(of_type) for name, of_type in rows.items()}
+    return cut.coordinates(np.mean(extents, axis=0)), found, np.mean(volumes, axis=0)
 
 
 def _slicer(topology, axis, n_bins, centre) -> Slicer:

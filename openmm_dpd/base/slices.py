@@ -106,10 +106,6 @@ class Slicer:
         lines = [((np.arange(n) + 0.5) / n - low) * extent for n, extent in zip(self.bins, extents, strict=True)]
         return lines[0] if len(lines) == 1 else np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
 
-    def shaped(self, values: np.ndarray) -> np.ndarray:
-        """Values (..., cells) as (..., n) or (..., n, m)."""
-        return values.reshape(values.shape[:-1] + self.bins)
-
     def component(self, name: str | int) -> int:
         """Number of a component of the vectors of :meth:`cells`; ParameterError if there is none of this name."""
         if not self.around:

@@ -276,6 +276,14 @@ def test_pipe(tmp_path, monkeypatch):
     assert is_picture(tmp_path / "pipe.png")
 
 
+def test_drop_on_wall(tmp_path, monkeypatch):
+    """A small drop and a short run: it is round, with the density of the liquid, and does not wet the wall."""
+    shorter = {"BOX": (10.0, 10.0, 9.0), "BLOCK": (5.0, 5.0, 3.0), "EQUILIBRATION": 300, "STEPS": 400, "EVERY": 20}
+    found = example("20_drop_on_wall", monkeypatch, 0, **shorter).main(tmp_path)
+    assert 80 < found["angle"] < 150 and 2.0 < found["radius"] < 5.0 and found["density"] == pytest.approx(6.1, rel=0.1)
+    assert is_picture(tmp_path / "drop.png")
+
+
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
     found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()
