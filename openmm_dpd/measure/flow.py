@@ -12,6 +12,7 @@ from ..base.stats import block_average
 from ..io.snapshot import Cadence
 from ..model.flow import require_plain_axis
 from ..model.shear import LeesEdwards
+from ..plan.plan import Plan
 from ..simulation.built import BuiltSystem
 from .observer import require_built
 from .present import Present, require_stress
@@ -31,6 +32,18 @@ class BuiltReporter(Cadence):
             raise ParameterError(f"{type(self).__name__} needs a built scene: it does not know the terms of a System made elsewhere")
         super().__init__(interval, "samples")
         self.built = built
+
+
+def require_whole_stress(plan: Plan) -> None:
+    """Raise ParameterError if the stress tensor of a scene is not known, not symmetric, or not all of what acts on its beads."""
+    require_stress(plan)
+    reason = None
+    if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
+        reason = "transverse friction makes it asymmetric"
+    elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
+        reason = "walls take up momentum"
+    if reason is not None:
+        raise ParameterError(f"no stress tensor of this scene: {reason}")
 
 
 class StressReporter(BuiltReporter):
@@ -61,16 +74,10 @@ class StressReporter(BuiltReporter):
 
     def __init__(self, interval: int, built: BuiltSystem):
         super().__init__(interval, built)
-        plan, reason = built.plan, None
-        require_stress(plan)
+        plan = built.plan
+        require_whole_stress(plan)
         self._present, self._needs_forces = Present(built), needs_forces(plan.options.scheme)
         self._within = Within(self._present, self._present.mass, 0, tensors=True)
-        if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
-            reason = "transverse friction makes it asymmetric"
-        elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
-            reason = "walls take up momentum"
-        if reason is not None:
-            raise ParameterError(f"no stress tensor of this scene: {reason}")
         #: for each sample: kinetic and conservative part, dissipative part, moment of friction, edges of the box, time and rate of a
         #: shear, kT, step size, time, kinetic part
         self._rows: list[tuple[np.ndarray, np.ndarray, float, np.ndarray, float, float, float, float, float, np.ndarray]] = []
@@ -289,6 +296,7 @@ class ProfileReporter(BuiltReporter):
         if self._flows:
             rows += np.outer(self._rates, centres if centres.ndim == 1 else centres[..., 0].ravel())
         error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
-        velocity, error, density, kT, rows = map(cut.shaped, (rows.mean(axis=0), error, self._density / n, kT, rows))
+        averages = (rows.mean(axis=0), error, self._density / n, kT, rows)
+        velocity, error, density, kT, rows = (each.reshape(each.shape[:-1] + cut.bins) for each in averages)
         width, length = (widths, lengths) if len(lengths) > 1 else (float(widths[0]), float(lengths[0]))
         return VelocityProfile(centres, width, velocity, error, density, kT, rows, length)

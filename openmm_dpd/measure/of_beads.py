@@ -25,10 +25,8 @@ def bead_shares(present: Present) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {part: np.zeros((len(x), 7)) for part in PARTS}
     for beads, values in pair_terms(present, friction=plan.options.predicting):
         _share(found["pair"], beads, values[:, :7])
-    for extra in beside_pairs(plan):
-        if isinstance(extra, BondedKernel):
-            beads, tensors = BondedStress(extra).each(x, box)
-            _share(found[extra.called.split()[-1]], beads, np.column_stack([np.zeros(len(beads)), tensors]))
+    for part, beads, tensors in bond_terms(present):
+        _share(found[part], beads, np.column_stack([np.zeros(len(beads)), tensors]))
     scene = plan.scene
     for part, groups, curves in (
         ("bond", scene.bonds, lambda its: its.curve(its.lengths(x, box))),
@@ -67,6 +65,12 @@ def pair_terms(present: Present, friction: bool) -> list[tuple[np.ndarray, np.nd
             evaluator.stress(x, box)
             found.append(evaluator.shared())
     return found
+
+
+def bond_terms(present: Present) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Part, beads (T, 2), (T, 3) or (T, 4) and r F (T, 6), kJ/mol, of all bonds, angles, dihedrals and impropers of a kind."""
+    bonded = [extra for extra in beside_pairs(present.plan) if isinstance(extra, BondedKernel)]
+    return [(extra.called.split()[-1], *BondedStress(extra).each(present.x, present.box)) for extra in bonded]
 
 
 def _share(found: np.ndarray, beads: np.ndarray, values: np.ndarray) -> None:

@@ -1,0 +1,137 @@
+"""Stress in slabs: beside a loop over pairs, the tensor of the whole box, and mechanical equilibrium of a liquid film."""
+
+import numpy as np
+import oracle
+import pytest
+from cases import raises
+from judged import any_seed, bounded
+from scenes import MASSES, PLAIN
+
+import openmm_dpd as dpd
+from openmm_dpd.analysis import surface_tension
+from openmm_dpd.measure import SlabStressReporter, StressReporter
+from openmm_dpd.measure.slabs import along_lines
+
+LIQUID = dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75, kernel="quadratic")
+#: Tilted so that z, and only z, is an axis along which no other vector points.
+TILTED = np.array([[4.1, 0, 0], [1.2, 3.9, 0], [0, 0, 5.0]])
+
+
+def chains(table, box=TILTED, n=120, **more) -> dpd.Scene:
+    """Beads strewn over images, bonded in pairs of which some are longer than a slab."""
+    rng = np.random.default_rng(4)
+    x = rng.random((n, 3)) @ box
+    x[1::2] = x[::2] + rng.normal(0, 0.4, (n // 2, 3))
+    x += rng.integers(-1, 2, (n, 3)) @ box
+    v = rng.normal(size=(n, 3))
+    bonds = [dpd.HarmonicBonds(np.arange(n).reshape(-1, 2), 30.0, 0.6)]
+    names = ["A"] * (n // 2) + ["B"] * (n // 2)
+    return dpd.Scene(MASSES, names, x, table, kT=1.0, box=box, bonds=bonds, bonded_factors=(1, 1, 1), velocities=v, **more)
+
+
+def both(scene, scheme="middle", bins=13, axis="z", steps=0, **options) -> tuple[SlabStressReporter, StressReporter]:
+    built = dpd.build(scene, dt=0.01, scheme=scheme, seed=1, **options)
+    found = SlabStressReporter(5, built, axis=axis, bins=bins), StressReporter(5, built)
+    simulation = built.simulation()
+    for reporter in found:
+        reporter.report(simulation, None)
+    simulation.reporters += found
+    simulation.step(steps)
+    return found
+
+
+def test_slabs_agree_with_a_loop_over_pairs():
+    """Two types, masses and bonds; each line is followed point by point."""
+    scene, bins, points = chains(PLAIN), 13, (np.arange(2000) + 0.5) / 2000
+    slabs, _ = both(scene, "bababo", bins)
+    x, v, m = scene.positions, scene.velocities, scene.bead_masses
+    expected = np.zeros((bins, 3, 3))
+    for i in range(len(x)):
+        expected[int(x[i, 2] / 5.0 % 1.0 * bins)] += m[i] * np.outer(v[i], v[i])
+
+    def share(r, force, at):
+        numbers = np.floor((at - points * r[2]) / 5.0 % 1.0 * bins).astype(int)
+        expected[:] += np.bincount(numbers, minlength=bins)[:, None, None] / len(points) * np.outer(r, force)
+
+    for i in range(len(x)):
+        for j in range(i + 1, len(x)):
+            r = oracle.minimum_image(x[i] - x[j], TILTED)
+            d = np.linalg.norm(r)
+            if d < 1.0:
+                a = PLAIN[tuple(sorted((scene.types[i], scene.types[j])))].A
+                share(r, a * (1 - d) * r / d, x[i, 2])
+            if j == i + 1 and i % 2 == 0:
+                share(r, -2 * 30.0 * (d - 0.6) * r / d, x[i, 2])  # U = k (r - r0)^2
+    volume = np.linalg.det(TILTED) / bins
+    expected = np.stack([expected[:, a, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))], axis=1) / volume
+    np.testing.assert_allclose(slabs.pressures[0], expected, atol=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("case", ["middle", "mvv", "aboba", "many-body", "overlay"])
+def test_slabs_add_up_to_the_tensor_of_the_box(case):
+    """To rounding, for every kind of pair term with a tensor, along every axis of a box with right angles, and after steps."""
+    table = {("*", "*"): LIQUID} if case == "many-body" else PLAIN
+    tables = [table, {("*", "*"): dpd.LennardJones(0.3, 0.4, cutoff=1.1)}] if case == "overlay" else table
+    edges = TILTED if case == "middle" else np.diag([4.1, 3.9, 5.0])
+    for axis in "z" if case == "middle" else "xyz":
+        slabs, whole = both(
+            chains(tables, edges), case if case in ("mvv", "aboba") else "middle", axis=axis, steps=0 if case == "overlay" else 5
+        )
+        np.testing.assert_allclose(slabs.pressures.mean(axis=1), whole.pressures, rtol=1e-11, atol=1e-11 * np.abs(whole.pressures).max())
+        assert np.isnan(slabs.tensor[1]).all() and slabs.centres[0] == pytest.approx(edges["xyz".index(axis), "xyz".index(axis)] / 26)
+        assert slabs.pressures.shape == (1 + (case != "overlay"), 13, 6)
+
+
+def test_lines_are_shared_by_length():
+    """A line over several slabs and around the box; one within a slab; one of no length; along a boundary."""
+    values = np.array([[1.0], [2.0], [4.0], [8.0]])
+    found = along_lines(np.array([3.5, 1.2, 0.5, 2.0]), np.array([2.0, 0.5, 0.0, -1.0]), values, 4)[0]
+    np.testing.assert_allclose(found, [0.5 + 4.0, 0.25 + 2.0 + 8.0, 0.0, 0.25], atol=1e-14)
+
+
+def film(seed: int, steps: int):
+    edges, spacing = np.array([6.0, 6.0, 12.0]), 6.0 ** (-1 / 3)
+    axes = [np.arange(spacing / 2, edge, spacing) for edge in (6, 6, 5)]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + [0, 0, 3.5]
+    scene = dpd.Scene({"L": 1.0}, ["L"] * len(x), x, {("L", "L"): LIQUID}, kT=1.0, box=edges)
+    built = dpd.build(scene, dt=0.02, scheme="middle", seed=seed)
+    simulation, slabs, whole = built.simulation(), SlabStressReporter(10, built, bins=24), StressReporter(10, built)
+    simulation.step(1000)
+    simulation.reporters += [slabs, whole]
+    simulation.step(steps)
+    return slabs, whole
+
+
+@pytest.mark.slow
+@any_seed(3)
+def test_a_film_is_in_equilibrium(seed):
+    """The normal component is 0, the pressure of the vapour, in every slab; the integral is the tension from the whole box.
+
+    Components in the middle of the liquid are equal; at the surface the tangential one is below -3, so a wrong path would show."""
+    slabs, whole = film(seed, 6000)
+    tension = 2 * surface_tension(whole.pressures, whole.edges[:, 2]).mean
+    assert slabs.tensions.sum(axis=1).mean() == pytest.approx(tension, rel=1e-10)
+    rows = slabs.pressures
+    for slab in range(24):
+        mean, _, bound = bounded(rows[:, slab, 2])
+        assert abs(mean) < bound + 1e-12 and bound < 0.6
+    middle = slice(10, 14)
+    mean, _, bound = bounded((rows[:, middle, 2] - rows[:, middle, :2].mean(axis=2)).mean(axis=1))
+    assert abs(mean) < bound < 0.6 and slabs.tensor[0][:, :2].mean(axis=1).min() < -3.0
+
+
+def test_what_has_no_stress_in_slabs_is_refused():
+    box = np.diag([4.1, 3.9, 5.0])
+    triples = [dpd.HarmonicAngles(np.array([[0, 1, 2]]), 5.0, 2.0)]
+    tilted = TILTED + np.array([[0, 0, 0], [0, 0, 0], [0.5, 0, 0]])
+    for scene, message, axis in (
+        (chains(PLAIN, box, angles=triples), "stress of angles is not known in slabs", "z"),
+        (chains(PLAIN, tilted), "use z", "x"),
+        (chains(PLAIN, box), "axis must be", "r"),
+        (chains(PLAIN, box, shear=dpd.LeesEdwards(0.1)), "stress of shear", "z"),
+        (chains(PLAIN, box, mobile=np.arange(120) > 0), "walls take up momentum", "z"),
+    ):
+        built = dpd.build(scene, dt=0.01, scheme="bababo", seed=1)
+        raises(dpd.ParameterError, message, SlabStressReporter, 1, built, axis)
+    built = dpd.build(chains(PLAIN, box), dt=0.01, seed=1)
+    raises(dpd.ParameterError, "no samples yet", lambda: SlabStressReporter(1, built).centres)
