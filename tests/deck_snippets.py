@@ -265,7 +265,9 @@ SNIPPETS: dict[str, dict[str, str]] = {
             }.items()
         },
         "wall/region": deck(before="region r sphere 1.5 1.5 1.5 0.1 side out units box\nfix soft all wall/region r harmonic 5.0 1.0 1.5"),
-        "bond/create": deck("bonds", before="fix f all bond/create 2 1 1 0.6 1 iparam 3 1 jparam 3 1 prob 0.7 77 atype 1\n" + averaged("f_f[2]")),
+        "bond/create": deck(
+            "bonds", before="fix f all bond/create 2 1 1 0.6 1 iparam 3 1 jparam 3 1 prob 0.7 77 atype 1\n" + averaged("f_f[2]")
+        ),
         "bond/break": deck("bonds", before="delete_bonds all angle 1 remove\nfix b all bond/break 2 1 0.5\n" + averaged("f_b[2]")),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),
         "print": deck(before='fix say all print 2 "at $(step) $(temp)" file say.txt title begun'),

@@ -1,6 +1,5 @@
 """Bonds that form and break: against trials written out in numpy, forces of bonds that stay, restarts, threads, and equilibrium."""
 
-import copy
 import io
 
 import numpy as np
@@ -193,27 +192,6 @@ def test_momentum_is_conserved_and_runs_do_not_depend_on_cuts_threads_or_restart
 
 def _sort(k=20.0, r0=0.3, pairs=()):
     return dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": k, "r0": r0}, pairs)
-
-
-def test_two_contexts_and_a_copy_of_the_integrator_keep_their_own_bonds():
-    built = dpd.build(scene(both(every=(5, 100))), dt=0.04, platform="CPU", seed=3)
-    simulation = built.simulation()
-    simulation.step(10)
-    energy = state(simulation)[2]
-    other = copy.deepcopy(built.integrator)
-    fresh = type(simulation.context)(built.system, other, simulation.context.getPlatform())
-    fresh.setPositions(simulation.context.getState(positions=True).getPositions())
-    assert len(dpd.read_bonds(fresh, built.plan)) in (2, len(dpd.read_bonds(simulation.context, built.plan)))
-    fresh.getState(energy=True)
-    assert state(simulation)[2] == energy
-    fresh.setState(simulation.context.getState(positions=True, velocities=True, parameters=True, integratorParameters=True))
-    other.step(5)
-    alone = fresh.getState(energy=True).getPotentialEnergy()._value
-    simulation.step(5)
-    assert state(simulation)[2] == alone
-    cloned = type(simulation.context)(openmm.XmlSerializer.clone(built.system), copy.copy(other), simulation.context.getPlatform())
-    cloned.setPositions(simulation.context.getState(positions=True).getPositions())
-    assert cloned.getState(energy=True).getPotentialEnergy()._value == alone
 
 
 def test_two_threads_make_the_same_bonds():

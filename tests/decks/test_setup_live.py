@@ -186,7 +186,6 @@ DECKS["overlap beside exclusions"] = (
 )
 FORMING = MOLECULES + "special_bonds lj/coul 1 1 1\ncreate_atoms 3 random 300 9 NULL overlap 0.3 units box\n"
 DECKS |= {
-    "bonds with angles": FORMING + "fix g all bond/create 3 3 3 0.75 2 iparam 2 3 jparam 2 3 atype 2\n",
     # on chains that are there, with an angle at either end of a bond
     "bonds with angles beside others": FORMING + "fix g all bond/create 2 1 3 0.8 1 iparam 4 1 jparam 2 3 atype 1\n"
     "fix h all bond/create 5 2 3 0.7 2 iparam 3 2 jparam 1 3 atype 1\n",
