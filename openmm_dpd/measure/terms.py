@@ -5,10 +5,11 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError
-from ..base.names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP
+from ..base.names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, SHOWN
 from ..base.units import to_md, whole_number
 from ..kernels.layer import DISSIPATIVE, RANDOM
 from ..kernels.shear import add_flow, rate_at
+from ..plan.forces.thread_state import Shown
 from ..plan.made import groups_of
 from ..simulation.built import BuiltSystem
 from .observer import require_built
@@ -62,6 +63,10 @@ def force_terms(
     integrator = openmm.VerletIntegrator(plan.options.dt)
     context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
     context.setPositions(x)
+    if SHOWN in context.getParameters():
+        start = None if spec.fields is None or not spec.fields.acts else spec.fields.initial
+        shown = Shown(function.steps.reactions.initial if function is not None and scene.reactions else None, start).kept()
+        context.setParameter(SHOWN, shown.number)
     used = built.integrator.getIntegrationForceGroups()
     groups = {g for g in range(32) if used & (1 << g)}
     others = [] if built.integrator.made is None else built.integrator.made.others(built.system.getForces())

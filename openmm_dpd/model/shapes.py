@@ -262,5 +262,6 @@ def plane_walls(walls: Sequence[Wall | SolidWall]) -> Sequence[Wall]:
     """The walls if they are planes, none if all have a shape; ParameterError if there are both."""
     solids = [isinstance(wall, SolidWall) for wall in walls] if isinstance(walls, Sequence) else []
     if isinstance(walls, SolidWall) or (any(solids) and not all(solids)):
-        raise ParameterError("walls must be a sequence of planes (Wall), or of shapes (SolidWall), such as FormulaShape('z - 1')")
+        kinds = "planes (Wall), or of shapes (SolidWall), not of both"
+        raise ParameterError(f"walls must be a sequence of {kinds}; SolidWall(FormulaShape('z - 1')) is a plane, too")
     return () if any(solids) else walls  # type: ignore[return-value]  # no other is left

@@ -159,8 +159,6 @@ def export_deck(
 
 
 def _write(job: Job, directory: Path) -> LammpsExport:
-    if job.scene.reactions:
-        raise ParameterError("bonds that form and break cannot be exported")
     texts = export_texts(job)
     job.differences.warn(3)
     with writing(directory, "the folder"):

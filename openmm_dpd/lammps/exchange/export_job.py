@@ -74,7 +74,8 @@ def _refuse_unknown(scene: Scene) -> None:
         value = getattr(scene, item.name)
         default = item.default if item.default is not MISSING else None
         if value is not None and not (isinstance(value, (tuple, str, int, float)) and value == default):
-            raise ParameterError(f"`{item.name}` of the scene cannot be exported to LAMMPS: {value!r}")
+            kinds = ", ".join(dict.fromkeys(type(each).__name__ for each in value)) if isinstance(value, tuple) else what_is(value)
+            raise ParameterError(f"`{item.name}` of the scene cannot be exported to LAMMPS: {kinds}")
 
 
 def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, corner, images=None) -> Job:
