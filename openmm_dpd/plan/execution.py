@@ -38,8 +38,8 @@ class Execution:
     held : frozenset of str
         What the pair kernel holds of the scene beside its pair terms; the rest is OpenMM's.  Kinds of bonds, angles, ... by name
         ("harmonic bonds"), "overlays", "segments", "body forces", "walls" and "charges".
-    precision : {"double", "single"}
-        What positions, velocities and forces of the platform have at least.
+    precision : {"double", "mixed", "single"}
+        What positions and velocities of the platform have at least, unless another precision is asked for.
     slow : bool
         On the device: whether charges and forces of others kick before and after a step, as beside the loop, and not at every ``B``.
     why : dict

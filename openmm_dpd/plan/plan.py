@@ -25,7 +25,7 @@ from ..model.temperature import TemperatureRamp
 from .charge_forces import few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, listed, platform_name, predicting
 from .continuum import check_driven, driven_walls
-from .device import DEVICE, chosen_engine
+from .device import DEVICE, PRECISION, chosen_engine
 from .execution import (
     DOUBLE_PLATFORMS,
     REACTING,
@@ -313,7 +313,7 @@ def make_plan(
         steps="openmm" if chosen.native else "device" if whole else "program" if no_loop else "loop",
         conservative=where,
         held=held,
-        precision="double" if double else "single",
+        precision="double" if double else PRECISION if on_device else "single",
         slow=whole and loop and host is None,
         why={
             "engine": why_engine,

@@ -102,6 +102,7 @@ public:
     }
     const DPDDeviceForce& getOwner() const override { return owner; }
     void updateContextState(ContextImpl& context, bool& forcesInvalid) override {
+        forcesInvalid |= kernel.getAs<DPDDeviceKernel>().wrap(context);
         if ((int) context.getParameter("dpd_phase") < RUN)
             return;
         if (constrained)

@@ -60,6 +60,8 @@ public:
     virtual void initialize(const OpenMM::System& system, const DPDDeviceForce& force) = 0;
     // For calcForcesAndEnergy
     virtual double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) = 0;
+    // What is far from the box goes back into it, at steps with certain numbers; returns whether anything was moved
+    virtual bool wrap(OpenMM::ContextImpl& context) = 0;
     // A whole step; others: groups of the other Forces that act in it
     virtual void step(OpenMM::ContextImpl& context, int others) = 0;
 };

@@ -32,10 +32,13 @@ public:
     void give() {}
     // Whether somebody may have moved beads since the last step: forces were evaluated, or it was not OpenMM's count of steps alone that went on
     bool touched() { return std::make_tuple(cc.getComputeForceCount(), cc.getStepCount(), cc.getStepsSinceReorder()) != expected; }
+    void forget() { expected = std::make_tuple(-1, -1LL, -1); }
     void note() { expected = std::make_tuple(cc.getComputeForceCount(), cc.getStepCount()+1, cc.getStepsSinceReorder()+1); }
     void beforeOthers() { stepsBefore = cc.getStepsSinceReorder(); }
     bool afterOthers() { return stepsBefore > 0 && cc.getStepsSinceReorder() == stepsBefore; } // whether beads have the order they had
 
+    bool wrap(const std::vector<std::vector<int> >& molecules, double far);
+    void copy(Base& from, Array& to) { from.copyTo(to); }
     void make(Array& array, Kind kind, size_t size);
     void clear(Array& array) { cc.clearBuffer(array); }
     void upload(Array& array, Kind, const std::vector<int>& values) { array.upload(values); }
@@ -106,7 +109,7 @@ private:
     const bool wide;
     int stepsBefore = 0;
     long long bytes = 0; // of arrays
-    std::tuple<int, long long, int> expected;
+    std::tuple<int, long long, int> expected; // counts of OpenMM at the next step
     std::map<std::string, OpenMM::ComputeKernel> kernels;
 };
 
@@ -117,9 +120,11 @@ public:
         DPDDeviceKernel(name, platform), cc(cc), device(cc), names(names) {}
     void initialize(const OpenMM::System& system, const DPDDeviceForce& force) override;
     double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) override;
+    bool wrap(OpenMM::ContextImpl& context) override;
     void step(OpenMM::ContextImpl& context, int others) override;
 private:
     class ForceInfo;
+    class Listener;
     void compile();
     OpenMM::ComputeContext& cc;
     CommonDevice device;

@@ -167,6 +167,23 @@ public:
         return device.result(includeForces, includeEnergy);
     }
 
+    // Molecules that are far from the box go back into it, for digits of positions are few.  When that is is a matter of the count of steps, which
+    // States and checkpoints have: no bit depends on calls of step() or restarts.
+    bool wrap(OpenMM::ContextImpl& context) {
+        if (!fluid.periodic || context.getStepCount()%1000 != 0)
+            return false;
+        here = 0;
+        bool known = haveKept && !moved();
+        if (!device.wrap(context.getMolecules(), 1000*fluid.maxCutoff()))
+            return false;
+        if (known) {
+            device.copy(position(), posB);
+            if (device.mixed())
+                device.copy(correction(), corrB);
+        }
+        return true;
+    }
+
     // A whole step, from OpenMM's positions and velocities to OpenMM's.  Beside a word the forces of groups that are not fast kick before and after it.
     void step(OpenMM::ContextImpl& context, int others) {
         Now now = at(context);
@@ -405,6 +422,8 @@ private:
             device.clear(flags);
         if (stop)
             begun = false; // measured anew: a step may need more of everything
+        if (stop & FEW_PASSES && f[BOUND] >= 2000000000)
+            throw OpenMM::OpenMMException("a bead has more than some thousand others within its cutoff, too many for pair updates");
         if (stop & FEW_PASSES && 0.5*now.dt*unit(now)*f[BOUND] > passRange[MOST_PASSES-1])
             throw OpenMM::OpenMMException("friction times step size is too large for pair updates; take a shorter step, or less friction");
         if (stop && !again)
@@ -462,8 +481,12 @@ private:
         if (others && !haveBeside)
             device.make(beside, Kind::Long, 3*device.padded());
         haveBeside = others != 0;
-        if (anew || moved() || (differ && others && !renewed(context, others)))
-            kick(context, now, others, 0, 0, &device.velm());
+        bool changed = !anew && moved();
+        if (anew || changed || (differ && others && !renewed(context, others))) {
+            Now then = now; // the noise is that of the last half kick
+            then.kT = changed ? keptKT : now.kT;
+            kick(context, then, others, 0, 0, &device.velm());
+        }
         move(now, 0.5, 1, lam);
         now.counter++;
         kick(context, now, others, 0.5, 0, &seen);
@@ -482,6 +505,7 @@ private:
     void keep(const Now& now) {
         device.note();
         keptStep = now.dt;
+        keptKT = now.kT;
         keptBox = edges;
         keptTilt = tilt;
         haveKept = true;
@@ -598,7 +622,7 @@ private:
     double inverseMass = 0, expected = 0;      // the largest 1/m; the bound of eigenvalues for which passes are launched
     std::vector<double> passRange;
     Mixed4 edges, inverse, tilt, keptBox, keptTilt;
-    double keptStep = 0;
+    double keptStep = 0, keptKT = 0;
     bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox, with noise for keptStep
     bool sweeping = false, haveSeen = false, haveBeside = false, haveSlow = false, haveCopies = false; // which arrays were made beyond those that all need
     int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;

@@ -1,7 +1,7 @@
 // Pair terms of DPD and whole steps on cells of our own: one source for OpenCL, CUDA, HIP and C++.
 //
 // Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the order of beads in a cell nor that of threads changes a
-// bit (but of energies), and that momentum is conserved to the last one.
+// bit, and that momentum is conserved to the last one.
 //
 // On a CPU a thread does all for its bead.  On a GPU LANES threads of a block share one: each looks for partners in other cells, what they find is
 // listed in the memory of the block (else nearly all threads of a warp would wait while one draws noise), each takes its part of the list, and
@@ -19,6 +19,7 @@
 #define MOST_IN_ROW 2
 #define BOUND 3       // of the eigenvalues of M^-1 G, in units of 2^-20 of the rate that the host passes
 #define MOST_BOUND 4
+#define TOO_LARGE 2000000000 // for such a bound
 #define WHO 5         // index of a bead that runs away
 #define WHEN 6        // the number of the launch that has set STOP
 #define MOVED 7       // of the launch that has found other positions than those kept
@@ -106,6 +107,14 @@ DEVICE real dpdNormal(mm_ulong bits, GLOBAL const real4* RESTRICT cubics) {
         }
     }
     return (bits>>63) != 0 ? -z : z;
+}
+
+// Whether a number is finite, by its bits: compilers that are told that all numbers are leave out comparisons.
+DEVICE bool dpdFinite(mixed x) {
+    union { mixed value; unsigned int words[sizeof(mixed)/4]; } bits;
+    bits.value = x;
+    const unsigned int exponent = sizeof(mixed) == 4 ? 0x7F800000 : 0x7FF00000;
+    return (bits.words[sizeof(mixed)/4-1]&exponent) != exponent;
 }
 
 DEVICE mixed3 dpdLoad(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, int i) {
@@ -445,13 +454,14 @@ KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const re
         GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, BOX) {
     if (STOPPED)
         return;
-    SHARED(3)
+    SHARED(4)
     mixed energy = 0;
     EACH_BEAD
-        mm_long f[3] = {0, 0, 0};
-        EACH_PARTNER(vel, energy += dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f))
-        TOGETHER(f, 3)
+        mm_long f[4] = {0, 0, 0, 0};
+        EACH_PARTNER(vel, f[3] += realToFixedPoint(dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f)))
+        TOGETHER(f, 4)
         if (SUMMED) {
+            energy += (mixed) f[3]/(mixed) 0x100000000;
             ATOMIC_ADD(&force[i], (mm_ulong) f[0]);
             ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) f[1]);
             ATOMIC_ADD(&force[i+2*STRIDE], (mm_ulong) f[2]);
@@ -506,7 +516,8 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed3 x = dpdLoad(pos, corr, i);
         mixed4 v = velm[i];
-        if (fastest2 != 0 && v.w != 0 && !(v.x*v.x+v.y*v.y+v.z*v.z <= max(fastest2, hottest*v.w))) {
+        bool finite = dpdFinite(v.x) && dpdFinite(v.y) && dpdFinite(v.z);
+        if (fastest2 != 0 && v.w != 0 && (!finite || v.x*v.x+v.y*v.y+v.z*v.z > max(fastest2, hottest*v.w))) {
             HALT(RUNAWAY)
             flags[WHO] = atomIndex[i];
         }
@@ -711,7 +722,10 @@ KERNEL BOUNDS void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
         if (SUMMED) {
             mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
             // Gershgorin's bound
-            int bound = (int) ((real) (unit*sums[6])*SQRT((real) v.w)*1048576)+1, n = ENTRIES;
+            real most = (real) (unit*sums[6])*SQRT((real) v.w)*1048576;
+            int bound = most < TOO_LARGE ? (int) most+1 : TOO_LARGE, n = ENTRIES;
+            if (bound == TOO_LARGE)
+                HALT(FEW_PASSES)
             if (bound > flags[BOUND])
                 ATOMIC_MAX(&flags[BOUND], bound);
             if (bound > flags[MOST_BOUND])

@@ -168,6 +168,7 @@ public:
         begin();
         return engine->execute(context, includeForces, includeEnergy);
     }
+    bool wrap(ContextImpl&) override { return false; } // double precision goes farther than any bead
     void step(ContextImpl& context, int others) override {
         begin();
         engine->step(context, others);

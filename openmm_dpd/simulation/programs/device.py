@@ -47,6 +47,11 @@ def _verlet(p: Program) -> Program:
     p.declare_per_dof("acc", "acceleration at x, with friction and noise")
     p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
+    if p.options.ramp is not None:  # before the temperature goes on: the noise is that of the last half kick
+        with _drawing_alike(p, "valid_for", "-1", "is there no acceleration?"):
+            p.phase(Phase.FORCE_SEEN)
+            p.each("acc", f"{p.kicking}/m", "all forces, with friction of the present velocities")
+            p.set("valid_for", "1")
     with _drawing_alike(p, "valid_for", "1", "is there an acceleration from outside?"):
         _exchange(p, "v", "acc")
     _run(p, 1)
@@ -67,10 +72,12 @@ def _drawing_alike(p: Program, name: str, value: str, why: str) -> Iterator[None
     begun = len(p.steps)
     with p.when(f"{name} = {value}", why):
         yield
-    lines = sum(step.kind == "global" for step in p.steps[begun:])
+    block = p.steps[begun:]
+    del p.steps[begun:]
     with p.when(f"{name} != {value}", "random numbers are drawn for every line: as many in every step"):
-        for _ in range(lines):
+        for _ in range(sum(step.kind == "global" for step in block)):
             p.set(name, name)
+    p.steps += block  # behind, since it may change the variable
 
 
 def _exchange(p: Program, target: str, source: str, block: int = 0) -> None:
