@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import openmm
 import pytest
-from cases import cases, raises
+from cases import cases, each_with, raises
 from devices import DEVICES
 from openmm import unit
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
@@ -211,7 +211,12 @@ def test_opposite_charges_at_the_same_point(device):
     assert np.isfinite(dpd.Observer(built).sample(simulation.context).potential)
 
 
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo", "native"])
+@cases(
+    "device, scheme",
+    *each_with(DEVICES, lambda _: ("mvv", "shardlow", "middle", "aboba", "bababo", "native"), 4),
+    indirect=["device"],
+    ids=str,
+)
 def test_every_scheme_runs_with_charges(scheme, device):
     x, q = electrolyte(81, 3.0, 10)
     pairs = {("W", "W"): dpd.DPD(A=25.0, gamma=4.5)}

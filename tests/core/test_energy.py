@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import oracle
 import pytest
-from cases import raises
+from cases import every_pair, raises
 from devices import DEVICES
 from judged import any_seed, judge, ratios
 from kinds import ENERGY, TABULATED
@@ -128,8 +128,7 @@ def test_steps_on_reference(scheme, conservative, make):
     compare(make(), DEVICES[0], scheme, conservative, 3e-11)
 
 
-@SCHEME
-@pytest.mark.parametrize("conservative", ["kernel", "openmm"])
+@every_pair("device, scheme, conservative", DEVICES, SCHEMES, ("kernel", "openmm"), indirect=["device"])
 def test_steps_on_every_device(device, scheme, conservative):
     limit = 3e-11 if device.exact and conservative == "kernel" else device.choose(2e-5, 2e-5, 3e-3)
     compare(with_walls(), device, scheme, conservative, limit)

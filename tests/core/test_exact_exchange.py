@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import oracle
 import pytest
-from cases import raises
-from devices import CPU, REFERENCE
+from cases import every_pair, raises
+from devices import CPU, DEVICES, REFERENCE
 from judged import any_seed
 from scenes import BOXES, fluid, state_of, step_all, stepped
 from scipy.linalg import expm
@@ -30,8 +30,7 @@ def ends(simulation):
     return *state_of(simulation.context), raw_fields(simulation.context, simulation.built.plan.spec.fields)
 
 
-@pytest.mark.parametrize("scheme", ["middle", "bababo", "shardlow"])
-@pytest.mark.parametrize("make", [heat_scene, species_scene])
+@every_pair("device, make, scheme", DEVICES, (heat_scene, species_scene), ("middle", "bababo", "shardlow"), indirect=["device"])
 def test_words_on_every_device(device, make, scheme):
     """Sources and beads that do not move included, against the Reference platform."""
     scene = make()

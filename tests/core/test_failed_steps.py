@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import openmm
 import pytest
-from cases import raises
-from devices import Device
+from cases import every_pair, raises
+from devices import DEVICES, Device
 from openmm import unit
 from scenes import beads, fluid, state_of
 from tired import Tired
@@ -106,9 +106,14 @@ def fails_at_every_call(kind, device, scheme, conservative, calls, limit) -> Non
     assert failed > 1
 
 
-@SCHEME
-@pytest.mark.parametrize("conservative", ["openmm", "kernel"])
-@pytest.mark.parametrize("kind", ["plain", "ramp"])
+@every_pair(
+    "host, scheme, conservative, kind",
+    [device for device in DEVICES if device.exact],
+    SCHEMES,
+    ("openmm", "kernel"),
+    ("plain", "ramp"),
+    indirect=["host"],
+)
 def test_a_force_that_raises_leaves_a_whole_step(host, scheme, conservative, kind):
     """Wherever in a step the force of the user's is asked."""
     exact = host.platform == "Reference" or conservative == "kernel"

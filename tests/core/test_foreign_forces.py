@@ -10,6 +10,7 @@ import foreign_forces as cells
 import numpy as np
 import openmm
 import pytest
+from cases import every_pair
 from foreign_forces import FORCE, STEPS, Cell, covering, lacking, outcome, state
 from openmm import app, unit
 from scenes import BOXES, EXTENDED, beads, fluid, place, stepped
@@ -177,10 +178,7 @@ def test_a_force_on_some_beads_leaves_immobile_ones_alone(scheme, platform):
 
 
 # -- the same force in two ways --------------------------------------------------------------------------------------------------------
-@SCHEME
-@HOST
-@CONSERVATIVE
-@pytest.mark.parametrize("group", [0, 7, 30])
+@every_pair("scheme, platform, conservative, group", SCHEMES, HOSTS, ("openmm", "kernel"), (0, 7, 30))
 def test_a_bond_is_a_bond_whoever_makes_it(scheme, platform, conservative, group):
     """Stiff bonds in the fluid, by the scene and by OpenMM's force: the first steps are the same.
 

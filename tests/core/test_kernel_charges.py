@@ -7,7 +7,7 @@ import numpy as np
 import openmm
 import pytest
 import reference_forces as check
-from cases import raises
+from cases import every_pair, raises
 from oracle_charges import gaussian_tail, lattice_sum, slater_tail
 
 import openmm_dpd as dpd
@@ -99,9 +99,7 @@ def exact(kind, x, q, vectors, factors):
     return 2 * energy, 2 * forces, 2 * virial
 
 
-@EVERY_KIND
-@EVERY_BOX
-@pytest.mark.parametrize("total", [0.0, 1.5])
+@every_pair("kind, box, total", list(KINDS), list(BOXES), (0.0, 1.5))
 def test_exact_sums(kind, box, total):
     """Beads beyond the box, exceptions, a pair at the same point, a net charge."""
     x, q = beads(box, total=total)

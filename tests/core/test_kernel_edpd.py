@@ -3,7 +3,7 @@
 import numpy as np
 import oracle_meso as oracle
 import pytest
-from cases import raises
+from cases import every_pair, raises
 from reference_forces import (
     COUNTER,
     DT,
@@ -221,13 +221,11 @@ def swept(scene, scheme="middle", dt=DT, counter=COUNTER):
     return engine, change, engine.increments[:, 0].copy()
 
 
-@pytest.mark.parametrize("scheme", ["middle", "shardlow"])
-@pytest.mark.parametrize("dt", [DT, 3.0])
-@BOX
+@every_pair("box, dt, scheme", list(BOXES), (DT, 3.0), ("middle", "shardlow"))
 def test_a_sweep_equals_the_oracle(box, dt, scheme):
     """Beads that do not move, polynomials, all ranges; at the longer step moves are rejected."""
-    mobile = np.arange(fluid(box=box).n_beads) % 4 > 0
-    scene = warm_fluid(box, mobile=mobile)
+    mobile = np.arange(fluid(box=BOXES[box]).n_beads) % 4 > 0
+    scene = warm_fluid(BOXES[box], mobile=mobile)
     n, masses = scene.n_beads, np.where(mobile, scene.bead_masses, np.inf)
     engine, change, gained = swept(scene, scheme, dt)
     motion, heat = noise_matrices(n)

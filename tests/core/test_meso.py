@@ -8,7 +8,7 @@ import openmm
 import oracle
 import oracle_meso
 import pytest
-from cases import cases, raises
+from cases import cases, every_pair, raises
 from devices import DEVICES
 from judged import any_seed
 from kinds import HEAT, SPECIES
@@ -85,8 +85,7 @@ class Rates:
         return force, rates
 
 
-@pytest.mark.parametrize("lam", [0.5, 0.65])
-@pytest.mark.parametrize("make", [heat_scene, species_scene])
+@every_pair("device, make, lam", DEVICES, (heat_scene, species_scene), (0.5, 0.65), indirect=["device"])
 def test_steps_on_every_device(device, make, lam):
     """Temperatures are predicted with lambda, concentrations take half steps; walls keep theirs; sources act where beads are."""
     scene = make()
@@ -269,8 +268,7 @@ def test_local_density_is_a_measured_quantity(device):
     np.testing.assert_allclose(density, expected, rtol=1e-10)
 
 
-@pytest.mark.parametrize("kernel", ["quadratic", "lucy"])
-@pytest.mark.parametrize("scheme", ["mvv", "shardlow", "middle", "aboba", "bababo"])
+@every_pair("device, kernel, scheme", DEVICES, ("quadratic", "lucy"), ("mvv", "shardlow", "middle", "aboba", "bababo"), indirect=["device"])
 def test_many_body_scenes_on_every_device(device, kernel, scheme):
     """One step of every scheme on every platform, against Reference."""
     results = [state_of(stepped(running(density_scene(kernel), where, scheme=scheme), 3).context) for where in (DEVICES[0], device)]

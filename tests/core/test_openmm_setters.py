@@ -6,7 +6,7 @@ Beads farther apart than the cutoff of the pair terms feel the user's force alon
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import every_pair, raises
 from import_graph import ROOT
 from openmm_setters import BAROSTATS, FORCES, GENERIC, LIKE_ALL, METHODS, REFUSED, N, force_classes, setters
 from scenes import place, state_of
@@ -477,9 +477,7 @@ def pressed(way: str, name: str, frequency: int = 1, bonds: bool = True) -> Run:
     return Run(way, [barostat, molecule] if bonds else [barostat])
 
 
-@WAYS
-@pytest.mark.parametrize("name", BAROSTATS)
-@pytest.mark.parametrize("anew", [False, True])
+@every_pair("way, name, anew", ("own", "whole", "program"), list(BAROSTATS), (False, True))
 def test_barostats_are_switched_on_and_off(name, way, anew):
     run = pressed(way, name, frequency=0, bonds=way == "own")
     assert not moved(run).any()

@@ -7,7 +7,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
-from cases import cases, raises, refused
+from cases import cases, each_with, raises, refused
 from judged import any_seed
 from kinds import KINDS, N, hand_over, plain_context
 from openmm import app
@@ -52,8 +52,7 @@ def folded(scene: dpd.Scene, x, v, strain, rate) -> FoldedShear:
     return FoldedShear(x, v, EDGES, scene.type_ids, oracle_params(scene), 1 / scene.bead_masses, strain, rate)
 
 
-@pytest.mark.parametrize("kind", SHEARS)
-@pytest.mark.parametrize("word", ["middle", "B/5 A/2 3B/5 A/2 B/5 O", "O/2 A/3 B/2 A/3 S/2 B/2 A/3"])
+@cases("kind, word", *each_with(SHEARS, lambda _: ("middle", "B/5 A/2 3B/5 A/2 B/5 O", "O/2 A/3 B/2 A/3 S/2 B/2 A/3"), 2))
 def test_words_step_as_folded_beads_do(kind, word):
     """1e-11 after 12 steps, in which the images have passed each other: friction across the faces, transverse too, and the changing flow."""
     dt, scene, (_, strain, rate) = 0.03, sheared(kind), SHEARS[kind]

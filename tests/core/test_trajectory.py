@@ -54,7 +54,7 @@ def trajectory(psf):
 
 
 # -- PSF and load_topology -------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("beads", [48, 100_003])
+@pytest.mark.parametrize("beads", [48, pytest.param(100_003, marks=pytest.mark.slow)])
 def test_everything_comes_back(tmp_path, beads):
     """Names, masses (all digits), charges, molecules and bonds, also where indices have six digits."""
     names, masses, charges, bonds = scene(beads)

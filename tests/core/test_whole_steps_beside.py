@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import openmm
 import pytest
-from cases import cases
+from cases import cases, each_with
 from devices import Device
 from judged import any_seed, bounded, judge
 from kinds import SOLID, N, differences, everything, hand_over, made, plain_context, running, same, schemes_of
@@ -101,10 +101,9 @@ GROUPS = list(enumerate((0, 2, 12, 25)))
 PLACES = [(name, group, SCHEMES[(2 * n + shift) % len(SCHEMES)]) for n, name in enumerate(FORCES) for shift, group in GROUPS]
 
 
-@pytest.mark.parametrize("how", HOWS)
-@pytest.mark.parametrize("name, group, scheme", PLACES)
+@cases("name, group, scheme, how", *each_with(PLACES, lambda *_: HOWS, 3))
 def test_a_force_of_the_users_acts_in_full(name, group, scheme, how):
-    """N f t of momentum in 23 steps, for every force and place."""
+    """N f t of momentum in 23 steps, for every force and place, each in three of the ways."""
     gained, _, _ = run_with(FORCES[name], group, how, scheme, 23)
     expected = np.array([N * FORCE * 23 * DT, 0, 0])
     assert np.abs(gained - expected).max() < 1e-4 * expected[0]
@@ -130,8 +129,10 @@ def ends_of(hows, scheme: str, steps: int, kind: str = "dpd", **choices) -> list
     return [everything(*run_with(_well, 3, how, scheme, steps, kind, **choices)[1:]) for how in hows]
 
 
-@pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize("kind, scheme", [(kind, s) for kind in ("dpd", "energies", "ramp", "edpd") for s in schemes_of(kind)])
+@cases(
+    "kind, scheme, every",
+    *((kind, s, (1, 3)[(m + n) % 2]) for m, kind in enumerate(("dpd", "energies", "ramp", "edpd")) for n, s in enumerate(schemes_of(kind))),
+)
 def test_a_force_of_the_users_from_xml_kicks_as_in_the_loop(kind, scheme, every):
     """... before and after each step, or by impulses over three."""
     assert max(differences(*ends_of(("loop", "XML"), scheme, 20, kind, slow_every=every), 0.1).values()) < 1e-12
@@ -308,10 +309,10 @@ CHANGES = {  # Name -> what is done, and with which kinds.
 }
 
 
-#: The first kind with all schemes, the others with two of them each in turn.
+#: The first kind with three schemes, the others with two of them each.
 OTHERS = [(name, kind) for name, (_, kinds) in CHANGES.items() for kind in kinds[1:]]
-CHANGED = [(name, kinds[0], scheme) for name, (_, kinds) in CHANGES.items() for scheme in SCHEMES]
-CHANGED += [(*row, SCHEMES[(2 * n + k) % len(SCHEMES)]) for n, row in enumerate(OTHERS) for k in range(2)]
+CHANGED = each_with([(name, kinds[0]) for name, (_, kinds) in CHANGES.items()], lambda *_: SCHEMES, 3)
+CHANGED += each_with(OTHERS, lambda *_: SCHEMES, 2)
 
 
 @pytest.mark.parametrize("name, kind, scheme", CHANGED)
@@ -469,7 +470,7 @@ def test_a_context_that_changes_threads():
 
 
 # -- reporters ---------------------------------------------------------------------------------------------------------------------------
-@cases("kind, scheme", ("charged", "middle"), *((kind, scheme) for kind in ("dpd", "energies", "ramp") for scheme in SCHEMES))
+@cases("kind, scheme", ("charged", "middle"), *each_with(("dpd", "energies", "ramp"), lambda _: SCHEMES, 4))
 def test_reporters_do_not_change_a_run(kind, scheme, tmp_path):
     """Every step, every ten, every seven and never."""
     ends, times = [], []
@@ -508,8 +509,7 @@ def pressed(scheme: str, frequency: int, *, loop: bool = True, scene=None, dt: f
     return simulation
 
 
-@SCHEME
-@pytest.mark.parametrize("frequency", [1, 7, 25])
+@cases("scheme, frequency", *each_with(SCHEMES, lambda _: (1, 7, 25), 2))
 def test_barostats_try_as_often_as_they_should(scheme, frequency):
     """The volume can change in steps k frequency alone, and the noise is drawn once (twice) per step."""
     simulation, volumes = pressed(scheme, frequency), []

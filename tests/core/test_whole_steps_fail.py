@@ -9,7 +9,7 @@ import time
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import cases, each_with, every_pair, raises
 from kinds import N, everything, made, running, same
 from lines import Lines
 from scenes import beads, external_force
@@ -146,12 +146,10 @@ UNUSED = {("swept", "mvv"), ("keep", "middle"), *(("accelerate", case) for case 
 ERRORS = [dpd.RunError("too tired"), KeyboardInterrupt(), MemoryError("too tired")]
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
-@pytest.mark.parametrize(("owner", "name"), CALLS, ids=lambda value: value if isinstance(value, str) else "")
-@pytest.mark.parametrize("case", ["middle", "mvv", "energies", "force"])
-def test_calls_that_fail(case, owner, name, error, monkeypatch):
+@every_pair("case, call, error", ("middle", "mvv", "energies", "force"), CALLS, ERRORS)
+def test_calls_that_fail(case, call, error, monkeypatch):
     """At the first, third, ... call of ten steps: nothing has happened, the step is named, and the run goes on as if it had not been."""
-    chosen = (ALONE | BESIDE)[case]
+    (owner, name), chosen = call, (ALONE | BESIDE)[case]
     calm = started(*chosen)
     expected = all_of(calm)
     calm.integrator.step(12)
@@ -182,8 +180,7 @@ def test_calls_that_fail(case, owner, name, error, monkeypatch):
 CONTEXT_CALLS = ["setPositions", "setVelocities", "setParameter", "setStepCount", "setTime", "getState"]
 
 
-@pytest.mark.parametrize("name", CONTEXT_CALLS)
-@pytest.mark.parametrize("case", ["middle", "mvv", "energies", "ramp", "force", "ramp and force"])
+@cases("name, case", *each_with(CONTEXT_CALLS, lambda _: ("middle", "mvv", "energies", "ramp", "force", "ramp and force"), 4))
 def test_calls_of_openmm_that_fail(case, name, monkeypatch):
     """The first three calls of each kind in a piece, out of memory: nothing has happened, or all of the piece."""
     chosen = (ALONE | BESIDE)[case]
@@ -207,8 +204,7 @@ def test_calls_of_openmm_that_fail(case, name, monkeypatch):
     assert not wrong
 
 
-@pytest.mark.parametrize("scheme", ["middle", "mvv", "bababo", "O/2 B/2 A B/2 O/2"])
-@pytest.mark.parametrize("kind", ["dpd", "energies", "bonded", "ramp"])
+@cases("kind, scheme", *each_with(("dpd", "energies", "bonded", "ramp"), lambda _: ("middle", "mvv", "bababo", "O/2 B/2 A B/2 O/2"), 2))
 def test_a_force_of_the_users_that_raises(kind, scheme):
     """At any of its evaluations in ten steps."""
 

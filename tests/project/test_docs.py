@@ -40,15 +40,18 @@ WITH_SCRIPTS = [path for path in TEXTS if path.name != "README.md" and blocks(pa
 
 
 # -- scripts ---------------------------------------------------------------------------------------------------------------------
-#: Pages whose runs are a tenth as long here: numbers of steps, of rounds of them and of units of time.
-LONG = ("constant_pressure", "mixed", "molecules", "partition", "sampling", "schemes")
-LENGTHS = re.compile(r"(\.step\((?:simulation, )?\d\d+|for _ in range\(\d+|\"(?:time|settle)\": \d+)0")
+#: Pages whose runs are shorter here, and by how much: numbers of steps, of rounds of them and of units of time.
+SHORTER = dict.fromkeys(
+    ("bodies", "constant_pressure", "heat_species", "mixed", "molecules", "partition", "sampling", "schemes", "thermostat"), 10
+)
+SHORTER |= {"flow": 2, "membranes": 3, "shear": 2, "suite": 2}
+LENGTHS = re.compile(r"((?:\.step\((?:simulation, )?|for _ in range\(|\"(?:time|settle)\": |, time=))(\d{2,})")
 
 
 def script_of(path: Path) -> str:
     """All Python blocks of a page, in their order, as one script."""
     code = "\n".join(blocks(path.read_text(encoding="utf-8"), "python"))
-    return LENGTHS.sub(r"\1", code) if path.stem in LONG else code
+    return LENGTHS.sub(lambda found: f"{found[1]}{round(int(found[2]) / SHORTER.get(path.stem, 1))}", code)
 
 
 @pytest.mark.parametrize("path", WITH_SCRIPTS, ids=lambda path: path.stem)

@@ -71,6 +71,7 @@ def test_rdf_gives_the_measured_pressure(tmp_path, monkeypatch, seed):
     assert is_picture(tmp_path / "rdf.png")
 
 
+@pytest.mark.slow
 def test_peptide(tmp_path, monkeypatch):
     """Momentum stays at zero but for the rounding of the PME forces, and the temperature is about right from the start."""
     friction = dpd.DPD(gamma=5 * unit.dalton / unit.picosecond, cutoff=0.5 * unit.nanometer)
@@ -284,6 +285,7 @@ def test_drop_on_wall(tmp_path, monkeypatch):
     assert is_picture(tmp_path / "drop.png")
 
 
+@pytest.mark.slow
 def test_dense_melt(monkeypatch):
     """Fewer, shorter chains: no overlaps, an energy per atom like that of any melt, no explosion at constant pressure."""
     found = example("12_dense_melt", monkeypatch, CHAINS=6, LENGTH=70, STEPS=50).main()

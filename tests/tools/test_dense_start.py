@@ -65,6 +65,7 @@ def test_benzene():
     assert 100 < temperature < 400
 
 
+@pytest.mark.slow
 def test_water_with_virtual_sites():
     """TIP4P-Ew: the site is where its atoms say.  After 40 iterations of the minimiser the water still heats itself, to 380 K."""
     topology, system, x = dense.solution(app.ForceField("amber14/tip4pew.xml"), [], 290, 2.06, 3)
