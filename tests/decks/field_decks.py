@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -106,8 +107,14 @@ class FieldDeck:
     """The text of a deck, the files beside it, and the accuracy to which two programs must agree."""
 
     text: str
-    files: dict[str, str]
+    beads: Callable[[], str] | None
     accuracy: float
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Contents by names; data files are made when they are asked for."""
+        files = {"mol.lipid": LIPID, "mol.flat": LIPID.replace("2 0 0 0.6", "2 0.6 0 0").replace("3 0 0 1.2", "3 1.2 0 0")}
+        return files | ({} if self.beads is None else {"data.beads": self.beads()})
 
 
 def _inner(beads: Beads) -> Beads:
@@ -357,10 +364,8 @@ def _deck(beads: str, style: str, text: str) -> FieldDeck:
     tail = [f"thermo_style custom step {shown} {said.get('show', '')}", "thermo_modify norm no format float %.15g", "thermo 5"]
     last = "write_dump all custom last.dump id type xu yu zu vx vy vz modify sort id format float %.12g"
     text = "\n".join([*head, f"atom_style {style}", *body, *tail, *(runs or ["run 15"]), last]) + "\n"
-    files = {"mol.lipid": LIPID, "mol.flat": LIPID.replace("2 0 0 0.6", "2 0.6 0 0").replace("3 0 0 1.2", "3 1.2 0 0")}
-    if beads:
-        files["data.beads"] = BEADS[beads]().text(style, int(said.get("types", 0)))
-    return FieldDeck(text.replace("BEADS", f"read_data data.beads {said.get('reads', '')}"), files, float(said.get("accuracy", 1e-6)))
+    data = (lambda: BEADS[beads]().text(style, int(said.get("types", 0)))) if beads else None
+    return FieldDeck(text.replace("BEADS", f"read_data data.beads {said.get('reads', '')}"), data, float(said.get("accuracy", 1e-6)))
 
 
 DECKS: dict[str, FieldDeck] = {}
