@@ -32,6 +32,7 @@ DEVICE = register_engine(
         can=frozenset(
             (
                 "DPD",
+                "MDPD",
                 "friction as a force",
                 "exact pair updates",
                 "Shardlow's pair updates",
@@ -70,7 +71,7 @@ def chosen_engine(
         return "host", "it runs everything"
     if engine not in ("auto", DEVICE.name):
         return engine, "as asked for"
-    beyond = next((kind.name for kind in kinds if kind.name not in DEVICE.can), None)  # type: ignore[operator]
+    beyond = next((kind.name for kind in kinds if kind.device is None), None)
     reasons = {
         "OpenMM's own integrator steps": scheme.native,
         "there is no friction and no noise": not thermostat,

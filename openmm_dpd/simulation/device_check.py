@@ -79,7 +79,7 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
         between = v + 0.5 * conditions[1] * spec.inv_mass[:, None] * force
         expected = engine.forces(DISSIPATIVE | RANDOM, between, *conditions)[1]
         # friction makes the more of an error in velocities the stronger it is
-        friction = spec.terms[0].coefficients(conditions[0])[:, [GAMMA, GAMMA_PERP]].max()  # type: ignore[attr-defined]  # DPD alone comes here
+        friction = spec.terms[0].coefficients(conditions[0])[:, [GAMMA, GAMMA_PERP]].max()  # type: ignore[attr-defined]  # of DPD and many-body DPD
         bound = UPDATE * (1 + conditions[1] * friction * spec.inv_mass[mobile].max(initial=0.0))
         found["the pair update"] = (_relative(force[mobile], expected[mobile]), bound)
     return found

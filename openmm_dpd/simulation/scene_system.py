@@ -1,5 +1,7 @@
 """Plan -> System: all forces that the scene needs, each in its group."""
 
+from typing import Any, cast
+
 import numpy as np
 import openmm
 
@@ -69,11 +71,11 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     if function is not None:
         system.addForce(pair_force(function, options=options, integrator=integrator))
     if plan.execution.on_device:
-        whole = plan.execution.steps == "device"
+        whole, tell = plan.execution.steps == "device", cast(Any, plan.kinds[0].device)
         letters = () if not whole else (("V", options.lam),) if options.predicting else options.scheme.steps(options.thermostat)
         walls = planes(scene.gaps) if whole and scene.walls else {}
         slow = _slow_groups(plan, system) if plan.execution.slow and not options.predicting else ()
-        system.addForce(device_force(plan.spec, letters, walls, slow, options=options, integrator=integrator, periodic=periodic))
+        system.addForce(device_force(plan.spec, tell, letters, walls, slow, options=options, integrator=integrator, periodic=periodic))
     if options.scheme.native:
         system.addForce(native_marker(options, integrator, periodic))
     return system

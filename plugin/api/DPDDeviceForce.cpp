@@ -40,6 +40,11 @@ void Fluid::check() const {
     for (auto table : {&A, &gamma, &sigma, &gammaAcross, &exponent, &exponentAcross, &cutoff})
         if (numTypes < 1 || table->size() != pairs)
             throw OpenMMException("DPDDeviceForce: a table of coefficients needs numTypes*numTypes values");
+    for (auto table : {&B, &cutoffB, &cutoffDensity})
+        if (table->size() != (B.empty() ? 0 : pairs))
+            throw OpenMMException("DPDDeviceForce: a table of many-body terms needs numTypes*numTypes values, or none");
+    if (!densityWeights.empty() && densityWeights.size() != types.size())
+        throw OpenMMException("DPDDeviceForce: densities need the weight of every particle");
     for (int type : types)
         if (type < -1 || type >= numTypes)
             throw OpenMMException("DPDDeviceForce: there is no such type");
@@ -155,7 +160,7 @@ public:
     void serialize(const void* object, SerializationNode& node) const override {
         const DPDDeviceForce& force = *reinterpret_cast<const DPDDeviceForce*>(object);
         Fluid fluid = force.fluid;
-        node.setIntProperty("version", 1);
+        node.setIntProperty("version", fluid.B.empty() ? 1 : 2);
         node.setIntProperty("forceGroup", force.getForceGroup());
         node.setStringProperty("name", force.getName());
         node.setBoolProperty("periodic", fluid.periodic);
@@ -179,7 +184,7 @@ public:
             globals.createChildNode("Parameter").setStringProperty("name", item.first).setDoubleProperty("default", item.second);
     }
     void* deserialize(const SerializationNode& node) const override {
-        if (node.getIntProperty("version") != 1)
+        if (node.getIntProperty("version") < 1 || node.getIntProperty("version") > 2)
             throw OpenMMException("Unsupported version number");
         unique_ptr<DPDDeviceForce> force(new DPDDeviceForce());
         force->setForceGroup(node.getIntProperty("forceGroup", 0));
@@ -211,6 +216,7 @@ private:
     static vector<pair<string, vector<double>*> > tables(Fluid& fluid) {
         return {{"A", &fluid.A}, {"gamma", &fluid.gamma}, {"sigma", &fluid.sigma}, {"gammaAcross", &fluid.gammaAcross}, {"exponent", &fluid.exponent},
             {"exponentAcross", &fluid.exponentAcross}, {"cutoff", &fluid.cutoff}, {"exceptionFactors", &fluid.exceptionFactors},
+            {"B", &fluid.B}, {"cutoffB", &fluid.cutoffB}, {"cutoffDensity", &fluid.cutoffDensity}, {"densityWeights", &fluid.densityWeights},
             {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"slowKicks", &fluid.slowKicks}};
     }
 };

@@ -28,6 +28,8 @@ struct DPD_EXPORT Fluid {
     double tolerance = 5e-4;                    // of the pair updates, relative to what they change
     std::vector<int> types;                     // -1: takes no part
     std::vector<double> A, gamma, sigma, gammaAcross, exponent, exponentAcross, cutoff; // sigma < 0: gamma is the fixed one
+    std::vector<double> B, cutoffB, cutoffDensity; // of many-body terms, or none
+    std::vector<double> densityWeights;         // masses of particles in Lucy's densities; none: beads count in Warren's, quadratic ones
     std::vector<int> exceptionBeads;            // pairs, both ways, sorted by the first
     std::vector<double> exceptionFactors;
     std::vector<double> wallVelocity;           // three per particle, or none

@@ -25,7 +25,7 @@ template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std:
 template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
 
 // Whether several threads may share a bead is said of each.
-#define DPD_KERNELS(X) X(dpdMove, false) X(dpdEvaluate, true) X(dpdKick, true) X(dpdRenew, false) X(dpdCompare, false) X(dpdExchange, false) \
+#define DPD_KERNELS(X) X(dpdMove, false) X(dpdDensity, true) X(dpdEvaluate, true) X(dpdKick, true) X(dpdRenew, false) X(dpdCompare, false) X(dpdExchange, false) \
     X(dpdRows, true) X(dpdPass, true) X(dpdFinish, true)
 #define DPD_TAG(name, share) struct name##_ { static constexpr const char* text = #name; static constexpr bool shared = share; };
 DPD_KERNELS(DPD_TAG)
@@ -40,15 +40,21 @@ public:
         int n = fluid.numTypes, beads = system.getNumParticles();
         if (beads > 1<<24)
             throw OpenMM::OpenMMException("DPDDeviceForce: more than 16,777,216 beads, which single precision cannot count");
-        std::vector<std::array<double, 4> > first(n*n), second(n*n);
+        std::vector<std::array<double, 4> > first(n*n), second(n*n), of(n*n, {0, 1e30, 1e30, 0});
         for (int k = 0; k < n*n; k++) {
             bool fixedSigma = fluid.sigma[k] >= 0;
             first[k] = {fluid.A[k], fixedSigma ? fluid.sigma[k] : std::sqrt(fluid.gamma[k]), fluid.cutoff[k] > 0 ? 1/fluid.cutoff[k] : 1e30, fixedSigma ? 1.0 : 0.0};
             second[k] = {std::sqrt(fluid.gammaAcross[k]), fluid.exponent[k], fluid.exponentAcross[k], 0};
             anyFixedSigma |= fixedSigma;
             thermostat |= first[k][1] != 0 || second[k][0] != 0;
-            conservative |= fluid.A[k] != 0;
+            conservative |= fluid.A[k] != 0 || manyBody();
+            if (manyBody()) {
+                double h = fluid.cutoffDensity[k] > 0 ? fluid.cutoffDensity[k] : 1e-30;
+                of[k] = {fluid.B[k], fluid.cutoffB[k] > 0 ? 1/fluid.cutoffB[k] : 1e30, 1/h, (lucy() ? 105/16.0 : 7.5)/(3.14159265358979323846*h*h*h)};
+            }
         }
+        fill4(many, of);
+        fill(massOf, Kind::Real, lucy() ? fluid.densityWeights : std::vector<double>(1, 1));
         fill4(params, first);
         fill4(more, second);
         fill4(cubics, normalCubics());
@@ -92,6 +98,7 @@ public:
         device.make(posB, Kind::Real4, padded);
         device.make(corrB, Kind::Real4, device.mixed() ? padded : 1);
         device.make(acc, Kind::Mixed4, padded);
+        device.make(densities, Kind::Real, manyBody() ? padded : 1);
         for (auto array : {&placeOf[0], &placeOf[1]})
             device.make(*array, Kind::Int, padded);
         device.make(accSlow, Kind::Mixed4, 1);
@@ -117,6 +124,8 @@ public:
         yes("FIXED_SIGMA", anyFixedSigma);
         yes("DETAILED", most > 0);
         yes("TRANSVERSE", transverse());
+        yes("MANY_BODY", manyBody());
+        yes("LUCY", lucy());
         defines["PERIODIC"] = fluid.periodic ? "1" : "0";
         defines["NUM_TYPES"] = std::to_string(fluid.numTypes);
         defines["MOST_PASSES"] = std::to_string(MOST_PASSES);
@@ -124,6 +133,8 @@ public:
     }
 
     double reach() const { return fluid.maxCutoff(); }
+    bool manyBody() const { return !fluid.B.empty(); }
+    bool lucy() const { return !fluid.densityWeights.empty(); }
 
     double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) {
         int phase = (int) context.getParameter("dpd_phase");
@@ -161,6 +172,7 @@ public:
             binned = false;
             bin(inStep ? now : Now{0, 0, 0, 0});
         } while (!inStep && look(now, true));
+        sumDensities(now, here, terms);
         device.template run<dpdEvaluate_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), BOX());
         if (inStep)
             look(now, false);
@@ -302,8 +314,8 @@ private:
     auto CELLS() { return std::tie(count[cells], beads[side], placeOf[side], cellRoom); }
     auto NEXT() { return std::tie(count[next()], beads[1-side], placeOf[1-side]); }
     auto TERMS(const Now& now, double dt, int part) {
-        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params, more, cubics,
-            exceptionStart, exceptionBead, exceptionFactor, wallVelocity, (long long) noiseKey(now.seed, now.counter, now.kT, part),
+        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params, more, cubics,
+            exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, massOf, densities, (long long) noiseKey(now.seed, now.counter, now.kT, part),
             Real{dt > 0 ? std::sqrt(2*now.kT/dt) : 0}, Real{now.kT > 0 ? 1/std::sqrt(2*now.kT) : 0});
     }
     auto DRIFT(double drift) { return std::tuple<Mixed, Base&>(Mixed{drift}, walls); }
@@ -562,6 +574,7 @@ private:
             move(now, 0, 0);
         bool drifts = drift != 0 && (away || copied);
         int from = drifts && !away ? copied : here, to = drifts ? (away ? 1-here : 0) : friction ? 1-here : here, copy = drifts && !away ? 3-copied : 1;
+        sumDensities(now, from, terms);
         device.template run<dpdKick_>(position(from), correction(from), position(to), correction(to), friction ? *friction : device.velm(), device.velm(), acc, device.force(),
             others ? 1+(int) haveBeside : 0, beside, terms, Mixed{kick*now.dt}, drifts ? (away ? 1 : 3) : friction ? 2 : 0, position(copy), correction(copy),
             TERMS(now, friction ? now.dt : 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(), DRIFT(drifts ? drift*now.dt : 0), BOX());
@@ -572,6 +585,12 @@ private:
         }
         else if (drift != 0)
             move(now, 0, drift);
+    }
+
+    // Densities at binned positions, which conservative terms (1) of many bodies depend on
+    void sumDensities(const Now& now, int where, int terms) {
+        if (manyBody() && terms&1)
+            device.template run<dpdDensity_>(position(where), correction(where), device.velm(), TERMS(now, 0, 0), CELLS(), densities, flags, number(), BOX());
     }
 
     // accSlow = F/m with these forces of others alone, v += kick*accSlow at positions in their place; returns whether the beads have the order they had
@@ -633,7 +652,7 @@ private:
     int copied = 0;                            // which array has the present positions beside OpenMM's: 1 posB, 2 posC, 0 none
     double owedSlow = 0;                       // part of a kick by accSlow that velocities still lack
     std::chrono::steady_clock::time_point looked;
-    Array types, params, more, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
+    Array types, params, more, many, massOf, densities, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
     Array posB, corrB, posC, corrC, acc, accSlow, seen, beside, count[3], beads[2], placeOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
 };
 

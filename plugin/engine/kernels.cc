@@ -216,8 +216,10 @@ DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL
 #define TERMS GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, GLOBAL const real4* RESTRICT params, \
         GLOBAL const real4* RESTRICT more, GLOBAL const real4* RESTRICT cubics, GLOBAL const int* RESTRICT exceptionStart, \
         GLOBAL const int* RESTRICT exceptionBead, GLOBAL const real* RESTRICT exceptionFactor, GLOBAL const real4* RESTRICT wallVelocity, \
+        GLOBAL const real4* RESTRICT many, GLOBAL const real* RESTRICT weights, GLOBAL const real* RESTRICT densities, \
         mm_long key, real noise, real perRoot2kT
-#define TERMS_ atomIndex, types, params, more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, key, noise, perRoot2kT
+#define TERMS_ atomIndex, types, params, more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, weights, densities, \
+        key, noise, perRoot2kT
 
 DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, GLOBAL const int* RESTRICT exceptionBead,
         GLOBAL const real* RESTRICT exceptionFactor) {
@@ -240,7 +242,7 @@ DEVICE mixed4 dpdVelocity(GLOBAL const mixed4* RESTRICT vel, int i, GLOBAL const
 
 // Coefficients of a pair: what w^s is multiplied with in friction (its root) and noise, along the line between beads and across.
 typedef struct {
-    real A, rc, root, w, rootAcross, wAcross;
+    real A, rc, root, w, rootAcross, wAcross, factor;
 } DPDPair;
 
 DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
@@ -249,6 +251,7 @@ DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
     if (w <= 0)
         return false;
     p->A = c.x*w;
+    p->factor = 1;
     p->rc = 1/c.z;
     p->root = c.y;
     p->w = w;
@@ -272,6 +275,7 @@ DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
         return false;
     real root = SQRT(f);
     p->A *= f;
+    p->factor = f;
     p->root *= root;
     p->rootAcross *= root;
 #endif
@@ -414,9 +418,42 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 
 #define CONSERVATIVE 1
 #define THERMOSTAT 2
+#ifndef LUCY // which of the two weight functions densities have
+#define LUCY 0
+#endif
+
+// What a partner adds to the density at a bead.  Rows of `many`: B of the force B (density + density) w_B, 1/cutoff of w_B, 1/cutoff and
+// norm of the weight function; its partner's mass weighs Lucy's, for which factors of bonded neighbours but 0 count in full.
+DEVICE real dpdDensityOf(int j, real r2, int type, int index, TERMS) {
+    real4 m = many[type+types[j]];
+    int partner = atomIndex[j];
+    real s = r2*RSQRT(r2)*m.z, w = 1-s, f = 1;
+    if (w <= 0)
+        return 0;
+#ifdef EXCEPTIONS
+    f = dpdFactor(index, partner, exceptionStart, exceptionBead, exceptionFactor);
+#endif
+    if (LUCY)
+        return f == 0 ? 0 : weights[partner]*m.w*(1+3*s)*w*w*w;
+    return f*m.w*w*w;
+}
+
+KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+        GLOBAL real* RESTRICT density, GLOBAL const int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
+        return;
+    SHARED(1)
+    EACH_BEAD
+        mm_long sum[1] = {0};
+        EACH_PARTNER(vel, sum[0] += realToFixedPoint(dpdDensityOf(j, r2, type, index, TERMS_)))
+        TOGETHER(sum, 1)
+        if (SUMMED)
+            density[i] = (real) sum[0]/(real) 0x100000000;
+    END_BEAD
+}
 
 // Force of a pair on a bead of this type (times their number), index and velocity, added to f, and half of its energy.
-DEVICE real dpdPush(int j, real3 delta, real r2, int type, int index, mixed4 v, int terms, GLOBAL const mixed4* RESTRICT vel, TERMS, mm_long* f) {
+DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mixed4 v, int terms, GLOBAL const mixed4* RESTRICT vel, TERMS, mm_long* f) {
     real invR = RSQRT(r2), r = r2*invR, energy = 0;
     int partner = atomIndex[j];
     DPDPair p;
@@ -428,6 +465,15 @@ DEVICE real dpdPush(int j, real3 delta, real r2, int type, int index, mixed4 v, 
         real w = 1-r/p.rc;
         size += p.A;
         energy = (real) 0.25*p.A*w*p.rc;
+#ifdef MANY_BODY
+        real4 m = many[type+types[j]];
+        w = 1-r*m.y;
+        if (w > 0) {
+            real push = p.factor*m.x*(densities[i]+densities[j])*w;
+            size += push;
+            energy += (LUCY ? (real) 0.25 : (real) 0.125)*push*w/m.y; // of Lucy's as if densities were constants: it has no potential
+        }
+#endif
     }
     if ((terms & THERMOSTAT) != 0) {
         mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
@@ -458,7 +504,7 @@ KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const re
     mixed energy = 0;
     EACH_BEAD
         mm_long f[4] = {0, 0, 0, 0};
-        EACH_PARTNER(vel, f[3] += realToFixedPoint(dpdPush(j, delta, r2, type, index, v, terms, vel, TERMS_, f)))
+        EACH_PARTNER(vel, f[3] += realToFixedPoint(dpdPush(i, j, delta, r2, type, index, v, terms, vel, TERMS_, f)))
         TOGETHER(f, 4)
         if (SUMMED) {
             energy += (mixed) f[3]/(mixed) 0x100000000;
@@ -564,7 +610,7 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
     EACH_BEAD
         mm_long f[3] = {0, 0, 0};
         if (terms) {
-            EACH_PARTNER(seen, dpdPush(j, delta, r2, type, index, v, terms, seen, TERMS_, f))
+            EACH_PARTNER(seen, dpdPush(i, j, delta, r2, type, index, v, terms, seen, TERMS_, f))
             TOGETHER(f, 3)
         }
         if (SUMMED) {

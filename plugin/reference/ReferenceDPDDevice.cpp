@@ -28,7 +28,7 @@ inline mm_long realToFixedPoint(double x) { return std::llrint(x*4294967296.0); 
 // What the platforms with a compiler define for each System, one value for all here
 thread_local int NUM_ATOMS, STRIDE, NUM_TYPES;
 thread_local double MAX_CUTOFF;
-thread_local bool PERIODIC;
+thread_local bool PERIODIC, LUCY;
 
 #define make_mixed3 make_real3
 #define make_mixed4 make_real4
@@ -53,6 +53,8 @@ thread_local bool PERIODIC;
 #define FIXED_SIGMA
 #define DETAILED
 #define TRANSVERSE
+#define MANY_BODY
+#define LUCY LUCY
 #include "../engine/kernels.cc"
 
 }
@@ -180,6 +182,7 @@ private:
         Kernels::NUM_TYPES = types;
         Kernels::MAX_CUTOFF = engine->reach();
         Kernels::PERIODIC = isPeriodic;
+        Kernels::LUCY = engine->lucy();
         device->take();
     }
     ContextImpl& context;

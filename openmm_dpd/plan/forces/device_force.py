@@ -1,7 +1,7 @@
 """The Force of the plugin ``openmm-dpd-device``: pair terms on OpenMM's own device, with no Python in them."""
 
 import importlib
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from fractions import Fraction
 from functools import cache
 from types import ModuleType
@@ -19,6 +19,8 @@ from ..program_options import ProgramOptions
 
 #: How exactly the linear systems of pair updates are solved: what is left, relative to what a midpoint step changes.
 TOLERANCE = 5e-4
+#: Attributes of many-body terms, which are all conservative.
+MANY_BODY = ("B", "cutoffB", "cutoffDensity", "densityWeights")
 
 
 @cache
@@ -44,6 +46,7 @@ def why_no_plugin(platform: str | None) -> str | None:
 
 def device_force(
     spec: PairSpec,
+    tell: Callable[[Any], dict[str, np.ndarray]],
     letters: Sequence[tuple[str, Fraction | float]],
     walls: dict[str, np.ndarray],
     slow: Collection[int],
@@ -53,11 +56,13 @@ def device_force(
     periodic: bool,
     tolerance: float = TOLERANCE,
 ) -> openmm.Force:
-    """The Force of one table of isothermal DPD terms.
+    """The Force of one table of terms of isothermal DPD, many-body or not.
 
     Parameters
     ----------
     spec : PairSpec
+    tell : callable
+        :attr:`openmm_dpd.plan.kinds.record.Kind.device` of the kind of its only table.
     letters : tuple of (letter, part of the step)
         The word of a whole step, empty if the program goes line by line; ("V", lam) is modified velocity Verlet.
     walls : dict
@@ -71,21 +76,15 @@ def device_force(
     tolerance : float
         See :data:`TOLERANCE`.
     """
-    table: Any = spec.terms[0]  # make_plan has seen to it
     parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT, names.COUNTER: 0.0}
     parameters |= {names.SEED: float(options.seed)} | origin(options, integrator)
     start, bead, factor = spec.exceptions
     first = np.repeat(np.arange(len(spec.types)), np.diff(start)) if len(start) else np.zeros(0, int)
-    fixed = np.isnan(table.gamma)
+    terms = tell(spec.terms[0])
+    if not options.execution.pushes:
+        terms = {name: 0 * values if name == "A" else values for name, values in terms.items() if name not in MANY_BODY}
     lists = {
         "types": spec.types,
-        "A": table.A if options.execution.pushes else np.zeros_like(table.A),
-        "gamma": np.where(fixed, 0.0, table.gamma),
-        "sigma": np.where(fixed, table.sigma, -1.0),
-        "gammaAcross": table.gamma_perp,
-        "exponent": table.exponent,
-        "exponentAcross": table.exponent_perp,
-        "cutoff": table.cutoff,
         "exceptionBeads": np.stack([first, bead], axis=1) if len(first) else (),
         "exceptionFactors": factor if len(first) else (),
         "wallVelocity": () if spec.wall_velocity is None else spec.wall_velocity,
@@ -95,16 +94,16 @@ def device_force(
     }
     attributes: dict[str, object] = {
         "type": "DPDDeviceForce",
-        "version": 1,
+        "version": 2 if "B" in terms else 1,  # a plugin that knows no densities refuses it
         "name": names.PAIR_FORCE,
         "forceGroup": options.pair_group,
         "periodic": int(periodic),
         "tolerance": repr(tolerance),
-        "numTypes": len(table.A),
+        "numTypes": len(terms["A"]),
         "fastGroups": ~sum(1 << group for group in slow),
         "letters": "".join(letter for letter, _ in letters),
     }
-    attributes |= {name: " ".join(map(repr, np.ravel(values).tolist())) for name, values in lists.items()}
+    attributes |= {name: " ".join(map(repr, np.ravel(values).tolist())) for name, values in (lists | terms).items()}
     text = "".join(f" {name}={quoteattr(str(value))}" for name, value in attributes.items())
     inside = "".join(f'<Parameter name="{name}" default="{value!r}"/>' for name, value in parameters.items())
     return openmm.XmlSerializer.deserialize(f"<Force{text}><GlobalParameters>{inside}</GlobalParameters></Force>")
