@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import openmm
@@ -11,15 +12,21 @@ from ..base.errors import ParameterError, what_is
 from ..base.geometry import folded
 from ..base.openmm_private import vectors
 from ..base.units import whole_number
+from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..model.shapes import SolidWall
+from ..plan.continuum import other_terms
 from ..plan.pair_spec import longest
 from ..plan.solids import solids_of, surface
 from ..simulation.build import build
 
 #: Moments at the end of the run, of which the second half's one is taken where the beads in the solid are nearest to the means of the first
-#: half, and steps between two; powers of the nearness to the surface whose sums are compared: those on which densities beside it depend.
-MOMENTS, BETWEEN, POWERS = 120, 5, (2, 12)
+#: half, and steps between two; powers of the nearness to the surface whose sums are compared, for each wall and over all: those on which
+#: densities in the first and in the second layer beside it depend.
+MOMENTS, BETWEEN, POWERS = 160, 5, (2, 12)
+#: Friction with frozen beads times the repulsion, in units of kT, the mass and the cutoff, at which a fluid of single beads does not slip,
+#: and the least repulsion for that.  Measured: docs/measure/solid_walls.py pipe.
+HELD, SOFT = 1000.0, 15.0
 #: Parts of a scene that may be there.
 _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "bead_masses", "compat", "body_forces", "sources"}
 
@@ -34,6 +41,9 @@ def frozen_layer(
     beads in the solid are frozen with the velocity of their wall if the surface is within the longest cutoff, and left out if it is farther
     away.  So the fluid has the structure that it has inside up to the wall, on average over places of the surface.
 
+    Frozen beads are of types of their own, ``W_wall`` for those of type ``W``, with so much friction with the fluid that it does not slip,
+    at least twice that within the fluid (:doc:`/theory_flow`).  This needs pairs that interact by one table of :class:`openmm_dpd.DPD`.
+
     Parameters
     ----------
     scene : Scene
@@ -42,7 +52,8 @@ def frozen_layer(
     dt, steps, seed : time, int, int
         The run, with the scheme ``middle``; it takes several hundred steps if beads start from random positions.
     types : mapping of str to str, optional
-        Bead types, among the ``masses`` of the scene, that frozen beads get, by their own types.  Others keep theirs.
+        Bead types, among the ``masses`` of the scene, that frozen beads get, by their own types, in place of those above.  Others keep
+        theirs: ``{}`` freezes beads of the fluid itself, along which it may slip.
 
     Returns
     -------
@@ -60,6 +71,8 @@ def frozen_layer(
         raise ParameterError(f"no beads are of the type {min(set(types or ()) - set(scene.types))!r}")
     reach = longest([table.resolve(scene.type_names) for table in scene.tables])
     solids = solids_of(walls, scene.box, reach, np.zeros(0))
+    if types is None:
+        scene, types = _with_held(scene)
     simulation = build(replace(scene, body_forces=(), sources=()), dt=dt, seed=seed, platform="CPU").simulation()
     simulation.step(whole_number(steps, "steps", 0))
     sums, best, least = list[np.ndarray](), (np.zeros((0, 3)),) * 3, np.inf
@@ -70,7 +83,8 @@ def frozen_layer(
         distance = solids.distance(x)
         nearest = distance.min(axis=0)
         near = np.clip(1.0 + nearest / reach, 0.0, 1.0) * (nearest <= 0)
-        its = np.array([np.count_nonzero(nearest > 0), *(np.sum(near**power) for power in POWERS)])
+        of_walls = np.bincount(distance.argmin(axis=0), near ** POWERS[0], len(walls))
+        its = np.array([np.count_nonzero(nearest > 0), *of_walls, np.sum(near ** POWERS[1])])
         if k < MOMENTS // 2:
             sums.append(its)
             continue
@@ -86,6 +100,28 @@ def frozen_layer(
         its = layer & (distance.argmin(axis=0) == number)
         v[its] = solids.velocity(number, x[its])
     kept, free = np.concatenate([np.flatnonzero(fluid), np.flatnonzero(layer)]), np.count_nonzero(fluid)
-    names = [scene.types[k] if place < free else (types or {}).get(scene.types[k], scene.types[k]) for place, k in enumerate(kept)]
+    names = [scene.types[k] if place < free else types.get(scene.types[k], scene.types[k]) for place, k in enumerate(kept)]
     changed = {"types": names, "positions": x[kept], "velocities": v[kept], "bead_masses": scene.bead_masses[kept]}
     return replace(scene, **changed, mobile=np.arange(len(kept)) < free, walls=tuple(walls))
+
+
+def _with_held(scene: Scene) -> tuple[Scene, dict[str, str]]:
+    """A scene with types of frozen beads that do not let the fluid slip, and their names by type."""
+    tables, kT = [table.resolve(scene.type_names) for table in scene.tables], scene.initial_kT
+    other = other_terms(tables)
+    if other is not None:
+        raise ParameterError(f"the friction of frozen beads against slip is not known, as {other}; give them a type with `types`")
+    table: dict[tuple[str, str], Any] = tables[0]
+    masses, pairs, names = dict(scene.masses), dict(table), dict[str, str]()
+    for kind in sorted(set(scene.types)):
+        names[kind] = f"{kind}_wall" + "_" * sum(name.startswith(f"{kind}_wall") for name in masses)
+        masses[names[kind]] = scene.masses[kind]
+        for (one, two), pair in table.items():
+            if kind not in (one, two) or pair is NONE:
+                continue
+            free = two if one == kind else one
+            least = HELD * kT * np.sqrt(scene.masses[free] * kT) / (max(pair.A, SOFT * kT / pair.cutoff) * pair.cutoff**2)
+            held = {"gamma": max(2.0 * pair.gamma, float(least)) if pair.gamma else 0.0, "gamma_perp": 2.0 * pair.gamma_perp, "sigma": None}
+            pairs[free, names[kind]] = replace(pair, **held)
+    missing = {(a, b): NONE for a in masses for b in names.values() if (a, b) not in pairs}
+    return replace(scene, masses=masses, pairs=missing | pairs), names

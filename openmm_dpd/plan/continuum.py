@@ -74,19 +74,17 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
     if not behind:
         return
     wall = behind[0]
-    coefficients = [c for table in tables for c in table.values() if c is not NONE]
-    others = sorted({type(c).__name__ for c in coefficients} - {"DPD"})
+    other = other_terms(tables)
     reasons = {
         f"the scheme {scheme.name!r} has no pair updates, which its friction goes with": not scheme.sweeps,
         "nothing has friction or noise": not thermostat,
         "its structure is that of one temperature above 0": isinstance(scene.kT, TemperatureRamp) or scene.initial_kT == 0.0,
         "walls with something behind them stand along one axis": len({each.axis for each in behind}) > 1,
         f"there is no bead type {wall.behind!r}": any(each.behind not in scene.type_names for each in behind),
-        f"pairs interact by {', '.join(others) or 'several tables'}, not by one table of DPD": bool(others) or len(tables) > 1,
-        "sigma is fixed and gamma not; give gamma": any(not others and c.gamma is None and c.sigma for c in coefficients),
+        other or "": other is not None,
         "charges would have images there": scene.electrostatics is not None,
     }
-    if not others and len(tables) == 1:
+    if other is None:
         alone = next((each.behind for each in behind if tables[0].get((each.behind, each.behind), NONE) is NONE), None)
         reasons[f"beads of type {what_is(alone)} do not interact"] = alone is not None
     reason = next((reason for reason, holds in reasons.items() if holds), None)
@@ -105,6 +103,15 @@ def check_driven(scene: Scene, scheme: Scheme, tables: list[dict], thermostat: b
     z = gap.fold(scene.positions[:, axis])
     if np.any(scene.immobile & ((z < gap.low) | (z > gap.high))):
         raise PlanError("immobile beads lie where a fluid is behind a wall: either of them is what beads near the wall feel")
+
+
+def other_terms(tables: list[dict]) -> str | None:
+    """Why pairs do not interact by one table of :class:`.DPD` with friction, in words, or None."""
+    coefficients = [c for table in tables for c in table.values() if c is not NONE]
+    others = sorted({type(c).__name__ for c in coefficients} - {"DPD"})
+    if others or len(tables) != 1:
+        return f"pairs interact by {', '.join(others) or 'several tables'}, not by one table of DPD"
+    return "sigma is fixed and gamma not; give gamma" if any(c.gamma is None and c.sigma for c in coefficients) else None
 
 
 def _with_wall(scene: Scene, wall: Wall, table: dict) -> dict[str, DPD]:

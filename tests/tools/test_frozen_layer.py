@@ -1,0 +1,50 @@
+"""Frozen layers behind walls of any shape: their beads, their friction, what is refused."""
+
+import numpy as np
+import pytest
+
+import openmm_dpd as dpd
+from openmm_dpd.molecules import frozen_layer
+from openmm_dpd.shapes import Complement, Cylinder, SolidWall
+
+EDGES = np.array([5.0, 5.0, 3.0])
+PIPE = SolidWall(Complement(Cylinder((2.5, 2.5, 0), "z", 1.4)), spin=(0, 0, 1.0), centre=(2.5, 2.5, 0))
+PAIR = dpd.DPD(A=25, gamma=4.5)
+
+
+def fluid(pairs, **options) -> dpd.Scene:
+    x = np.random.default_rng(1).random((225, 3)) * EDGES
+    types, masses = ["A"] * 150 + ["B"] * 75, {"A": 1.0, "B": 4.0, "B_wall": 1.0}
+    return dpd.Scene(**{"masses": masses, "types": types, "positions": x, "pairs": pairs, "kT": 1.0, "box": EDGES} | options)
+
+
+def test_frozen_beads_hold_the_fluid_and_turn_with_their_wall():
+    stiff = dpd.DPD(A=78, gamma=30, gamma_perp=3)
+    made = frozen_layer(fluid({("*", "*"): PAIR, ("B", "B"): stiff, ("A", "B_wall"): dpd.NONE}), [PIPE], dt=0.02, steps=10, seed=1)
+    n = int(made.mobile.sum())
+    assert set(made.types[:n]) == {"A", "B"} and set(made.types[n:]) == {"A_wall", "B_wall_"}
+    table = made.tables[0].resolve(made.type_names)
+    assert table["A", "A"] == PAIR and table["B", "B"] == stiff and table["A_wall", "B_wall_"] is dpd.NONE
+    assert (table["A", "A_wall"].A, table["A", "A_wall"].gamma) == (25, 40.0)
+    assert table["B", "A_wall"].gamma == 80.0 and table["A", "B_wall_"].gamma == 40.0  # by the mass of the bead that moves
+    assert (table["B", "B_wall_"].gamma, table["B", "B_wall_"].gamma_perp) == (60.0, 6.0)
+    r = np.hypot(*(made.positions[n:, :2] - 2.5).T)
+    assert r.min() > 1.39 and r.max() < 2.41
+    simulation = dpd.build(made, dt=0.02, seed=1, platform="CPU").simulation()
+    simulation.step(10)
+    x = simulation.context.getState(positions=True).getPositions(asNumpy=True)._value[n:, :2] - 2.5
+    start = (made.positions[n:, :2] - 2.5) @ [1, 1j]
+    assert np.allclose(x @ [1, 1j], start * np.exp(0.2j), rtol=0, atol=1e-12)
+
+
+def test_types_are_those_that_are_given_or_known():
+    for pairs, reason in (
+        ({("*", "*"): dpd.DPD(A=25, sigma=3)}, "give gamma"),
+        ([{("*", "*"): PAIR}, {("A", "A"): PAIR}], "several tables"),
+    ):
+        with pytest.raises(dpd.ParameterError, match=f"against slip is not known, as .*{reason}"):
+            frozen_layer(fluid(pairs), [PIPE], dt=0.02, steps=0)
+    made = frozen_layer(fluid({("*", "*"): dpd.DPD(A=25, sigma=3)}), [PIPE], dt=0.02, steps=0, types={"B": "B_wall"})
+    assert set(made.types[int(made.mobile.sum()) :]) == {"A", "B_wall"}
+    with pytest.raises(dpd.ParameterError, match="no beads are of the type 'C'"):
+        frozen_layer(fluid({("*", "*"): PAIR}), [PIPE], dt=0.02, types={"C": "A"})
