@@ -64,7 +64,7 @@ from .model.scene import Scene as Scene
 from .model.segments import SegmentalRepulsion as SegmentalRepulsion
 from .model.shapes import SolidWall as SolidWall
 from .model.shear import LeesEdwards as LeesEdwards
-from .model.sources import Block as Block, Source as Source, Sphere as Sphere
+from .model.sources import Block as Block, Buoyancy as Buoyancy, Source as Source, Sphere as Sphere
 from .model.tdpd import TDPD as TDPD
 from .model.temperature import TemperatureRamp as TemperatureRamp
 from .plan.explain import explain_plan as explain_plan

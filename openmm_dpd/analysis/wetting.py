@@ -102,8 +102,7 @@ def contact_angle(
     cosine = (low - centre) / radius
     # what each frame adds to the parameters, to first order
     each = found.x + (rows - mean) * weight @ np.linalg.pinv(found.jac).T
-    slope = -1 / np.sqrt(1 - cosine**2)
-    turned = np.arccos(cosine) + slope * ((centre - each[:, 0]) + cosine * (radius - each[:, 1])) / radius
+    turned = np.arccos(cosine) - (centre - each[:, 0] + cosine * (radius - each[:, 1])) / (radius * np.sqrt(1 - cosine**2))
     series = np.degrees(turned), each[:, 1], each[:, 0] - low, each[:, 2], np.abs(each[:, 3])
     angle, radius, height, density, width = (block_average(one) for one in series)
     return ContactAngle(angle, radius, height, density, width, profile, low)

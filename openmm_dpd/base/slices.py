@@ -116,7 +116,7 @@ class Slicer:
         return names.index(name)
 
 
-def slicer(axis: str | int, n_bins: int | Sequence[int], centre: np.ndarray | None, weights: np.ndarray) -> Slicer:
+def slicer(axis: str | int, n_bins: int | Sequence[int], centre: np.ndarray | None, weights: np.ndarray, what="n_bins") -> Slicer:
     """Slicer along an axis (``"z"`` or 2), two of them (``"xz"``), or of rings (``"rz"``: radius around z, and z); ParameterError for any
     other axis, or numbers of bins that are not as many whole numbers, at least 1."""
     words, around = [axis], isinstance(axis, str) and len(axis) == 2 and axis[0] == "r"
@@ -127,6 +127,6 @@ def slicer(axis: str | int, n_bins: int | Sequence[int], centre: np.ndarray | No
     wanted = 2 if around else len(words)
     given = list(n_bins) if isinstance(n_bins, (Sequence, np.ndarray)) and not isinstance(n_bins, str) else [n_bins] * wanted
     if len(given) != wanted:
-        raise ParameterError(f"n_bins must be a whole number, or one for each of {wanted} axes, not {what_is(n_bins)}")
-    bins = tuple(whole_number(n, "n_bins", least=1) for n in given)
+        raise ParameterError(f"{what} must be a whole number, or one for each of {wanted} axes, not {what_is(n_bins)}")
+    bins = tuple(whole_number(n, what, least=1) for n in given)
     return Slicer(tuple(axis_number(word) for word in words), bins, around, centre, weights)

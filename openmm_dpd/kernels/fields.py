@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -15,10 +15,15 @@ ENERGY, TEMPERATURE, SPECIES = "energy", "temperature", "species"
 
 
 class FieldSource(Protocol):
-    """What changes the fields besides the pair terms (:class:`openmm_dpd.model.sources.Source`)."""
+    """What changes the fields besides the pair terms, or pushes beads by them (:mod:`openmm_dpd.model.sources`)."""
+
+    pushes: ClassVar[bool]  #: Whether it does the latter
 
     def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
         """Add to the rates (N, K) at positions x (N, 3)."""
+
+    def push(self, force: np.ndarray, values: np.ndarray) -> None:
+        """Add to the forces (N, 3) on beads with these values (N, K)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +44,13 @@ class FieldSpec:
 
     @property
     def acts(self) -> bool:
-        """Whether forces depend on them, as the repulsion of eDPD does on temperatures."""
-        return self.kind == TEMPERATURE
+        """Whether forces depend on them, as the repulsion of eDPD does on temperatures, or a source pushes."""
+        return self.kind == TEMPERATURE or self.pushes
+
+    @property
+    def pushes(self) -> bool:
+        """Whether a source pushes beads."""
+        return any(source.pushes for source in self.sources)
 
     @property
     def n_blocks(self) -> int:

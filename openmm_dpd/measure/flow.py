@@ -240,7 +240,7 @@ class ProfileReporter(BuiltReporter):
     def __init__(self, interval: int, built: BuiltSystem, axis: str = "z", component: str = "x", bins: int | Sequence[int] = 20):
         super().__init__(interval, built)
         scene = built.plan.scene
-        self._cut = slicer(axis, bins, None, scene.bead_masses)
+        self._cut = slicer(axis, bins, None, scene.bead_masses, "bins")
         if not isinstance(axis, str):
             raise ParameterError(f"axis must be one or two of 'x', 'y' and 'z', or 'r' before one of them, not {what_is(axis)}")
         self._component = self._cut.component(component)
@@ -250,7 +250,8 @@ class ProfileReporter(BuiltReporter):
             require_plain_axis(scene.box, one, "a velocity profile")
         if scene.shear is not None and (self._cut.around or "x" in axis):
             raise ParameterError("axis must be 'y' or 'z' in a Lees-Edwards shear, whose images slide along x")
-        self._flows, self._rates = scene.shear is not None and axis[0] == "y" and component == "x", list[float]()
+        #: number of the axis along which the flow of a shear changes, -1 without any
+        self._flows, self._rates = axis.find("y") if scene.shear is not None and component == "x" else -1, list[float]()
         self._momentum: list[np.ndarray] = []
         self._mass, self._freedom, self._square, self._density = np.zeros((4, self._cut.count))
         self._extents: list[np.ndarray] = []
@@ -270,7 +271,7 @@ class ProfileReporter(BuiltReporter):
         total = cut.sums(cell, mass)
         momentum = np.array([cut.sums(cell, row) for row in mass * along.T])
         self._momentum.append(momentum[self._component])
-        self._rates.append(present.rate if self._flows else 0.0)
+        self._rates.append(present.rate if self._flows >= 0 else 0.0)
         self._mass += total
         counts = cut.sums(cell)
         self._freedom += 3 * np.maximum(counts - 1, 0)
@@ -293,8 +294,8 @@ class ProfileReporter(BuiltReporter):
         lengths = np.mean(self._extents, axis=0)
         widths = lengths / cut.bins
         centres = cut.coordinates(lengths)
-        if self._flows:
-            rows += np.outer(self._rates, centres if centres.ndim == 1 else centres[..., 0].ravel())
+        if self._flows >= 0:
+            rows += np.outer(self._rates, centres if centres.ndim == 1 else centres[..., self._flows].ravel())
         error = np.array([np.nan if not np.all(np.isfinite(row)) else block_average(row).sem or np.nan for row in rows.T])
         averages = (rows.mean(axis=0), error, self._density / n, kT, rows)
         velocity, error, density, kT, rows = (each.reshape(each.shape[:-1] + cut.bins) for each in averages)

@@ -54,7 +54,7 @@ class SlabStressReporter(BuiltReporter):
         for name in ("angles", "dihedrals", "impropers", "electrostatics", "segments", "shear"):
             if getattr(scene, name):
                 raise ParameterError(f"the stress of {name} is not known in slabs; StressReporter has that of the whole box")
-        self._cut, self._present = slicer(axis, bins, None, scene.bead_masses), Present(built)
+        self._cut, self._present = slicer(axis, bins, None, scene.bead_masses, "bins"), Present(built)
         self._rows: list[np.ndarray] = []
         self._extents: list[np.ndarray] = []
 
@@ -65,12 +65,9 @@ class SlabStressReporter(BuiltReporter):
         assert present.box is not None
         edge, (bins,) = present.box[k, k], cut.bins
         force, v = present.seen()
-
-        def products(weights, a):
-            return np.stack([weights * a[:, i] * a[:, j] for i, j in AXES_OF_TENSOR])
-
         number, _ = cut.cells(present.x, present.box)
-        found = [cut.sums(number, row) for row in present.kinetic_stress(v, force, products)]
+        moving = present.kinetic_stress(v, force, lambda m, a: np.stack([m * a[:, i] * a[:, j] for i, j in AXES_OF_TENSOR]))
+        found = [cut.sums(number, row) for row in moving]
         pairs = [(beads, values[:, 1:7]) for beads, values in pair_terms(present, friction=False)]
         for beads, values in pairs + [each[1:] for each in bond_terms(present)]:
             first, second = (present.x[beads[:, n], k] / edge for n in (0, 1))

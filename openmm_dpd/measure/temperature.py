@@ -118,11 +118,11 @@ def has_set_temperature(plan: Plan) -> bool:
     """
     scene = plan.scene
     moving_wall = scene.mobile is not None and scene.velocities is not None and bool(np.any(scene.velocities[~scene.mobile]))
-    moving_wall = moving_wall or any(wall.moves for wall in scene.walls)
+    driven = moving_wall or any(wall.moves for wall in scene.walls) or any(source.pushes for source in scene.sources)
     return (
         sets_temperature(plan)
         and plan.options.ramp is None
-        and not (scene.body_forces or plan.options.guided or moving_wall or scene.interacting is not None)
+        and not (scene.body_forces or plan.options.guided or driven or scene.interacting is not None)
     )
 
 

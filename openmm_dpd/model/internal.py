@@ -13,7 +13,7 @@ from ..base.errors import ParameterError, bead_number, in_number, what_is
 from ..base.units import keep, thermal_energies, to_md
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
 from .pairs import NONE
-from .sources import Source
+from .sources import OnFields
 
 
 def _per_bead(values, n: int, name: str) -> np.ndarray:
@@ -175,7 +175,7 @@ Internal = InternalEnergy | BeadTemperatures | Concentrations
 
 def check_internal(
     internal: Internal | None,
-    sources: Sequence[Source],
+    sources: Sequence[OnFields],
     tables: Sequence,
     type_ids: np.ndarray,
     type_names: list[str],
@@ -199,4 +199,6 @@ def check_internal(
     if sources and not n_values:
         raise ParameterError("sources act on temperatures (EDPD) or concentrations (TDPD), not on internal energies")
     for source in sources:
+        if not isinstance(source, OnFields):
+            raise ParameterError(f"sources must be a sequence of Source and Buoyancy, not of {what_is(source)}")
         source.check(box, len(type_ids), n_values)

@@ -20,7 +20,7 @@ from .reactions import BondBreaking, BondFormation, check_reactions
 from .segments import SegmentalRepulsion, check_segments
 from .shapes import SolidWall, plane_walls
 from .shear import LeesEdwards, check_shear
-from .sources import Source
+from .sources import Buoyancy, Source
 from .temperature import TemperatureRamp
 
 
@@ -62,8 +62,8 @@ class Scene:
         Molecule numbers, for the topology.
     internal : InternalEnergy, BeadTemperatures or Concentrations, optional
         Per-bead fields of the pair terms EnergyDPD, EDPD or TDPD, respectively.
-    sources : sequence of Source
-        Sources of heat (EDPD) or of a species (TDPD).
+    sources : sequence of Source and Buoyancy
+        Sources of heat (EDPD) or of a species (TDPD), and forces that follow temperatures or concentrations.
     compat : {"consistent", "lammps"}
         ``"lammps"`` computes as LAMMPS does the heat of EDPD, which does not conserve energy, and the nearest points of two segments.
     angles : sequence of HarmonicAngles, CosineAngles, ...
@@ -110,7 +110,7 @@ class Scene:
     mobile: np.ndarray | None = None
     molecules: np.ndarray | None = None
     internal: Internal | None = None
-    sources: Sequence[Source] = ()
+    sources: Sequence[Source | Buoyancy] = ()
     compat: str = "consistent"
     angles: Sequence[Angles] = ()
     segments: SegmentalRepulsion | None = None
@@ -215,9 +215,9 @@ class Scene:
             return 0
         places = [force.formulas for force in self.body_forces if isinstance(force, PositionForce)]
         pushed = {axis for formulas in places for axis, formula in zip("xyz", formulas, strict=True) if formula.strip() != "0"}
-        return 3 - len(
-            pushed | {"xyz"[axis] for axis in self.gaps} | {axis for body in self.bodies for axis in "xyz" if axis not in body.moves}
-        )
+        pushed |= {"xyz"[k] for source in self.sources if isinstance(source, Buoyancy) for k in np.flatnonzero(source.force)}
+        bound = {"xyz"[axis] for axis in self.gaps} | {axis for body in self.bodies for axis in "xyz" if axis not in body.moves}
+        return 3 - len(pushed | bound)
 
     @property
     def freedom(self) -> int:

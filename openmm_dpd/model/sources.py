@@ -1,8 +1,9 @@
-"""Sources of heat or of a species in a part of the box."""
+"""Sources of heat or of a species in a part of the box, and forces that follow what beads carry."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -85,8 +86,36 @@ class Sphere:
         return bool(np.sum((self.centre - np.clip(self.centre, low, high)) ** 2) < self.radius**2)
 
 
+class OnFields:
+    """Base of what acts on or through the per-bead fields, for all beads or those of a mask."""
+
+    species: int
+    beads: np.ndarray | None
+    pushes: ClassVar[bool] = False  #: Whether it is a force
+    _WHAT: ClassVar[str]
+
+    def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
+        """Add to ``rates`` (N, K), in place, for beads at positions x (N, 3)."""
+
+    def push(self, force: np.ndarray, values: np.ndarray) -> None:
+        """Add to the forces (N, 3), in place, on beads with these values (N, K)."""
+
+    def _keep_beads(self) -> None:
+        if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
+            raise ParameterError(f"the species of {self._WHAT} must be a whole number >= 0, not {what_is(self.species)}")
+        if self.beads is not None:
+            keep(self, beads=np.asarray(self.beads, dtype=bool))
+
+    def check(self, box: np.ndarray | None, n_beads: int, n_values: int) -> None:
+        """Raise ParameterError if this does not fit a scene."""
+        if self.beads is not None and self.beads.shape != (n_beads,):
+            raise ParameterError(f"the beads of {self._WHAT} must have one entry per bead, {n_beads}, not shape {self.beads.shape}")
+        if self.species >= n_values:
+            raise ParameterError(f"{self._WHAT} names species {self.species}, but there are {n_values}, counted from 0")
+
+
 @dataclass(frozen=True, eq=False)
-class Source:
+class Source(OnFields):
     """A constant rate added to every bead in a region: dT/dt in eDPD, dC/dt of one species in tDPD.
 
     Positions are first wrapped into the box whose lower corner is ``corner``.  A region that extends beyond the box acts only within it
@@ -110,15 +139,13 @@ class Source:
     species: int = 0
     beads: np.ndarray | None = None
     corner: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
+    _WHAT = "a source"
 
     def __post_init__(self):
         if not isinstance(self.region, (Block, Sphere)):
             raise ParameterError(f"the region of a source must be a Block or a Sphere, not {what_is(self.region)}")
         keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=point(self.corner, "corner"))
-        if isinstance(self.species, bool) or not isinstance(self.species, (int, np.integer)) or self.species < 0:
-            raise ParameterError(f"the species of a source must be a whole number >= 0, not {what_is(self.species)}")
-        if self.beads is not None:
-            keep(self, beads=np.asarray(self.beads, dtype=bool))
+        self._keep_beads()
 
     def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
         """Add the rate to ``rates`` (N, K), in place, for beads with positions x (N, 3) in the region."""
@@ -127,12 +154,47 @@ class Source:
 
     def check(self, box: np.ndarray | None, n_beads: int, n_values: int) -> None:
         """Raise ParameterError if the source does not fit a scene."""
-        if self.beads is not None and self.beads.shape != (n_beads,):
-            raise ParameterError(f"the beads of a source must have one entry per bead, {n_beads}, not shape {self.beads.shape}")
-        if self.species >= n_values:
-            raise ParameterError(f"a source names species {self.species}, but there are {n_values}, counted from 0")
+        super().check(box, n_beads, n_values)
         if box is not None:
             low = np.asarray(self.corner) + np.minimum(box, 0).sum(axis=0)
             high = np.asarray(self.corner) + np.maximum(box, 0).sum(axis=0)
             if not self.region.meets(low, high):
                 raise ParameterError(f"the region of a source, {self.region!r}, lies outside the box {low.tolist()} to {high.tolist()}")
+
+
+@dataclass(frozen=True, eq=False)
+class Buoyancy(OnFields):
+    """A force on single beads that follows the temperature (eDPD) or a concentration (tDPD) they have: F_i = force (value_i - reference).
+
+    With ``force`` = -m beta g it is Boussinesq's buoyancy, for gravity g and thermal expansion beta (S. Chandrasekhar, Hydrodynamic and
+    Hydromagnetic Stability (1961), section 8).  ``dpd_body_force`` does not scale it, and no potential energy is reported for it.
+
+    Parameters
+    ----------
+    force : three numbers
+        Force per unit of the value, kJ/mol/nm: per kJ/mol of thermal energy (eDPD), or per unit of concentration.
+    reference : float
+        Value at which there is no force.
+    species : int, default 0
+        Number of the species (tDPD), from 0.
+    beads : (N,) array of bool, optional
+        Beads it acts on; all by default.
+    """
+
+    force: np.ndarray
+    reference: float
+    species: int = 0
+    beads: np.ndarray | None = None
+    pushes = True
+    _WHAT = "a buoyancy"
+
+    def __post_init__(self):
+        force = np.asarray([to_md(each, "dimensionless", "the force of a buoyancy") for each in self.force])
+        if force.shape != (3,) or not np.all(np.isfinite(force)):
+            raise ParameterError(f"the force of a buoyancy must be three finite numbers, not {what_is(self.force)}")
+        keep(self, force=force, reference=checked(self.reference, "dimensionless", "the reference of a buoyancy", signed=True))
+        self._keep_beads()
+
+    def push(self, force: np.ndarray, values: np.ndarray) -> None:
+        above = values[:, self.species] - self.reference
+        force += np.outer(above if self.beads is None else above * self.beads, self.force)

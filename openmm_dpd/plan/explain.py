@@ -138,7 +138,9 @@ def _field_text(plan: Plan) -> str:
     if fields.kind == TEMPERATURE and plan.scene.compat == "lammps":
         text += "; heat as LAMMPS computes it (compat), which does not conserve energy"
     text += "".join(f"; {caution}" for kind in plan.kinds if kind.caution and (caution := kind.caution(plan.scene)))
-    return text + (f"; {len(fields.sources)} source(s)" if fields.sources else "")
+    pushing = sum(source.pushes for source in fields.sources)
+    text += f"; {len(fields.sources) - pushing} source(s)" if len(fields.sources) > pushing else ""
+    return text + (f"; {pushing} force(s) that follow it" if pushing else "")
 
 
 def _temperature_text(plan: Plan) -> str:

@@ -28,6 +28,7 @@ def heat_scene(lammps=False, frozen=True, **options) -> dpd.Scene:
     sources = [
         dpd.Source(dpd.Block.centred((0.0, 0.0, -1.0), (2.0, 3.0, 2.0)), 0.7, corner=CORNER),
         dpd.Source(dpd.Sphere((1.0, 1.0, 0.0), 0.9), -0.4, beads=np.arange(N) % 2 == 0, corner=CORNER),
+        dpd.Buoyancy((0.5, 0.0, -6.0), 0.9),
     ]
     internal = dpd.BeadTemperatures(rng.uniform(0.8, 1.2, N), rng.uniform(20, 60, N))
     mobile = np.arange(N) % 6 > 0 if frozen else None
@@ -40,6 +41,7 @@ def species_scene() -> dpd.Scene:
     sources = [
         dpd.Source(dpd.Block.centred((0.0, 0.0, -1.0), (2.0, 3.0, 2.0)), 0.7, species=3, corner=CORNER),
         dpd.Source(dpd.Sphere((1.0, 1.0, 0.0), 0.9), -0.4, corner=CORNER),
+        dpd.Buoyancy((0.0, 2.0, -3.0), 0.7, species=2, beads=np.arange(N) % 3 > 0),
     ]
     internal = dpd.Concentrations(rng.uniform(0.0, 2.0, (N, 4)))
     return fluid(SPECIES, BOXES["ortho"], n=N, spread=0, internal=internal, sources=sources, mobile=np.arange(N) % 6 > 0, kT=1.3)
@@ -74,6 +76,11 @@ class Rates:
         rates = self.engine.rates.copy()
         folded = (x - CORNER) % np.diag(self.scene.box) + CORNER
         for source in self.scene.sources:
+            if isinstance(source, dpd.Buoyancy):
+                for i in range(len(x)):
+                    if source.beads is None or source.beads[i]:
+                        force[i] += (values[i, source.species] - source.reference) * source.force
+                continue
             if isinstance(source.region, dpd.Block):
                 inside = oracle_meso.in_cuboid(folded, (source.region.low + source.region.high) / 2, source.region.high - source.region.low)
             else:
@@ -282,7 +289,7 @@ def test_schemes_and_places_that_do_not_fit():
     with pytest.raises(PlanError, match="compat='lammps' has no pair updates: .* only scheme='mvv' runs it, not 'middle'"):
         dpd.build(heat_scene(lammps=True), dt=DT, scheme="middle", platform="CPU")
     for make, why in ((heat_scene, "depends on the temperatures"), (species_scene, "it knows isothermal DPD only, not TDPD")):
-        raises(PlanError, why, lambda make=make: dpd.build(make(), dt=DT, scheme="native", platform="CPU"))
+        raises(PlanError, why, lambda make=make: dpd.build(replace(make(), sources=()), dt=DT, scheme="native", platform="CPU"))
     raises(PlanError, "depends on the temperatures", dpd.build, heat_scene(), dt=DT, scheme="mvv", conservative="openmm", platform="CPU")
     raises(PlanError, "derives from no potential", lambda: dpd.build(density_scene("lucy"), dt=DT, conservative="openmm", platform="CPU"))
     raises(PlanError, "it knows isothermal DPD only, not MDPD", lambda: dpd.build(density_scene(), dt=DT, scheme="native", platform="CPU"))
@@ -295,11 +302,43 @@ def test_schemes_and_places_that_do_not_fit():
     ({"internal": dpd.Concentrations(np.ones(N))}, "need internal=BeadTemperatures"),
     ({"sources": [dpd.Source(dpd.Sphere((50, 0, 0), 1.0), 1.0)]}, "lies outside the box"),
     ({"sources": [dpd.Source(dpd.Sphere((1, 0, 0), 1.0), 1.0, species=1)]}, "names species 1, but there are 1"),
+    ({"sources": [dpd.Buoyancy((0, 0, 1), 1.0, species=1)]}, "a buoyancy names species 1, but there are 1"),
+    ({"sources": [dpd.Buoyancy((0, 0, 1), 1.0, beads=np.ones(3))]}, "one entry per bead, 90"),
+    ({"sources": ["up"]}, "Source and Buoyancy, not of 'up'"),
     ({"compat": "LAMMPS"}, "compat must be"),
 )
 def test_bad_input(change, message):
     good = {"internal": dpd.BeadTemperatures(1.0, 1.0)}
     raises(ParameterError, message, lambda: fluid(HEAT, BOXES["ortho"], n=N, **{**good, **change}))
+
+
+def test_buoyancy_is_momentum_and_runs_the_same_however_it_is_run(tmp_path):
+    """Momentum changes by dt times the sum of the forces; OpenMM's own steps and a restart from XML do the same; LAMMPS has none."""
+    for number in ((0, -6.0), 0.9), ((np.nan, 0, 1), 0.9), ((0, 0, 1), np.inf):
+        raises(ParameterError, "of a buoyancy", dpd.Buoyancy, *number)
+    lift = dpd.Buoyancy((0.0, 1.5, -3.0), 0.7, species=2)
+    still = replace(species_scene(), sources=[lift], mobile=None)
+    one, device = running(still, DEVICES[1], scheme="bababo"), DEVICES[1]
+    assert still.kept_momenta == 1
+    expected = (still.velocities * still.bead_masses[:, None]).sum(axis=0)
+    for _ in range(5):
+        c = read_fields(one.context, one.built.plan)["concentrations"]
+        expected = expected + 0.5 * DT * np.sum(c[:, 2] - 0.7) * lift.force
+        one.step(1)
+        expected = expected + 0.5 * DT * np.sum(read_fields(one.context, one.built.plan)["concentrations"][:, 2] - 0.7) * lift.force
+    x, v = state_of(one.context)
+    np.testing.assert_allclose((v * still.bead_masses[:, None]).sum(axis=0), expected, atol=1e-9)
+    for choices in ({"loop": False}, {"scheme": "bababo"}):
+        other = running(still, device, **{"scheme": "bababo", **choices})
+        other.step(3)
+        other.saveState(str(tmp_path / "state.xml"))
+        again = running(still, device, **{"scheme": "bababo", **choices})
+        again.loadState(str(tmp_path / "state.xml"))
+        again.step(2)
+        np.testing.assert_allclose(state_of(again.context)[1], v, atol=1e-9)
+    from openmm_dpd.lammps import export_lammps
+
+    raises(ParameterError, "a buoyancy follows", export_lammps, still, tmp_path, "deck", dt=DT)
 
 
 def test_species_must_match():

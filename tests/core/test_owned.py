@@ -76,6 +76,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.shapes.Union: lambda: {"shapes": [dpd.shapes.Ball(np.zeros(3), 1.0)]},
     dpd.SolidWall: lambda: {"shape": dpd.shapes.Ball(np.zeros(3), 1.0), "velocity": np.zeros(3), "spin": np.ones(3), "centre": np.ones(3)},
     dpd.Source: lambda: {"region": dpd.Sphere([0, 0, 0], 1.0), "rate": 1.0, "beads": np.array(MASK), "corner": np.zeros(3)},
+    dpd.Buoyancy: lambda: {"force": np.ones(3), "reference": 1.0, "beads": np.array(MASK)},
     dpd.InternalEnergy: lambda: {"eos": {"A": dpd.ConstantHeatCapacity(10.0)}, "thetas": np.ones(3) * KJ, "conductive": np.ones(3)},
     dpd.BeadTemperatures: lambda: {"thetas": np.ones(3), "capacities": np.ones(3)},
     dpd.Concentrations: lambda: {"values": np.ones((3, 2))},

@@ -148,6 +148,23 @@ def test_runs_have_the_same_profiles(axis, tmp_path):
     assert (tmp_path / "map.png").stat().st_size > 10_000 and isinstance(flow, Curve)
 
 
+def test_cells_of_a_shear_are_parts_of_its_slabs():
+    """The flow is part of the velocity, whichever of the two axes it changes along."""
+    x = np.random.default_rng(3).random((100, 3)) * EDGES
+    table, shear = {("*", "*"): dpd.DPD(A=25, gamma=4.5)}, dpd.LeesEdwards(0.5)
+    scene = dpd.Scene({"A": 1.0}, ["A"] * 100, x, table, kT=1.0, box=EDGES, shear=shear)
+    built = dpd.build(scene, dt=0.02, seed=1, scheme="bababo")
+    simulation = built.simulation()
+    slabs, first, second = (ProfileReporter(1, built, axis=axis, bins=4) for axis in ("y", "yz", "zy"))
+    simulation.reporters += [slabs, first, second]
+    simulation.step(3)
+    for cells, across in ((first.profile, 1), (second.profile, 0)):
+        flow = np.nansum(cells.velocity * cells.density, axis=across) / cells.density.sum(axis=across)
+        np.testing.assert_allclose(flow, slabs.profile.velocity, rtol=1e-10)
+    for axis in ("xy", "rz"):
+        raises(dpd.ParameterError, "in a Lees-Edwards shear", ProfileReporter, 1, built, axis, "z")
+
+
 def test_what_cannot_be_cut_is_refused():
     tilted = np.array([[4, 0, 0], [1, 5, 0], [0, 0, 6.0]])
     x = np.random.default_rng(1).random((2, 100, 3)) @ tilted

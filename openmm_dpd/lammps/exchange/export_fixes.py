@@ -17,7 +17,7 @@ from ...model.mdpd import MDPD
 from ...model.pairs import DPD
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
-from ...model.sources import Block
+from ...model.sources import Block, Source
 from ...model.tdpd import TDPD
 from ...model.temperature import TemperatureRamp
 from ..language.lexer import closing_parenthesis
@@ -154,6 +154,8 @@ def source_lines(scene: Scene, units: UnitSystem, corner: np.ndarray, difference
     """Regions, groups and fixes of the sources of heat or species."""
     heat = isinstance(scene.internal, BeadTemperatures)
     for k, source in enumerate(scene.sources, start=1):
+        if not isinstance(source, Source):
+            raise ParameterError("a buoyancy follows temperatures or concentrations of beads, for which LAMMPS has no fix")
         if not _fits(scene, source.corner, corner):
             raise ParameterError(
                 f"the sources have different corners of the box, {np.asarray(source.corner).tolist()} and {corner.tolist()}; "

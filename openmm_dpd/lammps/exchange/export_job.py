@@ -14,6 +14,7 @@ from ...model.flow import AXES, PositionForce
 from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
+from ...model.sources import Source
 from ...model.temperature import TemperatureRamp
 from ...plan.choices import checked_seed
 from ...simulation.build import initial_velocities
@@ -126,7 +127,7 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
 
 def _corner(scene: Scene, corner) -> np.ndarray:
     if corner is None:
-        given = [s.corner for s in scene.sources] + [t.corner for t in scene.body_forces if isinstance(t, PositionForce)]
+        given = [term.corner for term in (*scene.sources, *scene.body_forces) if isinstance(term, (Source, PositionForce))]
         corner = given[0] if given else np.zeros(3)
     found = np.array(to_md(corner, "length", "corner"), dtype=np.float64)
     if found.shape != (3,):

@@ -89,7 +89,8 @@ class PairForceFunction:
     def hidden(self) -> str:
         """What forces depend on that OpenMM does not hand to them."""
         fields = self.spec.fields
-        return "bonds that form and break" if self.spec.sorts else "the beads' temperatures" if fields is not None and fields.acts else ""
+        carried = "" if fields is None or not fields.acts else "the beads' temperatures or concentrations"
+        return "bonds that form and break" if self.spec.sorts else carried
 
     def thread_state(self) -> ThreadState:
         """What the calling thread keeps."""

@@ -145,6 +145,7 @@ register(
         coefficient=TDPD,
         terms=_species_terms,
         potential=dpd_expression,
+        why_kernel_only=lambda _, scene, *__: "a force follows concentrations" if any(each.pushes for each in scene.sources) else None,
         fields=_concentrations,
         field_text="concentrations, three species in each variable",
     )
