@@ -26,7 +26,7 @@ from ..simulation.build import build
 MOMENTS, BETWEEN, POWERS = 160, 5, (2, 12)
 #: Friction with frozen beads times the repulsion, in units of kT, the mass and the cutoff, at which a fluid of single beads does not slip,
 #: and the least repulsion for that.  Measured: docs/measure/solid_walls.py pipe.
-HELD, SOFT = 1000.0, 15.0
+HELD, SOFT = 1250.0, 15.0
 #: Parts of a scene that may be there.
 _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "bead_masses", "compat", "body_forces", "sources"}
 

@@ -25,8 +25,8 @@ def test_frozen_beads_hold_the_fluid_and_turn_with_their_wall():
     assert set(made.types[:n]) == {"A", "B"} and set(made.types[n:]) == {"A_wall", "B_wall_"}
     table = made.tables[0].resolve(made.type_names)
     assert table["A", "A"] == PAIR and table["B", "B"] == stiff and table["A_wall", "B_wall_"] is dpd.NONE
-    assert (table["A", "A_wall"].A, table["A", "A_wall"].gamma) == (25, 40.0)
-    assert table["B", "A_wall"].gamma == 80.0 and table["A", "B_wall_"].gamma == 40.0  # by the mass of the bead that moves
+    assert (table["A", "A_wall"].A, table["A", "A_wall"].gamma) == (25, 50.0)
+    assert table["B", "A_wall"].gamma == 100.0 and table["A", "B_wall_"].gamma == 50.0  # by the mass of the bead that moves
     assert (table["B", "B_wall_"].gamma, table["B", "B_wall_"].gamma_perp) == (60.0, 6.0)
     r = np.hypot(*(made.positions[n:, :2] - 2.5).T)
     assert r.min() > 1.39 and r.max() < 2.41
