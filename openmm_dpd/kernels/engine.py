@@ -18,7 +18,7 @@ from .dpd import SweptLayer
 from .eos import CONSTANT
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
-from .pairs import MANY
+from .pairs import MANY, Exceptions
 
 
 class PairEngine(Engine):
@@ -37,7 +37,7 @@ class PairEngine(Engine):
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
-        self._beads: list[np.ndarray] = []  #: Of the bonds that form and break
+        self._bonds: tuple[list[np.ndarray], Exceptions | None] | None = None  #: Those that form and break
         if spec.sheared:
             self.set_flow(np.zeros(1))
             for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
@@ -173,15 +173,19 @@ class PairEngine(Engine):
     def densities(self, layer: int) -> np.ndarray:
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
-    def set_bonds(self, beads: list[np.ndarray]) -> None:
+    def set_bonds(self, beads: list[np.ndarray], exceptions: Exceptions | None = None) -> None:
         made = [terms.between(pairs).evaluator() for terms, pairs in zip(self.spec.sorts, beads, strict=True) if len(pairs)]
         self.number += 1  # first: what was computed before is not valid any more
-        self.extras, self._beads = [*self.extras[: len(self.spec.extras)], *made], beads
+        self.extras, self._bonds = [*self.extras[: len(self.spec.extras)], *made], (beads, exceptions)
+        if exceptions is not None:
+            self._kept = False
+            for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
+                pairs.leave_out(exceptions)
 
     def another(self) -> "PairEngine":
         made = type(self)(self.spec)
-        if self._beads:
-            made.set_bonds(self._beads)
+        if self._bonds is not None:
+            made.set_bonds(*self._bonds)
         return made
 
     @property

@@ -24,12 +24,12 @@ def no_exceptions() -> Exceptions:
     return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
 
 
-def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int) -> Exceptions:
-    """Factors of pairs of beads as exceptions, each in both directions."""
-    if not factors:
+def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int, changes: bool = False) -> Exceptions:
+    """Factors of pairs of beads as exceptions, each in both directions; where they will change there are rows even without any."""
+    if not factors and not changes:
         return no_exceptions()
     rows = sorted([(i, j, f) for (i, j), f in factors.items()] + [(j, i, f) for (i, j), f in factors.items()])
-    first = np.array([row[0] for row in rows])
+    first = np.array([row[0] for row in rows], np.int64)
     start = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n_beads))])
     return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
 
@@ -153,6 +153,10 @@ class PairList:
         for here, given in zip(self._of_beads, self._given, strict=True):
             if len(here):
                 np.take(given, names, out=here)
+
+    def leave_out(self, exceptions: Exceptions) -> None:
+        """Have other exceptions from the next :meth:`build` on; both these and those before have rows."""
+        self.exceptions, self._source = exceptions, None
 
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""

@@ -42,8 +42,10 @@ class BondsSpec:
     sorts: tuple[BondedKernel, ...]  #: One bond of each sort, and one angle, if bonds that are made have one with others
     initial: np.ndarray  #: (N, W) table at the start
     neighbours: Exceptions  #: Beads with bonds that stay, of the factor 0: they get no other one
-    start: np.ndarray  #: Bonds that stay and those of the initial table, see :func:`both_ways`
+    stays: np.ndarray  #: Bonds that stay, and with those of the initial table, see :func:`both_ways`
+    start: np.ndarray
     bent: bool  #: Whether there is that angle
+    factors: tuple[float, ...] | None  #: Of the pair terms of beads one, two and three bonds apart, if any differs from 1
 
 
 class Event(NamedTuple):
@@ -82,6 +84,23 @@ def angles_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
         first = np.flatnonzero((vertex[gap:] == vertex[:-gap]) & (made[gap:] | made[:-gap]))
         found.append(np.column_stack([partner[first], vertex[first], partner[first + gap]]))
     return np.concatenate(found).astype(np.uint32)
+
+
+def exceptions_in(table: np.ndarray, stays: np.ndarray, factors: tuple[float, ...]) -> Exceptions:
+    """Exceptions of beads one, two and three bonds apart, by the bonds of a table and those that stay (:func:`both_ways`)."""
+    n = len(table)
+    i, place = np.nonzero(table > 0)
+    last = bonds = np.union1d(stays, i * n + (table[i, place] - 1) % n)
+    rows, seen, found = np.searchsorted(bonds, np.arange(n + 1) * n), np.arange(n) * (n + 1), [np.zeros((0, 2))]
+    count = np.diff(rows)
+    for factor in factors:
+        last = np.setdiff1d(last, seen)
+        found.append(np.column_stack([last, np.full(len(last), factor)])[: len(last) if factor != 1.0 else 0])
+        seen, many = np.union1d(seen, last), count[last % n]
+        one_by_one = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
+        last = np.unique(np.repeat(last // n, many) * n + bonds[np.repeat(rows[last % n], many) + one_by_one] % n)
+    codes, values = np.concatenate(found)[np.argsort(np.concatenate(found)[:, 0])].T
+    return np.searchsorted(codes, np.arange(n + 1) * n), (codes % n).astype(np.int64), values.copy()
 
 
 def counts_in(table: np.ndarray, sort: int) -> np.ndarray:
@@ -201,11 +220,16 @@ class ReactingLoop(StepLoop):
             raise RunError("the state has bonds that this scene's reactions cannot make: a script with others wrote it")
         if self._bonds.bent:
             beads.append(angles_in(table, self._bonds.start))
-        self._shown = None  # until all have them
-        self.engine.set_bonds(beads)
+        self._shown, factors = None, self._bonds.factors  # until all have them
+        apart = None if factors is None else exceptions_in(table, self._bonds.stays, factors)
+        self.engine.set_bonds(beads, apart)
         self.valid.take()
         if self._seats is not None:
-            self._seats.set_bonds(beads)
+            self._seats.set_bonds(beads, apart)
+        if factors is not None:  # in LAMMPS, too, beads that had no pair terms before a step are not bonded in it
+            gone = exceptions_in(table, self._bonds.stays, (0.0, *(float(factor != 0.0) for factor in factors[1:])))
+            for pairs in self._lists.values():
+                pairs.leave_out(gone)
         self._shown = table.copy()
 
     def run(self, moment: Moment, n: int, slow: SlowForces | None = None) -> None:

@@ -229,7 +229,9 @@ def check_reactions(scene: Any) -> None:
     broken = {id(reaction.bonds) for reaction in scene.reactions if not reaction.forms or reaction.energy is not None}
     reasons = {
         "all bond formations need the same object as their `angle`, or none": any(each.angle is not angle for each in formations),
-        "bonds in equilibrium cannot have an `angle`": angle is not None and any(each.energy is not None for each in formations),
+        "bonds in equilibrium cannot have an `angle`, and beads keep their pair terms: `bonded_factors` must be (1, 1, 1)": (
+            any(each.energy is not None for each in formations) and (angle is not None or scene.bonded_factors not in alike)
+        ),
         "beside an `angle`, bonds that are there at the start cannot break": (
             angle is not None and any(len(bonds.pairs) and id(bonds) in broken for bonds in bond_sorts(scene.reactions))
         ),
@@ -237,9 +239,8 @@ def check_reactions(scene: Any) -> None:
         f"beads within {in_length(farthest)} are looked for in a box that is less than twice as wide": farthest > half * (1 + 1e-9),
         "bonds in equilibrium, and those that break over a barrier, need a temperature": heated and scene.initial_kT == 0,
         "rigid bodies are not supported beside them": bool(scene.bodies),
-        "beads keep their pair terms when they are bonded, so `bonded_factors` must be (1, 1, 1)": scene.bonded_factors not in alike,
         "charges interact whether beads are bonded or not, so the `bonded_factors` of `electrostatics` must be (1, 1, 1)": (
-            charges is not None and charges.bonded_factors not in alike
+            charges is not None and (charges.bonded_factors or scene.bonded_factors) not in alike
         ),
         "`segments` repel bonds that stay": scene.segments is not None,
         "beads have energies or temperatures of their own, and nothing says which of them the energy of a bond comes from": (

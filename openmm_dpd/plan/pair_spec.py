@@ -29,15 +29,20 @@ from .kinds import BeadData, Kind, bonded_kind, resolved_kind
 Factors = dict[tuple[int, int], float]
 
 
-def neighbour_factors(scene: Scene) -> tuple[Factors, Factors]:
-    """Factors of bonded neighbours, where they are not 1: for pair terms, and for charges."""
+def neighbour_factors(scene: Scene, bonds: np.ndarray) -> tuple[Factors, Factors]:
+    """Factors of neighbours by ``bonds`` (B, 2), where they are not 1: for pair terms, and for charges."""
     charges, alike = scene.electrostatics, (1.0, 1.0, 1.0)
     asked = scene.bonded_factors, alike if charges is None else charges.bonded_factors or scene.bonded_factors
-    found = bonded_neighbours(scene.bond_pairs, scene.n_beads) if len(scene.bond_pairs) and asked != (alike, alike) else {}
+    found = bonded_neighbours(bonds, scene.n_beads) if len(bonds) and asked != (alike, alike) else {}
     pair_terms, of_charges = (
         {pair: factors[k - 1] for k, pairs in found.items() if factors[k - 1] != 1.0 for pair in pairs} for factors in asked
     )
     return pair_terms, of_charges
+
+
+def neighbours_change(scene: Scene) -> bool:
+    """Whether factors of bonded neighbours change with bonds that form and break."""
+    return bool(scene.reactions) and scene.bonded_factors not in (None, (1.0, 1.0, 1.0))
 
 
 def inner_factors(scene: Scene, reach: float) -> Factors:
@@ -82,7 +87,7 @@ def pair_spec(
         inv_mass=np.where(mobile, 1.0 / scene.bead_masses, 0.0),
         terms=tuple(kind.terms(table, beads) for kind, table in zip(kinds, layers, strict=True)),  # type: ignore[misc]
         update=SHARDLOW if scheme.shardlow else EXACT,
-        exceptions=compressed_exceptions(exceptions, scene.n_beads),
+        exceptions=compressed_exceptions(exceptions, scene.n_beads, neighbours_change(scene)),
         wall_velocity=wall_velocity,
         fields=fields,
         sweeps=scheme.sweeps,
@@ -130,7 +135,8 @@ def extras(
         if len(beads):
             found.append(bonded_kind(terms).kernel(beads.astype(np.uint32), np.ascontiguousarray(coefficients.T)))
     if wanted("overlays"):
-        found += [radial_terms(table, scene.type_ids, scene.type_names, exceptions) for table in overlays]
+        its = scene.type_ids, scene.type_names, exceptions, neighbours_change(scene)
+        found += [radial_terms(table, *its) for table in overlays]
     segments = segment_spec(scene) if wanted("segments") else None
     if segments is not None and len(segments.pairs):
         found.append(segments)
@@ -139,14 +145,16 @@ def extras(
     return tuple(found)
 
 
-def radial_terms(table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float]) -> RadialTerms:
+def radial_terms(
+    table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float], changes: bool = False
+) -> RadialTerms:
     """A table of radial potentials laid over the pair terms, as the kernel needs it."""
     overlay = resolved_kind(table).overlay
     assert overlay is not None
     cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
     # beads that interact with no other are not even sorted
     types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
-    return RadialTerms(types, cutoff, *overlay(table, names), compressed_exceptions(exceptions, len(type_ids)))
+    return RadialTerms(types, cutoff, *overlay(table, names), compressed_exceptions(exceptions, len(type_ids), changes))
 
 
 def body_terms(term: BodyForce, scene: Scene) -> BodyTerms:

@@ -41,7 +41,7 @@ from .kinds import Kind, bonded_kind, resolved_kind
 from .made import Host
 from .pair_spec import Factors, inner_factors, longest, neighbour_factors, pair_spec
 from .program_options import ProgramOptions, field_options, tau_ratio
-from .reactions import table_blocks
+from .reactions import bonds_at_start, table_blocks
 
 #: Coefficients by pair of types, all of one kind.
 ResolvedTable = dict[tuple[str, str], Any]
@@ -271,7 +271,7 @@ def make_plan(
             f"`interacting` takes forces from beads, but the pair updates of scheme {chosen.name!r} change velocities without forces; "
             f"only scheme={predicting()} can do that"
         )
-    (exceptions, charge_exceptions), reach = neighbour_factors(scene), longest(layers)
+    (exceptions, charge_exceptions), reach = neighbour_factors(scene, bonds_at_start(scene)), longest(layers)
     exceptions |= inner_factors(scene, max(reach, longest(overlays)))
     repulsive = any(c is not NONE and c.has_conservative for table in layers for c in table.values())
     rubs = any(c is not NONE and c.has_thermostat for table in layers for c in table.values())

@@ -9,6 +9,7 @@ from ..kernels.reactions import BondsSpec, ReactionSpec, both_ways, turn
 from ..model.reactions import angle_formed, bond_sorts
 from ..model.scene import Scene
 from .kinds import bonded_kind
+from .pair_spec import neighbours_change
 
 
 def _roles(scene: Scene, reaction: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -28,9 +29,9 @@ def table_blocks(scene: Scene) -> int:
     return -(-int(most.max(initial=1)) // 3)
 
 
-def start_of(scene: Scene) -> np.ndarray:
-    """All bonds at the start, see :func:`.kernels.reactions.both_ways`."""
-    return both_ways(np.concatenate([scene.bond_pairs, *(bonds.pairs for bonds in bond_sorts(scene.reactions))]), scene.n_beads)
+def bonds_at_start(scene: Scene) -> np.ndarray:
+    """(B, 2) all bonds at the start, those that may break among them."""
+    return np.concatenate([scene.bond_pairs, *(bonds.pairs for bonds in bond_sorts(scene.reactions))])
 
 
 def bonds_spec(scene: Scene) -> BondsSpec | None:
@@ -45,5 +46,7 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
     ones: list[Any] = groups if angle is None else [*groups, angle]
     kernels = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in ones]
     specs = [ReactionSpec(each, [bonds is each.bonds for bonds in sorts].index(True), *_roles(scene, each)) for each in scene.reactions]
-    neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n)
-    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, start_of(scene), angle is not None)
+    stays, start = (both_ways(pairs, n) for pairs in (scene.bond_pairs, bonds_at_start(scene)))
+    factors = scene.bonded_factors if neighbours_change(scene) else None
+    neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n, factors is not None)
+    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, angle is not None, factors)

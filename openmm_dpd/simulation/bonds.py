@@ -8,10 +8,11 @@ import openmm
 
 from ..base.names import GUIDE
 from ..base.units import keep
-from ..kernels.reactions import angles_in, bonds_in
+from ..kernels.reactions import angles_in, bonds_in, both_ways
 from ..model.reactions import angle_formed, angles_like, bond_sorts
+from ..plan.pair_spec import neighbour_factors
 from ..plan.plan import Plan
-from ..plan.reactions import start_of
+from ..plan.reactions import bonds_at_start
 from .fields import raw_bonds
 
 
@@ -37,7 +38,8 @@ def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
     groups = [bonds.between(bonds_in(table, k).astype(np.int64)) for k, bonds in enumerate(bond_sorts(plan.scene.reactions))]
     now, scene, angle = copy(plan), copy(plan.scene), angle_formed(plan.scene.reactions)
     if angle is not None:
-        keep(scene, angles=(*scene.angles, angles_like(angle, angles_in(table, start_of(scene)).astype(np.int64))))
+        start = both_ways(bonds_at_start(scene), len(table))
+        keep(scene, angles=(*scene.angles, angles_like(angle, angles_in(table, start).astype(np.int64))))
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
-    keep(now, scene=scene)
+    keep(now, scene=scene, exceptions=neighbour_factors(scene, scene.bond_pairs)[0])
     return now

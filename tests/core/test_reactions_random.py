@@ -40,6 +40,8 @@ class Random:
         np.add.at(self.counts[0], first.ravel(), 1)
         charges = {"positions": rng.random((self.n, 3)) * self.edge, "box": [self.edge] * 3, "kT": 1.0, "reactions": self.reactions}
         charges |= {"pairs": {("*", "*"): dpd.DPD(A=self.A, gamma=4.5)}, "bonds": [dpd.HarmonicBonds(self.static, 30.0, 0.4)]}
+        self.factors = tuple(rng.choice([0.0, 0.5, 1.0], 3).tolist()) if rng.random() < 0.5 else (1.0, 1.0, 1.0)
+        charges["bonded_factors"] = self.factors
         self.scene = dpd.Scene(dict.fromkeys(names, 1.0), self.types.tolist(), **charges)
         self.scheme, self.threads = SCHEMES[seed % 3], 1 + seed % 2
 
@@ -54,10 +56,23 @@ class Random:
     def built(self):
         return dpd.build(self.scene, dt=0.03, scheme=self.scheme, platform="CPU", seed=3)
 
+    def shells(self):
+        """Beads by the number of bonds between them, 4 for more, and 0 for a bead itself."""
+        apart = np.full((self.n, self.n), 4)
+        near = np.zeros((self.n, self.n), bool)
+        for i, j in (*self.bonds, *map(tuple, self.static)):
+            near[i, j] = near[j, i] = True
+        reached = np.eye(self.n, dtype=bool)
+        for bonds in range(4):
+            apart[reached & (apart == 4)] = bonds
+            reached = reached @ near
+        return apart
+
     def trials(self, step, x):
         """Carry out what is due at a step."""
         d = np.linalg.norm(oracle.minimum_image(x[:, None] - x[None], np.diag([self.edge] * 3)).reshape(self.n, self.n, 3), axis=2)
         before = dict(self.bonds)
+        alone = np.isin(self.shells(), [k + 1 for k, factor in enumerate(self.factors) if factor == 0.0])
         for each in self.reactions:
             if step < max(each.start, 1) or (step - each.start) % each.every:
                 continue
@@ -66,7 +81,7 @@ class Random:
                 one, other = (self.types == name for name in each.types)
                 room = [self.counts[sort] < valence for valence in each.valences]
                 able = (one & room[0])[:, None] & (other & room[1])[None]
-                able = (able | able.T) & (d < each.within) & ~np.eye(self.n, dtype=bool)
+                able = (able | able.T) & (d < each.within) & ~np.eye(self.n, dtype=bool) & ~alone
                 for i, j in (*self.bonds, *map(tuple, self.static)):
                     able[i, j] = able[j, i] = False
                 score[able] = d[able]
@@ -88,7 +103,8 @@ class Random:
         def apart(i, j):
             return oracle.minimum_image(x[i] - x[j], box).reshape(-1, 3)
 
-        total = 0.5 * self.A * (np.maximum(1.0 - np.linalg.norm(apart(i, j), axis=1), 0.0) ** 2).sum()
+        factors = np.array([0.0, *self.factors, 1.0])[self.shells()[i, j]]
+        total = 0.5 * self.A * (factors * np.maximum(1.0 - np.linalg.norm(apart(i, j), axis=1), 0.0) ** 2).sum()
         for (i, j), k in [*((pair, 20.0 * (sort + 1)) for pair, sort in self.bonds.items()), *((pair, 30.0) for pair in self.static)]:
             total += k * (np.linalg.norm(apart([i], [j])) - 0.4) ** 2
         there = {*self.bonds, *self.start}

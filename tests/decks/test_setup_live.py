@@ -189,6 +189,11 @@ DECKS |= {
     # on chains that are there, with an angle at either end of a bond
     "bonds with angles beside others": FORMING + "fix g all bond/create 2 1 3 0.8 1 iparam 4 1 jparam 2 3 atype 1\n"
     "fix h all bond/create 5 2 3 0.7 2 iparam 3 2 jparam 1 3 atype 1\n",
+    "bonds whose beads lose their pair terms": FORMING.replace("1 1 1", "0 0.5 0.5")
+    + "fix g all bond/create 4 3 3 0.8 2 iparam 3 3 jparam 3 3 atype 2\nfix t all bond/break 3 2 0.65\n",
+    "bonds whose beads lose all pair terms": FORMING.replace("1 1 1", "0 0 0")
+    + "fix g all bond/create 3 1 3 0.8 1 iparam 4 1 jparam 2 3\nfix h all bond/create 3 2 3 0.9 2 iparam 4 2 jparam 1 3\n"
+    + "fix t all bond/break 4 2 0.8\n",
     "bonds with angles that break": FORMING
     + "fix g all bond/create 4 3 3 0.8 2 iparam 3 3 jparam 3 3 atype 2\nfix t all bond/break 3 2 0.65\n",
 }
@@ -317,6 +322,15 @@ def agree(trial: Trial, text: str, **files: str) -> None:
 @pytest.mark.parametrize("name", DECKS)
 def test_both_programs_run_alike(trial, name):
     agree(trial, HEAD + DECKS[name] + RUN)
+
+
+def test_bonds_that_were_broken_in_a_run_before_count_in_lammps(tmp_path):
+    """The fix that makes bonds goes on counting them, also when that which breaks them is gone; a new one does not."""
+    fixes = "fix g all bond/create 2 3 3 0.8 2 iparam 3 3 jparam 3 3\nfix t all bond/break 3 2 0.6\n"
+    text = HEAD + FORMING.removeprefix(MOLECULES) + fixes + RUN.replace("run 30\n", "run 8\nunfix t\nAGAINrun 2\n")
+    with pytest.raises(DeckError, match="fix g: bonds were broken in a run before"):
+        lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", ""))
+    assert lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", "unfix g\n" + fixes.splitlines()[0] + "\n"))
 
 
 def test_regions(tmp_path):

@@ -21,6 +21,7 @@ from ...simulation.build import BuiltSystem
 from ...simulation.fields import read_fields
 from ...simulation.watching import PIECE
 from ..files.restart_file import restart_bytes
+from ..scene.reacting import keep_reacted
 from ..state.records import DeckSample, Fix, MomentumRemoval
 from ..values.resolver import Resolver
 from .moving_box import MovingBox, measured
@@ -221,8 +222,7 @@ class DeckSteps:
         if guide is not None:
             guide.keep(self.sampler.numbers())
         if self.built.plan.scene.reactions:
-            for name, values in self.sampler.reacted(self.request.last_step).items():
-                self.request.state.fixes[name].parameters["counts"] = values[1:]
+            keep_reacted(self.request.state, self.sampler.reacted(self.request.last_step))
             self.request.state.before = {}
         x, v, box = arrays(context, self.request.axes)
         last = None if self._sample is None else self._sample.kept()

@@ -41,15 +41,16 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
     made = {fix.parameters["bond"] for fix in fixes if fix.style == "bond/create"}
     for fix in fixes:
         given, kind = fix.parameters, fix.parameters["bond"]
-        broken = any(other.style == "bond/break" and other.parameters["counts"][1] for other in fixes if other.parameters["bond"] == kind)
         reasons = {
             "its group must be all": fix.group != "all",
-            "it needs special_bonds lj 1 1 1: beads keep their pair terms when they are bonded": set(state.special) != {1.0},
+            "a factor 0 of special_bonds lj needs one of coul: only then does LAMMPS leave such beads alone": any(
+                f == 0 and q != 0 for f, q in zip(state.special, state.special_charges, strict=True)
+            ),
             f"bond type {kind} has no coefficients": kind not in state.bond.coefficients,
             "it cannot be combined with fix npt, whose pressure leaves out bonds that form and break": bool(state.fixes_of("npt")),
             "neigh_modify exclude is not supported beside it": bool(state.exclusions),
             "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
-            "bonds were broken in a run before, which count for maxbond in LAMMPS; put both into one run": broken and kind in made,
+            "bonds were broken in a run before, which count for maxbond in LAMMPS; put both into one run": given.get("spent", False),
         }
         for reason in (reason for reason, holds in reasons.items() if holds):
             raise fix.error(reason)
@@ -91,6 +92,15 @@ def take_bonds(state: DeckState, table: np.ndarray) -> None:
         start = both_ways(state.atoms.index_of(there.ravel()).reshape(-1, 2), len(state.atoms))
         ids = state.atoms.ids[angles_in(table, start).astype(np.int64)]
         state.angles = np.concatenate([at_start(state, "angle"), np.column_stack([np.full(len(ids), bend), ids])])
+
+
+def keep_reacted(state: DeckState, reacted: dict[str, list[float]]) -> None:
+    """Note at the end of a run the values of the fixes, and where bonds have been broken that the fix which makes them goes on counting."""
+    for name, values in reacted.items():
+        state.fixes[name].parameters["counts"] = values[1:]
+    broken = {fix.parameters["bond"] for fix in state.fixes_of("bond/break") if fix.parameters["counts"][1]}
+    for fix in state.fixes_of("bond/create"):
+        fix.parameters["spent"] = fix.parameters.get("spent", False) or fix.parameters["bond"] in broken
 
 
 def reacted_values(state: DeckState, reacted: np.ndarray, step: int, first: int) -> dict[str, list[float]]:

@@ -15,7 +15,7 @@ from ...model.temperature import TemperatureRamp
 from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.moment import Window
-from ..state.records import COUPLED, FORCE_FIXES, GUIDED, Fix
+from ..state.records import COUPLED, FORCE_FIXES, GUIDED, REACTING, Fix
 from ..state.rigid import bodies_of, make_whole
 from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
@@ -157,7 +157,7 @@ def bonded_factors(state: DeckState) -> tuple[float, float, float]:
         if style.name == "mdpd/rhosum" and any(f == 0 and q != 0 for f, q in zip(state.special, state.special_charges, strict=True)):
             raise style.error("a factor 0 of special_bonds lj needs one of coul: only then does LAMMPS leave neighbours out of densities")
     if "quartic" not in setup.styles or not len(state.bonds):
-        return state.special if len(state.bonds) else (1.0, 1.0, 1.0)
+        return state.special if len(state.bonds) or state.fixes_of(*REACTING) else (1.0, 1.0, 1.0)
     others = {setup.coefficients[kind][0] for kind in np.unique(state.bonds[:, 0]).tolist() if kind in setup.coefficients} - {"quartic"}
     reasons = {
         "it needs units lj: its repulsion has sigma = epsilon = 1": state.units.name != "lj",
