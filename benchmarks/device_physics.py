@@ -2,6 +2,7 @@
 
     python benchmarks/device_physics.py                      # a quarter of an hour on two cores and PoCL
     python benchmarks/device_physics.py --platform CUDA --beads 24000 --time 1000
+    python benchmarks/device_physics.py --many-body --beads 1000 --time 40   # a liquid of many-body DPD instead
 
 The standard fluid at gamma = 4.5 and dt = 0.05, each number with its standard error; then the diffusion coefficient of ``middle`` at gamma =
 40.5 and dt = 0.1, beside that of the host at a step of 0.02.
@@ -42,6 +43,27 @@ def compared(found: dict, other: dict) -> str:
     return "  ".join(text) + f"  g {difference.max():.4f}, {largest:.1f} errors at most in {len(difference)} bins"
 
 
+def many_body(given: argparse.Namespace, scheme: str, dt: float, precision: str, kernel: str) -> dict[str, tuple[float, float]]:
+    """Mean and standard error of kinetic temperature, energy and pressure of a liquid at density 6; without a precision on the host."""
+    edge = (given.beads / 6) ** (1 / 3)
+    pairs = {("W", "W"): dpd.MDPD(A=-40, B=25, gamma=4.5, kernel=kernel)}
+    start = np.random.default_rng(given.seed).random((given.beads, 3)) * edge
+    scene = dpd.Scene({"W": 1}, ["W"] * given.beads, start, pairs, kT=1, box=[edge] * 3)
+    where = {"platform": given.platform, "engine": "device"} if precision else {"platform": "CPU", "engine": "host"}
+    built = dpd.build(scene, dt=dt, scheme=scheme, seed=given.seed, **where)
+    simulation = built.simulation(properties={"Precision": precision} if precision else {"Threads": "1"})
+    simulation.minimizeEnergy(maxIterations=20)
+    simulation.step(int(5 / dt))
+    observer, samples = dpd.Observer(built), []
+    for _ in range(int((given.time if precision else 2 * given.time) / dt / 10)):
+        simulation.step(10)
+        sample = observer.sample(simulation.context)
+        samples.append((2 * sample.kinetic / (3 * given.beads - 3), sample.potential / given.beads, sample.pressure()))
+    blocks = np.array(samples)[: len(samples) // 20 * 20].reshape(20, -1, 3).mean(axis=1)
+    ends = zip(blocks.mean(axis=0), blocks.std(axis=0, ddof=1) / np.sqrt(20), strict=True)
+    return dict(zip(("T_kin", "U", "P"), ends, strict=True))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -51,8 +73,18 @@ def main() -> None:
     parser.add_argument("--beads", type=int, default=3000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--time", type=float, default=150.0, help="of the device; the host's runs are twice as long")
+    parser.add_argument("--many-body", action="store_true")
     given = parser.parse_args()
     dpd.set_threads(1)
+    for kernel in ("quadratic", "lucy") if given.many_body else ():
+        for scheme in given.schemes:
+            host = many_body(given, scheme, 0.02, "", kernel)
+            for precision in given.precision:
+                found = many_body(given, scheme, 0.02, precision, kernel)
+                text = (f"{name} {a[0]:.4f}({a[1]:.4f}), host {host[name][0]:.4f}({host[name][1]:.4f})" for name, a in found.items())
+                print(f"{kernel:9s} {scheme:9s} {precision:7s} {'  '.join(text)}", flush=True)
+    if given.many_body:
+        return
     job = {"beads": given.beads, "seed": given.seed, "kT": 1.0, "equilibrate": 20.0}
 
     def run(fluid: str, scheme: str, dt: float, time: float, precision: str = "") -> dict:

@@ -35,6 +35,8 @@ def scene(kind: str) -> dpd.Scene:
         box[1, 0] = 1.0
         bonds = dpd.HarmonicBonds(np.arange(100).reshape(-1, 2), k=20, r0=0.6)
         options = {"bonds": [bonds], "bonded_factors": (0.5, 1.0, 1.0), "mobile": np.arange(n) < 580}
+    elif kind == "free":
+        table = {("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5, kernel="lucy")}
     types = rng.choice(["A", "B"], n).tolist()
     return dpd.Scene({"A": 1, "B": 2}, types, rng.random((n, 3)) @ box, table, kT=1, box=None if kind == "free" else box, **options)
 

@@ -46,7 +46,7 @@ def test_beads_far_from_the_origin_move_as_those_in_the_box(boxes, scheme):
         np.testing.assert_allclose(far, near, rtol=0, atol=most)
 
 
-@pytest.mark.parametrize("precision, scheme", [("single", "middle"), ("mixed", "mvv"), ("single", "bababo")])
+@pytest.mark.parametrize("precision, scheme", [("mixed", "mvv"), ("single", "bababo")])
 def test_what_is_far_goes_back_by_whole_molecules_and_no_bit_depends_on_calls(precision, scheme, tmp_path):
     """Every thousandth step, at which States and the acceleration that is kept go on as before."""
     found = available(Device("OpenCL", precision))
