@@ -24,9 +24,10 @@ from ..simulation.build import build
 #: half, and steps between two; powers of the nearness to the surface whose sums are compared, for each wall and over all: those on which
 #: densities in the first and in the second layer beside it depend.
 MOMENTS, BETWEEN, POWERS = 160, 5, (2, 12)
-#: Friction with frozen beads times the repulsion, in units of kT, the mass and the cutoff, at which a fluid of single beads does not slip,
-#: and the least repulsion for that.  Measured: docs/measure/solid_walls.py pipe.
-HELD, SOFT = 1250.0, 15.0
+#: In units of kT, the mass and the cutoff: friction with frozen beads times the repulsion, below which fluids of single beads slip; the
+#: repulsion below which this friction stays the same; that up to which twice the friction within the fluid is needed, and less beyond it.
+#: Measured: docs/measure/solid_walls.py pipe.
+HELD, SOFT, TWICE = 1250.0, 15.0, 25.0
 #: Parts of a scene that may be there.
 _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "bead_masses", "compat", "body_forces", "sources"}
 
@@ -41,8 +42,8 @@ def frozen_layer(
     beads in the solid are frozen with the velocity of their wall if the surface is within the longest cutoff, and left out if it is farther
     away.  So the fluid has the structure that it has inside up to the wall, on average over places of the surface.
 
-    Frozen beads are of types of their own, ``W_wall`` for those of type ``W``, with so much friction with the fluid that it does not slip,
-    at least twice that within the fluid (:doc:`/theory_flow`).  This needs pairs that interact by one table of :class:`openmm_dpd.DPD`.
+    Frozen beads are of types of their own, ``W_wall`` for those of type ``W``, with so much friction with the fluid that it does not slip
+    (:doc:`/theory_flow`).  This needs pairs that interact by one table of :class:`openmm_dpd.DPD`.
 
     Parameters
     ----------
@@ -120,8 +121,9 @@ def _with_held(scene: Scene) -> tuple[Scene, dict[str, str]]:
             if kind not in (one, two) or pair is NONE:
                 continue
             free = two if one == kind else one
-            least = HELD * kT * np.sqrt(scene.masses[free] * kT) / (max(pair.A, SOFT * kT / pair.cutoff) * pair.cutoff**2)
-            held = {"gamma": max(2.0 * pair.gamma, float(least)) if pair.gamma else 0.0, "gamma_perp": 2.0 * pair.gamma_perp, "sigma": None}
-            pairs[free, names[kind]] = replace(pair, **held)
+            repulsion = max(pair.A * pair.cutoff, SOFT * kT) or 1.0
+            least, more = HELD * kT * (scene.masses[free] * kT) ** 0.5 / (repulsion * pair.cutoff), min(2.0, 1.0 + TWICE * kT / repulsion)
+            gamma = max(more * pair.gamma, least) if pair.gamma else 0.0
+            pairs[free, names[kind]] = replace(pair, gamma=gamma, gamma_perp=more * pair.gamma_perp, sigma=None)
     missing = {(a, b): NONE for a in masses for b in names.values() if (a, b) not in pairs}
     return replace(scene, masses=masses, pairs=missing | pairs), names
