@@ -44,7 +44,7 @@ class ShadowWorkReporter(BuiltReporter):
     ------
     ParameterError
         If the scheme is no word with one sweep, or something else than pairs and bonded terms changes the energy within a step: walls,
-        a shear, charges, forces on single beads, a temperature ramp, repulsion that depends on the beads' temperatures (EDPD).
+        a shear, charges, forces on single beads, a temperature ramp, repulsion that depends on the beads' temperatures (EDPD), reactions.
 
     References
     ----------
@@ -146,5 +146,6 @@ def _why_not(plan: Plan) -> str | None:
         "the temperature follows a ramp": plan.options.ramp is not None,
         "a repulsion depends on the temperatures of the beads": plan.spec.fields is not None and plan.spec.fields.kind == TEMPERATURE,
         "forces act on some beads only": scene.interacting is not None,
+        "bonds form and break": bool(scene.reactions),
     }
     return next((reason for reason, holds in reasons.items() if holds), None)

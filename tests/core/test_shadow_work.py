@@ -51,6 +51,11 @@ def test_a_run_is_the_same_with_and_without_it():
     ({}, {"shear": dpd.LeesEdwards(0.2)}, "a shear does work"),
     ({}, {"body_forces": [dpd.BodyForce((0.1, 0, 0))]}, "forces on single beads"),
     ({}, {"kT": dpd.TemperatureRamp(1.0, 2.0, 0, 100)}, "ramp"),
+    (
+        {},
+        {"reactions": [dpd.BondBreaking(dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 1.0, "r0": 0.5}), beyond=1.0)]},
+        "bonds form and break",
+    ),
     ({}, {"walls": [dpd.Wall("z", 0.1, "above"), dpd.Wall("z", 2.0, "below")], "positions": np.full((81, 3), 1.0)}, "walls"),
 )
 def test_where_it_is_not_known(choices, more, reason):
