@@ -50,7 +50,6 @@ FLAT = {"box": [EDGE, EDGE, EDGE + 1.0]}
 KINDS = {
     "eDPD": HEAT,
     "eDPD beside walls": HEAT | {"mobile": np.arange(N) > 9},
-    "one equation of state": energies(*[dpd.ConstantHeatCapacity(60.0)] * 2),
     "two of them": energies(dpd.ConstantHeatCapacity(60.0), dpd.ConstantHeatCapacity(20.0)),
     "a mixture with a table": energies(dpd.ConstantHeatCapacity(60.0), table(1.1)),
     "species": {"pairs": {("*", "*"): SPECIES}, "internal": dpd.Concentrations(np.outer(LEVELS, np.arange(1, 6)))},
@@ -95,8 +94,7 @@ def compound(integrator):
 
 clone = openmm.XmlSerializer.clone
 OWN = {"integrator": lambda built: (built.system, copy.copy(built.integrator))}
-OWN["both"] = lambda built: (copy.deepcopy(built.system), copy.deepcopy(built.integrator))
-OWN["System in XML"] = lambda built: (clone(built.system), copy.copy(built.integrator))
+OWN["both"] = lambda built: (clone(built.system), copy.deepcopy(built.integrator))
 OTHERS = {"both in XML": lambda built: (clone(built.system), clone(built.integrator))}
 OTHERS["integrator in XML"] = lambda built: (built.system, clone(built.integrator))
 OTHERS["compound"] = lambda built: (built.system, compound(copy.copy(built.integrator)))
