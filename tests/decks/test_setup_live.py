@@ -194,7 +194,6 @@ DECKS |= {
     "bonds whose beads lose all pair terms": FORMING.replace("1 1 1", "0 0 0")
     + "fix g all bond/create 3 1 3 0.8 1 iparam 4 1 jparam 2 3\nfix h all bond/create 3 2 3 0.9 2 iparam 4 2 jparam 1 3\n"
     + "fix t all bond/break 4 2 0.8\n",
-    + "fix g all bond/create 4 3 3 0.8 2 iparam 3 3 jparam 3 3 atype 2\nfix t all bond/break 3 2 0.65\n",
 }
 DECKS["group dynamic"] = (
     FLUID
