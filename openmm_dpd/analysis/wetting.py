@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, what_is
 from ..base.stats import Average, block_average
 from ..base.units import to_md
 from .frames import Beads, Curve, Trajectories, curve_of
@@ -82,7 +82,9 @@ def contact_angle(
     ----------
     M. J. de Ruijter, T. D. Blake and J. De Coninck, Langmuir 15, 7836 (1999); T. Werder et al., J. Phys. Chem. B 107, 1345 (2003).
     """
-    low, above = (float(to_md(value, "length", name)) for name, value in (("surface", surface), ("skip", skip)))  # type: ignore[arg-type]
+    low, above = to_md(surface, "length", "surface"), to_md(skip, "length", "skip")
+    if not isinstance(low, float) or not isinstance(above, float) or above < 0:
+        raise ParameterError(f"surface and skip must be one number each, skip at least 0, not {what_is(surface)} and {what_is(skip)}")
     x, found_rows, volumes = density_rows(trajectory, beads, f"r{axis}", n_bins, drop=True)
     rows, place = found_rows["drop"], x.reshape(-1, 2)
     profile = curve_of(x, rows, "the density of the drop")

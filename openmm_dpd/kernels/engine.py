@@ -109,11 +109,10 @@ class PairEngine(Engine):
                 energy += extra.add_to(self._x, self._box, force, self.body_scale)
                 if held is not None:  # once more, so that both have the bits that they have alone
                     extra.add_to(self._x, self._box, held, self.body_scale)
-            if self.spec.fields is not None and field_values is not None:  # outside a step nobody may know them
-                for source in self.spec.fields.sources:
-                    source.push(force, field_values)
-                    if held is not None:
-                        source.push(held, field_values)
+            for source in () if field_values is None else self.spec.fields.sources:  # type: ignore[union-attr]  # there are fields
+                source.push(force, field_values)
+                if held is not None:
+                    source.push(held, field_values)
         if self.spec.fields is not None and which & DISSIPATIVE:
             for source in self.spec.fields.sources:
                 source.add_to(self.rates, self._x, self._box)

@@ -212,9 +212,7 @@ class VelocityProfile:
     length: float | np.ndarray
 
     def __repr__(self) -> str:
-        if self.centres.ndim > 1:
-            return f"<VelocityProfile of {len(self.rows)} samples in {' x '.join(map(str, self.density.shape))} cells>"
-        return f"<VelocityProfile of {len(self.rows)} samples in {len(self.centres)} slabs of {self.width:g} nm>"
+        return f"<VelocityProfile of {len(self.rows)} samples in {' x '.join(map(str, self.velocity.shape))} slabs>"
 
 
 class ProfileReporter(BuiltReporter):
@@ -250,7 +248,6 @@ class ProfileReporter(BuiltReporter):
             require_plain_axis(scene.box, one, "a velocity profile")
         if scene.shear is not None and (self._cut.around or "x" in axis):
             raise ParameterError("axis must be 'y' or 'z' in a Lees-Edwards shear, whose images slide along x")
-        #: number of the axis along which the flow of a shear changes, -1 without any
         self._flows, self._rates = axis.find("y") if scene.shear is not None and component == "x" else -1, list[float]()
         self._momentum: list[np.ndarray] = []
         self._mass, self._freedom, self._square, self._density = np.zeros((4, self._cut.count))

@@ -140,7 +140,7 @@ def test_runs_have_the_same_profiles(axis, tmp_path):
     np.testing.assert_allclose(found.density, density_profile(trajectory, np.arange(100), **options)["selected"].y, rtol=1e-5)
     np.testing.assert_allclose(found.kT, temperature_profile(trajectory, v, flow=True, **options).y, rtol=1e-5)
     np.testing.assert_allclose(found.centres, flow.x, rtol=1e-6)
-    assert found.rows.shape == (6, 2, 3) and found.error.shape == (2, 3) and "2 x 3 cells" in repr(found)
+    assert found.rows.shape == (6, 2, 3) and found.error.shape == (2, 3) and "2 x 3 slabs" in repr(found)
     raises(dpd.ParameterError, "along one axis", lambda: couette_viscosity(found, np.ones(6), channel=(0, 1)))
     pictures.profile_picture(tmp_path / "map.png", flow, axis_name=axis)
     raises(dpd.ParameterError, "two letters", lambda: pictures.profile_picture(tmp_path / "x.png", flow))

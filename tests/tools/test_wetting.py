@@ -67,6 +67,8 @@ def test_what_is_no_drop_is_refused():
         (lambda: contact_angle(trajectory, "L", surface=11.9), "no drop with a round surface"),
         (lambda: contact_angle(trajectory, "L", surface=-6.0), "no drop with a round surface"),
         (lambda: contact_angle(trajectory, "L", surface=LOW, axis="rz"), "axis must be"),
+        (lambda: contact_angle(trajectory, "L", surface=LOW, skip=-1.0), "skip at least 0"),
+        (lambda: contact_angle(trajectory, "L", surface=[1.0, 2.0]), "must be one number each"),
         (lambda: contact_angle(trajectory, "W", surface=LOW), "no bead is of type 'W'"),
         (lambda: contact_angle(empty, "L", surface=LOW), "needs a periodic box"),
     ):
