@@ -106,7 +106,7 @@ def convection(edge: float, rayleigh: float, alpha: float, steps: int, seed: int
     force = rayleigh * VISCOSITY * alpha / edge**3
     built = cavity(edge, force, seed)
     simulation, mobile = built.simulation(), built.plan.scene.mobile
-    simulation.step(round(0.7 * edge**2 / alpha / DT))
+    simulation.step(round(0.4 * edge**2 / alpha / DT))
     rows = []
     for _ in range(steps // every):
         simulation.step(every)
