@@ -32,7 +32,8 @@ def drop() -> dpd.Scene:
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + [4.0, 4.0, SURFACE]
     liquid = dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75, kernel="quadratic")
     e = f"exp(-2*(z-{PLACE}))"  # U = DEPTH ((1 - e)^2 - 1)
-    wall = dpd.PositionForce(("0", "0", f"-{4 * DEPTH}*(1-{e})*{e}"))
+    # with a lid: a bead that evaporates would go round through the periodic boundary, and gain energy from the wall each time
+    wall = dpd.PositionForce(("0", "0", f"-{4 * DEPTH}*(1-{e})*{e}-100*max(0,z-{BOX[2] - 1})"))
     return dpd.Scene({"L": 1.0}, ["L"] * len(positions), positions, {("L", "L"): liquid}, kT=1.0, box=BOX, body_forces=[wall])
 
 

@@ -32,10 +32,11 @@ LIQUID = dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75, kernel="qua
 STEEPNESS, PLACE, DT, DENSITY = 2.0, 1.0, 0.02, 6.0
 
 
-def wall(depth: float) -> dpd.PositionForce:
-    """Force of the potential depth ((1 - e)^2 - 1), e = exp(-2 (z - 1))."""
+def wall(depth: float, height: float) -> dpd.PositionForce:
+    """Force of the potential depth ((1 - e)^2 - 1), e = exp(-2 (z - 1)); and a lid, without which a bead that evaporates would go round
+    through the periodic boundary, and gain energy from the wall each time."""
     e = f"exp(-{STEEPNESS}*(z-{PLACE}))"
-    return dpd.PositionForce(("0", "0", f"-{2 * depth * STEEPNESS}*(1-{e})*{e}"))
+    return dpd.PositionForce(("0", "0", f"-{2 * depth * STEEPNESS}*(1-{e})*{e}-100*max(0,z-{height - 1})"))
 
 
 def pull(depth: float, z: np.ndarray) -> np.ndarray:
@@ -49,7 +50,7 @@ def built(edges, low, box, depth: float | None, seed: int) -> dpd.BuiltSystem:
     spacing = DENSITY ** (-1 / 3)
     axes = [np.arange(spacing / 2, edge, spacing) for edge in edges]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + low
-    forces = [] if depth is None else [wall(depth)]
+    forces = [] if depth is None else [wall(depth, box[2])]
     scene = dpd.Scene({"L": 1.0}, ["L"] * len(x), x, {("L", "L"): LIQUID}, kT=1.0, box=box, body_forces=forces)
     return dpd.build(scene, dt=DT, scheme="middle", seed=seed)
 
