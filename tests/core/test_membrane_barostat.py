@@ -128,7 +128,7 @@ def test_a_restart_has_box_and_step_and_takes_the_new_temperature(tmp_path):
 
 
 @any_seed(1)
-@pytest.mark.parametrize("tension", [1.5, -1.5])
+@pytest.mark.parametrize("tension", [1.5, pytest.param(-1.5, marks=pytest.mark.slow)])
 def test_the_area_of_an_ideal_gas_is_exact(tension, seed):
     """Beads that do not repel each other: p(A) ~ A^N exp(-(P L_z - gamma) A), a gamma distribution.  5 % off is seen."""
     n = 64

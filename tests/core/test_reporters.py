@@ -65,7 +65,7 @@ def reported(scheme: str, every: int, calls: list[int], threads: int = 1) -> lis
     return found
 
 
-@pytest.mark.parametrize("scheme", ["mvv", "middle", "shardlow", "bababo"])
+@pytest.mark.parametrize("scheme", ["mvv", "bababo"])
 def test_reports_within_a_run_are_those_between_runs(scheme, monkeypatch):
     """The same bits, whatever the number of threads, and of the trajectory; the steps that are reported are played, too."""
     real, played = Tape.play, [0]

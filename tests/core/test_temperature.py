@@ -60,10 +60,9 @@ def test_a_ramp_step_is_a_step_at_that_temperature(choices):
 
 
 @any_seed(1)
-@pytest.mark.parametrize("start_stop", [(0.5, 2.0), (2.0, 0.5)])
-def test_a_ramp_reaches_its_targets(start_stop, seed):
+def test_a_ramp_reaches_its_targets(seed):
     """Gamma fixed and sigma fixed: after a slow ramp, and held there, the fluid has the last temperature; 5 % off is seen."""
-    start, stop = start_stop
+    start, stop = 0.5, 2.0
     table = {("A", "A"): D(A=25, gamma=20), ("A", "B"): D(A=25, sigma=6.0), ("B", "B"): D(A=25, gamma=20)}
     scene = fluid(table, np.diag([4.0] * 3), 3.0, kT=dpd.TemperatureRamp(start, stop, 0, 500))
     values = temperatures(scene, dt=0.01, start=0, steps=2800, scheme="middle", seed=seed)
@@ -73,7 +72,7 @@ def test_a_ramp_reaches_its_targets(start_stop, seed):
 
 # -- what could spoil the temperature ------------------------------------------------------------------------------------------------
 @any_seed(1)
-@pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["shardlow"], SCHEMES["middle"]], ids=["mvv", "shardlow", "middle"])
+@pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["shardlow"]], ids=["mvv", "shardlow"])
 def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
     """Factors 0.5, 0.25 and 0: noise goes as the square root (as f it would be 43 % too cold); a tenth is seen."""
     n = 200
@@ -86,7 +85,7 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
 
 
 @any_seed(1)
-@pytest.mark.parametrize("choices", [SCHEMES["mvv-0.65"], SCHEMES["shardlow"], SCHEMES["aboba"]], ids=["mvv-0.65", "shardlow", "aboba"])
+@pytest.mark.parametrize("choices", [SCHEMES["mvv-0.65"], SCHEMES["aboba"]], ids=["mvv-0.65", "aboba"])
 def test_unequal_masses_and_transverse_friction(choices, seed):
     """Masses 1 and 2.7, everything different: kT = 1.3 at a small step; 3 % off is seen."""
     scene = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, kT=1.3)
@@ -94,13 +93,12 @@ def test_unequal_masses_and_transverse_friction(choices, seed):
 
 
 @any_seed(1)
-@pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["middle"]], ids=["mvv", "middle"])
-def test_walls_at_rest_keep_the_temperature(choices, seed):
+def test_walls_at_rest_keep_the_temperature(seed):
     """5 % off is seen."""
     base = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, seed=4)
     mobile = base.positions[:, 2] % 4.0 > 0.8
     scene = dpd.Scene(base.masses, base.types, base.positions, EXTENDED, 1.0, box=base.box, mobile=mobile)
-    judge(temperatures(scene, dt=0.01, start=1200, steps=5000, conservative="kernel", seed=seed, **choices), 1.0, error=0.012)
+    judge(temperatures(scene, dt=0.01, start=1200, steps=5000, conservative="kernel", seed=seed, scheme="middle"), 1.0, error=0.012)
 
 
 def test_moving_walls_drag_the_fluid_along():

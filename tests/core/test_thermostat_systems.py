@@ -183,6 +183,7 @@ def coarse() -> tuple[openmm.System, np.ndarray]:
     return system, np.array(positions)
 
 
+@pytest.mark.slow
 @any_seed(4)
 def test_coarse_grained_system_from_xml(tmp_path, seed):
     """A System read from XML, with constraints, at 20 fs and 310 K; friction by types, stronger between water beads.  A tenth off is seen."""
