@@ -180,5 +180,7 @@ def test_what_cannot_be_cut_is_refused():
         (lambda: velocity_profile(trajectory, v, axis="xz", component="phi"), "axis must be"),
     ):
         raises(dpd.ParameterError, message, call)
+    nearly = trajectory_of(x, np.diag(EDGES) + 3e-6 * np.tri(3, k=-1))  # right angles, as files have them
+    assert density_profile(nearly, axis="rz", n_bins=2)["A"].y.max() > 0
     whole = density_profile(trajectory, np.arange(100), axis="yx", n_bins=(4, 3))["selected"]
     assert whole.y.mean() * 120 == pytest.approx(100, rel=1e-5)  # cells of a tilted box are tilted
