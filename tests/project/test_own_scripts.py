@@ -25,7 +25,7 @@ ELSEWHERE = {  # Pages, and the Contexts in them (by their number among those th
     "build_scene": {2: "immobile beads take up momentum", 3: "a trap takes up momentum"},
     "flow": {0: "the body force of reverse Poiseuille flow depends on where beads are"}
     | dict.fromkeys((1, 2, 4), "walls take up momentum"),
-    "heat_species": {1: "walls take up momentum"},
+    "heat_species": {1: "walls take up momentum", 3: "walls take up momentum, and buoyancy gives it"},
     "partition": dict.fromkeys(range(15), "the beads by which copies of a molecule are held take up momentum"),
 }
 #: Pages whose Systems refuse it, and the reason.
