@@ -60,7 +60,7 @@ def contact_angle(
     beads : str, sequence of str, array of int, or None
         Beads of the drop; all by default.
     surface : length
-        Height s of the surface of the wall along the axis, nm.  The drop lies above it.
+        Height s of the surface of the wall along the axis, nm, in the box, which begins at 0.  The drop lies above it.
     axis : {"z", "y", "x"}
         Normal of the wall.
     n_bins : int or two of them, default 40
@@ -76,7 +76,7 @@ def contact_angle(
     Raises
     ------
     ParameterError
-        If there is no box with right angles, or no circle is found that meets the surface.
+        If there is no box with right angles, the surface is not in it, or no circle is found that meets the surface.
 
     References
     ----------
@@ -86,9 +86,13 @@ def contact_angle(
     if not isinstance(low, float) or not isinstance(above, float) or above < 0:
         raise ParameterError(f"surface and skip must be one number each, skip at least 0, not {what_is(surface)} and {what_is(skip)}")
     x, found_rows, volumes = density_rows(trajectory, beads, f"r{axis}", n_bins, drop=True)
-    rows, place = found_rows["drop"], x.reshape(-1, 2)
+    rows, place, edge = found_rows["drop"], x.reshape(-1, 2), x[0, 0, 1] + x[-1, -1, 1]
+    if not 0 <= low < edge:
+        raise ParameterError(f"surface must be a height in the box, from 0 to {edge:g} nm, into which beads are wrapped, not {low:g}")
     profile = curve_of(x, rows, "the density of the drop")
     used = place[:, 1] >= low + above
+    if np.count_nonzero(used) < 16 or len(np.unique(place[used, 1])) < 4:
+        raise ParameterError("a circle needs four slices above the surface and 16 rings in all; take larger n_bins or a smaller skip")
     r, z, weight, rows = place[used, 0], place[used, 1], np.sqrt(volumes[used]), rows[:, used]
     mean = rows.mean(axis=0)
     dense = float(np.sum(weight**2 * mean**2) / max(np.sum(weight**2 * mean), 1e-300))

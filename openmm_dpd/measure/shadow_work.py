@@ -145,6 +145,7 @@ def _why_not(plan: Plan) -> str | None:
         "kicks by charges or by forces on single beads are not part of the word": bool(scene.electrostatics or scene.body_forces),
         "the temperature follows a ramp": plan.options.ramp is not None,
         "a repulsion depends on the temperatures of the beads": plan.spec.fields is not None and plan.spec.fields.kind == TEMPERATURE,
+        "a force follows concentrations": plan.spec.fields is not None and plan.spec.fields.pushes,
         "forces act on some beads only": scene.interacting is not None,
         "bonds form and break": bool(scene.reactions),
     }

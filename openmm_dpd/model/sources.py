@@ -189,7 +189,7 @@ class Buoyancy(OnFields):
     _WHAT = "a buoyancy"
 
     def __post_init__(self):
-        force = np.asarray([to_md(each, "dimensionless", "the force of a buoyancy") for each in self.force])
+        force = np.asarray(to_md(self.force, "dimensionless", "the force of a buoyancy"))
         if force.shape != (3,) or not np.all(np.isfinite(force)):
             raise ParameterError(f"the force of a buoyancy must be three finite numbers, not {what_is(self.force)}")
         keep(self, force=force, reference=checked(self.reference, "dimensionless", "the reference of a buoyancy", signed=True))

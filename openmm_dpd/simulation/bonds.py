@@ -2,15 +2,17 @@
 each), so OpenMM's checkpoints and saved states hold them."""
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import openmm
 
 from ..base.names import GUIDE
 from ..base.units import keep
+from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import angles_in, bonds_in, both_ways
 from ..model.reactions import angle_formed, angles_like, bond_sorts
-from ..plan.pair_spec import neighbour_factors
+from ..plan.pair_spec import neighbour_factors, neighbours_change
 from ..plan.plan import Plan
 from ..plan.reactions import bonds_at_start
 from .fields import raw_bonds
@@ -41,5 +43,8 @@ def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
         start = both_ways(bonds_at_start(scene), len(table))
         keep(scene, angles=(*scene.angles, angles_like(angle, angles_in(table, start).astype(np.int64))))
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
-    keep(now, scene=scene, exceptions=neighbour_factors(scene, scene.bond_pairs)[0])
+    factors = neighbour_factors(scene, scene.bond_pairs)[0]
+    keep(now, scene=scene, exceptions=factors)
+    if neighbours_change(scene):
+        keep(now, spec=replace(plan.spec, exceptions=compressed_exceptions(factors, len(table), changes=True)))
     return now

@@ -314,7 +314,7 @@ def test_bad_input(change, message):
 
 def test_buoyancy_is_momentum_and_runs_the_same_however_it_is_run(tmp_path):
     """Momentum changes by dt times the sum of the forces; OpenMM's own steps and a restart from XML do the same; LAMMPS has none."""
-    for number in ((0, -6.0), 0.9), ((np.nan, 0, 1), 0.9), ((0, 0, 1), np.inf):
+    for number in ((0, -6.0), 0.9), (-6.0, 0.9), (None, 0.9), ((np.nan, 0, 1), 0.9), ((0, 0, 1), np.inf):
         raises(ParameterError, "of a buoyancy", dpd.Buoyancy, *number)
     lift = dpd.Buoyancy((0.0, 1.5, -3.0), 0.7, species=2)
     still = replace(species_scene(), sources=[lift], mobile=None)

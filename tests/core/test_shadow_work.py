@@ -44,6 +44,9 @@ def test_a_run_is_the_same_with_and_without_it():
     assert np.array_equal(*ends)
 
 
+SPECIES = {"table": {("W", "W"): dpd.TDPD(A=25, gamma=4.5, kappa=[1.0])}, "internal": dpd.Concentrations(np.ones((81, 1)))}
+
+
 @cases(
     "choices, more, reason",
     ({"scheme": "mvv"}, {}, "no word"),
@@ -56,6 +59,7 @@ def test_a_run_is_the_same_with_and_without_it():
         {"reactions": [dpd.BondBreaking(dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 1.0, "r0": 0.5}), beyond=1.0)]},
         "bonds form and break",
     ),
+    ({}, SPECIES | {"sources": [dpd.Buoyancy((0, 0, 1.0), 1.0)]}, "a force follows"),
     ({}, {"walls": [dpd.Wall("z", 0.1, "above"), dpd.Wall("z", 2.0, "below")], "positions": np.full((81, 3), 1.0)}, "walls"),
 )
 def test_where_it_is_not_known(choices, more, reason):

@@ -1,5 +1,7 @@
 """Stress in slabs: beside a loop over pairs, the tensor of the whole box, and mechanical equilibrium of a liquid film."""
 
+from dataclasses import replace
+
 import numpy as np
 import oracle
 import pytest
@@ -13,6 +15,7 @@ from openmm_dpd.measure import SlabStressReporter, StressReporter
 from openmm_dpd.measure.slabs import along_lines
 
 LIQUID = dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75, kernel="quadratic")
+FORMATION = dpd.BondFormation(dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 20.0, "r0": 0.5}), ("A", "B"), within=0.8, valences=(1, 1))
 #: Tilted so that z, and only z, is an axis along which no other vector points.
 TILTED = np.array([[4.1, 0, 0], [1.2, 3.9, 0], [0, 0, 5.0]])
 
@@ -67,16 +70,17 @@ def test_slabs_agree_with_a_loop_over_pairs():
     np.testing.assert_allclose(slabs.pressures[0], expected, atol=2e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("case", ["middle", "mvv", "aboba", "many-body", "overlay"])
+@pytest.mark.parametrize("case", ["middle", "mvv", "aboba", "many-body", "overlay", "bonds that form"])
 def test_slabs_add_up_to_the_tensor_of_the_box(case):
     """To rounding, for every kind of pair term with a tensor, along every axis of a box with right angles, and after steps."""
     table = {("*", "*"): LIQUID} if case == "many-body" else PLAIN
     tables = [table, {("*", "*"): dpd.LennardJones(0.3, 0.4, cutoff=1.1)}] if case == "overlay" else table
     edges = TILTED if case == "middle" else np.diag([4.1, 3.9, 5.0])
-    for axis in "z" if case == "middle" else "xyz":
-        slabs, whole = both(
-            chains(tables, edges), case if case in ("mvv", "aboba") else "middle", axis=axis, steps=0 if case == "overlay" else 5
-        )
+    scene = chains(tables, edges)
+    if case == "bonds that form":
+        scene = replace(scene, reactions=[FORMATION], bonded_factors=(0.0, 0.5, 1.0))
+    for axis in "z" if case in ("middle", "bonds that form") else "xyz":
+        slabs, whole = both(scene, case if case in ("mvv", "aboba") else "middle", axis=axis, steps=0 if case == "overlay" else 5)
         np.testing.assert_allclose(slabs.pressures.mean(axis=1), whole.pressures, rtol=1e-11, atol=1e-11 * np.abs(whole.pressures).max())
         assert np.isnan(slabs.tensor[1]).all() and slabs.centres[0] == pytest.approx(edges["xyz".index(axis), "xyz".index(axis)] / 26)
         assert slabs.pressures.shape == (1 + (case != "overlay"), 13, 6)
@@ -126,6 +130,7 @@ def test_what_has_no_stress_in_slabs_is_refused():
     tilted = TILTED + np.array([[0, 0, 0], [0, 0, 0], [0.5, 0, 0]])
     for scene, message, axis in (
         (chains(PLAIN, box, angles=triples), "stress of angles is not known in slabs", "z"),
+        (replace(chains(PLAIN, box), reactions=[replace(FORMATION, angle=triples[0])]), "stress of angles", "z"),
         (chains(PLAIN, tilted), "use z", "x"),
         (chains(PLAIN, box), "axis must be", "r"),
         (chains(PLAIN, box, shear=dpd.LeesEdwards(0.1)), "stress of shear", "z"),

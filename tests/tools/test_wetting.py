@@ -64,8 +64,9 @@ def test_what_is_no_drop_is_refused():
     trajectory = drops(95, 6, seed=1)
     empty = mdtraj.Trajectory(trajectory.xyz, trajectory.topology)
     for call, message in (
-        (lambda: contact_angle(trajectory, "L", surface=11.9), "no drop with a round surface"),
-        (lambda: contact_angle(trajectory, "L", surface=-6.0), "no drop with a round surface"),
+        (lambda: contact_angle(trajectory, "L", surface=9.5), "no drop with a round surface"),
+        (lambda: contact_angle(trajectory, "L", surface=-50.0), "must be a height in the box, from 0 to 12 nm"),
+        (lambda: contact_angle(trajectory, "L", surface=LOW, n_bins=(40, 1)), "needs four slices"),
         (lambda: contact_angle(trajectory, "L", surface=LOW, axis="rz"), "axis must be"),
         (lambda: contact_angle(trajectory, "L", surface=LOW, skip=-1.0), "skip at least 0"),
         (lambda: contact_angle(trajectory, "L", surface=[1.0, 2.0]), "must be one number each"),
