@@ -79,6 +79,8 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             begun = time.monotonic()
             self.whole.run(self, context, steps, slow=False, barostats=False)
             self.straight = int(min(max(PIECE, steps * STRAIGHT / max(time.monotonic() - begun, 1e-6)), 2 * self.straight, MOST))
+        if self.whole is None and SHOWN in context.getParameters():
+            self._show_now(context)  # OpenMM's minimizer asks for forces without a look before
 
     def variables(self) -> frozenset[str]:
         """Names of the global variables."""
