@@ -15,7 +15,7 @@ decks : name of the deck ->
     natoms, units, norm      norm: energies are printed per bead (LAMMPS's default in lj units)
     dt, cpu_seconds_per_100_steps, warnings, dangerous_builds
     first                    the row before the first step with the deck's own seeds, all digits
-    first_deterministic      which of its words follow from the deck and its files alone
+    first_deterministic      which of its words follow from the deck and its files alone, places of random beads too
     rows                     "10", "100": rows of the same run, for the metal decks
     replicates               seeds: number of runs with other seeds (noise, velocities, positions, where random);
                              steps: step -> word -> mean, sem, sd over these runs of the row of that step
@@ -91,9 +91,9 @@ JOBS: dict[str, Job] = {
         12, (*START, *INNER, *PRESSURE), nrun=20_000, discard=10_000, conserved=("v_energy", "f_move"), columns=("f_move",)
     ),
     "in.dpde-table": Job(12, (*START, *INNER, *PRESSURE), nrun=20_000, discard=10_000, conserved=("v_totEnergy",)),
-    "in.edpd": Job(3, MOTION, profile={"c_heat": (0.01, continuum(1e5 * 1.41e-5, 4.0, 1.58)), "density/number": (0, 0)}),
+    "in.edpd": Job(3, START, profile={"c_heat": (0.01, continuum(1e5 * 1.41e-5, 4.0, 1.58)), "density/number": (0, 0)}),
     "in.tdpd": Job(
-        3, MOTION, profile={"c_c1": (0.01, continuum(1.0, 4.0, 1.58)), "c_c2": (-0.01, continuum(3.0, 4.0, 1.58)), "density/number": (0, 0)}
+        3, START, profile={"c_c1": (0.01, continuum(1.0, 4.0, 1.58)), "c_c2": (-0.01, continuum(3.0, 4.0, 1.58)), "density/number": (0, 0)}
     ),
     "in.mdpd": Job(3, START, windows=((0, 100), (100, 500), (500, 1000), (1000, 2000), (2000, 4000))),
 }

@@ -25,11 +25,7 @@ def run(deck, out, variables=None, **options):
 
 @pytest.mark.parametrize("deck", REFERENCE)
 def test_first_row(deck, tmp_path):
-    """Every number of the first row that no random number enters, to the digits of the platform.
-
-    Positions and velocities drawn by ``create_atoms random`` and ``velocity create`` are not LAMMPS's: those decks are compared where the
-    positions are a lattice or a file, and for the temperature.
-    """
+    """Every number of the first row without noise, to the digits of the platform; places of ``create_atoms random`` are those of LAMMPS, too."""
     reference = REFERENCE[deck]
     thermo = run(deck, tmp_path, platform="Reference", steps=0)["runs"][0]["thermo"]
     words = [word for word in reference["first_deterministic"] if word in thermo]
