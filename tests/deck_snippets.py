@@ -210,7 +210,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "dpd/energy": deck("energy", head="fix heat all eos/cv 50.0\nfix inside all dpd/energy"),
         "eos/cv": deck("energy", "dump d all custom 3 d.txt id uCond uMech dpdTheta", head=_HEAT),
         "eos/table": deck("energy", head="fix heat all eos/table linear eos.table 3 SOFT\nfix bath all shardlow"),
-        "edpd/source": deck("edpd", "fix warm all edpd/source cuboid 1 1 1 1 1 1 0.1"),
+        "edpd/source": deck("edpd", "fix warm all edpd/source cuboid 1 1 1 2 2 2 0.1"),
         "tdpd/source": deck("tdpd", "fix warm all tdpd/source 1 sphere 1.5 1.5 1.5 1 0.1"),
         "nph": deck("energy", head=f"{_HEAT}\nfix box all nph iso 20.0 20.0 1.0").replace("fix move all nve\n", ""),
         "addforce": deck(before="variable push atom 0.5*(x<1)\nfix push all addforce v_push 0 0.5\n" + averaged("f_push[1]")),
