@@ -112,7 +112,8 @@ DECKS = {
     "create_atoms 1 single 0.1 2 1 mol m 9\nset group all mol 4\ncreate_atoms 0 random 15 3 box mol m 31 rotate 90 0 0 1\n",
     "overlap": "molecule m trimer.txt\nregion b sphere 3 3 5 1.4 units box\ncreate_atoms 1 single 3 3 3 units box\n"
     "create_atoms 4 random 90 12 b overlap 0.5 maxtry 4\ncreate_atoms 0 random 10 5 box mol m 21 overlap 1.1 maxtry 40\n"
-    "create_atoms 3 random 20 7 NULL overlap 0.2 units box\n",
+    "create_atoms 3 random 20 7 NULL overlap 0.2 units box\nregion c cylinder z 3 3 1.2 INF INF units box\n"
+    "region d plane 3 3 3 1 0 0 units box\nregion e intersect 2 b d\ncreate_atoms 4 random 9 5 c\ncreate_atoms 4 random 9 6 e\n",
     "create_bonds beside exclusions": MOLECULES
     + "group one id 1:30\ngroup other id 20:60\ngroup third id 1:24\nneigh_modify exclude group third other\n"
     "create_bonds many one other 2 0.3 0.75\nneigh_modify exclude none\n" + FOUR,

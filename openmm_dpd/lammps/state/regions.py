@@ -130,8 +130,7 @@ def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         beyond, direction = _away((x - middle) * across, radius)
         return [_away(np.maximum(beyond, 0.0)[:, None] * direction + (x - np.clip(x, low, high)) * ends)]
 
-    bounds = (corner, opposite) if np.isfinite(high - low) else None
-    return Region("cylinder", contains, bounds, None, None, inner, outer)
+    return Region("cylinder", contains, (corner, opposite), None, None, inner, outer)
 
 
 def _cone(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -139,7 +138,7 @@ def _cone(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     hull = _cylinder([*words[:3], repr(wide), *words[5:]], scale, box)
     axis = "xyz".index(words[0])
     others = [k for k in range(3) if k != axis]
-    if hull.bounds is None or hull.bounds[1][axis] <= hull.bounds[0][axis] or not wide:
+    if hull.bounds is None or not 0 < hull.bounds[1][axis] - hull.bounds[0][axis] < np.inf or not wide:
         raise ParameterError("a cone needs finite ends, the lower below the upper, and a radius > 0 at one of them")
     (low, high), centre = (float(end[axis]) for end in hull.bounds), (hull.bounds[0] + hull.bounds[1])[others] / 2
     first, last = (read.number(word, "a radius of the cone") * scale[others[0]] for word in words[3:5])
@@ -209,6 +208,7 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
         else:
             numbers = [repr((of or value)(word[2:])) if word.startswith("v_") else word for word in words]
             found = REGION_STYLES[style][1](numbers, scale, box)
+            found = found if numbers == words else replace(found, bounds=None)  # LAMMPS has none of what may change
         return Region(style, lambda points: ~found.contains(points), parts=found.parts, distances=found.outer) if outside else found
 
     return replace(made(None), renewed=made if varies else None)
@@ -216,9 +216,9 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
 
 def _combined(style: str, names: tuple[str, ...], parts: list[Region]) -> Region:
     combine = np.logical_or if style == "union" else np.logical_and
-    corners = [part.bounds for part in parts]
+    corners = [part.bounds for part in parts if part.bounds is not None]
     bounds = None
-    if all(pair is not None for pair in corners):
-        lows, highs = (np.array([pair[n] for pair in corners if pair is not None]) for n in range(2))
+    if len(corners) == len(parts) or (corners and style == "intersect"):
+        lows, highs = (np.array([pair[n] for pair in corners]) for n in range(2))
         bounds = (lows.min(axis=0), highs.max(axis=0)) if style == "union" else (lows.max(axis=0), highs.min(axis=0))
     return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds, parts=names)
