@@ -329,7 +329,12 @@ def test_bonds_that_were_broken_in_a_run_before_count_in_lammps(tmp_path):
     text = HEAD + FORMING.removeprefix(MOLECULES) + fixes + RUN.replace("run 30\n", "run 8\nunfix t\nAGAINrun 2\n")
     with pytest.raises(DeckError, match="fix g: bonds were broken in a run before"):
         lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", ""))
-    assert lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", "unfix g\n" + fixes.splitlines()[0] + "\n"))
+    again = "unfix g\n" + fixes.splitlines()[0] + "\n"
+    assert lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", again))
+    text = text.replace(fixes.splitlines()[1], "").replace("unfix t\n", "delete_bonds all bond 2 remove special\n")
+    with pytest.raises(DeckError, match="fix g: beads or bonds of type 2 were added or removed after a run"):
+        lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", ""))
+    assert lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", again))
 
 
 def test_regions(tmp_path):

@@ -222,8 +222,8 @@ class DeckSteps:
         if guide is not None:
             guide.keep(self.sampler.numbers())
         if self.built.plan.scene.reactions:
-            keep_reacted(self.request.state, self.sampler.reacted(self.request.last_step))
             self.request.state.before = {}
+            keep_reacted(self.request.state, self.sampler.reacted(self.request.last_step))
         x, v, box = arrays(context, self.request.axes)
         last = None if self._sample is None else self._sample.kept()
         slide = slide_of(self.built, context, self.request.axes)

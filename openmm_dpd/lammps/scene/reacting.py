@@ -1,5 +1,7 @@
 """Bonds that ``fix bond/create`` and ``fix bond/break`` make and break: from the deck to reactions, and back."""
 
+import zlib
+
 import numpy as np
 
 from ...base.errors import ParameterError
@@ -34,6 +36,13 @@ def _turns(state: DeckState, kind: int) -> bool:
     return bool(np.isin(state.atoms.ids[_pairs(state, kind)], np.concatenate(terms)).any())
 
 
+def _held(state: DeckState, kind: int) -> int:
+    """A number that depends on all beads and on the bonds of a type at the start of a run."""
+    bonds = at_start(state, "bond")
+    pairs = np.unique(np.sort(bonds[bonds[:, 0] == kind, 1:], axis=1), axis=0)
+    return zlib.crc32(np.concatenate([state.atoms.ids, pairs.ravel()]).tobytes())
+
+
 def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaking]:
     """The reactions of a run that begins at a step.  DeckError where a fix cannot act as in LAMMPS."""
     fixes, sorts, found = state.fixes_of(*REACTING), dict[int, ReactiveBonds](), list[BondFormation | BondBreaking]()
@@ -51,6 +60,8 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             "neigh_modify exclude is not supported beside it": bool(state.exclusions),
             "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
             "bonds were broken in a run before, which count for maxbond in LAMMPS; put both into one run": given.get("spent", False),
+            f"beads or bonds of type {kind} were added or removed after a run, which changes no count for maxbond in LAMMPS; define it "
+            "anew": (given.get("held", now := _held(state, kind)) != now),
         }
         for reason in (reason for reason, holds in reasons.items() if holds):
             raise fix.error(reason)
@@ -95,12 +106,14 @@ def take_bonds(state: DeckState, table: np.ndarray) -> None:
 
 
 def keep_reacted(state: DeckState, reacted: dict[str, list[float]]) -> None:
-    """Note at the end of a run the values of the fixes, and where bonds have been broken that the fix which makes them goes on counting."""
+    """Note at the end of a run the values of the fixes, where bonds have been broken that the fix which makes them goes on counting, and
+    what it has counted."""
     for name, values in reacted.items():
         state.fixes[name].parameters["counts"] = values[1:]
     broken = {fix.parameters["bond"] for fix in state.fixes_of("bond/break") if fix.parameters["counts"][1]}
     for fix in state.fixes_of("bond/create"):
-        fix.parameters["spent"] = fix.parameters.get("spent", False) or fix.parameters["bond"] in broken
+        given, kind = fix.parameters, fix.parameters["bond"]
+        given |= {"spent": given.get("spent", False) or kind in broken, "held": _held(state, kind)}
 
 
 def reacted_values(state: DeckState, reacted: np.ndarray, step: int, first: int) -> dict[str, list[float]]:
