@@ -68,6 +68,8 @@ def frozen_layer(
         raise ParameterError(f"a frozen layer is made of a fluid of single beads; the scene has {', '.join(others)}")
     if not isinstance(walls, Sequence) or not walls or not all(isinstance(wall, SolidWall) for wall in walls):
         raise ParameterError(f"walls must be a sequence of SolidWall, not {what_is(walls)}")
+    if not isinstance(types or {}, Mapping):
+        raise ParameterError(f"types must be a mapping of bead types to others, not {what_is(types)}")
     if set(types or ()) - set(scene.types):
         raise ParameterError(f"no beads are of the type {min(set(types or ()) - set(scene.types))!r}")
     reach = longest([table.resolve(scene.type_names) for table in scene.tables])

@@ -179,3 +179,13 @@ def test_a_state_without_its_bonds_is_refused_by_name():
         other.setParameter("dpd_shown", number)
         with pytest.raises(openmm.OpenMMException, match=r"bonds that form and break.*not OpenMM's own integrators"):
             other.getState(energy=True)
+
+
+@pytest.mark.parametrize("name", ["reactions", "eDPD"])
+def test_a_saved_state_goes_on_where_nothing_is_shown(tmp_path, name):
+    """A network after its reactions, and beads whose repulsion followed temperatures that nobody needs any more."""
+    before, after = built_of(name, "middle").simulation(), built_of("ramp", "middle").simulation()
+    before.step(5)
+    before.saveState(str(tmp_path / "state.xml"))
+    after.loadState(str(tmp_path / "state.xml"))
+    same(measured(after.context)[2:], measured(before.context)[2:])

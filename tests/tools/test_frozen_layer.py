@@ -47,5 +47,6 @@ def test_types_are_those_that_are_given_or_known():
             frozen_layer(fluid(pairs), [PIPE], dt=0.02, steps=0)
     made = frozen_layer(fluid({("*", "*"): dpd.DPD(A=25, sigma=3)}), [PIPE], dt=0.02, steps=0, types={"B": "B_wall"})
     assert set(made.types[int(made.mobile.sum()) :]) == {"A", "B_wall"}
-    with pytest.raises(dpd.ParameterError, match="no beads are of the type 'C'"):
-        frozen_layer(fluid({("*", "*"): PAIR}), [PIPE], dt=0.02, types={"C": "A"})
+    for types, reason in ({"C": "A"}, "no beads are of the type 'C'"), ("A", "types must be a mapping"):
+        with pytest.raises(dpd.ParameterError, match=reason):
+            frozen_layer(fluid({("*", "*"): PAIR}), [PIPE], dt=0.02, types=types)
