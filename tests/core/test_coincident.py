@@ -4,7 +4,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
-from cases import raises
+from cases import every_pair, raises
 from devices import DEVICES
 from openmm import unit
 from scenes import EXTENDED, D, beads, oracle_params, run_of, state_of, stepped
@@ -31,8 +31,7 @@ def scene_of(distance, *, box=True, kT=1.0, table=EXTENDED, n=60, **options):
 PAIRS = [(0, 1), (2, 5), (7, 8), (7, 10), (8, 10), (20, 40), (50, 51), (52, 53)]
 
 
-@CONSERVATIVE
-@pytest.mark.parametrize("distance", [0.0, 1e-12])
+@every_pair("device, conservative, distance", DEVICES, ("kernel", "openmm"), (0.0, 1e-12), indirect=["device"])
 def test_forces_are_those_of_all_other_pairs(device, conservative, distance):
     scene = scene_of(distance)
     assert coincident_pairs(scene.positions, scene.box, 1e-9) == PAIRS

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import oracle
 import pytest
-from cases import every_pair, raises
+from cases import cases, each_with, every_pair, raises
 from devices import DEVICES
 from judged import any_seed, judge, ratios
 from kinds import ENERGY, TABULATED
@@ -135,7 +135,7 @@ def test_steps_on_every_device(device, scheme, conservative):
 
 
 # -- conservation --------------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("scheme", ["shardlow", "middle", "aboba", "bababo"])
+@cases("device, scheme", *each_with(DEVICES, lambda _: ("shardlow", "middle", "aboba", "bababo"), 2), indirect=["device"], ids=str)
 def test_friction_and_noise_conserve_energy_at_any_step(device, scheme):
     """Without a conservative force nothing but pair updates acts: K + sum u to rounding, and the conductive sum apart.
 

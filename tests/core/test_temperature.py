@@ -94,6 +94,7 @@ def test_unequal_masses_and_transverse_friction(choices, seed):
     judge(temperatures(scene, dt=0.01, start=1200, steps=6500, conservative="kernel", seed=seed, **choices), 1.3, error=0.016)
 
 
+@pytest.mark.slow
 @any_seed(1)
 def test_walls_at_rest_keep_the_temperature(seed):
     """5 % off is seen."""

@@ -297,7 +297,7 @@ def ctrl_c():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.parametrize(("platform", "loop"), [("CPU", True), ("Reference", False), ("CPU", False), ("OpenCL", False)])
+@pytest.mark.parametrize(("platform", "loop"), [("CPU", True), ("Reference", False)])
 def test_ctrl_c_at_any_moment(platform, loop, ctrl_c):
     """It is always a KeyboardInterrupt at a whole step, and the run goes on as if it had not been, to rounding where OpenMM sorts beads."""
     if platform not in [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]:

@@ -129,7 +129,7 @@ def test_an_average_that_cannot_be_computed_is_null_with_a_reason(tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals for other processes")
 @pytest.mark.parametrize(
     ("number", "status", "scheme", "platform"),
-    [(signal.SIGINT, 130, "mvv", "Reference"), (signal.SIGTERM, 143, "shardlow", "CPU")],
+    [pytest.param(signal.SIGINT, 130, "mvv", "Reference", marks=pytest.mark.slow), (signal.SIGTERM, 143, "shardlow", "CPU")],
     ids=["SIGINT", "SIGTERM"],
 )
 def test_a_run_that_is_asked_to_end_keeps_what_is_there(deck, number, status, scheme, platform):

@@ -148,6 +148,7 @@ def test_scenes_that_a_scheme_cannot_run_are_known():
     assert not {"slab", "conducting", "heat", "species"} & set(scenes_for(SUITE, "native"))
 
 
+@pytest.mark.slow
 def test_a_score_on_the_command_line(tmp_path, capsys):
     files = [tmp_path / "score.json", tmp_path / "score.png"]
     arguments = [

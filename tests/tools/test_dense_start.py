@@ -54,6 +54,7 @@ def check(topology, system, x, picoseconds: float, iterations: int, **options):
     return done, 2 * kinetic / ((3 * moving - system.getNumConstraints()) * 0.00831446)
 
 
+@pytest.mark.slow
 def test_benzene():
     """Rings in rings at the start.  After a minimisation vibrations take up half of the heat, and 0.2 ps are short beside the friction."""
     topology, system, x = dense.hydrocarbons(lambda rng: dense.benzene(), 60, 0.87, 2)

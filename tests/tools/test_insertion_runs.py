@@ -38,6 +38,7 @@ def test_an_ideal_gas_is_exact(seed):
         assert abs(here.value - exact) < 4 * here.error
 
 
+@pytest.mark.slow
 @any_seed(5)
 def test_two_beads_in_an_ideal_gas_are_exact(seed):
     """mu_ex = -ln <exp(-mu_ex(r))> over the lengths r of the spring alone, on which the beads repel each other."""

@@ -438,8 +438,7 @@ def test_relax_makes_it_quiet():
 )
 def test_chains_start(spring):
     """No bond breaks or goes through the box on the way down, and the first steps run."""
-    molecules = linear("A10", spring), ring("A6", spring), star("B", ["A3"] * 3, spring)
-    for molecule, conservative in zip(molecules, ("kernel", "openmm", "kernel"), strict=True):
+    for molecule, conservative in ((ring("A6", spring), "openmm"), (star("B", ["A3"] * 3, spring), "kernel")):
         scene = pack({molecule: 12}, box=[6.0] * 3, seed=4).scene(pairs=PAIRS, kT=1.0)
         built = dpd.build(scene, dt=0.001, conservative=conservative, loop=conservative == "kernel", platform="CPU", seed=1)
         simulation = built.simulation()

@@ -27,6 +27,7 @@ def test_pressure_between_the_points_of_the_table(seed):
     assert abs(2 * found.energy.mean / 33.0 - parameters.state.overlap_energy(33.0, 3.3)) < 4 * 2 * found.energy.sem / 33.0 + 1e-3
 
 
+@pytest.mark.slow
 @any_seed(7)
 def test_water_is_as_compressible_as_water(seed):
     water = water_mapping(3)
@@ -47,6 +48,7 @@ def test_two_fluids_demix_as_their_chi_says(density, seed):
     assert abs(found - 3.5) < 0.1 * 3.5
 
 
+@pytest.mark.slow
 @any_seed(1)
 def test_chains_have_the_slope_of_the_table(seed):
     spring = Spring(k=64.0, r0=0.5)
