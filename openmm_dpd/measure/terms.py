@@ -64,8 +64,8 @@ def force_terms(
     context = openmm.Context(built.system, integrator, openmm.Platform.getPlatformByName(plan.platform), properties or {})
     context.setPositions(x)
     if SHOWN in context.getParameters():
-        start = None if spec.fields is None or not spec.fields.acts else spec.fields.initial
-        shown = Shown(function.steps.reactions.initial if function is not None and scene.reactions else None, start).kept()
+        bonds = function.steps.reactions.initial if function is not None and scene.reactions else None
+        shown = Shown.of(spec, bonds, None if spec.fields is None else spec.fields.initial)
         context.setParameter(SHOWN, shown.number)
     used = built.integrator.getIntegrationForceGroups()
     groups = {g for g in range(32) if used & (1 << g)}

@@ -82,8 +82,7 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     system = scene_system(plan, integrator, function)
     if isinstance(integrator, PairIntegrator) and function is not None and function.steps is not None:
         integrator.whole = WholeSteps(function, options.pair_group, guide)
-    acts = plan.spec.fields is not None and plan.spec.fields.acts
-    if isinstance(integrator, PairIntegrator) and function is not None and (acts or function.spec.sorts):
+    if isinstance(integrator, PairIntegrator) and function is not None and function.hidden:
         integrator.shown_to = function
     if scene.reactions and function is not None and function.steps is not None:
         for name, values in field_variables(function.steps.reactions.initial, BONDS).items():

@@ -79,7 +79,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             begun = time.monotonic()
             self.whole.run(self, context, steps, slow=False, barostats=False)
             self.straight = int(min(max(PIECE, steps * STRAIGHT / max(time.monotonic() - begun, 1e-6)), 2 * self.straight, MOST))
-        if self.whole is None and SHOWN in context.getParameters():
+        if self.whole is None:
             self._show_now(context)  # OpenMM's minimizer asks for forces without a look before
 
     def variables(self) -> frozenset[str]:
@@ -123,8 +123,7 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
 
     def show(self, context: openmm.Context, bonds: np.ndarray | None, values: np.ndarray | None) -> float:
         """Have the forces in a Context depend on a table of bonds, and on values of fields if they act; returns the number of both."""
-        fields, parameters = self.shown_to.spec.fields, context.getParameters()
-        self._shown = Shown(bonds, values if fields is not None and fields.acts else None).kept()
+        self._shown, parameters = Shown.of(self.shown_to.spec, bonds, values), context.getParameters()
         if SHOWN in parameters and parameters[SHOWN] != self._shown.number:
             openmm.Context.setParameter(context, SHOWN, self._shown.number)
         return self._shown.number

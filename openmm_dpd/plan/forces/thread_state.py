@@ -10,7 +10,7 @@ from ...base.names import VOLATILE
 from ...kernels import motion
 from ...kernels.fields import ENERGY, FieldSpec
 from ...kernels.interface import Engine
-from ...kernels.layer import CONSERVATIVE
+from ...kernels.layer import CONSERVATIVE, PairSpec
 from ...kernels.moment import Stepper
 from ...runtime import compiled, inlined
 
@@ -51,12 +51,13 @@ class Shown:
     values: np.ndarray | None
     number: float = 0.0
 
-    def kept(self) -> "Shown":
-        """This, or an equal one that somebody keeps already."""
-        none = np.zeros(0)
-        bonds, values = (none if its is None else its for its in (self.bonds, self.values))
-        self.number = fingerprint(np.ascontiguousarray(values), np.ascontiguousarray(bonds).ravel())
-        return SHOWN_NOW.setdefault(self.number, self)
+    @classmethod
+    def of(cls, spec: PairSpec, bonds: np.ndarray | None, values: np.ndarray | None) -> "Shown":
+        """The bonds, and the values if forces depend on them; or an equal one that somebody keeps already."""
+        made = cls(bonds, values if spec.fields is not None and spec.fields.acts else None)
+        bonds, values = (np.zeros(0) if its is None else np.ascontiguousarray(its) for its in (made.bonds, made.values))
+        made.number = fingerprint(values, bonds.ravel())
+        return SHOWN_NOW.setdefault(made.number, made)
 
 
 #: What integrators keep, by its number.
