@@ -31,8 +31,6 @@ DEVICE = register_engine(
         make=engine_kind("host").make,
         can=frozenset(
             (
-                "DPD",
-                "MDPD",
                 "friction as a force",
                 "exact pair updates",
                 "Shardlow's pair updates",

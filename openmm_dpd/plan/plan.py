@@ -361,7 +361,8 @@ def make_plan(
 
 def _check_engine(plan: Plan) -> None:
     """Raise PlanError if the engine would have nothing to do, or cannot do it all."""
-    execution, lacks = plan.execution, plan.engine.lacks(plan.needs())
+    execution, known = plan.execution, {kind.name for kind in plan.kinds if plan.execution.on_device and kind.device is not None}
+    lacks = plan.engine.lacks(need for need in plan.needs() if need not in known)
     if plan.options.scheme.native or not plan.options.kernel:
         raise PlanError(f"the engine {execution.engine!r} would have nothing to do: {execution.why['steps']}")
     if lacks is not None:
