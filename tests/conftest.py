@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import sys
+from collections import defaultdict
 from collections.abc import Iterator
 
 # a shell that starts the tests in the background has them ignore Ctrl-C, which some are about
@@ -28,12 +29,26 @@ from openmm_dpd.runtime.threads import set_threads
 gc.disable()  # until all tests are collected
 
 
+def _gpu(item: pytest.Item) -> Device | None:
+    """The GPU platform, in a precision, on which a test runs."""
+    values = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    devices = [value for value in values if isinstance(value, Device) and not value.exact]
+    names = [name for name in (getattr(value, "platform", value) for value in values) if isinstance(name, str)]
+    return next(iter(devices + [device for device in DEVICES if not device.exact and device.platform in names]), None)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave the further precisions of GPU platforms to the slow tests."""
+    """Leave to the slow tests the further precisions of GPU platforms, and to the long ones all but the first and the last case of each."""
+    found: dict[tuple[str, Device], list[pytest.Item]] = defaultdict(list)
     for item in items:
-        device = item.callspec.params.get("device") if hasattr(item, "callspec") else None
-        for mark in MARKS.get(device.precision, ()) if isinstance(device, Device) else ():
-            item.add_marker(mark)
+        if (device := _gpu(item)) is not None:
+            found[item.nodeid.partition("[")[0], device].append(item)
+            for mark in MARKS.get(device.precision, ()):
+                item.add_marker(mark)
+    for cases in found.values():
+        for item in cases[1:-1]:
+            for mark in ("slow", "long"):
+                item.add_marker(mark)
 
 
 def pytest_collection_finish() -> None:
