@@ -42,8 +42,8 @@ def test_forces_of_the_first_step_and_the_state_that_comes_back(name, tmp_path):
             assert not written[units].differences
             with_forces(written[units])
     for units in written:
-        # a process of its own: after "clear" LAMMPS had other forces once
-        shared = units == "lj" and name in ("chains", "segments", "tilted", "heat")  # what a process needs of the other's beads is in the deck
+        # a process of its own: after "clear" LAMMPS had other forces once; two where what each needs of the other's beads is in the deck
+        shared = units == "lj" and name in ("chains", "segments", "tilted", "heat")
         exported.run_lammps(tmp_path / units, name, processes=2 if shared else 1)
         # segments have placeholders behind the beads
         forces = read_lammps_dump(tmp_path / units / "forces.dump", units=units).forces[0][: scene.n_beads]
