@@ -72,7 +72,7 @@ from .plan.made import degrees_of_freedom as degrees_of_freedom
 from .plan.plan import Plan as Plan, make_plan as make_plan
 from .runtime import get_threads as get_threads, set_threads as set_threads
 from .simulation.barostat import EnthalpyBarostat as EnthalpyBarostat, add_barostat as add_barostat
-from .simulation.bonds import read_bonds as read_bonds, read_reacted as read_reacted
+from .simulation.bonds import read_bonds as read_bonds, read_reacted as read_reacted, read_types as read_types
 from .simulation.build import build as build, build_plan as build_plan
 from .simulation.built import BuiltSystem as BuiltSystem
 from .simulation.field_file import FieldReporter as FieldReporter, load_fields as load_fields

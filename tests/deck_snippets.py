@@ -79,7 +79,8 @@ comm_modify vel yes
 special_bonds lj 1.0 1.0 1.0
 bond_style harmonic
 angle_style harmonic
-read_data data.chain
+read_data data.chain extra/atom/types 1
+mass 2 1.0
 bond_coeff 1 50 0.5
 angle_coeff 1 5 180
 pair_style dpd 1.0 1.0 34387
@@ -266,7 +267,9 @@ SNIPPETS: dict[str, dict[str, str]] = {
         },
         "wall/region": deck(before="region r sphere 1.5 1.5 1.5 0.1 side out units box\nfix soft all wall/region r harmonic 5.0 1.0 1.5"),
         "bond/create": deck(
-            "bonds", before="fix f all bond/create 2 1 1 0.6 1 iparam 3 1 jparam 3 1 prob 0.7 77 atype 1\n" + averaged("f_f[2]")
+            "bonds",
+            before="fix f all bond/create 2 1 1 0.6 1 iparam 3 2 jparam 3 2 prob 0.7 77 atype 1\n"
+            "fix g all bond/create 3 1 2 0.7 1 iparam 2 1 jparam 3 1 atype 1\n" + averaged("f_f[2]", "f_g[2]"),
         ),
         "bond/break": deck("bonds", before="delete_bonds all angle 1 remove\nfix b all bond/break 2 1 0.5\n" + averaged("f_b[2]")),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),

@@ -37,7 +37,7 @@ class PairEngine(Engine):
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
-        self._bonds: tuple[list[np.ndarray], Exceptions | None] | None = None  #: Those that form and break
+        self._bonds: tuple[list[np.ndarray], Exceptions | None, np.ndarray | None] | None = None  #: Those that form and break
         if spec.sheared:
             self.set_flow(np.zeros(1))
             for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
@@ -172,14 +172,16 @@ class PairEngine(Engine):
     def densities(self, layer: int) -> np.ndarray:
         return self.layers[layer].densities  # type: ignore[attr-defined]
 
-    def set_bonds(self, beads: list[np.ndarray], exceptions: Exceptions | None = None) -> None:
+    def set_bonds(self, beads: list[np.ndarray], exceptions: Exceptions | None = None, types: np.ndarray | None = None) -> None:
         made = [terms.between(pairs).evaluator() for terms, pairs in zip(self.spec.sorts, beads, strict=True) if len(pairs)]
         self.number += 1  # first: what was computed before is not valid any more
-        self.extras, self._bonds = [*self.extras[: len(self.spec.extras)], *made], (beads, exceptions)
-        if exceptions is not None:
-            self._kept = False
-            for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
+        self.extras, self._bonds = [*self.extras[: len(self.spec.extras)], *made], (beads, exceptions, types)
+        self._kept = self._kept and exceptions is None and types is None
+        for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
+            if exceptions is not None:
                 pairs.leave_out(exceptions)
+            if types is not None:
+                pairs.set_types(types)
 
     def another(self) -> "PairEngine":
         made = type(self)(self.spec)

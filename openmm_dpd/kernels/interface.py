@@ -116,9 +116,9 @@ class Engine(Protocol):
         """(6,) sum of r J over the pairs of the last sweep in a shear, J the impulse that friction along their line has given them."""
         raise NotImplementedError
 
-    def set_bonds(self, beads: list[np.ndarray], exceptions: Any = None) -> None:
-        """Have these bonds (B, 2) act, of each of the ``sorts`` that form and break; there are none at first.  Exceptions, if given, take
-        the place of those of the spec."""
+    def set_bonds(self, beads: list[np.ndarray], exceptions: Any = None, types: np.ndarray | None = None) -> None:
+        """Have these bonds (B, 2) act, of each of the ``sorts`` that form and break; there are none at first.  Exceptions, and types (N,),
+        if given, take the place of those of the spec."""
         raise NotImplementedError
 
     def densities(self, layer: int) -> np.ndarray:

@@ -158,6 +158,13 @@ class PairList:
         """Have other exceptions from the next :meth:`build` on; both these and those before have rows."""
         self.exceptions, self._source = exceptions, None
 
+    def set_types(self, types: np.ndarray) -> None:
+        """Have beads of other types (N,), which all take part as before, from the next :meth:`seat` or :meth:`build` on."""
+        if self.ntypes > 1 and len(self._names):
+            self._given = self._given._replace(types=types)
+        elif self.ntypes > 1:
+            self._of_beads = self._of_beads._replace(types=types)
+
     def set_cutoff(self, cutoff: np.ndarray) -> None:
         """Another range."""
         longest, squares = float(cutoff.max()), np.ascontiguousarray(cutoff.ravel() ** 2)

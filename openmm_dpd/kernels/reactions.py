@@ -1,8 +1,8 @@
 """Bonds that form and break: the table of bonds, and what a trial does to it.
 
 The table (N, W) has a row for each bead and a number for each of its bonds, 1 + partner + N sort, 0 where there is none; -1 - sort stands
-for one that is broken and counts nevertheless.  What is computed from it depends on the set of bonds alone, not on the places in the rows,
-so that a state that was written and read goes on alike.
+for one that is broken and counts nevertheless, and -1 - sorts - type for another type of the bead than at the start.  What is computed from
+it does not depend on the places in the rows, so that a state that was written and read goes on alike.
 """
 
 from dataclasses import dataclass
@@ -30,8 +30,11 @@ class ReactionSpec:
 
     model: Any  #: A BondFormation or BondBreaking of the model
     sort: int  #: Number of the sort of bonds
-    roles: np.ndarray  #: (N,) int32, 0 and 1 for the two types of beads (0 if they are the same), -1 for others
-    valences: np.ndarray  #: (N,) most bonds of the sort that a bead may have
+    role_of: np.ndarray  #: (T,) int32 by type, 0 and 1 for the two types of beads (0 if they are the same), 2 for others
+    valences: np.ndarray  #: (3,) most bonds of the sort that beads of each role may have
+    becomes: (
+        np.ndarray | None
+    )  #: (3,) type of beads of each role once they have them, -1 for no other one; None if no bead changes its type
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,8 @@ class BondsSpec:
     stays: np.ndarray  #: Bonds that stay, and with those of the initial table, see :func:`both_ways`
     start: np.ndarray
     bent: bool  #: Whether there is that angle
+    types: np.ndarray  #: (N,) types of the beads at the start
+    turns: bool  #: Whether types change
     factors: tuple[float, ...] | None  #: Of the pair terms of beads one, two and three bonds apart, if any differs from 1
 
 
@@ -101,6 +106,18 @@ def exceptions_in(table: np.ndarray, stays: np.ndarray, factors: tuple[float, ..
         last = np.unique(np.repeat(last // n, many) * n + bonds[np.repeat(rows[last % n], many) + one_by_one] % n)
     codes, values = np.concatenate(found)[np.argsort(np.concatenate(found)[:, 0])].T
     return np.searchsorted(codes, np.arange(n + 1) * n), (codes % n).astype(np.int64), values.copy()
+
+
+def types_in(table: np.ndarray, start: np.ndarray, sorts: int) -> np.ndarray:
+    """(N,) types of beads whose types at the ``start`` are given."""
+    least = table.min(axis=1)
+    return np.where(least < -sorts, -1 - sorts - least, start).astype(np.int32)
+
+
+def set_types(table: np.ndarray, beads: np.ndarray, types: np.ndarray, sorts: int) -> None:
+    """Have beads (B,) be of other types."""
+    rows = table[beads]
+    table[beads, np.argmin(np.where(rows < -sorts, -1, rows != 0), axis=1)] = -1 - sorts - types
 
 
 def counts_in(table: np.ndarray, sort: int) -> np.ndarray:
@@ -198,6 +215,7 @@ class ReactingLoop(StepLoop):
     def __init__(self, spec: StepSpec, engine: Any, watch: Watch, reach: float):
         super().__init__(spec, engine, watch, reach)
         self._bonds: BondsSpec = spec.reactions
+        self._sorts = len(self._bonds.sorts) - self._bonds.bent
         self._drifts = sum(letter == "A" for letter, _ in spec.letters)
         self._shown: np.ndarray | None = None
         self._due, self._step, self._left, self._drifted = False, 0, 0, 0
@@ -206,8 +224,13 @@ class ReactingLoop(StepLoop):
         self.show(self._bonds.initial)
 
     def _list(self, each: ReactionSpec) -> PairList:
-        types = 1 + each.roles.max(initial=0)
-        pairs = PairList(each.roles, np.ones(len(each.roles)), each.model.within * (np.eye(types) != types - 1), self._bonds.neighbours)
+        roles, alike = each.role_of[self._bonds.types], not (each.role_of == 1).any()
+        reach, taking = each.model.within * np.diag([1.0, 0.0, 0.0]), np.where(roles == 2, -1, roles)
+        if not alike:
+            reach = each.model.within * np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 0]])
+        if not self._bonds.turns:  # others are not even sorted
+            roles, reach = taking.astype(np.int32), reach[: 2 - alike, : 2 - alike]
+        pairs = PairList(roles, np.ones(len(roles)), reach, self._bonds.neighbours)
         pairs.slides = self.engine.spec.sheared
         return pairs
 
@@ -215,17 +238,18 @@ class ReactingLoop(StepLoop):
         """Have the bonds of a table act."""
         if self._shown is not None and np.array_equal(table, self._shown):
             return
-        beads = [bonds_in(table, k) for k in range(len(self._bonds.sorts) - self._bonds.bent)]
-        if np.count_nonzero(table > 0) != 2 * sum(map(len, beads)):
+        beads, types = [bonds_in(table, k) for k in range(self._sorts)], types_in(table, self._bonds.types, self._sorts)
+        if np.count_nonzero(table > 0) != 2 * sum(map(len, beads)) or types.max() >= len(self._bonds.reactions[0].role_of):
             raise RunError("the state has bonds that this scene's reactions cannot make: a script with others wrote it")
         if self._bonds.bent:
             beads.append(angles_in(table, self._bonds.start))
         self._shown, factors = None, self._bonds.factors  # until all have them
         apart = None if factors is None else exceptions_in(table, self._bonds.stays, factors)
-        self.engine.set_bonds(beads, apart)
+        acting = types if self._bonds.turns else None
+        self.engine.set_bonds(beads, apart, acting)
         self.valid.take()
         if self._seats is not None:
-            self._seats.set_bonds(beads, apart)
+            self._seats.set_bonds(beads, apart, acting)
         if factors is not None:  # in LAMMPS, too, beads that had no pair terms before a step are not bonded in it
             gone = exceptions_in(table, self._bonds.stays, (0.0, *(float(factor != 0.0) for factor in factors[1:])))
             for pairs in self._lists.values():
@@ -290,15 +314,18 @@ class ReactingLoop(StepLoop):
         """Pairs (B, 2), their distances, and what has been done to them; bonds that were not there ``before`` these trials do not break."""
         table: Any = m.bonds
         model, sort, key, left = each.model, each.sort, noise_key(m.seed, m.counter, _LAYER + k, m.kT), 0
-        counts = counts_in(table, sort)
+        counts, types = counts_in(table, sort), types_in(table, self._bonds.types, self._sorts)
+        roles = each.role_of[types]
+        valences = each.valences[roles]
         if model.forms:
+            self._lists[k].set_types(roles)
             self._lists[k].build(m.x, m.box)
             its, turns, chance = self._lists[k].arrays, model.energy is not None, float(model.chance(m.dt))
             where = its.order, its.pi, its.pj, its.geometry[3], its.start, its.found
-            pairs, r = candidates(*where, table, counts, each.valences, sort, turns, key, chance, model.within)
+            pairs, r = candidates(*where, table, counts, valences, sort, turns, key, chance, model.within)
             if turns:
                 wanted = uniforms(key, pairs, 1) * (1.0 + model.weight(r, m.kT)) < 1.0
-                return pairs, r, turn(table, counts, each.valences, pairs, wanted, sort, left)
+                return pairs, r, turn(table, counts, valences, pairs, wanted, sort, left)
             chosen = mutual(len(table), pairs, r) & (uniforms(key, pairs, 1) < chance)
         else:
             pairs, left = bonds_in(np.where(table == before, table, 0), sort), -1 - sort if model.spends else 0
@@ -308,7 +335,12 @@ class ReactingLoop(StepLoop):
             chosen = uniforms(key, pairs, 1) < model.chance(m.dt, model.faster(r, m.kT))
             chosen &= model.beyond is None or mutual(len(table), pairs, -r)
         pairs, r = pairs[chosen], r[chosen]
-        return pairs, r, turn(table, counts, each.valences, pairs, np.full(len(pairs), model.forms), sort, left)
+        changes = turn(table, counts, valences, pairs, np.full(len(pairs), model.forms), sort, left)
+        if each.becomes is not None:
+            full = np.array([i for i in pairs[changes > 0].ravel().tolist() if counts[i] == valences[i]], np.int64)
+            full = full[each.becomes[roles[full]] >= 0]
+            set_types(table, full, each.becomes[roles[full]], self._sorts)
+        return pairs, r, changes
 
 
 def step_loop(spec: StepSpec, engine: Any, watch: Watch, reach: float) -> StepLoop:

@@ -74,9 +74,9 @@ class Seats:
         self._seat(names)
         return kept
 
-    def set_bonds(self, beads: list[np.ndarray], exceptions: Any = None) -> None:
+    def set_bonds(self, beads: list[np.ndarray], exceptions: Any = None, types: np.ndarray | None = None) -> None:
         """See :meth:`.interface.Engine.set_bonds`."""
-        self.loop.engine.set_bonds(beads, exceptions)
+        self.loop.engine.set_bonds(beads, exceptions, types)
         if len(self._names):
             self.loop.engine.seat(self._names, self._places)
         self.loop.valid.take()

@@ -24,11 +24,14 @@ class ReactiveBonds:
         HarmonicBonds or another kind of bonds, and its coefficients by name, ``{"k": 50.0, "r0": 0.5}``, the same for all bonds.
     pairs : (B, 2) array of int, optional
         The beads of the bonds that there are at the start.
+    counted : (K,) array of int, optional
+        Beads each of which has one bond more for its valence, as if it had been broken and went on counting; a bead may come twice.
     """
 
     kind: Any
     coefficients: Mapping[str, float]
-    pairs: np.ndarray = ()  # type: ignore[assignment]  # an array once constructed
+    pairs: np.ndarray = ()  # type: ignore[assignment]  # arrays once constructed
+    counted: np.ndarray = ()  # type: ignore[assignment]
 
     def __post_init__(self):
         if not (isinstance(self.kind, type) and issubclass(self.kind, Bonds) and self.kind is not Bonds):
@@ -39,7 +42,8 @@ class ReactiveBonds:
             names = ", ".join(self.kind._DIMENSIONS)
             raise ParameterError(f"{self.kind.__name__} has the coefficients {names}, not {what_is(self.coefficients)}") from None
         values = {name: float(getattr(one, name)[0]) for name in self.kind._DIMENSIONS}
-        keep(self, coefficients=values, pairs=bead_indices(self.pairs, 2, "reactive bonds"))
+        counted = bead_indices(np.reshape(self.counted, (-1, 1)), 1, "beads with counted bonds").ravel()
+        keep(self, coefficients=values, pairs=bead_indices(self.pairs, 2, "reactive bonds"), counted=counted)
 
     def __str__(self) -> str:
         return f"{self.kind.__name__} with {', '.join(f'{name} = {value:g}' for name, value in self.coefficients.items())}"
@@ -116,6 +120,8 @@ class BondFormation(_Reaction):
     angle : Angles, optional
         One angle of any kind, whatever its beads: a bond that is made has an angle like this with each other bond of its two beads, as in
         LAMMPS.  It goes with either of its bonds.
+    becomes : two type names, optional
+        Types that the two beads take as soon as they have the bonds of their valence; None in place of a name for no change.  Masses stay.
     """
 
     bonds: ReactiveBonds
@@ -128,12 +134,13 @@ class BondFormation(_Reaction):
     every: int = 1
     start: int = 0
     angle: Angles | None = None
+    becomes: tuple[str | None, str | None] | None = None
     forms, what = True, "bond formation"
 
     def __post_init__(self):
         super().__post_init__()
         given = self.valences if isinstance(self.valences, Sequence) else (self.valences,) * 2
-        for name, pair in (("types", self.types), ("valences", given)):
+        for name, pair in (("types", self.types), ("valences", given), ("later types (becomes)", self.becomes or given)):
             if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
                 raise ParameterError(f"the {name} of a bond formation must be two, one for each bead, not {what_is(pair)}")
         valences = tuple(whole_number(each, "a valence of a bond formation", least=1) for each in given)
@@ -141,6 +148,12 @@ class BondFormation(_Reaction):
             raise ParameterError(
                 f"both beads of a bond formation are {what_is(self.types[0])}, so their valences are the same, not {valences}"
             )
+        if self.types[0] == self.types[1] and self.becomes and self.becomes[0] != self.becomes[1]:
+            raise ParameterError(
+                f"both beads of a bond formation are {what_is(self.types[0])}, so they become the same, not {self.becomes}"
+            )
+        if self.becomes and self.energy is not None:
+            raise ParameterError("bonds in equilibrium (energy) cannot change the types of beads (becomes): there is no way back")
         within = checked(self.within, "length", "the distance of a bond formation", positive=True)
         if self.bonds.between(np.array([[0, 1]])).overstretched(within * np.array([[0.0, 0, 0], [1 - 1e-9, 0, 0]]), None):
             raise ParameterError(f"a bond formation within {in_length(within)} would make longer bonds than {self.bonds} can be")
@@ -211,6 +224,11 @@ def angle_formed(reactions: Sequence[Any]) -> Angles | None:
     return next((each.angle for each in reactions if each.forms), None)
 
 
+def types_change(reactions: Sequence[Any]) -> bool:
+    """Whether beads change their types when some reactions bond them."""
+    return any(each.forms and each.becomes is not None for each in reactions)
+
+
 def bond_sorts(reactions: Sequence[Any]) -> list[ReactiveBonds]:
     """The sorts of bonds that some reactions act on, in the order in which they come first."""
     return list({id(reaction.bonds): reaction.bonds for reaction in reactions}.values())
@@ -222,7 +240,12 @@ def check_reactions(scene: Any) -> None:
         return
     charges, alike = scene.electrostatics, (None, (1.0, 1.0, 1.0))
     formations = [reaction for reaction in scene.reactions if reaction.forms]
-    unknown = [name for reaction in formations for name in reaction.types if name not in scene.masses]
+    later = [
+        (old, new) for each in formations if each.becomes for old, new in zip(each.types, each.becomes, strict=True) if new is not None
+    ]
+    unknown = [
+        name for name in sum((reaction.types for reaction in formations), tuple(new for _, new in later)) if name not in scene.masses
+    ]
     farthest, half = max((each.within for each in formations), default=0.0), np.inf if scene.box is None else 0.5 * widths(scene.box).min()
     heated = any(reaction.energy is not None if reaction.forms else reaction.barrier for reaction in scene.reactions)
     angle = angle_formed(scene.reactions)
@@ -241,6 +264,16 @@ def check_reactions(scene: Any) -> None:
         "rigid bodies are not supported beside them": bool(scene.bodies),
         "charges interact whether beads are bonded or not, so the `bonded_factors` of `electrostatics` must be (1, 1, 1)": (
             charges is not None and (charges.bonded_factors or scene.bonded_factors) not in alike
+        ),
+        "types that beads take need the masses that the beads have": (
+            not unknown and any(scene.masses[old] != scene.masses[new] for old, new in later)
+        ),
+        "beside a fluid behind a wall, or forces on beads of some `types`, beads cannot change their types": (
+            types_change(scene.reactions)
+            and any(getattr(each, "behind", getattr(each, "types", None)) is not None for each in (*scene.walls, *scene.body_forces))
+        ),
+        f"`counted` names beads that are not there; there are {scene.n_beads}": any(
+            (bonds.counted >= scene.n_beads).any() for bonds in bond_sorts(scene.reactions)
         ),
         "`segments` repel bonds that stay": scene.segments is not None,
         "beads have energies or temperatures of their own, and nothing says which of them the energy of a bond comes from": (

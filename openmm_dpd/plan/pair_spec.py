@@ -19,6 +19,7 @@ from ..kernels.sweeps import EXACT, SHARDLOW
 from ..model.bonds import bonded_neighbours
 from ..model.flow import AXES, BodyForce
 from ..model.pairs import NONE, PairTable
+from ..model.reactions import types_change
 from ..model.scene import Scene
 from ..model.schemes import Scheme
 from .forces.expressions import type_pairs
@@ -135,7 +136,7 @@ def extras(
         if len(beads):
             found.append(bonded_kind(terms).kernel(beads.astype(np.uint32), np.ascontiguousarray(coefficients.T)))
     if wanted("overlays"):
-        its = scene.type_ids, scene.type_names, exceptions, neighbours_change(scene)
+        its = scene.type_ids, scene.type_names, exceptions, neighbours_change(scene), types_change(scene.reactions)
         found += [radial_terms(table, *its) for table in overlays]
     segments = segment_spec(scene) if wanted("segments") else None
     if segments is not None and len(segments.pairs):
@@ -146,14 +147,19 @@ def extras(
 
 
 def radial_terms(
-    table: dict, type_ids: np.ndarray, names: list[str], exceptions: dict[tuple[int, int], float], changes: bool = False
+    table: dict,
+    type_ids: np.ndarray,
+    names: list[str],
+    exceptions: dict[tuple[int, int], float],
+    changes: bool = False,
+    turns: bool = False,
 ) -> RadialTerms:
     """A table of radial potentials laid over the pair terms, as the kernel needs it."""
     overlay = resolved_kind(table).overlay
     assert overlay is not None
     cutoff = type_pairs(table, names, lambda c: c.cutoff, 0.0)
-    # beads that interact with no other are not even sorted
-    types = np.where(np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
+    # beads that interact with no other, and never will, are not even sorted
+    types = np.where(turns | np.any(cutoff > 0, axis=1)[type_ids], type_ids, -1).astype(np.int32)
     return RadialTerms(types, cutoff, *overlay(table, names), compressed_exceptions(exceptions, len(type_ids), changes))
 
 

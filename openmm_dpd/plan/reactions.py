@@ -6,26 +6,30 @@ import numpy as np
 
 from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import BondsSpec, ReactionSpec, both_ways, turn
-from ..model.reactions import angle_formed, bond_sorts
+from ..model.reactions import angle_formed, bond_sorts, types_change
 from ..model.scene import Scene
 from .kinds import bonded_kind
 from .pair_spec import neighbours_change
 
 
-def _roles(scene: Scene, reaction: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Roles and valences of the beads, see :class:`.ReactionSpec`."""
-    roles = np.full(scene.n_beads, -1, np.int32)
+def _roles(scene: Scene, reaction: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Roles of types, and valences and further types of beads of each role, see :class:`.ReactionSpec`."""
+    names, roles = scene.type_names, np.full(len(scene.type_names), 2, np.int32)
     for role in (1, 0) if reaction.forms else ():
-        roles[scene.type_ids == scene.type_names.index(reaction.types[role])] = role
-    return roles, np.where(roles < 0, 0, np.array(reaction.valences if reaction.forms else (0, 0))[roles])
+        roles[names.index(reaction.types[role])] = role
+    others = reaction.becomes if reaction.forms else None
+    becomes = None if others is None else np.array([-1 if name is None else names.index(name) for name in (*others, None)])
+    return roles, np.array([*reaction.valences, 0] if reaction.forms else [0, 0, 0]), becomes
 
 
 def table_blocks(scene: Scene) -> int:
     """A third of the columns of the table of bonds: beads have room for as many as they may have at a time, of all sorts together."""
-    most = np.zeros(scene.n_beads, np.int64)
+    turns = types_change(scene.reactions)
+    most = np.full(scene.n_beads, int(turns))
     for bonds in bond_sorts(scene.reactions):
-        valences = [_roles(scene, each)[1] for each in scene.reactions if each.bonds is bonds]
-        most += np.max([*valences, np.bincount(bonds.pairs.ravel(), minlength=scene.n_beads)], axis=0)
+        roles = [_roles(scene, each) for each in scene.reactions if each.bonds is bonds]
+        valences = [np.full(scene.n_beads, its.max()) if turns else its[role[scene.type_ids]] for role, its, _ in roles]
+        most += np.max([*valences, np.bincount(np.append(bonds.pairs, bonds.counted), minlength=scene.n_beads)], axis=0)
     return -(-int(most.max(initial=1)) // 3)
 
 
@@ -42,6 +46,8 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
     initial, groups = np.zeros((n, 3 * table_blocks(scene)), np.int64), [bonds.between(np.array([[0, 1]])) for bonds in sorts]
     for k, bonds in enumerate(sorts):
         turn(initial, np.zeros(n, np.int64), np.full(n, n), bonds.pairs.astype(np.uint32), np.ones(len(bonds.pairs), bool), k, 0)
+        for bead in bonds.counted.tolist():
+            initial[bead, np.argmin(initial[bead] != 0)] = -1 - k
     angle = angle_formed(scene.reactions)
     ones: list[Any] = groups if angle is None else [*groups, angle]
     kernels = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in ones]
@@ -49,4 +55,5 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
     stays, start = (both_ways(pairs, n) for pairs in (scene.bond_pairs, bonds_at_start(scene)))
     factors = scene.bonded_factors if neighbours_change(scene) else None
     neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n, factors is not None)
-    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, angle is not None, factors)
+    types = scene.type_ids.copy(), types_change(scene.reactions)
+    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, angle is not None, *types, factors)

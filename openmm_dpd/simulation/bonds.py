@@ -10,8 +10,8 @@ import openmm
 from ..base.names import GUIDE
 from ..base.units import keep
 from ..kernels.pairs import compressed_exceptions
-from ..kernels.reactions import angles_in, bonds_in, both_ways
-from ..model.reactions import angle_formed, angles_like, bond_sorts
+from ..kernels.reactions import angles_in, bonds_in, both_ways, types_in
+from ..model.reactions import angle_formed, angles_like, bond_sorts, types_change
 from ..plan.pair_spec import neighbour_factors, neighbours_change
 from ..plan.plan import Plan
 from ..plan.reactions import bonds_at_start
@@ -34,17 +34,27 @@ def read_reacted(context: openmm.Context, plan: Plan) -> np.ndarray:
     return np.array([get(f"{GUIDE}{k}") for k in range(end - 3 * len(plan.scene.reactions), end)]).reshape(-1, 3).astype(np.int64)
 
 
+def read_types(context: openmm.Context, plan: Plan) -> list[str]:
+    """Names of the types that beads have now, (N,), in the plan ``built.plan``: reactions may change them."""
+    table, scene = raw_bonds(context.getIntegrator()), plan.scene
+    return [scene.type_names[k] for k in types_in(table, scene.type_ids, len(bond_sorts(scene.reactions))).tolist()]
+
+
 def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
-    """The plan with a scene whose ``bonds`` and ``angles`` are those that stay and those of a table, (N, W): what measurements of that
-    moment need."""
+    """The plan with a scene whose ``types``, ``bonds`` and ``angles`` are those that stay and those of a table, (N, W): what measuring
+    that moment needs."""
     groups = [bonds.between(bonds_in(table, k).astype(np.int64)) for k, bonds in enumerate(bond_sorts(plan.scene.reactions))]
-    now, scene, angle = copy(plan), copy(plan.scene), angle_formed(plan.scene.reactions)
+    now, scene, spec, angle = copy(plan), copy(plan.scene), plan.spec, angle_formed(plan.scene.reactions)
     if angle is not None:
         start = both_ways(bonds_at_start(scene), len(table))
         keep(scene, angles=(*scene.angles, angles_like(angle, angles_in(table, start).astype(np.int64))))
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
+    if types_change(scene.reactions):
+        types = types_in(table, scene.type_ids, len(groups))
+        keep(scene, type_ids=types, types=tuple(scene.type_names[k] for k in types.tolist()))
+        spec = replace(spec, types=types)
     factors = neighbour_factors(scene, scene.bond_pairs)[0]
-    keep(now, scene=scene, exceptions=factors)
     if neighbours_change(scene):
-        keep(now, spec=replace(plan.spec, exceptions=compressed_exceptions(factors, len(table), changes=True)))
+        spec = replace(spec, exceptions=compressed_exceptions(factors, len(table), changes=True))
+    keep(now, scene=scene, exceptions=factors, spec=spec)
     return now

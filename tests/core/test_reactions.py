@@ -28,7 +28,8 @@ def scene(reactions, n=N, edge=EDGE, A=25.0, seed=1, **changes):
 def both(every=(5, 7), angle=None, **changes):
     """A formation and a breaking that have something to do in most trials."""
     bonds = dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, [] if angle else [[0, 1], [2, 3]])
-    made = dpd.BondFormation(bonds, ("A", "B"), within=0.7, valences=(1, 2), every=every[0], angle=angle, **changes)
+    forming = {"angle": angle, "becomes": changes.pop("becomes", None)}
+    made = dpd.BondFormation(bonds, ("A", "B"), within=0.7, valences=(1, 2), every=every[0], **forming, **changes)
     return [made, dpd.BondBreaking(bonds, beyond=0.75, every=every[1], **changes)]
 
 
@@ -101,9 +102,12 @@ def test_trials_are_those_of_the_oracle(scheme):
 @pytest.mark.parametrize("angle", [None, dpd.CosineDeltaAngles([[7, 8, 9]], k=5.0, theta0=2.0)])
 def test_forces_energies_and_stresses_are_those_of_bonds_that_stay(angle):
     """The same positions, with the present bonds in `bonds`: what OpenMM asks for, and what an Observer measures; then a minimisation."""
-    soft = {("*", "*"): dpd.RadialPair("soft", {"A": 5.0}, cutoff=0.9)}
-    given = {"bonded_factors": (0.0, 0.5, 1.0), "pairs": [{("*", "*"): dpd.DPD(A=25, gamma=4.5)}, soft]} if angle else {}
-    built = dpd.build(scene(both(angle=angle), **given), dt=0.04, platform="CPU", seed=3)
+    soft = {("*", "*"): dpd.NONE, ("C", "B"): dpd.RadialPair("soft", {"A": 5.0}, cutoff=0.9)}
+    given = {"masses": {"A": 1.0, "B": 2.0, "C": 1.0}} if angle else {}
+    hard = {("*", "*"): dpd.DPD(A=25, gamma=4.5), ("C", "B"): dpd.DPD(A=50, gamma=2.0)}
+    given |= {"bonded_factors": (0.0, 0.5, 1.0), "pairs": [hard, soft]} if angle else {}
+    reactions = both(angle=angle, becomes=("C", None)) if angle else both()
+    built = dpd.build(scene(reactions, **given), dt=0.04, platform="CPU", seed=3)
     simulation = built.simulation()
     simulation.step(37)
     x, v, energy = state(simulation)
@@ -113,6 +117,8 @@ def test_forces_energies_and_stresses_are_those_of_bonds_that_stay(angle):
         near = (there.pairs[(there.pairs == k).any(axis=1)].sum(axis=1) - k).tolist()
         ends += [(near[0], k, near[1])] if len(near) == 2 else []
     bent = [dpd.CosineDeltaAngles(ends, k=5.0, theta0=2.0)] if angle else []
+    given["types"] = dpd.read_types(simulation.context, built.plan)
+    assert given["types"].count("C") > (20 if angle else -1)
     stays = dpd.build(scene([], positions=x, velocities=v, bonds=[there], angles=bent, **given), dt=0.04, platform="CPU", seed=3)
     other = stays.simulation()
     forces = [each.context.getState(forces=True).getForces(asNumpy=True)._value for each in (simulation, other)]
@@ -334,6 +340,13 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "angle in equilibrium": ({"angle": BEND, "energy": 1.0}, "in equilibrium cannot have an `angle`"),
     "angle of no kind": ({"angle": dpd.HarmonicAngles([[0, 1, 2], [1, 2, 3]], 1.0, 2.0)}, "must be one angle such as"),
     "broken at the start": ({"angle": BEND, "bonds": STARTED, "broken": STARTED}, "bonds that are there at the start cannot break"),
+    "later types": ({"becomes": "AB"}, r"the later types \(becomes\) of a bond formation must be two"),
+    "different later types": ({"types": ("A", "A"), "becomes": ("B", None)}, "so they become the same"),
+    "unknown later type": ({"becomes": ("C", None)}, "there is no bead type 'C'"),
+    "other mass": ({"becomes": ("B", None)}, "need the masses that the beads have"),
+    "types in equilibrium": ({"becomes": (None, None), "energy": 1.0}, "there is no way back"),
+    "pushed": ({"becomes": (None, None), "body_forces": [dpd.BodyForce((1.0, 0, 0), types="A")]}, "beads cannot change their types"),
+    "counted": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, counted=[N])}, "`counted` names beads that are not there"),
     "heat": ({"internal": dpd.BeadTemperatures(np.ones(N), np.full(N, 100.0))}, "energies or temperatures of their own"),
 }
 
@@ -342,7 +355,7 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
 def test_what_cannot_be_is_refused(name):
     changes, message = WRONG[name]
     arguments = {"bonds": _sort(), "types": ("A", "B"), "within": 0.6, "valences": 1, **changes}
-    others = {key: arguments.pop(key) for key in ("kT", "bonded_factors", "bodies", "internal") if key in arguments}
+    others = {key: arguments.pop(key) for key in ("kT", "bonded_factors", "bodies", "internal", "body_forces") if key in arguments}
     if name == "heat":
         others["pairs"] = {("*", "*"): dpd.EDPD(A=25.0, gamma=4.5, kappa=0.1, cutoff=1.0)}
     stays = arguments.pop("stays", None)

@@ -28,18 +28,23 @@ class Random:
         order = rng.permutation(self.n)
         self.static = np.sort(order[: 2 * rng.integers(1, 12)].reshape(-1, 2), axis=1)
         first = np.sort(order[30 : 30 + 2 * rng.integers(0, 9)].reshape(-1, 2), axis=1) if not (bend and torn) else np.zeros((0, 2), int)
+        counted, number = rng.integers(self.n, size=5 * rng.integers(2)), rng.integers(1, 3)
         self.sorts = [
-            dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 20.0 * (k + 1), "r0": 0.4}, [first, ()][k]) for k in range(rng.integers(1, 3))
+            dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 20.0 * (k + 1), "r0": 0.4}, [first, ()][k], [counted, ()][k]) for k in range(number)
         ]
+        self.turns = rng.random() < 0.6
         self.reactions = [self.formation(names, self.sorts[k % len(self.sorts)]) for k in range(rng.integers(len(self.sorts), 4))]
         for bonds in self.sorts if torn else ():
             self.reactions.append(dpd.BondBreaking(bonds, beyond=rng.uniform(0.4, 0.7), spends=rng.random() < 0.3, **self.when()))
         self.bonds = {tuple(pair): 0 for pair in first.tolist()}
         self.start = {*self.bonds, *map(tuple, self.static.tolist())}
         self.counts = np.zeros((len(self.sorts), self.n), int)
-        np.add.at(self.counts[0], first.ravel(), 1)
+        np.add.at(self.counts[0], [*first.ravel(), *counted], 1)
+        self.names, force = names, rng.choice([0.5, 1.0], (3, 3))
+        self.A *= force + force.T
         charges = {"positions": rng.random((self.n, 3)) * self.edge, "box": [self.edge] * 3, "kT": 1.0, "reactions": self.reactions}
-        charges |= {"pairs": {("*", "*"): dpd.DPD(A=self.A, gamma=4.5)}, "bonds": [dpd.HarmonicBonds(self.static, 30.0, 0.4)]}
+        pairs = {(a, b): dpd.DPD(A=self.A[i, j], gamma=4.5) for i, a in enumerate(names) for j, b in enumerate(names[: i + 1])}
+        charges |= {"pairs": pairs, "bonds": [dpd.HarmonicBonds(self.static, 30.0, 0.4)]}
         self.factors = tuple(rng.choice([0.0, 0.5, 1.0], 3).tolist()) if rng.random() < 0.5 else (1.0, 1.0, 1.0)
         charges["bonded_factors"] = self.factors
         self.scene = dpd.Scene(dict.fromkeys(names, 1.0), self.types.tolist(), **charges)
@@ -51,7 +56,10 @@ class Random:
     def formation(self, names, bonds):
         pair = tuple(self.rng.choice(names, 2).tolist())
         valences = self.rng.integers(1, 4, 2).tolist() if pair[0] != pair[1] else [int(self.rng.integers(1, 4))] * 2
-        return dpd.BondFormation(bonds, pair, self.rng.uniform(0.3, 0.7), tuple(valences), angle=self.angle, **self.when())
+        later = tuple(self.rng.choice([*names, None], 2).tolist()) if self.turns else None
+        later = (later[0],) * 2 if later and pair[0] == pair[1] else later
+        given = {"angle": self.angle, "becomes": later, **self.when()}
+        return dpd.BondFormation(bonds, pair, self.rng.uniform(0.3, 0.7), tuple(valences), **given)
 
     def built(self):
         return dpd.build(self.scene, dt=0.03, scheme=self.scheme, platform="CPU", seed=3)
@@ -95,6 +103,10 @@ class Random:
                 else:
                     del self.bonds[i, j]
                 self.counts[sort, [i, j]] += 1 if each.forms else 0 if each.spends else -1
+                for bead in (i, j) if each.forms and each.becomes else ():
+                    role = each.types.index(self.types[bead])
+                    if self.counts[sort, bead] == each.valences[role] and each.becomes[role]:
+                        self.types[bead] = each.becomes[role]
 
     def energy(self, x):
         box = np.diag([self.edge] * 3)
@@ -104,7 +116,8 @@ class Random:
             return oracle.minimum_image(x[i] - x[j], box).reshape(-1, 3)
 
         factors = np.array([0.0, *self.factors, 1.0])[self.shells()[i, j]]
-        total = 0.5 * self.A * (factors * np.maximum(1.0 - np.linalg.norm(apart(i, j), axis=1), 0.0) ** 2).sum()
+        kinds = np.array([self.names.index(name) for name in self.types])
+        total = 0.5 * (self.A[kinds[i], kinds[j]] * factors * np.maximum(1.0 - np.linalg.norm(apart(i, j), axis=1), 0.0) ** 2).sum()
         for (i, j), k in [*((pair, 20.0 * (sort + 1)) for pair, sort in self.bonds.items()), *((pair, 30.0) for pair in self.static)]:
             total += k * (np.linalg.norm(apart([i], [j])) - 0.4) ** 2
         there = {*self.bonds, *self.start}
@@ -158,6 +171,7 @@ def agrees(seed, steps):
             case.trials(step, x)
             found = {(i, j): sort for i, j, sort in dpd.read_bonds(simulation.context, built.plan).tolist()}
             assert found == case.bonds, step
+            assert dpd.read_types(simulation.context, built.plan) == case.types.tolist(), step
             if step % 5 == 0:
                 assert energy == pytest.approx(case.energy(x), rel=1e-9), step
                 assert dpd.Observer(built).sample(simulation.context).potential == pytest.approx(energy, rel=1e-9), step

@@ -309,7 +309,7 @@ def _bond_create(state: DeckState, group: str, words: list[str]) -> dict:
     usage = "fix ID all bond/create N itype jtype Rmin bondtype iparam maxbond itype jparam maxbond jtype [prob fraction seed] [atype type]"
     read.count(words, usage, 5, None)
     types = tuple(state.type_number(state.numbered("atom", word)) for word in words[1:3])
-    most, probability, angle = dict[str, int](), 1.0, 0
+    most, later, probability, angle = dict[str, int](), list(types), 1.0, 0
     sizes = {"iparam": 2, "jparam": 2, "prob": 2, "atype": 1, **dict.fromkeys(_UNMADE, 1)}
     for keyword, values in read.options(words[5:], sizes, "fix bond/create"):
         if keyword in _UNMADE:
@@ -322,15 +322,15 @@ def _bond_create(state: DeckState, group: str, words: list[str]) -> dict:
                 raise ParameterError(f"angle type {angle} is out of range: there are {state.n_angle_types}")
         else:
             most[keyword] = read.integer(values[0], "maxbond", 1)
-            if state.type_number(state.numbered("atom", values[1])) != types[keyword == "jparam"]:
-                raise ParameterError(f"fix bond/create {keyword}: beads that change their type are not supported; let newtype be the type")
+            later[keyword == "jparam"] = state.type_number(state.numbered("atom", values[1]))
     if len(most) < 2:
         raise ParameterError(f"fix bond/create without iparam and jparam is not supported: give maxbond, '{usage}'")
-    if types[0] == types[1] and most["iparam"] != most["jparam"]:
+    if types[0] == types[1] and (most["iparam"] != most["jparam"] or later[0] != later[1]):
         raise ParameterError("fix bond/create: iparam and jparam of one atom type must be the same")
     every, length = read.integer(words[0], "the interval", 1), read.positive(words[3], "Rmin")
     rest = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0], "angle": angle}
-    return {"every": every, "types": types, "length": length, "most": (most["iparam"], most["jparam"]), **rest}
+    becomes = None if tuple(later) == types else tuple(map(str, later))
+    return {"every": every, "types": types, "length": length, "most": (most["iparam"], most["jparam"]), "becomes": becomes, **rest}
 
 
 def _bond_break(state: DeckState, group: str, words: list[str]) -> dict:

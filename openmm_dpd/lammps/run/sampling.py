@@ -136,7 +136,7 @@ class Sampler:
             self.observer.present.renew()
         present, slide = self.observer.present, slide_of(self.built, self.context, self.axes)
         if present.bonds is not None:
-            take_bonds(self.request.state, present.bonds)
+            take_bonds(self.request.state, present.bonds, present.plan.scene.types)
         # of all beads: LAMMPS counts the velocities of immobile beads, too
         products = moments(self._masses, self._velocities(slide))[:6]
         place = {"positions": self.axes.of_deck(present.x), "box": self.axes.box_of_deck(present.box)}

@@ -21,7 +21,7 @@ from ...simulation.build import BuiltSystem
 from ...simulation.fields import read_fields
 from ...simulation.watching import PIECE
 from ..files.restart_file import restart_bytes
-from ..scene.reacting import keep_reacted
+from ..scene.reacting import keep_reacted, noted
 from ..state.records import DeckSample, Fix, MomentumRemoval
 from ..values.resolver import Resolver
 from .moving_box import MovingBox, measured
@@ -162,7 +162,8 @@ class DeckSteps:
     def begin(self, scene: Scene) -> None:
         """Do everything that is due before the first step."""
         if scene.reactions:
-            self.request.state.before = {"bond": self.request.state.bonds, "angle": self.request.state.angles}
+            state = self.request.state
+            state.before = {"bond": state.bonds, "angle": state.angles, "noted": noted(state)}
         for reader in self.readers:
             reader.begin(self.request.state, self.request.first_step)
         for dump in self.dumps:

@@ -1,6 +1,7 @@
 """Bonds that ``fix bond/create`` and ``fix bond/break`` make and break: from the deck to reactions, and back."""
 
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from ...model.angles import Angles
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
-from ..state.records import REACTING
+from ..state.records import REACTING, Fix
 from ..styles.words import bonded_styles
 
 
@@ -24,32 +25,59 @@ def at_start(state: DeckState, what: str) -> np.ndarray:
     return state.before.get(what, getattr(state, f"{what}s"))
 
 
-def _pairs(state: DeckState, kind: int) -> np.ndarray:
-    """Beads (B, 2) of the bonds of a type at the start of a run."""
-    bonds = at_start(state, "bond")
-    return state.atoms.index_of(bonds[bonds[:, 0] == kind, 1:].ravel()).reshape(-1, 2)
+def _sorts(state: DeckState) -> list[tuple[int, str]]:
+    """Sorts of bonds by type and name of the fix that makes them ("" without one), in the order of the fixes: each counts for itself."""
+    return list(dict.fromkeys((fix.parameters["bond"], _maker(state, fix)) for fix in state.fixes_of(*REACTING)))
+
+
+def _makers(state: DeckState, kind: int) -> list[str]:
+    return [fix.name for fix in state.fixes_of("bond/create") if fix.parameters["bond"] == kind]
+
+
+def _maker(state: DeckState, fix: Fix) -> str:
+    return fix.name if fix.style == "bond/create" else (*_makers(state, fix.parameters["bond"]), "")[0]
+
+
+def noted(state: DeckState) -> dict[str, tuple[np.ndarray, np.ndarray] | None]:
+    """What fixes that make bonds know, None before their first run: ids of the beads of their bonds (B, 2), and once more for each other
+    bond that they count."""
+    return {fix.name: fix.parameters.get("noted") for fix in state.fixes_of("bond/create")}
+
+
+def _bonds(state: DeckState, kind: int, maker: str = "") -> tuple[np.ndarray, np.ndarray]:
+    """What :func:`noted` has of a sort of bonds, at the start of a run.  The first maker has those of the type that no other one has made;
+    in its first run a fix counts all that there are."""
+    bonds, known, others = at_start(state, "bond"), state.before.get("noted", noted(state)), _makers(state, kind)[1:]
+    pairs = np.unique(np.sort(bonds[bonds[:, 0] == kind, 1:], axis=1), axis=0)
+    made = [its[0] for name in ([maker] if maker in others else others) if (its := known[name]) is not None]
+    mine = np.isin(pairs @ [1 << 32, 1], np.concatenate([np.zeros((0, 2), int), *made]) @ [1 << 32, 1]) == (maker in others)
+    return pairs[mine], pairs[~mine].ravel() if known.get(maker) is None else known[maker][1]
 
 
 def _turns(state: DeckState, kind: int) -> bool:
     """Whether a bead of a bond of this type is in an angle, a dihedral or an improper, which LAMMPS takes away with the bond."""
     terms = [terms[:, 1:].ravel() for terms in (at_start(state, "angle"), state.dihedrals, state.impropers)]
-    return bool(np.isin(state.atoms.ids[_pairs(state, kind)], np.concatenate(terms)).any())
-
-
-def _held(state: DeckState, kind: int) -> int:
-    """A number that depends on all beads and on the bonds of a type at the start of a run."""
     bonds = at_start(state, "bond")
-    pairs = np.unique(np.sort(bonds[bonds[:, 0] == kind, 1:], axis=1), axis=0)
+    return bool(np.isin(bonds[bonds[:, 0] == kind, 1:], np.concatenate(terms)).any())
+
+
+def _held(state: DeckState, fix: Fix) -> int:
+    """A number that depends on all beads and on the bonds of a sort at the start of a run."""
+    pairs, _ = _bonds(state, fix.parameters["bond"], _maker(state, fix))
     return zlib.crc32(np.concatenate([state.atoms.ids, pairs.ravel()]).tobytes())
+
+
+def _by_types(state: DeckState) -> bool:
+    scales = [fix.parameters[key] for fix in state.fixes.values() for key in ("gammas", "ratios") if key in fix.parameters]
+    return any(np.ptp(each) > 0 for each in scales)
 
 
 def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaking]:
     """The reactions of a run that begins at a step.  DeckError where a fix cannot act as in LAMMPS."""
-    fixes, sorts, found = state.fixes_of(*REACTING), dict[int, ReactiveBonds](), list[BondFormation | BondBreaking]()
+    fixes, sorts, found = state.fixes_of(*REACTING), dict[tuple[int, str], ReactiveBonds](), list[BondFormation | BondBreaking]()
     angles: dict[int, Angles | None] = {0: None}
-    made = {fix.parameters["bond"] for fix in fixes if fix.style == "bond/create"}
     for fix in fixes:
-        given, kind = fix.parameters, fix.parameters["bond"]
+        given, kind, maker = fix.parameters, fix.parameters["bond"], _maker(state, fix)
         reasons = {
             "its group must be all": fix.group != "all",
             "a factor 0 of special_bonds lj needs one of coul: only then does LAMMPS leave such beads alone": any(
@@ -59,9 +87,15 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             "it cannot be combined with fix npt, whose pressure leaves out bonds that form and break": bool(state.fixes_of("npt")),
             "neigh_modify exclude is not supported beside it": bool(state.exclusions),
             "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
-            "bonds were broken in a run before, which count for maxbond in LAMMPS; put both into one run": given.get("spent", False),
+            f"several fixes make bonds of type {kind}, and each counts them for itself": fix.name != maker
+            and len(_makers(state, kind)) > 1,
+            "beads with charges cannot change their types": given.get("becomes") is not None
+            and any("cutoff_charges" in style.settings for style in state.pair.styles)
+            and bool(np.isin(given["types"], state.atoms.types[state.atoms.charges != 0]).any()),
+            "friction that depends on types is not supported beside beads that change them": given.get("becomes") is not None
+            and _by_types(state),
             f"beads or bonds of type {kind} were added or removed after a run, which changes no count for maxbond in LAMMPS; define it "
-            "anew": (given.get("held", now := _held(state, kind)) != now),
+            "anew": (given.get("held", now := _held(state, fix)) != now),
         }
         for reason in (reason for reason, holds in reasons.items() if holds):
             raise fix.error(reason)
@@ -69,12 +103,14 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
         if bend not in angles and bend not in state.angle.coefficients:
             raise fix.error(f"angle type {bend} has no coefficients")
         with errors_at(fix.where, f"fix {fix.name}: "):
-            if kind not in sorts:
+            if (kind, maker) not in sorts:
                 style, values = state.bond.coefficients[kind]
                 if style in ("none", "zero"):
                     raise ParameterError(f"bonds of style {style} have no energy")
                 bond = bonded_styles("bond")[style].build(np.array([[0, 1]]), values)
-                sorts[kind] = ReactiveBonds(type(bond), {name: getattr(bond, name)[0] for name in bond._DIMENSIONS}, _pairs(state, kind))
+                values, place = {name: getattr(bond, name)[0] for name in bond._DIMENSIONS}, state.atoms.index_of
+                its, counted = _bonds(state, kind, maker)
+                sorts[kind, maker] = ReactiveBonds(type(bond), values, place(its.ravel()).reshape(-1, 2), place(counted))
             if bend not in angles:
                 style, values = state.angle.coefficients[bend]
                 flat = style in ("none", "zero")
@@ -83,20 +119,24 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             length = given["length"] * state.units.length
             if fix.style == "bond/create":
                 one, other = map(str, given["types"])
-                found.append(BondFormation(sorts[kind], (one, other), length, given["most"], angle=angles[bend], **trials))
+                later = {"becomes": given["becomes"], "angle": angles[bend]}
+                found.append(BondFormation(sorts[kind, maker], (one, other), length, given["most"], **later, **trials))
             else:
-                found.append(BondBreaking(sorts[kind], length, spends=kind in made, **trials))
+                found.append(BondBreaking(sorts[kind, maker], length, spends=bool(maker), **trials))
     return found
 
 
-def take_bonds(state: DeckState, table: np.ndarray) -> None:
-    """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`, and the angles that have come with them."""
-    kinds = reacting_types(state)
-    rows = [state.bonds[~np.isin(state.bonds[:, 0], kinds)]]
-    for k, kind in enumerate(kinds):
-        ids = state.atoms.ids[bonds_in(table, k).astype(np.int64)]
+def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> None:
+    """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`, the angles that have come with them, and the types of
+    the beads."""
+    sorts = _sorts(state)
+    rows = [state.bonds[~np.isin(state.bonds[:, 0], [kind for kind, _ in sorts])]]
+    for k, (kind, maker) in enumerate(sorts):
+        ids = np.sort(state.atoms.ids[bonds_in(table, k).astype(np.int64)], axis=1)
         rows.append(np.column_stack([np.full(len(ids), kind), ids]))
-    state.bonds = np.concatenate(rows)
+        if maker:
+            state.fixes[maker].parameters["noted"] = ids, np.repeat(state.atoms.ids, (table == -1 - k).sum(axis=1))
+    state.bonds, state.atoms.types = np.concatenate(rows), np.array([*map(int, types)])
     bend = next((fix.parameters["angle"] for fix in state.fixes_of("bond/create")), 0)
     if bend and state.angle.style != "none":
         there = at_start(state, "bond")[:, 1:]
@@ -106,14 +146,11 @@ def take_bonds(state: DeckState, table: np.ndarray) -> None:
 
 
 def keep_reacted(state: DeckState, reacted: dict[str, list[float]]) -> None:
-    """Note at the end of a run the values of the fixes, where bonds have been broken that the fix which makes them goes on counting, and
-    what it has counted."""
+    """Note at the end of a run the values of the fixes, and what those that make bonds have counted."""
     for name, values in reacted.items():
         state.fixes[name].parameters["counts"] = values[1:]
-    broken = {fix.parameters["bond"] for fix in state.fixes_of("bond/break") if fix.parameters["counts"][1]}
     for fix in state.fixes_of("bond/create"):
-        given, kind = fix.parameters, fix.parameters["bond"]
-        given |= {"spent": given.get("spent", False) or kind in broken, "held": _held(state, kind)}
+        fix.parameters["held"] = _held(state, fix)
 
 
 def reacted_values(state: DeckState, reacted: np.ndarray, step: int, first: int) -> dict[str, list[float]]:

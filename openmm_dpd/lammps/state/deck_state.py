@@ -55,8 +55,8 @@ class DeckState:
     masses: dict[int, float] = field(default_factory=dict)  #: Mass of each type that has one, Da
     atoms: Atoms = field(default_factory=Atoms)  #: Arrays in the order of the ids
     bonds: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  #: (B, 3) bond type and the ids of the two beads
-    #: Bonds and angles at the start of the present run, where fixes make and break bonds
-    before: dict[str, np.ndarray] = field(default_factory=dict)
+    #: Bonds and angles at the start of the present run, where fixes make and break bonds, and what these fixes knew
+    before: dict[str, Any] = field(default_factory=dict)
     #: (A, 4) angle type and the ids of the three beads, the vertex in the middle.  Types of terms that are turned off are negative.
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) dihedral type and the four ids
