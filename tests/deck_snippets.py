@@ -271,6 +271,11 @@ SNIPPETS: dict[str, dict[str, str]] = {
             before="fix f all bond/create 2 1 1 0.6 1 iparam 3 2 jparam 3 2 prob 0.7 77 atype 1\n"
             "fix g all bond/create 3 1 2 0.7 1 iparam 2 1 jparam 3 1 atype 1\n" + averaged("f_f[2]", "f_g[2]"),
         ),
+        "bond/create/angle": deck(
+            "bonds",
+            before="delete_bonds all bond 1 remove special\nfix f all bond/create/angle 1 1 1 0.7 1 iparam 2 1 jparam 2 1 aconstrain 60 180\n"
+            + averaged("f_f[2]"),
+        ),
         "bond/break": deck("bonds", before="delete_bonds all angle 1 remove\nfix b all bond/break 2 1 0.5\n" + averaged("f_b[2]")),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),
         "print": deck(before='fix say all print 2 "at $(step) $(temp)" file say.txt title begun'),

@@ -81,8 +81,7 @@ def both_ways(pairs: np.ndarray, n: int) -> np.ndarray:
 
 def angles_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
     """(K, 3) uint32 angles between two bonds of a bead, of which at least one has been made: it is not in ``start`` (:func:`both_ways`)."""
-    i, place = np.nonzero(table > 0)
-    now = np.union1d(start, i * len(table) + (table[i, place] - 1) % len(table))
+    now = _now(table, start)
     vertex, partner, made = now // len(table), now % len(table), ~np.isin(now, start)
     found = [np.zeros((0, 3), np.int64)]
     for gap in range(1, np.bincount(vertex).max(initial=0)):
@@ -91,19 +90,40 @@ def angles_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
     return np.concatenate(found).astype(np.uint32)
 
 
+def _each(bonds: np.ndarray, beads: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the beads (B,) and their partners, one after the other, by the bonds of n beads (:func:`both_ways`)."""
+    first, last = np.searchsorted(bonds, [beads * n, beads * n + n])
+    many = last - first
+    return np.repeat(np.arange(len(beads)), many), bonds[np.arange(many.sum()) + np.repeat(first - np.cumsum(many) + many, many)] % n
+
+
+def between(bonds: np.ndarray, pairs: np.ndarray, x: np.ndarray, box: np.ndarray | None, bounds: tuple[float, float]) -> np.ndarray:
+    """Which pairs (B, 2) have angles within bounds with all bonds (:func:`both_ways`) of their beads."""
+    fit = np.ones(len(pairs), bool)
+    for vertex, other in (pairs.T.astype(np.int64), pairs.T[::-1].astype(np.int64)):
+        k, partner = _each(bonds, vertex, len(x))
+        a, b = (minimum_images(x[end] - x[vertex[k]], box) for end in (other[k], partner))
+        angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1))
+        fit[k[(angle < bounds[0]) | (angle > bounds[1])]] = False
+    return fit
+
+
+def _now(table: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Bonds of a table and others (:func:`both_ways`)."""
+    i, place = np.nonzero(table > 0)
+    return np.union1d(others, i * len(table) + (table[i, place] - 1) % len(table))
+
+
 def exceptions_in(table: np.ndarray, stays: np.ndarray, factors: tuple[float, ...]) -> Exceptions:
     """Exceptions of beads one, two and three bonds apart, by the bonds of a table and those that stay (:func:`both_ways`)."""
     n = len(table)
-    i, place = np.nonzero(table > 0)
-    last = bonds = np.union1d(stays, i * n + (table[i, place] - 1) % n)
-    rows, seen, found = np.searchsorted(bonds, np.arange(n + 1) * n), np.arange(n) * (n + 1), [np.zeros((0, 2))]
-    count = np.diff(rows)
+    last = bonds = _now(table, stays)
+    seen, found = np.arange(n) * (n + 1), [np.zeros((0, 2))]
     for factor in factors:
         last = np.setdiff1d(last, seen)
         found.append(np.column_stack([last, np.full(len(last), factor)])[: len(last) if factor != 1.0 else 0])
-        seen, many = np.union1d(seen, last), count[last % n]
-        one_by_one = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
-        last = np.unique(np.repeat(last // n, many) * n + bonds[np.repeat(rows[last % n], many) + one_by_one] % n)
+        seen, (k, partner) = np.union1d(seen, last), _each(bonds, last % n, n)
+        last = np.unique(last[k] // n * n + partner)
     codes, values = np.concatenate(found)[np.argsort(np.concatenate(found)[:, 0])].T
     return np.searchsorted(codes, np.arange(n + 1) * n), (codes % n).astype(np.int64), values.copy()
 
@@ -326,6 +346,9 @@ class ReactingLoop(StepLoop):
             if turns:
                 wanted = uniforms(key, pairs, 1) * (1.0 + model.weight(r, m.kT)) < 1.0
                 return pairs, r, turn(table, counts, valences, pairs, wanted, sort, left)
+            if model.between is not None:
+                fit = between(_now(table, self._bonds.stays), pairs, m.x, m.box, model.between)
+                pairs, r = pairs[fit], r[fit]
             chosen = mutual(len(table), pairs, r) & (uniforms(key, pairs, 1) < chance)
         else:
             pairs, left = bonds_in(np.where(table == before, table, 0), sort), -1 - sort if model.spends else 0

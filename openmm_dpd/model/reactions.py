@@ -120,6 +120,8 @@ class BondFormation(_Reaction):
     angle : Angles, optional
         One angle of any kind, whatever its beads: a bond that is made has an angle like this with each other bond of its two beads, as in
         LAMMPS.  It goes with either of its bonds.
+    between : two angles, optional
+        Least and largest angle, rad, of the bond with each other bond of its two beads: otherwise it is not made.
     becomes : two type names, optional
         Types that the two beads take as soon as they have the bonds of their valence; None in place of a name for no change.  Masses stay.
     """
@@ -134,13 +136,19 @@ class BondFormation(_Reaction):
     every: int = 1
     start: int = 0
     angle: Angles | None = None
+    between: tuple[float, float] | None = None
     becomes: tuple[str | None, str | None] | None = None
     forms, what = True, "bond formation"
 
     def __post_init__(self):
         super().__post_init__()
         given = self.valences if isinstance(self.valences, Sequence) else (self.valences,) * 2
-        for name, pair in (("types", self.types), ("valences", given), ("later types (becomes)", self.becomes or given)):
+        for name, pair in (
+            ("types", self.types),
+            ("valences", given),
+            ("later types (becomes)", self.becomes or given),
+            ("angles (between)", self.between or given),
+        ):
             if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
                 raise ParameterError(f"the {name} of a bond formation must be two, one for each bead, not {what_is(pair)}")
         valences = tuple(whole_number(each, "a valence of a bond formation", least=1) for each in given)
@@ -152,8 +160,17 @@ class BondFormation(_Reaction):
             raise ParameterError(
                 f"both beads of a bond formation are {what_is(self.types[0])}, so they become the same, not {self.becomes}"
             )
-        if self.becomes and self.energy is not None:
-            raise ParameterError("bonds in equilibrium (energy) cannot change the types of beads (becomes): there is no way back")
+        if (self.becomes or self.between) and self.energy is not None:
+            raise ParameterError(
+                "bonds in equilibrium (energy) cannot change types (becomes), or need angles (between): there is no way back"
+            )
+        if self.between is not None:
+            low, high = (checked(each, "angle", "an angle between bonds") for each in self.between)
+            if not low < high <= np.pi * (1 + 1e-9):
+                raise ParameterError(
+                    f"the angles of a bond formation (between) go from a smaller one to one up to pi, not from {low:g} to {high:g}"
+                )
+            keep(self, between=(low, high))
         within = checked(self.within, "length", "the distance of a bond formation", positive=True)
         if self.bonds.between(np.array([[0, 1]])).overstretched(within * np.array([[0.0, 0, 0], [1 - 1e-9, 0, 0]]), None):
             raise ParameterError(f"a bond formation within {in_length(within)} would make longer bonds than {self.bonds} can be")

@@ -343,6 +343,7 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "later types": ({"becomes": "AB"}, r"the later types \(becomes\) of a bond formation must be two"),
     "different later types": ({"types": ("A", "A"), "becomes": ("B", None)}, "so they become the same"),
     "unknown later type": ({"becomes": ("C", None)}, "there is no bead type 'C'"),
+    "between": ({"between": (1.0, 4.0)}, "from a smaller one to one up to pi, not from 1 to 4"),
     "other mass": ({"becomes": ("B", None)}, "need the masses that the beads have"),
     "types in equilibrium": ({"becomes": (None, None), "energy": 1.0}, "there is no way back"),
     "pushed": ({"becomes": (None, None), "body_forces": [dpd.BodyForce((1.0, 0, 0), types="A")]}, "beads cannot change their types"),

@@ -305,21 +305,26 @@ def _chance(words: list[str]) -> float:
 _UNMADE = {"dtype": "dihedrals of bonds that form are", "itype": "impropers of bonds that form are", "molecule": "a choice by molecules is"}
 
 
-def _bond_create(state: DeckState, group: str, words: list[str]) -> dict:
+def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = False) -> dict:
     usage = "fix ID all bond/create N itype jtype Rmin bondtype iparam maxbond itype jparam maxbond jtype [prob fraction seed] [atype type]"
     read.count(words, usage, 5, None)
     types = tuple(state.type_number(state.numbered("atom", word)) for word in words[1:3])
     most, later, probability, angle = dict[str, int](), list(types), 1.0, 0
-    sizes = {"iparam": 2, "jparam": 2, "prob": 2, "atype": 1, **dict.fromkeys(_UNMADE, 1)}
+    sizes = {"iparam": 2, "jparam": 2, "prob": 2, "atype": 1, **({"aconstrain": 2} if bent else {}), **dict.fromkeys(_UNMADE, 1)}
+    between: tuple[float, ...] | None = None
     for keyword, values in read.options(words[5:], sizes, "fix bond/create"):
         if keyword in _UNMADE:
+            if values == ["0"]:
+                continue
             raise ParameterError(f"fix bond/create {keyword}: {_UNMADE[keyword]} not supported; leave the word out")
         if keyword == "prob":
             probability = _chance(values)
         elif keyword == "atype":
-            angle = read.integer(state.numbered("angle", values[0]), "the angle type", 1)
+            angle = read.integer(state.numbered("angle", values[0]), "the angle type", 0)
             if angle > state.n_angle_types:
                 raise ParameterError(f"angle type {angle} is out of range: there are {state.n_angle_types}")
+        elif keyword == "aconstrain":
+            between = tuple(np.radians(read.number(word, "an angle of aconstrain")) for word in values)
         else:
             most[keyword] = read.integer(values[0], "maxbond", 1)
             later[keyword == "jparam"] = state.type_number(state.numbered("atom", values[1]))
@@ -330,7 +335,15 @@ def _bond_create(state: DeckState, group: str, words: list[str]) -> dict:
     every, length = read.integer(words[0], "the interval", 1), read.positive(words[3], "Rmin")
     rest = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0], "angle": angle}
     becomes = None if tuple(later) == types else tuple(map(str, later))
-    return {"every": every, "types": types, "length": length, "most": (most["iparam"], most["jparam"]), "becomes": becomes, **rest}
+    return {
+        "every": every,
+        "types": types,
+        "length": length,
+        "most": (most["iparam"], most["jparam"]),
+        "becomes": becomes,
+        "between": between,
+        **rest,
+    }
 
 
 def _bond_break(state: DeckState, group: str, words: list[str]) -> dict:
@@ -353,6 +366,6 @@ FIX_STYLES: dict[str, FixReader] = {
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "npt": _npt, "gravity": _gravity},
     **{"wall/reflect": _wall_reflect, "momentum": _momentum, "deform": _deform, "enforce2d": _enforce2d, **ACTING_STYLES},
-    **{"balance": _balance, "bond/create": _bond_create, "bond/break": _bond_break},
+    **{"balance": _balance, "bond/create": _bond_create, "bond/create/angle": partial(_bond_create, bent=True), "bond/break": _bond_break},
     **{style: partial(parse_rigid, fix=style) for style in RIGID},
 }

@@ -11,7 +11,7 @@ from ...model.angles import Angles
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
-from ..state.records import REACTING, Fix
+from ..state.records import FORMING, REACTING, Fix
 from ..styles.words import bonded_styles
 
 
@@ -31,17 +31,17 @@ def _sorts(state: DeckState) -> list[tuple[int, str]]:
 
 
 def _makers(state: DeckState, kind: int) -> list[str]:
-    return [fix.name for fix in state.fixes_of("bond/create") if fix.parameters["bond"] == kind]
+    return [fix.name for fix in state.fixes_of(*FORMING) if fix.parameters["bond"] == kind]
 
 
 def _maker(state: DeckState, fix: Fix) -> str:
-    return fix.name if fix.style == "bond/create" else (*_makers(state, fix.parameters["bond"]), "")[0]
+    return fix.name if fix.style in FORMING else (*_makers(state, fix.parameters["bond"]), "")[0]
 
 
 def noted(state: DeckState) -> dict[str, tuple[np.ndarray, np.ndarray] | None]:
     """What fixes that make bonds know, None before their first run: ids of the beads of their bonds (B, 2), and once more for each other
     bond that they count."""
-    return {fix.name: fix.parameters.get("noted") for fix in state.fixes_of("bond/create")}
+    return {fix.name: fix.parameters.get("noted") for fix in state.fixes_of(*FORMING)}
 
 
 def _bonds(state: DeckState, kind: int, maker: str = "") -> tuple[np.ndarray, np.ndarray]:
@@ -67,6 +67,16 @@ def _held(state: DeckState, fix: Fix) -> int:
     return zlib.crc32(np.concatenate([state.atoms.ids, pairs.ravel()]).tobytes())
 
 
+def _third(state: DeckState, fix: Fix) -> bool:
+    """Whether beads that have two bonds, or more, may get another one."""
+    (one, other), kind = fix.parameters["types"], fix.parameters["bond"]
+    mine, _ = _bonds(state, kind, _maker(state, fix))
+    bonds = np.bincount(at_start(state, "bond")[:, 1:].ravel(), minlength=1 + state.atoms.ids.max(initial=0))
+    bonds -= np.bincount(mine.ravel(), minlength=len(bonds))
+    most = np.where(state.atoms.types == one, *fix.parameters["most"])
+    return bool((bonds[state.atoms.ids] + most > 2)[np.isin(state.atoms.types, (one, other))].any())
+
+
 def _by_types(state: DeckState) -> bool:
     scales = [fix.parameters[key] for fix in state.fixes.values() for key in ("gammas", "ratios") if key in fix.parameters]
     return any(np.ptp(each) > 0 for each in scales)
@@ -89,6 +99,9 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
             f"several fixes make bonds of type {kind}, and each counts them for itself": fix.name != maker
             and len(_makers(state, kind)) > 1,
+            "beads that may get a third bond are not supported: LAMMPS compares aconstrain with one of the two before alone": (
+                given.get("between") is not None and _third(state, fix)
+            ),
             "beads with charges cannot change their types": given.get("becomes") is not None
             and any("cutoff_charges" in style.settings for style in state.pair.styles)
             and bool(np.isin(given["types"], state.atoms.types[state.atoms.charges != 0]).any()),
@@ -117,9 +130,9 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
                 angles[bend] = None if flat else bonded_styles("angle")[style].build(np.array([[0, 1, 2]]), values)
             trials = {"probability": given["probability"], "every": given["every"], "start": -step % given["every"]}
             length = given["length"] * state.units.length
-            if fix.style == "bond/create":
+            if fix.style in FORMING:
                 one, other = map(str, given["types"])
-                later = {"becomes": given["becomes"], "angle": angles[bend]}
+                later = {"becomes": given["becomes"], "between": given["between"], "angle": angles[bend]}
                 found.append(BondFormation(sorts[kind, maker], (one, other), length, given["most"], **later, **trials))
             else:
                 found.append(BondBreaking(sorts[kind, maker], length, spends=bool(maker), **trials))
@@ -137,7 +150,7 @@ def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> Non
         if maker:
             state.fixes[maker].parameters["noted"] = ids, np.repeat(state.atoms.ids, (table == -1 - k).sum(axis=1))
     state.bonds, state.atoms.types = np.concatenate(rows), np.array([*map(int, types)])
-    bend = next((fix.parameters["angle"] for fix in state.fixes_of("bond/create")), 0)
+    bend = next((fix.parameters["angle"] for fix in state.fixes_of(*FORMING)), 0)
     if bend and state.angle.style != "none":
         there = at_start(state, "bond")[:, 1:]
         start = both_ways(state.atoms.index_of(there.ravel()).reshape(-1, 2), len(state.atoms))
@@ -149,7 +162,7 @@ def keep_reacted(state: DeckState, reacted: dict[str, list[float]]) -> None:
     """Note at the end of a run the values of the fixes, and what those that make bonds have counted."""
     for name, values in reacted.items():
         state.fixes[name].parameters["counts"] = values[1:]
-    for fix in state.fixes_of("bond/create"):
+    for fix in state.fixes_of(*FORMING):
         fix.parameters["held"] = _held(state, fix)
 
 

@@ -41,7 +41,8 @@ COUPLED = ("nvt", "npt", "temp/rescale", "temp/berendsen", "langevin")
 GUIDING = (*ACTING_FIXES, *COUPLED, "nve/limit", "move", "adapt")
 GUIDED = (*FORCE_FIXES, *GUIDING)
 #: Fixes that make and break bonds.
-REACTING = ("bond/create", "bond/break")
+FORMING = ("bond/create", "bond/create/angle")
+REACTING = (*FORMING, "bond/break")
 #: Values of fixes by style: whether there is a scalar, the length of the vector (None: it varies), and whether that is a sum over beads.
 FIX_VALUES: dict[str, tuple[bool, int | None, bool]] = {
     **{"addforce": (True, 3, True), "setforce": (False, 3, True), "aveforce": (False, 3, True), "efield": (True, 3, True)},
