@@ -196,6 +196,17 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "angle/local": deck("bonds", "compute c all angle/local eng\ncompute r all reduce max c_c inputs local\n" + averaged("c_r")),
         "improper/local": deck("dihedrals", "compute c all improper/local chi\ndump d all local 2 d.txt c_c"),
         "dihedral/local": deck("dihedrals", "compute c all dihedral/local phi\ndump d all local 2 d.txt c_c"),
+        **{
+            style: deck(
+                "bonds",
+                "unfix move\nfix bodies all rigid/small molecule\nneigh_modify exclude molecule/intra all\n"
+                f"compute c all {style} bodies{more}",
+            )
+            for style, more in {
+                **{style: "\n" + averaged("c_c") for style in ("ke/rigid", "erotate/rigid")},
+                "rigid/local": " id xu fy omegaz\ndump d all local 2 d.txt c_c[*]",
+            }.items()
+        },
         "pe/atom": deck(before="compute c all pe/atom pair\ncompute r all reduce max c_c\n" + averaged("c_r")),
         "stress/atom": deck(before="compute c all stress/atom thermo_temp\ndump d all custom 2 d.txt id c_c[1] c_c[4]"),
         "dpd/atom": deck("energy", "compute c all dpd/atom\ndump d all custom 2 d.txt id c_c[1] c_c[4]", head=_HEAT),

@@ -109,8 +109,32 @@ def test_bodies_move_as_lammps_moves_them(tmp_path, fix):
         np.testing.assert_allclose(ours[1:, 4], rows[1:, 4], rtol=2e-3)
 
 
+LOCAL = "id mol mass x y z xu yu zu vx vy vz fx fy fz ix iy iz tqx tqy tqz omegax omegay omegaz angmomx angmomy angmomz inertiax inertiay inertiaz"
+
+
+@lammps_peer.needed()
+def test_values_of_bodies_are_those_of_lammps(tmp_path):
+    fix = FIXES["small, inner pairs"] + f"\ncompute l stiff rigid/local b {LOCAL}\ncompute k all ke/rigid b\n"
+    fix += "compute m first rigid/local b mol\ncompute e all erotate/rigid b\ncompute s all reduce sum c_m inputs local\n"
+    fix += "neigh_modify every 1 delay 0 check no\ndump l all local 20 local.txt index c_l[*]\ndump_modify l format float %.12g\n"
+    text = DECK.replace("FIX", fix).replace("$(temp:%.12g)", "$(c_k:%.12g) $(c_e:%.12g) $(c_s)")
+    (tmp_path / "lammps").mkdir()
+    for folder in (tmp_path / "lammps", tmp_path):
+        put(folder / "data.bodies", data_file())
+    theirs(tmp_path / "lammps", text)
+    run_deck(put(tmp_path / "in.bodies", text), RunOptions(platform="Reference", threads=1), out=tmp_path)
+    np.testing.assert_allclose(rows_of(tmp_path)[:, 1:4], rows_of(tmp_path / "lammps")[:, 1:4], rtol=1e-6)
+    found, expected = ((folder / "local.txt").read_text().partition("TIMESTEP\n20\n")[2] for folder in (tmp_path, tmp_path / "lammps"))
+    tables = [[line.split() for line in text.splitlines() if line[:1].isdigit() and len(line.split()) > 9] for text in (found, expected)]
+    frames = [np.array(table, float).reshape(-1, 7, 31)[:, :, 1:] for table in tables]  # LAMMPS has its own order of bodies
+    frames = [np.array([frame[np.argsort(frame[:, 0])] for frame in its]) for its in frames]
+    assert len(frames[1]) == 5
+    np.testing.assert_allclose(*frames, rtol=1e-6, atol=1e-6)
+
+
 @cases(
     "fix, match",
+    ("fix b stiff rigid/nve molecule\ncompute l all rigid/local b x", "must be a fix rigid/small or rigid/nve/small"),
     ("fix b stiff rigid/nve molecule\nfix m all momentum 10 linear 1 1 1", "momentum changes single beads"),
     ("fix b stiff rigid/nve molecule\nfix t stiff temp/berendsen 1 1 1", "temp/berendsen changes single beads"),
     ("fix b water rigid/nve molecule", "in no molecule"),

@@ -16,13 +16,15 @@ RIGID = ("rigid", "rigid/nve", "rigid/small", "rigid/nve/small")
 
 
 class DeckBody(NamedTuple):
-    """One body: its fix, its beads, the axes along which it moves, whether it turns, and whether its inner pairs count in energies."""
+    """One body: its fix, its beads, the axes along which it moves, whether it turns, whether inner pairs count in energies, and the id of the
+    bead with which LAMMPS keeps it, the nearest one to the middle of its extents where the fix is defined."""
 
     fix: Fix
     beads: np.ndarray
     moves: str
     turns: bool
     inner: bool
+    owner: int
 
 
 def parse_rigid(state: DeckState, group: str, words: list[str], fix: str) -> dict:
@@ -51,7 +53,13 @@ def parse_rigid(state: DeckState, group: str, words: list[str], fix: str) -> dic
         state.note(
             f"fix {fix}: bodies turn as in rigid/nve, by a splitting; LAMMPS iterates, which is the same to second order in the step"
         )
-    return {"lambda": 0.5, "style": style, "groups": groups, "free": free}
+    x = state.require_box(f"fix {fix}").unwrap(state.atoms.positions, state.atoms.images)
+    middles = (0.5 * (x[beads].min(axis=0) + x[beads].max(axis=0)) if len(beads) else np.zeros(3) for beads in members)
+    owners = [
+        int(beads[np.argmin(np.sum((x[beads] - middle) ** 2, axis=1))]) if len(beads) else 0
+        for beads, middle in zip(members, middles, strict=True)
+    ]
+    return {"lambda": 0.5, "style": style, "groups": groups, "free": free, "owners": state.atoms.ids[owners]}
 
 
 def _members(state: DeckState, group: str, style: str, groups: list[str]) -> list[np.ndarray]:
@@ -87,20 +95,20 @@ def deck_bodies(state: DeckState) -> list[DeckBody]:
         for other in state.fixes_of("momentum", *(style for style in COUPLED if style != "langevin")):
             if other.style == "npt" or np.any(mask & state.group(other.group)):
                 raise other.error(f"{other.style} changes single beads, and not the bodies of fix {fix.name}; take a group without them")
-        for beads, (force, torque) in zip(members, given["free"], strict=True):
+        for beads, owner, (force, torque) in zip(members, given["owners"], given["free"], strict=True):
             if len(beads) < 2:
                 raise fix.error(f"a body has {len(beads)} beads; each needs two at least")
             i, j = np.triu_indices(len(beads), 1)
             out = pairs_left_out(state, state.atoms.types[beads], partial(np.take, indices=beads), i, j)
             moves = "".join(axis for axis, moving in zip("xyz", force, strict=True) if moving)
-            found.append(DeckBody(fix, beads, moves, bool(torque.all()), not out.all()))
+            found.append(DeckBody(fix, beads, moves, bool(torque.all()), not out.all(), owner))
     return found
 
 
 def bodies_of(state: DeckState) -> list[Body]:
     """The bodies of a scene.  DeckError if one moves or turns where no forces act on it."""
     x, v, mass, made = state.scene_positions, state.atoms.velocities, state.bead_masses(), []
-    for fix, beads, moves, turns, inner in deck_bodies(state):
+    for fix, beads, moves, turns, inner, _ in deck_bodies(state):
         m = mass[beads, None]
         centre, speed = np.sum(m * x[beads], axis=0) / m.sum(), np.sum(m * v[beads], axis=0) / m.sum()
         spin = np.cross(x[beads] - centre, m * (v[beads] - speed)).sum(axis=0)
