@@ -14,7 +14,9 @@ from test_commands_live import BEADS, FRAMES, RUN
 from openmm_dpd.base.errors import DeckError, DPDError
 from openmm_dpd.lammps import RunOptions, explain_deck, export_deck
 from openmm_dpd.lammps.run.acting import FORCES
+from openmm_dpd.lammps.state.box import Box
 from openmm_dpd.lammps.state.records import ACTING_FIXES, COUPLED, FIX_VALUES, FORCE_FIXES, REACTING
+from openmm_dpd.lammps.state.regions import parse_region
 
 START = BEADS.replace("pair_coeff * * 25 0.5", "pair_coeff * * 25 4.5")
 #: Beads some way from the faces, for walls all around.
@@ -125,8 +127,24 @@ REGIONS = {
     "block, outside": "block 1.1 1.2 1.4 1.5 1.9 2.0 side out",
     "sphere, outside": "sphere 1.1 1.4 2 0.1 side out",
     "cylinder, outside": "cylinder x 1.4 2 0.1 1 1.3 side out",
+    "cone": "cone z 1 2 3.4 2.9 -0.4 5.3",
+    "cone, outside": "cone x 1.4 2 0.15 0.05 1 1.3 side out",
+    "plane": "plane 1 2 -1.2 -0.2 0.3 1",
+    "plane, outside": "plane 1 2 6.2 -0.2 0.3 1 side out",
+}
+PARTS = "region one {} units box\nregion two {} units box\n"
+JOINED = {
+    "union": ("block -1.2 1.8 -0.1 4.2 -0.2 5.3", "block 1.2 3.1 -0.2 4.1 -0.1 5.4", "union 2 one two"),
+    "outsides": ("sphere 1.1 1.4 2 0.1 side out", "block 1.15 1.3 1.4 1.5 1.9 2.0 side out", "intersect 2 one two"),
+    "intersect": ("sphere 1 2.3 2.3 4", "plane 1 2 -1.2 -0.2 0.3 1", "intersect 2 one two"),
+    "intersect, outside": ("sphere 1.1 1.4 2 0.1", "cylinder x 1.4 2 0.05 0 2", "intersect 2 one two side out"),
+}
+DECKS |= {
+    f"wall/region {name}": PARTS.format(a, b) + f"region w {both}\n" + wall("region w harmonic 9 1 1.5", "[3]")
+    for name, (a, b, both) in JOINED.items()
 }
 STYLES = ("lj93 1 0.5 1.2", "harmonic 7 1 1.6", "morse 2 1.5 0.6 1.4", "lj126 1 0.4 1.2", "lj1043 1 0.3 1.2", "harmonic 9 1 1.5")
+STYLES += ("harmonic 8 1 1.5", "lj93 1 0.4 1.2", "harmonic 5 1 1.7", "morse 2 1.5 0.6 1.4")
 DECKS |= {
     f"wall/region {name}": f"region w {region} units box\n" + wall(f"region w {style}", "[3]")
     for (name, region), style in zip(REGIONS.items(), STYLES, strict=True)
@@ -159,6 +177,18 @@ def test_both_programs_write_the_same(trial, name):
     deck.lines[:] = (start + body).splitlines()
     outcome = trial.of_deck(0, "commands", deck)
     assert outcome.kind == "agree", outcome.message
+
+
+def test_the_outside_of_a_union_is_the_intersection_of_the_outsides():
+    """In LAMMPS (22 July 2025) all distances from the outside of a union are 0."""
+    box, known, x = Box(np.zeros(3), np.full(3, 5.0), np.zeros(3)), {}, np.random.default_rng(1).normal(size=(50, 3)) + [1.5, 1.5, 2]
+    for name, words in (("a", "sphere 1 1 2 1"), ("b", "block 1 2 1 2 1.5 2.5")):
+        for side in ("in", "out"):
+            known[name + side] = parse_region(f"{words} side {side} units box".split(), np.ones(3), box, known, float)
+    pair = (parse_region(words.split(), np.ones(3), box, known, float) for words in ("union 2 ain bin side out", "intersect 2 aout bout"))
+    (found, expected), inside = ([np.column_stack(each) for each in region.distances(x)] for region in pair), known["ain"].contains(x)
+    assert np.isfinite(found[0]).any() and not np.isfinite(found[0][inside, 0]).any()
+    assert all(np.array_equal(*each) for each in zip(found, expected, strict=True))
 
 
 def test_tables_agree():
@@ -207,7 +237,7 @@ WRONG = {
     "fix l all nvt temp 0 1 1": "must be above 0",
     "fix l all efield 1 1 1": "needs atom_style charge or full",
     "fix l all spring tether 1 0 0 0": "needs 5|expected",
-    "region r block 0 1 0 1 0 1\nregion u union 2 r r\nfix l all wall/region u harmonic 1 1 1": "must be the inside or outside of",
+    "region r block 0 1 0 1 0 1\nregion e ellipsoid 0 0 0 1 1 2\nregion u union 2 r e\nfix l all wall/region u harmonic 1 1 1": "must be the inside or outside of",
     "fix l all viscous 1\nfix_modify l energy yes": "has no energy here",
     "fix l all viscous 1\nfix_modify l virial yes": "virial yes is not supported",
     "fix l all adapt 1 pair dpd/ext a0 * * v_x": "a pair style of fix adapt",

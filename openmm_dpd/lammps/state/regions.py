@@ -28,10 +28,15 @@ class Region:
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
     #: Distances (N,) of points to each face, seen from the points that the region contains, and the directions (N, 3) away from it.
     distances: Distances | None = None
-    outer: Distances | None = None  #: The same of the region's outside, until it is known that it is meant
+    outer: Distances | None = None  #: The same of its outside
     parts: tuple[str, ...] = ()  #: Names of the regions in a union or intersection
     #: The region with the present values of its variables; None if it has none.
     renewed: Callable[[Value | None], Region] | None = None
+
+    @property
+    def outside(self) -> Region:
+        """All that is outside."""
+        return Region(self.style, lambda points: ~self.contains(points), parts=self.parts, distances=self.outer, outer=self.distances)
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
@@ -148,7 +153,23 @@ def _cone(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         radius = first + (along - low) * (last - first) / (high - low)
         return (_distance(points[:, others], centre) <= radius) & (along >= low) & (along <= high)
 
-    return Region("cone", contains, hull.bounds)
+    across, ends = (np.arange(3) != axis).astype(float), np.eye(3)[axis]
+    middle = across * sum(hull.bounds) / 2
+
+    def nearest(x: np.ndarray, *segments: tuple[float, float, float, float]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of the surfaces that lines from (along, radius) to (along, radius) sweep."""
+        radius, direction = _away((x - middle) * across)
+        feet = []
+        for z, r, dz, dr in ((a, b, c - a, d - b) for a, b, c, d in segments):
+            part = np.clip(((x[:, axis] - z) * dz + (radius - r) * dr) / (dz * dz + dr * dr), 0.0, 1.0)
+            feet.append(middle * across + (z + part * dz)[:, None] * ends + (r + part * dr)[:, None] * direction)
+        arms = np.array([_away(x - foot)[0] for foot in feet]).argmin(axis=0)
+        return [_away(x - np.array(feet)[arms, np.arange(len(x))])]
+
+    side, caps = (low, first, high, last), [(low, 0.0, low, first), (high, 0.0, high, last)]
+    flat = lambda x: [(s * (x[:, axis] - end), np.broadcast_to(s * ends, x.shape)) for s, end in ((1.0, low), (-1.0, high))]  # noqa: E731
+    closed = [side, *(cap for cap in caps if cap[3])]
+    return Region("cone", contains, hull.bounds, distances=lambda x: nearest(x, side) + flat(x), outer=lambda x: nearest(x, *closed))
 
 
 def _ellipsoid(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -163,7 +184,9 @@ def _plane(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     normal = np.array([read.number(word, "the normal of the plane") for word in words[3:]]) * scale
     if not normal.any():
         raise ParameterError("the normal of the plane is zero")
-    return Region("plane", lambda points: (points - point) @ normal >= 0)
+    across = normal / np.linalg.norm(normal)
+    sides = [lambda x, s=s: [(s * ((x - point) @ across), np.broadcast_to(s * across, x.shape))] for s in (1.0, -1.0)]
+    return Region("plane", lambda points: (points - point) @ normal >= 0, distances=sides[0], outer=sides[1])
 
 
 #: Region styles given by coordinates: number of coordinates, and builder.
@@ -209,7 +232,7 @@ def parse_region(args: list[str], spacing: np.ndarray, box: Box | None, known: d
             numbers = [repr((of or value)(word[2:])) if word.startswith("v_") else word for word in words]
             found = REGION_STYLES[style][1](numbers, scale, box)
             found = found if numbers == words else replace(found, bounds=None)  # LAMMPS has none of what may change
-        return Region(style, lambda points: ~found.contains(points), parts=found.parts, distances=found.outer) if outside else found
+        return found.outside if outside else found
 
     return replace(made(None), renewed=made if varies else None)
 
@@ -221,4 +244,23 @@ def _combined(style: str, names: tuple[str, ...], parts: list[Region]) -> Region
     if len(corners) == len(parts) or (corners and style == "intersect"):
         lows, highs = (np.array([pair[n] for pair in corners]) for n in range(2))
         bounds = (lows.min(axis=0), highs.max(axis=0)) if style == "union" else (lows.max(axis=0), highs.min(axis=0))
-    return Region(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds, parts=names)
+
+    def distances(x: np.ndarray, parts: list[Region], one: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of faces where no other part goes on: of a union (``one``) those outside all others, of an intersection those inside."""
+        found = []
+        for part in parts:
+            for r, normal in part.distances(x):  # type: ignore[misc]  # all have some
+                others = [
+                    each.contains(x - np.where(np.isfinite(r), r, 0.0)[:, None] * normal) != one for each in parts if each is not part
+                ]
+                found.append((np.where(np.logical_and.reduce([part.contains(x), *others]), r, np.inf), normal))
+        return found
+
+    faces = all(part.distances and part.outer for part in parts)
+    apart, union = [part.outside for part in parts], style == "union"
+    return Region(
+        *(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds),
+        distances=(lambda x: distances(x, parts, union)) if faces else None,
+        outer=(lambda x: distances(x, apart, not union)) if faces else None,
+        parts=names,
+    )

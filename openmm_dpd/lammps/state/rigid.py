@@ -16,8 +16,8 @@ RIGID = ("rigid", "rigid/nve", "rigid/small", "rigid/nve/small")
 
 
 class DeckBody(NamedTuple):
-    """One body: its fix, its beads, the axes along which it moves, whether it turns, whether inner pairs count in energies, and the id of the
-    bead with which LAMMPS keeps it, the nearest one to the middle of its extents where the fix is defined."""
+    """One body: its fix, its beads, the axes along which it moves, whether it turns, whether inner pairs count in energies, and the id of
+    the bead with which LAMMPS keeps it, the nearest one to the middle of its extents where the fix is defined."""
 
     fix: Fix
     beads: np.ndarray
