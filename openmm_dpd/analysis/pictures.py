@@ -66,7 +66,7 @@ def profile_picture(
     one along two axes (``axis_name="rz"``), as a map in colours."""
     figure, axis = _axes()
     if isinstance(curves, Curve) and curves.y.ndim == 2:
-        if len(axis_name) != 2:
+        if not isinstance(axis_name, str) or len(axis_name) != 2:
             raise ParameterError(f"axis_name must have two letters for a profile along two axes, not {what_is(axis_name)}")
         colours = axis.pcolormesh(*np.moveaxis(curves.x, 2, 0), curves.y, cmap="viridis", shading="nearest", rasterized=True)
         axis.set_aspect("equal")

@@ -245,11 +245,8 @@ class ReactingLoop(StepLoop):
 
     def _list(self, each: ReactionSpec) -> PairList:
         roles, alike = each.role_of[self._bonds.types], not (each.role_of == 1).any()
-        reach, taking = each.model.within * np.diag([1.0, 0.0, 0.0]), np.where(roles == 2, -1, roles)
-        if not alike:
-            reach = each.model.within * np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 0]])
-        if not self._bonds.turns:  # others are not even sorted
-            roles, reach = taking.astype(np.int32), reach[: 2 - alike, : 2 - alike]
+        reach = each.model.within * np.array([[alike, not alike, 0.0], [not alike, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        roles = roles if self._bonds.turns else np.where(roles == 2, -1, roles).astype(np.int32)  # others are not even sorted
         pairs = PairList(roles, np.ones(len(roles)), reach, self._bonds.neighbours)
         pairs.slides = self.engine.spec.sheared
         return pairs

@@ -124,7 +124,9 @@ class SceneSampler:
         if box is not None and plan.scene.body_forces and EXTERNAL_GROUP not in theirs:
             # what remains of -f.x where it has no meaning, see forces/external.py
             potential -= context.getState(energy=True, groups={EXTERNAL_GROUP}).getPotentialEnergy().value_in_unit(_KJ)
-        laplacian = found.pairs.laplacian
+        laplacian, gradient2 = found.pairs.laplacian, 2.0 * self._half(self._counted, found.force)
+        if laplacian is not None and (plan.scene.body_forces or plan.scene.sources):  # these have no Laplacian
+            gradient2 -= float(self._counted @ np.sum(found.force * present.driving(), axis=1))
         if laplacian is not None:
             laplacian = laplacian + bond_laplacian + angle_laplacian + dihedral_laplacian + improper_laplacian
         pair, kinetic_on_step = (
@@ -148,7 +150,7 @@ class SceneSampler:
             virial_conservative=found.pairs.virial + float(present.beside_pairs()[:3].sum()) - present.inside(found.force),
             virial_dissipative=friction.dissipative,
             virial_random=friction.random,
-            gradient2=2.0 * self._half(self._counted, found.force),
+            gradient2=gradient2,
             laplacian=laplacian,
             momentum=moving[6:],
             target_kT=present.kT,

@@ -12,7 +12,7 @@ import numpy as np
 import openmm
 
 from ..base.errors import ParameterError
-from ..base.names import PAIR_FORCE, SHEARED, SLOW_STEP
+from ..base.names import EXTERNAL_GROUP, PAIR_FORCE, SHEARED, SLOW_STEP
 from ..base.openmm_private import bare, vectors
 from ..kernels import motion
 from ..kernels.bodies import Bodies
@@ -199,6 +199,17 @@ class Present:
         state = self._context.getState(forces=True, energy=True, groups=self._beside)
         energy, beside = bare(state.getPotentialEnergy()), bare(state.getForces(asNumpy=True))
         return Conservative(pairs.energy + energy, force + beside, force, pairs)
+
+    def driving(self) -> np.ndarray:
+        """(N, 3) body forces and buoyancy."""
+        state, fields = self._context.getState(forces=True, groups={EXTERNAL_GROUP}), self.plan.spec.fields
+        force = np.array(bare(state.getForces(asNumpy=True)))
+        for extra in getattr(self.engine, "extras", ()):
+            if extra.terms.term == "external":
+                extra.add_to(self.x, self.box, force, self.engine.body_scale)  # type: ignore[union-attr]  # it has extras
+        for source in () if fields is None else fields.sources:
+            source.push(force, self.values)  # type: ignore[arg-type]  # there are fields
+        return force
 
     def friction(self, v: np.ndarray, conservative: Conservative) -> FrictionSums:
         """Friction at velocities (N, 3); in ``mvv``, where it is a force, friction and noise at the velocities that the last step saw.

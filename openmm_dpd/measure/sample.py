@@ -72,7 +72,7 @@ class Sample(SystemSample):
     coulomb_real, coulomb_reciprocal : short-range and lattice energy of the charges, as included in ``pair`` (0 without a box)
     other : potential energy of foreign forces in the System, which virials and pressures leave out
     virial_conservative, virial_dissipative, virial_random : sums of r_ij . F_ij; the last is 0 where noise is no force (all but ``mvv``)
-    gradient2 : sum over mobile beads of the squared conservative force
+    gradient2 : sum over mobile beads of the conservative force F squared; of F (F - f) where body forces and buoyancy f act
     laplacian : sum over mobile beads of the Laplacian of the potential energy, or None (see ``no_laplacian``)
     kinetic_on_step : kinetic energy from velocities at the time of the positions (``middle`` keeps them half a kick behind)
     kinetic_pressure : kinetic energy in pressures, ``kinetic_on_step`` corrected for the scheme (see :doc:`/theory`)

@@ -143,12 +143,8 @@ class BondFormation(_Reaction):
     def __post_init__(self):
         super().__post_init__()
         given = self.valences if isinstance(self.valences, Sequence) else (self.valences,) * 2
-        for name, pair in (
-            ("types", self.types),
-            ("valences", given),
-            ("later types (becomes)", self.becomes or given),
-            ("angles (between)", self.between or given),
-        ):
+        pairs = {"types": self.types, "valences": given, "becomes": self.becomes or given, "between": self.between or given}
+        for name, pair in pairs.items():
             if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
                 raise ParameterError(f"the {name} of a bond formation must be two, one for each bead, not {what_is(pair)}")
         valences = tuple(whole_number(each, "a valence of a bond formation", least=1) for each in given)
@@ -157,19 +153,13 @@ class BondFormation(_Reaction):
                 f"both beads of a bond formation are {what_is(self.types[0])}, so their valences are the same, not {valences}"
             )
         if self.types[0] == self.types[1] and self.becomes and self.becomes[0] != self.becomes[1]:
-            raise ParameterError(
-                f"both beads of a bond formation are {what_is(self.types[0])}, so they become the same, not {self.becomes}"
-            )
+            raise ParameterError(f"both beads of a bond formation are {what_is(self.types[0])}, which become the same, not {self.becomes}")
         if (self.becomes or self.between) and self.energy is not None:
-            raise ParameterError(
-                "bonds in equilibrium (energy) cannot change types (becomes), or need angles (between): there is no way back"
-            )
+            raise ParameterError("bonds in equilibrium (energy) have no `becomes` and no `between`: there would be no way back")
         if self.between is not None:
             low, high = (checked(each, "angle", "an angle between bonds") for each in self.between)
             if not low < high <= np.pi * (1 + 1e-9):
-                raise ParameterError(
-                    f"the angles of a bond formation (between) go from a smaller one to one up to pi, not from {low:g} to {high:g}"
-                )
+                raise ParameterError(f"bonds form `between` a smaller angle and one of pi at most, not {low:g} and {high:g}")
             keep(self, between=(low, high))
         within = checked(self.within, "length", "the distance of a bond formation", positive=True)
         if self.bonds.between(np.array([[0, 1]])).overstretched(within * np.array([[0.0, 0, 0], [1 - 1e-9, 0, 0]]), None):
@@ -257,12 +247,9 @@ def check_reactions(scene: Any) -> None:
         return
     charges, alike = scene.electrostatics, (None, (1.0, 1.0, 1.0))
     formations = [reaction for reaction in scene.reactions if reaction.forms]
-    later = [
-        (old, new) for each in formations if each.becomes for old, new in zip(each.types, each.becomes, strict=True) if new is not None
-    ]
-    unknown = [
-        name for name in sum((reaction.types for reaction in formations), tuple(new for _, new in later)) if name not in scene.masses
-    ]
+    later = [pair for each in formations for pair in zip(each.types, each.becomes or (None, None), strict=True) if pair[1] is not None]
+    named = [name for each in formations for name in (*each.types, *(each.becomes or ())) if name is not None]
+    unknown = [name for name in named if name not in scene.masses]
     farthest, half = max((each.within for each in formations), default=0.0), np.inf if scene.box is None else 0.5 * widths(scene.box).min()
     heated = any(reaction.energy is not None if reaction.forms else reaction.barrier for reaction in scene.reactions)
     angle = angle_formed(scene.reactions)
@@ -289,7 +276,7 @@ def check_reactions(scene: Any) -> None:
             types_change(scene.reactions)
             and any(getattr(each, "behind", getattr(each, "types", None)) is not None for each in (*scene.walls, *scene.body_forces))
         ),
-        f"`counted` names beads that are not there; there are {scene.n_beads}": any(
+        f"`counted` names a bead of {scene.n_beads} that is not there": any(
             (bonds.counted >= scene.n_beads).any() for bonds in bond_sorts(scene.reactions)
         ),
         "`segments` repel bonds that stay": scene.segments is not None,

@@ -8,16 +8,17 @@ import numpy as np
 import openmm
 import scipy
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, in_length, what_is
 from ..base.geometry import folded
 from ..base.openmm_private import vectors
 from ..base.units import whole_number
+from ..kernels.solids import Carried
 from ..model.pairs import NONE
 from ..model.scene import Scene
 from ..model.shapes import SolidWall
 from ..plan.continuum import other_terms
 from ..plan.pair_spec import longest
-from ..plan.solids import solids_of, surface
+from ..plan.solids import check_circles, solids_of, surface
 from ..simulation.build import build
 
 #: Moments at the end of the run, of which the second half's one is taken where the beads in the solid are nearest to the means of the first
@@ -102,6 +103,8 @@ def frozen_layer(
     for number in range(len(walls)):
         its = layer & (distance.argmin(axis=0) == number)
         v[its] = solids.velocity(number, x[its])
+    wall = np.where(layer & np.array([each.moves for each in walls])[distance.argmin(axis=0)], distance.argmin(axis=0), -1)
+    check_circles(Carried(wall, solids.motion, solids.edges), x, f"leave room for a layer of {in_length(reach)} behind it, in a wider box")
     kept, free = np.concatenate([np.flatnonzero(fluid), np.flatnonzero(layer)]), np.count_nonzero(fluid)
     names = [scene.types[k] if place < free else types.get(scene.types[k], scene.types[k]) for place, k in enumerate(kept)]
     changed = {"types": names, "positions": x[kept], "velocities": v[kept], "bead_masses": scene.bead_masses[kept]}

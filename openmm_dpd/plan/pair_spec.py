@@ -147,12 +147,7 @@ def extras(
 
 
 def radial_terms(
-    table: dict,
-    type_ids: np.ndarray,
-    names: list[str],
-    exceptions: dict[tuple[int, int], float],
-    changes: bool = False,
-    turns: bool = False,
+    table: dict, type_ids: np.ndarray, names: list[str], exceptions: Factors, changes: bool = False, turns: bool = False
 ) -> RadialTerms:
     """A table of radial potentials laid over the pair terms, as the kernel needs it."""
     overlay = resolved_kind(table).overlay

@@ -37,11 +37,11 @@ def solid_walls(scene: Any, cutoff: float) -> Solids | None:
     if not (wall >= 0).any():
         return made
     carried = Carried(wall, made.motion, made.edges)
-    _check_circles(carried, scene.positions)
+    check_circles(carried, scene.positions)
     return replace(made, carried=carried)
 
 
-def _check_circles(carried: Carried, x: np.ndarray) -> None:
+def check_circles(carried: Carried, x: np.ndarray, remedy: str = "leave out beads that are so far from the axis") -> None:
     """ParameterError if a bead that turns with its wall would come to where the next image of the wall turns it about another axis."""
     beads = np.flatnonzero(carried.wall >= 0)
     motion, edges = carried.motion[carried.wall[beads]], carried.edges
@@ -55,7 +55,7 @@ def _check_circles(carried: Carried, x: np.ndarray) -> None:
         bead = beads[np.argmax(far.any(axis=1))]
         raise ParameterError(
             f"bead {bead_number(bead)} would turn with its wall, {carried.wall[bead]}, to where the next image of the wall turns it about "
-            "another axis: leave out beads that are so far from the axis"
+            f"another axis: {remedy}"
         )
 
 

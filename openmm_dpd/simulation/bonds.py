@@ -36,7 +36,10 @@ def read_reacted(context: openmm.Context, plan: Plan) -> np.ndarray:
 
 def read_types(context: openmm.Context, plan: Plan) -> list[str]:
     """Names of the types that beads have now, (N,), in the plan ``built.plan``: reactions may change them."""
-    table, scene = raw_bonds(context.getIntegrator()), plan.scene
+    scene = plan.scene
+    if not scene.reactions:
+        return list(scene.types)
+    table = raw_bonds(context.getIntegrator())
     return [scene.type_names[k] for k in types_in(table, scene.type_ids, len(bond_sorts(scene.reactions))).tolist()]
 
 

@@ -22,7 +22,7 @@ import numpy as np
 import openmm
 
 from ..base.errors import PlanError, RunError, bead_number, what_is
-from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, VOLATILE
+from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, SHOWN, VOLATILE
 from ..base.openmm_private import bare, hear_calls, vectors
 from ..base.signals import CTRL_C, unbroken
 from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
@@ -85,7 +85,12 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
             listener(self, name == "getState" and (len(arguments) > 2 or any(more.get(word) for word in _FORCES)))
         elif listener is not None and not (name == "setParameter" and arguments and arguments[0] in VOLATILE):
             listener(self)
-        return getattr(kind, name)(self, *arguments, **more)
+        try:
+            return getattr(kind, name)(self, *arguments, **more)
+        except openmm.OpenMMException as error:
+            if SHOWN not in str(error):
+                raise
+            raise PlanError(f"forces in that state follow what beads carry ({SHOWN}), here none do: use simulation.loadState") from error
 
     return heard
 

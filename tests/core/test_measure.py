@@ -115,6 +115,21 @@ def test_immobile_beads_are_left_out():
     assert sample.gradient2 == pytest.approx(np.sum(force**2), rel=1e-12)
 
 
+@pytest.mark.parametrize("platform", ["Reference", "CPU"])
+def test_body_forces_count_once_in_the_configurational_temperature(platform):
+    """The identity of the forces within the fluid, in the field of all: sum over F (F - f).  They have no Laplacian."""
+    fields = [dpd.BodyForce((3.0, -1.0, 2.0), types="A"), dpd.PositionForce(("0", "2*sin(x)", "0"))]
+    still, driven = (fluid(body_forces=its) for its in ([], fields))
+    found = []
+    for scene in (still, driven):
+        built = dpd.build(scene, dt=0.01, platform=platform, seed=3, scheme="middle")
+        found.append(dpd.Observer(built).sample(built.simulation().context))
+    inner, total = (sample.forces for sample in found)
+    assert np.abs(total - inner).max() > 2
+    assert found[1].gradient2 == pytest.approx(np.sum(total * inner), rel=1e-9)
+    assert found[1].laplacian == pytest.approx(found[0].laplacian, rel=1e-12)
+
+
 def test_reporter_writes_what_the_observer_measures():
     built = dpd.build(fluid(), dt=0.01, platform="Reference", seed=3)
     simulation, out = built.simulation(), io.StringIO()

@@ -199,6 +199,15 @@ def test_momentum_is_conserved_and_runs_do_not_depend_on_cuts_threads_or_restart
         set_threads(None)
 
 
+def test_a_context_without_reactions_says_how_their_states_are_loaded():
+    reacting = dpd.build(scene(both()), dt=0.04, platform="CPU", seed=3).simulation()
+    reacting.step(10)
+    simulation = dpd.build(scene([]), dt=0.04, platform="CPU", seed=3).simulation()
+    whole = reacting.context.getState(positions=True, velocities=True, parameters=True)
+    raises(dpd.PlanError, "here none do: use simulation.loadState", simulation.context.setState, whole)
+    assert dpd.read_types(simulation.context, dpd.make_plan(scene([]), dt=0.04)) == ["A", "B"] * (N // 2)
+
+
 def _sort(k=20.0, r0=0.3, pairs=()):
     return dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": k, "r0": r0}, pairs)
 
@@ -340,14 +349,14 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "angle in equilibrium": ({"angle": BEND, "energy": 1.0}, "in equilibrium cannot have an `angle`"),
     "angle of no kind": ({"angle": dpd.HarmonicAngles([[0, 1, 2], [1, 2, 3]], 1.0, 2.0)}, "must be one angle such as"),
     "broken at the start": ({"angle": BEND, "bonds": STARTED, "broken": STARTED}, "bonds that are there at the start cannot break"),
-    "later types": ({"becomes": "AB"}, r"the later types \(becomes\) of a bond formation must be two"),
-    "different later types": ({"types": ("A", "A"), "becomes": ("B", None)}, "so they become the same"),
+    "later types": ({"becomes": "AB"}, "the becomes of a bond formation must be two"),
+    "different later types": ({"types": ("A", "A"), "becomes": ("B", None)}, "which become the same"),
     "unknown later type": ({"becomes": ("C", None)}, "there is no bead type 'C'"),
-    "between": ({"between": (1.0, 4.0)}, "from a smaller one to one up to pi, not from 1 to 4"),
+    "between": ({"between": (1.0, 4.0)}, "a smaller angle and one of pi at most, not 1 and 4"),
     "other mass": ({"becomes": ("B", None)}, "need the masses that the beads have"),
-    "types in equilibrium": ({"becomes": (None, None), "energy": 1.0}, "there is no way back"),
+    "types in equilibrium": ({"becomes": (None, None), "energy": 1.0}, "there would be no way back"),
     "pushed": ({"becomes": (None, None), "body_forces": [dpd.BodyForce((1.0, 0, 0), types="A")]}, "beads cannot change their types"),
-    "counted": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, counted=[N])}, "`counted` names beads that are not there"),
+    "counted": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, counted=[N])}, "`counted` names a bead of 240 that is not there"),
     "heat": ({"internal": dpd.BeadTemperatures(np.ones(N), np.full(N, 100.0))}, "energies or temperatures of their own"),
 }
 

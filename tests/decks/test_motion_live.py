@@ -237,7 +237,7 @@ WRONG = {
     "fix l all nvt temp 0 1 1": "must be above 0",
     "fix l all efield 1 1 1": "needs atom_style charge or full",
     "fix l all spring tether 1 0 0 0": "needs 5|expected",
-    "region r block 0 1 0 1 0 1\nregion e ellipsoid 0 0 0 1 1 2\nregion u union 2 r e\nfix l all wall/region u harmonic 1 1 1": "must be the inside or outside of",
+    "region r block 0 1 0 1 0 1\nregion e ellipsoid 0 0 0 1 1 2\nregion u union 2 r e\nfix l all wall/region u harmonic 1 1 1": "must be of blocks, spheres",
     "fix l all viscous 1\nfix_modify l energy yes": "has no energy here",
     "fix l all viscous 1\nfix_modify l virial yes": "virial yes is not supported",
     "fix l all adapt 1 pair dpd/ext a0 * * v_x": "a pair style of fix adapt",

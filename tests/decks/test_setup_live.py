@@ -4,11 +4,13 @@ from collections.abc import Iterator
 
 import lammps_peer
 import pytest
+from cases import put
 from fuzz.deck import Deck
 from fuzz.draw import Draw
 from fuzz.trial import Trial
 
 from openmm_dpd.base.errors import DeckError
+from openmm_dpd.lammps import check_deck
 
 TRIMER = """three beads
 
@@ -345,8 +347,11 @@ def test_what_fixes_have_counted_before(trial, tmp_path):
     text = text.replace(fixes.splitlines()[1], "").replace("unfix t\n", "delete_bonds all bond 2 remove special\n")
     agree(trial, text.replace("AGAIN", again))
     text = text.replace(MOLECULES, "")
-    with pytest.raises(DeckError, match="fix g: beads or bonds of type 2 were added or removed after a run"):
+    with pytest.raises(DeckError, match="fix g: beads or bonds of type 2 were added or removed after a run") as wrong:
         lammps_peer.printed(tmp_path / "in.d", text.replace("AGAIN", ""))
+    removed = text.replace("delete_bonds all bond 2 remove special\n", "group some id 9\ndelete_atoms group some compress no\n")
+    put(tmp_path / "in.d", removed.replace("AGAIN", ""))
+    assert [wrong.value.message] == [one.message for one in check_deck(tmp_path / "in.d") if one.kind == "refused"]
 
 
 def test_regions(tmp_path):

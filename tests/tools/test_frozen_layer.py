@@ -50,3 +50,9 @@ def test_types_are_those_that_are_given_or_known():
     for types, reason in ({"C": "A"}, "no beads are of the type 'C'"), ("A", "types must be a mapping"):
         with pytest.raises(dpd.ParameterError, match=reason):
             frozen_layer(fluid({("*", "*"): PAIR}), [PIPE], dt=0.02, types=types)
+
+
+def test_a_layer_that_turns_into_its_images_is_refused_where_it_is_made():
+    wide = SolidWall(Complement(Cylinder((2.5, 2.5, 0), "z", 1.9)), spin=(0, 0, 1.0), centre=(2.5, 2.5, 0))
+    with pytest.raises(dpd.ParameterError, match="leave room for a layer of 1 nm behind it, in a wider box"):
+        frozen_layer(fluid({("*", "*"): PAIR}), [wide], dt=0.02, steps=0, seed=1)

@@ -143,7 +143,8 @@ def test_runs_have_the_same_profiles(axis, tmp_path):
     assert found.rows.shape == (6, 2, 3) and found.error.shape == (2, 3) and "2 x 3 slabs" in repr(found)
     raises(dpd.ParameterError, "along one axis", lambda: couette_viscosity(found, np.ones(6), channel=(0, 1)))
     pictures.profile_picture(tmp_path / "map.png", flow, axis_name=axis)
-    raises(dpd.ParameterError, "two letters", lambda: pictures.profile_picture(tmp_path / "x.png", flow))
+    for wrong in ("z", None):
+        raises(dpd.ParameterError, "two letters", lambda wrong=wrong: pictures.profile_picture(tmp_path / "x.png", flow, axis_name=wrong))
     raises(dpd.ParameterError, "along one axis", lambda: pictures.profile_picture(tmp_path / "x.png", {"A": flow}))
     assert (tmp_path / "map.png").stat().st_size > 10_000 and isinstance(flow, Curve)
 

@@ -333,17 +333,9 @@ def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = Fa
     if types[0] == types[1] and (most["iparam"] != most["jparam"] or later[0] != later[1]):
         raise ParameterError("fix bond/create: iparam and jparam of one atom type must be the same")
     every, length = read.integer(words[0], "the interval", 1), read.positive(words[3], "Rmin")
-    rest = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0], "angle": angle}
-    becomes = None if tuple(later) == types else tuple(map(str, later))
-    return {
-        "every": every,
-        "types": types,
-        "length": length,
-        "most": (most["iparam"], most["jparam"]),
-        "becomes": becomes,
-        "between": between,
-        **rest,
-    }
+    given = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0], "angle": angle, "between": between}
+    given["becomes"] = None if tuple(later) == types else tuple(map(str, later))
+    return {"every": every, "types": types, "length": length, "most": (most["iparam"], most["jparam"]), **given}
 
 
 def _bond_break(state: DeckState, group: str, words: list[str]) -> dict:

@@ -255,9 +255,7 @@ def _wall_region(state: DeckState, group: str, words: list[str]) -> dict:
     names = WALL_WORDS[style]
     read.count(words[2:], f"fix ID group wall/region region-ID {style} {' '.join(names)} cutoff", len(names) + 1)
     if region.distances is None:
-        raise ParameterError(
-            f"fix wall/region: region '{words[0]}' must be the inside or outside of blocks, spheres, cylinders, cones or planes"
-        )
+        raise ParameterError(f"fix wall/region: region '{words[0]}' must be of blocks, spheres, cylinders, cones or planes")
     coefficients = [repr(read.number(word, f"{name} of fix wall/region")) for word, name in zip(words[2:-1], names, strict=True)]
     cutoff = read.positive(words[-1], "the cutoff of the wall")
     return {"region": words[0], "potential": style, "coefficients": coefficients, "cutoff": cutoff}

@@ -15,6 +15,7 @@ from ..commands.interactions import HYBRID, is_number
 from ..files.data_file import JOINED
 from ..language.arguments import INSTEAD
 from ..language.lexer import Line
+from ..scene.reacting import keep_reacted
 from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.records import DeckSample
@@ -202,6 +203,7 @@ def _pass_over(request: RunRequest, findings: Findings, built: set[tuple[str, in
     state = request.state
     state.step = request.last_step
     state.last_sample = _measured(request)
+    keep_reacted(state, {})
 
 
 def check_deck(path: str | Path, *, variables: Mapping[str, str] | None = None) -> list[Finding]:

@@ -54,11 +54,8 @@ def parse_rigid(state: DeckState, group: str, words: list[str], fix: str) -> dic
             f"fix {fix}: bodies turn as in rigid/nve, by a splitting; LAMMPS iterates, which is the same to second order in the step"
         )
     x = state.require_box(f"fix {fix}").unwrap(state.atoms.positions, state.atoms.images)
-    middles = (0.5 * (x[beads].min(axis=0) + x[beads].max(axis=0)) if len(beads) else np.zeros(3) for beads in members)
-    owners = [
-        int(beads[np.argmin(np.sum((x[beads] - middle) ** 2, axis=1))]) if len(beads) else 0
-        for beads, middle in zip(members, middles, strict=True)
-    ]
+    middles = [0.5 * (x[its].min(axis=0) + x[its].max(axis=0)) if len(its) else x[:1] for its in members]
+    owners = [its[np.argmin(np.sum((x[its] - at) ** 2, axis=1))] if len(its) else 0 for its, at in zip(members, middles, strict=True)]
     return {"lambda": 0.5, "style": style, "groups": groups, "free": free, "owners": state.atoms.ids[owners]}
 
 
