@@ -97,7 +97,7 @@ def _each(bonds: np.ndarray, beads: np.ndarray, n: int) -> tuple[np.ndarray, np.
     return np.repeat(np.arange(len(beads)), many), bonds[np.arange(many.sum()) + np.repeat(first - np.cumsum(many) + many, many)] % n
 
 
-def between(bonds: np.ndarray, pairs: np.ndarray, x: np.ndarray, box: np.ndarray | None, bounds: tuple[float, float]) -> np.ndarray:
+def in_angles(bonds: np.ndarray, pairs: np.ndarray, x: np.ndarray, box: np.ndarray | None, bounds: tuple[float, float]) -> np.ndarray:
     """Which pairs (B, 2) have angles within bounds with all bonds (:func:`both_ways`) of their beads."""
     fit = np.ones(len(pairs), bool)
     for vertex, other in (pairs.T.astype(np.int64), pairs.T[::-1].astype(np.int64)):
@@ -344,7 +344,7 @@ class ReactingLoop(StepLoop):
                 wanted = uniforms(key, pairs, 1) * (1.0 + model.weight(r, m.kT)) < 1.0
                 return pairs, r, turn(table, counts, valences, pairs, wanted, sort, left)
             if model.between is not None:
-                fit = between(_now(table, self._bonds.stays), pairs, m.x, m.box, model.between)
+                fit = in_angles(_now(table, self._bonds.stays), pairs, m.x, m.box, model.between)
                 pairs, r = pairs[fit], r[fit]
             chosen = mutual(len(table), pairs, r) & (uniforms(key, pairs, 1) < chance)
         else:

@@ -11,7 +11,6 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import FIX_VALUES, Compute, FixValues, Temperature, Valued
-from .bodies import OF_BODIES
 from .chunk_computes import OF_CHUNKS
 from .chunks import CHUNKS
 from .compute_spec import ComputeSpec, check_place, no_arguments, reference
@@ -298,7 +297,6 @@ COMPUTES: dict[str, ComputeSpec] = {
     **STRUCTURE,
     **PER_BEAD,
     **LOCAL,
-    **OF_BODIES,
 }
 
 

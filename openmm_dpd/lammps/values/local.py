@@ -14,6 +14,7 @@ from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import Compute
 from ..styles.words import bonded_styles
+from .bodies import OF_BODIES
 from .compute_spec import ComputeSpec
 
 #: Terms by the first letter of the words of property/local: their names, numbers of beads, and with which bead LAMMPS stores them.
@@ -110,8 +111,9 @@ def _columns(compute: Compute) -> int:
     return len(compute.settings) if len(compute.settings) > 1 else 0
 
 
-#: Computes with values of pairs, bonds, angles, dihedrals or impropers.
+#: Computes with values of pairs, bonds, angles, dihedrals, impropers or bodies.
 LOCAL: dict[str, ComputeSpec] = {
+    **OF_BODIES,
     "property/local": ComputeSpec(partial(_check, "property/local", _PROPERTIES), local=_properties, columns=_columns),
     **{
         f"{what}/local": ComputeSpec(partial(_check, f"{what}/local", words), local=_curves, columns=_columns)
