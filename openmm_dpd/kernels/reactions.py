@@ -130,6 +130,8 @@ def exceptions_in(table: np.ndarray, stays: np.ndarray, factors: tuple[float, ..
 
 def types_in(table: np.ndarray, start: np.ndarray, sorts: int) -> np.ndarray:
     """(N,) types of beads whose types at the ``start`` are given."""
+    if table.min() >= -sorts:  # none has changed
+        return start
     least = table.min(axis=1)
     return np.where(least < -sorts, -1 - sorts - least, start).astype(np.int32)
 
@@ -256,7 +258,8 @@ class ReactingLoop(StepLoop):
         if self._shown is not None and np.array_equal(table, self._shown):
             return
         beads, types = [bonds_in(table, k) for k in range(self._sorts)], types_in(table, self._bonds.types, self._sorts)
-        if np.count_nonzero(table > 0) != 2 * sum(map(len, beads)) or types.max() >= len(self._bonds.reactions[0].role_of):
+        known = len(self._bonds.reactions[0].role_of) if self._bonds.turns else 0
+        if np.count_nonzero(table > 0) != 2 * sum(map(len, beads)) or table.min() < -self._sorts - known:
             raise RunError("the state has bonds that this scene's reactions cannot make: a script with others wrote it")
         if self._bonds.bent:
             beads.append(angles_in(table, self._bonds.start))

@@ -336,6 +336,7 @@ def test_both_programs_run_alike(trial, name):
     agree(trial, HEAD + DECKS[name] + RUN)
 
 
+@pytest.mark.slow
 def test_what_fixes_have_counted_before(trial, tmp_path):
     """The fix that makes bonds goes on counting those that broke, also when that which breaks them is gone; a new one does not."""
     fixes = "fix g all bond/create 2 3 3 0.8 2 iparam 3 3 jparam 3 3\nfix t all bond/break 3 2 0.6\n"

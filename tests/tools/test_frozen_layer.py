@@ -52,6 +52,7 @@ def test_types_are_those_that_are_given_or_known():
             frozen_layer(fluid({("*", "*"): PAIR}), [PIPE], dt=0.02, types=types)
 
 
+@pytest.mark.slow
 def test_a_layer_that_turns_into_its_images_is_refused_where_it_is_made():
     wide = SolidWall(Complement(Cylinder((2.5, 2.5, 0), "z", 1.9)), spin=(0, 0, 1.0), centre=(2.5, 2.5, 0))
     with pytest.raises(dpd.ParameterError, match="leave room for a layer of 1 nm behind it, in a wider box"):
