@@ -20,7 +20,7 @@ class Phase(IntEnum):
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
     READ = 300  # (+ block) read three values per bead, per-bead fields, from seen - kept
     CHANGE = 400  # (+ block) changes of these values by the last evaluation: rates, or after a sweep increments
-    EXCHANGE = 500  # (+ block) on the device: swap velocities with what is kept (0: accelerations, 1: velocities that friction saw)
+    EXCHANGE = 500  # (+ block) on the device: swap velocities with what is kept (0: accelerations, 1: velocities that friction saw; see KEPT)
     RUN = 600  # (+ 1: nothing is kept from the last one; + 2: foreign forces may differ) a whole step in one update, on the device
 
 
@@ -59,6 +59,8 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 #: Names of the per-DOF variables of internal energies, temperatures or concentrations, with three values per bead each; and of their rates,
 #: if a scheme keeps them.
 FIELD, RATE = "field", "rate"
+#: Numbers of the first blocks of both in the phase EXCHANGE.
+KEPT = {FIELD: 10, RATE: 50}
 #: Prefix of per-DOF variables with the table of bonds that form and break, see :mod:`openmm_dpd.kernels.reactions`.
 BONDS = "bonds"
 #: Context parameter where forces depend on bonds or temperatures, which OpenMM does not hand to them: the number of what they are now

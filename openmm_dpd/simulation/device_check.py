@@ -12,6 +12,7 @@ from ..kernels.forces import GAMMA, GAMMA_PERP
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM
 from ..model.schemes import SWEEPS
 from ..plan.plan import Plan
+from .fields import kept_rates, raw_fields
 
 _LOGGER = logging.getLogger("openmm_dpd")
 
@@ -50,7 +51,8 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
     x, v = (a.value_in_unit_system(unit.md_unit_system) for a in (state.getPositions(asNumpy=True), state.getVelocities(asNumpy=True)))
     box = None if plan.scene.box is None else state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
     parameters = state.getParameters()
-    conditions = (parameters[KT], parameters[DT], int(parameters[SEED]), int(parameters[COUNTER]))
+    values = None if spec.fields is None else raw_fields(context, spec.fields)
+    conditions = (parameters[KT], parameters[DT], int(parameters[SEED]), int(parameters[COUNTER]), values)
     engine = plan.new_engine()
     engine.prepare(x, box)
 
@@ -73,6 +75,9 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
     if options.thermostat:
         expected = engine.forces(DISSIPATIVE | RANDOM, v, *conditions)[1]
         found["friction and noise"] = (_relative(of_device(Phase.FORCE_KEPT)[1], expected), FORCE)
+    if spec.fields is not None:
+        rates = np.where(spec.inv_mass[:, None] > 0, engine.rates, 0.0)
+        found["what beads carry"] = (_relative(kept_rates(context, spec.fields, options.pair_group), rates), FORCE)
     if options.thermostat and options.scheme.sweeps:
         # the impulse of a midpoint step is that of friction and noise at the mean of the velocities before and after
         force = of_device(Phase.SWEEP_SEEN + SWEEPS.index("S"))[1]

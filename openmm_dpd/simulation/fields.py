@@ -12,7 +12,7 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.names import BONDS, FIELD, RATE
+from ..base.names import BONDS, FIELD, KEPT, PHASE, RATE, Phase
 from ..base.units import thermal_energies, to_md
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..model.internal import InternalEnergy
@@ -36,6 +36,38 @@ def per_dof(integrator: openmm.CustomIntegrator, name: str) -> np.ndarray:
     values = integrator.getPerDofVariableByName(name)
     # 80 times faster than np.array(values)
     return np.fromiter(chain.from_iterable(values), np.float64, 3 * len(values)).reshape(-1, 3)
+
+
+def swap_kept(context: openmm.Context, group: int, number: int) -> None:
+    """Have a device swap velocities of the beads that move with a block of :data:`openmm_dpd.base.names.KEPT` that it keeps."""
+    asked = openmm.Context.getParameter(context, PHASE)  # a look at forces may be on the way
+    openmm.Context.setParameter(context, PHASE, Phase.EXCHANGE + number)
+    openmm.Context.getState(context, forces=True, groups={group})
+    openmm.Context.setParameter(context, PHASE, asked)
+
+
+def hand_over(context: openmm.Context, group: int) -> None:
+    """Have a device take over the fields of a Context, through its velocities, which are what they were afterwards."""
+    integrator = context.getIntegrator()
+    names = [name for name in map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables())) if name.startswith(FIELD)]
+    if not names:
+        return
+    velocities = openmm.Context.getState(context, velocities=True).getVelocities(asNumpy=True)
+    for name in names:
+        openmm.Context.setVelocities(context, per_dof(integrator, name))
+        swap_kept(context, group, KEPT[FIELD] + int(name.removeprefix(FIELD)))
+    openmm.Context.setVelocities(context, velocities)
+
+
+def kept_rates(context: openmm.Context, spec: FieldSpec, group: int) -> np.ndarray:
+    """(N, K) changes of the fields per time that a device has computed last, 0 of beads that do not move."""
+    blocks = []
+    for number in range(KEPT[RATE], KEPT[RATE] + spec.n_blocks):
+        for _ in range(2):
+            swap_kept(context, group, number)
+            v = openmm.Context.getState(context, velocities=True).getVelocities(asNumpy=True)
+            blocks.append(np.where(spec.immobile[:, None], 0.0, v.value_in_unit(unit.nanometer / unit.picosecond)))
+    return np.concatenate(blocks[::2], axis=1)[:, : spec.n_values]
 
 
 def raw_fields(context: openmm.Context, spec: FieldSpec) -> np.ndarray:

@@ -16,7 +16,7 @@ from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
 from ..plan.forces.thread_state import Shown
 from .barostat_temperature import set_barostats
-from .fields import raw_bonds, raw_fields
+from .fields import hand_over, raw_bonds, raw_fields
 from .watching import MOST, PIECE, STRAIGHT, Watching
 
 #: Lines of a program (kind, target, expression, why) that reconcile temperature and thermal energy: whichever was set last holds, and the
@@ -114,6 +114,8 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         super().looked(context, forces)
         if forces:
             self._show_now(context)
+            if self.device_group is not None and self._touched:
+                hand_over(context, self.device_group)
 
     def _show_now(self, context: openmm.Context) -> None:
         if self.shown_to is not None:
@@ -247,6 +249,9 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
         """Set a per-DOF variable by its name."""
         super().setPerDofVariableByName(name, values)
         self._forget()
+        if self.device_group is not None:
+            self._touched = True
+            self._forget_acceleration()
         context = self.context() if self.shown_to is not None else None
         if context is not None:
             self.looked(context, True)
@@ -254,6 +259,13 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
     def setPerDofVariable(self, index: int, values) -> None:
         """Set a per-DOF variable by its number."""
         self.setPerDofVariableByName(self.getPerDofVariableName(index), values)
+
+    def getPerDofVariableByName(self, name: str):
+        """A per-DOF variable by its name; openmm.OpenMMException if a device has failed in the steps before."""
+        context = self.context() if self.device_group is not None else None
+        if context is not None:
+            self.verify(context)
+        return super().getPerDofVariableByName(name)
 
     def _forget(self) -> None:
         """Note that per-DOF variables may differ from what a loop of steps has written."""

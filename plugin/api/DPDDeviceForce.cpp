@@ -25,7 +25,8 @@ extern "C" DPD_EXPORT long long dpdBytesOfArrays() {
 }
 
 double Fluid::maxCutoff() const {
-    return *max_element(cutoff.begin(), cutoff.end());
+    double most = *max_element(cutoff.begin(), cutoff.end());
+    return cutoffCarried.empty() ? most : max(most, *max_element(cutoffCarried.begin(), cutoffCarried.end()));
 }
 
 double Fluid::rate(double kT) const {
@@ -43,6 +44,12 @@ void Fluid::check() const {
     for (auto table : {&B, &cutoffB, &cutoffDensity})
         if (table->size() != (B.empty() ? 0 : pairs))
             throw OpenMMException("DPDDeviceForce: a table of many-body terms needs numTypes*numTypes values, or none");
+    size_t rows = carries == NOTHING ? 0 : carries == HEAT ? 3 : 1+columns();
+    if (carries < NOTHING || carries > SPECIES || carrying.size() != 4*rows*pairs || cutoffCarried.size() != (rows ? pairs : 0) ||
+            carried.size() != columns()*types.size() || (columns() > 0) != (rows > 0) || (carries == HEAT && columns() != 1) || columns() > 3*(RATES-FIELDS))
+        throw OpenMMException("DPDDeviceForce: what particles carry needs a table, cutoffs, and as many values for each particle");
+    if (capacities.size() != (carries == HEAT ? types.size() : 0) || sources.size()%12 != 0 || sources.size() > 12*32 || takes.size() != (sources.empty() ? 0 : types.size()))
+        throw OpenMMException("DPDDeviceForce: heat capacities or sources, 32 at most, do not fit what particles carry");
     if (!densityWeights.empty() && densityWeights.size() != types.size())
         throw OpenMMException("DPDDeviceForce: densities need the weight of every particle");
     for (int type : types)
@@ -160,7 +167,7 @@ public:
     void serialize(const void* object, SerializationNode& node) const override {
         const DPDDeviceForce& force = *reinterpret_cast<const DPDDeviceForce*>(object);
         Fluid fluid = force.fluid;
-        node.setIntProperty("version", fluid.B.empty() ? 1 : 2);
+        node.setIntProperty("version", fluid.carries != NOTHING ? 3 : fluid.B.empty() ? 1 : 2);
         node.setIntProperty("forceGroup", force.getForceGroup());
         node.setStringProperty("name", force.getName());
         node.setBoolProperty("periodic", fluid.periodic);
@@ -171,6 +178,9 @@ public:
             node.setStringProperty(item.first, joined(*item.second));
         node.setStringProperty("exceptionBeads", joined(fluid.exceptionBeads));
         node.setIntProperty("fastGroups", fluid.fastGroups);
+        node.setIntProperty("carries", fluid.carries);
+        node.setBoolProperty("lammps", fluid.lammps);
+        node.setStringProperty("takes", joined(fluid.takes));
         string letters;
         vector<double> parts;
         for (auto& letter : fluid.word) {
@@ -184,7 +194,7 @@ public:
             globals.createChildNode("Parameter").setStringProperty("name", item.first).setDoubleProperty("default", item.second);
     }
     void* deserialize(const SerializationNode& node) const override {
-        if (node.getIntProperty("version") < 1 || node.getIntProperty("version") > 2)
+        if (node.getIntProperty("version") < 1 || node.getIntProperty("version") > 3)
             throw OpenMMException("Unsupported version number");
         unique_ptr<DPDDeviceForce> force(new DPDDeviceForce());
         force->setForceGroup(node.getIntProperty("forceGroup", 0));
@@ -198,6 +208,9 @@ public:
             split(node, item.first, *item.second);
         split(node, "exceptionBeads", fluid.exceptionBeads);
         fluid.fastGroups = node.getIntProperty("fastGroups", fluid.fastGroups);
+        fluid.carries = node.getIntProperty("carries", NOTHING);
+        fluid.lammps = node.getBoolProperty("lammps", false);
+        split(node, "takes", fluid.takes);
         string letters = node.getStringProperty("letters", "");
         vector<double> parts;
         split(node, "parts", parts);
@@ -217,7 +230,8 @@ private:
         return {{"A", &fluid.A}, {"gamma", &fluid.gamma}, {"sigma", &fluid.sigma}, {"gammaAcross", &fluid.gammaAcross}, {"exponent", &fluid.exponent},
             {"exponentAcross", &fluid.exponentAcross}, {"cutoff", &fluid.cutoff}, {"exceptionFactors", &fluid.exceptionFactors},
             {"B", &fluid.B}, {"cutoffB", &fluid.cutoffB}, {"cutoffDensity", &fluid.cutoffDensity}, {"densityWeights", &fluid.densityWeights},
-            {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"slowKicks", &fluid.slowKicks}};
+            {"carrying", &fluid.carrying}, {"cutoffCarried", &fluid.cutoffCarried}, {"carried", &fluid.carried}, {"capacities", &fluid.capacities},
+            {"sources", &fluid.sources}, {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"slowKicks", &fluid.slowKicks}};
     }
 };
 

@@ -7,6 +7,7 @@
 #include "openmm/System.h"
 #include "openmm/internal/ContextImpl.h"
 #include "openmm/internal/ForceImpl.h"
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <map>
@@ -19,7 +20,10 @@
 namespace DPDDevice {
 
 // Values of dpd_phase (openmm_dpd/base/names.py); all others ask for the conservative force.
-enum { FORCE_SEEN = 4, FORCE_KEPT = 5, SWEEP = 100, EXCHANGE = 500, RUN = 600, RUN_ANEW = 601, RUN_BESIDE = 602 };
+enum { FORCE_SEEN = 4, FORCE_KEPT = 5, SWEEP = 100, EXCHANGE = 500, FIELDS = 10, RATES = 50, RUN = 600, RUN_ANEW = 601, RUN_BESIDE = 602 };
+
+// What beads carry
+enum { NOTHING, HEAT, SPECIES };
 
 // What openmm_dpd knows of the pair terms; tables have numTypes*numTypes values.
 struct DPD_EXPORT Fluid {
@@ -30,6 +34,12 @@ struct DPD_EXPORT Fluid {
     std::vector<double> A, gamma, sigma, gammaAcross, exponent, exponentAcross, cutoff; // sigma < 0: gamma is the fixed one
     std::vector<double> B, cutoffB, cutoffDensity; // of many-body terms, or none
     std::vector<double> densityWeights;         // masses of particles in Lucy's densities; none: beads count in Warren's, quadratic ones
+    int carries = NOTHING;
+    bool lammps = false;                        // heat of LAMMPS's code
+    std::vector<double> carrying, cutoffCarried; // rows of four numbers for each pair of types (fields.cc), and how far they reach
+    std::vector<double> carried, capacities;    // what particles carry at the start, all values of one after the other; heat capacities
+    std::vector<double> sources;                // twelve numbers of each (fields.cc)
+    std::vector<int> takes;                     // bits of the sources that act on a particle
     std::vector<int> exceptionBeads;            // pairs, both ways, sorted by the first
     std::vector<double> exceptionFactors;
     std::vector<double> wallVelocity;           // three per particle, or none
@@ -40,6 +50,8 @@ struct DPD_EXPORT Fluid {
     std::map<std::string, double> globals;
 
     double maxCutoff() const;
+    int columns() const { return carried.size()/std::max<size_t>(1, types.size()); } // values that a particle carries
+    int carryingRows() const { return carrying.empty() ? 1 : carrying.size()/(4*numTypes*numTypes); }
     double rate(double kT) const;               // the largest friction coefficient
     void check() const;
 };

@@ -4,39 +4,24 @@
 //
 // A Device makes, fills and reads arrays, has OpenMM's own arrays of a Context, and runs a kernel with arguments one by one or in tuples.
 #include "../api/DPDDeviceForce.h"
+#include "Fields.h"
 #include "Tables.h"
 #include "openmm/Integrator.h"
 #include "openmm/OpenMMException.h"
 #include <chrono>
 #include <map>
 #include <sstream>
-#include <tuple>
 
 namespace DPDDevice {
-
-// Kinds of numbers in arrays, and numbers whose type depends on the precision.
-enum class Kind { Int, Real, Real4, Long, Mixed4 };
-struct Real { double value; };
-struct Mixed { double value; };
-struct Mixed4 { double x, y, z, w; };
-
-// Arguments as one tuple: those that are tuples are taken apart.
-template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std::forward<T>(value)); }
-template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
-
-// Whether several threads may share a bead is said of each.
-#define DPD_KERNELS(X) X(dpdMove, false) X(dpdDensity, true) X(dpdEvaluate, true) X(dpdKick, true) X(dpdRenew, false) X(dpdCompare, false) X(dpdExchange, false) \
-    X(dpdRows, true) X(dpdPass, true) X(dpdFinish, true)
-#define DPD_TAG(name, share) struct name##_ { static constexpr const char* text = #name; static constexpr bool shared = share; };
-DPD_KERNELS(DPD_TAG)
-#undef DPD_TAG
 
 template <class Device> class Engine {
 public:
     using Array = typename Device::Array; // one of the Engine's
     using Base = typename Device::Base;   // any of the device's
 
-    Engine(Device& device, const Fluid& fluid, const OpenMM::System& system) : device(device), fluid(fluid) {
+    const Fluid fluid;
+
+    Engine(Device& device, const Fluid& fluid, const OpenMM::System& system) : fluid(fluid), device(device), fields(device, this->fluid) {
         int n = fluid.numTypes, beads = system.getNumParticles();
         if (beads > 1<<24)
             throw OpenMM::OpenMMException("DPDDeviceForce: more than 16,777,216 beads, which single precision cannot count");
@@ -46,7 +31,7 @@ public:
             first[k] = {fluid.A[k], fixedSigma ? fluid.sigma[k] : std::sqrt(fluid.gamma[k]), fluid.cutoff[k] > 0 ? 1/fluid.cutoff[k] : 1e30, fixedSigma ? 1.0 : 0.0};
             second[k] = {std::sqrt(fluid.gammaAcross[k]), fluid.exponent[k], fluid.exponentAcross[k], 0};
             anyFixedSigma |= fixedSigma;
-            thermostat |= first[k][1] != 0 || second[k][0] != 0;
+            thermostat |= first[k][1] != 0 || second[k][0] != 0 || fluid.carries != NOTHING;
             conservative |= fluid.A[k] != 0 || manyBody();
             if (manyBody()) {
                 double h = fluid.cutoffDensity[k] > 0 ? fluid.cutoffDensity[k] : 1e-30;
@@ -126,6 +111,9 @@ public:
         yes("TRANSVERSE", transverse());
         yes("MANY_BODY", manyBody());
         yes("LUCY", lucy());
+        defines["CARRIES"] = std::to_string(fluid.carries);
+        defines["CARRYING_ROWS"] = std::to_string(fluid.carryingRows());
+        defines["LAMMPS"] = fluid.lammps ? "1" : "0";
         defines["PERIODIC"] = fluid.periodic ? "1" : "0";
         defines["NUM_TYPES"] = std::to_string(fluid.numTypes);
         defines["MOST_PASSES"] = std::to_string(MOST_PASSES);
@@ -146,6 +134,11 @@ public:
         here = 0;
         owedSlow = 0;
         binned = false;
+        if (phase >= EXCHANGE+FIELDS) {
+            fields.swap(stop(), phase%100);
+            device.give();
+            return 0.0;
+        }
         if (phase >= EXCHANGE) {
             needSeen();
             device.template run<dpdExchange_>(position(), correction(), posB, corrB, device.velm(), phase%100 == 0 ? acc : seen, flags, number());
@@ -173,6 +166,9 @@ public:
             bin(inStep ? now : Now{0, 0, 0, 0});
         } while (!inStep && look(now, true));
         sumDensities(now, here, terms);
+        fields.advance(stop(), 0, 0);
+        if (inStep)
+            fields.flow(stop(), place_(), device.velm(), TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0);
         device.template run<dpdEvaluate_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), BOX());
         if (inStep)
             look(now, false);
@@ -283,7 +279,7 @@ public:
 private:
     static const int FLAGS = 8;
     enum { STOP, MOST_IN_CELL, MOST_IN_ROW, BOUND, MOST_BOUND, WHO, WHEN, MOVED }; // of flags
-    enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8 };
+    enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8, COLD = 16, NO_HEAT = 32 };
 
     struct Now { // parameters of the Context
         double dt, kT;
@@ -314,14 +310,15 @@ private:
     auto CELLS() { return std::tie(count[cells], beads[side], placeOf[side], cellRoom); }
     auto NEXT() { return std::tie(count[next()], beads[1-side], placeOf[1-side]); }
     auto TERMS(const Now& now, double dt, int part) {
-        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params, more, cubics,
-            exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, massOf, densities, (long long) noiseKey(now.seed, now.counter, now.kT, part),
-            Real{dt > 0 ? std::sqrt(2*now.kT/dt) : 0}, Real{now.kT > 0 ? 1/std::sqrt(2*now.kT) : 0});
+        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params,
+            more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, massOf, densities, fields.carrying, fields.shown,
+            (long long) noiseKey(now.seed, now.counter, now.kT, part), Real{dt > 0 ? std::sqrt(2*(fluid.carries == HEAT ? 1 : now.kT)/dt) : 0}, Real{now.kT > 0 ? 1/std::sqrt(2*now.kT) : 0});
     }
     auto DRIFT(double drift) { return std::tuple<Mixed, Base&>(Mixed{drift}, walls); }
 
     Base& position(int where) { return where == 2 ? (Base&) posC : where ? (Base&) posB : device.posq(); }
     Base& correction(int where) { return !where || !device.mixed() ? device.correction() : where == 2 ? (Base&) corrC : (Base&) corrB; }
+    auto place_() { return std::tuple<Base&, Base&>(position(), correction()); }
     Base& position() { return position(here); }
     Base& correction() { return correction(here); }
 
@@ -413,6 +410,12 @@ private:
             throw OpenMM::OpenMMException("bead "+std::to_string(f[WHO])+" has a velocity that is not finite, or crosses more than a cutoff in one step; the step size is too large"
                 " for this scheme, or the start is too far from equilibrium");
         }
+        if (stop & (COLD|NO_HEAT)) {
+            device.clear(flags);
+            throw OpenMM::OpenMMException(stop & COLD ? "the temperature of bead "+std::to_string(f[WHO])+" is not > 0 (the step size may be too large, the heat capacity too small"
+                " for its noise, or a source take what is not there)" : "the heat conduction coefficient of bead "+std::to_string(f[WHO])+" and another one is negative;"
+                " kappa_polynomial must keep it >= 0 at every temperature of the run");
+        }
         bool grows = false;
         if (f[MOST_IN_CELL] > 0.85*cellRoom) {
             cellRoom = f[MOST_IN_CELL]+f[MOST_IN_CELL]/2+4;
@@ -472,6 +475,8 @@ private:
     double rate(const Now& now) const { return std::max(fluid.rate(now.kT)*inverseMass, 1e-30); }
     double unit(const Now& now) const { return rate(now)/1048576; }
 
+    // Flags and number of a launch, for one after the other
+    auto stop() { return [this] { return std::tuple<Base&, int>(flags, number()); }; }
     int number() { return launch = launch < 2000000000 ? launch+1 : 1; } // of a launch, never 0
 
     // -- launches ------------------------------------------------------------------------------------------------------------------
@@ -497,11 +502,15 @@ private:
         if (anew || changed || (differ && others && !renewed(context, others))) {
             Now then = now; // the noise is that of the last half kick
             then.kT = changed ? keptKT : now.kT;
+            fields.advance(stop(), 0, 0);
             kick(context, then, others, 0, 0, &device.velm());
+            fields.flow(stop(), place_(), device.velm(), TERMS(then, now.dt, 0), CELLS(), BOX(), now.dt, 0);
         }
+        fields.advance(stop(), 0.5*now.dt, (fluid.carries == HEAT ? lam : 0.5)*now.dt); // LAMMPS predicts temperatures alone
         move(now, 0.5, 1, lam);
         now.counter++;
         kick(context, now, others, 0.5, 0, &seen);
+        fields.flow(stop(), place_(), seen, TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0.5*now.dt);
         keep(now);
     }
 
@@ -636,7 +645,7 @@ private:
     }
 
     Device& device;
-    const Fluid fluid;
+    Fields<Device> fields;
     bool thermostat = false, conservative = false, anyFixedSigma = false, immobile = false, begun = false;
     double inverseMass = 0, expected = 0;      // the largest 1/m; the bound of eigenvalues for which passes are launched
     std::vector<double> passRange;

@@ -15,6 +15,8 @@
 #define ROWS_FULL 2
 #define FEW_PASSES 4
 #define RUNAWAY 8
+#define COLD 16       // a temperature that is not > 0
+#define NO_HEAT 32    // a negative coefficient of heat conduction
 #define MOST_IN_CELL 1
 #define MOST_IN_ROW 2
 #define BOUND 3       // of the eigenvalues of M^-1 G, in units of 2^-20 of the rate that the host passes
@@ -217,9 +219,9 @@ DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL
         GLOBAL const real4* RESTRICT more, GLOBAL const real4* RESTRICT cubics, GLOBAL const int* RESTRICT exceptionStart, \
         GLOBAL const int* RESTRICT exceptionBead, GLOBAL const real* RESTRICT exceptionFactor, GLOBAL const real4* RESTRICT wallVelocity, \
         GLOBAL const real4* RESTRICT many, GLOBAL const real* RESTRICT weights, GLOBAL const real* RESTRICT densities, \
-        mm_long key, real noise, real perRoot2kT
+        GLOBAL const real4* RESTRICT carrying, GLOBAL const mixed4* RESTRICT carried, mm_long key, real noise, real perRoot2kT
 #define TERMS_ atomIndex, types, params, more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, weights, densities, \
-        key, noise, perRoot2kT
+        carrying, carried, key, noise, perRoot2kT
 
 DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, GLOBAL const int* RESTRICT exceptionBead,
         GLOBAL const real* RESTRICT exceptionFactor) {
@@ -240,9 +242,30 @@ DEVICE mixed4 dpdVelocity(GLOBAL const mixed4* RESTRICT vel, int i, GLOBAL const
     return v;
 }
 
-// Coefficients of a pair: what w^s is multiplied with in friction (its root) and noise, along the line between beads and across.
+// What beads carry (fields.cc): temperatures that conduct heat, with the heat of LAMMPS's code or not, or species that diffuse.
+#define HEAT 1
+#define SPECIES 2
+#ifndef CARRIES
+#define CARRIES 0
+#define LAMMPS 0
+#define CARRYING_ROWS 1 // of `carrying` for each pair of types
+#endif
+
+// 1 + c1 y + c2 y^2 + c3 y^3 + c4 y^4 at the temperature 1 + y
+DEVICE real dpdPolynomial(real4 c, real y) {
+    return 1+y*(c.x+y*(c.y+y*(c.z+y*c.w)));
+}
+
+// Mean and harmonic mean of the temperatures of two beads, the same from either of them, and the root of the weight of friction between them
+DEVICE real3 dpdWarm(int row, int a, int b, real w, GLOBAL const real4* RESTRICT carrying, GLOBAL const mixed4* RESTRICT carried) {
+    real s = (real) carried[a].x, t = (real) carried[b].x, low = min(s, t), high = max(s, t), mean = (real) 0.5*(low+high);
+    real exponent = carrying[row*CARRYING_ROWS].w*dpdPolynomial(carrying[row*CARRYING_ROWS+1], mean-1);
+    return make_real3(mean, 2*low*high/(low+high), POW(w, (real) 0.5*max((real) 0.01, exponent)));
+}
+
+// Coefficients of a pair: what w^s is multiplied with in friction (its root) and noise (times `kick`, too), along the line between beads and across.
 typedef struct {
-    real A, rc, root, w, rootAcross, wAcross, factor;
+    real A, rc, root, w, rootAcross, wAcross, factor, kick;
 } DPDPair;
 
 DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
@@ -255,6 +278,7 @@ DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
     p->rc = 1/c.z;
     p->root = c.y;
     p->w = w;
+    p->kick = 1;
 #ifdef FIXED_SIGMA
     if (c.w != 0)
         p->root *= perRoot2kT;
@@ -269,6 +293,12 @@ DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
     p->rootAcross = 0;
     p->wAcross = 0;
 #endif
+    if (CARRIES == HEAT) {
+        real3 warm = dpdWarm(row, a, b, w, carrying, carried);
+        p->A *= warm.x;
+        p->kick = SQRT(warm.y);
+        p->w = warm.z;
+    }
 #ifdef EXCEPTIONS
     real f = dpdFactor(a, b, exceptionStart, exceptionBead, exceptionFactor);
     if (f == 0)
@@ -278,6 +308,8 @@ DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
     p->factor = f;
     p->root *= root;
     p->rootAcross *= root;
+    if (CARRIES == HEAT && LAMMPS)
+        p->kick *= root;
 #endif
     return true;
 }
@@ -480,7 +512,7 @@ DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mix
         mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
         real3 u = make_real3((real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
         real along = e.x*u.x+e.y*u.y+e.z*u.z, s = p.root*p.w;
-        size += s*(noise*dpdNormal(pair, cubics)-s*along);
+        size += s*(noise*p.kick*dpdNormal(pair, cubics)-s*along);
 #ifdef TRANSVERSE
         if (p.rootAcross != 0) {
             real t = p.rootAcross*p.wAcross;

@@ -26,9 +26,9 @@ template <class T> inline T add(T* at, T value) { T old = *at; *at += value; ret
 inline mm_long realToFixedPoint(double x) { return std::llrint(x*4294967296.0); }
 
 // What the platforms with a compiler define for each System, one value for all here
-thread_local int NUM_ATOMS, STRIDE, NUM_TYPES;
+thread_local int NUM_ATOMS, STRIDE, NUM_TYPES, CARRIES, CARRYING_ROWS;
 thread_local double MAX_CUTOFF;
-thread_local bool PERIODIC, LUCY;
+thread_local bool PERIODIC, LUCY, LAMMPS;
 
 #define make_mixed3 make_real3
 #define make_mixed4 make_real4
@@ -55,7 +55,9 @@ thread_local bool PERIODIC, LUCY;
 #define TRANSVERSE
 #define MANY_BODY
 #define LUCY LUCY
+#define CARRIES CARRIES
 #include "../engine/kernels.cc"
+#include "../engine/fields.cc"
 
 }
 
@@ -163,8 +165,6 @@ public:
     void initialize(const System& system, const DPDDeviceForce& force) override {
         device.reset(new ReferenceDevice(context, system));
         engine.reset(new Engine<ReferenceDevice>(*device, force.fluid, system));
-        types = force.fluid.numTypes;
-        isPeriodic = force.fluid.periodic;
     }
     double execute(ContextImpl& context, bool includeForces, bool includeEnergy) override {
         begin();
@@ -178,18 +178,20 @@ public:
     }
 private:
     void begin() {
+        const Fluid& fluid = engine->fluid;
         Kernels::NUM_ATOMS = Kernels::STRIDE = device->beads();
-        Kernels::NUM_TYPES = types;
+        Kernels::NUM_TYPES = fluid.numTypes;
         Kernels::MAX_CUTOFF = engine->reach();
-        Kernels::PERIODIC = isPeriodic;
+        Kernels::PERIODIC = fluid.periodic;
         Kernels::LUCY = engine->lucy();
+        Kernels::CARRIES = fluid.carries;
+        Kernels::CARRYING_ROWS = fluid.carryingRows();
+        Kernels::LAMMPS = fluid.lammps;
         device->take();
     }
     ContextImpl& context;
     unique_ptr<ReferenceDevice> device;
     unique_ptr<Engine<ReferenceDevice> > engine;
-    int types = 1;
-    bool isPeriodic = true;
 };
 
 class ReferenceFactory : public KernelFactory {

@@ -20,9 +20,9 @@ SEED, COUNTER, DT = 3, 7, 0.05
 HOST = [d for d in DEVICES if d.platform != "CPU"]
 
 
-def context_of(scene, device, tolerance=5e-4, dt=DT) -> openmm.Context:
+def context_of(scene, device, tolerance=5e-4, dt=DT, scheme="middle") -> openmm.Context:
     """A Context with the Force alone."""
-    plan = dpd.build(scene, dt=dt, platform="Reference", seed=SEED, engine="host").plan
+    plan = dpd.build(scene, dt=dt, scheme=scheme, platform="Reference", seed=SEED, engine="host").plan
     system = openmm.System()
     for mass, moves in zip(scene.bead_masses, plan.spec.inv_mass > 0, strict=True):
         system.addParticle(mass if moves else 0.0)

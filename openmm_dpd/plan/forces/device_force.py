@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Sequence
 from fractions import Fraction
 from functools import cache
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -13,12 +13,16 @@ import openmm
 
 from ...base import names
 from ...base.names import Phase
+from ...kernels.fields import FieldSpec
 from ...kernels.layer import PairSpec
+from ...model.sources import Block, Source, Sphere
 from ..made import origin
 from ..program_options import ProgramOptions
 
 #: How exactly the linear systems of pair updates are solved: what is left, relative to what a midpoint step changes.
 TOLERANCE = 5e-4
+#: How many sources there may be: the bits of a number say which act on a bead.
+MOST_SOURCES = 31
 #: Attributes of many-body terms, which are all conservative.
 MANY_BODY = ("B", "cutoffB", "cutoffDensity", "densityWeights")
 
@@ -42,6 +46,18 @@ def why_no_plugin(platform: str | None) -> str | None:
     if name in found.loaded:
         return None
     return found.failed.get(name, f"openmm-dpd-device knows no platform {platform}")
+
+
+def _carried(fields: FieldSpec) -> dict[str, Any]:
+    """Attributes of what beads carry."""
+    found: dict[str, Any] = {"carried": fields.initial, "capacities": () if fields.capacity is None else fields.capacity}
+    rows, takes = [], np.zeros(len(fields.initial), np.int64)
+    for k, source in enumerate(cast(Sequence[Source], fields.sources)):
+        region = source.region
+        low, high = (region.low, region.high) if isinstance(region, Block) else (region.centre, [region.radius**2, 0.0, 0.0])
+        rows.append([*source.corner, float(isinstance(region, Sphere)), *low, source.rate, *high, float(source.species)])
+        takes |= np.where(True if source.beads is None else source.beads, 1 << k, 0)
+    return found | ({"sources": np.clip(rows, -1e30, 1e30), "takes": takes} if rows else {})
 
 
 def device_force(
@@ -83,7 +99,8 @@ def device_force(
     terms = tell(spec.terms[0])
     if not options.execution.pushes:
         terms = {name: 0 * values if name == "A" else values for name, values in terms.items() if name not in MANY_BODY}
-    lists = {
+    lists = {} if spec.fields is None else _carried(spec.fields)
+    lists |= {
         "types": spec.types,
         "exceptionBeads": np.stack([first, bead], axis=1) if len(first) else (),
         "exceptionFactors": factor if len(first) else (),
@@ -94,7 +111,7 @@ def device_force(
     }
     attributes: dict[str, object] = {
         "type": "DPDDeviceForce",
-        "version": 2 if "B" in terms else 1,  # a plugin that knows no densities refuses it
+        "version": 3 if "carries" in terms else 2 if "B" in terms else 1,  # an older plugin refuses what it does not know
         "name": names.PAIR_FORCE,
         "forceGroup": options.pair_group,
         "periodic": int(periodic),

@@ -38,7 +38,7 @@ def _frictions(c: DPD, kT: float) -> list[tuple[float, float]]:
     return [(gamma, c.exponent), (2.0 * c.gamma_perp, c.exponent_perp)]
 
 
-def _on_device(table: TermTable) -> dict[str, np.ndarray]:
+def on_device(table: TermTable) -> dict[str, np.ndarray]:
     fixed = np.isnan(table.gamma)  # then the device's sigma is not negative
     friction = {"gamma": np.where(fixed, 0.0, table.gamma), "sigma": np.where(fixed, table.sigma, -1.0), "gammaAcross": table.gamma_perp}
     return friction | {"A": table.A, "exponent": table.exponent, "exponentAcross": table.exponent_perp, "cutoff": table.cutoff}
@@ -54,7 +54,7 @@ register(
         beside_atoms=True,
         thermostat=True,
         frictions=_frictions,
-        device=_on_device,
+        device=on_device,
     )
 )
 
@@ -68,7 +68,7 @@ def _many_body_on_device(table: ManyBodyTable) -> dict[str, np.ndarray]:
     one = np.ones_like(table.A)
     plain = TermTable(table.A, table.gamma, np.full_like(one, np.nan), 0 * one, one, one, table.cutoff)
     many = {"B": table.B, "cutoffB": table.cutoff_B, "cutoffDensity": table.cutoff_density}
-    return _on_device(plain) | many | {"densityWeights": table.mass if table.lucy else np.zeros(0)}
+    return on_device(plain) | many | {"densityWeights": table.mass if table.lucy else np.zeros(0)}
 
 
 def _why_kernel_only(table: Resolved, scene: Scene, exceptions: dict[tuple[int, int], float], platform: str | None) -> str | None:

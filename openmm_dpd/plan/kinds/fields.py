@@ -3,6 +3,7 @@ temperatures of the beads; tDPD, with species that diffuse between beads."""
 
 import numpy as np
 
+from ...kernels.dpd import TermTable
 from ...kernels.edpd import ThermalTable
 from ...kernels.energy import EnergyTable
 from ...kernels.eos import CONSTANT, RESERVOIR, EOSTable
@@ -15,6 +16,7 @@ from ...model.internal import BeadTemperatures, Concentrations, InternalEnergy
 from ...model.scene import Scene
 from ...model.tdpd import TDPD
 from ..forces.expressions import dpd_expression
+from .dpd import on_device
 from .record import BeadData, Kind, Resolved, register, symmetric_arrays
 
 
@@ -83,6 +85,19 @@ def _thermal_terms(table: Resolved, beads: BeadData) -> ThermalTable:
     return ThermalTable(**arrays, lammps=beads.compat == "lammps", unit_time=_unit_time(arrays["cutoff_T"], beads))
 
 
+def _thermal_on_device(table: ThermalTable) -> dict[str, np.ndarray]:
+    with np.errstate(divide="ignore"):
+        single = np.stack([table.kappa, table.exponent_T, np.minimum(1.0 / table.cutoff_T, 1e30), table.exponent], axis=-1)
+    rows = np.stack([single, table.exponent_polynomial, table.kappa_polynomial], axis=-2)
+    return _plain(table, 1.0) | {"carries": 1, "lammps": int(table.lammps), "carrying": rows, "cutoffCarried": table.cutoff_T}
+
+
+def _plain(table: ThermalTable | SpeciesTable, exponent: np.ndarray | float) -> dict[str, np.ndarray]:
+    """The forces of beads that carry something, for the device."""
+    zero = np.zeros_like(table.A)
+    return on_device(TermTable(table.A, table.gamma, zero + np.nan, zero, zero + exponent, zero + 1.0, table.cutoff_F))
+
+
 def _temperatures(scene: Scene) -> FieldSpec:
     internal = scene.internal
     assert isinstance(internal, BeadTemperatures)
@@ -115,6 +130,7 @@ register(
         terms=_thermal_terms,
         why_kernel_only=lambda *_: "the repulsion of EDPD depends on the temperatures of the beads, which no OpenMM force sees",
         fields=_temperatures,
+        device=_thermal_on_device,
         repulsion=lambda c, kT: c.A * kT,
         frictions=lambda c, _: [(c.gamma, 0.5 * c.exponent)],
         field_text="temperature of the bead",
@@ -134,6 +150,14 @@ def _species_terms(table: Resolved, beads: BeadData) -> SpeciesTable:
     return SpeciesTable(**arrays, unit_time=_unit_time(arrays["cutoff_c"], beads))
 
 
+def _species_on_device(table: SpeciesTable) -> dict[str, np.ndarray]:
+    zero, reach = np.zeros_like(table.kappa), np.zeros((*table.A.shape, 1, 4))
+    with np.errstate(divide="ignore"):
+        reach[..., 0, 0] = np.minimum(1.0 / table.cutoff_c, 1e30)
+    rows = np.concatenate([reach, np.stack([table.kappa, table.epsilon, 0.5 * table.exponent_c, zero], axis=-1)], axis=-2)
+    return _plain(table, 0.5 * table.exponent) | {"carries": 2, "carrying": rows, "cutoffCarried": table.cutoff_c}
+
+
 def _concentrations(scene: Scene) -> FieldSpec:
     internal = scene.internal
     assert isinstance(internal, Concentrations)
@@ -147,6 +171,7 @@ register(
         potential=dpd_expression,
         why_kernel_only=lambda _, scene, *__: "a force follows concentrations" if any(each.pushes for each in scene.sources) else None,
         fields=_concentrations,
+        device=_species_on_device,
         field_text="concentrations, three species in each variable",
     )
 )

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 
-from ...base.names import AHEAD, PHASE, Phase
+from ...base.names import AHEAD, FIELD, KEPT, PHASE, RATE, Phase
 from ...model.schemes import SWEEPS
 from ...plan.program_options import ProgramOptions
 from .program import Program
@@ -47,19 +47,34 @@ def _verlet(p: Program) -> Program:
     p.declare_per_dof("acc", "acceleration at x, with friction and noise")
     p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
+    fields = {name: KEPT[FIELD] + k for k, name in enumerate(p.fields())}
+    rates = {f"{RATE}{k}": KEPT[RATE] + k for k in range(len(fields))}
+    for name in rates:
+        p.declare_per_dof(name, "change of the field per time, at x")
+    if fields:
+        with _drawing_alike(p, "abs(valid_for)", "1", "are fields those of the variables, and not of the pair force?"):
+            for name, number in fields.items():
+                _exchange(p, "v", name, number)
     if p.options.ramp is not None:  # before the temperature goes on: the noise is that of the last half kick
         with _drawing_alike(p, "valid_for", "-1", "is there no acceleration?"):
             p.phase(Phase.FORCE_SEEN)
             p.each("acc", f"{p.kicking}/m", "all forces, with friction of the present velocities")
+            for name, number in rates.items():
+                _exchange(p, name, "v", number)
             p.set("valid_for", "1")
     with _drawing_alike(p, "valid_for", "1", "is there an acceleration from outside?"):
         _exchange(p, "v", "acc")
+        for name, number in rates.items():
+            _exchange(p, "v", name, number)
     _run(p, 1)
-    with _drawing_alike(p, AHEAD, "1", "is it the last step of a call?"):
+    # steps of others, which nobody counts, all leave what beads carry behind
+    with _drawing_alike(p, f"step(1.5-{AHEAD})" if fields else AHEAD, "1", "is it the last step of a call?"):
         _exchange(p, "acc", "v")
         if p.options.lam != 0.5:
             p.declare_per_dof("vp", "predicted velocity")
             _exchange(p, "vp", "v", 1)
+        for name, number in (fields | rates).items():
+            _exchange(p, name, "v", number)
         p.set("valid_for", "1")
     p.set(AHEAD, f"{AHEAD}-1")
     return p
@@ -76,7 +91,7 @@ def _drawing_alike(p: Program, name: str, value: str, why: str) -> Iterator[None
     del p.steps[begun:]
     with p.when(f"{name} != {value}", "random numbers are drawn for every line: as many in every step"):
         for _ in range(sum(step.kind == "global" for step in block)):
-            p.set(name, name)
+            p.set("valid_for", "valid_for")
     p.steps += block  # behind, since it may change the variable
 
 

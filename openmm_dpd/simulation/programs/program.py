@@ -111,7 +111,7 @@ class Program:
             self.declare_per_dof(f"{shared.BONDS}{k}", "bonds that form and break: 1 + partner + N sort")
         if self.options.kernel:
             self.set(shared.DT, "dt", "so that setStepSize works")
-        if self.options.fields_act:
+        if self.options.fields_act and not self.options.execution.on_device:
             self.set(shared.SHOWN, "0", "the temperatures on which forces depend will be others")
         if self.options.settable:
             kelvin = self.options.kT / BOLTZMANN

@@ -1,0 +1,96 @@
+#ifndef DPD_FIELDS_H_
+#define DPD_FIELDS_H_
+// Launches of fields.cc: what beads carry, in arrays on a device.
+#include "../api/DPDDeviceForce.h"
+#include "Launch.h"
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <vector>
+
+namespace DPDDevice {
+
+template <class Device> class Fields {
+public:
+    using Array = typename Device::Array;
+    using Base = typename Device::Base;
+
+    Fields(Device& device, const Fluid& fluid) : device(device), fluid(fluid) {
+        int beads = device.beads();
+        blocks = fluid.carries == NOTHING ? 1 : (fluid.columns()+2)/3;
+        std::vector<std::array<double, 4> > values(fluid.carries == NOTHING ? 1 : blocks*beads, {0, 0, 0, 0}), rows(1), given(1);
+        double typical = 0, capacity = 0;
+        for (size_t k = 0; k < fluid.carried.size(); k++) {
+            int column = k%fluid.columns();
+            values[column/3*beads+k/fluid.columns()][column%3] = fluid.carried[k];
+            typical += std::fabs(fluid.carried[k])/beads;
+        }
+        for (double each : fluid.capacities)
+            capacity += each/beads;
+        if (fluid.carries == HEAT)
+            typical *= capacity;
+        // sums have 32 bits behind the point: what a bead has flows two million times in a unit of time before they are too large
+        unit = typical > 0 ? std::ldexp(1.0, (int) std::floor(std::log2(typical))-10) : 1.0;
+        if (!fluid.carrying.empty())
+            rows.resize(fluid.carrying.size()/4);
+        for (size_t k = 0; k < fluid.carrying.size(); k++)
+            rows[k/4][k%4] = fluid.carrying[k];
+        if (!fluid.sources.empty())
+            given.resize(fluid.sources.size()/4);
+        for (size_t k = 0; k < fluid.sources.size(); k++)
+            given[k/4][k%4] = fluid.sources[k];
+        make4(carrying, Kind::Real4, rows);
+        make4(sources, Kind::Mixed4, given);
+        for (auto array : {&own, &shown, &rates})
+            make4(*array, Kind::Mixed4, values);
+        make4(rates, Kind::Mixed4, std::vector<std::array<double, 4> >(values.size(), {0, 0, 0, 0}));
+        std::vector<double> capacities = fluid.capacities;
+        capacities.resize(std::max<size_t>(1, capacities.size()), 1);
+        device.make(this->capacities, Kind::Real, capacities.size());
+        device.upload(this->capacities, Kind::Real, capacities);
+        std::vector<int> takes = fluid.takes;
+        takes.resize(std::max<size_t>(1, takes.size()), 0);
+        device.make(this->takes, Kind::Int, takes.size());
+        device.upload(this->takes, Kind::Int, takes);
+    }
+
+    // What is shown to friction, flows and forces that follow it: what beads have, and then own += half*rates
+    template <class Stop> void advance(Stop stop, double half, double predict) {
+        for (int block = 0; block < blocks && fluid.carries != NOTHING; block++)
+            device.template run<dpdAdvance_>(device.velm(), device.index(), own, rates, shown, block, Mixed{half}, Mixed{predict}, stop());
+    }
+
+    // Rates at positions in cells, and then own += half*rates
+    template <class Stop, class Position, class Terms, class Cells, class Box> void flow(Stop stop, Position position, Base& vel, Terms terms, Cells cells, Box box,
+            double dt, double half) {
+        for (int block = 0; block < blocks && fluid.carries != NOTHING; block++)
+            device.template run<dpdCarry_>(position, vel, terms, cells, own, rates, capacities, sources, (int) fluid.sources.size()/12, takes, block,
+                Real{1/std::sqrt(dt)}, Real{1/unit}, Mixed{half}, stop(), box);
+    }
+
+    // Velocities change places with block `number`-FIELDS of what beads have, or `number`-RATES of its rates
+    template <class Stop> void swap(Stop stop, int number) {
+        bool rate = number >= RATES;
+        number -= rate ? RATES : FIELDS;
+        if (number < blocks && fluid.carries != NOTHING)
+            device.template run<dpdSwap_>(device.velm(), device.index(), rate ? rates : own, number, stop());
+    }
+
+    Array carrying, own, shown;
+
+private:
+    void make4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values) {
+        device.make(array, kind, values.size());
+        device.upload4(array, kind, values);
+    }
+
+    Device& device;
+    const Fluid& fluid;
+    int blocks;
+    double unit; // of flows in sums
+    Array rates, capacities, sources, takes;
+};
+
+}
+#endif

@@ -1,0 +1,171 @@
+// What beads carry: temperatures that conduct heat (openmm_dpd/model/edpd.py) or species that diffuse (openmm_dpd/model/tdpd.py).  Three values of a
+// bead are in a block, and a block of all beads in the order of their numbers, which OpenMM never changes.
+//
+// Flows between two beads are computed from both sides with the same bits up to the sign, and sums of fixed-point numbers keep what flows.
+
+DEVICE real dpdClamped(real x) {
+    return min((real) 5, max((real) -5, x));
+}
+
+// Excluded neighbours exchange nothing; other factors of bonded ones are those of friction alone.
+
+// Heat that flows to a bead from a partner, and what friction and noise between them give to it.
+// Rows of `carrying`: kappa, exponent and 1/cutoff of conduction, exponent of friction; polynomials of the latter and of kappa.
+DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS,
+        GLOBAL const real* RESTRICT capacities, real perRootDt, GLOBAL int* RESTRICT flags, int launch) {
+    real invR = RSQRT(r2), r = r2*invR, heat = 0;
+    int partner = atomIndex[j], row = type+types[j];
+    bool lower = index < partner;
+#ifdef EXCEPTIONS
+    real f = dpdFactor(index, partner, exceptionStart, exceptionBead, exceptionFactor);
+    if (f == 0)
+        return 0;
+#endif
+    mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
+    real c = capacities[index], d = capacities[partner], xi = dpdNormal(pair, cubics);
+    real4 coefficients = params[row], conducts = carrying[row*CARRYING_ROWS];
+    real w = 1-r*coefficients.z, wT = 1-r*conducts.z;
+    if (w > 0 && !(LAMMPS && wT <= 0)) {
+        mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
+        real along = invR*(delta.x*(real) (v.x-o.x)+delta.y*(real) (v.y-o.y)+delta.z*(real) (v.z-o.z));
+        real3 warm = dpdWarm(row, index, partner, w, carrying, carried);
+        real s = coefficients.y*warm.z, shaken = SQRT(warm.y)*xi*along;
+        if (LAMMPS)
+            heat = s*(s*(along*along-2*(real) (lower ? v.w : o.w)*warm.y)-(real) 1.4142135623730951*shaken)/(c+d);
+        else {
+#ifdef EXCEPTIONS
+            s *= SQRT(f);
+#endif
+            heat = (real) 0.5*s*(s*(along*along-(real) (v.w+o.w)*warm.y)-noise*shaken);
+        }
+    }
+    if (wT > 0 && !(LAMMPS && w <= 0)) {
+        mixed difference = carried[index].x-carried[partner].x;
+        real s = (real) carried[index].x, t = (real) carried[partner].x, low = min(s, t), high = max(s, t), mean = (real) 0.5*(low+high);
+        real kappa = conducts.x*dpdPolynomial(carrying[row*CARRYING_ROWS+2], mean-1);
+        if (kappa < 0) {
+            HALT(NO_HEAT)
+            flags[WHO] = index;
+        }
+        real weight = mean*POW(wT, (real) 0.5*conducts.y), strength = kappa*(min(c, d)*max(c, d))*(weight*weight);
+        real z = dpdClamped(LAMMPS ? xi : dpdNormal(dpdMix(pair+STREAM), cubics));
+        heat += (lower ? 1 : -1)*(SQRT(2*max((real) 0, strength))*perRootDt*z)-strength/(low*high)*(real) difference;
+    }
+    return heat;
+}
+
+// What flows of a species to a bead from a partner.  Rows of `carrying`: 1/cutoff; then of each species kappa, epsilon and half of the exponent.
+DEVICE real dpdSpecies(int j, real r2, int type, int index, int species, mixed mine, mixed theirs, TERMS, real perRootDt) {
+    int partner = atomIndex[j], row = (type+types[j])*CARRYING_ROWS;
+    real w = 1-r2*RSQRT(r2)*carrying[row].x;
+    real4 c = carrying[row+1+species];
+    if (w <= 0 || (c.x == 0 && c.y == 0))
+        return 0;
+#ifdef EXCEPTIONS
+    if (dpdFactor(index, partner, exceptionStart, exceptionBead, exceptionFactor) == 0)
+        return 0;
+#endif
+    w = POW(w, c.z);
+    real flow = -c.x*w*w*(real) (mine-theirs);
+    if (c.y != 0) {
+        real z = dpdClamped(dpdNormal(dpdMix(dpdPairKey((mm_ulong) key, index, partner)+(species+1)*STREAM), cubics));
+        flow += (index < partner ? 1 : -1)*(c.y*w*perRootDt*z*(real) (mine+theirs));
+    }
+    return flow;
+}
+
+DEVICE void dpdFlow(int j, real3 delta, real r2, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS,
+        GLOBAL const real* RESTRICT capacities, int block, real perRootDt, real perUnit, GLOBAL int* RESTRICT flags, int launch, mm_long* sums) {
+    if (CARRIES == HEAT)
+        sums[0] += realToFixedPoint(perUnit*dpdHeat(j, delta, r2, type, index, v, vel, TERMS_, capacities, perRootDt, flags, launch));
+    if (CARRIES == SPECIES) {
+        mixed4 a = carried[block*NUM_ATOMS+index], b = carried[block*NUM_ATOMS+atomIndex[j]];
+        for (int k = 0; k < min(3, CARRYING_ROWS-1-3*block); k++)
+            sums[k] += realToFixedPoint(perUnit*dpdSpecies(j, r2, type, index, 3*block+k, k == 0 ? a.x : k == 1 ? a.y : a.z,
+                k == 0 ? b.x : k == 1 ? b.y : b.z, TERMS_, perRootDt));
+    }
+}
+
+// What sources give to a bead per time.  Rows of each: the corner of the box, and whether it is a sphere; the lower corner or the centre, and the
+// rate; the upper corner or the square of the radius, and which value it is.
+DEVICE mixed4 dpdGiven(int index, int block, mixed3 x, GLOBAL const mixed4* RESTRICT sources, int numSources, GLOBAL const int* RESTRICT takes, BOX) {
+    mixed4 sum = make_mixed4(0, 0, 0, 0);
+    for (int k = 0; k < numSources; k++) {
+        mixed4 corner = sources[3*k], a = sources[3*k+1], b = sources[3*k+2];
+        int column = (int) b.w-3*block;
+        if ((takes[index]>>k&1) == 0 || column < 0 || column > 2)
+            continue;
+        mixed3 y = make_mixed3(x.x-corner.x, x.y-corner.y, x.z-corner.z), inside = y;
+        if (PERIODIC)
+            dpdCellOf(y, &inside, BOX_);
+        y = make_mixed3(inside.x+corner.x, inside.y+corner.y, inside.z+corner.z);
+        mixed3 d = make_mixed3(y.x-a.x, y.y-a.y, y.z-a.z);
+        if (corner.w != 0 ? SQUARE(d) < b.x : d.x >= 0 && d.y >= 0 && d.z >= 0 && y.x <= b.x && y.y <= b.y && y.z <= b.z) {
+            sum.x += column == 0 ? a.w : 0;
+            sum.y += column == 1 ? a.w : 0;
+            sum.z += column == 2 ? a.w : 0;
+        }
+    }
+    return sum;
+}
+
+// Changes per time of a block of what beads carry, at positions in cells and with velocities and values that friction sees; `own` += part*rates.
+KERNEL BOUNDS void dpdCarry(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+        GLOBAL mixed4* own, GLOBAL mixed4* RESTRICT rates, GLOBAL const real* RESTRICT capacities, GLOBAL const mixed4* RESTRICT sources, int numSources,
+        GLOBAL const int* RESTRICT takes, int block, real perRootDt, real perUnit, mixed part, GLOBAL int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
+        return;
+    SHARED(3)
+    EACH_BEAD
+        mm_long sums[3] = {0, 0, 0};
+        EACH_PARTNER(vel, dpdFlow(j, delta, r2, type, index, v, vel, TERMS_, capacities, block, perRootDt, perUnit, flags, launch, sums))
+        TOGETHER(sums, 3)
+        if (SUMMED && vel[i].w != 0) {
+            int bead = atomIndex[i], at = block*NUM_ATOMS+bead;
+            mixed scale = 1/((mixed) 0x100000000*perUnit*(CARRIES == HEAT ? (mixed) capacities[bead] : 1));
+            mixed4 rate = dpdGiven(bead, block, dpdLoad(pos, corr, i), sources, numSources, takes, BOX_), value = own[at];
+            rate = make_mixed4(rate.x+scale*sums[0], rate.y+scale*sums[1], rate.z+scale*sums[2], 0);
+            rates[at] = rate;
+            if (part != 0) {
+                dpdAdd(&value, part, rate);
+                own[at] = value;
+            }
+        }
+    END_BEAD
+}
+
+// own += part*rates, and shown = own + predict*rates as they were: what friction and flows will see.
+KERNEL void dpdAdvance(GLOBAL const mixed4* RESTRICT velm, GLOBAL const int* RESTRICT atomIndex, GLOBAL mixed4* RESTRICT own,
+        GLOBAL const mixed4* RESTRICT rates, GLOBAL mixed4* RESTRICT shown, int block, mixed part, mixed predict, GLOBAL int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        int at = block*NUM_ATOMS+atomIndex[i];
+        mixed4 value = own[at], seen = value, rate = rates[at];
+        if (velm[i].w != 0) {
+            dpdAdd(&value, part, rate);
+            dpdAdd(&seen, predict, rate);
+            own[at] = value;
+        }
+        shown[at] = seen;
+        if (CARRIES == HEAT && !(dpdFinite(seen.x) && seen.x > 0)) {
+            HALT(COLD)
+            flags[WHO] = atomIndex[i];
+        }
+    }
+}
+
+// Velocities of beads that move and a block change places.
+KERNEL void dpdSwap(GLOBAL mixed4* RESTRICT velm, GLOBAL const int* RESTRICT atomIndex, GLOBAL mixed4* RESTRICT values, int block,
+        GLOBAL const int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        int at = block*NUM_ATOMS+atomIndex[i];
+        mixed4 v = velm[i], kept = values[at];
+        if (v.w != 0) {
+            velm[i] = make_mixed4(kept.x, kept.y, kept.z, v.w);
+            values[at] = v;
+        }
+    }
+}
