@@ -22,16 +22,14 @@ DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, 
         return 0;
 #endif
     mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
-    real c = capacities[index], d = capacities[partner], xi = dpdNormal(pair, cubics);
-    real4 coefficients = params[row], conducts = carrying[row*CARRYING_ROWS];
-    real w = 1-r*coefficients.z, wT = 1-r*conducts.z;
+    real xi = dpdNormal(pair, cubics), w = 1-r*params[row].z, wT = 1-r*carrying[row*CARRYING_ROWS].z;
     if (w > 0 && !(LAMMPS && wT <= 0)) {
         mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
         real along = invR*(delta.x*(real) (v.x-o.x)+delta.y*(real) (v.y-o.y)+delta.z*(real) (v.z-o.z));
         real3 warm = dpdWarm(row, index, partner, w, carrying, carried);
-        real s = coefficients.y*warm.z, shaken = SQRT(warm.y)*xi*along;
+        real s = params[row].y*warm.z, shaken = SQRT(warm.y)*xi*along;
         if (LAMMPS)
-            heat = s*(s*(along*along-2*(real) (lower ? v.w : o.w)*warm.y)-(real) 1.4142135623730951*shaken)/(c+d);
+            heat = s*(s*(along*along-2*(real) (lower ? v.w : o.w)*warm.y)-(real) 1.4142135623730951*shaken)/(capacities[index]+capacities[partner]);
         else {
 #ifdef EXCEPTIONS
             s *= SQRT(f);
@@ -40,6 +38,8 @@ DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, 
         }
     }
     if (wT > 0 && !(LAMMPS && w <= 0)) {
+        real4 conducts = carrying[row*CARRYING_ROWS];
+        real c = capacities[index], d = capacities[partner];
         mixed difference = carried[index].x-carried[partner].x;
         real s = (real) carried[index].x, t = (real) carried[partner].x, low = min(s, t), high = max(s, t), mean = (real) 0.5*(low+high);
         real kappa = conducts.x*dpdPolynomial(carrying[row*CARRYING_ROWS+2], mean-1);

@@ -35,6 +35,9 @@ def scene(kind: str) -> dpd.Scene:
         box[1, 0] = 1.0
         bonds = dpd.HarmonicBonds(np.arange(100).reshape(-1, 2), k=20, r0=0.6)
         options = {"bonds": [bonds], "bonded_factors": (0.5, 1.0, 1.0), "mobile": np.arange(n) < 580}
+    elif kind == "warm":
+        table = {("*", "*"): dpd.EDPD(A=25, gamma=4.5, kappa=0.1)}
+        options = {"internal": dpd.BeadTemperatures(1.0, 100.0), "sources": [dpd.Source(dpd.Sphere([3.0, 3.0, 3.0], 1.0), 0.1)]}
     elif kind == "free":
         table = {("*", "*"): dpd.MDPD(A=-40, B=25, gamma=4.5, kernel="lucy")}
     types = rng.choice(["A", "B"], n).tolist()
@@ -43,8 +46,10 @@ def scene(kind: str) -> dpd.Scene:
 
 schemes = ("middle", "bababo", "mvv")
 for precision, scheme, kind in itertools.product(
-    ("single", "mixed", "double"), schemes if wide else ("middle", "mvv"), ("plain", "everything", "free")
+    ("single", "mixed", "double"), schemes if wide else ("middle", "mvv"), ("plain", "everything", "free", "warm")
 ):
+    if kind == "warm" and scheme != "mvv":
+        continue
     built = dpd.build(scene(kind), dt=0.04, scheme=scheme, platform="CUDA", seed=1, engine="device" if len(sys.argv) > 1 else "auto")
     assert built.plan.execution.on_device, built.explain()
     simulation = built.simulation(properties={"Precision": precision})

@@ -18,8 +18,8 @@ from openmm_dpd.model.schemes import SCHEMES
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
-SOURCE = HERE.parent / "engine" / "kernels.cc"
-KERNELS = set(re.findall(r"^KERNEL (?:BOUNDS )?void (\w+)", SOURCE.read_text(), re.M))
+SOURCE = "".join((HERE.parent / "engine" / name).read_text() for name in ("kernels.cc", "fields.cc"))
+KERNELS = set(re.findall(r"^KERNEL (?:BOUNDS )?void (\w+)", SOURCE, re.M))
 
 
 def compiled(tmp_path: Path, source: str, name: str, *flags: str) -> Path:
@@ -88,7 +88,7 @@ def test_all_kernels_compile_for_cuda(architecture, tmp_path):
     ptx = tmp_path / "ptx"
     ptx.mkdir()
     text = run("cuda_without_a_gpu.py", FAKE_SM=str(architecture), FAKE_DUMP=str(ptx), LD_LIBRARY_PATH=f"{tmp_path}:{nvrtc}")
-    assert len(text.splitlines()) == 18
+    assert len(text.splitlines()) == 21
     assert all("transfers to the host 0.00, waits 0.00" in line for line in text.splitlines())
     kernels = set()
     for module in ptx.glob("*.ptx"):
@@ -105,7 +105,9 @@ def test_all_kernels_compile_for_cuda(architecture, tmp_path):
 
 #: What there is in every scene, and what the kernels are compiled with where a scene has everything.
 PLAIN = {"NUM_ATOMS": 3000, "STRIDE": 3008, "NUM_TYPES": 2, "MOST_PASSES": 64, "MAX_CUTOFF": 1.0, "PERIODIC": 1, "LANES": 8, "BLOCK": 128}
-EVERYTHING = PLAIN | dict.fromkeys(set(re.findall(r"^#ifdef (\w+)", SOURCE.read_text(), re.M)) - {"USE_MIXED_PRECISION"}, 1)
+EVERYTHING = PLAIN | dict.fromkeys(set(re.findall(r"^#ifdef (\w+)", SOURCE, re.M)) - {"USE_MIXED_PRECISION"}, 1)
+EVERYTHING |= {"CARRIES": 2, "CARRYING_ROWS": 5, "LAMMPS": 0}  # species
+HEAT = PLAIN | {"CARRIES": 1, "CARRYING_ROWS": 3, "LAMMPS": 0} | dict.fromkeys(("TRICLINIC", "EXCEPTIONS", "IMMOBILE"), 1)
 
 
 def hip_compiler() -> str:
@@ -119,14 +121,15 @@ def hip_compiler() -> str:
 
 @pytest.mark.parametrize("precision", ["single", "mixed", "double"])
 @pytest.mark.parametrize("architecture", ["gfx90a", "gfx1030"])
-@pytest.mark.parametrize("names", [PLAIN, EVERYTHING], ids=["plain", "everything"])
+@pytest.mark.parametrize("names", [PLAIN, EVERYTHING, HEAT], ids=["plain", "everything", "heat"])
 def test_all_kernels_compile_for_hip(names, architecture, precision, tmp_path):
     """To assembly, with OpenMM's options; GPUs with waves of 64 and of 32 threads (clang 15 crashes now and then for newer ones, as gfx1100)."""
-    made = tmp_path / "kernels.s"
+    source, made = tmp_path / "kernels.cc", tmp_path / "kernels.s"
+    source.write_text(SOURCE)
     options = f"-O3 -ffast-math -munsafe-fp-atomics --offload-arch={architecture} --cuda-device-only -nogpulib -nogpuinc -S".split()
     options += [f"-D{name}={value}" for name, value in (names | {f"USE_{precision.upper()}_PRECISION": 1}).items()]
     options += ["-include", str(HERE / "hip_prelude.h"), "-o", str(made)]
-    found = subprocess.run([hip_compiler(), "-x", "hip", *options, str(SOURCE)], capture_output=True, text=True)
+    found = subprocess.run([hip_compiler(), "-x", "hip", *options, str(source)], capture_output=True, text=True)
     assert found.returncode == 0 and not found.stderr, found.stderr
     text = re.findall(r"\.symbol:\s+(dpd\w+)\.kd\n.*?\.vgpr_count:\s+(\d+)\n\s+\.vgpr_spill_count:\s+(\d+)", made.read_text(), re.S)
     assert {name for name, *_ in text} == KERNELS

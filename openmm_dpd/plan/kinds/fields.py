@@ -89,7 +89,7 @@ def _thermal_on_device(table: ThermalTable) -> dict[str, np.ndarray]:
     with np.errstate(divide="ignore"):
         single = np.stack([table.kappa, table.exponent_T, np.minimum(1.0 / table.cutoff_T, 1e30), table.exponent], axis=-1)
     rows = np.stack([single, table.exponent_polynomial, table.kappa_polynomial], axis=-2)
-    return _plain(table, 1.0) | {"carries": 1, "lammps": int(table.lammps), "carrying": rows, "cutoffCarried": table.cutoff_T}
+    return _plain(table, 1.0) | {"carries": np.array(1), "lammps": np.array(int(table.lammps)), "carrying": rows, "cutoffCarried": table.cutoff_T}
 
 
 def _plain(table: ThermalTable | SpeciesTable, exponent: np.ndarray | float) -> dict[str, np.ndarray]:
@@ -155,7 +155,7 @@ def _species_on_device(table: SpeciesTable) -> dict[str, np.ndarray]:
     with np.errstate(divide="ignore"):
         reach[..., 0, 0] = np.minimum(1.0 / table.cutoff_c, 1e30)
     rows = np.concatenate([reach, np.stack([table.kappa, table.epsilon, 0.5 * table.exponent_c, zero], axis=-1)], axis=-2)
-    return _plain(table, 0.5 * table.exponent) | {"carries": 2, "carrying": rows, "cutoffCarried": table.cutoff_c}
+    return _plain(table, 0.5 * table.exponent) | {"carries": np.array(2), "carrying": rows, "cutoffCarried": table.cutoff_c}
 
 
 def _concentrations(scene: Scene) -> FieldSpec:
