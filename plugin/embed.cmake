@@ -1,7 +1,7 @@
-# The kernels as a string of C++, in pieces, since compilers limit their length
+# The files with kernels as strings of C++
 set(all "")
 foreach(file ${FROM})
   file(READ ${file} text)
-  string(APPEND all "R\"KERNEL(${text})KERNEL\"\n")
+  string(APPEND all "R\"KERNEL(${text})KERNEL\",\n")
 endforeach()
-file(WRITE ${TO} "#pragma once\n#include <string>\nstatic const std::string kernelSource = ${all};\n")
+file(WRITE ${TO} "#pragma once\n#include <string>\nstatic const std::string kernelSources[] = {${all}};\n")

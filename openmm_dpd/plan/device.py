@@ -15,8 +15,7 @@ from ..kernels.engines import EngineKind, engine_kind, register_engine
 from ..model.scene import Scene
 from ..model.schemes import Scheme
 from ..model.sources import Source
-from .choices import predicting
-from .forces.device_force import MOST_SOURCES, why_no_plugin
+from .forces.device_force import MOST_SOURCES, MOST_SWEPT, why_no_plugin
 from .kinds import Kind
 
 #: Largest number of beads: more have no exact numbers in single precision.
@@ -72,7 +71,7 @@ def chosen_engine(
     if engine not in ("auto", DEVICE.name):
         return engine, "as asked for"
     beyond = next((kind.name for kind in kinds if kind.device is None), None)
-    sources, carrying = scene.sources, next((kind.name for kind in kinds if kind.fields is not None), None)
+    sources, species = scene.sources, getattr(scene.internal, "n_species", 0)
     reasons = {
         "OpenMM's own integrator steps": scheme.native,
         "there is no friction and no noise": not thermostat,
@@ -82,7 +81,7 @@ def chosen_engine(
         "it has no rigid bodies": bool(scene.bodies),
         "it has no walls that move or have a shape or something behind them": driven,
         "it has no several tables": len(kinds) > 1,
-        f"it has {carrying} with scheme={predicting()} alone": carrying is not None and not scheme.predicts,
+        f"it has pair updates of up to {MOST_SWEPT} species": not scheme.predicts and species > MOST_SWEPT,
         "it has no sources of a kind of its own, and no forces that follow what beads carry": any(type(s) is not Source for s in sources),
         f"it takes no more than {MOST_SOURCES} sources": len(sources) > MOST_SOURCES,
         f"it takes no more than {MOST_BEADS:,} beads": scene.n_beads > MOST_BEADS,

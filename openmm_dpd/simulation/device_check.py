@@ -78,7 +78,7 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
     if spec.fields is not None:
         rates = np.where(spec.inv_mass[:, None] > 0, engine.rates, 0.0)
         found["what beads carry"] = (_relative(kept_rates(context, spec.fields, options.pair_group), rates), FORCE)
-    if options.thermostat and options.scheme.sweeps:
+    if options.thermostat and options.scheme.sweeps and spec.fields is None:
         # the impulse of a midpoint step is that of friction and noise at the mean of the velocities before and after
         force = of_device(Phase.SWEEP_SEEN + SWEEPS.index("S"))[1]
         between = v + 0.5 * conditions[1] * spec.inv_mass[:, None] * force

@@ -36,6 +36,8 @@ STRAIGHT, MOST = 1.0, 10_000
 
 #: Seconds after which the state is remembered on a device.
 REMEMBERED = 10.0
+#: How often steps on a device are tried that run out of room.
+MOST_TRIES = 4
 
 
 def whole_steps(steps) -> int:
@@ -173,10 +175,11 @@ class Watching:
                 for bead in np.flatnonzero(~np.isfinite(x).all(axis=1))[:1]:
                     raise openmm.OpenMMException(f"by step {context.getStepCount()} the position of bead {bead_number(bead)} is not finite")
 
-    def _on_device(self, context: openmm.Context, last: int) -> None:
-        """Step up to the step number ``last``; if a device ran out of room, once more from the remembered state."""
+    def _on_device(self, context: openmm.Context, last: int, failed: int = 0) -> None:
+        """Step up to the step number ``last``; if a device runs out of room, which may have ``failed`` before, again from the remembered
+        state, and ask it then."""
         self._before(context)
-        for again in (False, True):
+        for again in range(failed, MOST_TRIES):
             try:
                 with self._or_back(context):
                     self._step_beside_barostats(context, last - context.getStepCount())
@@ -185,7 +188,7 @@ class Watching:
                     self._unverified = not again
                 break
             except openmm.OpenMMException as error:
-                if again or ROOM not in str(error):
+                if again == MOST_TRIES - 1 or ROOM not in str(error):
                     raise
 
     def _step_beside_barostats(self, context: openmm.Context, steps: int) -> None:
@@ -268,8 +271,7 @@ class Watching:
             except openmm.OpenMMException as error:
                 if ROOM not in str(error):
                     raise
-                self._on_device(context, last)
-                self._unverified = False
+                self._on_device(context, last, failed=1)
 
     def _ask(self, context: openmm.Context) -> None:
         context.getState(energy=True, groups={self.device_group})

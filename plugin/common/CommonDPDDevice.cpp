@@ -116,6 +116,8 @@ void CommonDPDDeviceKernel::initialize(const System& system, const DPDDeviceForc
     if (cc.getNumContexts() > 1)
         throw OpenMMException("DPDDeviceForce works on one device only");
     ContextSelector selector(cc);
+    if (force.fluid.carries != NOTHING && force.fluid.word.size() > 1 && !cc.getUseMixedPrecision() && !cc.getUseDoublePrecision())
+        throw OpenMMException("DPDDeviceForce: pair updates of what particles carry need mixed or double precision, or the energy would grow by rounding");
     engine.reset(new Engine<CommonDevice>(device, force.fluid, system));
     Vec3 a, b, c;
     system.getDefaultPeriodicBoxVectors(a, b, c);
@@ -134,7 +136,10 @@ void CommonDPDDeviceKernel::compile() {
     defines["LANES"] = cc.intToString(device.lanes);
     defines["BLOCK"] = cc.intToString(device.block(true));
     defines["MAX_CUTOFF"] = cc.doubleToString(engine->reach());
-    device.program = cc.compileProgram(kernelSource, defines);
+    string source = kernelSources[0];
+    if (engine->fluid.carries != NOTHING) // these take time to compile
+        source += kernelSources[1]+(engine->fluid.word.size() > 1 ? kernelSources[2] : "");
+    device.program = cc.compileProgram(source, defines);
 }
 
 double CommonDPDDeviceKernel::execute(ContextImpl& context, bool includeForces, bool includeEnergy) {

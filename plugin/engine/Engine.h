@@ -227,7 +227,11 @@ public:
             device.make(corrC, Kind::Real4, device.mixed() ? device.padded() : 1);
             haveCopies = true;
         }
-        bool serves = letters.find('B') < letters.find('A') && letters.rfind('B') > letters.rfind('A'), known = serves;
+        bool serves = letters.find('B') < letters.find('A') && letters.rfind('B') > letters.rfind('A'), known;
+        // forces that follow temperatures are others after a sweep
+        bool follows = fluid.carries == HEAT;
+        known = serves = serves && !(follows && letters.find_last_of("OS") != std::string::npos && letters.find_last_of("OS") > letters.rfind('B'));
+        fields.advance(stop(), 0, 0);
         if (serves && fresh)
             kick(context, now, others, 0, 0);
         owedSlow = slow ? fluid.slowKicks[0] : 0; // from here on, so that bits do not depend on what was computed anew
@@ -258,6 +262,7 @@ public:
                     move(now, owed, 0);
                 owed = 0;
                 now.counter++;
+                known = known && !follows;
                 while (known && is(n+1, 'B'))
                     owed += word[++n].second;
                 double drift = is(n+1, 'A') ? word[++n].second : 0;
@@ -279,7 +284,7 @@ public:
 private:
     static const int FLAGS = 8;
     enum { STOP, MOST_IN_CELL, MOST_IN_ROW, BOUND, MOST_BOUND, WHO, WHEN, MOVED }; // of flags
-    enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8, COLD = 16, NO_HEAT = 32 };
+    enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8, COLD = 16, NO_HEAT = 32, FEW_ROUNDS = 64 };
 
     struct Now { // parameters of the Context
         double dt, kT;
@@ -429,10 +434,15 @@ private:
             if ((double) rowRoom*device.padded() > 2e9)
                 throw OpenMM::OpenMMException("DPDDeviceForce: too many partners of beads for 32-bit numbers");
             device.make(rows, Kind::Real4, (size_t) rowRoom*device.padded());
+            if (fluid.carries != NOTHING)
+                fields.makeRows((size_t) rowRoom*device.padded());
+            rounds = std::max(rounds, 2*rowRoom+20);
             if (transverse() || Device::everything)
                 device.make(rowsAcross, Kind::Real, (size_t) rowRoom*device.padded());
         }
         expected = std::max(expected, 1.3*f[MOST_BOUND]);
+        if (stop & FEW_ROUNDS)
+            rounds *= 2;
         if (stop || grows)
             device.clear(flags);
         if (stop)
@@ -455,6 +465,7 @@ private:
             device.make(random, Kind::Long, 3*device.padded());
             device.make(rows, Kind::Real4, 1);
             device.make(rowsAcross, Kind::Real, 1);
+            fields.makeRows(1);
             sweeping = true;
             begun = false;
         }
@@ -464,7 +475,9 @@ private:
         do {
             binned = false;
             bin(now);
-            if (sweeping)
+            if (sweeping && fluid.carries != NOTHING)
+                fields.list(stop(), place_(), TERMS(now, now.dt, 0), CELLS(), BOX(), rowCount, rows, 0);
+            else if (sweeping)
                 device.template run<dpdRows_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), rowCount, rows, rowsAcross, 0, random, u, res,
                     Mixed{0.5*now.dt}, Real{1/rate(now)}, flags, number(), BOX());
         } while (look(now, true));
@@ -615,6 +628,14 @@ private:
 
     // A sweep over a part of the step at binned positions; exact ones in so many halves that what a midpoint step changes of an exponential is small.
     void sweep(const Now& now, bool exact, double part, double kick, double drift, bool toForce) {
+        if (fluid.carries != NOTHING) {
+            if (toForce)
+                throw OpenMM::OpenMMException("DPDDeviceForce: pair updates of what particles carry are those of whole steps alone");
+            fields.sweep(stop(), place_(), TERMS(now, now.dt, 0), CELLS(), BOX(), rowCount, rows, rowRoom, rounds, exact, part*now.dt, now.kT);
+            if (kick != 0 || drift != 0 || here == 1)
+                move(now, kick, drift);
+            return;
+        }
         double h = part*now.dt, gamma = fluid.rate(now.kT)*inverseMass;
         int pieces = exact ? std::max(1, (int) std::ceil(gamma*h/2.1)) : 1;
         h /= pieces;
@@ -653,7 +674,7 @@ private:
     double keptStep = 0, keptKT = 0;
     bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox, with noise for keptStep
     bool sweeping = false, haveSeen = false, haveBeside = false, haveSlow = false, haveCopies = false; // which arrays were made beyond those that all need
-    int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0;
+    int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0, rounds = 0;
     int launch = 0, here = 0, cells = 0, side = 0;         // where the present positions are, which counts and places of cells are filled
     bool unseen = false;                       // whether there were steps since the last look
     bool binned = false;                       // whether they hold the present positions

@@ -32,6 +32,10 @@ public:
             typical *= capacity;
         // sums have 32 bits behind the point: what a bead has flows two million times in a unit of time before they are too large
         unit = typical > 0 ? std::ldexp(1.0, (int) std::floor(std::log2(typical))-10) : 1.0;
+        double fastest = 0, largest = fluid.capacities.empty() ? 1 : *std::max_element(fluid.capacities.begin(), fluid.capacities.end());
+        for (size_t k = fluid.carries == SPECIES ? 4 : 0; k < fluid.carrying.size(); k += fluid.carries == HEAT ? 12 : 4)
+            fastest = std::max(fastest, largest*std::fabs(fluid.carrying[k]));
+        rateUnit = fastest > 0 ? std::ldexp(1.0, (int) std::floor(std::log2(fastest))-10) : 1.0;
         if (!fluid.carrying.empty())
             rows.resize(fluid.carrying.size()/4);
         for (size_t k = 0; k < fluid.carrying.size(); k++)
@@ -77,9 +81,43 @@ public:
             device.template run<dpdSwap_>(device.velm(), device.index(), rate ? rates : own, number, stop());
     }
 
+    // A sweep over a time at positions in cells, from pair to pair; sources act for a half of it before and after.  Rows, and how many rounds there are,
+    // are the engine's.
+    template <class Stop, class Position, class Terms, class Cells, class Box> void sweep(Stop stop, Position position, Terms terms, Cells cells, Box box,
+            Array& rowCount, Array& rows, int rowRoom, int rounds, bool exact, double time, double kT) {
+        give(stop, position, box, 0.5*time);
+        list(stop, position, terms, cells, box, rowCount, rows, rowRoom);
+        device.template run<dpdSort_>(rowCount, rows, distances, hashes, stop());
+        for (int round = 0; round <= rounds; round++)
+            device.template run<dpdRound_>(device.velm(), own, terms, rowCount, rows, distances, around, capacities, heads[round%2], heads[1-round%2], (int) exact,
+                Mixed{time}, Mixed{kT}, (int) (round == rounds), stop());
+        give(stop, position, box, 0.5*time);
+        advance(stop, 0, 0);
+    }
+
+    // Rows of pairs; without any room they are only counted
+    template <class Stop, class Position, class Terms, class Cells, class Box> void list(Stop stop, Position position, Terms terms, Cells cells, Box box,
+            Array& rowCount, Array& rows, int rowRoom) {
+        device.template run<dpdPairs_>(position, device.velm(), terms, cells, rowCount, rows, distances, hashes, rowRoom, around, capacities, Real{1/rateUnit},
+            heads[0], stop(), box);
+    }
+
+    void makeRows(size_t places) {
+        device.make(distances, Kind::Real, places);
+        device.make(hashes, Kind::Long, places);
+        device.make(around, Kind::Mixed4, device.padded());
+        for (auto& array : heads)
+            device.make(array, Kind::Int, device.padded());
+    }
+
     Array carrying, own, shown;
 
 private:
+    template <class Stop, class Position, class Box> void give(Stop stop, Position position, Box box, double time) {
+        if (!fluid.sources.empty())
+            device.template run<dpdGive_>(position, device.velm(), device.index(), own, sources, (int) fluid.sources.size()/12, takes, Mixed{time}, stop(), box);
+    }
+
     void make4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values) {
         device.make(array, kind, values.size());
         device.upload4(array, kind, values);
@@ -88,8 +126,8 @@ private:
     Device& device;
     const Fluid& fluid;
     int blocks;
-    double unit; // of flows in sums
-    Array rates, capacities, sources, takes;
+    double unit, rateUnit; // of flows in sums, and of rates of exchange
+    Array rates, capacities, sources, takes, distances, hashes, around, heads[2];
 };
 
 }

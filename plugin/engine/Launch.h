@@ -18,7 +18,8 @@ template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return va
 
 // Whether several threads may share a bead is said of each.
 #define DPD_KERNELS(X) X(dpdMove, false) X(dpdDensity, true) X(dpdEvaluate, true) X(dpdKick, true) X(dpdRenew, false) X(dpdCompare, false) X(dpdExchange, false) \
-    X(dpdRows, true) X(dpdPass, true) X(dpdFinish, true) X(dpdCarry, true) X(dpdAdvance, false) X(dpdSwap, false)
+    X(dpdRows, true) X(dpdPass, true) X(dpdFinish, true) X(dpdCarry, true) X(dpdAdvance, false) X(dpdSwap, false) \
+    X(dpdPairs, true) X(dpdSort, false) X(dpdRound, false) X(dpdGive, false)
 #define DPD_TAG(name, share) struct name##_ { static constexpr const char* text = #name; static constexpr bool shared = share; };
 DPD_KERNELS(DPD_TAG)
 #undef DPD_TAG

@@ -17,6 +17,7 @@
 #define RUNAWAY 8
 #define COLD 16       // a temperature that is not > 0
 #define NO_HEAT 32    // a negative coefficient of heat conduction
+#define FEW_ROUNDS 64
 #define MOST_IN_CELL 1
 #define MOST_IN_ROW 2
 #define BOUND 3       // of the eigenvalues of M^-1 G, in units of 2^-20 of the rate that the host passes

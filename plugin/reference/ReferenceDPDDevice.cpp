@@ -58,6 +58,7 @@ thread_local bool PERIODIC, LUCY, LAMMPS;
 #define CARRIES CARRIES
 #include "../engine/kernels.cc"
 #include "../engine/fields.cc"
+#include "../engine/rounds.cc"
 
 }
 

@@ -23,6 +23,8 @@ from ..program_options import ProgramOptions
 TOLERANCE = 5e-4
 #: How many sources there may be: the bits of a number say which act on a bead.
 MOST_SOURCES = 31
+#: How many species a pair update has at most.
+MOST_SWEPT = 3
 #: Attributes of many-body terms, which are all conservative.
 MANY_BODY = ("B", "cutoffB", "cutoffDensity", "densityWeights")
 

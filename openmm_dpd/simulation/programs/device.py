@@ -27,8 +27,26 @@ def device_program(options: ProgramOptions) -> Program:
 def _word(p: Program) -> Program:
     """Add a step by the plugin; a kick at the end of a step leaves its acceleration to one at the start of the next."""
     p.begin()
+    fields = {name: KEPT[FIELD] + k for k, name in enumerate(p.fields())}
+    _hand_over(p, fields)
     _run(p, sum(letter in SWEEPS for letter, _ in p.options.scheme.steps(p.options.thermostat)))
+    if fields:
+        p.declare(AHEAD, 0.0, "steps to the last one of a call")
+        with _drawing_alike(p, f"step(1.5-{AHEAD})", "1", "is it the last step of a call?"):
+            for name, number in fields.items():
+                _exchange(p, name, "v", number)
+            p.set("valid_for", "-1")
+        p.set(AHEAD, f"{AHEAD}-1")
     return p
+
+
+def _hand_over(p: Program, fields: dict[str, int]) -> None:
+    """Add the lines by which the pair force takes over fields."""
+    if fields:
+        p.declare("valid_for", -1.0, "where the acceleration at x is: 1 in acc, 0 or 2 in the pair force, -1 nowhere")
+        with _drawing_alike(p, "abs(valid_for)", "1", "are fields those of the variables, and not of the pair force?"):
+            for name, number in fields.items():
+                _exchange(p, "v", name, number)
 
 
 def _run(p: Program, draws: int) -> None:
@@ -51,10 +69,7 @@ def _verlet(p: Program) -> Program:
     rates = {f"{RATE}{k}": KEPT[RATE] + k for k in range(len(fields))}
     for name in rates:
         p.declare_per_dof(name, "change of the field per time, at x")
-    if fields:
-        with _drawing_alike(p, "abs(valid_for)", "1", "are fields those of the variables, and not of the pair force?"):
-            for name, number in fields.items():
-                _exchange(p, "v", name, number)
+    _hand_over(p, fields)
     if p.options.ramp is not None:  # before the temperature goes on: the noise is that of the last half kick
         with _drawing_alike(p, "valid_for", "-1", "is there no acceleration?"):
             p.phase(Phase.FORCE_SEEN)
@@ -97,7 +112,8 @@ def _drawing_alike(p: Program, name: str, value: str, why: str) -> Iterator[None
 
 def _exchange(p: Program, target: str, source: str, block: int = 0) -> None:
     """Assign while velocities are swapped with what the pair force keeps, during which it exerts no force."""
-    for name, value in ((target, source), ("acc", "acc")):
+    other = source if target == "v" else target
+    for name, value in ((target, source), (other, other)):
         p.phase(Phase.EXCHANGE, block)
         p.each(name, f"{value}+{p.pair_force}")
 

@@ -1,0 +1,249 @@
+// Sweeps from pair to pair: each changes velocities and what its two beads carry, and keeps energy or species to rounding (openmm_dpd/kernels/edpd.py,
+// tdpd.py, exchange.py, docs/theory_energy.md).
+//
+// The order of pairs is that of their hashes.  In a round each bead has a first pair, and a pair acts if it is the first of both its beads; so
+// the result is that of one pair after the other, whatever runs at once.  The bead with the lower number does the work.
+
+DEVICE mixed dpdUniform(mm_ulong pair, int stream) {
+    return ((mixed) (mm_long) (dpdMix(pair+stream*STREAM)>>12)+(mixed) 0.5)*(mixed) 2.220446049250313e-16;
+}
+
+// What an update takes away of a number that decays by x, exactly or as Shardlow's does; and the number after it.
+DEVICE mixed dpdDecay(bool exact, mixed x) {
+    return exact ? -expm1(-x) : x/(1+(mixed) 0.5*x);
+}
+DEVICE mixed dpdRelaxed(mixed old, mixed lost, mixed variance, mixed xi) {
+    return old*(1-lost)+sqrt(lost*(2-lost)*variance)*xi;
+}
+
+// The part of a difference that a pair exchanges among others: e flows at a difference of 1, b is what it changes a bead by, a what flows of all.
+DEVICE mixed dpdExchanged(mixed e, mixed bi, mixed bj, mixed ai, mixed aj, mixed moving) {
+    mixed y = e*(bi+bj), others = (bi*bi*max((mixed) 0, ai-e)+bj*bj*max((mixed) 0, aj-e))/(bi+bj), every = y+others, left = dpdDecay(true, every);
+    mixed more = every+moving*every*others;
+    return others == 0 ? left : min(1+(mixed) 0.75*min(bi, bj)/max(bi, bj), y-y*y/(every*more)*(more-left));
+}
+
+// Change of the entropy of a bead of temperature t that gets an energy, and is at `to` then unless it stays (a = 0).
+DEVICE mixed dpdGained(mixed t, mixed to, mixed energy, mixed a) {
+    return a > 0 ? log1p((to-t)/t)/a : energy/t;
+}
+
+// Weight (w^p) of the exchange of heat or of a species, times its coefficient
+DEVICE mixed dpdRateOf(int row, int species, real r, GLOBAL const real4* RESTRICT carrying) {
+    real4 c = carrying[row*CARRYING_ROWS+(CARRIES == HEAT ? 0 : 1+species)];
+    real w = 1-r*(CARRIES == HEAT ? c.z : carrying[row*CARRYING_ROWS].x);
+    return w > 0 ? c.x*POW(w, CARRIES == HEAT ? c.y : 2*c.z) : 0;
+}
+
+// Whether a pair does anything in a sweep, and what flows between its beads.
+DEVICE bool dpdFlows(int j, real r, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS, GLOBAL const real* RESTRICT capacities, real perUnit,
+        mm_long* sums) {
+    int row = type+types[j];
+    real4 p = params[row];
+    bool acts = 1-r*p.z > 0 && p.y > 0;
+#ifdef EXCEPTIONS
+    if (dpdFactor(index, atomIndex[j], exceptionStart, exceptionBead, exceptionFactor) == 0)
+        return false;
+#endif
+    for (int k = 0; k < (CARRIES == HEAT ? 1 : min(3, CARRYING_ROWS-1)); k++) { // words are refused for more
+        mixed rate = dpdRateOf(row, k, r, carrying);
+        acts = acts || rate > 0 || (CARRIES == SPECIES && carrying[row*CARRYING_ROWS+1+k].y > 0 && 1-r*carrying[row*CARRYING_ROWS].x > 0);
+        sums[k] += realToFixedPoint((real) (perUnit*rate*(CARRIES == HEAT ? capacities[atomIndex[j]] : 1)));
+    }
+    return acts && (v.w != 0 || vel[j].w != 0);
+}
+
+#define KEEP_PAIR \
+    real invR = RSQRT(r2); \
+    if (dpdFlows(j, r2*invR, type, index, v, vel, TERMS_, capacities, perUnit, sums)) { \
+        int k = ENTRY; \
+        if (k < rowRoom) { \
+            rows[k*STRIDE+i] = make_real4(invR*delta.x, invR*delta.y, invR*delta.z, (real) j); \
+            distances[k*STRIDE+i] = r2*invR; \
+            hashes[k*STRIDE+i] = (mm_long) (dpdPairKey((mm_ulong) key, index, atomIndex[j])>>1); \
+        } \
+    }
+
+// Rows of the pairs of each bead, and sums over them of the rates of exchange (times the partner's heat capacity).
+KERNEL BOUNDS void dpdPairs(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+        GLOBAL int* RESTRICT rowCount, GLOBAL real4* RESTRICT rows, GLOBAL real* RESTRICT distances, GLOBAL mm_long* RESTRICT hashes, int rowRoom,
+        GLOBAL mixed4* RESTRICT around, GLOBAL const real* RESTRICT capacities, real perUnit, GLOBAL int* RESTRICT heads, GLOBAL int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
+        return;
+    SHARED(3)
+    EACH_BEAD
+        mm_long sums[3] = {0, 0, 0};
+        EACH_PARTNER(vel, KEEP_PAIR)
+        TOGETHER(sums, 3)
+        if (SUMMED) {
+            int n = ENTRIES;
+            if (n > flags[MOST_IN_ROW])
+                ATOMIC_MAX(&flags[MOST_IN_ROW], n);
+            if (n > rowRoom && rowRoom > 0)
+                HALT(ROWS_FULL)
+            rowCount[i] = n;
+            heads[i] = 0;
+            mixed scale = 1/((mixed) 0x100000000*perUnit);
+            around[i] = make_mixed4(scale*sums[0], scale*sums[1], scale*sums[2], 0);
+        }
+    END_BEAD
+}
+
+// The rows of each bead in the order of their hashes
+KERNEL void dpdSort(GLOBAL const int* RESTRICT rowCount, GLOBAL real4* RESTRICT rows, GLOBAL real* RESTRICT distances, GLOBAL mm_long* RESTRICT hashes,
+        GLOBAL const int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE)
+        for (int k = 1; k < rowCount[i]; k++) {
+            mm_long hash = hashes[k*STRIDE+i];
+            real4 row = rows[k*STRIDE+i];
+            real r = distances[k*STRIDE+i];
+            int to = k;
+            for (; to > 0 && hashes[(to-1)*STRIDE+i] > hash; to--) {
+                hashes[to*STRIDE+i] = hashes[(to-1)*STRIDE+i];
+                rows[to*STRIDE+i] = rows[(to-1)*STRIDE+i];
+                distances[to*STRIDE+i] = distances[(to-1)*STRIDE+i];
+            }
+            hashes[to*STRIDE+i] = hash;
+            rows[to*STRIDE+i] = row;
+            distances[to*STRIDE+i] = r;
+        }
+}
+
+// Motion and temperatures of two beads whose temperature an energy of 1 changes by ai and aj, and then the heat between them; returns the change
+// of the relative velocity.
+DEVICE mixed dpdWarmPair(mixed ev, mixed im, real r, int row, real f, bool exact, mixed dt, mixed* ti, mixed* tj, mixed ai, mixed aj, mixed ci, mixed cj,
+        mixed wi, mixed wj, mm_ulong pair, GLOBAL const real4* RESTRICT params, GLOBAL const real4* RESTRICT carrying,
+        GLOBAL const real4* RESTRICT cubics, bool* negative) {
+    real4 p = params[row], c = carrying[row*CARRYING_ROWS];
+    mixed change = 0, w = 1-r*p.z, strength = f*p.y*p.y*im*dt;
+    if (w > 0 && strength > 0) {
+        mixed quarter = (mixed) 0.25/im, part = quarter*ev*ev, si = *ti+ai*part, sj = *tj+aj*part, rest = (mixed) 0.5*si*sj/(si+sj);
+        if (si > ai*rest && sj > aj*rest) {
+            si -= ai*rest;
+            sj -= aj*rest;
+        }
+        mixed theta = 2*si*sj/(si+sj), exponent = c.w*dpdPolynomial(carrying[row*CARRYING_ROWS+1], (real) ((mixed) 0.5*(si+sj)-1));
+        mixed lost = dpdDecay(exact, strength*pow(w, max((mixed) 0.01, exponent))), to = dpdRelaxed(ev, lost, theta*im, dpdNormal(pair, cubics));
+        mixed gain = quarter*(ev-to)*(ev+to), ni = *ti+ai*gain, nj = *tj+aj*gain;
+        if (ni > 0 && nj > 0 && dpdUniform(pair, 2) < exp(min((mixed) 0, dpdGained(*ti, ni, gain, ai)+dpdGained(*tj, nj, gain, aj)-2*gain/theta))) {
+            change = to-ev;
+            *ti = ni;
+            *tj = nj;
+        }
+    }
+    mixed e = dpdRateOf(row, 0, r, carrying)*ci*cj*dt;
+    if (e > 0) {
+        mixed both = ai+aj, mean = (aj**ti+ai**tj)/both, warmer = dpdPolynomial(carrying[row*CARRYING_ROWS+2], (real) (mean-1));
+        *negative = warmer < 0;
+        if (warmer > 0) {
+            mixed moving = 10*im*dt*c.z*dt*c.z*mean, lost = dpdExchanged(e*warmer, ai, aj, ci*wi*dt*warmer, cj*wj*dt*warmer, moving);
+            mixed bent = (ai-aj)/mean, old = (*ti-*tj)/both, variance = mean*mean/both, root = cbrt((*ti+*tj-mean)/mean), z = 3*old/(1+root+root*root);
+            mixed to = dpdRelaxed(z, lost, variance, dpdNormal(dpdMix(pair+STREAM), cubics)), y = bent*to/3;
+            mixed flow = to*(1+y+y*y/3)-old, ni = *ti+ai*flow, nj = *tj-aj*flow;
+            if (1+y > 0 && ni > 0 && nj > 0 && dpdUniform(pair, 3) < exp(min((mixed) 0, dpdGained(*ti, ni, flow, ai)+dpdGained(*tj, nj, -flow, aj)
+                    +(mixed) 0.5*(to-z)*(to+z)/variance+2*log((1+y)/root)))) {
+                *ti = ni;
+                *tj = nj;
+            }
+        }
+    }
+    return change;
+}
+
+// The exchange of a species of two beads, of which bi and bj are 1, or 0 where it stays
+DEVICE void dpdMixedPair(real r, int row, int species, mixed dt, mixed moving, mixed* ci, mixed* cj, mixed bi, mixed bj, mixed wi, mixed wj,
+        mm_ulong pair, GLOBAL const real4* RESTRICT carrying, GLOBAL const real4* RESTRICT cubics) {
+    real4 c = carrying[row*CARRYING_ROWS+1+species];
+    real w = 1-r*carrying[row*CARRYING_ROWS].x;
+    if (w <= 0)
+        return;
+    w = POW(w, 2*c.z);
+    mixed both = bi+bj, e = (mixed) c.x*w*dt, y = e*both, lost = y > 0 ? dpdExchanged(e, bi, bj, wi*dt, wj*dt, moving) : 0, flow = -lost/both*(*ci-*cj);
+    if (c.y > 0 && *ci >= 0 && *cj >= 0) {
+        mixed shaken = sqrt((mixed) c.y*c.y*w*dt*(y > 0 ? lost*(2-lost)/(2*y) : 1));
+        flow += (*ci+*cj)*shaken*dpdNormal(dpdMix(pair+(species+1)*STREAM), cubics);
+        if ((bi > 0 && *ci+flow < 0) || (bj > 0 && *cj-flow < 0))
+            return;
+    }
+    *ci += bi*flow;
+    *cj -= bj*flow;
+}
+
+// The first pairs of beads, where they are that of both
+KERNEL void dpdRound(GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT own, TERMS, GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows,
+        GLOBAL const real* RESTRICT distances, GLOBAL const mixed4* RESTRICT around, GLOBAL const real* RESTRICT capacities, GLOBAL const int* RESTRICT heads,
+        GLOBAL int* RESTRICT headsNew, int exact, mixed dt, mixed kT, int last, GLOBAL int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        int h = heads[i];
+        headsNew[i] = h;
+        if (h >= rowCount[i])
+            continue;
+        if (last) // there should be none left
+            HALT(FEW_ROUNDS)
+        real4 at = rows[h*STRIDE+i];
+        int j = (int) at.w, g = heads[j];
+        if (g >= rowCount[j] || (int) rows[g*STRIDE+j].w != i)
+            continue;
+        headsNew[i] = h+1;
+        int a = atomIndex[i], b = atomIndex[j], row = types[i]*NUM_TYPES+types[j];
+        if (a > b)
+            continue;
+        real r = distances[h*STRIDE+i], f = 1;
+#ifdef EXCEPTIONS
+        f = dpdFactor(a, b, exceptionStart, exceptionBead, exceptionFactor);
+#endif
+        mm_ulong pair = dpdPairKey((mm_ulong) key, a, b);
+        mixed4 v = velm[i], w = velm[j], u = dpdVelocity(velm, i, atomIndex, wallVelocity), o = dpdVelocity(velm, j, atomIndex, wallVelocity), c = own[a], d = own[b], s = around[i], t = around[j];
+        mixed mine[3] = {c.x, c.y, c.z}, theirs[3] = {d.x, d.y, d.z}, ours[3] = {s.x, s.y, s.z}, others[3] = {t.x, t.y, t.z};
+        mixed im = v.w+w.w, ev = at.x*(u.x-o.x)+at.y*(u.y-o.y)+at.z*(u.z-o.z), change = 0, bi = v.w > 0 ? 1 : 0, bj = w.w > 0 ? 1 : 0;
+        if (CARRIES == HEAT) {
+            mixed ci = capacities[a], cj = capacities[b];
+            bool negative = false;
+            change = dpdWarmPair(ev, im, r, row, f, exact, dt, &mine[0], &theirs[0], bi/ci, bj/cj, ci, cj, s.x, t.x, pair, params, carrying, cubics, &negative);
+            if (negative) {
+                HALT(NO_HEAT)
+                flags[WHO] = a;
+            }
+        }
+        else {
+            real4 p = params[row];
+            mixed wF = 1-r*p.z, range = carrying[row*CARRYING_ROWS].x, moving = 10*kT*im*(dt*range)*(dt*range);
+            if (wF > 0 && p.y > 0) {
+                DPDPair found;
+                dpdPair(&found, row, a, b, r, TERMS_);
+                mixed root = found.root*found.w;
+                change = dpdRelaxed(ev, dpdDecay(exact, root*root*im*dt), kT*im, dpdNormal(pair, cubics))-ev;
+            }
+            for (int k = 0; k < min(3, CARRYING_ROWS-1); k++)
+                dpdMixedPair(r, row, k, dt, moving, &mine[k], &theirs[k], bi, bj, ours[k], others[k], pair, carrying, cubics);
+        }
+        change /= im;
+        velm[i] = make_mixed4(v.x+change*v.w*at.x, v.y+change*v.w*at.y, v.z+change*v.w*at.z, v.w);
+        velm[j] = make_mixed4(w.x-change*w.w*at.x, w.y-change*w.w*at.y, w.z-change*w.w*at.z, w.w);
+        own[a] = make_mixed4(mine[0], mine[1], mine[2], 0);
+        own[b] = make_mixed4(theirs[0], theirs[1], theirs[2], 0);
+    }
+}
+
+// What sources give in a time
+KERNEL void dpdGive(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT velm, GLOBAL const int* RESTRICT atomIndex,
+        GLOBAL mixed4* RESTRICT own, GLOBAL const mixed4* RESTRICT sources, int numSources, GLOBAL const int* RESTRICT takes, mixed time,
+        GLOBAL int* RESTRICT flags, int launch, BOX) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE)
+        if (velm[i].w != 0) {
+            int bead = atomIndex[i];
+            mixed4 value = own[bead];
+            dpdAdd(&value, time, dpdGiven(bead, 0, dpdLoad(pos, corr, i), sources, numSources, takes, BOX_));
+            own[bead] = value;
+            if (CARRIES == HEAT && !(dpdFinite(value.x) && value.x > 0)) {
+                HALT(COLD)
+                flags[WHO] = bead;
+            }
+        }
+}

@@ -1,0 +1,176 @@
+"""Pair updates of heat and species on the device, from pair to pair in rounds: beside numpy, what is kept, bits, restarts, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import openmm
+import oracle_meso as oracle
+import pytest
+from conftest import available
+from devices import Device
+from reference_forces import between
+from scenes import noise_of, same_bits, state_of
+from test_fields import MIXED, N, POLYNOMIALS, SPECIES, WARM, carried, carrying, ends_of, options_of, square
+from test_steps import made_on, run_on
+
+import openmm_dpd as dpd
+from openmm_dpd.kernels import noise as hashed
+from openmm_dpd.runtime import compiled
+
+#: Nothing pushes: the first step begins with a sweep, and its velocities stay.
+SWEPT = {"O": "O B/2 A B/2", "S": "S B/2 A B/2"}
+DT, STEP_SEED = 0.02, 5
+
+
+@compiled
+def _hashes(key, table, drawn):
+    for i in range(len(table)):
+        for j in range(i + 1, len(table)):
+            pair = hashed.pair_key(key, i, j)
+            table[i, j] = table[j, i] = pair >> np.uint64(1)
+            for k in range(len(drawn)):
+                drawn[k, i, j] = drawn[k, j, i] = hashed.uniform(pair, k)
+
+
+def three(scene):
+    """A scene with three species at most."""
+    if not isinstance(scene.internal, dpd.Concentrations):
+        return scene
+    table = {pair: replace(c, **{name: values[:3] for name, values in SPECIES.items()}) for pair, c in scene.tables[0].entries.items()}
+    return replace(scene, pairs=table, internal=dpd.Concentrations(scene.internal.values[:, :3]))
+
+
+def frictional(scene):
+    """Without repulsion."""
+    return replace(scene, pairs={pair: replace(c, A=0.0) for pair, c in scene.tables[0].entries.items()})
+
+
+def swept(scene, letter: str) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities and what beads carry after a sweep by the oracle, in the order of hashes."""
+    hashes, drawn = np.zeros((N, N), np.uint64), np.zeros((4, N, N))
+    _hashes(hashed.noise_key(STEP_SEED, 1, 0, 1.0), hashes, drawn)
+    geometry, reach = between(scene), max(WARM["cutoff"] + WARM["cutoff_T"])
+    pairs = [(i, j) for i in range(N) for j in range(i + 1, N) if geometry(i, j)[0] < reach]
+    order = sorted(pairs, key=lambda pair: hashes[pair])
+    draw = noise_of(N, STEP_SEED, 1, 1.0)
+    numbers = np.array([[[draw(i, j, k) if i < j else 0.0 for j in range(N)] for i in range(N)] for k in range(4)])
+    xi, flows = numbers[0] + numbers[0].T, numbers[1:] - np.swapaxes(numbers[1:], 1, 2)
+    masses = np.where(scene.immobile, np.inf, scene.bead_masses)
+    if isinstance(scene.internal, dpd.Concentrations):
+        values = [square(MIXED[name]) for name in ("gamma", "exponent", "cutoff", "cutoff_c")]
+        species = [values[:3] for values in SPECIES.values()]
+        return oracle.tdpd_sweep(
+            scene.velocities, scene.internal.values, scene.type_ids, masses, *values, *species, 1.0, order, geometry, DT, xi, flows,
+            shardlow=letter == "S",
+        )  # fmt: skip
+    values = [square(WARM[name]) for name in ("gamma", "exponent", "cutoff", "kappa", "exponent_T", "cutoff_T")]
+    v, temperature = oracle.edpd_sweep(
+        scene.velocities, scene.internal.values(N)[:, 0], scene.internal.heat_capacities(N), scene.type_ids, masses, *values, order, geometry, DT,
+        xi, flows[0], *drawn[2:], *map(square, POLYNOMIALS.values()), shardlow=letter == "S",
+    )  # fmt: skip
+    return v, temperature[:, None]
+
+
+@pytest.mark.parametrize("letter", SWEPT)
+@pytest.mark.parametrize("name", ["plain", "immobile"])
+@pytest.mark.parametrize("kind", ["heat", "species"])
+def test_a_sweep_is_the_oracles(kind, name, letter, device):
+    if device.precision == "single":
+        pytest.skip("single precision is refused")
+    if device.precision == "double" and (name, letter) != ("plain", "O"):
+        pytest.skip("compiled once, to save time")
+    scene = frictional(three(carrying(kind, **({} if name == "plain" else options_of(name)), spread=0)))
+    simulation = run_on(scene, device, SWEPT[letter], dt=DT)
+    v, values = swept(scene, letter)
+    simulation.step(1)
+    moving, bound = ~scene.immobile, device.choose(1e-9, {"mixed": 1e-5}.get(device.precision, 1e-9), 1e-5)
+    found = carried(simulation)[:, : values.shape[1]]
+    np.testing.assert_allclose(state_of(simulation.context)[1][moving], v[moving], rtol=0, atol=bound * np.abs(v).max())
+    np.testing.assert_allclose(found, values, rtol=0, atol=bound * np.abs(values).max())
+    assert np.abs(found - carried(run_on(scene, device, SWEPT[letter], dt=DT))[:, : values.shape[1]]).max() > 1e-3
+
+
+@pytest.mark.parametrize("kind", ["heat", "species"])
+@pytest.mark.parametrize("scheme", ["middle", "bababo", "aboba", "shardlow", "O A/2 B A/2", "A/2 B O A/2", "B/2 A B/2 O"])
+def test_words_with_next_to_no_updates_are_the_hosts(scheme, kind):
+    """Sources change temperatures, and forces follow these at every kick."""
+    scene = three(carrying(kind, **options_of("sources")))
+    names = {"gamma": 1e-12} | ({"kappa": 0.0} if kind == "heat" else {"kappa": (0.0,) * 3, "epsilon": (0.0,) * 3})
+    scene = replace(scene, pairs={pair: replace(c, **names) for pair, c in scene.tables[0].entries.items()})
+    ours = run_on(scene, available(Device("Reference")), scheme, dt=0.01)
+    host = dpd.build(scene, dt=0.01, scheme=scheme, platform="Reference", seed=STEP_SEED, engine="host").simulation()
+    for n in (1, 4, 7):
+        for each in (ours, host):
+            each.step(n)
+            each.context.getState(energy=True)
+        for mine, theirs in zip((*state_of(ours.context), carried(ours)), (*state_of(host.context), carried(host)), strict=True):
+            np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-6 * np.abs(theirs).max())
+
+
+@pytest.mark.parametrize("scheme", ["middle", "shardlow"])
+def test_energy_momentum_and_species_are_kept_to_rounding(scheme, exact):
+    scene = frictional(carrying("heat"))
+    mass, capacities = scene.bead_masses[:, None], scene.internal.capacities
+    simulation, energies, momenta = run_on(scene, exact, scheme, dt=0.05), [], []
+    for n in (200, 0):
+        v = state_of(simulation.context)[1]
+        energies.append(0.5 * np.sum(mass * v**2) + capacities @ carried(simulation)[:, 0])
+        momenta.append((mass * v).sum(axis=0))
+        simulation.step(n)
+    assert energies[1] == pytest.approx(energies[0], rel=1e-11)
+    np.testing.assert_allclose(momenta[1], momenta[0], rtol=0, atol=1e-9)
+    assert carried(simulation)[:, 0].min() > 0
+    scene = three(carrying("species"))
+    simulation = run_on(scene, exact, scheme, dt=0.02)
+    simulation.step(100)
+    after = carried(simulation)[:, :3]
+    assert after.min() >= 0 and np.abs(after - scene.internal.values).max() > 0.1
+    np.testing.assert_allclose(after.sum(axis=0), scene.internal.values.sum(axis=0), rtol=1e-11)
+
+
+@pytest.mark.parametrize("kind", ["heat", "species"])
+def test_restarts_cuts_and_shared_beads_have_the_same_bits(kind, tmp_path, monkeypatch):
+    scene, device, scheme = three(carrying(kind, **options_of("sources"))), available(Device("OpenCL", "mixed")), "bababo"
+    whole, cut, loaded = (run_on(scene, device, scheme, dt=0.01) for _ in range(3))
+    whole.step(20)
+    cut.step(7)
+    cut.context.getState(energy=True, forces=True)
+    cut.step(3)
+    cut.saveCheckpoint(str(tmp_path / "checkpoint"))
+    cut.saveState(str(tmp_path / "state.xml"))
+    cut.step(10)
+    loaded.loadCheckpoint(str(tmp_path / "checkpoint"))
+    loaded.step(10)
+    ends = ends_of(whole, cut, loaded)
+    cut.loadState(str(tmp_path / "state.xml"))
+    cut.step(10)
+    ends += ends_of(cut)
+    if kind == "species":
+        monkeypatch.setenv("OPENMM_DPD_DEVICE_LANES", "8")
+        shared = run_on(scene, device, scheme, dt=0.01)
+        shared.step(20)
+        ends += ends_of(shared)
+    assert all(same_bits(ends[0], end) for end in ends[1:])
+
+
+def test_more_rounds_than_expected_are_made_in_another_try():
+    """All beads in one spot: every pair of a bead waits for all others."""
+    scene = frictional(three(carrying("species")))
+    rng = np.random.default_rng(2)
+    simulation = run_on(scene, available(Device("Reference")), "middle", dt=0.01)
+    simulation.step(1)
+    simulation.context.setPositions(2.0 + 0.3 * rng.random((N, 3)))
+    simulation.step(1)
+    np.testing.assert_allclose(carried(simulation)[:, :3].sum(axis=0), scene.internal.values.sum(axis=0), rtol=1e-11)
+
+
+def test_what_it_has_not_is_refused():
+    exact, heat = available(Device("Reference")), carrying("heat")
+    with pytest.raises(dpd.PlanError, match="it has pair updates of up to 3 species"):
+        made_on(carrying("species"), exact, "middle")
+    with pytest.raises(Exception, match="need mixed or double precision"):
+        run_on(heat, available(Device("OpenCL", "single")), "middle")
+    context = run_on(heat, exact, "middle").context
+    context.setParameter("dpd_phase", 101)
+    with pytest.raises(openmm.OpenMMException, match="those of whole steps alone"):
+        context.getState(forces=True)
