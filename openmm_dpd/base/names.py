@@ -20,9 +20,7 @@ class Phase(IntEnum):
     SWEEP_KEPT = 200  # (+ pair update) impulses/dt of a sweep at the kept positions
     READ = 300  # (+ block) read three values per bead, per-bead fields, from seen - kept
     CHANGE = 400  # (+ block) changes of these values by the last evaluation: rates, or after a sweep increments
-    EXCHANGE = (
-        500  # (+ block) on the device: swap velocities with what is kept (0: accelerations, 1: velocities that friction saw; see KEPT)
-    )
+    EXCHANGE = 500  # (+ block) on the device: swap velocities with what is kept (0: accelerations, 1: velocities seen; others: KEPT)
     RUN = 600  # (+ 1: nothing is kept from the last one; + 2: foreign forces may differ) a whole step in one update, on the device
 
 

@@ -50,24 +50,22 @@ def hand_over(context: openmm.Context, group: int) -> None:
     """Have a device take over the fields of a Context, through its velocities, which are what they were afterwards."""
     integrator = context.getIntegrator()
     names = [name for name in map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables())) if name.startswith(FIELD)]
-    if not names:
-        return
     velocities = openmm.Context.getState(context, velocities=True).getVelocities(asNumpy=True)
     for name in names:
         openmm.Context.setVelocities(context, per_dof(integrator, name))
         swap_kept(context, group, KEPT[FIELD] + int(name.removeprefix(FIELD)))
-    openmm.Context.setVelocities(context, velocities)
+        openmm.Context.setVelocities(context, velocities)
 
 
 def kept_rates(context: openmm.Context, spec: FieldSpec, group: int) -> np.ndarray:
     """(N, K) changes of the fields per time that a device has computed last, 0 of beads that do not move."""
     blocks = []
     for number in range(KEPT[RATE], KEPT[RATE] + spec.n_blocks):
-        for _ in range(2):
-            swap_kept(context, group, number)
-            v = openmm.Context.getState(context, velocities=True).getVelocities(asNumpy=True)
-            blocks.append(np.where(spec.immobile[:, None], 0.0, v.value_in_unit(unit.nanometer / unit.picosecond)))
-    return np.concatenate(blocks[::2], axis=1)[:, : spec.n_values]
+        swap_kept(context, group, number)
+        v = openmm.Context.getState(context, velocities=True).getVelocities(asNumpy=True).value_in_unit(unit.nanometer / unit.picosecond)
+        blocks.append(np.where(spec.immobile[:, None], 0.0, v))
+        swap_kept(context, group, number)
+    return np.concatenate(blocks, axis=1)[:, : spec.n_values]
 
 
 def raw_fields(context: openmm.Context, spec: FieldSpec) -> np.ndarray:

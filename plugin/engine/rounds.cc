@@ -1,8 +1,10 @@
 // Sweeps from pair to pair: each changes velocities and what its two beads carry, and keeps energy or species to rounding (openmm_dpd/kernels/edpd.py,
 // tdpd.py, exchange.py, docs/theory_energy.md).
 //
-// The order of pairs is that of their hashes.  In a round each bead has a first pair, and a pair acts if it is the first of both its beads; so
+// The order of pairs is that of hashes of their own, which know nothing of their noise.  In a round each bead has a first pair, and a pair acts if it is the first of both its beads; so
 // the result is that of one pair after the other, whatever runs at once.  The bead with the lower number does the work.
+
+#define ORDER 1000 // number of the stream behind those of the noise
 
 DEVICE mixed dpdUniform(mm_ulong pair, int stream) {
     return ((mixed) (mm_long) (dpdMix(pair+stream*STREAM)>>12)+(mixed) 0.5)*(mixed) 2.220446049250313e-16;
@@ -60,7 +62,7 @@ DEVICE bool dpdFlows(int j, real r, int type, int index, mixed4 v, GLOBAL const 
         if (k < rowRoom) { \
             rows[k*STRIDE+i] = make_real4(invR*delta.x, invR*delta.y, invR*delta.z, (real) j); \
             distances[k*STRIDE+i] = r2*invR; \
-            hashes[k*STRIDE+i] = (mm_long) (dpdPairKey((mm_ulong) key, index, atomIndex[j])>>1); \
+            hashes[k*STRIDE+i] = (mm_long) (dpdMix(dpdPairKey((mm_ulong) key, index, atomIndex[j])+ORDER*STREAM)>>1); \
         } \
     }
 

@@ -57,4 +57,15 @@ __device__ inline double max(double x, double y) { return __builtin_fmax(x, y); 
 #define RSQRT(x) (1/SQRT(x))
 #define LOG(x) (real) __builtin_logf((float) (x))
 #define POW(x, y) (real) __builtin_powf((float) (x), (float) (y))
+// of the precision of float alone: they stand for calls that take other registers
+__device__ inline mixed exp(mixed x) { return (mixed) __builtin_expf((float) x); }
+__device__ inline mixed log(mixed x) { return (mixed) __builtin_logf((float) x); }
+__device__ inline mixed pow(mixed x, mixed y) { return (mixed) __builtin_powf((float) x, (float) y); }
+__device__ inline mixed expm1(mixed x) { return exp(x)-1; }
+__device__ inline mixed log1p(mixed x) { return log(1+x); }
+__device__ inline mixed cbrt(mixed x) { return pow(x, (mixed) 1/3); }
+__device__ inline float sqrt(float x) { return __builtin_sqrtf(x); }
+__device__ inline double sqrt(double x) { return __builtin_sqrt(x); }
+__device__ inline float min(float x, float y) { return __builtin_fminf(x, y); }
+__device__ inline double min(double x, double y) { return __builtin_fmin(x, y); }
 __device__ inline mm_long realToFixedPoint(real x) { return (mm_long) (x*0x100000000); }

@@ -9,8 +9,8 @@ import pytest
 from conftest import available
 from devices import Device
 from reference_forces import between
-from scenes import noise_of, same_bits, state_of
-from test_fields import MIXED, N, POLYNOMIALS, SPECIES, WARM, carried, carrying, ends_of, options_of, square
+from scenes import beads, noise_of, same_bits, state_of
+from test_fields import MIXED, POLYNOMIALS, SPECIES, WARM, N, carried, carrying, ends_of, options_of, square
 from test_steps import made_on, run_on
 
 import openmm_dpd as dpd
@@ -23,11 +23,11 @@ DT, STEP_SEED = 0.02, 5
 
 
 @compiled
-def _hashes(key, table, drawn):
+def _hashes(key, stream, table, drawn):
     for i in range(len(table)):
         for j in range(i + 1, len(table)):
             pair = hashed.pair_key(key, i, j)
-            table[i, j] = table[j, i] = pair >> np.uint64(1)
+            table[i, j] = table[j, i] = hashed.mix(pair + np.uint64(1000) * stream) >> np.uint64(1)
             for k in range(len(drawn)):
                 drawn[k, i, j] = drawn[k, j, i] = hashed.uniform(pair, k)
 
@@ -48,7 +48,7 @@ def frictional(scene):
 def swept(scene, letter: str) -> tuple[np.ndarray, np.ndarray]:
     """Velocities and what beads carry after a sweep by the oracle, in the order of hashes."""
     hashes, drawn = np.zeros((N, N), np.uint64), np.zeros((4, N, N))
-    _hashes(hashed.noise_key(STEP_SEED, 1, 0, 1.0), hashes, drawn)
+    _hashes(hashed.noise_key(STEP_SEED, 1, 0, 1.0), np.uint64(0xD1342543DE82EF95), hashes, drawn)
     geometry, reach = between(scene), max(WARM["cutoff"] + WARM["cutoff_T"])
     pairs = [(i, j) for i in range(N) for j in range(i + 1, N) if geometry(i, j)[0] < reach]
     order = sorted(pairs, key=lambda pair: hashes[pair])
@@ -126,6 +126,18 @@ def test_energy_momentum_and_species_are_kept_to_rounding(scheme, exact):
     after = carried(simulation)[:, :3]
     assert after.min() >= 0 and np.abs(after - scene.internal.values).max() > 0.1
     np.testing.assert_allclose(after.sum(axis=0), scene.internal.values.sum(axis=0), rtol=1e-11)
+
+
+def test_the_order_of_pairs_knows_nothing_of_their_noise(exact):
+    """Updates that are exact one by one leave the distribution as it is in any order, but not in one by the noise."""
+    rng, n = np.random.default_rng(6), 1000
+    table, internal = {("W", "W"): dpd.EDPD(A=0.0, gamma=4.5, kappa=0.01)}, dpd.BeadTemperatures(1.0, 1e4)
+    scene = beads(n, edge=(n / 3) ** (1 / 3), table=table, internal=internal, velocities=rng.normal(size=(n, 3)))
+    simulation, found = run_on(scene, exact, "middle", dt=0.1), []
+    for _ in range(20):
+        simulation.step(3)
+        found.append(np.mean(state_of(simulation.context)[1] ** 2))
+    assert np.mean(found) == pytest.approx(1.0, abs=0.025)
 
 
 @pytest.mark.parametrize("kind", ["heat", "species"])

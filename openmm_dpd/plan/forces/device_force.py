@@ -21,10 +21,8 @@ from ..program_options import ProgramOptions
 
 #: How exactly the linear systems of pair updates are solved: what is left, relative to what a midpoint step changes.
 TOLERANCE = 5e-4
-#: How many sources there may be: the bits of a number say which act on a bead.
-MOST_SOURCES = 31
-#: How many species a pair update has at most.
-MOST_SWEPT = 3
+#: How many sources there may be, bits of a number that say which act on a bead; and how many species in a pair update.
+MOST_SOURCES, MOST_SWEPT = 31, 3
 #: Attributes of many-body terms, which are all conservative.
 MANY_BODY = ("B", "cutoffB", "cutoffDensity", "densityWeights")
 

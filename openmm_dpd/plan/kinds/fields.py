@@ -86,10 +86,10 @@ def _thermal_terms(table: Resolved, beads: BeadData) -> ThermalTable:
 
 
 def _thermal_on_device(table: ThermalTable) -> dict[str, np.ndarray]:
-    with np.errstate(divide="ignore"):
-        single = np.stack([table.kappa, table.exponent_T, np.minimum(1.0 / table.cutoff_T, 1e30), table.exponent], axis=-1)
+    single = np.stack([table.kappa, table.exponent_T, 1.0 / np.maximum(table.cutoff_T, 1e-30), table.exponent], axis=-1)
     rows = np.stack([single, table.exponent_polynomial, table.kappa_polynomial], axis=-2)
-    return _plain(table, 1.0) | {"carries": np.array(1), "lammps": np.array(int(table.lammps)), "carrying": rows, "cutoffCarried": table.cutoff_T}
+    kind = {"carries": np.array(1), "lammps": np.array(int(table.lammps))}
+    return _plain(table, 1.0) | kind | {"carrying": rows, "cutoffCarried": table.cutoff_T}
 
 
 def _plain(table: ThermalTable | SpeciesTable, exponent: np.ndarray | float) -> dict[str, np.ndarray]:
@@ -152,8 +152,7 @@ def _species_terms(table: Resolved, beads: BeadData) -> SpeciesTable:
 
 def _species_on_device(table: SpeciesTable) -> dict[str, np.ndarray]:
     zero, reach = np.zeros_like(table.kappa), np.zeros((*table.A.shape, 1, 4))
-    with np.errstate(divide="ignore"):
-        reach[..., 0, 0] = np.minimum(1.0 / table.cutoff_c, 1e30)
+    reach[..., 0, 0] = 1.0 / np.maximum(table.cutoff_c, 1e-30)
     rows = np.concatenate([reach, np.stack([table.kappa, table.epsilon, 0.5 * table.exponent_c, zero], axis=-1)], axis=-2)
     return _plain(table, 0.5 * table.exponent) | {"carries": np.array(2), "carrying": rows, "cutoffCarried": table.cutoff_c}
 

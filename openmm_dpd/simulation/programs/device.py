@@ -27,26 +27,29 @@ def device_program(options: ProgramOptions) -> Program:
 def _word(p: Program) -> Program:
     """Add a step by the plugin; a kick at the end of a step leaves its acceleration to one at the start of the next."""
     p.begin()
-    fields = {name: KEPT[FIELD] + k for k, name in enumerate(p.fields())}
-    _hand_over(p, fields)
+    fields = _hand_over(p)
     _run(p, sum(letter in SWEEPS for letter, _ in p.options.scheme.steps(p.options.thermostat)))
     if fields:
         p.declare(AHEAD, 0.0, "steps to the last one of a call")
         with _drawing_alike(p, f"step(1.5-{AHEAD})", "1", "is it the last step of a call?"):
-            for name, number in fields.items():
-                _exchange(p, name, "v", number)
+            _exchange_all(p, fields, give=False)
             p.set("valid_for", "-1")
         p.set(AHEAD, f"{AHEAD}-1")
     return p
 
 
-def _hand_over(p: Program, fields: dict[str, int]) -> None:
-    """Add the lines by which the pair force takes over fields."""
+def _hand_over(p: Program) -> dict[str, int]:
+    """Add the lines by which the pair force takes over fields; returns their numbers for it."""
+    fields = {name: KEPT[FIELD] + k for k, name in enumerate(p.fields())}
     if fields:
-        p.declare("valid_for", -1.0, "where the acceleration at x is: 1 in acc, 0 or 2 in the pair force, -1 nowhere")
         with _drawing_alike(p, "abs(valid_for)", "1", "are fields those of the variables, and not of the pair force?"):
-            for name, number in fields.items():
-                _exchange(p, "v", name, number)
+            _exchange_all(p, fields, give=True)
+    return fields
+
+
+def _exchange_all(p: Program, numbers: dict[str, int], *, give: bool) -> None:
+    for name, number in numbers.items():
+        _exchange(p, *(("v", name) if give else (name, "v")), number)
 
 
 def _run(p: Program, draws: int) -> None:
@@ -65,22 +68,19 @@ def _verlet(p: Program) -> Program:
     p.declare_per_dof("acc", "acceleration at x, with friction and noise")
     p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
-    fields = {name: KEPT[FIELD] + k for k, name in enumerate(p.fields())}
+    fields = _hand_over(p)
     rates = {f"{RATE}{k}": KEPT[RATE] + k for k in range(len(fields))}
     for name in rates:
         p.declare_per_dof(name, "change of the field per time, at x")
-    _hand_over(p, fields)
     if p.options.ramp is not None:  # before the temperature goes on: the noise is that of the last half kick
         with _drawing_alike(p, "valid_for", "-1", "is there no acceleration?"):
             p.phase(Phase.FORCE_SEEN)
             p.each("acc", f"{p.kicking}/m", "all forces, with friction of the present velocities")
-            for name, number in rates.items():
-                _exchange(p, name, "v", number)
+            _exchange_all(p, rates, give=False)
             p.set("valid_for", "1")
     with _drawing_alike(p, "valid_for", "1", "is there an acceleration from outside?"):
         _exchange(p, "v", "acc")
-        for name, number in rates.items():
-            _exchange(p, "v", name, number)
+        _exchange_all(p, rates, give=True)
     _run(p, 1)
     # steps of others, which nobody counts, all leave what beads carry behind
     with _drawing_alike(p, f"step(1.5-{AHEAD})" if fields else AHEAD, "1", "is it the last step of a call?"):
@@ -88,8 +88,7 @@ def _verlet(p: Program) -> Program:
         if p.options.lam != 0.5:
             p.declare_per_dof("vp", "predicted velocity")
             _exchange(p, "vp", "v", 1)
-        for name, number in (fields | rates).items():
-            _exchange(p, name, "v", number)
+        _exchange_all(p, fields | rates, give=False)
         p.set("valid_for", "1")
     p.set(AHEAD, f"{AHEAD}-1")
     return p
