@@ -139,6 +139,8 @@ public:
             device.give();
             return 0.0;
         }
+        if (phase >= SWEEP && phase < EXCHANGE && fluid.carries != NOTHING)
+            throw OpenMM::OpenMMException("DPDDeviceForce: pair updates of what particles carry are those of whole steps alone");
         if (phase >= EXCHANGE) {
             needSeen();
             device.template run<dpdExchange_>(position(), correction(), posB, corrB, device.velm(), phase%100 == 0 ? acc : seen, flags, number());
@@ -629,8 +631,6 @@ private:
     // A sweep over a part of the step at binned positions; exact ones in so many halves that what a midpoint step changes of an exponential is small.
     void sweep(const Now& now, bool exact, double part, double kick, double drift, bool toForce) {
         if (fluid.carries != NOTHING) {
-            if (toForce)
-                throw OpenMM::OpenMMException("DPDDeviceForce: pair updates of what particles carry are those of whole steps alone");
             fields.sweep(stop(), place_(), TERMS(now, now.dt, 0), CELLS(), BOX(), rowCount, rows, rowRoom, rounds, exact, part*now.dt, now.kT);
             if (kick != 0 || drift != 0 || here == 1)
                 move(now, kick, drift);

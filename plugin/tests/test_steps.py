@@ -617,9 +617,9 @@ MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.
     "scene, scheme, reason",
     [
         (
-            lambda: fluid({("*", "*"): dpd.EDPD(A=25, gamma=4.5, kappa=0.01)}, BOX, n=40, internal=dpd.BeadTemperatures(1.0, 1000.0)),
+            lambda: fluid({("*", "*"): dpd.EnergyDPD(A=25, sigma=3)}, BOX, n=40, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(60), 1.0)),
             "mvv",
-            "it has no EDPD",
+            "it has no EnergyDPD",
         ),
         (lambda: fluid(PLAIN, BOX, n=40), "native", "OpenMM's own integrator steps"),
         (lambda: fluid({("*", "*"): D(A=25)}, BOX, n=40), "middle", "there is no friction and no noise"),
