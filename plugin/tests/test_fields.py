@@ -296,7 +296,7 @@ def test_what_cannot_go_on_is_an_error(change, message):
 @pytest.mark.parametrize(
     "kind, options, scheme, message",
     [
-        ("heat", {}, "middle", "it has EDPD with scheme='mvv' alone"),
+        ("species", {}, "middle", "it has pair updates of up to 3 species"),
         ("species", {"sources": [dpd.Buoyancy([0, 0, 1.0], 1.0)]}, "mvv", "no forces that follow what beads carry"),
         ("species", {"sources": [Source(Sphere([1, 1, 1], 1), 0.1)] * 32}, "mvv", "no more than 31 sources"),
     ],

@@ -11,7 +11,7 @@ from devices import Device
 from reference_forces import between
 from scenes import beads, noise_of, same_bits, state_of
 from test_fields import MIXED, POLYNOMIALS, SPECIES, WARM, N, carried, carrying, ends_of, options_of, square
-from test_steps import made_on, run_on
+from test_steps import run_on
 
 import openmm_dpd as dpd
 from openmm_dpd.kernels import noise as hashed
@@ -178,8 +178,6 @@ def test_more_rounds_than_expected_are_made_in_another_try():
 
 def test_what_it_has_not_is_refused():
     exact, heat = available(Device("Reference")), carrying("heat")
-    with pytest.raises(dpd.PlanError, match="it has pair updates of up to 3 species"):
-        made_on(carrying("species"), exact, "middle")
     with pytest.raises(Exception, match="need mixed or double precision"):
         run_on(heat, available(Device("OpenCL", "single")), "middle")
     context = run_on(heat, exact, "middle").context
