@@ -617,7 +617,9 @@ MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.
     "scene, scheme, reason",
     [
         (
-            lambda: fluid({("*", "*"): dpd.EnergyDPD(A=25, sigma=3)}, BOX, n=40, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(60), 1.0)),
+            lambda: fluid(
+                {("*", "*"): dpd.EnergyDPD(A=25, sigma=3)}, BOX, n=40, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(60), 1.0)
+            ),
             "mvv",
             "it has no EnergyDPD",
         ),
