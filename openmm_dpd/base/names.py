@@ -66,6 +66,8 @@ BONDS = "bonds"
 #: Context parameter where forces depend on bonds or temperatures, which OpenMM does not hand to them: the number of what they are now
 #: (:class:`openmm_dpd.plan.forces.thread_state.Shown`), 0 if nobody has said it.
 SHOWN = "dpd_shown"
+#: Context parameter with temperatures or concentrations: 1 where beads that do not move have others than at the start, which programs skip.
+WRITTEN = "dpd_written"
 #: Prefix of per-DOF variables with the velocities and fields that the last call of step left; and global variables that mark the first and
 #: last step of a call (by default every step is both).
 LEFT, FIRST, LAST = "left_", "first", "last"

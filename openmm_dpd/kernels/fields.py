@@ -57,6 +57,10 @@ class FieldSpec:
         """Number of per-DOF variables it takes: three values fit in each.  Energies have a third component for what rounding lost."""
         return -(-self.n_values // 3)
 
+    def written(self, values: np.ndarray) -> bool:
+        """Whether beads that do not move have other values (N, K) than at the start, beyond single precision."""
+        return not np.allclose(values[self.immobile], self.initial[self.immobile], rtol=1e-6, atol=0.0)
+
     def of(self, beads: np.ndarray) -> FieldSpec:
         """The fields of a choice of beads, without sources."""
         eos = None if self.eos is None else self.eos.of(beads)

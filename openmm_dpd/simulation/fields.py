@@ -12,7 +12,7 @@ import openmm
 from openmm import unit
 
 from ..base.errors import ParameterError, what_is
-from ..base.names import BONDS, FIELD, KEPT, PHASE, RATE, Phase
+from ..base.names import BONDS, FIELD, KEPT, PHASE, RATE, WRITTEN, Phase
 from ..base.units import thermal_energies, to_md
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
 from ..model.internal import InternalEnergy
@@ -136,7 +136,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
     """Set the per-bead fields of a running scene.
 
     Those of immobile beads (walls that are heated, say) can be set where the kernel does whole steps, which ``built.explain()`` says;
-    with internal energies these beads are reservoirs, which stay as they are.
+    with internal energies these beads are reservoirs, which stay as they are.  Programs of OpenMM's then refuse to step.
 
     Parameters
     ----------
@@ -192,6 +192,8 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
         raise ParameterError(f"bead {other[0]} is immobile and keeps its value, since {why}; leave such beads what read_fields returns")
     for name, block in field_variables(new).items():
         integrator.setPerDofVariableByName(name, block)
+    if spec.kind != ENERGY:
+        context.setParameter(WRITTEN, float(spec.written(new)))
 
 
 def _per_bead(value, shape: tuple[int, ...], name: str) -> np.ndarray:

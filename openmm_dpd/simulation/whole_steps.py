@@ -187,6 +187,8 @@ class WholeSteps:
             put(integrator, shared.RAMP_STEP, moment.ramped)
         if spec.driven is not None and moment.impulses is not None:
             now |= {name: float(moment.impulses[place]) for place, name in spec.driven.impulses.items() if name in parameters}
+        if (fields := function.spec.fields) is not None and shared.WRITTEN in parameters:
+            now[shared.WRITTEN] = float(fields.written(moment.values))  # type: ignore[arg-type]  # where there are fields, there are values
         for name, value in now.items():
             context.setParameter(name, value)
         parameters |= now

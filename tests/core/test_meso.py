@@ -216,6 +216,29 @@ def test_walls_take_other_values_in_a_run(make, name):
     np.testing.assert_allclose(*ends, rtol=1e-12)  # a program and a loop agree to rounding
 
 
+@pytest.mark.parametrize("way", ["XML", "CompoundIntegrator", "written back"])
+def test_walls_with_other_values_refuse_programs_which_skip_them(way):
+    """A program of OpenMM's knows the values of the start alone: it steps where these have been written back, and nowhere else."""
+    written = running(heat_scene(), DEVICES[1])
+    start = read_fields(written.context, written.built.plan)["theta"]
+    write_fields(written.context, written.built.plan, theta=np.where(heat_scene().immobile, 3.0, start))
+    if way == "written back":
+        write_fields(written.context, written.built.plan, theta=start)
+    state = written.context.getState(positions=True, velocities=True, parameters=True)
+    integrator = openmm.XmlSerializer.clone(written.integrator)
+    if way == "CompoundIntegrator":
+        compound = openmm.CompoundIntegrator()
+        compound.addIntegrator(integrator)
+        integrator = compound
+    context = openmm.Context(written.system, integrator, openmm.Platform.getPlatformByName("CPU"))
+    context.setState(state)
+    if way == "written back":
+        integrator.step(1)
+    else:
+        with pytest.raises(openmm.OpenMMException, match="write_fields"):
+            integrator.step(1)
+
+
 def scene_fields(simulation):
     return simulation.built.plan.spec.fields
 

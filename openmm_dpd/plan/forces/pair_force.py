@@ -129,6 +129,9 @@ class PairForceFunction:
         if phase != Phase.IDLE and (self.spec.sheared or self.spec.bodies is not None or self.spec.sorts):
             what = "bonds form and break" if self.spec.sorts else "Lees-Edwards shear is" if self.spec.sheared else "rigid bodies are"
             raise RunError(f"{what} {ONE_BY_ONE}: step the integrator that build() made, by a Simulation or its own step()")
+        if phase != Phase.IDLE and names.WRITTEN in parameters and parameters[names.WRITTEN]:
+            what = "immobile beads have other temperatures or concentrations than at the start (write_fields), which act"
+            raise RunError(f"{what} {ONE_BY_ONE}: step the integrator that build() made, by a Simulation or its own step()")
         x = self.positions(state)
         box = self.box(state)
         self.take_over(own, parameters)
@@ -277,6 +280,8 @@ def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrat
     parameters |= {names.COUNTER: 0.0, names.SEED: float(options.seed)} | origin(options, integrator)
     if function.spec.fields is not None and function.spec.fields.kind == ENERGY:
         parameters |= {names.VOLUME_MOVES: 0.0, names.VOLUME_STEP: 0.01, names.VOLUME_ACCEPTED: 0.0}
+    elif function.spec.fields is not None:
+        parameters[names.WRITTEN] = 0.0
     if any(extra.term == "external" for extra in function.spec.extras):
         parameters[names.BODY_FORCE] = 1.0
     if function.steps is not None and function.steps.driven is not None:
