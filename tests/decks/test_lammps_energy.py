@@ -136,6 +136,7 @@ SHARDLOW = "fix 1 all shardlow\nfix 2 all nve\nfix 3 all eos/cv 0.005\n"
     (TDPD_BOX + TRANSPORT + "fix 1 all mvv/tdpd 0.6\n", "mvv", 0.6),
     (MDPD_BOX + MANY + "fix 1 all mvv/dpd\n", "mvv", 0.5),
     (MDPD_BOX + MANY + "fix 1 all nve\n", "mvv", 0.5),
+    (MDPD_BOX + "set group all sph/rho 6\n" + MANY + "fix 1 all mvv/dpd\n", "mvv", 0.5),
 )
 def test_schemes(tmp_path, text, scheme, weight):
     request = state_of(tmp_path, text).first_run
@@ -232,6 +233,7 @@ ERRORS = [
     (EDPD_BOX + "set group all edpd/temp 0\n", r"in.deck:7: edpd/temp must be > 0, but is 0"),
     (EDPD_BOX + "set group all edpd/cv -1\n", r"in.deck:7: edpd/cv must be > 0, but is -1"),
     (MDPD_BOX + "set group all edpd/cv 1\n", r"in.deck:7: set edpd/cv needs atom_style edpd, but the deck has atom_style mdpd"),
+    (EDPD_BOX + "set group all sph/rho 1\n", r"in.deck:7: set sph/rho needs atom_style mdpd, but the deck has atom_style edpd"),
     (TDPD_BOX + "set group all cc 3 1\n", r"in.deck:7: set cc: there is no species 3; atom_style tdpd has 2"),
     (METAL + "set group all dpd/theta 0\n", r"in.deck:9: dpd/theta must be > 0"),
     (METAL + "set group all dpd/theta NULL\n", r"in.deck:9: set dpd/theta NULL .* bead 1 is at rest"),

@@ -225,6 +225,12 @@ def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
     raise ParameterError(f"atom_style {state.atom_style} has one mass per type; use the mass command, or another type")
 
 
+def _set_density(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    state.require_atom_style("set sph/rho", "mdpd")
+    _numbers(state, mask, words[0], "sph/rho")
+    state.note("set sph/rho has no effect: densities follow from positions in each step")
+
+
 #: Properties that ``set`` changes: number of values, and handler.
 SETTERS: dict[str, tuple[int, Setter]] = {
     "type": (1, _set_type),
@@ -236,6 +242,7 @@ SETTERS: dict[str, tuple[int, Setter]] = {
     **{"mass": (1, _set_mass), "dpd/theta": (1, _set_theta), "cc": (2, _set_concentration), "image": (3, _set_image)},
     "edpd/temp": (1, _setter("temperatures", "edpd/temp", "edpd", positive=True)),
     "edpd/cv": (1, _setter("capacities", "edpd/cv", "edpd", positive=True)),
+    "sph/rho": (1, _set_density),
     **{axis: (1, _setter("positions", axis, axis=k)) for k, axis in enumerate("xyz")},
     **{f"v{axis}": (1, _setter("velocities", f"v{axis}", axis=k)) for k, axis in enumerate("xyz")},
 }
