@@ -3,7 +3,7 @@
 import numpy as np
 import oracle_meso as oracle
 import pytest
-from cases import every_pair, raises
+from cases import cases, every_pair, raises
 from reference_forces import (
     COUNTER,
     DT,
@@ -300,8 +300,7 @@ def sampled(scene, dt, sweeps=40_000, thin=10):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dt", [0.1, 5.0])
-@pytest.mark.parametrize("capacities", [(3,) * 6, (60,) * 6, (2, 9, 2, 30, 2, 30)])
+@cases("capacities, dt", ((3,) * 6, 0.1), ((60,) * 6, 5.0), ((2, 9, 2, 30, 2, 30), 0.1), ((2, 9, 2, 30, 2, 30), 5.0))
 def test_a_sweep_samples_the_microcanonical_distribution(capacities, dt):
     """C T of a bead and K follow beta distributions: weight T^C of each bead, 3N - 6 velocities (total and angular momentum stay 0).
 

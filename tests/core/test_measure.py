@@ -222,7 +222,7 @@ def test_degrees_of_freedom_know_what_takes_up_momentum(tied, dof):
 
 @pytest.mark.slow
 @any_seed(1)
-@pytest.mark.parametrize("tied", ["nothing", "frozen", "specular", "theirs"])
+@pytest.mark.parametrize("tied", ["nothing", *(pytest.param(tied, marks=pytest.mark.long) for tied in ("frozen", "specular")), "theirs"])
 def test_temperatures_of_few_beads(tied, seed):
     """With the right number of degrees of freedom the mean kinetic temperature is the one set; three are 0.125 of it."""
     built = _few_beads(tied, seed)

@@ -148,7 +148,7 @@ def test_the_area_of_an_ideal_gas_is_exact(tension, seed):
 
 @pytest.mark.slow
 @any_seed(1)
-@pytest.mark.parametrize("tension", [0.0, 2.0])
+@pytest.mark.parametrize("tension", [pytest.param(0.0, marks=pytest.mark.long), 2.0])
 def test_a_bilayer_has_the_pressure_and_the_tension_that_were_set(tension, seed):
     """Within Student's bounds, from eight blocks of 20 units of time, in which the area forgets where it was.
 

@@ -202,5 +202,6 @@ def test_ten_scenes():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_hundred_scenes():
     assert sum(agrees(seed, 16)[0] for seed in range(10, 100)) > 2500

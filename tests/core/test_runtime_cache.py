@@ -185,6 +185,7 @@ assert kernels > 100
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_all_that_is_compiled_decides(places):
     """Each function that numba compiles for a kernel is one that decides; of overloads, which are lambdas, it is their file."""
     environment = os.environ | {"XDG_CACHE_HOME": str(places["home"])}
