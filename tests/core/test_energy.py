@@ -168,6 +168,7 @@ def test_the_sum_of_conducted_energy_stays_zero(scheme):
     assert np.abs(u[:, 0]).max() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["middle", "bababo"])
 def test_drift_of_the_total_energy_is_that_of_the_conservative_part(scheme):
     """Half the step, far less drift: what is left is the error of the Verlet part, of second order."""

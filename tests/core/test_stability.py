@@ -68,7 +68,7 @@ def test_weak_friction_at_a_long_step(seed):
 
 
 @any_seed(4)
-@pytest.mark.parametrize("gamma", [4.5, 40.5])
+@pytest.mark.parametrize("gamma", [4.5, pytest.param(40.5, marks=pytest.mark.slow)])
 def test_two_forces_to_a_sweep_at_a_step_where_all_others_fail(gamma, seed):
     """dt 0.12: one force per step flies apart or is off by more than a tenth; bababo has both temperatures within 1 % and the noise."""
     scene = fluid(gamma)

@@ -59,6 +59,7 @@ def test_a_ramp_step_is_a_step_at_that_temperature(choices):
         assert np.array_equal(half[0], other[0]) and np.array_equal(half[1], other[1])
 
 
+@pytest.mark.slow
 @any_seed(1)
 def test_a_ramp_reaches_its_targets(seed):
     """Gamma fixed and sigma fixed: after a slow ramp, and held there, the fluid has the last temperature; 5 % off is seen."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cases import cases, put
+from cases import put
 from judged import any_seed, judge
 
 from openmm_dpd.lammps import RunOptions, run_deck
@@ -38,22 +38,24 @@ def temperatures(folder, fix: str, seed: int, steps: int) -> np.ndarray:
 
 
 @pytest.mark.slow
-@cases(
+@pytest.mark.parametrize(
     "fix, freedom, canonical",
-    {
+    [
         # standard errors are 0.3 % of the mean, 3 % of the variance
-        "langevin": (
-            "fix 1 all nve\nfix b all langevin 1.5 1.5 0.2 {seed}\ncompute_modify thermo_temp extra/dof 0",
-            3 * BEADS,
-            True,
+        pytest.param(
+            "fix 1 all nve\nfix b all langevin 1.5 1.5 0.2 {seed}\ncompute_modify thermo_temp extra/dof 0", 3 * BEADS, True, id="langevin"
         ),
         # the total momentum stays 0
-        "langevin zero": ("fix 1 all nve\nfix b all langevin 1.5 1.5 0.2 {seed} zero yes", 3 * BEADS - 3, True),
-        "nvt": ("fix 1 all nvt temp 1.5 1.5 0.2", 3 * BEADS - 3, True),
+        pytest.param(
+            "fix 1 all nve\nfix b all langevin 1.5 1.5 0.2 {seed} zero yes", 3 * BEADS - 3, True, id="langevin zero", marks=pytest.mark.long
+        ),
+        pytest.param("fix 1 all nvt temp 1.5 1.5 0.2", 3 * BEADS - 3, True, id="nvt"),
         # a tenth of the canonical variance, and means to 0.02 %
-        "temp/berendsen": ("fix 1 all nve\nfix b all temp/berendsen 1.5 1.5 0.2", 3 * BEADS - 3, False),
-        "temp/rescale": ("fix 1 all nve\nfix b all temp/rescale 10 1.5 1.5 0.02 0.5", 3 * BEADS - 3, False),
-    },
+        pytest.param("fix 1 all nve\nfix b all temp/berendsen 1.5 1.5 0.2", 3 * BEADS - 3, False, id="temp/berendsen"),
+        pytest.param(
+            "fix 1 all nve\nfix b all temp/rescale 10 1.5 1.5 0.02 0.5", 3 * BEADS - 3, False, id="temp/rescale", marks=pytest.mark.long
+        ),
+    ],
 )
 @any_seed(11)
 def test_temperatures(tmp_path, fix, freedom, canonical, seed):

@@ -54,7 +54,12 @@ def script_of(path: Path) -> str:
     return LENGTHS.sub(lambda found: f"{found[1]}{round(int(found[2]) / SHORTER.get(path.stem, 1))}", code)
 
 
-@pytest.mark.parametrize("path", WITH_SCRIPTS, ids=lambda path: path.stem)
+#: Scripts that take more than a second.
+LONGEST = ("dense_start", "flow", "mixed", "parameters", "partition", "sampling", "shear", "suite", "thermostat")
+TAKEN = [pytest.param(path, marks=pytest.mark.slow) if path.stem in LONGEST else path for path in WITH_SCRIPTS]
+
+
+@pytest.mark.parametrize("path", TAKEN, ids=lambda path: path.stem)
 def test_scripts_of_a_page_run(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
