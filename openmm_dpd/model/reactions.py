@@ -42,7 +42,8 @@ class ReactiveBonds:
             names = ", ".join(self.kind._DIMENSIONS)
             raise ParameterError(f"{self.kind.__name__} has the coefficients {names}, not {what_is(self.coefficients)}") from None
         values = {name: float(getattr(one, name)[0]) for name in self.kind._DIMENSIONS}
-        counted = bead_indices(np.reshape(self.counted, (-1, 1)), 1, "beads with counted bonds").ravel()
+        each = [*zip(self.counted, strict=True)] if np.iterable(self.counted) else self.counted
+        counted = bead_indices(each, 1, "beads with counted bonds").ravel()
         keep(self, coefficients=values, pairs=bead_indices(self.pairs, 2, "reactive bonds"), counted=counted)
 
     def __str__(self) -> str:
@@ -143,7 +144,8 @@ class BondFormation(_Reaction):
     def __post_init__(self):
         super().__post_init__()
         given = self.valences if isinstance(self.valences, Sequence) else (self.valences,) * 2
-        pairs = {"types": self.types, "valences": given, "becomes": self.becomes or given, "between": self.between or given}
+        pairs = {"types": self.types, "valences": given}
+        pairs |= {name: its for name in ("becomes", "between") if (its := getattr(self, name)) is not None}
         for name, pair in pairs.items():
             if isinstance(pair, str) or not isinstance(pair, Sequence) or len(pair) != 2:
                 raise ParameterError(f"the {name} of a bond formation must be two, one for each bead, not {what_is(pair)}")
@@ -168,7 +170,8 @@ class BondFormation(_Reaction):
         if self.angle is not None and not (isinstance(self.angle, Angles) and len(self.angle.triples) == 1):
             one = "one angle such as HarmonicAngles([[0, 1, 2]], k, theta0)"
             raise ParameterError(f"the angle of a bond formation must be {one}, not {what_is(self.angle)}")
-        keep(self, types=tuple(self.types), valences=valences, within=within, energy=energy)
+        becomes = self.becomes and tuple(self.becomes)
+        keep(self, types=tuple(self.types), valences=valences, becomes=becomes, within=within, energy=energy)
 
     def weight(self, r: np.ndarray, kT: float) -> np.ndarray:
         """exp((U - energy)/kT) at these lengths: the weight of no bond beside that of one."""
@@ -249,7 +252,7 @@ def check_reactions(scene: Any) -> None:
     formations = [reaction for reaction in scene.reactions if reaction.forms]
     later = [pair for each in formations for pair in zip(each.types, each.becomes or (None, None), strict=True) if pair[1] is not None]
     named = [name for each in formations for name in (*each.types, *(each.becomes or ())) if name is not None]
-    unknown = [name for name in named if name not in scene.masses]
+    unknown = [name for name in named if name not in [*scene.masses]]
     farthest, half = max((each.within for each in formations), default=0.0), np.inf if scene.box is None else 0.5 * widths(scene.box).min()
     heated = any(reaction.energy is not None if reaction.forms else reaction.barrier for reaction in scene.reactions)
     angle = angle_formed(scene.reactions)

@@ -350,6 +350,10 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "angle of no kind": ({"angle": dpd.HarmonicAngles([[0, 1, 2], [1, 2, 3]], 1.0, 2.0)}, "must be one angle such as"),
     "broken at the start": ({"angle": BEND, "bonds": STARTED, "broken": STARTED}, "bonds that are there at the start cannot break"),
     "later types": ({"becomes": "AB"}, "the becomes of a bond formation must be two"),
+    "later types in an array": ({"becomes": np.array(["B", "A"])}, "the becomes of a bond formation must be two"),
+    "no later types": ({"becomes": ()}, "the becomes of a bond formation must be two"),
+    "later types in lists": ({"becomes": (["B"], None)}, "there is no bead type"),
+    "between in an array": ({"between": np.array([1.0, 2.0])}, "the between of a bond formation must be two"),
     "different later types": ({"types": ("A", "A"), "becomes": ("B", None)}, "which become the same"),
     "unknown later type": ({"becomes": ("C", None)}, "there is no bead type 'C'"),
     "between": ({"between": (1.0, 4.0)}, "a smaller angle and one of pi at most, not 1 and 4"),
@@ -359,6 +363,11 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "counted": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, counted=[N])}, "`counted` names a bead of 240 that is not there"),
     "heat": ({"internal": dpd.BeadTemperatures(np.ones(N), np.full(N, 100.0))}, "energies or temperatures of their own"),
 }
+
+
+@pytest.mark.parametrize("counted, message", [([[0, 1]], r"of shape \(K, 1\), not"), ([[0], [1, 2]], "differ in length"), (3, "not int64")])
+def test_beads_with_counted_bonds_are_a_list_of_them(counted, message):
+    raises(dpd.ParameterError, message, dpd.ReactiveBonds, dpd.HarmonicBonds, HARMONIC, counted=counted)
 
 
 @pytest.mark.parametrize("name", WRONG)
