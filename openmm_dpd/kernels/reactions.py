@@ -258,9 +258,11 @@ class ReactingLoop(StepLoop):
         if self._shown is not None and np.array_equal(table, self._shown):
             return
         beads, types = [bonds_in(table, k) for k in range(self._sorts)], types_in(table, self._bonds.types, self._sorts)
-        known = len(self._bonds.reactions[0].role_of) if self._bonds.turns else 0
-        if np.count_nonzero(table > 0) != 2 * sum(map(len, beads)) or table.min() < -self._sorts - known:
-            raise RunError("the state has bonds that this scene's reactions cannot make: a script with others wrote it")
+        later = np.concatenate([np.zeros(0, int), *(each.becomes for each in self._bonds.reactions if each.becomes is not None)])
+        alien = not np.isin(-1 - self._sorts - table[table < -self._sorts], later[later >= 0]).all()
+        if alien or np.count_nonzero(table > 0) != 2 * sum(map(len, beads)):
+            what = "types" if alien else "bonds"
+            raise RunError(f"the state has {what} that this scene's reactions cannot make: a script with others wrote it")
         if self._bonds.bent:
             beads.append(angles_in(table, self._bonds.start))
         self._shown, factors = None, self._bonds.factors  # until all have them

@@ -208,6 +208,22 @@ def test_a_context_without_reactions_says_how_their_states_are_loaded():
     assert dpd.read_types(simulation.context, dpd.make_plan(scene([]), dt=0.04)) == ["A", "B"] * (N // 2)
 
 
+def test_types_of_states_are_those_that_reactions_here_can_make():
+    """Numbers of types are places among the masses: in another order they are others."""
+    masses, text = {"A": 1.0, "B": 2.0, "C": 1.0}, io.StringIO()
+    changing = dpd.build(scene(both(becomes=("C", None)), masses=masses), dt=0.04, platform="CPU", seed=3).simulation()
+    changing.step(5)
+    changing.saveState(text)
+    for others in (masses, dict(sorted(masses.items(), reverse=True))):
+        built = dpd.build(scene(both(becomes=("C", None)), masses=others), dt=0.04, platform="CPU", seed=3)
+        simulation = built.simulation()
+        simulation.loadState(io.StringIO(text.getvalue()))
+        if others is masses:
+            simulation.step(1)
+        else:
+            raises(openmm.OpenMMException, "types that this scene's reactions cannot make", simulation.step, 1)
+
+
 def _sort(k=20.0, r0=0.3, pairs=()):
     return dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": k, "r0": r0}, pairs)
 
