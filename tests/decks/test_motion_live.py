@@ -137,6 +137,7 @@ JOINED = {
     "union": ("block -1.2 1.8 -0.1 4.2 -0.2 5.3", "block 1.2 3.1 -0.2 4.1 -0.1 5.4", "union 2 one two"),
     "outsides": ("sphere 1.1 1.4 2 0.1 side out", "block 1.15 1.3 1.4 1.5 1.9 2.0 side out", "intersect 2 one two"),
     "intersect": ("sphere 1 2.3 2.3 4", "plane 1 2 -1.2 -0.2 0.3 1", "intersect 2 one two"),
+    "one part twice": ("block -1.2 3.1 -0.1 4.2 -0.2 5.3", "sphere 1 2.3 2.3 4", "union 2 one one"),
     "intersect, outside": ("sphere 1.1 1.4 2 0.1", "cylinder x 1.4 2 0.05 0 2", "intersect 2 one two side out"),
 }
 DECKS |= {

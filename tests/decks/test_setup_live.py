@@ -336,6 +336,20 @@ def test_both_programs_run_alike(trial, name):
     agree(trial, HEAD + DECKS[name] + RUN)
 
 
+@pytest.mark.parametrize(
+    "line, reason",
+    [
+        ("variable f atom 2*(type==4)\nfix w all addforce v_f 0 0", "friction and forces that depend on types are not supported"),
+        ("compute c all chunk/atom type ids once", "chunks of types that are found once are not supported"),
+    ],
+)
+def test_what_is_not_beside_beads_that_change_their_types(tmp_path, line, reason):
+    fixes = "create_atoms 3 random 30 9 NULL\nfix g all bond/create 2 3 3 0.8 2 iparam 1 4 jparam 1 4\n"
+    text = HEAD + fixes + RUN.replace("run 30\n", "run 0\n")
+    with pytest.raises(DeckError, match=reason):
+        lammps_peer.printed(tmp_path / "in.d", text.replace("fix g", f"{line}\nfix g"))
+
+
 @pytest.mark.slow
 def test_what_fixes_have_counted_before(trial, tmp_path):
     """The fix that makes bonds goes on counting those that broke, also when that which breaks them is gone; a new one does not."""

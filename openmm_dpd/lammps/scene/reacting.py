@@ -13,6 +13,7 @@ from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
 from ..state.records import FORMING, REACTING, Fix
 from ..styles.words import bonded_styles
+from .flow import depends_on
 
 
 def reacting_types(state: DeckState) -> list[int]:
@@ -79,7 +80,8 @@ def _third(state: DeckState, fix: Fix) -> bool:
 
 def _by_types(state: DeckState) -> bool:
     scales = [fix.parameters[key] for fix in state.fixes.values() for key in ("gammas", "ratios") if key in fix.parameters]
-    return any(np.ptp(each) > 0 for each in scales)
+    forces = [word for fix in state.fixes.values() for word in fix.parameters.get("force", ())]
+    return any(np.ptp(each) > 0 for each in scales) or any(depends_on(word, state.variables, {"type"}) for word in forces)
 
 
 def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaking]:
@@ -105,8 +107,10 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             "beads with charges cannot change their types": given.get("becomes") is not None
             and any("cutoff_charges" in style.settings for style in state.pair.styles)
             and bool(np.isin(given["types"], state.atoms.types[state.atoms.charges != 0]).any()),
-            "friction that depends on types is not supported beside beads that change them": given.get("becomes") is not None
+            "friction and forces that depend on types are not supported beside beads that change them": given.get("becomes") is not None
             and _by_types(state),
+            "chunks of types that are found once are not supported beside beads that change them": given.get("becomes") is not None
+            and any(its.style == "chunk/atom" and {"type", "once"} <= {*its.arguments} for its in state.computes.values()),
             f"beads or bonds of type {kind} were added or removed after a run, which changes no count for maxbond in LAMMPS; define it "
             "anew": (given.get("held", now := _held(state, fix)) != now),
         }

@@ -248,11 +248,10 @@ def _combined(style: str, names: tuple[str, ...], parts: list[Region]) -> Region
     def distances(x: np.ndarray, parts: list[Region], one: bool) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of faces where no other part goes on: of a union (``one``) those outside all others, of an intersection those inside."""
         found = []
-        for part in parts:
+        for k, part in enumerate(parts):
             for r, normal in part.distances(x):  # type: ignore[misc]  # all have some
-                others = [
-                    each.contains(x - np.where(np.isfinite(r), r, 0.0)[:, None] * normal) != one for each in parts if each is not part
-                ]
+                foot = x - np.where(np.isfinite(r), r, 0.0)[:, None] * normal
+                others = [each.contains(foot) != one for each in parts[:k] + parts[k + 1 :]]
                 found.append((np.where(np.logical_and.reduce([part.contains(x), *others]), r, np.inf), normal))
         return found
 
