@@ -11,7 +11,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, RunError, what_is
 from ..base.names import BONDS, FIELD, KEPT, PHASE, RATE, WRITTEN, Phase
 from ..base.units import thermal_energies, to_md
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
@@ -46,8 +46,18 @@ def swap_kept(context: openmm.Context, group: int, number: int) -> None:
     openmm.Context.setParameter(context, PHASE, asked)
 
 
+def check_written(context: openmm.Context) -> None:
+    """RunError if beads that do not move, whose fields no device takes over, have others than at the start."""
+    parameters = openmm.Context.getParameters(context)
+    if WRITTEN in parameters and parameters[WRITTEN]:
+        raise RunError(
+            "immobile beads have other temperatures or concentrations than at the start (write_fields): devices cannot take these"
+        )
+
+
 def hand_over(context: openmm.Context, group: int) -> None:
     """Have a device take over the fields of a Context, through its velocities, which are what they were afterwards."""
+    check_written(context)
     integrator = context.getIntegrator()
     names = [name for name in map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables())) if name.startswith(FIELD)]
     velocities = openmm.Context.getState(context, velocities=True).getVelocities(asNumpy=True)

@@ -16,7 +16,7 @@ from ..base.units import BOLTZMANN, to_md
 from ..plan.choices import checked_seed
 from ..plan.forces.thread_state import Shown
 from .barostat_temperature import set_barostats
-from .fields import hand_over, raw_bonds, raw_fields
+from .fields import check_written, hand_over, raw_bonds, raw_fields
 from .watching import MOST, PIECE, STRAIGHT, Watching
 
 #: Lines of a program (kind, target, expression, why) that reconcile temperature and thermal energy: whichever was set last holds, and the
@@ -132,6 +132,8 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
 
     def _announce(self, steps: int) -> None:
         put = openmm.CustomIntegrator.setGlobalVariableByName
+        if self._touched:
+            check_written(self.context())
         put(self, AHEAD, float(steps))
         if self.getGlobalVariableByName("valid_for") != 1.0:
             put(self, "valid_for", -1.0)  # forces of others may have other parameters than in the last call

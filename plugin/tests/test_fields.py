@@ -1,5 +1,6 @@
 """Heat and species on the device: forces and flows beside numpy and the host, whole steps beside the host, what is kept, bits, restarts, refusals."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -210,6 +211,19 @@ def test_what_is_set_acts_at_once_and_in_full():
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * np.abs(theirs).max())
     samples = [dpd.Observer(each).sample(simulation.context) for each, simulation in zip((built, host), pair, strict=True)]
     assert samples[0].potential == pytest.approx(samples[1].potential, rel=1e-7)
+
+
+def test_states_in_which_immobile_beads_were_given_others_are_refused():
+    scene, exact = carrying("species", mobile=np.arange(len(carrying("species").types)) > 9), available(Device("Reference"))
+    host = dpd.build(scene, dt=0.005, scheme="mvv", platform="Reference", seed=5, engine="host")
+    simulation, state = host.simulation(), io.StringIO()
+    dpd.write_fields(simulation.context, host.plan, concentrations=1.5 * dpd.read_fields(simulation.context, host.plan)["concentrations"])
+    simulation.saveState(state)
+    device = made_on(scene, exact, "mvv", dt=0.005).simulation()
+    device.loadState(io.StringIO(state.getvalue()))
+    for act in (lambda: device.step(1), lambda: device.context.getState(energy=True)):
+        with pytest.raises(dpd.RunError, match="devices cannot take these"):
+            act()
 
 
 @pytest.mark.parametrize("kind", ["heat", "species"])

@@ -93,7 +93,7 @@ def device_force(
         See :data:`TOLERANCE`.
     """
     parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT, names.COUNTER: 0.0}
-    parameters |= {names.SEED: float(options.seed)} | origin(options, integrator)
+    parameters |= {names.SEED: float(options.seed)} | origin(options, integrator) | ({} if spec.fields is None else {names.WRITTEN: 0.0})
     start, bead, factor = spec.exceptions
     first = np.repeat(np.arange(len(spec.types)), np.diff(start)) if len(start) else np.zeros(0, int)
     terms = tell(spec.terms[0])
