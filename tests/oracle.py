@@ -79,8 +79,8 @@ def volume(box: np.ndarray) -> float:
     return float(np.prod(box) if box.shape == (3,) else np.linalg.det(box))
 
 
-def pair_list(x: np.ndarray, types: np.ndarray, params: PairParams, box: np.ndarray | None) -> Pairs:
-    """All pairs with ``1e-10 <= r < cutoff[type_i, type_j]``, from a search over every i < j; a box that is too small is refused."""
+def pair_list(x: np.ndarray, types: np.ndarray, params: PairParams, box: np.ndarray | None, least: float = R_MIN) -> Pairs:
+    """All pairs with ``least <= r < cutoff[type_i, type_j]``, from a search over every i < j; a box that is too small is refused."""
     x, types = np.asarray(x, dtype=float), np.asarray(types)
     if box is not None:
         rows = np.asarray(box, dtype=float)
@@ -91,9 +91,9 @@ def pair_list(x: np.ndarray, types: np.ndarray, params: PairParams, box: np.ndar
     i, j = np.triu_indices(len(x), k=1)
     dr = minimum_image(x[i] - x[j], box)
     r = np.sqrt(np.sum(dr**2, axis=1))
-    keep = (r >= R_MIN) & (r < params.cutoff[types[i], types[j]])
+    keep = (r >= least) & (r < params.cutoff[types[i], types[j]])
     i, j, r, dr = i[keep], j[keep], r[keep], dr[keep]
-    return Pairs(i, j, r, dr / r[:, None])
+    return Pairs(i, j, r, dr / np.maximum(r, 1e-300)[:, None])
 
 
 def in_order(x: np.ndarray, order: Iterable, box: np.ndarray | None) -> Iterable[tuple[int, int, np.ndarray]]:

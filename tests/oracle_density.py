@@ -24,11 +24,12 @@ WARREN = Kernel(lambda r, h: 15.0 / (2.0 * np.pi * h**3) * (1.0 - r / h) ** 2, l
 
 
 def local_density(x, types, cutoff, box, kernel: Kernel = WARREN, masses=None) -> np.ndarray:
-    """``rho_i = sum_{j != i, r < h} m_j w(r, h)`` (N,), h the cutoff of the pair of types; no self term; masses None counts beads."""
+    """``rho_i = sum_{j != i, r < h} m_j w(r, h)`` (N,), h the cutoff of the pair of types; no self term, but beads at
+    the same point count; masses None counts beads."""
     (cutoff,) = matrices(types, cutoff)
     masses = np.ones(len(x)) if masses is None else np.asarray(masses, dtype=float)
     rho = np.zeros(len(x))
-    for i, j, a, b, r, _ in ordered_pairs(x, types, cutoff, box):
+    for i, j, a, b, r, _ in ordered_pairs(x, types, cutoff, box, 0.0):
         rho[i] += masses[j] * kernel.w(r, cutoff[a, b])
     return rho
 

@@ -89,10 +89,10 @@ def matrices(types, *coefficients) -> list[np.ndarray]:
     return result
 
 
-def ordered_pairs(x, types, cutoff: np.ndarray, box) -> Iterator[tuple[int, int, int, int, float, np.ndarray]]:
-    """Yield (i, j, type_i, type_j, r, e_ij) for both orders of every pair with ``1e-10 <= r < cutoff``."""
+def ordered_pairs(x, types, cutoff: np.ndarray, box, least: float = oracle.R_MIN) -> Iterator[tuple[int, int, int, int, float, np.ndarray]]:
+    """Yield (i, j, type_i, type_j, r, e_ij) for both orders of every pair with ``least <= r < cutoff``."""
     types = np.asarray(types)
-    pairs = oracle.pair_list(x, types, oracle.PairParams.build(len(cutoff), cutoff=cutoff), box)
+    pairs = oracle.pair_list(x, types, oracle.PairParams.build(len(cutoff), cutoff=cutoff), box, least)
     for i, j, r, e in zip(*pairs, strict=True):
         yield int(i), int(j), int(types[i]), int(types[j]), float(r), e
         yield int(j), int(i), int(types[j]), int(types[i]), float(r), -e

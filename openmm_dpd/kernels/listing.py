@@ -15,7 +15,7 @@ from ..runtime import Kernel, helper, inlined, meet, merged
 from .cells import most_near
 from .vectors import LANES, bits_set, close_by, copy_shifted, count_up, fetch, lowest_bit
 
-#: Square of the distance (nm^2) below which a pair exerts no force.
+#: Square of the distance (nm^2) below which a pair exerts no force: it is not listed, or with 0 for direction and distance.
 R_MIN2 = 1e-20
 # The loops below run over unsigned indices: with signed ones numba looks out for indices below zero, and nothing is vectorised.
 _WORD, _ONE, _THREE, _STEP = np.uint64(64), np.uint64(1), np.uint64(3), np.uint64(LANES)
@@ -37,9 +37,9 @@ class SortedCells(NamedTuple):
     """What pairs are listed from, and what they are listed on.
 
     The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
-    pairs: the squares of the cutoffs of all types, of the longest one, and of what that can be in single precision; exceptions in
-    compressed rows (of length 0 if there are none).  How pairs are ordered: :data:`USUAL` or :data:`SPREAD`.  What each thread
-    writes on: see :func:`space_for`.
+    pairs: the squares of the cutoffs of all types, of the longest one, of what that can be in single precision, and of the least distance;
+    exceptions in compressed rows (of length 0 if there are none).  How pairs are ordered: :data:`USUAL` or :data:`SPREAD`.  What each
+    thread writes on: see :func:`space_for`.
     """
 
     xs: np.ndarray
@@ -53,6 +53,7 @@ class SortedCells(NamedTuple):
     cut2: np.ndarray
     longest2: float
     reach2: float
+    least2: float
     ntypes: int
     exc_start: np.ndarray
     exc_bead: np.ndarray
@@ -200,7 +201,7 @@ def _keep(rule, order, types, near, bead, hits, m):
         i, j = bead[s], bead[k]
         dx, dy, dz = near[0, s] - near[0, k], near[1, s] - near[1, k], near[2, s] - near[2, k]
         r2 = dx * dx + dy * dy + dz * dz
-        kept = (r2 < (rule.cut2[types[i] * rule.ntypes + types[j]] if rule.ntypes > 1 else rule.longest2)) & (r2 >= R_MIN2)
+        kept = (r2 < (rule.cut2[types[i] * rule.ntypes + types[j]] if rule.ntypes > 1 else rule.longest2)) & (r2 >= rule.least2)
         if len(rule.exc_start) and kept:
             factor[n] = _factor(rule, order[i], order[j])
             kept = factor[n] != 0.0
@@ -240,10 +241,11 @@ def _put_all(near, bead, hits, m, n, rows, out):
 
 
 @inlined
-def _write(near, bead, hits, m, n, rows, longest2, out):
+def _write(near, bead, hits, m, n, rule, out):
     """Write hits as pairs number n and following; returns whether all are near enough.  Pairs that follow each other are of beads that are
     apart, so that what is done with one of them need not wait for the one before it."""
     g, good = out.geometry, True
+    rows, longest2, least2 = rule.rows, rule.longest2, rule.least2
     if rows == _FEW:  # known when this is compiled, which saves a tenth of all listing
         _put_all(near, bead, hits, m, n, _FEW, out)
     else:
@@ -251,8 +253,8 @@ def _write(near, bead, hits, m, n, rows, longest2, out):
     for p in range(n, n + m):
         dx, dy, dz = g[0, p], g[1, p], g[2, p]
         r2 = dx * dx + dy * dy + dz * dz
-        good &= (r2 < longest2) & (r2 >= R_MIN2)
-        inverse = _inverse_root(r2)
+        good &= (r2 < longest2) & (r2 >= least2)
+        inverse = _inverse_root(r2) if r2 >= R_MIN2 else 0.0
         g[0, p], g[1, p], g[2, p], g[3, p] = dx * inverse, dy * inverse, dz * inverse, r2 * inverse
     return good
 
@@ -264,7 +266,7 @@ def _flush(rule, order, types, near, bead, hits, m, n, room, out):
     while True:
         if exact:
             m = _keep(rule, order, types, near, bead, hits, m)
-        if n + m > room or _write(near, bead, hits, m, n, rule.rows, rule.longest2, out) or exact:
+        if n + m > room or _write(near, bead, hits, m, n, rule, out) or exact:
             return n + m
         exact = True
 
@@ -371,7 +373,7 @@ def _list_pairs_small_box(pairs, source, part, parts, team):
             dy -= turns * box[1, 1]
             dx -= np.floor(dx / box[0, 0] + 0.5) * box[0, 0]
             r2 = dx * dx + dy * dy + dz * dz
-            if r2 < source.longest2 and r2 >= R_MIN2:
+            if r2 < source.longest2 and r2 >= source.least2:
                 if source.ntypes > 1 and r2 >= source.cut2[types[i] * source.ntypes + types[j]]:
                     continue
                 factor = 1.0
@@ -380,9 +382,10 @@ def _list_pairs_small_box(pairs, source, part, parts, team):
                     if factor == 0.0:
                         continue
                 if n < end:
-                    r = np.sqrt(r2)
+                    inverse = 1.0 / np.sqrt(r2) if r2 >= R_MIN2 else 0.0
                     pairs.pi[n], pairs.pj[n] = i, j
-                    pairs.geometry[0, n], pairs.geometry[1, n], pairs.geometry[2, n], pairs.geometry[3, n] = dx / r, dy / r, dz / r, r
+                    g = pairs.geometry
+                    g[0, n], g[1, n], g[2, n], g[3, n] = dx * inverse, dy * inverse, dz * inverse, r2 * inverse
                     if len(pairs.factors):
                         pairs.factors[n] = factor
                 n += _ONE

@@ -14,7 +14,8 @@ A first pass over the pairs adds up the densities rho_i at the listed positions;
   interact, the force is minus the gradient of sum over pairs of f A cutoff w^2/2 + sum over i of pi B h^4 rho_i^2/30.  The factor has to
   be in the density as well: only then is there a potential.
 
-Friction and noise are those of DPD, so a sweep is that of :mod:`.sweeps`.  A pair closer than the list's shortest distance counts nowhere.
+Friction and noise are those of DPD, so a sweep is that of :mod:`.sweeps`.  Beads at the same point count in each other's densities, and
+so in the energy of the quadratic kernel's densities, but have neither forces nor another energy.
 """
 
 from dataclasses import dataclass
@@ -66,6 +67,7 @@ class ManyBodyLayer(SweptLayer):
 
     def __init__(self, table: ManyBodyTable, spec: PairSpec, number: int):
         pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
+        pairs.coincident = True
         super().__init__(table, number, pairs, pairs.alike, transverse=False)
         self._n_beads = len(spec.types)
         # the kernels are compiled on a handful of beads, which take the masses of the first ones
@@ -91,7 +93,7 @@ class ManyBodyLayer(SweptLayer):
         which, coefficients = call.which, self._at(call.kT)
         rho = self._sorted_densities(coefficients) if which & CONSERVATIVE else np.zeros(0)
         noise = call.key(self.number), call.rsqrt_dt
-        share = 0.5 if self.table.lucy else 0.25
+        share = (0.5, 0.0) if self.table.lucy else (0.25, 0.25)
         motion = self._motion.arrays(call, out, add)
         return Sums(*many_body_forces(pairs, ManyBody(which, *noise, share, coefficients, rho, motion), which & STRESS))
 
@@ -153,12 +155,13 @@ density_sums = over_pairs("density_sums", _pair_density, first=_begin)
 
 
 class ManyBody(NamedTuple):
-    """What the force form reads and writes beside the pairs; ``share``: part of the repulsion's force times w_d that is energy."""
+    """What the force form reads and writes beside the pairs; ``share``: part of the repulsion's force times w_d that is energy,
+    of beads that are apart and of beads at the same point."""
 
     which: int
     key: np.uint64
     rsqrt_dt: float
-    share: float
+    share: tuple[float, float]
     coefficients: np.ndarray
     rho: np.ndarray
     motion: Motion
@@ -177,12 +180,12 @@ def _pair_force(pairs, data, scratch, n, k, column):
     w = 1.0 - r / c[row, CUTOFF]
     radial, energy, drag = 0.0, 0.0, 0.0
     if which & CONSERVATIVE:
-        radial, energy = soft(factor * c[row, A], c[row, CUTOFF], r)
+        radial, energy = soft(factor * c[row, A] if r > 0.0 else 0.0, c[row, CUTOFF], r)
         cutoff_B = c[row, CUTOFF_B]
         if r < cutoff_B:
             wd = 1.0 - r / cutoff_B
             many = factor * c[row, B] * (data.rho[i] + data.rho[j]) * wd
-            energy += data.share * many * wd * cutoff_B
+            energy += data.share[0 if r > 0.0 else 1] * many * wd * cutoff_B
             radial += many
     if which & DISSIPATIVE:
         drag = factor * c[row, GAMMA] * w * w * approach(pairs, data.motion.v, n, i, j)
@@ -208,6 +211,8 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
     i, j, c, g, rho = pairs.pi[n], pairs.pj[n], data.coefficients, pairs.geometry, data.rho
     row, factor = row_of(pairs, i, j), factor_of(pairs, n)
     rc, h, r = c[row, CUTOFF], c[row, CUTOFF_B], g[3, n]
+    if r == 0.0:
+        return 0.0, 0.0, 0.0
     second = factor * c[row, A] * (1.0 / rc - 2.0 * (1.0 - r / rc) / r)
     if r < h:
         wd = 1.0 - r / h

@@ -95,6 +95,8 @@ class PairList:
 
     #: Whether the pairs of a bead are listed far apart, and sweeps go through the list in several rounds.
     spread = False
+    #: Whether beads at the same point are a pair, of direction and distance 0; otherwise they are none.
+    coincident = False
 
     def __init__(
         self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None, *, passes: bool = False
@@ -256,7 +258,14 @@ class PairList:
             # coordinates are at most 2 |box| from the corner: what rounding them can do to a square, and that twice
             edges = np.abs(most_tilted(grid.box) if self.slides else grid.box).sum()
             rounding = np.finfo(np.float32).eps * (16.0 * edges + 8.0 * self.cutoff) * self.cutoff
-            rule = self._cut2, self.cutoff**2, self.cutoff**2 + rounding, self.ntypes, *self.exceptions
+            rule = (
+                self._cut2,
+                self.cutoff**2,
+                self.cutoff**2 + rounding,
+                0.0 if self.coincident else listing.R_MIN2,
+                self.ntypes,
+                *self.exceptions,
+            )
             order = listing.SPREAD if self.spread else listing.USUAL
             space = now[-10:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
             self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *order, *space)  # type: ignore[arg-type]
@@ -305,7 +314,7 @@ class PairList:
         if len(tensors) != len(now.sums):  # all forces are along the lines between beads
             (x, y, z), virial = now.geometry[:3], now.sums[:, 1]
             tensors = np.stack([virial * x * x, virial * y * y, virial * z * z, virial * x * y, virial * x * z, virial * y * z], axis=1)
-        force = (now.sums[:, 1] / now.geometry[3] * now.geometry[:3]).T
+        force = (now.sums[:, 1] / np.maximum(now.geometry[3], 1e-300) * now.geometry[:3]).T
         return self.order[np.stack([now.pi, now.pj], axis=1)], np.column_stack([now.sums[:, 0], tensors, force])
 
     @property

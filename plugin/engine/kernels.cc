@@ -353,7 +353,13 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 
 // Which of those that cells have near a bead are within the longest cutoff: delta is from j to i, r2 its square.
 #define SQUARE(delta) (delta.x*delta.x+delta.y*delta.y+delta.z*delta.z)
+#ifdef MANY_BODY // beads at the same point count in each other's densities; positions of one bead in cells are the same, too
+#define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && j != i)
+#define APART (r2 != 0)
+#else
+#define APART true
 #define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && r2 != 0)
+#endif
 #if LANES > 1 || defined(USE_MIXED_PRECISION) // these look at the positions themselves
 #define IS_NEAR (r2 < (real) (MAX_CUTOFF*MAX_CUTOFF*1.01) && (int) y.w != i) // positions in cells are rounded
 #define TAKE(pair) \
@@ -460,7 +466,7 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 DEVICE real dpdDensityOf(int j, real r2, int type, int index, TERMS) {
     real4 m = many[type+types[j]];
     int partner = atomIndex[j];
-    real s = r2*RSQRT(r2)*m.z, w = 1-s, f = 1;
+    real s = r2 > 0 ? r2*RSQRT(r2)*m.z : 0, w = 1-s, f = 1;
     if (w <= 0)
         return 0;
 #ifdef EXCEPTIONS
@@ -487,7 +493,7 @@ KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const rea
 
 // Force of a pair on a bead of this type (times their number), index and velocity, added to f, and half of its energy.
 DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mixed4 v, int terms, GLOBAL const mixed4* RESTRICT vel, TERMS, mm_long* f) {
-    real invR = RSQRT(r2), r = r2*invR, energy = 0;
+    real invR = APART ? RSQRT(r2) : 0, r = r2*invR, energy = 0;
     int partner = atomIndex[j];
     DPDPair p;
     if (!dpdPair(&p, type+types[j], index, partner, r, TERMS_))
@@ -497,14 +503,14 @@ DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mix
     if ((terms & CONSERVATIVE) != 0) {
         real w = 1-r/p.rc;
         size += p.A;
-        energy = (real) 0.25*p.A*w*p.rc;
+        energy = APART ? (real) 0.25*p.A*w*p.rc : 0;
 #ifdef MANY_BODY
         real4 m = many[type+types[j]];
         w = 1-r*m.y;
         if (w > 0) {
             real push = p.factor*m.x*(densities[i]+densities[j])*w;
             size += push;
-            energy += (LUCY ? (real) 0.25 : (real) 0.125)*push*w/m.y; // of Lucy's as if densities were constants: it has no potential
+            energy += (LUCY ? (APART ? (real) 0.25 : 0) : (real) 0.125)*push*w/m.y; // of Lucy's as if densities were constants: it has no potential
         }
 #endif
     }
@@ -743,7 +749,7 @@ DEVICE bool dpdRow(int j, real3 delta, real r2, int type, int index, mixed4 v, r
         return false;
     real s = p.root*p.w, t = p.rootAcross*p.wAcross, radial = s*s, across = t*t;
     mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
-    if ((radial == 0 && across == 0) || (v.w == 0 && o.w == 0))
+    if (!APART || (radial == 0 && across == 0) || (v.w == 0 && o.w == 0))
         return false;
     real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z);
     mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);

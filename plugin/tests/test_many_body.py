@@ -44,6 +44,9 @@ def liquid(kernel: str, **options) -> dpd.Scene:
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_forces_are_the_oracles(kernel, device):
     scene = liquid(kernel)
+    at = np.arange(60)
+    at[[1, 3]] = 0, 2  # beads at one point count in densities
+    scene = replace(scene, positions=scene.positions[at])
     context = context_of(scene, device)
     x, v = state_of(context)
     lucy = kernel == "lucy"

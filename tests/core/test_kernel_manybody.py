@@ -259,11 +259,20 @@ def test_same_bits_for_any_number_of_threads(table, two_threads):
         assert np.array_equal(one, two)
 
 
-def test_coincident_beads_feel_all_others():
-    fluid = Fluid(TABLES["quadratic"])
-    fluid.x[1] = fluid.x[0]
-    force = fluid.engine().forces(ALL, fluid.v, KT, DT, SEED, COUNTER)[1]
-    assert np.all(np.isfinite(force)) and np.abs(force[0]).max() > 0
+@pytest.mark.parametrize("box", [BOXES["none"], BOXES["ortho"], BOXES["tilted_narrow"]], ids=["none", "ortho", "narrow"])
+@TABLE
+def test_beads_at_one_point_count_in_densities_alone(table, box):
+    fluid = Fluid(table, box)
+    fluid.x[1:3] = fluid.x[0]
+    fluid.x[4] = fluid.x[3] + 1e-14
+    engine, (rho, terms, potential) = fluid.engine(), fluid.oracle()
+    close(engine.layers[0].densities, rho)
+    energy, force, virial = engine.forces(ALL, fluid.v, KT, DT, SEED, COUNTER)
+    close(force, terms.forces)
+    assert energy == pytest.approx(potential, abs=1e-12 * np.abs(force).sum())
+    assert virial == pytest.approx(np.trace(terms.virial_conservative + terms.virial_dissipative + terms.virial_random), rel=1e-10)
+    swept = engine.sweep(fluid.v, KT, DT, SEED, COUNTER)
+    assert np.all(np.isfinite(swept)) and np.isfinite(engine.laplacian()) != is_lucy(table)
 
 
 # ------------------------------------------------------------------------------------------------ OpenMM
