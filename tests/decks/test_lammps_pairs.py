@@ -6,6 +6,7 @@ from cases import cases, put, raises
 
 from openmm_dpd.base.errors import DeckError
 from openmm_dpd.lammps import deck_scene, read_deck
+from openmm_dpd.lammps.styles.charges import electrostatics_of
 from openmm_dpd.model.pairs import DPD, NONE, LennardJones
 from openmm_dpd.units import COULOMB, METAL, REAL
 
@@ -261,6 +262,23 @@ def test_what_a_deck_says_of_charges(units, length, constant, tmp_path):
     assert (charges.lamda, charges.cutoff, charges.tolerance, charges.alpha) == pytest.approx((0.25, 2.0, 1e-5, 1.5))
     assert charges.grid == (24, 24, 32)
     assert charges.coulomb(1.0) == pytest.approx(constant / 2, rel=1e-6)  # the constants of real and metal are older than OpenMM's
+
+
+@pytest.mark.parametrize(("mesh", "grid", "noted"), [("24 24 24", (24, 24, 24), 0), ("6 24 24", None, 1)])
+def test_meshes_too_coarse_for_a_sum_are_replaced_with_a_note(mesh, grid, noted, tmp_path):
+    """At alpha = 1.5 six points along an edge of 6 are refused in a script; a deck gets the mesh of the accuracy."""
+    styles = STYLES.format(one=1.0, lamda=0.25, cutoff=2.0) + f"kspace_modify gewald 1.5{'1' * noted} mesh {mesh}\n"
+    assert charged(tmp_path, styles).electrostatics.grid != (6, 24, 24)
+    state = read_deck(tmp_path / "in.deck", stop_before_first_run=True)
+    assert electrostatics_of(state).grid == grid
+    assert sum("points are too few" in note for note in state.notes) == noted
+
+
+def test_cutoffs_of_zero_leave_charges_out(tmp_path):
+    """As in LAMMPS; where some pairs of charges interact, all have to."""
+    styles = "pair_style hybrid/overlay dpd 1.0 1.0 5 coul/cut 2.0\npair_coeff * * dpd 25 4.5\npair_coeff * * coul/cut 0\n"
+    assert charged(tmp_path, styles).electrostatics is None
+    raises(DeckError, "types 2 2 both have charges", charged, tmp_path, styles + "pair_coeff 1 1 coul/cut\n")
 
 
 SLATER = STYLES.format(one=1.0, lamda=0.25, cutoff=2.0)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.units import COULOMB, UnitSystem
-from ...model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges
+from ...model.electrostatics import GaussianCharges, SlaterCharges, SmearedCharges, ewald_sum
 from ...model.point_charges import PointCharges
 from ...model.scene import Scene
 from ..files.data_file import CHARGED_STYLES
@@ -45,8 +46,10 @@ def _no_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
 
 
 def _own_cutoff(style: PairStyle, words: list[str], _: Find) -> Values:
-    """Parse the optional cutoff of ``coul/cut`` and ``coul/debye``, which has to be that of the style."""
+    """Parse the optional cutoff of ``coul/cut`` and ``coul/debye``, which has to be that of the style, or 0: no interaction."""
     read.count(words, "[cutoff]", 0, 1)
+    if words and read.number(words[0], "the cutoff") == 0:
+        return {"charged": "no"}, None
     _same_cutoff(style, cutoff_of(words, 0))
     return {}, None
 
@@ -176,6 +179,8 @@ def electrostatics_of(state: DeckState) -> SmearedCharges | None:
     if len(styles) > 1:
         raise located(style.where, f"there are two pair styles with charges, {style.name} and {styles[1].name}; use one")
     lattice = style.settings.get("lattice", True)
+    if not lattice and style.coefficients and all(found.values.get("charged") == "no" for found in style.coefficients.values()):
+        return None  # all cutoffs are 0
     if lattice and state.kspace is None:
         raise located(style.where, f"pair style {style.name} needs a kspace_style, ewald or pppm")
     if not lattice and state.kspace is not None:
@@ -198,8 +203,26 @@ def electrostatics_of(state: DeckState) -> SmearedCharges | None:
                 raise ParameterError(f"all pairs have one lambda here, not {' and '.join(f'{value:g}' for value in values)}")
             known |= {"strength": values[0] ** settings["n"], "softness": settings["alpha_C"] ** 0.5 * (1 - values[0]) * units.length}
         if "lattice" in settings:
-            return PointCharges(screening=settings.get("kappa", 0.0) / units.length, lattice=lattice, **known)
-        return SlaterCharges(lamda=settings["lamda"] * units.length, **known)
+            return _on_mesh(state, PointCharges(screening=settings.get("kappa", 0.0) / units.length, lattice=lattice, **known))
+        return _on_mesh(state, SlaterCharges(lamda=settings["lamda"] * units.length, **known))
+
+
+def _on_mesh(state: DeckState, charges: SmearedCharges) -> SmearedCharges:
+    """The charges without the mesh of kspace_modify, with a note, where it is too coarse; ParameterError if something else is wrong."""
+    if charges.grid is None:
+        return charges
+    box, count = state.require_box("kspace_style").vectors * state.units.length, int(np.count_nonzero(state.atoms.charges))
+    try:
+        ewald_sum(charges, box, count)
+    except ParameterError:
+        finer = replace(charges, grid=None)
+        grid = ewald_sum(finer, box, count).grid
+        if any(own < given for own, given in zip(grid, charges.grid, strict=True)):
+            raise
+        mesh, own = (" x ".join(map(str, points)) for points in (charges.grid, grid))
+        state.note(f"kspace_modify mesh: {mesh} points are too few for the accuracy of kspace_style; {own} are used")
+        return finer
+    return charges
 
 
 def _check_flags(state: DeckState, style: PairStyle) -> None:
