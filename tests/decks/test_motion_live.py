@@ -23,6 +23,7 @@ START = BEADS.replace("pair_coeff * * 25 0.5", "pair_coeff * * 25 4.5")
 WALLED = START.replace("atom_modify map yes\n", "atom_modify map yes\nboundary f f f\n").replace("-0.7 1.4 1", "0.7 1.9 1.5")
 WALLED = WALLED.replace("pair_coeff * * 25 4.5", "pair_coeff * * 2.5 4.5")
 OFF = "unfix 1\ngroup rest subtract all g\n"
+MDPD = "pair_style hybrid/overlay mdpd/rhosum mdpd 0 1.2 3\npair_coeff * * mdpd/rhosum 0.9\npair_coeff * * mdpd -40 25 4.5 1.2 0.9\n"
 SPHERE = "region s sphere 1 2.5 2.5 1.6 units box\n"
 
 
@@ -54,6 +55,10 @@ DECKS = {
     },
     "npt, adapt": "pair_style soft 1.2\npair_coeff * * 40\nvariable x equal 0.7+0.02*step\nfix a all adapt 2 pair soft a * * v_x scale yes\n"
     f"{OFF}fix n all npt temp 1 1 0.1 iso 0.2 0.8 1\nthermo_style custom step temp pe press lx vol\n{FRAMES}{RUN}{RUN}",
+    **{
+        f"nph {words_}": f"{MDPD}{OFF}fix n all nph {words_}\nthermo_style custom step temp pe press pxx xlo xhi ly vol\n{FRAMES}{RUN}{RUN}"
+        for words_ in ("iso 0.2 0.8 1", "x 0.1 0.9 1 z 0.5 0.5 2 pchain 2 ploop 2 drag 0.3 fixedpoint 0 1 2")
+    },
     "nvt, lj": f"pair_style lj/cut 1.2\npair_coeff * * 1 0.5\n{OFF}fix n all nvt temp 0.5 2 0.1\n" + words("n", *ALONE),
     "temp/rescale": "fix t g temp/rescale 1 0.5 1 0.01 0.6\n" + words("t", "") + RUN,
     "temp/berendsen": "fix t all temp/berendsen 0.5 1 0.2\nthermo_style custom step temp ecouple econserve\n" + FRAMES + RUN,
@@ -169,7 +174,7 @@ def test_both_programs_write_the_same(trial, name):
         units=units, box="block -1 3 0 4 -0.5 0.5" if flat else "block -1 3 0 4 0 5"
     )
     start = start.replace("atom_modify", "dimension 2\natom_modify") if flat else start
-    style = {"efield": "charge", "predicted": "mdpd", "move predicted": "mdpd"}.get(name, "atomic")
+    style = {"efield": "charge"}.get(name, "mdpd" if "predicted" in name or "mdpd" in body else "atomic")
     start = start.replace("atom_modify", f"atom_style {style}\natom_modify")
     if "rest" in body and OFF not in body:
         body = OFF.replace("unfix 1\n", "") + body
@@ -219,9 +224,9 @@ def test_adapted_dpd_has_the_bits_of_its_coefficients(tmp_path):
 
 
 def _explained(tmp_path, before: str, **options) -> str:
-    return explain_deck(
-        put(tmp_path / "in.deck", START.format(units="lj", box="block -1 3 0 4 0 5") + before + "run 1\n"), RunOptions(**options)
-    )
+    start = START.format(units="lj", box="block -1 3 0 4 0 5")
+    start = start.replace("atom_modify", "atom_style mdpd\natom_modify") if "mdpd" in before else start
+    return explain_deck(put(tmp_path / "in.deck", start + before + "run 1\n"), RunOptions(**options))
 
 
 def test_what_acts_within_steps_is_said_and_not_exported(tmp_path):
@@ -254,6 +259,13 @@ WRONG = {
     "unfix 1\nfix 2 g nve\ngroup rest subtract all g\nfix l rest move linear 1 0 0\nfix 2 g npt temp 1 1 1 iso 1 1 1": "style nve; unfix",
     "unfix 1\nfix l all npt temp 1 1 1 iso 1 1 1 nreset 5": "nreset 5 is not supported",
     "unfix 1\nfix l g npt temp 1 1 1 iso 1 1 1": "needs the group all",
+    **{
+        f"unfix 1\n{MDPD}{more}": message
+        for more, message in {
+            "fix l g nph iso 1 1 1": "needs all beads",
+            "fix l all nph iso 1 1 1 ptemp 2": "ptemp of fix nph is not",
+        }.items()
+    },
     "variable v equal c_x\nfix l g addforce v_v 0 0": "there is no compute 'x'",
 }
 

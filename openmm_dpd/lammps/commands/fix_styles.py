@@ -136,13 +136,12 @@ def _nph(state: DeckState, group: str, words: list[str], fix: str = "nph") -> di
         raise ParameterError(f"fix {fix}: coupled edges (couple xyz) need the same pressure along x, y and z")
     if plane and (not all(axes[:2]) or len({p for p, used in zip(low, axes, strict=True) if used}) > 1):
         raise ParameterError(f"fix {fix}: coupled edges (couple xy) need the same pressure along x, y and z, or none along z")
-    if unused and fix == "nph":
-        state.note(f"fix {fix}: {', '.join(unused)} (LAMMPS's motion of the box) has no effect here and is ignored")
     about = [read.number(word, "fixedpoint") for word in options.get("fixedpoint", map(repr, (0.5 * (box.low + box.high)).tolist()))]
     chain, loop = (read.integer(options[word][0], word, 1) for word in ("pchain", "ploop"))
     piston = {"loop": loop, "drag": float(options["drag"][0]), "mtk": read.switch(options["mtk"][0], "mtk"), "about": about}
     control = PressureControl(axes, coupled, low, high, plane, tuple(damps))  # type: ignore[arg-type]
-    return {"lambda": 0.5, "pressure": control, "piston": piston} | ({"numbers": [0.0] * (6 + 3 * chain)} if fix == "npt" else {})
+    found = {"lambda": 0.5, "pressure": control, "piston": piston, "unused": unused}
+    return found | {"chain": 0, "numbers": [0.0] * (6 + 3 * chain)}
 
 
 # -- flow ----------------------------------------------------------------------------------------------------------------------

@@ -36,7 +36,9 @@ def build_request(request: RunRequest, scene: Scene, options: RunOptions) -> Bui
             request.state.note(kind.unlike_lammps)
     _note_reduced(request.state)
     guide, predicts = None if request.minimization else DeckGuide.of(request), scheme_of(request.scheme).predicts
-    for fix in [] if predicts else request.state.fixes_of(*("setforce",) * (scene.interacting is not None), *GUIDED * (guide is not None)):
+    state, acts = request.state, guide is not None
+    within = [*state.fixes_of(*("setforce",) * (scene.interacting is not None), *GUIDED * acts), *state.pistons * acts]
+    for fix in [] if predicts else within:
         raise fix.error(
             f"it acts on the sum of all forces, friction included, but scheme {request.scheme} does not apply friction as a force; "
             "use the deck's own scheme, mvv"
@@ -75,7 +77,7 @@ def connect_barostat(request: RunRequest, built: BuiltSystem) -> EnthalpyBarosta
     """Set up the barostat of ``request.barostat``: OpenMM's is added to ``built.system`` before there is a Context; this package's is
     returned. DeckError if the pressure is not constant or differs between axes."""
     control = request.barostat
-    if control is None or request.state.fixes_of("npt"):
+    if control is None or request.state.pistons:
         return None
     pressures = {p for p, used in zip(control.start, control.axes, strict=True) if used}
     with errors_at(request.where):

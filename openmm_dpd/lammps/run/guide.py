@@ -45,11 +45,11 @@ class DeckGuide(Guide):
 
     def __init__(self, request: RunRequest):
         self.request, self.state, state = request, request.state, request.state
-        kept = [fix for fix in state.fixes.values() if "numbers" in fix.parameters]
+        kept = [fix for fix in state.fixes.values() if "numbers" in fix.parameters and (fix.style != "nph" or fix in state.pistons)]
         ends = np.cumsum([0, *(len(fix.parameters["numbers"]) for fix in kept)]).tolist()
         self._places = {fix.name: slice(*ends[k : k + 2]) for k, fix in enumerate(kept)}
         self._masses, self._pushes = state.bead_masses(), bool(state.fixes_of(*FORCES))
-        self.what = "fixes " + ", ".join(dict.fromkeys(fix.style for fix in state.fixes_of(*GUIDED)))
+        self.what = "fixes " + ", ".join(dict.fromkeys(fix.style for fix in (*state.fixes_of(*GUIDED), *state.pistons)))
         self.built: BuiltSystem | None = None  #: What runs it
         self._piston: Piston | None = None  #: What moves the box
         self.changed: np.ndarray | None = None  #: What was added to the velocities at the end of the last step
@@ -63,12 +63,17 @@ class DeckGuide(Guide):
                 chained, kT = numbers[: fix.parameters["chain"]].reshape(3, -1), target(fix, moment)
                 masses = self._chain(fix, chained, moment, _Scaling(fix, moment, v, self._masses).freedom)
                 chained[2, 1:] = chain.pushes(masses, chained[1], kT)
-                if fix.style == "npt":
-                    fix.parameters.setdefault("edges", (state.require_box("fix npt").edges * state.units.length).tolist())
-                    self._piston = Piston(fix, self._masses, request.dt, kT)
-                    self._piston.start(numbers[fix.parameters["chain"] :])
             elif fix.style in ("nve/limit", "langevin"):
                 numbers[:] = 0.0  # each run counts anew
+            if fix in state.pistons:
+                if "kT" not in fix.parameters:  # LAMMPS's choice: the temperature at the start
+                    beads = _Scaling(fix, moment, v, self._masses)
+                    if not beads.twice > 0:
+                        raise fix.error("with pair style mdpd, it takes its masses from the temperature at the start, which is 0")
+                    fix.parameters["kT"] = (beads.twice / beads.freedom,) * 2
+                fix.parameters.setdefault("edges", (state.require_box("fix npt").edges * state.units.length).tolist())
+                self._piston = Piston(fix, self._masses, request.dt, target(fix, moment))
+                self._piston.start(numbers[fix.parameters["chain"] :])
             fix.parameters["numbers"] = numbers.tolist()
         self.resizes, self.more = self._piston is not None, 0 if self._piston is None else STRESS
         self.numbers = tuple(number for fix in kept for number in fix.parameters["numbers"])

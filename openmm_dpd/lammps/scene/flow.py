@@ -101,7 +101,7 @@ class Driving:
 
 def guided(state: DeckState) -> bool:
     """Whether some fix acts within steps in a way that no force of OpenMM can; then all fixes that change forces do."""
-    if state.fixes_of(*GUIDING):
+    if state.fixes_of(*GUIDING) or state.pistons:
         return True
     fixes = state.fixes_of(*FORCE_FIXES)
     used = (name for fix in fixes for word in words(fix) if word != "NULL" for name in names_in(word, state.variables))

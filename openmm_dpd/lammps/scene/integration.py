@@ -97,14 +97,27 @@ def _barostat(state: DeckState, owners: list[Fix]) -> PressureControl | None:
         raise fixes[0].error("constant pressure needs a box that is periodic along all axes")
     if len(fixes) > 1:
         raise fixes[1].error(f"there already is a fix {fixes[0].style} ({fixes[0].name}); use only one")
-    if fixes[0].style == "npt":
+    unused = fixes[0].parameters["unused"]
+    if fixes[0] in state.pistons:
+        if fixes[0].style == "nph":
+            _check_piston(state, fixes[0], unused)
         return fixes[0].parameters["pressure"]
+    if unused:
+        state.note(f"fix nph: {', '.join(unused)} (LAMMPS's motion of the box) has no effect here and is ignored")
     state.note(
         f"fix {fixes[0].style}: Monte Carlo volume moves replace LAMMPS's equations of motion of the box; averages are comparable, "
         "trajectories are not"
     )
     isothermal = bool(state.fixes_of(*COUPLED)) or any("start" in style.settings for style in state.pair.styles if style.spec.thermostat)
     return replace(fixes[0].parameters["pressure"], isothermal=isothermal)
+
+
+def _check_piston(state: DeckState, fix: Fix, options: list[str]) -> None:
+    """Check that a ``fix nph`` whose box moves as in LAMMPS says nothing that would have no effect."""
+    if not state.group(fix.group).all() or state.require_box("fix nph").tilt.any():
+        raise fix.error("with pair style mdpd, fix nph needs all beads, and a box without tilt")
+    for word in {"nreset", "ptemp", "update"} & set(options):
+        raise fix.error(f"with pair style mdpd, {word} of fix nph is not supported")
 
 
 def _check_shardlow(state: DeckState, shardlow: list[Fix], owners: list[Fix]) -> None:

@@ -19,7 +19,7 @@ from .atoms import Atoms
 from .box import Box
 from .lattice import Lattice, no_lattice
 from .pair_setup import BondedSetup, PairSetup
-from .records import NO_SLIDE, Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Slide, Temperature, ThermoSettings, Window
+from .records import NO_SLIDE, Compute, DeckSample, Fix, KspaceSetup, RestartSettings, Slide, Temperature, ThermoSettings, Window, centre_of
 from .regions import Region
 
 
@@ -210,9 +210,9 @@ class DeckState:
         return weighted_sum(masses, vectors[mask]) / masses.sum() if len(masses) else np.zeros(3)
 
     @property
-    def centre(self) -> np.ndarray | None:
-        """The point that ``fix npt`` scales the box about, if there is one."""
-        return next((np.array(fix.parameters["piston"]["about"]) for fix in self.fixes_of("npt")), None)
+    def pistons(self) -> list[Fix]:
+        """Fixes that move the box as LAMMPS does: npt, and nph where forces have no potential that Monte Carlo moves could judge by."""
+        return self.fixes_of("npt", *(("nph",) if any(style.name == "mdpd" for style in self.pair.styles) else ()))
 
     @property
     def scene_positions(self) -> np.ndarray:
@@ -371,7 +371,7 @@ class DeckState:
             self.box = box
         elif box is not None:
             before = self.require_box("a run")
-            self.box = before.following(np.asarray(box) / self.units.length, self.centre)
+            self.box = before.following(np.asarray(box) / self.units.length, centre_of(self.pistons))
             self.atoms.images = self.box.turned(self.atoms.images, before, slide.axes, slide.distance / self.units.length)
         own = self.require_box("a run")
         (inside, shifts), self.whole = self.folded(self.in_deck_units(positions), own), None

@@ -10,7 +10,7 @@ from ...base.geometry import symmetric_products
 from ...base.units import UnitSystem
 from .box import Box
 from .deck_state import DeckState, bead_fields
-from .records import COUPLED, NO_SLIDE, Compute, DeckSample, Slide, Window as Window
+from .records import COUPLED, NO_SLIDE, Compute, DeckSample, Slide, Window as Window, centre_of
 from .regions import Region
 from .rigid import bound_freedom
 
@@ -41,7 +41,9 @@ class DeckMoment(ABC):
         box = self.state.require_box("a formula with the box")
         if self.sample is None or self.sample.box is None:
             return box
-        return self.state.box_at(self.step, self.window) or box.following(self.sample.box / self.units.length, self.state.centre)
+        return self.state.box_at(self.step, self.window) or box.following(
+            self.sample.box / self.units.length, centre_of(self.state.pistons)
+        )
 
     @property
     def measured(self) -> bool:
@@ -124,7 +126,7 @@ class DeckMoment(ABC):
     def coupled(self) -> float:
         """Energy that thermostats have taken, in the deck's units."""
         if self.state.fixes_of("nph"):
-            raise ParameterError("with fix nph there is no conserved energy here: the volume changes by Monte Carlo moves")
+            raise ParameterError("with fix nph there is no conserved energy here")
         return sum(self.need("acted")[fix.name][0] for fix in self.state.fixes_of(*COUPLED))
 
     def freedom(self, compute: Compute) -> float:

@@ -345,3 +345,8 @@ class PressureControl:
     def constant(self) -> bool:
         """Whether the pressure is constant during the run."""
         return self.start == self.stop
+
+
+def centre_of(pistons: list[Fix]) -> np.ndarray | None:
+    """The point that fixes scale the box about, if there is one."""
+    return next((np.array(fix.parameters["piston"]["about"]) for fix in pistons), None)
