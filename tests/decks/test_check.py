@@ -30,6 +30,15 @@ RUN = "run 5\n"
 DECKS = {
     "nothing": (START + RUN, []),
     "after what is refused": (START + "nonsense 1\nthermo -1\n" + RUN + "more\n", [(9, "nonsense"), (10, "thermo"), (12, "more")]),
+    "a box that moves after a run": (
+        f"atom_style mdpd\n{START}".replace("pair_style dpd", "pair_style hybrid/overlay mdpd/rhosum mdpd")
+        .replace("* * 25", "* * mdpd -40 25 18 1 0.75")
+        .replace(" 4.5\n", "\npair_coeff * * mdpd/rhosum 0.75\n")
+        + RUN
+        + "unfix 1\nfix 1 all nph iso 0 0 1\n"
+        + RUN,
+        [],
+    ),
     "no run": (START, [(None, "run")]),
     "a box and what fills it": (
         START.replace("create_box 2 box", "lattice fcc 100\ncreate_box 2 nobox\ncreate_atoms 1 box\nreplicate 9 9 9") + RUN,

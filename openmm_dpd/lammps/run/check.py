@@ -204,6 +204,8 @@ def _pass_over(request: RunRequest, findings: Findings, built: set[tuple[str, in
     state.step = request.last_step
     state.last_sample = _measured(request)
     keep_reacted(state, {})
+    if request.steps and not state.atoms.velocities.any():  # a run has beads move, and what follows may need a temperature
+        state.atoms.velocities = np.resize([1.0, -0.5, -1.0, 0.5], state.atoms.velocities.shape)
 
 
 def check_deck(path: str | Path, *, variables: Mapping[str, str] | None = None) -> list[Finding]:
