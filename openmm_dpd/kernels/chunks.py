@@ -47,8 +47,8 @@ def powers(m, scratch, base, exponent):
         easy += np.uint64(s == 1.0) + np.uint64(s == 0.5)
     if easy == m:
         for k in range(m):
-            w = values[base + k]
-            values[base + k] = w if values[exponent + k] == 1.0 else np.sqrt(w)
+            w, root = values[base + k], np.sqrt(values[base + k])
+            values[base + k] = w if values[exponent + k] == 1.0 else root
     else:
         for k in range(m):
             values[base + k] = power(values[base + k], values[exponent + k])

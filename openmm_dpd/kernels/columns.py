@@ -19,6 +19,7 @@ import numpy as np
 from numba import types
 
 from ..runtime import Kernel, Tape, by_types, helper, inlined, meet
+from .groups import grouped_column, seats_for
 from .listing import fetch_around, has_room, list_some, look_around
 from .pairs import CHUNK, PairList, Scratch
 from .templates import renamed
@@ -185,6 +186,7 @@ def over_pairs(
     rounds: int = 1,
     drags: bool = False,
     parts: bool = False,
+    grouped: bool = False,
 ) -> Callable:
     """Function (list of pairs, data) -> :class:`Totals`, which goes through all pairs; compiled under a name of its own.
 
@@ -194,7 +196,8 @@ def over_pairs(
     Where beads are many, loops that can be done ``again`` from the start, and say by data -> array (M, 3) what ``pair`` writes on, list the
     pairs of each column when they come to it (see :class:`.pairs.PairList`).  There ``pair`` changes nothing that ``first`` does not set.
 
-    A loop of several ``rounds`` goes around so often, with other pairs of each column every time; it sums nothing.
+    A loop of several ``rounds`` goes around so often, with other pairs of each column every time; it sums nothing, nor does one that is
+    ``grouped``: there ``pair`` is called for each of the :mod:`.groups`, with its first pair and how many it has in the place of n and k.
     """
     around = {"_first": first, "_BEGINS": first is not None, "_last": last, "_ENDS": last is not None}
 
@@ -204,7 +207,7 @@ def over_pairs(
         word = f"{name}{'_tensor' * tensor}{'_lists' * lists}"
         inside = {"_pair": pair, "_before": before, "_LISTS": lists, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
         inside["_ROUNDS"] = np.uint64(rounds)
-        column = inlined(renamed(_column, f"{word}_column", inside))
+        column = inlined(renamed(grouped_column if grouped else _column, f"{word}_column", inside))
         share = helper(renamed(_share, f"{word}_share", {"_columns": column, "_LISTS": lists, "_written": again, "_ROUNDS": rounds}))
         return Kernel(renamed(_over_pairs, word, {"_share": share, "_LISTS": lists} | around))
 
@@ -212,7 +215,7 @@ def over_pairs(
         lists = again is not None and not pairs.stored
         loop, sums = kernel(bool(tensor), lists), np.empty(5)
         while True:
-            arrays, source = pairs.passing() if lists else (pairs.arrays, 0)
+            arrays, source = pairs.passing() if lists else (pairs.arrays, seats_for(pairs) if grouped else 0)
             if isinstance(pairs.flow, np.ndarray):
                 arrays = arrays._replace(flow=pairs.flow)
             if tensor:
@@ -391,10 +394,3 @@ def push_apart(pairs, f, n, i, j, radial):
     g = pairs.geometry
     push(f, i, j, radial * g[0, n], radial * g[1, n], radial * g[2, n])
     return radial * g[3, n]
-
-
-@inlined
-def soft(A, cutoff, r):
-    """The conservative term A w with w = 1 - r/cutoff, and its energy."""
-    w = 1.0 - r / cutoff
-    return A * w, 0.5 * A * w * w * cutoff

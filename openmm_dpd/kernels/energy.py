@@ -30,10 +30,11 @@ import numpy as np
 from ..base.errors import RunError, bead_number, in_units
 from ..runtime import helper, merged
 from . import exchange, forces
-from .columns import Motion, approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of, soft
+from .columns import Motion, approach, change, deliver_rates, factor_of, gather_and_clear_rates, over_pairs, push_apart, row_of
 from .energy_updates import any_conduction, any_motion, conduction_of_constants, motion_of_constants
 from .eos import CONSTANT, EOSTable
 from .fields import NO_INCREMENTS, sort_energies
+from .forces import soft
 from .layer import CONSERVATIVE, DISSIPATIVE, EXACT, RANDOM, Call, Layer, PairSpec, SortedMotion, Sums, table_of
 from .noise import normal, pair_key, uniform
 from .pairs import ROUNDS, PairList

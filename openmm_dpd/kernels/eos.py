@@ -87,19 +87,32 @@ def curvature(u, capacity, curve, start, nodes, pieces):
     return -((3.0 * pieces[k, 0] * d + 2.0 * pieces[k, 1]) * d + pieces[k, 2])
 
 
+@inlined
+def _artanh_over(s):
+    """artanh(s)/s by nine terms."""
+    s2 = s * s
+    high = 1.0 / 11.0 + s2 * (1.0 / 13.0 + s2 * (1.0 / 15.0 + s2 / 17.0))
+    return 1.0 + s2 * (1.0 / 3.0 + s2 * (1.0 / 5.0 + s2 * (1.0 / 7.0 + s2 * (1.0 / 9.0 + s2 * high))))
+
+
+@inlined
+def near_log_ratio(a, b):
+    """ln(a/b) of numbers that differ by a fifth at most; no number for others."""
+    s = (a - b) / (a + b)
+    return 2.0 * s * _artanh_over(s) if abs(s) <= 0.1 else np.nan
+
+
 @merged
 def log_ratio(a, b):
-    """ln(a/b) of positive numbers to 1e-14, with fewer divisions than log(a/b): 2 artanh((a - b)/(a + b)) by nine terms, of a root of a/b
-    where that is far from 1."""
+    """ln(a/b) of positive numbers to 1e-14, with fewer divisions than log(a/b): 2 artanh((a - b)/(a + b)), of a root of a/b where that is
+    far from 1."""
     s, power = (a - b) / (a + b), 2.0
     if abs(s) > 0.1:
         t = a / b
         while abs(t - 1.0) > 0.2:
             t, power = np.sqrt(t), 2.0 * power
         s = (t - 1.0) / (t + 1.0)
-    s2 = s * s
-    high = 1.0 / 11.0 + s2 * (1.0 / 13.0 + s2 * (1.0 / 15.0 + s2 / 17.0))
-    return power * s * (1.0 + s2 * (1.0 / 3.0 + s2 * (1.0 / 5.0 + s2 * (1.0 / 7.0 + s2 * (1.0 / 9.0 + s2 * high)))))
+    return power * s * _artanh_over(s)
 
 
 @helper

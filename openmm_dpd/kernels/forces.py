@@ -30,7 +30,6 @@ from .columns import (
     push,
     push_apart,
     row_of,
-    soft,
 )
 from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
@@ -66,6 +65,13 @@ class Terms(NamedTuple):
     motion: Motion
     c: np.ndarray = _NOTHING  #: (M, 3) conservative forces alone, which go to ``held`` (N, 3); of length 0 where nobody wants them
     held: np.ndarray = _NOTHING
+
+
+@inlined
+def soft(A, cutoff, r):
+    """The conservative term A w with w = 1 - r/cutoff, and its energy."""
+    w = 1.0 - r / cutoff
+    return A * w, 0.5 * A * w * w * cutoff
 
 
 @inlined
@@ -134,9 +140,9 @@ _apart_terms = helper(renamed(_terms, "apart_terms", {"_each": _radial_apart}))
 def draw_across(pairs, begin, m, scratch, x, y, z, along):
     """Three rows of the values: what is across the line between the beads of a pair of a normal random vector, as the first bead has it."""
     values, g = scratch.values, pairs.geometry
-    draw_directed(1, pairs, begin, m, scratch, x)
-    draw_directed(2, pairs, begin, m, scratch, y)
-    draw_directed(3, pairs, begin, m, scratch, z)
+    draw_directed(1, m, scratch, x)
+    draw_directed(2, m, scratch, y)
+    draw_directed(3, m, scratch, z)
     for k in range(m):
         values[along + k] = g[0, begin + k] * values[x + k] + g[1, begin + k] * values[y + k] + g[2, begin + k] * values[z + k]
     for axis, row in ((0, x), (1, y), (2, z)):

@@ -23,9 +23,9 @@ _WORD, _ONE, _THREE, _STEP = np.uint64(64), np.uint64(1), np.uint64(3), np.uint6
 _USUAL = np.uint64(8)
 #: So many hits fill the space for them, where beads are close together.
 _MOST = np.uint64(2048)
-#: Into so many parts a batch is divided, of each of which comes one pair after the other; so many hits are collected for it.  And where
-#: pairs of one bead are to be far apart.
-USUAL, SPREAD = (np.uint64(4), np.uint64(384)), (np.uint64(64), np.uint64(768))
+#: Into so many parts a batch is divided, of each of which comes one pair after the other; so many hits are collected for it.  Where there
+#: are :mod:`.groups`; and where pairs of one bead are to be far apart.
+USUAL, GROUPED, SPREAD = (np.uint64(4), np.uint64(384)), (np.uint64(16), np.uint64(384)), (np.uint64(64), np.uint64(768))
 _FEW = USUAL[0]
 #: Cells of a large layer: beads of several such layers are more than a processor's second cache holds.
 _LARGE = 500
@@ -38,7 +38,7 @@ class SortedCells(NamedTuple):
 
     The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
     pairs: the squares of the cutoffs of all types, of the longest one, of what that can be in single precision, and of the least distance;
-    exceptions in compressed rows (of length 0 if there are none).  How pairs are ordered: :data:`USUAL` or :data:`SPREAD`.  What each
+    exceptions in compressed rows (of length 0 if there are none).  How pairs are ordered: :data:`USUAL` or one of the others.  What each
     thread writes on: see :func:`space_for`.
     """
 

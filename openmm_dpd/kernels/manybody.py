@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from .columns import Motion, approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of, soft
+from .columns import Motion, approach, deliver, factor_of, gather_and_clear, over_pairs, push_apart, row_of
 from .dpd import SweptLayer
-from .forces import CUTOFF, GAMMA, SIGMA, A
+from .forces import CUTOFF, GAMMA, SIGMA, A, soft
 from .layer import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, Call, Layer, PairSpec, Sums, table_of
 from .noise import draw
 from .pairs import PairList, rows

@@ -165,18 +165,19 @@ def draw_normals(stream, m, scratch, row):
 
 
 @helper
-def directed(pairs, begin, m, scratch, row):
-    """What belongs to the bead with the lower number as the first bead of each pair has it: minus that where it is the other one."""
-    order, pi, pj, values = pairs.order, pairs.pi, pairs.pj, scratch.values
+def directed(m, scratch, row):
+    """What belongs to the bead with the lower number as the first bead of each pair has it: minus that where it is the other one.  Pairs
+    are those of the last :func:`draw`."""
+    values, signs = scratch.values, scratch.bits[SECOND + SECOND :]
     for k in range(m):
-        values[row + k] = -values[row + k] if order[pi[begin + k]] > order[pj[begin + k]] else values[row + k]
+        values[row + k] = np.uint64(np.float64(values[row + k]).view(np.uint64) ^ signs[k]).view(np.float64)
 
 
 @helper
-def draw_directed(stream, pairs, begin, m, scratch, row):
+def draw_directed(stream, m, scratch, row):
     """:func:`draw_normals`, and :func:`directed`."""
     draw_normals(stream, m, scratch, row)
-    directed(pairs, begin, m, scratch, row)
+    directed(m, scratch, row)
 
 
 @helper
@@ -188,11 +189,13 @@ def draw_uniforms(stream, m, scratch, row):
 
 @helper
 def draw(key, pairs, begin, m, scratch, row):
-    """What :func:`pair_key` gives for the pairs begin:begin + m of a list to the bits, and their stream 0 to a row of the values."""
+    """What :func:`pair_key` gives for the pairs begin:begin + m of a list to the bits, with the signs of their directions, and their stream
+    0 to a row of the values."""
     order, pi, pj, bits = pairs.order, pairs.pi, pairs.pj, scratch.bits
     for k in range(m):
         i, j = order[pi[begin + k]], order[pj[begin + k]]
         low, high = (i, j) if i < j else (j, i)
+        bits[SECOND + SECOND + k] = np.uint64(i > j) << _S63
         bits[k] = (np.uint64(low) << _S32) | np.uint64(high)
     for k in range(m):
         bits[k] = mix(mix(bits[k] * _GOLDEN + key) + key)

@@ -74,7 +74,7 @@ class Scratch(NamedTuple):
     """Space for what is computed for many pairs at once, for each thread, in :func:`rows`."""
 
     values: np.ndarray  #: Numbers
-    bits: np.ndarray  #: Keys of the noise of the pairs; of one of their streams
+    bits: np.ndarray  #: Keys of the noise of the pairs; of one of their streams; the sign of a number that has a direction
     indices: np.ndarray  #: Rows of the table of coefficients; pairs that are to be looked at again
 
 
@@ -97,6 +97,8 @@ class PairList:
     spread = False
     #: Whether beads at the same point are a pair, of direction and distance 0; otherwise they are none.
     coincident = False
+    #: Whether sweeps go through the list in :mod:`.groups`, and pairs are listed so that these get full.
+    grouped = False
 
     def __init__(
         self, types: np.ndarray, inv_mass: np.ndarray, cutoff: np.ndarray, exceptions: Exceptions | None = None, *, passes: bool = False
@@ -258,15 +260,9 @@ class PairList:
             # coordinates are at most 2 |box| from the corner: what rounding them can do to a square, and that twice
             edges = np.abs(most_tilted(grid.box) if self.slides else grid.box).sum()
             rounding = np.finfo(np.float32).eps * (16.0 * edges + 8.0 * self.cutoff) * self.cutoff
-            rule = (
-                self._cut2,
-                self.cutoff**2,
-                self.cutoff**2 + rounding,
-                0.0 if self.coincident else listing.R_MIN2,
-                self.ntypes,
-                *self.exceptions,
-            )
-            order = listing.SPREAD if self.spread else listing.USUAL
+            squares = self._cut2, self.cutoff**2, self.cutoff**2 + rounding, 0.0 if self.coincident else listing.R_MIN2
+            rule = *squares, self.ntypes, *self.exceptions
+            order = listing.SPREAD if self.spread else listing.GROUPED if self.grouped else listing.USUAL
             space = now[-10:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
             self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *order, *space)  # type: ignore[arg-type]
         return now
@@ -340,8 +336,8 @@ class PairList:
         """Space for some pairs of each thread."""
         threads = self.threads
         if len(self._scratch.values) != threads:
-            length, two = int(rows(self.rows_of_scratch + 1)[-1]), (threads, int(rows(3)[-1]))
-            self._scratch = Scratch(np.empty((threads, length)), np.empty(two, np.uint64), np.empty(two, np.uint32))
+            length, three = int(rows(self.rows_of_scratch + 1)[-1]), (threads, int(rows(4)[-1]))
+            self._scratch = Scratch(np.empty((threads, length)), np.empty(three, np.uint64), np.empty(three, np.uint32))
         return self._scratch
 
     def shares(self, parts: int) -> Shares:

@@ -138,7 +138,7 @@ def _look_at_species(pairs, data, species, begin, m, scratch):
     for row in range(len(table)):
         noisy |= table[row, first + 1] != 0.0
     if noisy:
-        draw_directed(FIRST_SPECIES + species, pairs, begin, m, scratch, _NOISE)
+        draw_directed(FIRST_SPECIES + species, m, scratch, _NOISE)
     look_up_one(table, first, pairs, m, scratch, _KAPPA)
     look_up_one(table, first + 1, pairs, m, scratch, _EPSILON)
     look_up_one(table, CUTOFF_C, pairs, m, scratch, _RANGE)

@@ -225,7 +225,20 @@ def swept(scene, scheme="middle", dt=DT, counter=COUNTER):
 def test_a_sweep_equals_the_oracle(box, dt, scheme):
     """Beads that do not move, polynomials, all ranges; at the longer step moves are rejected."""
     mobile = np.arange(fluid(box=BOXES[box]).n_beads) % 4 > 0
-    scene = warm_fluid(BOXES[box], mobile=mobile)
+    assert np.abs(equals_the_oracle(warm_fluid(BOXES[box], mobile=mobile), mobile, dt, scheme)).max() > 1e-3
+
+
+@cases("capacity, reach, frozen", (400.0, 1.2, 0), (40.0, 1.2, 5), (40.0, 0.4, 0), (3.0, 1.2, 0))
+def test_groups_of_like_beads_equal_one_pair_after_the_other(capacity, reach, frozen):
+    """Many pairs of a bead and few; where capacities are small many pairs are done again, one by one."""
+    n = fluid(box=BOXES["wide"]).n_beads
+    mobile, start = np.arange(n) % 5 >= (frozen > 0), np.random.default_rng(5).uniform(0.9, 1.1, n)
+    table = {("*", "*"): EDPD(A=25, gamma=4.5, kappa=6.0 / capacity, cutoff=reach, cutoff_T=0.9 * reach, **_POLYNOMIALS)}
+    scene = fluid(table=table, box=BOXES["wide"], internal=BeadTemperatures(start, capacity), mobile=mobile)
+    assert np.abs(equals_the_oracle(scene, mobile, DT, "middle")).max() > 0.1 / capacity
+
+
+def equals_the_oracle(scene, mobile, dt, scheme):
     n, masses = scene.n_beads, np.where(mobile, scene.bead_masses, np.inf)
     engine, change, gained = swept(scene, scheme, dt)
     motion, heat = noise_matrices(n)
@@ -238,7 +251,8 @@ def test_a_sweep_equals_the_oracle(box, dt, scheme):
     )  # fmt: skip
     close(seen + change, v, 1e-11)
     close(gained, temperature - scene.internal.values(n)[:, 0], 1e-11)
-    assert not gained[~mobile].any() and np.abs(gained).max() > 1e-3
+    assert not gained[~mobile].any()
+    return gained
 
 
 @pytest.mark.parametrize("dt", [1e-4, 0.02, 3.0])

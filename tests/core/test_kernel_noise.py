@@ -188,7 +188,7 @@ def _of_a_column(key, arrays, m, scratch, found):
     for begin in range(np.uint64(0), m, np.uint64(CHUNK)):
         count = min(np.uint64(CHUNK), m - begin)
         noise.draw(key, arrays, begin, count, scratch, ROWS[0])
-        noise.draw_directed(2, arrays, begin, count, scratch, ROWS[1])
+        noise.draw_directed(2, count, scratch, ROWS[1])
         noise.draw_uniforms(3, count, scratch, ROWS[2])
         for k in range(count):
             for row in range(len(ROWS)):
