@@ -436,8 +436,7 @@ private:
             if ((double) rowRoom*device.padded() > 2e9)
                 throw OpenMM::OpenMMException("DPDDeviceForce: too many partners of beads for 32-bit numbers");
             device.make(rows, Kind::Real4, (size_t) rowRoom*device.padded());
-            if (fluid.carries != NOTHING)
-                fields.makeRows((size_t) rowRoom*device.padded());
+            fields.makeRows((size_t) rowRoom*device.padded());
             rounds = std::max(rounds, 2*rowRoom+20);
             if (transverse() || Device::everything)
                 device.make(rowsAcross, Kind::Real, (size_t) rowRoom*device.padded());

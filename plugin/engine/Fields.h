@@ -103,6 +103,8 @@ public:
     }
 
     void makeRows(size_t places) {
+        if (fluid.carries == NOTHING)
+            return;
         device.make(distances, Kind::Real, places);
         device.make(hashes, Kind::Long, places);
         device.make(around, Kind::Mixed4, device.padded());
