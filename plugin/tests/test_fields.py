@@ -8,6 +8,7 @@ import openmm
 import oracle_meso as oracle
 import pytest
 from conftest import available
+from cuts import ends_of_all_ways
 from devices import Device
 from scenes import BOXES, chains, fluid, noise_of, same_bits, state_of
 from test_pair_terms import COUNTER, DT, SEED, bound, close, context_of, found
@@ -161,34 +162,21 @@ def test_steps_are_the_hosts(kind, name, lam):
             np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * np.abs(theirs).max())
 
 
-def ends_of(*simulations) -> list:
-    return [(*state_of(each.context), carried(each)) for each in simulations]
+def end_of(simulation) -> tuple:
+    return (*state_of(simulation.context), carried(simulation))
 
 
 @pytest.mark.parametrize("precision, kind", [("single", "heat"), ("mixed", "species")])
 def test_restarts_cuts_and_shared_beads_have_the_same_bits(precision, kind, tmp_path, monkeypatch):
     scene, device = carrying(kind, **options_of("sources")), available(Device("OpenCL", precision))
-    whole, cut, loaded = (run_on(scene, device, "mvv", lam=0.65, dt=0.005) for _ in range(3))
-    whole.step(20)
-    cut.step(7)
-    cut.context.getState(energy=True, forces=True)
-    cut.step(3)
-    cut.saveCheckpoint(str(tmp_path / "checkpoint"))
-    cut.saveState(str(tmp_path / "state.xml"))
-    cut.step(10)
-    loaded.loadCheckpoint(str(tmp_path / "checkpoint"))
-    energies = [each.context.getState(energy=True).getPotentialEnergy()._value for each in (loaded, loaded)]
-    loaded.step(10)
-    ends = ends_of(whole, cut, loaded)
-    cut.loadState(str(tmp_path / "state.xml"))
-    energies.append(cut.context.getState(energy=True).getPotentialEnergy()._value)
-    cut.step(10)
-    ends += ends_of(cut)
+    energies = []
+    note = lambda each: energies.extend(each.context.getState(energy=True).getPotentialEnergy()._value for _ in range(2))  # noqa: E731
+    ends = ends_of_all_ways(lambda: run_on(scene, device, "mvv", lam=0.65, dt=0.005), end_of, tmp_path, note)
     if precision == "mixed":
         monkeypatch.setenv("OPENMM_DPD_DEVICE_LANES", "8")
         shared = run_on(scene, device, "mvv", lam=0.65, dt=0.005)
         shared.step(20)
-        ends += ends_of(shared)
+        ends.append(end_of(shared))
     assert all(same_bits(ends[0], end) for end in ends[1:])
     assert len(set(energies)) == 1
 
@@ -207,7 +195,7 @@ def test_what_is_set_acts_at_once_and_in_full():
     assert energies[0] == pytest.approx(energies[1], rel=1e-8)
     for simulation in pair:
         simulation.step(2)
-    for ours, theirs in zip(*ends_of(*pair), strict=True):
+    for ours, theirs in zip(*map(end_of, pair), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * np.abs(theirs).max())
     samples = [dpd.Observer(each).sample(simulation.context) for each, simulation in zip((built, host), pair, strict=True)]
     assert samples[0].potential == pytest.approx(samples[1].potential, rel=1e-7)
@@ -278,7 +266,7 @@ def test_a_ramp_of_the_temperature_is_the_hosts():
         for each in (ours, host):
             each.step(6)
             each.context.setVelocities(0.5 * each.context.getState(velocities=True).getVelocities(asNumpy=True))
-    for mine, theirs in zip(*ends_of(ours, host), strict=True):
+    for mine, theirs in zip(end_of(ours), end_of(host), strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-6 * np.abs(theirs).max())
 
 
@@ -300,11 +288,11 @@ def test_what_cannot_go_on_is_an_error(change, message):
     simulation = built.simulation()
     if change == "conduction":
         dpd.write_fields(simulation.context, built.plan, theta=1.5)
-    before = ends_of(simulation)[0]
+    before = end_of(simulation)
     with pytest.raises(openmm.OpenMMException, match=message):
         simulation.step(10)
         dpd.read_fields(simulation.context, built.plan)
-    assert same_bits(ends_of(simulation)[0], before)
+    assert same_bits(end_of(simulation), before)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import openmm
 import oracle_density
 import pytest
 from conftest import available
+from cuts import ends_of_all_ways
 from devices import Device
 from scenes import BOXES, chains, fluid, noise_of, same_bits, state_of
 from test_pair_terms import COUNTER, DT, SEED, bound, close, context_of, found
@@ -107,20 +108,7 @@ def test_steps_are_the_hosts_or_the_programs(kernel, scheme, monkeypatch):
 @pytest.mark.parametrize("precision, scheme, kernel", [("single", "middle", "quadratic"), ("mixed", "mvv", "lucy")])
 def test_restarts_cuts_and_shared_beads_have_the_same_bits(precision, scheme, kernel, tmp_path, monkeypatch):
     scene, found = liquid(kernel), available(Device("OpenCL", precision))
-    whole, cut, loaded = (run_on(scene, found, scheme, dt=0.01) for _ in range(3))
-    whole.step(20)
-    cut.step(7)
-    cut.context.getState(energy=True, forces=True)
-    cut.step(3)
-    cut.saveCheckpoint(str(tmp_path / "checkpoint"))
-    cut.saveState(str(tmp_path / "state.xml"))
-    cut.step(10)
-    loaded.loadCheckpoint(str(tmp_path / "checkpoint"))
-    loaded.step(10)
-    ends = [state_of(each.context) for each in (whole, cut, loaded)]
-    cut.loadState(str(tmp_path / "state.xml"))
-    cut.step(10)
-    ends.append(state_of(cut.context))
+    ends = ends_of_all_ways(lambda: run_on(scene, found, scheme, dt=0.01), lambda each: state_of(each.context), tmp_path)
     if precision == "mixed":
         monkeypatch.setenv("OPENMM_DPD_DEVICE_LANES", "8")
         shared = run_on(scene, found, scheme, dt=0.01)

@@ -7,10 +7,11 @@ import openmm
 import oracle_meso as oracle
 import pytest
 from conftest import available
+from cuts import ends_of_all_ways
 from devices import Device
 from reference_forces import between
 from scenes import beads, noise_of, same_bits, state_of
-from test_fields import MIXED, POLYNOMIALS, SPECIES, WARM, N, carried, carrying, ends_of, options_of, square
+from test_fields import MIXED, POLYNOMIALS, SPECIES, WARM, N, carried, carrying, end_of, options_of, square
 from test_steps import run_on
 
 import openmm_dpd as dpd
@@ -143,25 +144,12 @@ def test_the_order_of_pairs_knows_nothing_of_their_noise(exact):
 @pytest.mark.parametrize("kind", ["heat", "species"])
 def test_restarts_cuts_and_shared_beads_have_the_same_bits(kind, tmp_path, monkeypatch):
     scene, device, scheme = three(carrying(kind, **options_of("sources"))), available(Device("OpenCL", "mixed")), "bababo"
-    whole, cut, loaded = (run_on(scene, device, scheme, dt=0.01) for _ in range(3))
-    whole.step(20)
-    cut.step(7)
-    cut.context.getState(energy=True, forces=True)
-    cut.step(3)
-    cut.saveCheckpoint(str(tmp_path / "checkpoint"))
-    cut.saveState(str(tmp_path / "state.xml"))
-    cut.step(10)
-    loaded.loadCheckpoint(str(tmp_path / "checkpoint"))
-    loaded.step(10)
-    ends = ends_of(whole, cut, loaded)
-    cut.loadState(str(tmp_path / "state.xml"))
-    cut.step(10)
-    ends += ends_of(cut)
+    ends = ends_of_all_ways(lambda: run_on(scene, device, scheme, dt=0.01), end_of, tmp_path)
     if kind == "species":
         monkeypatch.setenv("OPENMM_DPD_DEVICE_LANES", "8")
         shared = run_on(scene, device, scheme, dt=0.01)
         shared.step(20)
-        ends += ends_of(shared)
+        ends.append(end_of(shared))
     assert all(same_bits(ends[0], end) for end in ends[1:])
 
 
