@@ -32,9 +32,7 @@ class ReactionSpec:
     sort: int  #: Number of the sort of bonds
     role_of: np.ndarray  #: (T,) int32 by type, 0 and 1 for the two types of beads (0 if they are the same), 2 for others
     valences: np.ndarray  #: (3,) most bonds of the sort that beads of each role may have
-    becomes: (
-        np.ndarray | None
-    )  #: (3,) type of beads of each role once they have them, -1 for no other one; None if no bead changes its type
+    becomes: np.ndarray | None  #: (3,) type that beads of each role take once they have them, -1 for no other one; None if none changes
 
 
 @dataclass(frozen=True, eq=False)

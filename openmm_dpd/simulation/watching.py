@@ -92,7 +92,8 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
         except openmm.OpenMMException as error:
             if SHOWN not in str(error):
                 raise
-            raise PlanError(f"forces in that state follow what beads carry ({SHOWN}), here none do: use simulation.loadState") from error
+            what = f"forces in that state follow bonds that form or what beads carry ({SHOWN}), here none do"
+            raise PlanError(f"{what}: use simulation.loadState") from error
 
     return heard
 
