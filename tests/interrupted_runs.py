@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 from undrawn import draw_nothing
 
 import openmm_dpd.lammps  # before calls are counted
@@ -24,6 +25,12 @@ from openmm_dpd.__main__ import main
 from openmm_dpd.simulation.field_file import load_fields
 
 PACKAGE = Path(openmm_dpd.lammps.__file__).parents[1]
+
+#: For modules of such tests.  A signal between the opening of a file and the ``with`` that closes it leaves that to the garbage collector.
+WITH_SIGNALS = [
+    pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals"),
+    pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning"),
+]
 
 #: Files whose calls are counted: all that a run of a deck does beside its steps.
 WRITERS = ("base/files", "base/file_ledger", "io/dcd", "io/xtc", "simulation/field_file")

@@ -1,6 +1,5 @@
 """Random decks of every area of commands, run by LAMMPS, live, and by this package: fixed seeds.  More by hand: ``python tests/decks/fuzz --help``."""
 
-import os
 from collections.abc import Iterator
 
 import lammps_peer
@@ -11,6 +10,7 @@ from fuzz.command_line import table
 from fuzz.compare import differences
 from fuzz.interruptions import Interruptions
 from fuzz.trial import FAILURES, Trial
+from interrupted_runs import WITH_SIGNALS
 
 DECKS = 120  # Decks of an area of weight 1.
 
@@ -44,7 +44,8 @@ def test_a_few_random_decks(trial, area):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+@WITH_SIGNALS[0]
+@WITH_SIGNALS[1]
 def test_random_decks_that_are_interrupted_go_on_bit_for_bit(tmp_path):
     """Twenty of all areas; more by hand with ``--resume``."""
     areas = [*AREAS, "averages", "runs", "control"]

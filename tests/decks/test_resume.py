@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import put, raises
-from interrupted_runs import contents, interrupted, signal_at
+from interrupted_runs import WITH_SIGNALS, contents, interrupted, signal_at
 
 import openmm_dpd as dpd
 from openmm_dpd.__main__ import main
@@ -22,7 +22,7 @@ from openmm_dpd.lammps.values import computes
 
 DECKS = Path(__file__).parents[2] / "examples" / "decks"
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+pytestmark = WITH_SIGNALS
 
 #: Two runs with everything that remembers: averages of every kind, displacements, random numbers of formulas, files that grow, that are
 #: written again and that are begun anew, commands between the runs that depend on the first.

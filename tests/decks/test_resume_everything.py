@@ -1,6 +1,5 @@
 """Every compute, fix, output style, variable style and command: interrupted at random moments and resumed, all files bit for bit."""
 
-import os
 import zlib
 
 import pytest
@@ -8,8 +7,9 @@ from deck_snippets import FILES, SNIPPETS, TABLES, WORDS
 from decks.fuzz.deck import Deck
 from decks.fuzz.draw import Draw
 from decks.fuzz.interruptions import Interruptions
+from interrupted_runs import WITH_SIGNALS
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+pytestmark = WITH_SIGNALS
 
 
 @pytest.mark.parametrize("kind", TABLES)

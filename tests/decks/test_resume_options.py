@@ -1,19 +1,18 @@
 """A run that is resumed has every option of the one that was interrupted: all that ``openmm-dpd run --help`` lists."""
 
 import json
-import os
 import re
 import shlex
 import signal
 from pathlib import Path
 
 import pytest
-from interrupted_runs import contents, interrupted, signal_at
+from interrupted_runs import WITH_SIGNALS, contents, interrupted, signal_at
 
 from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import RunOptions, explain_deck, export_deck, recommend_deck, run_deck
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+pytestmark = WITH_SIGNALS
 
 #: Every option, as the run that is interrupted has it (none of these is the default), and others that --restart must refuse.
 OPTIONS: dict[str, tuple[list[str], list[list[str]]]] = {
