@@ -125,8 +125,8 @@ _OPTIONS = [str(_PACKAGE / "runtime" / name) for name in ("decorators.py", "numb
 for _room in ("runtime", "kernels"):
     for _path in (_PACKAGE / _room).glob("*.py"):
         _file(str(_path))
-#: Libraries whose code is not hashed: their versions are part of the key.
-_LIBRARIES = ("builtins", "llvmlite", "math", "numba", "numpy")
+#: Libraries whose code is not hashed: their versions are part of the key.  Functions of Python's own lead to paths, such as sys.executable.
+_LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy"}
 
 
 def _parts(value: Any, seen: set[int], names: tuple[str, ...] = ()) -> Iterator[bytes]:

@@ -12,6 +12,7 @@ import numba
 import pytest
 from full_disk import file_limit
 
+from openmm_dpd.kernels.cells import _bin_beads
 from openmm_dpd.runtime import kernel_cache
 from openmm_dpd.runtime.decorators import compiled, helper, inlined
 from openmm_dpd.runtime.kernel_cache import KernelFiles, cache_folder, why_unusable
@@ -153,6 +154,7 @@ def test_what_is_compiled_decides_not_where_it_lies(places, tmp_path, decorator)
 REACHED = """
 import itertools
 from numba.core.bytecode import FunctionIdentity
+from openmm_dpd.kernels.cells import _bin_beads
 from openmm_dpd.runtime import kernel_cache
 from openmm_dpd.runtime.kernel_cache import KernelCache, contents
 from openmm_dpd.measure import warming
@@ -182,6 +184,14 @@ warming.BONDED_KINDS = dict(itertools.islice(kinds, 3, None, 4))  # of angles, b
 warming.warm(print)
 assert kernels > 100
 """
+
+
+def test_no_place_is_part_of_a_key(monkeypatch):
+    """Kernels that meet other threads refer to functions of Python's library, which know where Python is."""
+    before = kernel_cache.contents(_bin_beads)
+    monkeypatch.setattr(sys, "executable", "/elsewhere/python")
+    monkeypatch.setattr(sys, "prefix", "/elsewhere")
+    assert kernel_cache.contents(_bin_beads) == before
 
 
 @pytest.mark.slow
