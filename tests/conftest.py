@@ -6,6 +6,7 @@ import signal
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
+from pathlib import Path
 
 # a shell that starts the tests in the background has them ignore Ctrl-C, which some are about
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -26,6 +27,9 @@ from openmm_dpd.plan import device as device_engine
 from openmm_dpd.runtime import threads
 from openmm_dpd.runtime.threads import set_threads
 
+#: Tests that continuous integration leaves to the night, with what it still runs of the same part.
+NIGHT = {line.partition("  #")[0] for line in (Path(__file__).parent / "night.txt").read_text().splitlines() if "::" in line}
+
 gc.disable()  # until all tests are collected
 
 
@@ -41,6 +45,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Leave to the slow tests the further precisions of GPU platforms, and to the long ones all but the first and the last case of each."""
     found: dict[tuple[str, Device], list[pytest.Item]] = defaultdict(list)
     for item in items:
+        if item.nodeid.removeprefix("tests/") in NIGHT:
+            item.add_marker("long")
         if (device := _gpu(item)) is not None:
             found[item.nodeid.partition("[")[0], device].append(item)
             for mark in MARKS.get(device.precision, ()):

@@ -23,7 +23,7 @@ def trial(tmp_path_factory) -> Iterator[Trial]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("begin, end", [(0.0, 0.6), pytest.param(0.6, 1.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize("begin, end", [(0.0, 0.3), pytest.param(0.3, 1.0, marks=pytest.mark.long)])
 @pytest.mark.parametrize("area", AREAS)
 def test_random_decks_agree_or_are_refused(trial, area, begin, end):
     all_of_them = DECKS * AREAS[area][0]

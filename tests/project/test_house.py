@@ -84,3 +84,10 @@ def test_docstrings_stand_alone():
         for node in NODES[module] if not module.startswith(later) else ():
             if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
                 assert not leans.match(ast.get_docstring(node) or ""), f"{PATHS[module]}: {ast.get_docstring(node)}"
+
+
+def test_what_the_night_runs_exists():
+    for line in (ROOT / "tests" / "night.txt").read_text(encoding="utf-8").splitlines()[1:]:
+        path, _, name = line.partition("  # ")[0].partition("::")
+        assert f"def {name.partition('[')[0]}(" in (ROOT / "tests" / path).read_text(encoding="utf-8"), line
+        assert line.partition("  # ")[2], line
