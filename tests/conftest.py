@@ -4,7 +4,6 @@ import gc
 import os
 import signal
 import sys
-from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,7 +19,7 @@ if sys.dont_write_bytecode:  # without it each process that tests start would co
 
 import numba
 import pytest
-from devices import DEVICES, MARKS, Device, available
+from devices import DEVICES, MARKS, Device, available, further_cases, gpu
 from undrawn import draw_nothing
 
 from openmm_dpd.plan import device as device_engine
@@ -33,28 +32,17 @@ NIGHT = {line.partition("  #")[0] for line in (Path(__file__).parent / "night.tx
 gc.disable()  # until all tests are collected
 
 
-def _gpu(item: pytest.Item) -> Device | None:
-    """The GPU platform, in a precision, on which a test runs."""
-    values = item.callspec.params.values() if hasattr(item, "callspec") else ()
-    devices = [value for value in values if isinstance(value, Device) and not value.exact]
-    names = [name for name in (getattr(value, "platform", value) for value in values) if isinstance(name, str)]
-    return next(iter(devices + [device for device in DEVICES if not device.exact and device.platform in names]), None)
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Leave to the slow tests the further precisions of GPU platforms, and to the long ones all but the first and the last case of each."""
-    found: dict[tuple[str, Device], list[pytest.Item]] = defaultdict(list)
     for item in items:
         if item.nodeid.removeprefix("tests/") in NIGHT:
             item.add_marker("long")
-        if (device := _gpu(item)) is not None:
-            found[item.nodeid.partition("[")[0], device].append(item)
+        if (device := gpu(item)) is not None:
             for mark in MARKS.get(device.precision, ()):
                 item.add_marker(mark)
-    for cases in found.values():
-        for item in cases[1:-1]:
-            for mark in ("slow", "long"):
-                item.add_marker(mark)
+    for item in further_cases(items):
+        for mark in ("slow", "long"):
+            item.add_marker(mark)
 
 
 def pytest_collection_finish() -> None:

@@ -1,6 +1,7 @@
 """Platforms and precisions the tests run on."""
 
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -47,6 +48,24 @@ MARKS = {"mixed": ("slow",), "double": ("slow", "long")}
 _GPUS = [platform for platform in ("OpenCL", "CUDA", "HIP") if platform == "OpenCL" or platform in _PRESENT]
 DEVICES = [Device("Reference"), Device("CPU"), *(Device(platform, precision) for platform in _GPUS for precision in PRECISIONS)]
 REFERENCE, CPU = DEVICES[:2]
+
+
+def gpu(item: pytest.Item) -> Device | None:
+    """The GPU platform, in a precision, on which a test runs."""
+    values = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    devices = [value for value in values if isinstance(value, Device) and not value.exact]
+    names = [name for name in (getattr(value, "platform", value) for value in values) if isinstance(name, str)]
+    return next(iter(devices + [device for device in DEVICES if not device.exact and device.platform in names]), None)
+
+
+def further_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
+    """All but the first and the last case of each test on a GPU platform in a precision: compiling their kernels takes most of the time."""
+    found: dict[tuple[str, Device], list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        if (device := gpu(item)) is not None:
+            found[item.nodeid.partition("[")[0], device].append(item)
+    for cases in found.values():
+        yield from cases[1:-1]
 
 
 @cache

@@ -11,6 +11,12 @@ from devices import DEVICES, Device
 from openmm_dpd.plan.forces.device_force import why_no_plugin
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave the further cases of each test on a GPU platform to the night."""
+    for item in devices.further_cases(items):
+        item.add_marker("slow")
+
+
 def available(device: Device) -> Device:
     """The device with the plugin on it, or a skipped test."""
     return devices.available(device, lambda device: why_no_plugin(device.platform) or devices.why_missing(device))

@@ -77,7 +77,7 @@ def cuda_packages() -> tuple[str, str]:
 MOST_REGISTERS = 128
 
 
-@pytest.mark.parametrize("architecture", [70, 80, 90, 120])
+@pytest.mark.parametrize("architecture", [70, *(pytest.param(each, marks=pytest.mark.slow) for each in (80, 90)), 120])
 def test_all_kernels_compile_for_cuda(architecture, tmp_path):
     """Through OpenMM's CUDA platform on a driver made for the test: it checks every launch, and no arithmetic."""
     nvrtc, ptxas = cuda_packages()
