@@ -42,7 +42,7 @@ _PRESENT = {openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platf
 PRECISIONS = ("single", "mixed", "double")
 
 #: Marks of the tests on GPU platforms: compiling their kernels takes most of the time, and single precision asks the most of a program.
-MARKS = {"mixed": ("slow",), "double": ("slow", "long")}
+MARKS = dict.fromkeys(("mixed", "double"), ("slow", "long"))
 
 #: CUDA and HIP are tested where they are; OpenCL runs on any machine that has PoCL, and is skipped with a reason where it is not.
 _GPUS = [platform for platform in ("OpenCL", "CUDA", "HIP") if platform == "OpenCL" or platform in _PRESENT]

@@ -53,6 +53,7 @@ DECKS = {
             "1 1 0.2 iso 0.5 0.5 1 dilate all nreset 0",
         )
     },
+    "columns of a box that changes": f"{OFF}fix n all npt temp 1 1 0.1 iso 0.5 0.5 1\nthermo_style one\n{FRAMES}{RUN}thermo_style yaml\n{RUN}",
     "npt, adapt": "pair_style soft 1.2\npair_coeff * * 40\nvariable x equal 0.7+0.02*step\nfix a all adapt 2 pair soft a * * v_x scale yes\n"
     f"{OFF}fix n all npt temp 1 1 0.1 iso 0.2 0.8 1\nthermo_style custom step temp pe press lx vol\n{FRAMES}{RUN}{RUN}",
     **{

@@ -100,7 +100,7 @@ def thermo_style(state: DeckState, args: list[str]) -> None:
         read.count(words, "thermo_style custom word word ...", 1, None)
     for word in words:
         check_word(state, word)
-    state.thermo = ThermoSettings(words, state.thermo.every, layout=style if style in ("multi", "yaml") else "one")
+    state.thermo = ThermoSettings(words, state.thermo.every, layout=style if style in ("multi", "yaml") else "one", custom=style == "custom")
 
 
 @command("thermo_modify keyword value ...", 2, None)

@@ -78,7 +78,9 @@ class RunRequest:
     def thermo(self) -> Thermo:
         """Columns, interval and formats of thermo output."""
         settings = self.state.thermo
-        return Thermo(self.state, self.window, self.last_step, tuple(settings.words), settings.every)
+        # as in LAMMPS, beside fixes that change the box
+        more = () if settings.custom or not self.state.fixes_of("deform", "nph", "npt") else ("vol",)
+        return Thermo(self.state, self.window, self.last_step, (*settings.words, *more), settings.every)
 
     @property
     def averages(self) -> Sequence[AveragingFix]:

@@ -138,6 +138,7 @@ class ThermoSettings:
     temp: str = "thermo_temp"
     press: str = "thermo_press"
     layout: str = "one"
+    custom: bool = False  #: Whether the deck names the columns
     lost: str = "error"
     formats: dict[str | int, str] = field(default_factory=dict)
     headers: dict[str | int, str] = field(default_factory=dict)
