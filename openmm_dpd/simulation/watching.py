@@ -11,6 +11,7 @@ temperature of a state with that of the script, or takes a failed step back.
 
 import logging
 import os
+import re
 import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -90,9 +91,11 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
         try:
             return getattr(kind, name)(self, *arguments, **more)
         except openmm.OpenMMException as error:
-            if SHOWN not in str(error):
+            lacking = re.search(r"invalid parameter name: (dpd_\w+)", str(error))
+            if lacking is None:
                 raise
-            what = f"forces in that state follow bonds that form or what beads carry ({SHOWN}), here none do"
+            of_forces = f"forces in that state follow bonds that form or what beads carry ({SHOWN}), here none do"
+            what = of_forces if lacking[1] == SHOWN else f"that state has the parameter {lacking[1]}, which this scene does not have"
             raise PlanError(f"{what}: use simulation.loadState") from error
 
     return heard

@@ -239,3 +239,26 @@ def test_a_ramp_in_one_of_two_scripts(scheme, written, loaded, tmp_path, caplog)
         assert parameter(third, "dpd_kT") == pytest.approx(expected, rel=1e-12)
     else:
         raises(dpd.PlanError, "checkpoint", lambda: third.loadCheckpoint(str(tmp_path / "checkpoint")))
+
+
+def test_a_state_with_what_this_scene_lacks_says_how_it_is_loaded(tmp_path):
+    x = np.random.default_rng(1).random((24, 3)) * 2.5
+    given = {"masses": {"W": 1.0}, "types": ["W"] * 24, "positions": x, "kT": 1.0, "box": [2.5] * 3}
+    kinds = {
+        "plain": (dpd.DPD(A=25, gamma=4.5), None),
+        "species": (dpd.TDPD(A=25, gamma=4.5, kappa=[1.0]), dpd.Concentrations(np.ones((24, 1)))),
+    }
+    plain, species = (
+        dpd.build(dpd.Scene(**given, pairs={("W", "W"): pair}, internal=internal), dt=0.02, platform="Reference", seed=1).simulation()
+        for pair, internal in kinds.values()
+    )
+    state = species.context.getState(positions=True, velocities=True, parameters=True)
+    raises(
+        dpd.PlanError,
+        "has the parameter dpd_written, which this scene does not have: use simulation.loadState",
+        plain.context.setState,
+        state,
+    )
+    species.saveState(str(tmp_path / "saved"))
+    plain.loadState(str(tmp_path / "saved"))
+    assert np.array_equal(state_of(plain.context)[0], state_of(species.context)[0])

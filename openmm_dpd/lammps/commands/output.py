@@ -95,12 +95,13 @@ def thermo(state: DeckState, args: list[str]) -> None:
 def thermo_style(state: DeckState, args: list[str]) -> None:
     """``thermo_style one|multi|yaml|custom words ...``; as in LAMMPS, resets the settings of thermo_modify."""
     style = read.choice(args[0], "the thermo style", [*THERMO_STYLES, "custom"])
-    words = list(expanded(state, args[1:]) if style == "custom" else THERMO_STYLES[style])
-    if style == "custom":
+    custom = style == "custom"
+    words = list(expanded(state, args[1:]) if custom else THERMO_STYLES[style])
+    if custom:
         read.count(words, "thermo_style custom word word ...", 1, None)
     for word in words:
         check_word(state, word)
-    state.thermo = ThermoSettings(words, state.thermo.every, layout=style if style in ("multi", "yaml") else "one", custom=style == "custom")
+    state.thermo = ThermoSettings(words, state.thermo.every, layout="one" if custom else style, custom=custom)
 
 
 @command("thermo_modify keyword value ...", 2, None)
