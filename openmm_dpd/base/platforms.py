@@ -1,5 +1,6 @@
 """OpenMM's platforms: the fastest one here, and whether OpenCL runs on a GPU."""
 
+import re
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,8 +14,15 @@ def platform_here(platform: openmm.Platform | str | None) -> str:
     name = platform.getName() if isinstance(platform, openmm.Platform) else platform or fastest_platform()
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if name not in known:
-        raise ParameterError(f"there is no platform {what_is(name)} here; it must be one of {', '.join(known)}")
+        raise ParameterError(f"there is no platform {what_is(name)} here{_why_not(name)}; it must be one of {', '.join(known)}")
     return name
+
+
+def _why_not(name: str) -> str:
+    """Which library OpenMM lacked for a platform, as the end of a clause; nothing if that is not the reason."""
+    failures = [text for text in openmm.Platform.getPluginLoadFailures() if f"libOpenMM{name}." in text]
+    lacked = re.search(r"([^\s:]+): cannot open shared object", " ".join(failures))
+    return f", as OpenMM found no library {lacked[1]}" if lacked else ""
 
 
 @lru_cache(maxsize=1)

@@ -13,7 +13,10 @@ from pathlib import Path
 
 import openmm
 
-from .built import OPENMM
+try:
+    from .built import OPENMM
+except ModuleNotFoundError:
+    raise ImportError("this openmm_dpd_device is its source, which is not compiled: import it from another folder") from None
 
 _LIBRARIES = {"Reference": "OpenMMDPDDevice", "OpenCL": "OpenMMDPDDeviceOpenCL", "CUDA": "OpenMMDPDDeviceCuda", "HIP": "OpenMMDPDDeviceHip"}
 
@@ -39,7 +42,7 @@ def _minor(version: str) -> list[str]:
 if _minor(openmm.version.short_version) != _minor(OPENMM):
     raise ImportError(
         f"openmm-dpd-device was built for OpenMM {OPENMM}, and this is {openmm.version.short_version}: their C++ classes differ; "
-        "install the plugin again, for this OpenMM"
+        f"'pip install \"openmm=={'.'.join(_minor(OPENMM))}.*\"' installs one that it fits"
     )
 
 _here = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
@@ -51,4 +54,4 @@ for _platform in _LIBRARIES:
         openmm.Platform.loadPluginLibrary(str(_library(_platform)))
         loaded.append(_platform)
     except openmm.OpenMMException as error:
-        failed[_platform] = str(error)
+        failed[_platform] = f"openmm-dpd-device does not fit the OpenMM in {openmm.version.openmm_library_path} ({error}): install it again"

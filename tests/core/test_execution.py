@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import shlex
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import openmm
@@ -14,6 +17,8 @@ from random_scenes import random_scene
 
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES
+from openmm_dpd.plan import device
+from openmm_dpd.plan.forces import device_force
 from openmm_dpd.plan.forces.bonded import MOLECULES
 from openmm_dpd.plan.kinds import BONDED_KINDS
 from openmm_dpd.simulation.build import build_plan
@@ -134,3 +139,32 @@ def test_the_system_follows_it(part):
     assert names - more <= {MOLECULES} and more - names
     forces, others = (built.simulation().context.getState(forces=True).getForces(asNumpy=True)._value for built in (looped, left))
     np.testing.assert_allclose(others, forces, rtol=0, atol=(1e-4 if part == "charges" else 1e-10) * np.abs(forces).max())
+
+
+def test_a_plugin_that_is_missing_comes_with_the_command_that_installs_it(monkeypatch):
+    """In a copy of the project with its path; where the package was installed without one, in words."""
+    monkeypatch.setitem(sys.modules, "openmm_dpd_device", None)
+    monkeypatch.setattr(device_force, "plugin", device_force.plugin.__wrapped__)
+    monkeypatch.setattr(device, "is_gpu", lambda platform: True)
+    said = dpd.build(plain(), dt=0.01, platform="Reference").explain()
+    command = shlex.split(re.search(r"not the device: .* is not installed \('(pip install .*?)'\)", said)[1])
+    assert command[:2] == ["pip", "install"] and (Path(command[2]) / "CMakeLists.txt").is_file()
+    monkeypatch.setattr(device_force, "__file__", "/usr/site-packages/openmm_dpd/plan/forces/device_force.py")
+    with pytest.raises(dpd.PlanError, match=r"\('pip install ./plugin' in a copy of the project\)"):
+        dpd.build(plain(), dt=0.01, platform="Reference", engine="device")
+
+
+@pytest.mark.parametrize(
+    "failure, says",
+    [
+        (
+            "/lib/libOpenMMHAL.so: libHAL.so.1: cannot open shared object file: No such file or directory",
+            ", as OpenMM found no library libHAL.so.1;",
+        ),
+        ("/lib/libOpenMMCPU.so: libHAL.so.1: cannot open shared object file: No such file or directory", ";"),
+    ],
+)
+def test_a_library_that_openmm_lacks_for_a_platform_is_named(failure, says, monkeypatch):
+    monkeypatch.setattr(openmm.Platform, "getPluginLoadFailures", lambda: [f"Error loading library {failure}"])
+    with pytest.raises(dpd.ParameterError, match=f"there is no platform 'HAL' here{says} it must be one of Reference"):
+        dpd.build(plain(), dt=0.01, platform="HAL")

@@ -63,6 +63,19 @@ def test_recipe_needs_what_the_package_needs():
     assert files and not [name for name in [*files, RECIPE["about"]["license_file"]] if not (ROOT / name).is_file()]
 
 
+def test_the_plugin_is_for_one_openmm_everywhere():
+    """Where it is built, where it runs, in its recipe, and in the words of its pages."""
+    plugin, recipe = tomllib.loads(text("plugin/pyproject.toml")), yaml.safe_load(text("recipe/device/recipe.yaml"))
+    (needed,) = plugin["project"]["dependencies"]
+    needs = recipe["requirements"]
+    backend = [line for line in plugin["build-system"]["requires"] if line != needed]
+    assert [line.replace(" ", "") for line in needs["host"]] == ["python", "pip", *backend, needed]
+    assert [line.replace(" ", "") for line in needs["run"]] == ["python", needed]
+    assert recipe["context"]["version"] == plugin["project"]["version"] and plugin["project"]["authors"] == PROJECT["authors"]
+    minor = re.match(r"openmm>=(\d+\.\d+)\.", needed)[1]
+    assert all(f"OpenMM {minor}" in text(page) for page in ("docs/howto/device.md", "plugin/README.md"))
+
+
 # -- workflows -------------------------------------------------------------------------------------------------------------------
 def steps(path: Path) -> list[dict]:
     """Of all jobs of a workflow."""

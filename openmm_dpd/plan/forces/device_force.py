@@ -4,6 +4,8 @@ import importlib
 from collections.abc import Callable, Collection, Sequence
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
+from shlex import quote
 from types import ModuleType
 from typing import Any, cast
 from xml.sax.saxutils import quoteattr
@@ -33,8 +35,10 @@ def plugin() -> ModuleType | str:
     try:
         return importlib.import_module("openmm_dpd_device")
     except ImportError as error:
-        missing = "the package openmm-dpd-device is not installed ('pip install ./plugin' in a copy of the project)"
-        return missing if error.name == "openmm_dpd_device" else str(error)
+        source = Path(__file__).resolve().parents[3] / "plugin"  # in a copy of the project
+        here = (source / "CMakeLists.txt").is_file()
+        command = f"'pip install {quote(str(source))}'" if here else "'pip install ./plugin' in a copy of the project"
+        return f"the package openmm-dpd-device is not installed ({command})" if error.name == "openmm_dpd_device" else str(error)
 
 
 def why_no_plugin(platform: str | None) -> str | None:
