@@ -42,7 +42,7 @@ def _minor(version: str) -> list[str]:
 if _minor(openmm.version.short_version) != _minor(OPENMM):
     raise ImportError(
         f"openmm-dpd-device was built for OpenMM {OPENMM}, and this is {openmm.version.short_version}: their C++ classes differ; "
-        f"'pip install \"openmm=={'.'.join(_minor(OPENMM))}.*\"' installs one that it fits"
+        f'to install one that it fits: pip install "openmm=={".".join(_minor(OPENMM))}.*"'
     )
 
 _here = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]

@@ -64,7 +64,10 @@ def test_what_building_lacks(what, says, tmp_path):
     [
         (HERE, None),
         (MINOR + ".99", None),
-        ("8.5.1", f"was built for OpenMM 8.5.1, and this is {HERE}: their C.. classes differ; 'pip install \"openmm==8.5.[*]\"' installs"),
+        (
+            "8.5.1",
+            f"was built for OpenMM 8.5.1, and this is {HERE}: their C.. classes differ; to install one that it fits: pip install .openmm==8.5.[*].$",
+        ),
         ("", "is its source, which is not compiled"),
     ],
 )

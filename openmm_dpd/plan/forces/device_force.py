@@ -35,10 +35,12 @@ def plugin() -> ModuleType | str:
     try:
         return importlib.import_module("openmm_dpd_device")
     except ImportError as error:
-        source = Path(__file__).resolve().parents[3] / "plugin"  # in a copy of the project
-        here = (source / "CMakeLists.txt").is_file()
-        command = f"'pip install {quote(str(source))}'" if here else "'pip install ./plugin' in a copy of the project"
-        return f"the package openmm-dpd-device is not installed ({command})" if error.name == "openmm_dpd_device" else str(error)
+        if error.name != "openmm_dpd_device":
+            return str(error)
+        source = Path(__file__).resolve().parents[3] / "plugin"
+        there = (source / "CMakeLists.txt").is_file()
+        how = f": pip install {quote(str(source))}" if there else ", in a copy of the project: pip install ./plugin"
+        return f"the package openmm-dpd-device is not installed; to install it{how}"
 
 
 def why_no_plugin(platform: str | None) -> str | None:
