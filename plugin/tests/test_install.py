@@ -26,6 +26,7 @@ FAKE = "openmm_library_path = '/nowhere/lib'\nshort_version = "
         (FAKE + f"'{HERE}'", "/nowhere/include has no headers of OpenMM's common platform"),
         ("-DCMAKE_SYSTEM_NAME=Darwin", "openmm-dpd-device is written for Linux, and this is Darwin"),
     ],
+    ids=["compiler", "OpenMM", "version", "headers", "Linux"],
 )
 def test_what_building_lacks(found, says, tmp_path):
     """With another OpenMM, on another system, and without anything on the PATH."""
