@@ -78,7 +78,7 @@ class EnergyLayer:
         self._u, self._inverse, self._capacity = np.zeros((3, m))
         self._curve, self._changes = np.zeros(m, np.int32), np.zeros((m, 2))
         # -dS'/du at the start is C/u^2
-        bent = self.eos.capacity / np.maximum(self.fields.initial.sum(axis=1), 1e-300) ** 2
+        bent = self.eos.capacity / np.maximum(self.fields.initial.sum(axis=1), 1e-150) ** 2
         rate = float(table.kappa.max() * bent[~self.fields.immobile].max(initial=0.0)) * table.unit_time if self._constant else np.inf
         rate = 0.0 if spec.update != EXACT else rate
         self._around = exchange.around(self.pairs, spec, rate, table.kappa, table.cutoff, np.full_like(table.kappa, 2.0))
