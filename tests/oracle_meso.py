@@ -1,4 +1,4 @@
-"""Heat and species carried by beads (eDPD, tDPD), slowly and plainly: the answer that faster code has to reproduce.
+"""Heat and species carried by beads (eDPD, tDPD, pair updates of energies), slowly and plainly: the answer that faster code has to reproduce.
 
 Conventions are those of `oracle_energy`: loops over ordered pairs, symmetric (T, T) coefficients, one mass per
 bead, explicit noise matrices (symmetric for forces, antisymmetric for fluxes). In eDPD temperatures are energies
@@ -12,6 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 from oracle_energy import TermSums, antisymmetric_noise, harmonic_mean, matrices, ordered_pairs, symmetric_noise
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
 
 HEAT_NOISE_LIMIT = 5.0  # larger heat and species noise is cut to this
 POWER_MIN = 0.01  # smallest drag exponent of eDPD
@@ -228,6 +230,80 @@ def edpd_sweep(
                 if drawn_T[i, j] < np.exp(exponent) * (root(new) / root(n)) ** 2:
                     T[i], T[j] = T[i] + flow * shares[0], T[j] - flow * shares[1]
     return v, T
+
+
+# ----------------------------------------------------------------------------------------- beads with internal energies
+# An equation of state: 1/theta, minus its slope, and the entropy as functions of the energy, and between which energies they are.
+State = namedtuple("State", "inverse slope entropy low high")
+
+
+def capacity_state(cv: float) -> State:
+    """``u = cv theta``."""
+    return State(lambda u: cv / u, lambda u: cv / u**2, lambda u: cv * np.log(u), 1e-9, 1e9)
+
+
+def reservoir_state(theta: float) -> State:
+    """One temperature at all energies."""
+    return State(lambda u: 1.0 / theta, lambda u: 0.0, lambda u: u / theta, -1e9, 1e9)
+
+
+def curve_state(energies, thetas) -> State:
+    """A monotone cubic 1/theta through points."""
+    inverse = PchipInterpolator(energies, 1.0 / np.asarray(thetas))
+    slope = inverse.derivative()
+    return State(inverse, lambda u: -slope(u), inverse.antiderivative(), energies[0], energies[-1])
+
+
+def energy_sweep(
+    v, u_cond, u_mech, states, types, masses, sigma, kappa, cutoff, order, geometry, dt, xi, xi_q, drawn, drawn_q, shardlow=False
+):  # fmt: skip
+    """Velocities, conducted and mechanical energies after one sweep of pair updates, for the pairs of ``order`` in turn.
+
+    As :func:`edpd_sweep`, with ``S`` and ``theta`` of the ``states`` of the beads; for the heat, the Gaussian around the energies at which both
+    have one temperature, with the variance ``1/(-S_i'' - S_j'')`` there.  ``shardlow``: temperatures are those before the sweep, and the heat is
+    an Euler step.
+    """
+    v, energies = np.array(v), np.column_stack([u_cond, u_mech])
+    sigma, kappa, cutoff = matrices(types, sigma, kappa, cutoff)
+    masses, around = np.asarray(masses), np.zeros(len(v))
+    before = np.array([state.inverse(u) for state, u in zip(states, energies.sum(axis=1), strict=True)])
+    weight = lambda i, j: max(0.0, 1.0 - geometry(i, j)[0] / cutoff[types[i], types[j]])  # noqa: E731
+    for i, j in order:
+        around[[i, j]] += kappa[types[i], types[j]] * weight(i, j) ** 2 * dt
+    for i, j in order:
+        mu, e, w, of, pair = 1 / masses[i] + 1 / masses[j], geometry(i, j)[1], weight(i, j), (types[i], types[j]), (states[i], states[j])
+        if mu == 0 or w == 0:
+            continue
+        u = energies[[i, j]].sum(axis=1)
+        mean = lambda u: 2.0 / sum(state.inverse(each) for state, each in zip(pair, u, strict=True))  # noqa: B023, E731
+        inside = lambda u: all(state.low < each < state.high for state, each in zip(pair, u, strict=True))  # noqa: B023, E731
+        entropy = lambda u: sum(state.entropy(each) for state, each in zip(pair, u, strict=True))  # noqa: B023, E731
+        ev = e @ (v[i] - v[j])
+        K = ev**2 / (2 * mu)
+        whole = u + 0.5 * K
+        less = whole - 0.25 * mean(whole)
+        theta = 2.0 / (before[i] + before[j]) if shardlow else mean(less) if inside(less) else mean(whole)
+        q, rest = relaxation(0.5 * (sigma[of] * w) ** 2 / theta * mu * dt, shardlow)
+        new = q * ev + np.sqrt(rest * theta * mu) * xi[i, j]
+        gain = 0.5 * (K - new**2 / (2 * mu))
+        if shardlow or (inside(u + gain) and drawn[i, j] < np.exp(entropy(u + gain) - entropy(u) - 2 * gain / theta)):
+            v[i] += (new - ev) / mu / masses[i] * e
+            v[j] -= (new - ev) / mu / masses[j] * e
+            energies[[i, j], 1] += np.where(np.isinf(masses[[i, j]]), 0.0, gain)
+            u = u + gain
+        flow = kappa[of] * w**2 * dt * (before[i] - before[j]) + np.sqrt(2 * kappa[of] * dt) * w * xi_q[i, j]
+        if not shardlow:
+            low, high = max(pair[0].low, u.sum() - pair[1].high), min(pair[0].high, u.sum() - pair[1].low)
+            share = brentq(lambda s: pair[0].inverse(s) - pair[1].inverse(u.sum() - s), low, high, xtol=1e-13)  # noqa: B023
+            slopes = pair[0].slope(share), pair[1].slope(u.sum() - share)
+            spread = mu * (dt / cutoff[of]) ** 2 / pair[0].inverse(share)
+            lost, old = part_exchanged(kappa[of] * w**2 * dt, slopes, around[[i, j]], spread), u[0] - share
+            new = (1 - lost) * old + np.sqrt(lost * (2 - lost) / sum(slopes)) * xi_q[i, j]
+            moved = u + (new - old) * np.array([1, -1])
+            takes = inside(moved) and drawn_q[i, j] < np.exp(entropy(moved) - entropy(u) + 0.5 * (new**2 - old**2) * sum(slopes))
+            flow = (new - old) * takes
+        energies[[i, j], 0] += np.where(np.isinf(masses[[i, j]]), 0.0, flow * np.array([1, -1]))
+    return v, *energies.T
 
 
 # --------------------------------------------------------------------------------------------------- tDPD

@@ -12,10 +12,12 @@ import numpy as np
 import openmm
 from openmm import app
 
+from ..base import names
 from ..base.errors import ParameterError, PlanError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
 from ..base.openmm_private import bare
 from ..base.units import position_array
+from ..kernels.fields import ENERGY, FieldSpec
 from ..model.box import box_vectors
 from .program_options import ProgramOptions
 
@@ -53,6 +55,14 @@ def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, 
     """Context parameters with which a state records which script and integrator wrote it."""
     asked = {BY_SCHEME: text_number(options.scheme.name), BY_KT: _asked(options), BY_SEED: float(options.seed)}
     return asked | {BY_VARIABLES: variables_number(integrator), BESIDE: 0.0, BEGUN: 0.0}
+
+
+def of_fields(fields: FieldSpec | None) -> dict[str, float]:
+    """Context parameters beside what beads carry: of volume moves, or whether values were written that programs do not take."""
+    if fields is None:
+        return {}
+    moves = {names.VOLUME_MOVES: 0.0, names.VOLUME_STEP: 0.01, names.VOLUME_ACCEPTED: 0.0}
+    return moves if fields.kind == ENERGY else {names.WRITTEN: 0.0}
 
 
 def variables_number(integrator: openmm.Integrator) -> float:

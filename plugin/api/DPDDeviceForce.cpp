@@ -46,10 +46,14 @@ void Fluid::check() const {
             throw OpenMMException("DPDDeviceForce: a table of many-body terms needs numTypes*numTypes values, or none");
     size_t rows = carries == NOTHING ? 0 : carries == HEAT ? 3 : 1+columns();
     if (carries < NOTHING || carries > SPECIES || carrying.size() != 4*rows*pairs || cutoffCarried.size() != (rows ? pairs : 0) ||
-            carried.size() != columns()*types.size() || (columns() > 0) != (rows > 0) || (carries == HEAT && columns() != 1) || columns() > 3*(RATES-FIELDS))
+            carried.size() != columns()*types.size() || (columns() > 0) != (rows > 0) || (carries == HEAT && columns() != (states.empty() ? 1 : 2)) || columns() > 3*(RATES-FIELDS))
         throw OpenMMException("DPDDeviceForce: what particles carry needs a table, cutoffs, and as many values for each particle");
     if (capacities.size() != (carries == HEAT ? types.size() : 0) || sources.size()%12 != 0 || sources.size() > 12*32 || takes.size() != (sources.empty() ? 0 : types.size()))
         throw OpenMMException("DPDDeviceForce: heat capacities or sources, 32 at most, do not fit what particles carry");
+    for (size_t k = 0; k < states.size() && k < 4*types.size(); k += 4)
+        if (states.size() < 4*types.size() || (states.size()-4*types.size())%8 != 0 || carries != HEAT || lammps || !sources.empty() || states[k+1] < -2 ||
+                (states[k+1] >= 0 && 4*types.size()+8*(states[k]+states[k+1]+1) > states.size()))
+            throw OpenMMException("DPDDeviceForce: equations of state need four numbers for each particle, and eight for each piece and end of a curve");
     if (!densityWeights.empty() && densityWeights.size() != types.size())
         throw OpenMMException("DPDDeviceForce: densities need the weight of every particle");
     for (int type : types)
@@ -167,7 +171,7 @@ public:
     void serialize(const void* object, SerializationNode& node) const override {
         const DPDDeviceForce& force = *reinterpret_cast<const DPDDeviceForce*>(object);
         Fluid fluid = force.fluid;
-        node.setIntProperty("version", fluid.carries != NOTHING ? 3 : fluid.B.empty() ? 1 : 2);
+        node.setIntProperty("version", !fluid.states.empty() ? 4 : fluid.carries != NOTHING ? 3 : fluid.B.empty() ? 1 : 2);
         node.setIntProperty("forceGroup", force.getForceGroup());
         node.setStringProperty("name", force.getName());
         node.setBoolProperty("periodic", fluid.periodic);
@@ -194,7 +198,7 @@ public:
             globals.createChildNode("Parameter").setStringProperty("name", item.first).setDoubleProperty("default", item.second);
     }
     void* deserialize(const SerializationNode& node) const override {
-        if (node.getIntProperty("version") < 1 || node.getIntProperty("version") > 3)
+        if (node.getIntProperty("version") < 1 || node.getIntProperty("version") > 4)
             throw OpenMMException("Unsupported version number");
         unique_ptr<DPDDeviceForce> force(new DPDDeviceForce());
         force->setForceGroup(node.getIntProperty("forceGroup", 0));
@@ -231,7 +235,7 @@ private:
             {"exponentAcross", &fluid.exponentAcross}, {"cutoff", &fluid.cutoff}, {"exceptionFactors", &fluid.exceptionFactors},
             {"B", &fluid.B}, {"cutoffB", &fluid.cutoffB}, {"cutoffDensity", &fluid.cutoffDensity}, {"densityWeights", &fluid.densityWeights},
             {"carrying", &fluid.carrying}, {"cutoffCarried", &fluid.cutoffCarried}, {"carried", &fluid.carried}, {"capacities", &fluid.capacities},
-            {"sources", &fluid.sources}, {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"slowKicks", &fluid.slowKicks}};
+            {"states", &fluid.states}, {"sources", &fluid.sources}, {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"slowKicks", &fluid.slowKicks}};
     }
 };
 

@@ -37,7 +37,8 @@ struct DPD_EXPORT Fluid {
     int carries = NOTHING;
     bool lammps = false;                        // heat of LAMMPS's code
     std::vector<double> carrying, cutoffCarried; // rows of four numbers for each pair of types (fields.cc), and how far they reach
-    std::vector<double> carried, capacities;    // what particles carry at the start, all values of one after the other; heat capacities
+    std::vector<double> carried, capacities;    // what particles carry at the start, all values of one after the other; heat capacities, of energies 1
+    std::vector<double> states;                 // rows of four numbers: equations of state of particles (fields.cc), or none
     std::vector<double> sources;                // twelve numbers of each (fields.cc)
     std::vector<int> takes;                     // bits of the sources that act on a particle
     std::vector<int> exceptionBeads;            // pairs, both ways, sorted by the first
@@ -51,6 +52,7 @@ struct DPD_EXPORT Fluid {
 
     double maxCutoff() const;
     int columns() const { return carried.size()/std::max<size_t>(1, types.size()); } // values that a particle carries
+    bool hasTemperatures() const { return carries == HEAT && states.empty(); } // which change, and not energies
     int carryingRows() const { return carrying.empty() ? 1 : carrying.size()/(4*numTypes*numTypes); }
     double rate(double kT) const;               // the largest friction coefficient
     void check() const;

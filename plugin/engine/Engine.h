@@ -114,6 +114,7 @@ public:
         defines["CARRIES"] = std::to_string(fluid.carries);
         defines["CARRYING_ROWS"] = std::to_string(fluid.carryingRows());
         defines["LAMMPS"] = fluid.lammps ? "1" : "0";
+        defines["ENERGIES"] = fluid.states.empty() ? "0" : "1";
         defines["PERIODIC"] = fluid.periodic ? "1" : "0";
         defines["NUM_TYPES"] = std::to_string(fluid.numTypes);
         defines["MOST_PASSES"] = std::to_string(MOST_PASSES);
@@ -231,7 +232,7 @@ public:
         }
         bool serves = letters.find('B') < letters.find('A') && letters.rfind('B') > letters.rfind('A'), known;
         // forces that follow temperatures are others after a sweep
-        bool follows = fluid.carries == HEAT;
+        bool follows = fluid.hasTemperatures();
         known = serves = serves && !(follows && letters.find_last_of("OS") != std::string::npos && letters.find_last_of("OS") > letters.rfind('B'));
         fields.advance(stop(), 0, 0);
         if (serves && fresh)
@@ -419,6 +420,9 @@ private:
         }
         if (stop & (COLD|NO_HEAT)) {
             device.clear(flags);
+            if (stop & COLD && !fluid.states.empty())
+                throw OpenMM::OpenMMException("the internal energy of bead "+std::to_string(f[WHO])+" is outside its equation of state; the step size may be too"
+                    " large for this scheme (middle, aboba and bababo never leave the range)");
             throw OpenMM::OpenMMException(stop & COLD ? "the temperature of bead "+std::to_string(f[WHO])+" is not > 0 (the step size may be too large, the heat capacity too small"
                 " for its noise, or a source take what is not there)" : "the heat conduction coefficient of bead "+std::to_string(f[WHO])+" and another one is negative;"
                 " kappa_polynomial must keep it >= 0 at every temperature of the run");
@@ -520,7 +524,7 @@ private:
             kick(context, then, others, 0, 0, &device.velm());
             fields.flow(stop(), place_(), device.velm(), TERMS(then, now.dt, 0), CELLS(), BOX(), now.dt, 0);
         }
-        fields.advance(stop(), 0.5*now.dt, (fluid.carries == HEAT ? lam : 0.5)*now.dt); // LAMMPS predicts temperatures alone
+        fields.advance(stop(), 0.5*now.dt, (fluid.hasTemperatures() ? lam : 0.5)*now.dt); // LAMMPS predicts temperatures alone
         move(now, 0.5, 1, lam);
         now.counter++;
         kick(context, now, others, 0.5, 0, &seen);

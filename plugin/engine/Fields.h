@@ -19,7 +19,7 @@ public:
     Fields(Device& device, const Fluid& fluid) : device(device), fluid(fluid) {
         int beads = device.beads();
         blocks = fluid.carries == NOTHING ? 1 : (fluid.columns()+2)/3;
-        std::vector<std::array<double, 4> > values(fluid.carries == NOTHING ? 1 : blocks*beads, {0, 0, 0, 0}), rows(1), given(1);
+        std::vector<std::array<double, 4> > values(fluid.carries == NOTHING ? 1 : blocks*beads, {0, 0, 0, 0});
         double typical = 0, capacity = 0;
         for (size_t k = 0; k < fluid.carried.size(); k++) {
             int column = k%fluid.columns();
@@ -36,16 +36,9 @@ public:
         for (size_t k = fluid.carries == SPECIES ? 4 : 0; k < fluid.carrying.size(); k += fluid.carries == HEAT ? 12 : 4)
             fastest = std::max(fastest, largest*std::fabs(fluid.carrying[k]));
         rateUnit = fastest > 0 ? std::ldexp(1.0, (int) std::floor(std::log2(fastest))-10) : 1.0;
-        if (!fluid.carrying.empty())
-            rows.resize(fluid.carrying.size()/4);
-        for (size_t k = 0; k < fluid.carrying.size(); k++)
-            rows[k/4][k%4] = fluid.carrying[k];
-        if (!fluid.sources.empty())
-            given.resize(fluid.sources.size()/4);
-        for (size_t k = 0; k < fluid.sources.size(); k++)
-            given[k/4][k%4] = fluid.sources[k];
-        make4(carrying, Kind::Real4, rows);
-        make4(sources, Kind::Mixed4, given);
+        make4(carrying, Kind::Real4, inRows(fluid.carrying));
+        make4(sources, Kind::Mixed4, inRows(fluid.sources));
+        make4(states, Kind::Mixed4, inRows(fluid.states));
         for (auto array : {&own, &shown, &rates})
             make4(*array, Kind::Mixed4, values);
         make4(rates, Kind::Mixed4, std::vector<std::array<double, 4> >(values.size(), {0, 0, 0, 0}));
@@ -62,7 +55,7 @@ public:
     // What is shown to friction, flows and forces that follow it: what beads have, and then own += half*rates
     template <class Stop> void advance(Stop stop, double half, double predict) {
         for (int block = 0; block < blocks && fluid.carries != NOTHING; block++)
-            device.template run<dpdAdvance_>(device.velm(), device.index(), own, rates, shown, block, Mixed{half}, Mixed{predict}, stop());
+            device.template run<dpdAdvance_>(device.velm(), device.index(), own, rates, shown, states, block, Mixed{half}, Mixed{predict}, stop());
     }
 
     // Rates at positions in cells, and then own += half*rates
@@ -89,7 +82,7 @@ public:
         list(stop, position, terms, cells, box, rowCount, rows, rowRoom);
         device.template run<dpdSort_>(rowCount, rows, distances, hashes, stop());
         for (int round = 0; round <= rounds; round++)
-            device.template run<dpdRound_>(device.velm(), own, terms, rowCount, rows, distances, around, capacities, heads[round%2], heads[1-round%2], (int) exact,
+            device.template run<dpdRound_>(device.velm(), own, terms, rowCount, rows, distances, around, capacities, states, heads[round%2], heads[1-round%2], (int) exact,
                 Mixed{time}, Mixed{kT}, (int) (round == rounds), stop());
         give(stop, position, box, 0.5*time);
         advance(stop, 0, 0);
@@ -120,6 +113,13 @@ private:
             device.template run<dpdGive_>(position, device.velm(), device.index(), own, sources, (int) fluid.sources.size()/12, takes, Mixed{time}, stop(), box);
     }
 
+    static std::vector<std::array<double, 4> > inRows(const std::vector<double>& numbers) {
+        std::vector<std::array<double, 4> > rows(std::max<size_t>(1, numbers.size()/4));
+        for (size_t k = 0; k < numbers.size(); k++)
+            rows[k/4][k%4] = numbers[k];
+        return rows;
+    }
+
     void make4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values) {
         device.make(array, kind, values.size());
         device.upload4(array, kind, values);
@@ -129,7 +129,7 @@ private:
     const Fluid& fluid;
     int blocks;
     double unit, rateUnit; // of flows in sums, and of rates of exchange
-    Array rates, capacities, sources, takes, distances, hashes, around, heads[2];
+    Array rates, capacities, states, sources, takes, distances, hashes, around, heads[2];
 };
 
 }

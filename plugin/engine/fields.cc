@@ -1,5 +1,5 @@
-// What beads carry: temperatures that conduct heat (openmm_dpd/model/edpd.py) or species that diffuse (openmm_dpd/model/tdpd.py).  Three values of a
-// bead are in a block, and a block of all beads in the order of their numbers, which OpenMM never changes.
+// What beads carry: heat, as temperatures (openmm_dpd/model/edpd.py) or as energies (energy_dpd.py), or species that diffuse (tdpd.py).  Three values
+// of a bead are in a block, and a block of all beads in the order of their numbers, which OpenMM never changes.
 //
 // Flows between two beads are computed from both sides with the same bits up to the sign, and sums of fixed-point numbers keep what flows.
 
@@ -7,13 +7,56 @@ DEVICE real dpdClamped(real x) {
     return min((real) 5, max((real) -5, x));
 }
 
+// Equations of state (openmm_dpd/kernels/eos.py).  Rows of `states`: of each bead its heat capacity and a mark; of a reservoir its temperature; with a
+// curve the number of pieces, and the first one in place of the mark.  Then two of each piece, and of the end of a curve: energy and entropy at its
+// left end; and 1/temperature from there on, a cubic in the energy, highest power first.
+#define CONSTANT_CAPACITY -1
+#define RESERVOIR -2
+
+// The least or (upper: 1) the largest energy of a bead
+DEVICE mixed dpdBound(mixed4 s, int upper, GLOBAL const mixed4* RESTRICT states) {
+    if (s.y >= 0)
+        return states[NUM_ATOMS+2*((int) s.y+upper*(int) s.x)].x;
+    return upper ? (mixed) 1e30 : s.y == CONSTANT_CAPACITY ? (mixed) 1e-30 : (mixed) -1e30;
+}
+
+// 1/temperature, minus its slope, and the entropy of a bead with an energy; with a curve that of the nearest end, if it is out of range
+DEVICE mixed3 dpdState(mixed u, mixed4 s, GLOBAL const mixed4* RESTRICT states) {
+    if (s.y == CONSTANT_CAPACITY)
+        return make_mixed3(s.x/u, s.x/(u*u), s.x*log(u));
+    if (s.y == RESERVOIR)
+        return make_mixed3(1/s.x, 0, u/s.x);
+    u = min(max(u, dpdBound(s, 0, states)), dpdBound(s, 1, states));
+    int low = (int) s.y, high = low+(int) s.x;
+    while (high-low > 1) {
+        int middle = (low+high)/2;
+        if (states[NUM_ATOMS+2*middle].x <= u)
+            low = middle;
+        else
+            high = middle;
+    }
+    mixed4 from = states[NUM_ATOMS+2*low], c = states[NUM_ATOMS+2*low+1];
+    mixed d = u-from.x;
+    return make_mixed3(((c.x*d+c.y)*d+c.z)*d+c.w, -((3*c.x*d+2*c.y)*d+c.z), from.y+(((c.x/4*d+c.y/3)*d+c.z/2)*d+c.w)*d);
+}
+
+DEVICE bool dpdInRange(mixed u, mixed4 s, GLOBAL const mixed4* RESTRICT states) {
+    return u >= dpdBound(s, 0, states) && u <= dpdBound(s, 1, states);
+}
+
+// The temperature of a bead with these energies, 0 if there is none
+DEVICE mixed dpdTemperature(mixed4 value, mixed4 s, GLOBAL const mixed4* RESTRICT states) {
+    mixed u = value.x+value.y+value.z;
+    return dpdFinite(u) && dpdInRange(u, s, states) ? 1/dpdState(u, s, states).x : 0;
+}
+
 // Excluded neighbours exchange nothing; other factors of bonded ones are those of friction alone.
 
-// Heat that flows to a bead from a partner, and what friction and noise between them give to it.
+// Heat that flows to a bead from a partner; and in `rubbed` what friction and noise between them give to it.
 // Rows of `carrying`: kappa, exponent and 1/cutoff of conduction, exponent of friction; polynomials of the latter and of kappa.
 DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS,
-        GLOBAL const real* RESTRICT capacities, real perRootDt, GLOBAL int* RESTRICT flags, int launch) {
-    real invR = RSQRT(r2), r = r2*invR, heat = 0;
+        GLOBAL const real* RESTRICT capacities, real perRootDt, GLOBAL int* RESTRICT flags, int launch, real* rubbed) {
+    real invR = RSQRT(r2), r = r2*invR;
     int partner = atomIndex[j], row = type+types[j];
     bool lower = index < partner;
 #ifdef EXCEPTIONS
@@ -28,30 +71,35 @@ DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, 
         real along = invR*(delta.x*(real) (v.x-o.x)+delta.y*(real) (v.y-o.y)+delta.z*(real) (v.z-o.z));
         real3 warm = dpdWarm(row, index, partner, w, carrying, carried);
         real s = params[row].y*warm.z, shaken = SQRT(warm.y)*xi*along;
+        if (ENERGIES)
+            s /= SQRT(warm.y);
         if (LAMMPS)
-            heat = s*(s*(along*along-2*(real) (lower ? v.w : o.w)*warm.y)-(real) 1.4142135623730951*shaken)/(capacities[index]+capacities[partner]);
+            *rubbed = s*(s*(along*along-2*(real) (lower ? v.w : o.w)*warm.y)-(real) 1.4142135623730951*shaken)/(capacities[index]+capacities[partner]);
         else {
 #ifdef EXCEPTIONS
             s *= SQRT(f);
 #endif
-            heat = (real) 0.5*s*(s*(along*along-(real) (v.w+o.w)*warm.y)-noise*shaken);
+            *rubbed = (real) 0.5*s*(s*(along*along-(real) (v.w+o.w)*warm.y)-noise*shaken);
         }
     }
     if (wT > 0 && !(LAMMPS && w <= 0)) {
         real4 conducts = carrying[row*CARRYING_ROWS];
-        real c = capacities[index], d = capacities[partner];
         mixed difference = carried[index].x-carried[partner].x;
         real s = (real) carried[index].x, t = (real) carried[partner].x, low = min(s, t), high = max(s, t), mean = (real) 0.5*(low+high);
-        real kappa = conducts.x*dpdPolynomial(carrying[row*CARRYING_ROWS+2], mean-1);
-        if (kappa < 0) {
-            HALT(NO_HEAT)
-            flags[WHO] = index;
+        real strength = conducts.x*wT*wT, z = LAMMPS ? xi : dpdNormal(dpdMix(pair+STREAM), cubics);
+        if (!ENERGIES) {
+            real c = capacities[index], d = capacities[partner], weight = mean*POW(wT, (real) 0.5*conducts.y);
+            real kappa = conducts.x*dpdPolynomial(carrying[row*CARRYING_ROWS+2], mean-1);
+            if (kappa < 0) {
+                HALT(NO_HEAT)
+                flags[WHO] = index;
+            }
+            strength = kappa*(min(c, d)*max(c, d))*(weight*weight);
+            z = dpdClamped(z);
         }
-        real weight = mean*POW(wT, (real) 0.5*conducts.y), strength = kappa*(min(c, d)*max(c, d))*(weight*weight);
-        real z = dpdClamped(LAMMPS ? xi : dpdNormal(dpdMix(pair+STREAM), cubics));
-        heat += (lower ? 1 : -1)*(SQRT(2*max((real) 0, strength))*perRootDt*z)-strength/(low*high)*(real) difference;
+        return (lower ? 1 : -1)*(SQRT(2*max((real) 0, strength))*perRootDt*z)-strength/(low*high)*(real) difference;
     }
-    return heat;
+    return 0;
 }
 
 // What flows of a species to a bead from a partner.  Rows of `carrying`: 1/cutoff; then of each species kappa, epsilon and half of the exponent.
@@ -76,8 +124,12 @@ DEVICE real dpdSpecies(int j, real r2, int type, int index, int species, mixed m
 
 DEVICE void dpdFlow(int j, real3 delta, real r2, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS,
         GLOBAL const real* RESTRICT capacities, int block, real perRootDt, real perUnit, GLOBAL int* RESTRICT flags, int launch, mm_long* sums) {
-    if (CARRIES == HEAT)
-        sums[0] += realToFixedPoint(perUnit*dpdHeat(j, delta, r2, type, index, v, vel, TERMS_, capacities, perRootDt, flags, launch));
+    if (CARRIES == HEAT) {
+        real rubbed = 0, conducted = dpdHeat(j, delta, r2, type, index, v, vel, TERMS_, capacities, perRootDt, flags, launch, &rubbed);
+        sums[0] += realToFixedPoint(perUnit*(ENERGIES ? conducted : conducted+rubbed));
+        if (ENERGIES)
+            sums[1] += realToFixedPoint(perUnit*rubbed);
+    }
     if (CARRIES == SPECIES) {
         mixed4 a = carried[block*NUM_ATOMS+index], b = carried[block*NUM_ATOMS+atomIndex[j]];
         for (int k = 0; k < min(3, CARRYING_ROWS-1-3*block); k++)
@@ -134,9 +186,10 @@ KERNEL BOUNDS void dpdCarry(GLOBAL const real4* RESTRICT pos, GLOBAL const real4
     END_BEAD
 }
 
-// own += part*rates, and shown = own + predict*rates as they were: what friction and flows will see.
+// own += part*rates, and shown = own + predict*rates as they were, of energies the temperature: what friction and flows will see.
 KERNEL void dpdAdvance(GLOBAL const mixed4* RESTRICT velm, GLOBAL const int* RESTRICT atomIndex, GLOBAL mixed4* RESTRICT own,
-        GLOBAL const mixed4* RESTRICT rates, GLOBAL mixed4* RESTRICT shown, int block, mixed part, mixed predict, GLOBAL int* RESTRICT flags, int launch) {
+        GLOBAL const mixed4* RESTRICT rates, GLOBAL mixed4* RESTRICT shown, GLOBAL const mixed4* RESTRICT states, int block, mixed part, mixed predict,
+        GLOBAL int* RESTRICT flags, int launch) {
     if (STOPPED)
         return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
@@ -147,6 +200,8 @@ KERNEL void dpdAdvance(GLOBAL const mixed4* RESTRICT velm, GLOBAL const int* RES
             dpdAdd(&seen, predict, rate);
             own[at] = value;
         }
+        if (ENERGIES)
+            seen.x = dpdTemperature(seen, states[at], states);
         shown[at] = seen;
         if (CARRIES == HEAT && !(dpdFinite(seen.x) && seen.x > 0)) {
             HALT(COLD)

@@ -243,12 +243,13 @@ DEVICE mixed4 dpdVelocity(GLOBAL const mixed4* RESTRICT vel, int i, GLOBAL const
     return v;
 }
 
-// What beads carry (fields.cc): temperatures that conduct heat, with the heat of LAMMPS's code or not, or species that diffuse.
+// What beads carry (fields.cc): heat, as temperatures (with the heat of LAMMPS's code or not) or as ENERGIES, or species that diffuse.
 #define HEAT 1
 #define SPECIES 2
 #ifndef CARRIES
 #define CARRIES 0
 #define LAMMPS 0
+#define ENERGIES 0
 #define CARRYING_ROWS 1 // of `carrying` for each pair of types
 #endif
 
@@ -260,6 +261,8 @@ DEVICE real dpdPolynomial(real4 c, real y) {
 // Mean and harmonic mean of the temperatures of two beads, the same from either of them, and the root of the weight of friction between them
 DEVICE real3 dpdWarm(int row, int a, int b, real w, GLOBAL const real4* RESTRICT carrying, GLOBAL const mixed4* RESTRICT carried) {
     real s = (real) carried[a].x, t = (real) carried[b].x, low = min(s, t), high = max(s, t), mean = (real) 0.5*(low+high);
+    if (ENERGIES)
+        return make_real3(mean, 2*low*high/(low+high), w);
     real exponent = carrying[row*CARRYING_ROWS].w*dpdPolynomial(carrying[row*CARRYING_ROWS+1], mean-1);
     return make_real3(mean, 2*low*high/(low+high), POW(w, (real) 0.5*max((real) 0.01, exponent)));
 }
@@ -296,8 +299,11 @@ DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
 #endif
     if (CARRIES == HEAT) {
         real3 warm = dpdWarm(row, a, b, w, carrying, carried);
-        p->A *= warm.x;
         p->kick = SQRT(warm.y);
+        if (ENERGIES) // noise does not follow temperatures, friction does
+            p->root /= p->kick;
+        else
+            p->A *= warm.x;
         p->w = warm.z;
     }
 #ifdef EXCEPTIONS

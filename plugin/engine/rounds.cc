@@ -1,5 +1,5 @@
 // Sweeps from pair to pair: each changes velocities and what its two beads carry, and keeps energy or species to rounding (openmm_dpd/kernels/edpd.py,
-// tdpd.py, exchange.py, docs/theory_energy.md).
+// energy.py, tdpd.py, exchange.py, docs/theory_energy.md).
 //
 // The order of pairs is that of hashes of their own, which know nothing of their noise.  In a round each bead has a first pair, and a pair acts if it is the first of both its beads; so
 // the result is that of one pair after the other, whatever runs at once.  The bead with the lower number does the work.
@@ -16,6 +16,11 @@ DEVICE mixed dpdDecay(bool exact, mixed x) {
 }
 DEVICE mixed dpdRelaxed(mixed old, mixed lost, mixed variance, mixed xi) {
     return old*(1-lost)+sqrt(lost*(2-lost)*variance)*xi;
+}
+
+// The energy that each of two beads gets from their motion along a vector of this square, which is 1 but for rounding
+DEVICE mixed dpdGain(mixed ev, mixed to, mixed im, mixed square) {
+    return (mixed) 0.25/im*(ev-to)*(2*ev+square*(to-ev));
 }
 
 // The part of a difference that a pair exchanges among others: e flows at a difference of 1, b is what it changes a bead by, a what flows of all.
@@ -115,7 +120,7 @@ KERNEL void dpdSort(GLOBAL const int* RESTRICT rowCount, GLOBAL real4* RESTRICT 
 
 // Motion and temperatures of two beads whose temperature an energy of 1 changes by ai and aj, and then the heat between them; returns the change
 // of the relative velocity.
-DEVICE mixed dpdWarmPair(mixed ev, mixed im, real r, int row, real f, bool exact, mixed dt, mixed* ti, mixed* tj, mixed ai, mixed aj, mixed ci, mixed cj,
+DEVICE mixed dpdWarmPair(mixed ev, mixed im, mixed square, real r, int row, real f, bool exact, mixed dt, mixed* ti, mixed* tj, mixed ai, mixed aj, mixed ci, mixed cj,
         mixed wi, mixed wj, mm_ulong pair, GLOBAL const real4* RESTRICT params, GLOBAL const real4* RESTRICT carrying,
         GLOBAL const real4* RESTRICT cubics, bool* negative) {
     real4 p = params[row], c = carrying[row*CARRYING_ROWS];
@@ -128,7 +133,7 @@ DEVICE mixed dpdWarmPair(mixed ev, mixed im, real r, int row, real f, bool exact
         }
         mixed theta = 2*si*sj/(si+sj), exponent = c.w*dpdPolynomial(carrying[row*CARRYING_ROWS+1], (real) ((mixed) 0.5*(si+sj)-1));
         mixed lost = dpdDecay(exact, strength*pow(w, max((mixed) 0.01, exponent))), to = dpdRelaxed(ev, lost, theta*im, dpdNormal(pair, cubics));
-        mixed gain = quarter*(ev-to)*(ev+to), ni = *ti+ai*gain, nj = *tj+aj*gain;
+        mixed gain = dpdGain(ev, to, im, square), ni = *ti+ai*gain, nj = *tj+aj*gain;
         if (ni > 0 && nj > 0 && dpdUniform(pair, 2) < exp(min((mixed) 0, dpdGained(*ti, ni, gain, ai)+dpdGained(*tj, nj, gain, aj)-2*gain/theta))) {
             change = to-ev;
             *ti = ni;
@@ -154,6 +159,79 @@ DEVICE mixed dpdWarmPair(mixed ev, mixed im, real r, int row, real f, bool exact
     return change;
 }
 
+// Of two beads with these energies: the harmonic mean of their temperatures, the sum of their entropies, and whether both are in range (1 or 0)
+DEVICE mixed3 dpdStates(mixed ui, mixed uj, mixed4 si, mixed4 sj, GLOBAL const mixed4* RESTRICT states) {
+    mixed3 a = dpdState(ui, si, states), b = dpdState(uj, sj, states);
+    return make_mixed3(2/(a.x+b.x), a.z+b.z, dpdInRange(ui, si, states) && dpdInRange(uj, sj, states) ? 1 : 0);
+}
+
+// Metropolis test of energies that two beads get, with what is to be added to the change of their entropies
+DEVICE bool dpdTakes(mixed ui, mixed uj, mixed gi, mixed gj, mixed more, mixed4 si, mixed4 sj, mixed drawn, GLOBAL const mixed4* RESTRICT states) {
+    mixed3 then = dpdStates(ui+gi, uj+gj, si, sj, states);
+    return then.z > 0 && drawn < exp(min((mixed) 0, then.y-dpdStates(ui, uj, si, sj, states).y+more));
+}
+
+// The energy of the first of two beads that have a sum of energies and one temperature: by Newton's method between bounds, with curves, whose
+// temperatures follow the energy without a jump.  A reservoir takes what is left.
+DEVICE mixed dpdBalance(mixed total, mixed4 si, mixed4 sj, GLOBAL const mixed4* RESTRICT states) {
+    if (si.y < 0 && sj.y < 0)
+        return si.y == RESERVOIR ? total-si.x*sj.x : sj.y == RESERVOIR ? si.x*sj.x : total*si.x/(si.x+sj.x);
+    mixed low = max(dpdBound(si, 0, states), total-dpdBound(sj, 1, states)), high = min(dpdBound(si, 1, states), total-dpdBound(sj, 0, states)), share = (mixed) 0.5*(low+high), close = (mixed) 1e-15*(high-low+fabs(total));
+    for (int k = 0; k < 100; k++) {
+        mixed3 a = dpdState(share, si, states), b = dpdState(total-share, sj, states);
+        mixed gap = a.x-b.x, next = share+gap/max(a.y+b.y, (mixed) 1e-30);
+        if (gap < 0)
+            high = share;
+        else
+            low = share;
+        if (!(next >= low && next <= high))
+            next = (mixed) 0.5*(low+high);
+        bool done = fabs(next-share) <= close;
+        share = next;
+        if (done)
+            break;
+    }
+    return share;
+}
+
+// Motion of two beads with energies (openmm_dpd/kernels/energy_updates.py): the change of the relative velocity, and in `gained` what each bead gets.  ti and
+// tj are the temperatures before the sweep, at which updates act that are not exact.
+DEVICE mixed dpdEnergyMotion(mixed ev, mixed im, mixed square, real r, int row, real f, bool exact, mixed dt, mixed ui, mixed uj, mixed4 si, mixed4 sj, mixed ti, mixed tj,
+        mm_ulong pair, GLOBAL const real4* RESTRICT params, GLOBAL const real4* RESTRICT cubics, GLOBAL const mixed4* RESTRICT states, mixed* gained) {
+    real4 p = params[row];
+    mixed w = 1-r*p.z, strength = f*p.y*p.y*w*w*im*dt, part = (mixed) 0.25/im*ev*ev, theta = 2*ti*tj/(ti+tj);
+    if (w <= 0 || strength == 0)
+        return 0;
+    if (exact) {
+        theta = dpdStates(ui+part, uj+part, si, sj, states).x;
+        mixed rest = (mixed) 0.25*theta;
+        mixed3 usual = dpdStates(ui+part-rest, uj+part-rest, si, sj, states);
+        theta = usual.z > 0 ? usual.x : theta;
+    }
+    mixed to = dpdRelaxed(ev, dpdDecay(exact, strength/theta), theta*im, dpdNormal(pair, cubics)), gain = dpdGain(ev, to, im, square);
+    if (exact && !dpdTakes(ui, uj, gain, gain, -2*gain/theta, si, sj, dpdUniform(pair, 2), states))
+        return 0;
+    *gained = gain;
+    return to-ev;
+}
+
+// The energy that goes to the first of two beads from the other one
+DEVICE mixed dpdEnergyHeat(mixed im, real r, int row, bool exact, mixed dt, mixed ui, mixed uj, mixed4 si, mixed4 sj, mixed wi, mixed wj, mixed ti, mixed tj,
+        mm_ulong pair, GLOBAL const real4* RESTRICT carrying, GLOBAL const real4* RESTRICT cubics, GLOBAL const mixed4* RESTRICT states) {
+    real4 c = carrying[row*CARRYING_ROWS];
+    mixed w = 1-r*c.z, e = c.x*w*w*dt, moving = 10*im*(dt*c.z)*(dt*c.z);
+    if (w <= 0 || e == 0)
+        return 0;
+    if (!exact)
+        return sqrt(2*e)*dpdNormal(dpdMix(pair+STREAM), cubics)+e*(tj-ti)/(ti*tj);
+    mixed share = dpdBalance(ui+uj, si, sj, states);
+    mixed3 a = dpdState(share, si, states), b = dpdState(ui+uj-share, sj, states);
+    // a flat piece of a curve has no slope; any positive number that depends on the sum of energies alone will do
+    mixed more = max((mixed) 0, (mixed) 0.5e-6*a.x*a.x-(mixed) 0.5*(a.y+b.y)), ci = a.y+more, cj = b.y+more, variance = 1/(ci+cj), old = ui-share;
+    mixed to = dpdRelaxed(old, dpdExchanged(e, ci, cj, wi*dt, wj*dt, moving/a.x), variance, dpdNormal(dpdMix(pair+STREAM), cubics)), flow = to-old;
+    return dpdTakes(ui, uj, flow, -flow, (mixed) 0.5*flow*(to+old)/variance, si, sj, dpdUniform(pair, 3), states) ? flow : 0;
+}
+
 // The exchange of a species of two beads, of which bi and bj are 1, or 0 where it stays
 DEVICE void dpdMixedPair(real r, int row, int species, mixed dt, mixed moving, mixed* ci, mixed* cj, mixed bi, mixed bj, mixed wi, mixed wj,
         mm_ulong pair, GLOBAL const real4* RESTRICT carrying, GLOBAL const real4* RESTRICT cubics) {
@@ -175,7 +253,8 @@ DEVICE void dpdMixedPair(real r, int row, int species, mixed dt, mixed moving, m
 
 // The first pairs of beads, where they are that of both
 KERNEL void dpdRound(GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT own, TERMS, GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows,
-        GLOBAL const real* RESTRICT distances, GLOBAL const mixed4* RESTRICT around, GLOBAL const real* RESTRICT capacities, GLOBAL const int* RESTRICT heads,
+        GLOBAL const real* RESTRICT distances, GLOBAL const mixed4* RESTRICT around, GLOBAL const real* RESTRICT capacities,
+        GLOBAL const mixed4* RESTRICT states, GLOBAL const int* RESTRICT heads,
         GLOBAL int* RESTRICT headsNew, int exact, mixed dt, mixed kT, int last, GLOBAL int* RESTRICT flags, int launch) {
     if (STOPPED)
         return;
@@ -201,11 +280,18 @@ KERNEL void dpdRound(GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT own, 
         mm_ulong pair = dpdPairKey((mm_ulong) key, a, b);
         mixed4 v = velm[i], w = velm[j], u = dpdVelocity(velm, i, atomIndex, wallVelocity), o = dpdVelocity(velm, j, atomIndex, wallVelocity), c = own[a], d = own[b], s = around[i], t = around[j];
         mixed mine[3] = {c.x, c.y, c.z}, theirs[3] = {d.x, d.y, d.z}, ours[3] = {s.x, s.y, s.z}, others[3] = {t.x, t.y, t.z};
-        mixed im = v.w+w.w, ev = at.x*(u.x-o.x)+at.y*(u.y-o.y)+at.z*(u.z-o.z), change = 0, bi = v.w > 0 ? 1 : 0, bj = w.w > 0 ? 1 : 0;
-        if (CARRIES == HEAT) {
+        mixed im = v.w+w.w, ev = at.x*(u.x-o.x)+at.y*(u.y-o.y)+at.z*(u.z-o.z), change = 0, square = (mixed) at.x*at.x+(mixed) at.y*at.y+(mixed) at.z*at.z, bi = v.w > 0 ? 1 : 0, bj = w.w > 0 ? 1 : 0;
+        if (CARRIES == HEAT && ENERGIES) {
+            mixed gain = 0;
+            change = dpdEnergyMotion(ev, im, square, r, row, f, exact, dt, c.x+c.y+c.z, d.x+d.y+d.z, states[a], states[b], carried[a].x, carried[b].x, pair, params,
+                cubics, states, &gain);
+            mine[1] += bi*gain;
+            theirs[1] += bj*gain;
+        }
+        else if (CARRIES == HEAT) {
             mixed ci = capacities[a], cj = capacities[b];
             bool negative = false;
-            change = dpdWarmPair(ev, im, r, row, f, exact, dt, &mine[0], &theirs[0], bi/ci, bj/cj, ci, cj, s.x, t.x, pair, params, carrying, cubics, &negative);
+            change = dpdWarmPair(ev, im, square, r, row, f, exact, dt, &mine[0], &theirs[0], bi/ci, bj/cj, ci, cj, s.x, t.x, pair, params, carrying, cubics, &negative);
             if (negative) {
                 HALT(NO_HEAT)
                 flags[WHO] = a;
@@ -226,6 +312,12 @@ KERNEL void dpdRound(GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT own, 
         change /= im;
         velm[i] = make_mixed4(v.x+change*v.w*at.x, v.y+change*v.w*at.y, v.z+change*v.w*at.z, v.w);
         velm[j] = make_mixed4(w.x-change*w.w*at.x, w.y-change*w.w*at.y, w.z-change*w.w*at.z, w.w);
+        if (CARRIES == HEAT && ENERGIES) { // here, for there are not that many registers
+            mixed flow = dpdEnergyHeat(im, r, row, exact, dt, mine[0]+mine[1]+mine[2], theirs[0]+theirs[1]+theirs[2], states[a], states[b], s.x, t.x,
+                carried[a].x, carried[b].x, pair, carrying, cubics, states);
+            mine[0] += bi*flow;
+            theirs[0] -= bj*flow;
+        }
         own[a] = make_mixed4(mine[0], mine[1], mine[2], 0);
         own[b] = make_mixed4(theirs[0], theirs[1], theirs[2], 0);
     }

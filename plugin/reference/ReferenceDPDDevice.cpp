@@ -28,7 +28,7 @@ inline mm_long realToFixedPoint(double x) { return std::llrint(x*4294967296.0); 
 // What the platforms with a compiler define for each System, one value for all here
 thread_local int NUM_ATOMS, STRIDE, NUM_TYPES, CARRIES, CARRYING_ROWS;
 thread_local double MAX_CUTOFF;
-thread_local bool PERIODIC, LUCY, LAMMPS;
+thread_local bool PERIODIC, LUCY, LAMMPS, ENERGIES;
 
 #define make_mixed3 make_real3
 #define make_mixed4 make_real4
@@ -188,6 +188,7 @@ private:
         Kernels::CARRIES = fluid.carries;
         Kernels::CARRYING_ROWS = fluid.carryingRows();
         Kernels::LAMMPS = fluid.lammps;
+        Kernels::ENERGIES = !fluid.states.empty();
         device->take();
     }
     ContextImpl& context;

@@ -88,10 +88,10 @@ def test_all_kernels_compile_for_cuda(architecture, tmp_path):
     ptx = tmp_path / "ptx"
     ptx.mkdir()
     text = run("cuda_without_a_gpu.py", FAKE_SM=str(architecture), FAKE_DUMP=str(ptx), LD_LIBRARY_PATH=f"{tmp_path}:{nvrtc}")
-    assert len(text.splitlines()) == 23
+    assert len(text.splitlines()) == 26
     # what beads carry is handed over where OpenMM steps by itself, and then `mvv` asks whether they were moved
-    asks = [line for line in text.splitlines() if re.search(r"mvv +warm", line)]
-    assert len(asks) == 3 and all("transfers to the host 1.00, waits 0.00" in line for line in asks)
+    asks = [line for line in text.splitlines() if re.search(r"mvv +(warm|energies)", line)]
+    assert len(asks) == 4 and all("transfers to the host 1.00, waits 0.00" in line for line in asks)
     assert all("transfers to the host 0.00, waits 0.00" in line for line in text.splitlines() if line not in asks)
     kernels = set()
     for module in ptx.glob("*.ptx"):
@@ -109,8 +109,9 @@ def test_all_kernels_compile_for_cuda(architecture, tmp_path):
 #: What there is in every scene, and what the kernels are compiled with where a scene has everything.
 PLAIN = {"NUM_ATOMS": 3000, "STRIDE": 3008, "NUM_TYPES": 2, "MOST_PASSES": 64, "MAX_CUTOFF": 1.0, "PERIODIC": 1, "LANES": 8, "BLOCK": 128}
 EVERYTHING = PLAIN | dict.fromkeys(set(re.findall(r"^#ifdef (\w+)", SOURCE, re.M)) - {"USE_MIXED_PRECISION"}, 1)
-EVERYTHING |= {"CARRIES": 2, "CARRYING_ROWS": 5, "LAMMPS": 0}  # species
-HEAT = PLAIN | {"CARRIES": 1, "CARRYING_ROWS": 3, "LAMMPS": 0} | dict.fromkeys(("TRICLINIC", "EXCEPTIONS", "IMMOBILE"), 1)
+EVERYTHING |= {"CARRIES": 2, "CARRYING_ROWS": 5, "LAMMPS": 0, "ENERGIES": 0}  # species
+HEAT = PLAIN | {"CARRIES": 1, "CARRYING_ROWS": 3, "LAMMPS": 0, "ENERGIES": 0} | dict.fromkeys(("TRICLINIC", "EXCEPTIONS", "IMMOBILE"), 1)
+STATES = HEAT | {"ENERGIES": 1}
 
 
 def hip_compiler() -> str:
@@ -124,7 +125,7 @@ def hip_compiler() -> str:
 
 @pytest.mark.parametrize("precision", ["single", "mixed", "double"])
 @pytest.mark.parametrize("architecture", ["gfx90a", "gfx1030"])
-@pytest.mark.parametrize("names", [PLAIN, EVERYTHING, HEAT], ids=["plain", "everything", "heat"])
+@pytest.mark.parametrize("names", [PLAIN, EVERYTHING, HEAT, STATES], ids=["plain", "everything", "heat", "energies"])
 def test_all_kernels_compile_for_hip(names, architecture, precision, tmp_path):
     """To assembly, with OpenMM's options; GPUs with waves of 64 and of 32 threads (clang 15 crashes now and then for newer ones, as gfx1100)."""
     source, made = tmp_path / "kernels.cc", tmp_path / "kernels.s"

@@ -5,11 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import openmm
+import oracle_energy
 import oracle_meso as oracle
 import pytest
 from conftest import available
 from cuts import ends_of_all_ways
 from devices import Device
+from kinds import ENERGY, TABULATED
+from reference_forces import matrix
 from scenes import BOXES, chains, fluid, noise_of, same_bits, state_of
 from test_pair_terms import COUNTER, DT, SEED, bound, close, context_of, found
 from test_steps import made_on, run_on
@@ -40,12 +43,16 @@ MIXED = {
     "exponent": (2.0, 0.6, 1.0),
 }
 SPECIES = {"kappa": (1.0, 0.5, 0.0, 2.0), "epsilon": (0.1, 0.0, 0.2, 0.3), "exponent_c": (2.0, 1.0, 3.0, 0.5)}
-KINDS = ["heat", "lammps", "species"]
+KINDS = ["heat", "lammps", "species", "energies"]
 
 
 def carrying(kind: str, make=fluid, n=N, box=BOX, **options) -> dpd.Scene:
     """Two types; as much differs as may.  Species take two blocks."""
     rng = np.random.default_rng(8)
+    if kind == "energies":
+        options.pop("sources", None)  # these have none
+        internal = dpd.InternalEnergy(TABULATED, rng.uniform(0.6, 1.8, n), conductive=rng.normal(size=n))
+        return make(ENERGY, box=box, n=n, internal=internal, **options)
     if kind == "species":
         table = {pair: dpd.TDPD(**{name: of[k] for name, of in MIXED.items()}, **SPECIES) for k, pair in enumerate(PAIRS)}
         return make(table, box=box, n=n, internal=dpd.Concentrations(rng.random((n, 4)) * 2), **options)
@@ -71,7 +78,12 @@ def rates_of(scene, x, v) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
             for stream in range(5):
                 numbers[stream, j, i] = draw(j, i, stream)
                 numbers[stream, i, j] = numbers[stream, j, i] * (-1 if stream else 1)
-    if isinstance(scene.internal, dpd.Concentrations):
+    if isinstance(scene.internal, dpd.InternalEnergy):
+        values = [matrix(scene, name) for name in ("A", "sigma", "kappa", "cutoff")]
+        here = x, v, scene.internal.thetas, scene.type_ids, scene.bead_masses
+        of = oracle_energy.dpde_rates(*here, *values, BOX, 1.0, DT, numbers[0], numbers[1])
+        flow = np.column_stack([of.du_cond, of.du_mech])
+    elif isinstance(scene.internal, dpd.Concentrations):
         values = [square(MIXED[name]) for name in ("A", "gamma", "exponent", "cutoff", "cutoff_c")]
         of = oracle.tdpd_pair(
             x, v, scene.internal.values, scene.type_ids, *values, *SPECIES.values(), 1.0, BOX, DT, numbers[0], numbers[1:]
@@ -103,8 +115,9 @@ def test_forces_and_flows_are_the_oracles(kind, device):
     rates = kept_rates(context, context.plan.spec.fields, context.plan.options.pair_group)
     close(rates, flow, bound(device))
     assert same_bits(state_of(context), (x, v))
-    if kind == "species":
-        assert np.abs(rates.sum(axis=0)).max() < device.choose(1e-12, 1e-10, 1e-6) * np.abs(rates).max()
+    if kind in ("species", "energies"):
+        conserved = rates if kind == "species" else rates[:, :1]
+        assert np.abs(conserved.sum(axis=0)).max() < device.choose(1e-12, 1e-10, 1e-6) * np.abs(rates).max()
 
 
 def options_of(name: str) -> dict:
@@ -166,7 +179,9 @@ def end_of(simulation) -> tuple:
     return (*state_of(simulation.context), carried(simulation))
 
 
-@pytest.mark.parametrize("precision, kind", [("single", "heat"), ("mixed", "species")])
+@pytest.mark.parametrize(
+    "precision, kind", [("single", "heat"), ("mixed", "species"), pytest.param("mixed", "energies", marks=pytest.mark.slow)]
+)
 def test_restarts_cuts_and_shared_beads_have_the_same_bits(precision, kind, tmp_path, monkeypatch):
     scene, device = carrying(kind, **options_of("sources")), available(Device("OpenCL", precision))
     energies = []
@@ -214,18 +229,18 @@ def test_states_in_which_immobile_beads_were_given_others_are_refused():
             act()
 
 
-@pytest.mark.parametrize("kind", ["heat", "species"])
+@pytest.mark.parametrize("kind", ["heat", "species", "energies"])
 def test_it_goes_through_xml_and_a_plain_integrator_keeps_what_beads_carry(kind):
     scene, exact = carrying(kind, **options_of("sources")), available(Device("Reference"))
     built = made_on(scene, exact, "mvv", dt=0.005)
     simulation, texts = built.simulation(), [openmm.XmlSerializer.serialize(each) for each in (built.system, built.integrator)]
-    assert 'version="3"' in texts[0] and "pickle" not in texts[0]
+    assert f'version="{4 if kind == "energies" else 3}"' in texts[0] and "pickle" not in texts[0]
     system, integrator = map(openmm.XmlSerializer.deserialize, texts)
     assert openmm.XmlSerializer.serialize(system) == texts[0]
     for old, new, message in (
         (' carried="', ' carried="1 ', "as many values"),
         (' carrying="', ' carrying="1 ', "as many values"),
-        (' takes="', ' takes="1 ', "sources"),
+        (' takes="', ' takes="1 ', "sources") if kind != "energies" else (' states="', ' states="0 0 0 0 ', "equations of state"),
         (' cutoffCarried="', ' cutoffCarried="1 ', "as many values"),
     ):
         assert texts[0].count(old) == 1

@@ -140,7 +140,7 @@ def test_it_is_explained_goes_through_xml_and_no_older_plugin_reads_it():
     for old, new, message in (
         ('densityWeights="', 'densityWeights="1 ', "weight of every particle"),
         (' cutoffB="', ' cutoffB="0.5 ', "a table of many-body terms"),
-        ('version="2"', 'version="4"', "version"),
+        ('version="2"', 'version="5"', "version"),
     ):
         assert text.count(old) == 1
         with pytest.raises(openmm.OpenMMException, match=message):

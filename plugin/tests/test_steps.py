@@ -596,7 +596,7 @@ def test_auto_takes_the_device_on_a_gpu(gpu):
     assert "engine of the pair kernel: device (the platform is a GPU)" in dpd.build(many, dt=0.01, platform="OpenCL").explain()
     table, internal = {("*", "*"): dpd.EnergyDPD(A=25, sigma=3)}, dpd.InternalEnergy(dpd.ConstantHeatCapacity(60), 1.0)
     heat = dpd.build(fluid(table, BOX, n=60, spread=0, internal=internal), dt=0.01, platform="OpenCL").explain()
-    assert "engine of the pair kernel: host (not the device: it has no EnergyDPD)" in heat
+    assert "engine of the pair kernel: device (the platform is a GPU)" in heat
 
 
 def test_without_the_plugin_all_is_as_before(gpu, monkeypatch):
@@ -616,13 +616,6 @@ MOVING = [dpd.Wall("z", 0.5, "above", "bounce-back", velocity=(1.0, 0, 0)), dpd.
 @pytest.mark.parametrize(
     "scene, scheme, reason",
     [
-        (
-            lambda: fluid(
-                {("*", "*"): dpd.EnergyDPD(A=25, sigma=3)}, BOX, n=40, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(60), 1.0)
-            ),
-            "mvv",
-            "it has no EnergyDPD",
-        ),
         (lambda: fluid(PLAIN, BOX, n=40), "native", "OpenMM's own integrator steps"),
         (lambda: fluid({("*", "*"): D(A=25)}, BOX, n=40), "middle", "there is no friction and no noise"),
         (lambda: fluid(PLAIN, BOX, n=40, shear=dpd.LeesEdwards(rate=0.1)), "middle", "it has no Lees-Edwards shear"),

@@ -4,6 +4,7 @@ import importlib
 from collections.abc import Callable, Collection, Sequence
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from shlex import quote
 from types import ModuleType
@@ -15,10 +16,11 @@ import openmm
 
 from ...base import names
 from ...base.names import Phase
+from ...kernels.eos import EOSTable
 from ...kernels.fields import FieldSpec
 from ...kernels.layer import PairSpec
 from ...model.sources import Block, Source, Sphere
-from ..made import origin
+from ..made import of_fields, origin
 from ..program_options import ProgramOptions
 
 #: How exactly the linear systems of pair updates are solved: what is left, relative to what a midpoint step changes.
@@ -54,9 +56,22 @@ def why_no_plugin(platform: str | None) -> str | None:
     return found.failed.get(name, f"openmm-dpd-device knows no platform {platform}")
 
 
+def _states(eos: EOSTable) -> np.ndarray:
+    """Equations of state as plugin/engine/fields.cc reads them."""
+    zero = np.zeros_like(eos.capacity)
+    beads = np.column_stack([eos.capacity, eos.curve, zero, zero])
+    for k, (first, end) in enumerate(pairwise(eos.start)):
+        beads[eos.curve == k, :2] = end - first - 1, first
+    zero = np.zeros_like(eos.nodes)
+    pieces = np.column_stack([eos.nodes, eos.pieces[:, 4], zero, zero, eos.pieces[:, :4]])
+    return np.concatenate([beads.ravel(), pieces.ravel()])
+
+
 def _carried(fields: FieldSpec) -> dict[str, Any]:
     """Attributes of what beads carry."""
     found: dict[str, Any] = {"carried": fields.initial, "capacities": () if fields.capacity is None else fields.capacity}
+    if fields.eos is not None:
+        found |= {"capacities": np.ones(len(fields.initial)), "states": _states(fields.eos)}
     rows, takes = [], np.zeros(len(fields.initial), np.int64)
     for k, source in enumerate(cast(Sequence[Source], fields.sources)):
         region = source.region
@@ -99,7 +114,7 @@ def device_force(
         See :data:`TOLERANCE`.
     """
     parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT, names.COUNTER: 0.0}
-    parameters |= {names.SEED: float(options.seed)} | origin(options, integrator) | ({} if spec.fields is None else {names.WRITTEN: 0.0})
+    parameters |= {names.SEED: float(options.seed)} | origin(options, integrator) | of_fields(spec.fields)
     start, bead, factor = spec.exceptions
     first = np.repeat(np.arange(len(spec.types)), np.diff(start)) if len(start) else np.zeros(0, int)
     terms = tell(spec.terms[0])
@@ -117,7 +132,8 @@ def device_force(
     }
     attributes: dict[str, object] = {
         "type": "DPDDeviceForce",
-        "version": 3 if "carries" in terms else 2 if "B" in terms else 1,  # an older plugin refuses what it does not know
+        # an older plugin refuses what it does not know
+        "version": 4 if "states" in lists else 3 if "carries" in terms else 2 if "B" in terms else 1,
         "name": names.PAIR_FORCE,
         "forceGroup": options.pair_group,
         "periodic": int(periodic),

@@ -13,11 +13,10 @@ from ...base.openmm_private import bare, vectors
 from ...base.signals import CTRL_C
 from ...kernels import motion
 from ...kernels.engines import engine_kind
-from ...kernels.fields import ENERGY
 from ...kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM, PairSpec
 from ...kernels.moment import FASTEST, Moment, StepSpec
 from ...kernels.shear import flow_at
-from ..made import origin, wrong_key
+from ..made import of_fields, origin, wrong_key
 from ..program_options import ProgramOptions
 from .thread_state import SHOWN_NOW, Fields, ThreadState
 
@@ -277,11 +276,7 @@ class PairForceFunction:
 def pair_force(function: PairForceFunction, *, options: ProgramOptions, integrator: openmm.Integrator) -> openmm.PythonForce:
     """PythonForce that evaluates the pair terms, with its context parameters (see :mod:`openmm_dpd.base.names`)."""
     parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT}
-    parameters |= {names.COUNTER: 0.0, names.SEED: float(options.seed)} | origin(options, integrator)
-    if function.spec.fields is not None and function.spec.fields.kind == ENERGY:
-        parameters |= {names.VOLUME_MOVES: 0.0, names.VOLUME_STEP: 0.01, names.VOLUME_ACCEPTED: 0.0}
-    elif function.spec.fields is not None:
-        parameters[names.WRITTEN] = 0.0
+    parameters |= {names.COUNTER: 0.0, names.SEED: float(options.seed)} | origin(options, integrator) | of_fields(function.spec.fields)
     if any(extra.term == "external" for extra in function.spec.extras):
         parameters[names.BODY_FORCE] = 1.0
     if function.steps is not None and function.steps.driven is not None:

@@ -62,6 +62,15 @@ def eos_table(by_type: list, type_ids: np.ndarray, immobile: np.ndarray, energie
     return table
 
 
+def _energies_on_device(table: EnergyTable) -> dict[str, np.ndarray]:
+    """Heat whose friction is that at the temperature 1, and whose weights are those of the forces."""
+    one = np.ones_like(table.A)
+    plain = TermTable(table.A, 0.5 * table.sigma**2, np.nan * one, 0.0 * one, one, one, table.cutoff)
+    single = np.stack([table.kappa, 2.0 * one, 1.0 / np.maximum(table.cutoff, 1e-30), 2.0 * one], axis=-1)
+    rows = np.stack([single, 0.0 * single, 0.0 * single], axis=-2)
+    return on_device(plain) | {"carries": np.array(1), "carrying": rows, "cutoffCarried": table.cutoff}
+
+
 def _frictions(c: EnergyDPD, kT: float) -> list[tuple[float, float]]:
     return [(c.sigma**2 / (2 * kT), 1.0)]
 
@@ -72,6 +81,7 @@ register(
         terms=_terms,
         potential=dpd_expression,
         fields=_fields,
+        device=_energies_on_device,
         field_text="internal energy: conductive, mechanical, what rounding lost of them",
         frictions=_frictions,
     )
