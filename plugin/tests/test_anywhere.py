@@ -21,6 +21,14 @@ BOX = np.eye(3) * 5.0
 USUAL = Device("OpenCL", "mixed")  # what everybody gets
 
 
+def test_beads_on_a_lattice_are_compared_with_the_host():
+    """Forces add up to nothing but rounding, in another order there."""
+    x = np.stack(np.meshgrid(*[np.arange(6) + 0.25] * 3), axis=-1).reshape(-1, 3) * 0.7
+    scene = beads(216, edge=4.2, positions=x)
+    run_on(scene, available(Device("Reference")))
+    run_on(scene, available(USUAL))
+
+
 def put_away(simulation, step: int, shift) -> None:
     """Move all beads, and count steps from this one on."""
     simulation.context.setStepCount(step)

@@ -535,7 +535,7 @@ def test_without_the_guards_a_step_with_too_little_room_is_an_error(usual):
 
 @pytest.mark.parametrize(
     "broken, wrong",
-    [("A", "the conservative force by 0.001.*, its energy by 0.001"), ("gamma", "friction and noise by 0.01, the pair update by 0.0")],
+    [("A", "the conservative force by 0.0009.*, its energy by 0.001"), ("gamma", "friction and noise by 0.01, the pair update by 0.0")],
 )
 def test_a_broken_kernel_is_refused(broken, wrong, usual, monkeypatch):
     """One whose repulsion is wrong by a part in a thousand, or whose friction by one in fifty."""
