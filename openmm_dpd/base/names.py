@@ -61,6 +61,9 @@ VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED = "dpd_volume_moves", "dpd_volume_ste
 FIELD, RATE = "field", "rate"
 #: Numbers of the first blocks of both in the phase EXCHANGE.
 KEPT = {FIELD: 10, RATE: 50}
+#: There, the number of the first component of a wall, whose energy is the momentum that it has taken up since this was asked last, and
+#: the number by which all are added to the context parameters IMPULSES, outside of a step.
+TAKEN, ALL_TAKEN = 80, 98
 #: Prefix of per-DOF variables with the table of bonds that form and break, see :mod:`openmm_dpd.kernels.reactions`.
 BONDS = "bonds"
 #: Context parameter where forces depend on bonds or temperatures, which OpenMM does not hand to them: the number of what they are now

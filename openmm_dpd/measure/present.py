@@ -22,7 +22,7 @@ from ..kernels.fields import TEMPERATURE
 from ..kernels.interface import Engine
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from ..kernels.moment import LastStep, Stepper
-from ..kernels.shear import add_flow, rate_at
+from ..kernels.shear import add_flow, flow_at, rate_at
 from ..plan.made import acting, groups_of, masses_of
 from ..plan.plan import Plan
 from ..simulation.bonds import with_bonds
@@ -145,6 +145,8 @@ class Present:
         if self._prepared is None:
             if self._function is None:
                 self._prepared = self._own
+                if self._own is not None and self.plan.scene.shear is not None:
+                    self._own.set_flow(flow_at(self.plan.scene.shear, self.sheared))
             else:
                 local = self._function.thread_state()
                 self._function.take_over(local, self._context.getParameters())

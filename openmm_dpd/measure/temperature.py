@@ -70,7 +70,9 @@ def set_kT(context: openmm.Context, kT) -> None:
     """
     check_context(context)
     kT, integrator = thermal_energy(kT), context.getIntegrator()
-    if KT not in context.getParameters():
+    plain = isinstance(integrator, PairIntegrator) and not {TEMPERATURE, RAMP_STEP} & integrator.variables()
+    resting = plain and VOLUME_MOVES not in context.getParameters() and getattr(integrator.whole, "guide", None) is None
+    if resting or KT not in context.getParameters():
         native = isinstance(integrator, openmm.DPDIntegrator)
         remedy = "use setTemperature of its DPDIntegrator" if native else "nothing in it has friction or noise"
         raise ParameterError(f"this Context has no thermostat of openmm_dpd; {remedy}")

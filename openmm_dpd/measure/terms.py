@@ -55,7 +55,7 @@ def force_terms(
     v = _vectors(built.velocities if velocities is None else velocities, "velocity", "velocities", scene.n_beads)
     counter = whole_number(counter, "counter", least=0)
     function = None if built.integrator.whole is None else built.integrator.whole.function
-    held = [] if function is None else [*function.spec.extras]
+    held = [*plan.behind] if function is None else [*function.spec.extras]
     if scene.reactions and function is not None:
         function.thread_state().loop.show(function.steps.reactions.initial)
         held += [each.terms for each in function.thread_state().engine.extras[len(held) :]]

@@ -12,6 +12,7 @@ import openmm
 from ..base.errors import PlanError
 from ..base.platforms import opencl_is_a_gpu
 from ..kernels.engines import EngineKind, engine_kind, register_engine
+from ..model.flow import Wall
 from ..model.scene import Scene
 from ..model.schemes import Scheme
 from ..model.sources import Source
@@ -24,6 +25,9 @@ MOST_BEADS = 2**24 - 1
 #: Precision of OpenMM's GPU platforms unless another one is asked for: positions that are set far from the box, and States of beads that
 #: have gone there, keep their digits, of which single precision has 7 from the origin on.  It takes 4 to 9 % longer on an H200.
 PRECISION = "mixed"
+
+#: A need of scenes (:meth:`.plan.Plan.needs`).
+DRIVEN = "walls that move or have a shape or something behind them"
 
 DEVICE = register_engine(
     EngineKind(
@@ -40,6 +44,9 @@ DEVICE = register_engine(
                 "factors of bonded neighbours",
                 "immobile beads",
                 "particles that are left out",
+                "several tables",
+                DRIVEN,
+                "Lees-Edwards shear",
                 "stress",
                 "Laplacian",
             )
@@ -57,9 +64,12 @@ def is_gpu(platform: str | None) -> bool:
 
 
 def chosen_engine(
-    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], thermostat: bool, scene: Scene, driven: bool
+    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], acts: bool, scene: Scene, guided: bool, cut: bool
 ) -> tuple[str, str]:
-    """Name of the engine, and why it is that one; ``driven``: walls move, or have a shape or something behind them.
+    """Name of the engine, and why it is that one.
+
+    ``acts``: a pair kernel has something to do, ``guided``: a guide acts within steps, ``cut``: OpenMM has forces with a cutoff other than
+    those of charges.
 
     Raises
     ------
@@ -71,16 +81,19 @@ def chosen_engine(
     if engine not in ("auto", DEVICE.name):
         return engine, "as asked for"
     beyond = next((kind.name for kind in kinds if kind.device is None), None)
+    mixed = any(kind.fields for kind in kinds) or sum(kind.has_densities for kind in kinds) > 1
+    sheared = scene.shear is not None
     sources, species = scene.sources, getattr(scene.internal, "n_species", 0)
     reasons = {
         "OpenMM's own integrator steps": scheme.native,
-        "there is no friction and no noise": not thermostat,
+        "there is no friction and no noise, and no force that OpenMM does not compute": not acts,
         f"it has no {beyond}": beyond is not None,
-        "it has no beads on which only body forces act": scene.interacting is not None,
-        "it has no Lees-Edwards shear": scene.shear is not None,
+        "beads stay where they are in a shear, and forces of OpenMM's own with a cutoff would put them back into the box": cut and sheared,
         "it has no rigid bodies": bool(scene.bodies),
-        "it has no walls that move or have a shape or something behind them": driven,
-        "it has no several tables": len(kinds) > 1,
+        "it has no walls that have a shape": not all(isinstance(wall, Wall) for wall in scene.walls),
+        "it has no bonds that form and break": bool(scene.reactions),
+        "nothing but forces acts within its steps": guided,
+        "it has several tables of isothermal terms alone, many-body terms in one of them": len(kinds) > 1 and mixed,
         f"it has pair updates of up to {MOST_SWEPT} species": not scheme.predicts and species > MOST_SWEPT,
         "it has no sources of a kind of its own, and no forces that follow what beads carry": any(type(s) is not Source for s in sources),
         f"it takes no more than {MOST_SOURCES} sources": len(sources) > MOST_SOURCES,

@@ -1,7 +1,7 @@
 """Scene and choices to a Plan: what this scene needs and no more, decided before anything is built."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from ..base.errors import ParameterError, PlanError, fact_table, what_is
 from ..base.names import PAIR_GROUP
 from ..base.platforms import fastest_platform
-from ..kernels.driven import Driven
+from ..kernels.driven import Continuum, Driven
 from ..kernels.engines import EngineKind, engine_kind
 from ..kernels.fields import ENERGY
 from ..kernels.interface import Engine
@@ -25,7 +25,7 @@ from ..model.temperature import TemperatureRamp
 from .charge_forces import few_charges
 from .choices import check_cutoffs, checked_interval, checked_lam, checked_seed, checked_step, listed, platform_name, predicting
 from .continuum import check_driven, driven_walls
-from .device import DEVICE, PRECISION, chosen_engine
+from .device import DEVICE, DRIVEN, PRECISION, chosen_engine
 from .execution import (
     DOUBLE_PLATFORMS,
     REACTING,
@@ -47,7 +47,6 @@ from .reactions import bonds_at_start, table_blocks
 ResolvedTable = dict[tuple[str, str], Any]
 
 
-_DRIVEN = "walls that move or have a shape or something behind them"
 #: What an engine needs for the letters of a word that sweep.
 _SWEEPS = {"O": "exact pair updates", "S": "Shardlow's pair updates"}
 
@@ -124,7 +123,7 @@ class Plan:
             ),
             "a barostat does not know the sliding images of a Lees-Edwards shear": scene.shear is not None,
             "a barostat needs a scene where all forces act on all beads; `interacting` takes some away": scene.interacting is not None,
-            f"a barostat moves beads and not {_DRIVEN}": self.driven is not None,
+            f"a barostat moves beads and not {DRIVEN}": self.driven is not None,
             f"a barostat judges volumes by an energy, but {self.no_potential}": self.no_potential is not None,
             f"a barostat that changes {walled} would move beads behind walls; leave it out of axes, coupled=False": walled is not None,
         }
@@ -145,9 +144,15 @@ class Plan:
         """The kind of engine that evaluates the pair terms."""
         return engine_kind(self.execution.engine)
 
+    @property
+    def behind(self) -> tuple[Continuum, ...]:
+        """What is behind walls, where the pair force has that without the host's loop."""
+        on_device = isinstance(self.driven, Driven) and not self.execution.looped
+        return tuple(filter(None, [self.driven.continuum])) if on_device else ()  # type: ignore[union-attr]
+
     def new_engine(self) -> Engine:
-        """A new engine for the pair terms alone."""
-        return self.engine.make(self.spec)
+        """A new engine for the pair terms, and for what is :attr:`behind` walls."""
+        return self.engine.make(replace(self.spec, extras=self.behind))
 
     def needs(self) -> Iterator[str]:
         """Names of what an engine must be able to do: kinds of pair coefficients, pair updates, boxes, beads, and parts of the scene."""
@@ -165,7 +170,7 @@ class Plan:
             "factors of bonded neighbours": bool(self.exceptions),
             "immobile beads": bool(scene.immobile.any()),
             "particles that are left out": self.host is not None and bool(self.host.left_out.any()),
-            _DRIVEN: self.driven is not None,
+            DRIVEN: self.driven is not None,
             REACTING: bool(scene.reactions),
         }
         yield from (name for name, there in features.items() if there)
@@ -280,15 +285,16 @@ def make_plan(
     only = next(filter(None, reasons), None)
     double, driven = platform in DOUBLE_PLATFORMS, any(wall.driven for wall in scene.walls)
     check_driven(scene, chosen, tables, thermostat)
-    only = only or (f"{_DRIVEN} need whole steps of the pair kernel" if driven else None)
+    only = only or (f"{DRIVEN} need whole steps of the pair kernel" if driven else None)
     only = only or ("rigid bodies need whole steps of the pair kernel" if scene.bodies else None)
     only = only or (None if guide is None or not repulsive else f"{guide.what} need whole steps of the pair kernel")
     only = only or (f"{REACTING} need whole steps of the pair kernel" if scene.reactions and repulsive else None)
-    own = driven or guide is not None or bool(scene.reactions)
-    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, thermostat, scene, own)
+    acts = thermostat or (repulsive and conservative != "openmm")
+    cut = conservative == "openmm" or bool(overlays) or scene.segments is not None
+    engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, acts, scene, guide is not None, cut)
     on_device = engine_name == DEVICE.name
     faster = double or on_device or not listed(platform, scene.box, reach)
-    where, why_there = conservative_place(conservative, repulsive, thermostat, only, faster, chosen)
+    where, why_there = conservative_place(conservative, repulsive, thermostat or on_device, only, faster, chosen)
     carriers = [kind for kind in kinds if kind.fields is not None]
     fields = carriers[0].fields_of(scene) if carriers else None
     choices = field_options(scene, fields, reach, double, lam) | ({"field_names": carriers[0].field_text} if carriers else {})
@@ -297,9 +303,9 @@ def make_plan(
     if guide is not None and (no_loop is not None or not chosen.predicts):
         why = no_loop or f"scheme {chosen.name!r} has no sum of all forces; use {predicting()}"
         raise PlanError(f"{guide.what} need whole steps of the pair kernel with all forces: {why}")
-    if driven and no_loop is not None:
-        raise PlanError(f"{_DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
-    if scene.shear is not None:
+    if driven and no_loop is not None and not on_device:
+        raise PlanError(f"{DRIVEN} need whole steps of the pair kernel, which are not possible here: {no_loop}")
+    if scene.shear is not None and not on_device:
         check_whole_steps("Lees-Edwards shear needs", no_loop, platform)
     if scene.reactions:
         check_whole_steps(f"{REACTING} need", no_loop, platform)
@@ -323,6 +329,8 @@ def make_plan(
             **why_held,
         },
     )
+    walls = driven_walls(scene, layers, lam)
+    named = walls.impulses.items() if on_device and isinstance(walls, Driven) else ()
     options = ProgramOptions(
         scheme=chosen,
         dt=step,
@@ -339,6 +347,8 @@ def make_plan(
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(double),
         walls=kind_of(scene.gaps),
+        sheared=scene.shear is not None,
+        impulses=tuple((6 * axis + 3 * side + k, name) for (axis, side, k), name in named),
         partial=scene.interacting is not None,
         guided="" if guide is None else guide.what,
         numbers=(*(() if guide is None else guide.numbers), *(0.0,) * (3 * len(scene.reactions))),
@@ -347,7 +357,6 @@ def make_plan(
         **choices,
     )
     left_out = None if host is None else np.pad(host.left_out, (0, scene.n_beads - len(host.masses)))
-    walls = driven_walls(scene, layers, lam)
     spec = pair_spec(scene, kinds, layers, exceptions, chosen, fields, left_out, walls.carried if isinstance(walls, Solids) else None)
     parts = scene, spec, options, tuple(layers), tuple(overlays), exceptions, charge_exceptions, platform
     plan = Plan(*parts, host, walls)

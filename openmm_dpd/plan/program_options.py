@@ -36,6 +36,8 @@ class ProgramOptions:
     guided: str = ""  #: What a guide that acts within steps is, in words; empty if there is none
     numbers: tuple[float, ...] = ()  #: What it keeps from step to step, at the start; then three for each reaction
     frictionless: bool = False  #: Whether there is no friction and noise but what a guide may add
+    impulses: tuple[tuple[int, str], ...] = ()  #: On the device: numbers and names of the parameters with what walls have taken up
+    sheared: bool = False  #: Whether there is a Lees-Edwards shear
     walls: str = ""  #: Kind of the walls, "specular", "bounce-back" or "mixed"; empty if there are none
     partial: bool = False  #: Whether there are beads on which only body forces act along some axis
     bond_blocks: int = 0  #: Number of per-DOF variables with the table of bonds that form and break

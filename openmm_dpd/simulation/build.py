@@ -93,10 +93,10 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     if scene.gaps and execution.steps != "device":
         for name, values in walls.variables(scene.gaps, options.walls, scene.n_beads).items():
             integrator.setPerDofVariableByName(name, values)
-    if scene.interacting is not None:
+    if scene.interacting is not None and (program is None or ALONE in program.per_dof):
         integrator.setPerDofVariableByName(ALONE, (~scene.interacting).astype(float))
     if isinstance(integrator, PairIntegrator) and execution.on_device:
-        integrator.device_group = options.pair_group
+        integrator.device_group, integrator.pushed = options.pair_group, bool(options.impulses)
     built = BuiltSystem(
         system=system,
         integrator=integrator,

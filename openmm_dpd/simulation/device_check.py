@@ -7,9 +7,10 @@ import openmm
 from openmm import unit
 
 from ..base.errors import RunError
-from ..base.names import COUNTER, DT, KT, PHASE, SEED, Phase
+from ..base.names import COUNTER, DT, KT, PHASE, SEED, SHEARED, Phase
 from ..kernels.forces import GAMMA, GAMMA_PERP
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM
+from ..kernels.shear import RATE, add_flow, flow_at
 from ..model.schemes import SWEEPS
 from ..plan.plan import Plan
 from .fields import kept_rates, raw_fields
@@ -54,6 +55,11 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
     values = None if spec.fields is None else raw_fields(context, spec.fields)
     conditions = (parameters[KT], parameters[DT], int(parameters[SEED]), int(parameters[COUNTER]), values)
     engine = plan.new_engine()
+    if plan.scene.shear is not None:
+        flow = flow_at(plan.scene.shear, parameters[SHEARED])
+        engine.set_flow(flow)
+        v = v.copy()
+        add_flow(v, -flow[RATE], x)
     engine.prepare(x, box)
 
     def of_device(phase: int) -> tuple[float, np.ndarray]:
@@ -86,8 +92,8 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
         between = v + 0.5 * conditions[1] * spec.inv_mass[:, None] * force
         expected = engine.forces(DISSIPATIVE | RANDOM, between, *conditions)[1]
         # friction makes the more of an error in velocities the stronger it is
-        friction = spec.terms[0].coefficients(conditions[0])[:, [GAMMA, GAMMA_PERP]].max()  # type: ignore[attr-defined]  # of DPD and many-body DPD
-        bound = UPDATE * (1 + conditions[1] * friction * spec.inv_mass[mobile].max(initial=0.0))
+        frictions = [table.coefficients(conditions[0])[:, [GAMMA, GAMMA_PERP]].max() for table in spec.terms]  # type: ignore[attr-defined]
+        bound = UPDATE * (1 + conditions[1] * sum(frictions) * spec.inv_mass[mobile].max(initial=0.0))
         found["the pair update"] = (_relative(force[mobile], expected[mobile]), bound)
     return found
 

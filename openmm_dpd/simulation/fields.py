@@ -42,7 +42,7 @@ def swap_kept(context: openmm.Context, group: int, number: int) -> None:
     """Have a device swap velocities of the beads that move with a block of :data:`openmm_dpd.base.names.KEPT` that it keeps."""
     asked = openmm.Context.getParameter(context, PHASE)  # a look at forces may be on the way
     openmm.Context.setParameter(context, PHASE, Phase.EXCHANGE + number)
-    openmm.Context.getState(context, forces=True, groups={group})
+    openmm.Context.getState(context, energy=True, groups={group})
     openmm.Context.setParameter(context, PHASE, asked)
 
 

@@ -11,7 +11,7 @@ from ..base.names import BONDED_GROUP, COULOMB_GROUP, LAST_POTENTIAL_GROUP, LATT
 from ..model.angles import Torsions
 from ..model.flow import PositionForce
 from ..plan.forces.bonded import molecules
-from ..plan.forces.device_force import device_force
+from ..plan.forces.device_force import attributes_of, device_force
 from ..plan.forces.electrostatics import electrostatic_forces, needs_list
 from ..plan.forces.expressions import PairExpression, exception_force, nonbonded_force
 from ..plan.forces.external import external_force
@@ -34,7 +34,10 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     for mass in np.where(mobile, scene.bead_masses, 0.0).tolist():
         system.addParticle(mass)
     if scene.box is not None:
-        system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
+        box = scene.box.copy()
+        if scene.shear is not None and plan.execution.on_device and box[1, 0] == 0.0:
+            box[1, 0] = 1e-14 * box[0, 0]  # in a Context of a rectangular box GPU platforms take no other
+        system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in box.tolist()))
     layers = plan.layers if plan.execution.conservative == "openmm" else ()
     densities = [layer for layer in layers if resolved_kind(layer).density_force is not None]
     held = plan.execution.held
@@ -71,11 +74,12 @@ def scene_system(plan: Plan, integrator: PairIntegrator | NativeIntegrator, func
     if function is not None:
         system.addForce(pair_force(function, options=options, integrator=integrator))
     if plan.execution.on_device:
-        whole, tell = plan.execution.steps == "device", cast(Any, plan.kinds[0].device)
+        whole, tells = plan.execution.steps == "device", [cast(Any, kind.device) for kind in plan.kinds]
         letters = () if not whole else (("V", options.lam),) if options.predicting else options.scheme.steps(options.thermostat)
         walls = planes(scene.gaps) if whole and scene.walls else {}
         slow = _slow_groups(plan, system) if plan.execution.slow and not options.predicting else ()
-        system.addForce(device_force(plan.spec, tell, letters, walls, slow, options=options, integrator=integrator, periodic=periodic))
+        own: dict[str, Any] = {"options": options, "integrator": integrator, "periodic": periodic}
+        system.addForce(device_force(plan.spec, tells, letters, walls, slow, more=attributes_of(scene, plan.driven), **own))
     if options.scheme.native:
         system.addForce(native_marker(options, integrator, periodic))
     return system

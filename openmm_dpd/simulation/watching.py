@@ -23,11 +23,12 @@ import numpy as np
 import openmm
 
 from ..base.errors import PlanError, RunError, bead_number, what_is
-from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, SHOWN, VOLATILE
+from ..base.names import ALL_TAKEN, BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, SHEARED, SHOWN, VOLATILE
 from ..base.openmm_private import bare, hear_calls, vectors
 from ..base.signals import CTRL_C, unbroken
 from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
 from .barostat_temperature import barostats, check_barostats, tell_pressures
+from .fields import swap_kept
 
 _LOGGER = logging.getLogger("openmm_dpd")
 #: Steps after which the state is remembered, to come back to if a later step fails; OpenMM's Simulation.step() asks for this many at once.
@@ -35,6 +36,8 @@ PIECE = 10
 #: Seconds after which the state is remembered where only the loop of whole steps acts, and the largest number of steps.
 STRAIGHT, MOST = 1.0, 10_000
 
+#: Why nothing may be added to a System with a shear.
+BESIDE_SHEAR = "beside Lees-Edwards shear no force of OpenMM's own can act, for it does not know the sliding images; remove added forces"
 #: Seconds after which the state is remembered on a device.
 REMEMBERED = 10.0
 #: How often steps on a device are tried that run out of room.
@@ -109,6 +112,8 @@ class Watching:
     whole: Any = None
     #: Group of a pair force on a device, whose kernels stop after an error, but report it only when they are asked for an energy.
     device_group: int | None = None
+    #: Whether context parameters have what walls take up of momentum on a device.
+    pushed: bool = False
     #: The callable of a pair force whose energy depends on per-bead fields, which OpenMM does not hand to forces.
     shown_to: Any = None
     _remembered: tuple[float, bytes] | None = None
@@ -187,6 +192,8 @@ class Watching:
             try:
                 with self._or_back(context):
                     self._step_beside_barostats(context, last - context.getStepCount())
+                    if self.pushed and self.device_group is not None:
+                        swap_kept(context, self.device_group, ALL_TAKEN)
                     if again:
                         self._ask(context)
                     self._unverified = not again
@@ -322,6 +329,8 @@ class Watching:
         self._has_barostats = bool(barostats(context))
         # a force that was removed from the System acts until the Context is reinitialized
         self._mixed = bool(others) or (self._mixed and not new)
+        if self._mixed and self.device_group is not None and SHEARED in context.getParameters():
+            raise PlanError(BESIDE_SHEAR)
         self._slow = self._mixed or any(name != PAIR_FORCE and groups >> group & 1 for name, group in made.own)
         if new:
             tell_pressures(context, made)

@@ -20,6 +20,7 @@ from ..plan.forces.pair_force import PairForceFunction
 from ..plan.forces.thread_state import ThreadState, fingerprint
 from .fields import field_variables, per_dof, raw_bonds, raw_fields, raw_rates
 from .integrators import PairIntegrator
+from .watching import BESIDE_SHEAR
 
 
 def guide_variables(guide: Guide | None, more: int = 0) -> list[str]:
@@ -56,10 +57,7 @@ class WholeSteps:
         number.
         """
         if self.spec.shear is not None and slow:
-            raise PlanError(
-                "beside Lees-Edwards shear no force of OpenMM's own can act, for it does not know the sliding images; "
-                "remove added forces from the System"
-            )
+            raise PlanError(BESIDE_SHEAR)
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
         state = context.getState(positions=True, parameters=True)

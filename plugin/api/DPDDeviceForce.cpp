@@ -30,23 +30,25 @@ double Fluid::maxCutoff() const {
 }
 
 double Fluid::rate(double kT) const {
-    double largest = 0;
+    vector<double> sums(numTypes*numTypes, 0.0);
     for (size_t k = 0; k < gamma.size(); k++)
-        largest = max({largest, sigma[k] < 0 ? gamma[k] : kT > 0 ? sigma[k]*sigma[k]/(2*kT) : 0.0, gammaAcross[k]});
-    return largest;
+        sums[k%sums.size()] += max(sigma[k] < 0 ? gamma[k] : kT > 0 ? sigma[k]*sigma[k]/(2*kT) : 0.0, gammaAcross[k]);
+    return *max_element(sums.begin(), sums.end());
 }
 
 void Fluid::check() const {
     size_t pairs = numTypes*numTypes;
     for (auto table : {&A, &gamma, &sigma, &gammaAcross, &exponent, &exponentAcross, &cutoff})
-        if (numTypes < 1 || table->size() != pairs)
-            throw OpenMMException("DPDDeviceForce: a table of coefficients needs numTypes*numTypes values");
+        if (numTypes < 1 || table->empty() || table->size()%pairs != 0 || table->size() != A.size())
+            throw OpenMMException("DPDDeviceForce: a table of coefficients needs numTypes*numTypes values for each layer");
     for (auto table : {&B, &cutoffB, &cutoffDensity})
-        if (table->size() != (B.empty() ? 0 : pairs))
-            throw OpenMMException("DPDDeviceForce: a table of many-body terms needs numTypes*numTypes values, or none");
+        if (table->size() != (B.empty() ? 0 : A.size()))
+            throw OpenMMException("DPDDeviceForce: a table of many-body terms needs numTypes*numTypes values for each layer, or none");
+    if (layers() > 1 && carries != NOTHING)
+        throw OpenMMException("DPDDeviceForce: there is one layer where particles carry something");
     size_t rows = carries == NOTHING ? 0 : carries == HEAT ? 3 : 1+columns();
     if (carries < NOTHING || carries > SPECIES || carrying.size() != 4*rows*pairs || cutoffCarried.size() != (rows ? pairs : 0) ||
-            carried.size() != columns()*types.size() || (columns() > 0) != (rows > 0) || (carries == HEAT && columns() != (states.empty() ? 1 : 2)) || columns() > 3*(RATES-FIELDS))
+            carried.size() != columns()*types.size() || (columns() > 0) != (rows > 0) || (carries == HEAT && columns() != (states.empty() ? 1 : 2)) || columns() > 3*(TAKEN-RATES))
         throw OpenMMException("DPDDeviceForce: what particles carry needs a table, cutoffs, and as many values for each particle");
     if (capacities.size() != (carries == HEAT ? types.size() : 0) || sources.size()%12 != 0 || sources.size() > 12*32 || takes.size() != (sources.empty() ? 0 : types.size()))
         throw OpenMMException("DPDDeviceForce: heat capacities or sources, 32 at most, do not fit what particles carry");
@@ -71,6 +73,14 @@ void Fluid::check() const {
         throw OpenMMException("DPDDeviceForce: velocities of immobile particles need three numbers for each particle");
     if (!walls.empty() && walls.size() != 15)
         throw OpenMMException("DPDDeviceForce: walls need 15 numbers");
+    if (!wallMotion.empty() && (wallMotion.size() != 24 || walls.empty()))
+        throw OpenMMException("DPDDeviceForce: the motion of walls needs 24 numbers, and walls");
+    if (!behind.empty() && (behind.size()%(8*numTypes) != 0 || behind.size() < (size_t) 16*numTypes || wallMotion.empty() || behindAxis < 0 || behindAxis > 2 || !(behindReach > 0)))
+        throw OpenMMException("DPDDeviceForce: what is behind walls needs two tables for each type, an axis, a reach, and the motion of the walls");
+    if (!alone.empty() && (alone.size() != types.size() || bodyGroup < 0 || bodyGroup > 31))
+        throw OpenMMException("DPDDeviceForce: where only one group acts is said of every particle, and of a group from 0 to 31");
+    if (!shear.empty() && (shear.size() != 6 || !periodic || !walls.empty()))
+        throw OpenMMException("DPDDeviceForce: a shear needs six numbers, a periodic box, and no walls");
     if (!(maxCutoff() > 0) || !(tolerance > 0 && tolerance < 1))
         throw OpenMMException("DPDDeviceForce: there must be a cutoff, and a tolerance between 0 and 1");
     if (fastGroups != -1 && slowKicks.size() != 2)
@@ -171,7 +181,7 @@ public:
     void serialize(const void* object, SerializationNode& node) const override {
         const DPDDeviceForce& force = *reinterpret_cast<const DPDDeviceForce*>(object);
         Fluid fluid = force.fluid;
-        node.setIntProperty("version", !fluid.states.empty() ? 4 : fluid.carries != NOTHING ? 3 : fluid.B.empty() ? 1 : 2);
+        node.setIntProperty("version", !fluid.states.empty() || !fluid.alone.empty() || !fluid.wallMotion.empty() || !fluid.shear.empty() ? 4 : fluid.carries != NOTHING ? 3 : fluid.B.empty() ? 1 : 2);
         node.setIntProperty("forceGroup", force.getForceGroup());
         node.setStringProperty("name", force.getName());
         node.setBoolProperty("periodic", fluid.periodic);
@@ -185,6 +195,10 @@ public:
         node.setIntProperty("carries", fluid.carries);
         node.setBoolProperty("lammps", fluid.lammps);
         node.setStringProperty("takes", joined(fluid.takes));
+        node.setStringProperty("alone", joined(fluid.alone));
+        node.setIntProperty("bodyGroup", fluid.bodyGroup);
+        node.setIntProperty("behindAxis", fluid.behindAxis);
+        node.setDoubleProperty("behindReach", fluid.behindReach);
         string letters;
         vector<double> parts;
         for (auto& letter : fluid.word) {
@@ -215,6 +229,10 @@ public:
         fluid.carries = node.getIntProperty("carries", NOTHING);
         fluid.lammps = node.getBoolProperty("lammps", false);
         split(node, "takes", fluid.takes);
+        split(node, "alone", fluid.alone);
+        fluid.bodyGroup = node.getIntProperty("bodyGroup", 0);
+        fluid.behindAxis = node.getIntProperty("behindAxis", 0);
+        fluid.behindReach = node.getDoubleProperty("behindReach", 0);
         string letters = node.getStringProperty("letters", "");
         vector<double> parts;
         split(node, "parts", parts);
@@ -235,7 +253,7 @@ private:
             {"exponentAcross", &fluid.exponentAcross}, {"cutoff", &fluid.cutoff}, {"exceptionFactors", &fluid.exceptionFactors},
             {"B", &fluid.B}, {"cutoffB", &fluid.cutoffB}, {"cutoffDensity", &fluid.cutoffDensity}, {"densityWeights", &fluid.densityWeights},
             {"carrying", &fluid.carrying}, {"cutoffCarried", &fluid.cutoffCarried}, {"carried", &fluid.carried}, {"capacities", &fluid.capacities},
-            {"states", &fluid.states}, {"sources", &fluid.sources}, {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"slowKicks", &fluid.slowKicks}};
+            {"states", &fluid.states}, {"sources", &fluid.sources}, {"wallVelocity", &fluid.wallVelocity}, {"walls", &fluid.walls}, {"wallMotion", &fluid.wallMotion}, {"behind", &fluid.behind}, {"shear", &fluid.shear}, {"slowKicks", &fluid.slowKicks}};
     }
 };
 

@@ -20,12 +20,12 @@
 namespace DPDDevice {
 
 // Values of dpd_phase (openmm_dpd/base/names.py); all others ask for the conservative force.
-enum { FORCE_SEEN = 4, FORCE_KEPT = 5, SWEEP = 100, EXCHANGE = 500, FIELDS = 10, RATES = 50, RUN = 600, RUN_ANEW = 601, RUN_BESIDE = 602 };
+enum { FORCE_SEEN = 4, FORCE_KEPT = 5, SWEEP = 100, EXCHANGE = 500, FIELDS = 10, RATES = 50, TAKEN = 80, RUN = 600, RUN_ANEW = 601, RUN_BESIDE = 602 };
 
 // What beads carry
 enum { NOTHING, HEAT, SPECIES };
 
-// What openmm_dpd knows of the pair terms; tables have numTypes*numTypes values.
+// What openmm_dpd knows of the pair terms; tables have numTypes*numTypes values, those of several layers one after the other.
 struct DPD_EXPORT Fluid {
     int numTypes = 1;
     bool periodic = true;
@@ -45,16 +45,24 @@ struct DPD_EXPORT Fluid {
     std::vector<double> exceptionFactors;
     std::vector<double> wallVelocity;           // three per particle, or none
     std::vector<double> walls;                  // low, high, start, period, back along three axes, or none
+    std::vector<double> wallMotion;             // velocity and period of the lower and the upper wall of three axes, or none
+    std::vector<double> behind;                 // walls of one axis: force, its integral, friction along the axis and across it, for both sides, each
+    int behindAxis = 0;                         // type and distances up to a reach, or none
+    double behindReach = 0;
+    std::vector<double> shear;                  // Lees-Edwards: amplitude and frequency, rate, end and duration of its ramp (0: none), tilt at the start; or none
+    std::vector<int> alone;                     // bits of the axes along which only forces of one group act on a particle, or none
+    int bodyGroup = 0;
     int fastGroups = -1;                        // of other Forces, at every kick of a word; those in other groups kick before and after a step,
     std::vector<double> slowKicks;              // over these two parts of it
     std::vector<std::pair<char, double> > word; // letters of a whole step, or V: modified velocity Verlet with this weight of the prediction
     std::map<std::string, double> globals;
 
     double maxCutoff() const;
+    int layers() const { return A.size()/(numTypes*numTypes); }
     int columns() const { return carried.size()/std::max<size_t>(1, types.size()); } // values that a particle carries
     bool hasTemperatures() const { return carries == HEAT && states.empty(); } // which change, and not energies
     int carryingRows() const { return carrying.empty() ? 1 : carrying.size()/(4*numTypes*numTypes); }
-    double rate(double kT) const;               // the largest friction coefficient
+    double rate(double kT) const;               // the largest friction coefficient, of all layers together
     void check() const;
 };
 

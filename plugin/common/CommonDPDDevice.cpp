@@ -118,6 +118,8 @@ void CommonDPDDeviceKernel::initialize(const System& system, const DPDDeviceForc
     ContextSelector selector(cc);
     if (force.fluid.carries != NOTHING && force.fluid.word.size() > 1 && !cc.getUseMixedPrecision() && !cc.getUseDoublePrecision())
         throw OpenMMException("DPDDeviceForce: pair updates of what particles carry need mixed or double precision, or the energy would grow by rounding");
+    if (!force.fluid.shear.empty() && !cc.getUseDoublePrecision() && (!cc.getUseMixedPrecision() || system.getNumForces() > 1))
+        throw OpenMMException("DPDDeviceForce: a shear needs mixed precision, and double precision beside Forces of OpenMM, for beads never go back into the box");
     engine.reset(new Engine<CommonDevice>(device, force.fluid, system));
     Vec3 a, b, c;
     system.getDefaultPeriodicBoxVectors(a, b, c);

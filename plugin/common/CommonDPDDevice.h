@@ -21,6 +21,11 @@ public:
     int beads() const { return cc.getNumAtoms(); }
     int padded() const { return cc.getPaddedNumAtoms(); }
     void box(OpenMM::Vec3& a, OpenMM::Vec3& b, OpenMM::Vec3& c) const { cc.getPeriodicBoxVectors(a, b, c); }
+    void slide(double tilt) { // of the second box vector along the first
+        OpenMM::Vec3 a, b, c;
+        box(a, b, c);
+        cc.setPeriodicBoxVectors(a, OpenMM::Vec3(tilt, b[1], b[2]), c);
+    }
     Base& posq() { return cc.getPosq(); }
     bool mixed() const { return cc.getUseMixedPrecision(); }
     Base& correction() { return cc.getUseMixedPrecision() ? cc.getPosqCorrection() : cc.getPosq(); }
@@ -44,7 +49,7 @@ public:
     void upload(Array& array, Kind, const std::vector<int>& values) { array.upload(values); }
     void upload(Array& array, Kind kind, const std::vector<double>& values);
     void upload4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values);
-    void download(Array& array, std::vector<int>& values) { array.download(values); }
+    template <class T> void download(Array& array, std::vector<T>& values) { array.download(values); }
 
     template <class Tag, class... T> void run(T&&... arguments) {
         OpenMM::ComputeKernel& kernel = kernels[Tag::text];

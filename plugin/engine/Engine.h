@@ -11,6 +11,7 @@
 #include <chrono>
 #include <map>
 #include <sstream>
+#include <utility>
 
 namespace DPDDevice {
 
@@ -22,11 +23,12 @@ public:
     const Fluid fluid;
 
     Engine(Device& device, const Fluid& fluid, const OpenMM::System& system) : fluid(fluid), device(device), fields(device, this->fluid) {
-        int n = fluid.numTypes, beads = system.getNumParticles();
+        int beads = system.getNumParticles();
+        size_t rowsOfTables = fluid.A.size();
         if (beads > 1<<24)
             throw OpenMM::OpenMMException("DPDDeviceForce: more than 16,777,216 beads, which single precision cannot count");
-        std::vector<std::array<double, 4> > first(n*n), second(n*n), of(n*n, {0, 1e30, 1e30, 0});
-        for (int k = 0; k < n*n; k++) {
+        std::vector<std::array<double, 4> > first(rowsOfTables), second(rowsOfTables), of(rowsOfTables, {0, 1e30, 1e30, 0});
+        for (size_t k = 0; k < rowsOfTables; k++) {
             bool fixedSigma = fluid.sigma[k] >= 0;
             first[k] = {fluid.A[k], fixedSigma ? fluid.sigma[k] : std::sqrt(fluid.gamma[k]), fluid.cutoff[k] > 0 ? 1/fluid.cutoff[k] : 1e30, fixedSigma ? 1.0 : 0.0};
             second[k] = {std::sqrt(fluid.gammaAcross[k]), fluid.exponent[k], fluid.exponentAcross[k], 0};
@@ -34,8 +36,8 @@ public:
             thermostat |= first[k][1] != 0 || second[k][0] != 0 || fluid.carries != NOTHING;
             conservative |= fluid.A[k] != 0 || manyBody();
             if (manyBody()) {
-                double h = fluid.cutoffDensity[k] > 0 ? fluid.cutoffDensity[k] : 1e-30;
-                of[k] = {fluid.B[k], fluid.cutoffB[k] > 0 ? 1/fluid.cutoffB[k] : 1e30, 1/h, (lucy() ? 105/16.0 : 7.5)/(3.14159265358979323846*h*h*h)};
+                double h = fluid.cutoffDensity[k];
+                of[k] = {fluid.B[k], fluid.cutoffB[k] > 0 ? 1/fluid.cutoffB[k] : 1e30, h > 0 ? 1/h : 1e30, h > 0 ? (lucy() ? 105/16.0 : 7.5)/(3.14159265358979323846*h*h*h) : 0};
             }
         }
         fill4(many, of);
@@ -76,9 +78,22 @@ public:
         }
         for (size_t k = 0; k < fluid.walls.size(); k++)
             planes[k/3][k%3] = fluid.walls[k];
+        planes.resize(11, {0, 0, 0, 0});
+        for (size_t k = 0; k < fluid.wallMotion.size(); k++)
+            planes[5+k/4][k%4] = fluid.wallMotion[k];
         fill4(wallVelocity, wall);
-        device.make(walls, Kind::Mixed4, 5);
+        device.make(walls, Kind::Mixed4, planes.size());
         device.upload4(walls, Kind::Mixed4, planes);
+        std::vector<std::array<double, 4> > behind(std::max<size_t>(1, fluid.behind.size()/4), {0, 0, 0, 0});
+        for (size_t k = 0; k < fluid.behind.size(); k++)
+            behind[k/4][k%4] = fluid.behind[k];
+        fill4(this->behind, behind);
+        conservative |= !fluid.behind.empty();
+        fill(alone, Kind::Int, partial() ? fluid.alone : std::vector<int>(1, 0));
+        device.make(external, Kind::Long, partial() ? 3*device.padded() : 1);
+        device.clear(external);
+        device.make(impulses, Kind::Long, IMPULSES);
+        device.clear(impulses);
         int padded = device.padded();
         device.make(posB, Kind::Real4, padded);
         device.make(corrB, Kind::Real4, device.mixed() ? padded : 1);
@@ -102,8 +117,12 @@ public:
         double most = 0;
         for (size_t k = 0; k < fluid.exponent.size(); k++)
             most = std::max({most, std::fabs(fluid.exponent[k]-1), fluid.gammaAcross[k]});
-        yes("TRICLINIC", fluid.periodic && triclinic);
+        yes("TRICLINIC", fluid.periodic && (triclinic || sheared()));
         yes("WALLS", !fluid.walls.empty());
+        yes("DRIVEN", driven());
+        defines["SHEARED"] = sheared() ? "1" : "0";
+        defines["BEHIND_AXIS"] = std::to_string(fluid.behindAxis);
+        defines["BEHIND_ROWS"] = std::to_string(behindRows());
         yes("EXCEPTIONS", !fluid.exceptionFactors.empty());
         yes("IMMOBILE", immobile);
         yes("FIXED_SIGMA", anyFixedSigma);
@@ -117,16 +136,23 @@ public:
         defines["ENERGIES"] = fluid.states.empty() ? "0" : "1";
         defines["PERIODIC"] = fluid.periodic ? "1" : "0";
         defines["NUM_TYPES"] = std::to_string(fluid.numTypes);
+        defines["LAYERS"] = std::to_string(fluid.layers());
         defines["MOST_PASSES"] = std::to_string(MOST_PASSES);
         return defines;
     }
 
     double reach() const { return fluid.maxCutoff(); }
     bool manyBody() const { return !fluid.B.empty(); }
+    bool partial() const { return !fluid.alone.empty(); }
+    bool sheared() const { return !fluid.shear.empty(); }
+    bool driven() const { return !fluid.wallMotion.empty(); }
+    int behindRows() const { return (int) fluid.behind.size()/(8*fluid.numTypes)-1; } // of a table, before its last one
     bool lucy() const { return !fluid.densityWeights.empty(); }
 
     double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) {
         int phase = (int) context.getParameter("dpd_phase");
+        if (phase >= EXCHANGE+TAKEN && phase < RUN)
+            return phase == EXCHANGE+TAKEN+IMPULSES ? tell(context) : taken(phase-EXCHANGE-TAKEN);
         if (phase >= RUN) // a barostat asks
             phase = 0;
         bool inStep = phase == FORCE_SEEN || phase == FORCE_KEPT || phase >= SWEEP;
@@ -170,9 +196,10 @@ public:
         } while (!inStep && look(now, true));
         sumDensities(now, here, terms);
         fields.advance(stop(), 0, 0);
+        Base& vel = inStep ? relative() : device.velm();
         if (inStep)
-            fields.flow(stop(), place_(), device.velm(), TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0);
-        device.template run<dpdEvaluate_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), BOX());
+            fields.flow(stop(), place_(), vel, TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0);
+        device.template run<dpdEvaluate_>(position(), correction(), vel, TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), DRIFT(0), BOX());
         if (inStep)
             look(now, false);
         return device.result(includeForces, includeEnergy);
@@ -181,7 +208,7 @@ public:
     // Molecules that are far from the box go back into it, for digits of positions are few.  When that is is a matter of the count of steps, which
     // States and checkpoints have: no bit depends on calls of step() or restarts.
     bool wrap(OpenMM::ContextImpl& context) {
-        if (!fluid.periodic || context.getStepCount()%1000 != 0)
+        if (!fluid.periodic || sheared() || context.getStepCount()%1000 != 0)
             return false;
         here = 0;
         bool known = haveKept && !moved();
@@ -206,12 +233,21 @@ public:
         if (word.empty())
             throw OpenMM::OpenMMException("DPDDeviceForce: it knows no whole step");
         bool predicts = word[0].first == 'V';
-        begin(now, !predicts);
+        if (driven() && !std::exchange(complete, false))
+            drop(); // what a step that failed has left
+        pushed = driven();
+        for (int wall = 0; wall < 6 && driven(); wall++) {
+            double period = fluid.wallMotion[4*wall+3], swing = period > 0 ? std::cos(2*3.14159265358979323846*(now.time+0.5*now.dt)/period) : 1;
+            Mixed4& side = swings[wall%2];
+            (wall < 2 ? side.x : wall < 4 ? side.y : side.z) = swing;
+        }
+        begin(now, std::any_of(word.begin(), word.end(), [](auto& letter) { return letter.first == 'O' || letter.first == 'S'; }));
         int asked = (int) context.getParameter("dpd_phase");
         bool anew = asked == RUN_ANEW || !kept(now);
         if (predicts) {
             verlet(context, now, others, word[0].second, anew, asked == RUN_BESIDE);
             look(now, false);
+            complete = true;
             return;
         }
         bool fresh = anew || device.touched();
@@ -224,7 +260,7 @@ public:
         for (auto& letter : word)
             letters += letter.first;
         copied = 0;
-        copies = others != 0 && letters.find("ABA") != std::string::npos;
+        copies = others != 0 && !sheared() && letters.find("ABA") != std::string::npos;
         if (copies && !haveCopies) {
             device.make(posC, Kind::Real4, device.padded());
             device.make(corrC, Kind::Real4, device.mixed() ? device.padded() : 1);
@@ -282,20 +318,26 @@ public:
         if (same && (serves || slow))
             keep(now);
         look(now, false);
+        complete = true;
     }
 
 private:
-    static const int FLAGS = 8;
+    static const int FLAGS = 8, IMPULSES = 18; // a wall has three, along the axes; there are a lower and an upper one of three axes
     enum { STOP, MOST_IN_CELL, MOST_IN_ROW, BOUND, MOST_BOUND, WHO, WHEN, MOVED }; // of flags
     enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8, COLD = 16, NO_HEAT = 32, FEW_ROUNDS = 64 };
 
     struct Now { // parameters of the Context
         double dt, kT;
         uint64_t seed, counter;
+        double time;
     };
 
     Now at(OpenMM::ContextImpl& context) {
-        Now now = {context.getParameter("dpd_dt"), context.getParameter("dpd_kT"), (uint64_t) context.getParameter("dpd_seed"), (uint64_t) context.getParameter("dpd_counter")};
+        if (sheared()) {
+            slid = context.getParameter("dpd_sheared");
+            flow = {0, 0, shearRate(slid), shearRate(slid)};
+        }
+        Now now = {context.getParameter("dpd_dt"), context.getParameter("dpd_kT"), (uint64_t) context.getParameter("dpd_seed"), (uint64_t) context.getParameter("dpd_counter"), context.getTime()};
         if (!(now.kT >= 0 && std::isfinite(now.kT)) || (anyFixedSigma && now.kT == 0))
             throw OpenMM::OpenMMException("the context parameter dpd_kT must be >= 0 and finite (and > 0 where sigma is fixed), but is "+std::to_string(now.kT));
         if (!(now.dt > 0)) {
@@ -304,6 +346,75 @@ private:
             throw OpenMM::OpenMMException(text.str());
         }
         return now;
+    }
+
+    // Lees-Edwards shear (openmm_dpd/kernels/shear.py): strain and rate after a time, and how much farther along x the images above the box are.
+    double strain(double time) const {
+        auto& s = fluid.shear;
+        double inside = std::min(time, s[4]);
+        return s[0] != 0 ? s[0]*std::sin(s[1]*time) : s[4] == 0 ? s[2]*time : s[2]*inside+0.5*(s[3]-s[2])*inside*inside/s[4]+s[3]*(time-inside);
+    }
+    double shearRate(double time) const {
+        auto& s = fluid.shear;
+        return s[0] != 0 ? s[0]*s[1]*std::cos(s[1]*time) : s[4] == 0 ? s[2] : s[2]+(s[3]-s[2])*std::min(time/s[4], 1.0);
+    }
+    double shearTilt(double time) const {
+        double shift = strain(time)*edges.y+fluid.shear[5];
+        return std::min(std::max(shift-edges.x*std::floor(shift/edges.x+0.5), -0.5*edges.x), 0.5*edges.x);
+    }
+
+    // They slide on while beads drift for a part of the step; beads follow the flow if its rate changes.
+    void slide(const Now& now, double part) {
+        if (!sheared() || part == 0)
+            return;
+        double end = slid+part*now.dt, mean = (strain(end)-strain(slid))/(part*now.dt);
+        bool steady = fluid.shear[0] == 0 && fluid.shear[4] == 0;
+        flow = {steady ? 0 : mean-shearRate(slid), steady ? 0 : shearRate(end)-mean, shearRate(slid), shearRate(end)};
+        slid = end;
+        tilt.x = shearTilt(end);
+        device.slide(tilt.x);
+    }
+
+    // Velocities relative to the flow (sign -1) or with it again (1), to an array that may be the same
+    void follow(Base& from, Base& to, int sign) {
+        if (sheared())
+            device.template run<dpdFollow_>(position(), correction(), from, to, Mixed{sign*flow.w}, flags, number());
+    }
+
+    // Velocities as friction sees them
+    Base& relative() {
+        if (!sheared())
+            return device.velm();
+        needSeen();
+        follow(device.velm(), seen, -1);
+        return seen;
+    }
+
+    // Momentum that a wall has taken up since this was asked last: a program adds it to a context parameter, which is what a restart has.
+    double taken(int number) {
+        if (std::exchange(pushed, false)) {
+            std::vector<long long> now(IMPULSES);
+            device.download(impulses, now);
+            device.clear(impulses);
+            for (int k = 0; k < IMPULSES; k++)
+                untold[k] += now[k];
+        }
+        return std::ldexp((double) std::exchange(untold[number%IMPULSES], 0), -30);
+    }
+
+    // The same of all walls, added to the parameters: outside of a step, for a program keeps its own values of them
+    double tell(OpenMM::ContextImpl& context) {
+        for (int k = 0; k < IMPULSES; k++) {
+            std::string name = std::string("dpd_wall_")+"xyz"[k/6]+(k/3%2 ? "_below_" : "_above_")+"xyz"[k%3];
+            if (fluid.globals.count(name))
+                context.setParameter(name, context.getParameter(name)+taken(k));
+        }
+        return 0;
+    }
+
+    void drop() {
+        device.clear(impulses);
+        untold.assign(IMPULSES, 0);
     }
 
     // Velocities that are not OpenMM's, for those that use them
@@ -318,11 +429,13 @@ private:
     auto CELLS() { return std::tie(count[cells], beads[side], placeOf[side], cellRoom); }
     auto NEXT() { return std::tie(count[next()], beads[1-side], placeOf[1-side]); }
     auto TERMS(const Now& now, double dt, int part) {
-        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, Real, Real>(device.index(), types, params,
+        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, long long, long long, Real, Real, Real>(device.index(), types, params,
             more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, massOf, densities, fields.carrying, fields.shown,
-            (long long) noiseKey(now.seed, now.counter, now.kT, part), Real{dt > 0 ? std::sqrt(2*(fluid.carries == HEAT ? 1 : now.kT)/dt) : 0}, Real{now.kT > 0 ? 1/std::sqrt(2*now.kT) : 0});
+            (long long) noiseKey(now.seed, now.counter, now.kT, part), (long long) callKey({now.seed, now.counter}), (long long) bitsOf(now.kT)+part, Real{dt > 0 ? std::sqrt(2*(fluid.carries == HEAT ? 1 : now.kT)/dt) : 0}, Real{now.kT > 0 ? 1/std::sqrt(2*now.kT) : 0}, Real{flow.w});
     }
-    auto DRIFT(double drift) { return std::tuple<Mixed, Base&>(Mixed{drift}, walls); }
+    auto DRIFT(double drift) {
+        return std::tuple<Mixed, Base&, Base&, Real, Base&, Mixed4, Mixed4, Mixed4>(Mixed{drift}, walls, behind, Real{fluid.behindReach}, impulses, swings[0], swings[1], flow);
+    }
 
     Base& position(int where) { return where == 2 ? (Base&) posC : where ? (Base&) posB : device.posq(); }
     Base& correction(int where) { return !where || !device.mixed() ? device.correction() : where == 2 ? (Base&) corrC : (Base&) corrB; }
@@ -356,6 +469,16 @@ private:
             }
             edges = {a[0], b[1], c[2], 0};
             tilt = {b[0], c[0], c[1], 0};
+            if (sheared()) {
+                double off = (b[0]-shearTilt(slid))/a[0];
+                if (std::fabs(off-std::round(off)) > 1e-6) {
+                    std::stringstream text;
+                    text << "the box is tilted by " << b[0] << " and not by the " << shearTilt(slid) << " nm of the shear: it was set, or comes from a state"
+                        " without its parameters; load states whole";
+                    throw OpenMM::OpenMMException(text.str());
+                }
+                b[0] = 0.5*a[0]; // cells are those of the largest tilt
+            }
             double volume = a[0]*b[1]*c[2];
             OpenMM::Vec3 faces[3] = {b.cross(c), c.cross(a), a.cross(b)};
             for (int k = 0; k < 3; k++)
@@ -474,7 +597,7 @@ private:
             sweeping = true;
             begun = false;
         }
-        if (begun || !thermostat)
+        if (begun)
             return;
         rowRoom = 0;
         do {
@@ -517,18 +640,21 @@ private:
             device.make(beside, Kind::Long, 3*device.padded());
         haveBeside = others != 0;
         bool changed = !anew && moved();
-        if (anew || changed || (differ && others && !renewed(context, others))) {
+        if (anew || changed || (differ && others && (partial() || !renewed(context, others)))) {
             Now then = now; // the noise is that of the last half kick
             then.kT = changed ? keptKT : now.kT;
             fields.advance(stop(), 0, 0);
-            kick(context, then, others, 0, 0, &device.velm());
-            fields.flow(stop(), place_(), device.velm(), TERMS(then, now.dt, 0), CELLS(), BOX(), now.dt, 0);
+            Base& vel = relative();
+            kick(context, then, others, 0, 0, &vel);
+            fields.flow(stop(), place_(), vel, TERMS(then, now.dt, 0), CELLS(), BOX(), now.dt, 0);
         }
         fields.advance(stop(), 0.5*now.dt, (fluid.hasTemperatures() ? lam : 0.5)*now.dt); // LAMMPS predicts temperatures alone
         move(now, 0.5, 1, lam);
         now.counter++;
         kick(context, now, others, 0.5, 0, &seen);
         fields.flow(stop(), place_(), seen, TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0.5*now.dt);
+        if (lam != 0.5) // what programs keep has the flow in it
+            follow(seen, seen, 1);
         keep(now);
     }
 
@@ -574,6 +700,7 @@ private:
     // v += kick*acc (and what is owed by others), x += drift*v in units of the step, in place; the beads into cells.  predict: v + predict*acc is what
     // friction will see
     void move(const Now& now, double kick, double drift, double predict = -1) {
+        slide(now, drift);
         bool copy = copies && drift != 0;
         int moves = predict >= 0 ? 2 : copy ? 3 : kick != 0 || drift != 0 || owedSlow != 0 || here == 1;
         Base &from = position(), &fromCorr = correction();
@@ -581,29 +708,36 @@ private:
             here = 0;
             copied = copy;
         }
-        double fastest = now.dt > 0 ? fluid.maxCutoff()/now.dt : 0;
+        double fastest = now.dt > 0 ? (thermostat ? fluid.maxCutoff()/now.dt : 1e15) : 0; // without friction any speed may be meant
         device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves,
             accSlow, Mixed{owedSlow*now.dt}, position(1), correction(1), device.index(), types, NEXT(), count[spare()], numCells, cellRoom, flags, number(),
             Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
         owedSlow = 0;
+        flow = {0, 0, flow.w, flow.w};
         turn();
     }
 
     // acc = F/m, v += kick*acc, and a drift if there is one; with friction and noise if it is said which velocities they see, and positions are kept.
     // away: a drift may put positions beside OpenMM's; if not, one in the same launch needs a copy of them, for others read them meanwhile
     void kick(OpenMM::ContextImpl& context, const Now& now, int others, double kick, double drift, Base* friction = nullptr, bool away = true) {
-        if (others && !evaluate(context, others)) {
+        int body = others&1<<fluid.bodyGroup;
+        bool same = true;
+        if (partial() && body) {
+            same = evaluate(context, body);
+            device.copy(device.force(), external);
+        }
+        if (others && !(evaluate(context, others) && same)) {
             binned = false;
             copied = 0;
         }
         int terms = (conservative ? 1 : 0)|(friction ? 2 : 0);
         if (terms && !binned)
             move(now, 0, 0);
-        bool drifts = drift != 0 && (away || copied);
+        bool drifts = drift != 0 && !sheared() && (away || copied); // images slide on in a launch of its own
         int from = drifts && !away ? copied : here, to = drifts ? (away ? 1-here : 0) : friction ? 1-here : here, copy = drifts && !away ? 3-copied : 1;
         sumDensities(now, from, terms);
         device.template run<dpdKick_>(position(from), correction(from), position(to), correction(to), friction ? *friction : device.velm(), device.velm(), acc, device.force(),
-            others ? 1+(int) haveBeside : 0, beside, terms, Mixed{kick*now.dt}, drifts ? (away ? 1 : 3) : friction ? 2 : 0, position(copy), correction(copy),
+            others ? 1+(int) haveBeside : 0, beside, alone, external, (int) partial(), terms, Mixed{kick*now.dt}, drifts ? (away ? 1 : 3) : friction ? 2 : 0, position(copy), correction(copy),
             TERMS(now, friction ? now.dt : 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(), DRIFT(drifts ? drift*now.dt : 0), BOX());
         if (drifts) {
             here = to;
@@ -626,15 +760,18 @@ private:
             device.make(accSlow, Kind::Mixed4, device.padded());
         haveSlow = true;
         bool same = evaluate(context, groups);
-        device.template run<dpdKick_>(position(), correction(), position(), correction(), device.velm(), device.velm(), accSlow, device.force(), 1, beside, 0,
+        device.template run<dpdKick_>(position(), correction(), position(), correction(), device.velm(), device.velm(), accSlow, device.force(), 1, beside, alone, external, 0, 0,
             Mixed{kick*now.dt}, 0, position(1), correction(1), TERMS(now, 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(), DRIFT(0), BOX());
         return same;
     }
 
     // A sweep over a part of the step at binned positions; exact ones in so many halves that what a midpoint step changes of an exponential is small.
     void sweep(const Now& now, bool exact, double part, double kick, double drift, bool toForce) {
+        if (sheared() && !toForce)
+            follow(device.velm(), device.velm(), -1);
         if (fluid.carries != NOTHING) {
             fields.sweep(stop(), place_(), TERMS(now, now.dt, 0), CELLS(), BOX(), rowCount, rows, rowRoom, rounds, exact, part*now.dt, now.kT);
+            follow(device.velm(), device.velm(), 1);
             if (kick != 0 || drift != 0 || here == 1)
                 move(now, kick, drift);
             return;
@@ -645,9 +782,13 @@ private:
         double factor = 0.5*h*unit(now);
         if (toForce)
             needSeen();
+        Base& start = toForce ? relative() : device.velm();
+        double kickLater = sheared() ? kick : 0, driftLater = sheared() ? drift : 0;
+        kick -= kickLater;
+        drift -= driftLater;
         for (int k = 0; k < pieces; k++) {
             bool last = k == pieces-1;
-            Base &vel = toForce && k > 0 ? (Base&) seen : device.velm(), &velNew = toForce ? (Base&) seen : device.velm();
+            Base &vel = toForce && k > 0 ? (Base&) seen : start, &velNew = toForce ? (Base&) seen : device.velm();
             device.template run<dpdRows_>(position(), correction(), vel, TERMS(now, h, k), CELLS(), rowCount, rows, rowsAcross, rowRoom, random, u, res, Mixed{0.5*h},
                 Real{1/rate(now)}, flags, number(), BOX());
             int launches = 0;
@@ -656,15 +797,20 @@ private:
             for (int pass = 0; pass < launches; pass++)
                 device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass%2 ? d1 : res, pass%2 ? res : d1, flags, number(),
                     limits, weights, Real{factor}, Mixed{0.5*h}, pass);
-            bool moves = last && !toForce && (drift != 0 || here == 1);
+            bool moves = last && !toForce && !sheared() && (drift != 0 || here == 1), drags = last && !toForce && !fluid.behind.empty();
             int to = moves ? 0 : here;
             device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d1, flags, number(),
                 limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, (int) moves,
-                DRIFT(last ? drift*now.dt : 0));
+                device.index(), types, cubics, Mixed{drags ? part*now.dt : 0}, Mixed{now.kT}, (long long) callKey({now.seed, now.counter, 1ULL<<32, bitsOf(now.kT)}), DRIFT(last ? drift*now.dt : 0));
             if (moves) { // rows hold all that is needed of positions: no other bead reads them
                 here = copied = 0;
                 binned = binned && drift == 0;
             }
+        }
+        if (sheared() && !toForce) {
+            follow(device.velm(), device.velm(), 1);
+            if (kickLater != 0 || driftLater != 0 || here == 1)
+                move(now, kickLater, driftLater);
         }
     }
 
@@ -684,8 +830,13 @@ private:
     bool copies = false;                       // whether drifts in their place leave a copy of positions, for a kick that drifts in its launch
     int copied = 0;                            // which array has the present positions beside OpenMM's: 1 posB, 2 posC, 0 none
     double owedSlow = 0;                       // part of a kick by accSlow that velocities still lack
+    bool complete = true, pushed = false;      // whether the last step was, and walls may have taken up something since they were asked
+    double slid = 0;                           // how long the box has been sheared, by now
+    Mixed4 flow = {0, 0, 0, 0};                // what velocities change by before and after a drift, per height; the rate then
+    Mixed4 swings[2] = {{1, 1, 1, 0}, {1, 1, 1, 0}}; // what velocities of lower and upper walls of three axes are multiplied with
+    std::vector<long long> untold = std::vector<long long>(IMPULSES, 0); // what walls have taken up, in 2^-30
     std::chrono::steady_clock::time_point looked;
-    Array types, params, more, many, massOf, densities, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls;
+    Array types, params, more, many, massOf, densities, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls, behind, impulses, alone, external;
     Array posB, corrB, posC, corrC, acc, accSlow, seen, beside, count[3], beads[2], placeOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
 };
 

@@ -17,7 +17,7 @@ template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std:
 template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
 
 // Whether several threads may share a bead is said of each.
-#define DPD_KERNELS(X) X(dpdMove, false) X(dpdDensity, true) X(dpdEvaluate, true) X(dpdKick, true) X(dpdRenew, false) X(dpdCompare, false) X(dpdExchange, false) \
+#define DPD_KERNELS(X) X(dpdMove, false) X(dpdDensity, true) X(dpdEvaluate, true) X(dpdKick, true) X(dpdRenew, false) X(dpdCompare, false) X(dpdExchange, false) X(dpdFollow, false) \
     X(dpdRows, true) X(dpdPass, true) X(dpdFinish, true) X(dpdCarry, true) X(dpdAdvance, false) X(dpdSwap, false) \
     X(dpdPairs, true) X(dpdSort, false) X(dpdRound, false) X(dpdGive, false)
 #define DPD_TAG(name, share) struct name##_ { static constexpr const char* text = #name; static constexpr bool shared = share; };

@@ -23,11 +23,15 @@ inline uint64_t callKey(std::initializer_list<uint64_t> words) {
     return key;
 }
 
-// Layer 0 of the host; parts of a sweep that is carried out in several have numbers from 0 on.
-inline uint64_t noiseKey(uint64_t seed, uint64_t counter, double kT, int part) {
+inline uint64_t bitsOf(double x) {
     uint64_t bits;
-    std::memcpy(&bits, &kT, sizeof(bits));
-    return part == 0 ? callKey({seed, counter, 0, bits}) : callKey({seed, counter, 0, bits, (uint64_t) part});
+    std::memcpy(&bits, &x, sizeof(bits));
+    return bits;
+}
+
+// Layer 0 of the host (kernels.cc has the others); parts of a sweep that is carried out in several have numbers from 0 on.
+inline uint64_t noiseKey(uint64_t seed, uint64_t counter, double kT, int part) {
+    return part == 0 ? callKey({seed, counter, 0, bitsOf(kT)}) : callKey({seed, counter, 0, bitsOf(kT), (uint64_t) part});
 }
 
 // Cubics in the cells of the inverse normal distribution function: openmm_dpd/kernels/noise.py, _cubics().  Values at the edges are rounded there

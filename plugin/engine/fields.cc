@@ -69,6 +69,8 @@ DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, 
     if (w > 0 && !(LAMMPS && wT <= 0)) {
         mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
         real along = invR*(delta.x*(real) (v.x-o.x)+delta.y*(real) (v.y-o.y)+delta.z*(real) (v.z-o.z));
+        if (SHEARED)
+            along += slide*delta.y*invR*delta.x;
         real3 warm = dpdWarm(row, index, partner, w, carrying, carried);
         real s = params[row].y*warm.z, shaken = SQRT(warm.y)*xi*along;
         if (ENERGIES)

@@ -86,6 +86,11 @@ DEVICE mm_ulong dpdPairKey(mm_ulong key, int a, int b) {
     return dpdMix(dpdMix(((low<<32)|high)*GOLDEN+key)+key);
 }
 
+// Key of the noise of a layer; that of the first one is given (Tables.h).
+DEVICE mm_ulong dpdKeyOf(int layer, mm_long key, mm_long begun, mm_long bits) {
+    return layer == 0 ? key : dpdMix(dpdMix(begun+layer+GOLDEN)+bits+GOLDEN);
+}
+
 // Standard normal number of some bits, as openmm_dpd/kernels/noise.py makes it: a cubic in each cell of the inverse distribution function,
 // and in the last cells Wichura's PPND7 (algorithm AS 241).
 DEVICE real dpdNormal(mm_ulong bits, GLOBAL const real4* RESTRICT cubics) {
@@ -220,9 +225,11 @@ DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL
         GLOBAL const real4* RESTRICT more, GLOBAL const real4* RESTRICT cubics, GLOBAL const int* RESTRICT exceptionStart, \
         GLOBAL const int* RESTRICT exceptionBead, GLOBAL const real* RESTRICT exceptionFactor, GLOBAL const real4* RESTRICT wallVelocity, \
         GLOBAL const real4* RESTRICT many, GLOBAL const real* RESTRICT weights, GLOBAL const real* RESTRICT densities, \
-        GLOBAL const real4* RESTRICT carrying, GLOBAL const mixed4* RESTRICT carried, mm_long key, real noise, real perRoot2kT
+        GLOBAL const real4* RESTRICT carrying, GLOBAL const mixed4* RESTRICT carried, mm_long key, mm_long begun, mm_long bits, real noise, real perRoot2kT, real slide
 #define TERMS_ atomIndex, types, params, more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, weights, densities, \
-        carrying, carried, key, noise, perRoot2kT
+        carrying, carried, key, begun, bits, noise, perRoot2kT, slide
+#define EACH_LAYER for (int layer = 0; layer < LAYERS; layer++)
+#define ROW(layer) (type+types[j]+(layer)*NUM_TYPES*NUM_TYPES) // of a pair in tables
 
 DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, GLOBAL const int* RESTRICT exceptionBead,
         GLOBAL const real* RESTRICT exceptionFactor) {
@@ -469,8 +476,8 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 
 // What a partner adds to the density at a bead.  Rows of `many`: B of the force B (density + density) w_B, 1/cutoff of w_B, 1/cutoff and
 // norm of the weight function; its partner's mass weighs Lucy's, for which factors of bonded neighbours but 0 count in full.
-DEVICE real dpdDensityOf(int j, real r2, int type, int index, TERMS) {
-    real4 m = many[type+types[j]];
+DEVICE real dpdDensityOf(int layer, int j, real r2, int type, int index, TERMS) {
+    real4 m = many[ROW(layer)];
     int partner = atomIndex[j];
     real s = r2 > 0 ? r2*RSQRT(r2)*m.z : 0, w = 1-s, f = 1;
     if (w <= 0)
@@ -490,7 +497,7 @@ KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const rea
     SHARED(1)
     EACH_BEAD
         mm_long sum[1] = {0};
-        EACH_PARTNER(vel, sum[0] += realToFixedPoint(dpdDensityOf(j, r2, type, index, TERMS_)))
+        EACH_PARTNER(vel, EACH_LAYER sum[0] += realToFixedPoint(dpdDensityOf(layer, j, r2, type, index, TERMS_)))
         TOGETHER(sum, 1)
         if (SUMMED)
             density[i] = (real) sum[0]/(real) 0x100000000;
@@ -498,11 +505,11 @@ KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const rea
 }
 
 // Force of a pair on a bead of this type (times their number), index and velocity, added to f, and half of its energy.
-DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mixed4 v, int terms, GLOBAL const mixed4* RESTRICT vel, TERMS, mm_long* f) {
+DEVICE real dpdPush(int layer, int i, int j, real3 delta, real r2, int type, int index, mixed4 v, int terms, GLOBAL const mixed4* RESTRICT vel, TERMS, mm_long* f) {
     real invR = APART ? RSQRT(r2) : 0, r = r2*invR, energy = 0;
     int partner = atomIndex[j];
     DPDPair p;
-    if (!dpdPair(&p, type+types[j], index, partner, r, TERMS_))
+    if (!dpdPair(&p, ROW(layer), index, partner, r, TERMS_))
         return energy;
     real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z), force = make_real3(0, 0, 0);
     real size = 0;
@@ -511,7 +518,7 @@ DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mix
         size += p.A;
         energy = APART ? (real) 0.25*p.A*w*p.rc : 0;
 #ifdef MANY_BODY
-        real4 m = many[type+types[j]];
+        real4 m = many[ROW(layer)];
         w = 1-r*m.y;
         if (w > 0) {
             real push = p.factor*m.x*(densities[i]+densities[j])*w;
@@ -521,9 +528,11 @@ DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mix
 #endif
     }
     if ((terms & THERMOSTAT) != 0) {
-        mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
+        mm_ulong pair = dpdPairKey(dpdKeyOf(layer, key, begun, bits), index, partner);
         mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
         real3 u = make_real3((real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
+        if (SHEARED) // velocities are relative to the flow
+            u.x += slide*delta.y;
         real along = e.x*u.x+e.y*u.y+e.z*u.z, s = p.root*p.w;
         size += s*(noise*p.kick*dpdNormal(pair, cubics)-s*along);
 #ifdef TRANSVERSE
@@ -540,18 +549,95 @@ DEVICE real dpdPush(int i, int j, real3 delta, real r2, int type, int index, mix
     return energy;
 }
 
+// What drifts depend on: walls, whose rows are lower ones, upper ones, where the period begins, its length, 1 along axes with bounce-back; then velocities
+// of the lower and the upper wall of each axis, which `swings` multiply; what is behind walls; and the momentum that walls have taken up.  `flow` of a
+// shear: what velocities change by before and after a drift, per height, and its rate then.
+#define DRIFT mixed drift, GLOBAL const mixed4* RESTRICT walls, GLOBAL const real4* RESTRICT behind, real behindReach, GLOBAL mm_ulong* RESTRICT impulses, \
+        mixed4 swingsLow, mixed4 swingsHigh, mixed4 flow
+#define DRIFT_ drift, walls, behind, behindReach, impulses, swingsLow, swingsHigh, flow
+
+DEVICE void dpdTake(GLOBAL mm_ulong* RESTRICT impulses, int wall, int axis, mixed impulse) {
+    ATOMIC_ADD(&impulses[3*wall+axis], (mm_ulong) (mm_long) floor(impulse*(mixed) 1073741824+(mixed) 0.5));
+}
+
+DEVICE mixed dpdOf(mixed4 v, int axis) {
+    return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
+}
+
+DEVICE mixed dpdSpeed(int wall, int axis, DRIFT) {
+    return dpdOf(wall%2 ? swingsHigh : swingsLow, wall/2)*dpdOf(walls[5+wall], axis);
+}
+
+// What a bead feels of what is behind a wall (openmm_dpd/kernels/driven.py), of which there are rows with straight lines between: force, energy, friction
+// along the axis and across it; false where it is out of reach.
+DEVICE bool dpdBehind(mixed3 x, int side, int type, real4* found, DRIFT) {
+    if (BEHIND_ROWS <= 0 || type < 0)
+        return false;
+    mixed at = dpdOf(make_mixed4(x.x, x.y, x.z, 0), BEHIND_AXIS), period = dpdOf(walls[3], BEHIND_AXIS);
+    at -= period*floor((at-dpdOf(walls[2], BEHIND_AXIS))/period);
+    real h = (real) (side ? dpdOf(walls[1], BEHIND_AXIS)-at : at-dpdOf(walls[0], BEHIND_AXIS)), place = max((real) 0, h)*(BEHIND_ROWS/behindReach);
+    if (h >= behindReach)
+        return false;
+    int row = min((int) place, BEHIND_ROWS-1);
+    real4 a = behind[(side*NUM_TYPES+type)*(BEHIND_ROWS+1)+row], b = behind[(side*NUM_TYPES+type)*(BEHIND_ROWS+1)+row+1];
+    place -= row;
+    real push = a.x+place*(b.x-a.x), energy = b.y+(real) 0.5*(push+b.x)*(behindReach/BEHIND_ROWS)*(1-place)-push*min((real) 0, h);
+    *found = make_real4(push, energy, a.z+place*(b.z-a.z), a.w+place*(b.w-a.w));
+    return true;
+}
+
+// Its force on a bead, added to f; returns its energy.  A kick for a time gives the walls what the bead loses.
+DEVICE real dpdPushed(mixed3 x, int type, mm_long* f, DRIFT) {
+    real energy = 0;
+    real4 found;
+    for (int side = 0; side < 2; side++)
+        if (dpdBehind(x, side, type, &found, DRIFT_)) {
+            f[BEHIND_AXIS] += realToFixedPoint(side ? -found.x : found.x);
+            energy += found.y;
+        }
+    return energy;
+}
+
+DEVICE void dpdKickWalls(mixed3 x, int type, mixed time, DRIFT) {
+    real4 found;
+    for (int side = 0; side < 2; side++)
+        if (dpdBehind(x, side, type, &found, DRIFT_))
+            dpdTake(impulses, 2*BEHIND_AXIS+side, BEHIND_AXIS, time*(side ? found.x : -found.x));
+}
+
+// Its friction and noise for a time
+DEVICE mixed dpdRubbed(mixed v, int wall, int axis, mixed gamma, mixed inverseMass, mixed time, mixed kT, mm_ulong pair, GLOBAL const real4* RESTRICT cubics, DRIFT) {
+    int stream = 3*(wall%2)+axis;
+    mixed lost = -expm1(-gamma*inverseMass*time), noise = sqrt(kT*inverseMass*lost*(2-lost))*dpdNormal(stream == 0 ? pair : dpdMix(pair+stream*STREAM), cubics);
+    mixed change = noise-lost*(v-dpdSpeed(wall, axis, DRIFT_));
+    dpdTake(impulses, wall, axis, -change/inverseMass);
+    return v+change;
+}
+
+DEVICE void dpdRub(mixed3 x, mixed4* v, int type, mixed time, mixed kT, mm_ulong pair, GLOBAL const real4* RESTRICT cubics, DRIFT) {
+    real4 found;
+    for (int side = 0; side < 2; side++)
+        if (dpdBehind(x, side, type, &found, DRIFT_)) {
+            int wall = 2*BEHIND_AXIS+side;
+            v->x = dpdRubbed(v->x, wall, 0, BEHIND_AXIS == 0 ? found.z : found.w, v->w, time, kT, pair, cubics, DRIFT_);
+            v->y = dpdRubbed(v->y, wall, 1, BEHIND_AXIS == 1 ? found.z : found.w, v->w, time, kT, pair, cubics, DRIFT_);
+            v->z = dpdRubbed(v->z, wall, 2, BEHIND_AXIS == 2 ? found.z : found.w, v->w, time, kT, pair, cubics, DRIFT_);
+        }
+}
 // For OpenMM: adds to its force and energy buffers.
 KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
-        GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, BOX) {
+        GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
     SHARED(4)
     mixed energy = 0;
     EACH_BEAD
         mm_long f[4] = {0, 0, 0, 0};
-        EACH_PARTNER(vel, f[3] += realToFixedPoint(dpdPush(i, j, delta, r2, type, index, v, terms, vel, TERMS_, f)))
+        EACH_PARTNER(vel, EACH_LAYER f[3] += realToFixedPoint(dpdPush(layer, i, j, delta, r2, type, index, v, terms, vel, TERMS_, f)))
         TOGETHER(f, 4)
         if (SUMMED) {
+            if ((terms & CONSERVATIVE) != 0)
+                energy += dpdPushed(dpdLoad(pos, corr, i), types[i], f, DRIFT_);
             energy += (mixed) f[3]/(mixed) 0x100000000;
             ATOMIC_ADD(&force[i], (mm_ulong) f[0]);
             ATOMIC_ADD(&force[i+STRIDE], (mm_ulong) f[1]);
@@ -561,32 +647,48 @@ KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const re
     energyBuffer[GLOBAL_ID] += energy;
 }
 
-#define DRIFT mixed drift, GLOBAL const mixed4* RESTRICT walls
-#define DRIFT_ drift, walls
-
 DEVICE mixed dpdReflected(mixed x, mixed low, mixed high, mixed start, mixed period) {
     mixed t = x-period*floor((x-start)/period);
     return x+2*max((mixed) 0, low-t)-2*max((mixed) 0, t-high);
 }
 
+// Which wall of an axis has put a bead there: 0 the lower one, 1 the upper one, -1 none
+DEVICE int dpdSide(mixed x, mixed put, mixed low, mixed start, mixed period) {
+    return put == x ? -1 : x-period*floor((x-start)/period) < low ? 0 : 1;
+}
+
+// A component of a velocity after walls: one of its own axis turns it, of which `side` says whether there is any, or else the first one that turns all
+DEVICE mixed dpdTurned(mixed v, int axis, int side, int first, mixed inverseMass, DRIFT) {
+    int wall = side >= 0 ? 2*axis+side : first;
+    if (wall < 0)
+        return v;
+#ifdef DRIVEN
+    mixed turned = 2*(side >= 0 ? 0 : dpdSpeed(wall, axis, DRIFT_))-v;
+    dpdTake(impulses, wall, axis, (v-turned)/inverseMass);
+    return turned;
+#else
+    return -v;
+#endif
+}
+
 DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
+    if (SHEARED)
+        v->x += flow.x*x->y;
     x->x += drift*v->x;
     x->y += drift*v->y;
     x->z += drift*v->z;
+    if (SHEARED)
+        v->x += flow.y*x->y;
 #ifdef WALLS
-    // rows: lower walls, upper ones, where the period begins, its length, 1 along axes with bounce-back
     mixed4 low = walls[0], high = walls[1], start = walls[2], period = walls[3], back = walls[4];
     mixed3 put = make_mixed3(dpdReflected(x->x, low.x, high.x, start.x, period.x), dpdReflected(x->y, low.y, high.y, start.y, period.y),
         dpdReflected(x->z, low.z, high.z, start.z, period.z));
-    bool hx = put.x != x->x, hy = put.y != x->y, hz = put.z != x->z;
+    int sx = dpdSide(x->x, put.x, low.x, start.x, period.x), sy = dpdSide(x->y, put.y, low.y, start.y, period.y), sz = dpdSide(x->z, put.z, low.z, start.z, period.z);
+    int first = sx >= 0 && back.x != 0 ? sx : sy >= 0 && back.y != 0 ? 2+sy : sz >= 0 && back.z != 0 ? 4+sz : -1;
     *x = put;
-    bool all = (hx && back.x != 0) || (hy && back.y != 0) || (hz && back.z != 0);
-    if (all || hx)
-        v->x = -v->x;
-    if (all || hy)
-        v->y = -v->y;
-    if (all || hz)
-        v->z = -v->z;
+    v->x = dpdTurned(v->x, 0, sx, first, v->w, DRIFT_);
+    v->y = dpdTurned(v->y, 1, sy, first, v->w, DRIFT_);
+    v->z = dpdTurned(v->z, 2, sz, first, v->w, DRIFT_);
 #endif
 }
 
@@ -607,24 +709,30 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed3 x = dpdLoad(pos, corr, i);
         mixed4 v = velm[i];
+        mixed along = SHEARED ? v.x-flow.z*x.y : v.x;
         bool finite = dpdFinite(v.x) && dpdFinite(v.y) && dpdFinite(v.z);
-        if (fastest2 != 0 && v.w != 0 && (!finite || v.x*v.x+v.y*v.y+v.z*v.z > max(fastest2, hottest*v.w))) {
+        if (fastest2 != 0 && v.w != 0 && (!finite || along*along+v.y*v.y+v.z*v.z > max(fastest2, hottest*v.w))) {
             HALT(RUNAWAY)
             flags[WHO] = atomIndex[i];
         }
         if (moves) {
             if (v.w != 0) {
                 mixed4 a = acc[i], s = make_mixed4(v.x+predict*a.x, v.y+predict*a.y, v.z+predict*a.z, v.w);
-                if (kick != 0)
+                if (kick != 0) {
                     dpdAdd(&v, kick, a);
+                    dpdKickWalls(x, types[i], kick, DRIFT_);
+                }
                 if (kickSlow != 0)
                     dpdAdd(&v, kickSlow, slow[i]);
                 mixed4 straight = v;
                 if (drift != 0)
                     dpdDrift(&x, &v, DRIFT_);
                 velm[i] = v;
-                if (moves == 2) // turned round by walls as v is
-                    seen[i] = make_mixed4(v.x == straight.x ? s.x : -s.x, v.y == straight.y ? s.y : -s.y, v.z == straight.z ? s.z : -s.z, v.w);
+                if (moves == 2 && SHEARED) // relative to the flow
+                    seen[i] = make_mixed4(s.x+(v.x-straight.x)-flow.w*x.y, s.y, s.z, v.w);
+                else if (moves == 2) // turned round by walls as v is: to 2*speed-s
+                    seen[i] = make_mixed4(v.x == straight.x ? s.x : v.x+straight.x-s.x, v.y == straight.y ? s.y : v.y+straight.y-s.y,
+                        v.z == straight.z ? s.z : v.z+straight.z-s.z, v.w);
             }
             else if (moves == 2)
                 seen[i] = v;
@@ -639,9 +747,10 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
 
 // acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
 // posNew, 3 as 1 and a copy of x.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
+// partial: along some axes only the `external` force acts on a bead.
 KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
-        GLOBAL mm_long* RESTRICT kept, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL int* RESTRICT placeOfNew, GLOBAL int* RESTRICT dirty, int cells,
+        GLOBAL mm_long* RESTRICT kept, GLOBAL const int* RESTRICT alone, GLOBAL const mm_long* RESTRICT external, int partial, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL int* RESTRICT placeOfNew, GLOBAL int* RESTRICT dirty, int cells,
         GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
@@ -655,7 +764,7 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
     EACH_BEAD
         mm_long f[3] = {0, 0, 0};
         if (terms) {
-            EACH_PARTNER(seen, dpdPush(i, j, delta, r2, type, index, v, terms, seen, TERMS_, f))
+            EACH_PARTNER(seen, EACH_LAYER dpdPush(layer, i, j, delta, r2, type, index, v, terms, seen, TERMS_, f))
             TOGETHER(f, 3)
         }
         if (SUMMED) {
@@ -667,12 +776,19 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
             for (int k = i; k < 3*STRIDE && useOthers == 2; k += STRIDE)
                 kept[k] = others[k];
             mixed4 v = velm[i];
+            mixed3 x = dpdLoad(pos, corr, i);
+            if ((terms & CONSERVATIVE) != 0)
+                dpdPushed(x, types[i], f, DRIFT_);
+            for (int k = 0; k < 3 && partial; k++)
+                if ((alone[atomIndex[i]]>>k&1) != 0)
+                    f[k] = external[k*STRIDE+i];
             mixed scale = v.w/(mixed) 0x100000000;
             mixed4 a = make_mixed4(scale*f[0], scale*f[1], scale*f[2], 0);
             acc[i] = a;
-            mixed3 x = dpdLoad(pos, corr, i);
             if (v.w != 0 && kick != 0) {
                 dpdAdd(&v, kick, a);
+                if ((terms & CONSERVATIVE) != 0)
+                    dpdKickWalls(x, types[i], kick, DRIFT_);
                 if (drifts)
                     dpdDrift(&x, &v, DRIFT_);
                 velm[i] = v;
@@ -726,6 +842,18 @@ KERNEL void dpdExchange(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RE
     }
 }
 
+// Velocities to which a rate times the height is added, with which a flow goes
+KERNEL void dpdFollow(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* from, GLOBAL mixed4* to, mixed rate,
+        GLOBAL const int* RESTRICT flags, int launch) {
+    if (STOPPED)
+        return;
+    for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
+        mixed4 v = from[i];
+        v.x += rate*dpdLoad(pos, corr, i).y;
+        to[i] = v;
+    }
+}
+
 // Pair updates of all pairs at once, an implicit midpoint step: (1 + h/2 M^-1 G) u = v + h/2 M^-1 R by Chebyshev iteration from u = v, and then
 // v += h M^-1 (R - G u).  It leaves Maxwell's distribution unchanged for any h, whatever the number of pairs.
 //
@@ -746,19 +874,19 @@ DEVICE real3 dpdFriction(real4 s, real t, real x, real y, real z) {
 }
 
 // What a row knows of a pair; sums: the noise, the friction at these velocities, and what bounds the eigenvalues.
-DEVICE bool dpdRow(int j, real3 delta, real r2, int type, int index, mixed4 v, real inertia, GLOBAL const mixed4* RESTRICT vel, TERMS, real perRate,
+DEVICE bool dpdRow(int layer, int j, real3 delta, real r2, int type, int index, mixed4 v, real inertia, GLOBAL const mixed4* RESTRICT vel, TERMS, real perRate,
         real4* row, real* rowAcross, mm_long* sums) {
     real invR = RSQRT(r2);
     int partner = atomIndex[j];
     DPDPair p;
-    if (!dpdPair(&p, type+types[j], index, partner, r2*invR, TERMS_))
+    if (!dpdPair(&p, ROW(layer), index, partner, r2*invR, TERMS_))
         return false;
     real s = p.root*p.w, t = p.rootAcross*p.wAcross, radial = s*s, across = t*t;
     mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
     if (!APART || (radial == 0 && across == 0) || (v.w == 0 && o.w == 0))
         return false;
     real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z);
-    mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
+    mm_ulong pair = dpdPairKey(dpdKeyOf(layer, key, begun, bits), index, partner);
     real push = noise*s*dpdNormal(pair, cubics);
     real3 kick = make_real3(push*e.x, push*e.y, push*e.z);
 #ifdef TRANSVERSE
@@ -772,6 +900,10 @@ DEVICE bool dpdRow(int j, real3 delta, real r2, int type, int index, mixed4 v, r
 #endif
     *row = make_real4(s*e.x, s*e.y, s*e.z, (real) j);
     *rowAcross = across;
+    if (SHEARED) { // what friction makes of the flow is as constant as the noise
+        real3 dragged = dpdFriction(*row, across, slide*delta.y, 0, 0);
+        kick = make_real3(kick.x-dragged.x, kick.y-dragged.y, kick.z-dragged.z);
+    }
     real3 drag = dpdFriction(*row, across, (real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
     sums[0] += realToFixedPoint(kick.x);
     sums[1] += realToFixedPoint(kick.y);
@@ -791,7 +923,7 @@ DEVICE bool dpdRow(int j, real3 delta, real r2, int type, int index, mixed4 v, r
 #define KEEP_ROW \
     real4 row; \
     real across; \
-    if (dpdRow(j, delta, r2, type, index, v, inertia, vel, TERMS_, perRate, &row, &across, sums)) { \
+    EACH_LAYER if (dpdRow(layer, j, delta, r2, type, index, v, inertia, vel, TERMS_, perRate, &row, &across, sums)) { \
         int k = ENTRY; \
         if (k < rowRoom) { \
             rows[k*STRIDE+i] = row; \
@@ -890,7 +1022,8 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
         GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross, GLOBAL const mm_long* RESTRICT random,
         GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d1,
         GLOBAL int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
-        GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, DRIFT) {
+        GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types,
+        GLOBAL const real4* RESTRICT cubics, mixed rub, mixed kT, mm_long key, DRIFT) {
     if (STOPPED)
         return;
     int passes = dpdPasses(flags, limits, factor);
@@ -937,8 +1070,12 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
                 v.x += impulse*f[0];
                 v.y += impulse*f[1];
                 v.z += impulse*f[2];
-                if (kick != 0)
+                if (rub != 0) // beside walls with something behind them
+                    dpdRub(x, &v, types[i], rub, kT, dpdPairKey((mm_ulong) key, atomIndex[i], atomIndex[i]), cubics, DRIFT_);
+                if (kick != 0) {
                     dpdAdd(&v, kick, acc[i]);
+                    dpdKickWalls(x, types[i], kick, DRIFT_);
+                }
                 if (moves)
                     dpdDrift(&x, &v, DRIFT_);
             }

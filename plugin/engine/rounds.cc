@@ -281,6 +281,8 @@ KERNEL void dpdRound(GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT own, 
         mixed4 v = velm[i], w = velm[j], u = dpdVelocity(velm, i, atomIndex, wallVelocity), o = dpdVelocity(velm, j, atomIndex, wallVelocity), c = own[a], d = own[b], s = around[i], t = around[j];
         mixed mine[3] = {c.x, c.y, c.z}, theirs[3] = {d.x, d.y, d.z}, ours[3] = {s.x, s.y, s.z}, others[3] = {t.x, t.y, t.z};
         mixed im = v.w+w.w, ev = at.x*(u.x-o.x)+at.y*(u.y-o.y)+at.z*(u.z-o.z), change = 0, square = (mixed) at.x*at.x+(mixed) at.y*at.y+(mixed) at.z*at.z, bi = v.w > 0 ? 1 : 0, bj = w.w > 0 ? 1 : 0;
+        if (SHEARED)
+            ev += slide*at.y*r*at.x;
         if (CARRIES == HEAT && ENERGIES) {
             mixed gain = 0;
             change = dpdEnergyMotion(ev, im, square, r, row, f, exact, dt, c.x+c.y+c.z, d.x+d.y+d.z, states[a], states[b], carried[a].x, carried[b].x, pair, params,

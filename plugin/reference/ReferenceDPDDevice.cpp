@@ -26,9 +26,9 @@ template <class T> inline T add(T* at, T value) { T old = *at; *at += value; ret
 inline mm_long realToFixedPoint(double x) { return std::llrint(x*4294967296.0); }
 
 // What the platforms with a compiler define for each System, one value for all here
-thread_local int NUM_ATOMS, STRIDE, NUM_TYPES, CARRIES, CARRYING_ROWS;
+thread_local int NUM_ATOMS, STRIDE, NUM_TYPES, LAYERS, BEHIND_AXIS, BEHIND_ROWS, CARRIES, CARRYING_ROWS;
 thread_local double MAX_CUTOFF;
-thread_local bool PERIODIC, LUCY, LAMMPS, ENERGIES;
+thread_local bool PERIODIC, SHEARED, LUCY, LAMMPS, ENERGIES;
 
 #define make_mixed3 make_real3
 #define make_mixed4 make_real4
@@ -48,6 +48,7 @@ thread_local bool PERIODIC, LUCY, LAMMPS, ENERGIES;
 #define POW pow
 #define TRICLINIC
 #define WALLS
+#define DRIVEN
 #define EXCEPTIONS
 #define IMMOBILE
 #define FIXED_SIGMA
@@ -86,6 +87,7 @@ public:
     int beads() const { return n; }
     int padded() const { return n; }
     void box(Vec3& a, Vec3& b, Vec3& c) const { a = data.periodicBoxVectors[0]; b = data.periodicBoxVectors[1]; c = data.periodicBoxVectors[2]; }
+    void slide(double tilt) { data.periodicBoxVectors[1][0] = tilt; }
     Array& posq() { return x; }
     bool mixed() const { return false; }
     Array& correction() { return x; }
@@ -130,10 +132,11 @@ public:
         static const map<Kind, int> bytes = {{Kind::Int, 4}, {Kind::Long, 8}, {Kind::Real, 8}, {Kind::Real4, 32}, {Kind::Mixed4, 32}};
         array.bytes.assign(size*bytes.at(kind), 0);
     }
+    void copy(Base& from, Array& to) { to = from; }
     void clear(Array& array) { fill(array.bytes.begin(), array.bytes.end(), 0); }
     template <class T> void upload(Array& array, Kind, const vector<T>& values) { memcpy(array.bytes.data(), values.data(), values.size()*sizeof(T)); }
     void upload4(Array& array, Kind kind, const vector<std::array<double, 4> >& values) { upload(array, kind, values); }
-    void download(Array& array, vector<int>& values) { memcpy(values.data(), array.bytes.data(), values.size()*sizeof(int)); }
+    template <class T> void download(Array& array, vector<T>& values) { memcpy(values.data(), array.bytes.data(), values.size()*sizeof(T)); }
 
     template <class Tag, class... T> void run(T&&... arguments) {
         apply([&](auto&&... values) { call(Tag(), given(values)...); }, tuple_cat(flat(std::forward<T>(arguments))...));
@@ -182,9 +185,13 @@ private:
         const Fluid& fluid = engine->fluid;
         Kernels::NUM_ATOMS = Kernels::STRIDE = device->beads();
         Kernels::NUM_TYPES = fluid.numTypes;
+        Kernels::LAYERS = fluid.layers();
+        Kernels::BEHIND_AXIS = fluid.behindAxis;
+        Kernels::BEHIND_ROWS = engine->behindRows();
         Kernels::MAX_CUTOFF = engine->reach();
         Kernels::PERIODIC = fluid.periodic;
         Kernels::LUCY = engine->lucy();
+        Kernels::SHEARED = engine->sheared();
         Kernels::CARRIES = fluid.carries;
         Kernels::CARRYING_ROWS = fluid.carryingRows();
         Kernels::LAMMPS = fluid.lammps;

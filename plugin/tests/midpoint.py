@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import oracle
 from scenes import _fill, factor_of, oracle_params
@@ -11,19 +13,25 @@ from openmm_dpd.kernels.noise import call_key, noise_key
 from openmm_dpd.model.schemes import SWEEPS
 
 
-def noise_of_piece(n: int, seed: int, counter: int, kT: float, piece: int):
-    """The numbers of one piece of a sweep; the first piece has those of the host."""
+def noise_of_piece(n: int, seed: int, counter: int, kT: float, piece: int, layer: int = 0):
+    """The numbers of one piece of a sweep in a table of terms; the first piece has those of the host."""
     bits = int(np.float64(kT).view(np.uint64))
     table = np.full((n, n, 4), np.nan)
-    _fill(call_key(seed, counter, 0, bits, piece) if piece else noise_key(seed, counter, 0, kT), table)
+    key = noise_key(seed, counter, layer, kT) if layer else call_key(seed, counter, 0, bits, piece)
+    _fill(key if layer or piece else noise_key(seed, counter, 0, kT), table)
     return lambda i, j, k: table[i, j, k]
 
 
-def impulses(scene: dpd.Scene, x, v, h: float, kT: float, noise) -> np.ndarray:
-    """Forces (N, 3) whose impulse over h takes velocities v to those after an implicit midpoint step."""
-    params, factor, n = oracle_params(scene), factor_of(scene) if len(scene.bond_pairs) else None, len(x)
+def impulses(scene: dpd.Scene, x, v, h: float, kT: float, *noises) -> np.ndarray:
+    """Forces (N, 3) whose impulse over h takes velocities v to those after an implicit midpoint step, with the noise of each table."""
+    factor, n, all_params = (
+        factor_of(scene) if len(scene.bond_pairs) else None,
+        len(x),
+        map(partial(oracle_params, scene), range(len(noises))),
+    )
     friction, random = np.zeros((n, 3, n, 3)), np.zeros((n, 3))
-    for i, j, r, e in zip(*oracle.pair_list(x, scene.type_ids, params, scene.box), strict=True):
+    pairs = ((params, noise, pair) for params, noise in zip(all_params, noises, strict=True) for pair in listed(x, scene, params))
+    for params, noise, (i, j, r, e) in pairs:
         a, b = scene.type_ids[i], scene.type_ids[j]
         f = 1.0 if factor is None else factor(i, j)
         w, along = 1 - r / params.cutoff[a, b], np.outer(e, e)
@@ -40,6 +48,11 @@ def impulses(scene: dpd.Scene, x, v, h: float, kT: float, noise) -> np.ndarray:
     start = v.ravel() + 0.5 * h * inverse * random.ravel()
     between = np.linalg.solve(np.eye(3 * n) + 0.5 * h * inverse[:, None] * matrix, start)
     return (random.ravel() - matrix @ between).reshape(n, 3)
+
+
+def listed(x, scene: dpd.Scene, params):
+    """Pairs within the cutoffs of a table."""
+    return zip(*oracle.pair_list(x, scene.type_ids, params, scene.box), strict=True)
 
 
 def pieces_of(scene: dpd.Scene, h: float) -> int:

@@ -30,7 +30,7 @@ def context_of(scene, device, tolerance=5e-4, dt=DT, scheme="middle") -> openmm.
         system.setDefaultPeriodicBoxVectors(*(openmm.Vec3(*row) for row in scene.box.tolist()))
     integrator = openmm.VerletIntegrator(dt)
     choices = {"options": plan.options, "integrator": integrator, "periodic": scene.box is not None}
-    system.addForce(device_force(plan.spec, plan.kinds[0].device, (), {}, (), tolerance=tolerance, **choices))
+    system.addForce(device_force(plan.spec, [kind.device for kind in plan.kinds], (), {}, (), tolerance=tolerance, **choices))
     context = openmm.Context(system, integrator, openmm.Platform.getPlatformByName(device.platform), device.properties)
     context.setPositions(scene.positions)
     context.setVelocities(scene.velocities)

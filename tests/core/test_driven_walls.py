@@ -324,7 +324,6 @@ def test_walls_that_cannot_be():
     ("switched off", {}, {"loop": False}),
     ("conservative='openmm' is not possible", {}, {"conservative": "openmm"}),
     ("'native' has no pair updates", {}, {"scheme": "native"}),
-    ("cannot run this scene .* walls that move", {}, {"engine": "device"}),
     ("one temperature", {"kT": dpd.TemperatureRamp(1.0, 2.0, 0, 9)}, {}),
     ("nothing has friction", {"pairs": {("*", "*"): dpd.DPD(A=25)}}, {}),
     ("LennardJones, not by one table", {"pairs": [{("*", "*"): STANDARD}, {("*", "*"): dpd.LennardJones(1, 0.3, 0.9)}]}, {}),

@@ -287,7 +287,6 @@ def test_shears_that_are_none(given):
     ({"conservative": "openmm"}, "CustomNonbondedForce"),
     ({"scheme": "native"}, "OpenMM's own integrator"),
     ({"platform": "OpenCL"}, "lose their digits"),
-    ({"engine": "device"}, "device|plugin"),
 )
 def test_plans_without_whole_steps(choices, reason):
     """... in double precision."""

@@ -1,13 +1,13 @@
 """The Force of the plugin ``openmm-dpd-device``: pair terms on OpenMM's own device, with no Python in them."""
 
 import importlib
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from shlex import quote
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any, cast
 from xml.sax.saxutils import quoteattr
 
@@ -16,9 +16,12 @@ import openmm
 
 from ...base import names
 from ...base.names import Phase
+from ...kernels.driven import Driven
 from ...kernels.eos import EOSTable
 from ...kernels.fields import FieldSpec
 from ...kernels.layer import PairSpec
+from ...kernels.solids import Solids
+from ...model.scene import Scene
 from ...model.sources import Block, Source, Sphere
 from ..made import of_fields, origin
 from ..program_options import ProgramOptions
@@ -81,9 +84,23 @@ def _carried(fields: FieldSpec) -> dict[str, Any]:
     return found | ({"sources": np.clip(rows, -1e30, 1e30), "takes": takes} if rows else {})
 
 
+def attributes_of(scene: Scene, driven: Driven | Solids | None) -> dict[str, Any]:
+    """Attributes of walls that move or have something behind them, of a shear, and of beads on which only body forces act."""
+    found: dict[str, Any] = {}
+    if isinstance(driven, Driven):
+        found["wallMotion"], behind = np.concatenate([driven.velocity, driven.period[:, :, None]], axis=2), driven.continuum
+        found |= {} if behind is None else {"behind": behind.tables, "behindAxis": behind.axis, "behindReach": behind.reach}
+    if scene.shear is not None and scene.box is not None:
+        numbers = "amplitude frequency rate end_rate ramp_time".split()
+        found["shear"] = [*(getattr(scene.shear, name) or 0.0 for name in numbers), scene.box[1, 0]]
+    if scene.interacting is not None:
+        found |= {"alone": ~scene.interacting @ np.array([1, 2, 4]), "bodyGroup": names.EXTERNAL_GROUP}
+    return found
+
+
 def device_force(
     spec: PairSpec,
-    tell: Callable[[Any], dict[str, np.ndarray]],
+    tells: Sequence[Callable[[Any], dict[str, np.ndarray]]],
     letters: Sequence[tuple[str, Fraction | float]],
     walls: dict[str, np.ndarray],
     slow: Collection[int],
@@ -91,15 +108,16 @@ def device_force(
     options: ProgramOptions,
     integrator: openmm.Integrator,
     periodic: bool,
+    more: Mapping[str, Any] = MappingProxyType({}),
     tolerance: float = TOLERANCE,
 ) -> openmm.Force:
-    """The Force of one table of terms of isothermal DPD, many-body or not.
+    """The Force of tables of pair terms.
 
     Parameters
     ----------
     spec : PairSpec
-    tell : callable
-        :attr:`openmm_dpd.plan.kinds.record.Kind.device` of the kind of its only table.
+    tells : sequence of callable
+        :attr:`openmm_dpd.plan.kinds.record.Kind.device` of the kind of each table.
     letters : tuple of (letter, part of the step)
         The word of a whole step, empty if the program goes line by line; ("V", lam) is modified velocity Verlet.
     walls : dict
@@ -110,18 +128,27 @@ def device_force(
         As for :func:`openmm_dpd.plan.forces.pair_force.pair_force`.
     periodic : bool
         Whether there is a box.
+    more : dict, optional
+        What :func:`attributes_of` gives.
     tolerance : float
         See :data:`TOLERANCE`.
     """
     parameters = {names.PHASE: float(Phase.IDLE), names.TAU: options.dt, names.DT: options.dt, names.KT: options.kT, names.COUNTER: 0.0}
     parameters |= {names.SEED: float(options.seed)} | origin(options, integrator) | of_fields(spec.fields)
+    parameters |= {name: 0.0 for _, name in options.impulses} | ({names.SHEARED: 0.0} if "shear" in more else {})
+    parameters |= {names.BODY_FORCE: 1.0} if "behind" in more else {}  # which does not scale it, as on the host
     start, bead, factor = spec.exceptions
     first = np.repeat(np.arange(len(spec.types)), np.diff(start)) if len(start) else np.zeros(0, int)
-    terms = tell(spec.terms[0])
+    told = [tell(table) for tell, table in zip(tells, spec.terms, strict=True)]
+    terms = {name: values for each in told for name, values in each.items()}
+    if len(told) > 1:  # one after the other; only many-body terms have what others lack
+        none = np.zeros_like(told[0]["A"])
+        terms |= {name: np.stack([each.get(name, none) for each in told]) for name in terms if name != "densityWeights"}
     if not options.execution.pushes:
         terms = {name: 0 * values if name == "A" else values for name, values in terms.items() if name not in MANY_BODY}
     lists = {} if spec.fields is None else _carried(spec.fields)
     lists |= {
+        **more,
         "types": spec.types,
         "exceptionBeads": np.stack([first, bead], axis=1) if len(first) else (),
         "exceptionFactors": factor if len(first) else (),
@@ -133,12 +160,12 @@ def device_force(
     attributes: dict[str, object] = {
         "type": "DPDDeviceForce",
         # an older plugin refuses what it does not know
-        "version": 4 if "states" in lists else 3 if "carries" in terms else 2 if "B" in terms else 1,
+        "version": 4 if more or "states" in lists else 3 if "carries" in terms else 2 if "B" in terms else 1,
         "name": names.PAIR_FORCE,
         "forceGroup": options.pair_group,
         "periodic": int(periodic),
         "tolerance": repr(tolerance),
-        "numTypes": len(terms["A"]),
+        "numTypes": len(told[0]["A"]),
         "fastGroups": ~sum(1 << group for group in slow),
         "letters": "".join(letter for letter, _ in letters),
     }

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 
-from ...base.names import AHEAD, FIELD, KEPT, PHASE, RATE, Phase
+from ...base.names import AHEAD, FIELD, KEPT, PHASE, RATE, SHEARED, TAKEN, Phase
 from ...model.schemes import SWEEPS
 from ...plan.program_options import ProgramOptions
 from .program import Program
@@ -30,11 +30,21 @@ def _word(p: Program) -> Program:
     fields = _hand_over(p)
     _run(p, sum(letter in SWEEPS for letter, _ in p.options.scheme.steps(p.options.thermostat)))
     if fields:
-        p.declare(AHEAD, 0.0, "steps to the last one of a call")
         with _drawing_alike(p, f"step(1.5-{AHEAD})", "1", "is it the last step of a call?"):
             _exchange_all(p, fields, give=False)
             p.set("valid_for", "-1")
-        p.set(AHEAD, f"{AHEAD}-1")
+    return _ended(p) if fields or p.options.impulses else p
+
+
+def _ended(p: Program) -> Program:
+    """Count the steps of a call; where nobody counts them, and asks the device after a call, add what walls have taken up."""
+    p.declare(AHEAD, 0.0, "steps to the last one of a call")
+    if p.options.impulses:
+        with p.when(f"{AHEAD} < 1", "does nobody count the steps?"):
+            for number, name in p.options.impulses:
+                p.phase(Phase.EXCHANGE, TAKEN + number)
+                p.set(name, f"{name}+{p.pair_energy}", "momentum that the wall has taken up since then")
+    p.set(AHEAD, f"{AHEAD}-1")
     return p
 
 
@@ -59,6 +69,9 @@ def _run(p: Program, draws: int) -> None:
     p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)+2*step(valid_for-1.5)", "RUN, anew where there is no acceleration")
     p.update("a whole step by the pair force; barostats and other updates of the Context's state")
     p.set("dpd_counter", f"dpd_counter+{draws}", "noise used in this step")
+    letters = [("A", 1)] if p.options.predicting else p.options.scheme.steps(p.options.thermostat)
+    for part in (float(part) for letter, part in letters if letter == "A" and p.options.sheared):
+        p.set(SHEARED, f"{SHEARED}+{part!r}*dt", "duration of the shear, drift by drift, as the pair force adds it up")
     p.set("valid_for", "0")
 
 
@@ -66,7 +79,6 @@ def _verlet(p: Program) -> Program:
     """Modified velocity Verlet (:mod:`.mvv`) by the plugin, which keeps the acceleration from step to step, and detects by itself whether
     positions or the box have changed; states and checkpoints have it as ``acc`` after the last step of a call."""
     p.declare_per_dof("acc", "acceleration at x, with friction and noise")
-    p.declare(AHEAD, 0.0, "steps to the last one of a call")
     p.begin()
     fields = _hand_over(p)
     rates = {f"{RATE}{k}": KEPT[RATE] + k for k in range(len(fields))}
@@ -76,6 +88,7 @@ def _verlet(p: Program) -> Program:
         with _drawing_alike(p, "valid_for", "-1", "is there no acceleration?"):
             p.phase(Phase.FORCE_SEEN)
             p.each("acc", f"{p.kicking}/m", "all forces, with friction of the present velocities")
+            p.leave_to_body_forces()
             _exchange_all(p, rates, give=False)
             p.set("valid_for", "1")
     with _drawing_alike(p, "valid_for", "1", "is there an acceleration from outside?"):
@@ -90,8 +103,7 @@ def _verlet(p: Program) -> Program:
             _exchange(p, "vp", "v", 1)
         _exchange_all(p, fields | rates, give=False)
         p.set("valid_for", "1")
-    p.set(AHEAD, f"{AHEAD}-1")
-    return p
+    return _ended(p)
 
 
 @contextmanager

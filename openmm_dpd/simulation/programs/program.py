@@ -290,7 +290,8 @@ class Program:
     # -- checking and building ---------------------------------------------------------------------------------------------------
     def check(self) -> None:
         """Raise ProgramError for an unknown or shadowed name, or a line with two kinds of force."""
-        context = {*shared.PARAMETERS, shared.SHOWN} if self.options.kernel else set()
+        more = {shared.SHOWN, shared.SHEARED, *dict(self.options.impulses).values()}
+        context = {*shared.PARAMETERS, *more} if self.options.kernel else set()
         everywhere = set(self.globals_) | context | _RESERVED
         for name in [*self.globals_, *self.per_dof]:
             if name in _RESERVED or name in _FUNCTIONS or name in shared.PARAMETERS:
