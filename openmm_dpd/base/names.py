@@ -35,6 +35,8 @@ BEGUN = "dpd_begun"
 BESIDE = "dpd_beside"
 #: Name of a barostat whose pressure was given in the units of a scene.
 CONVERTED = "DPD barostat"
+#: How the Context parameters of this package begin; all others are of forces of others.
+OWN = "dpd_"
 #: Context parameters the pair force defines.
 PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BESIDE, BEGUN)
 #: Global variables of an integrator: the temperature in kelvin, for OpenMM's samplers; and this and dpd_kT when they last agreed.

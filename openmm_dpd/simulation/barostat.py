@@ -229,6 +229,7 @@ class EnthalpyBarostat(Cadence):
         context.setParameter(VOLUME_MOVES, number + 1)
         lags_half_kick = self.built.plan.options.scheme.lag != 0.0
         state = context.getState(positions=True, energy=True, velocities=lags_half_kick, forces=lags_half_kick, groups=self._groups)
+        valid = context.getIntegrator().getGlobalVariableByName("valid_for")
         box = state.getPeriodicBoxVectors(asNumpy=True).value_in_unit(unit.nanometer)
         x = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         factor = np.exp(context.getParameter(VOLUME_STEP) * (2 * uniform(key, 1) - 1))
@@ -242,6 +243,7 @@ class EnthalpyBarostat(Cadence):
         if not accepted:
             context.setPeriodicBoxVectors(*box)
             context.setPositions(x)
+            context.getIntegrator().setGlobalVariableByName("valid_for", valid)  # what is kept is that at these positions
         context.setParameter(VOLUME_ACCEPTED, context.getParameter(VOLUME_ACCEPTED) + accepted)
         if self.adjust and (number + 1) % _ADJUST == 0:
             self._adjust(context)

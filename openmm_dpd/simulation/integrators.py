@@ -102,10 +102,11 @@ class PairIntegrator(Watching, openmm.CustomIntegrator):
             self._forget_acceleration()
         self._show_now(context)
 
-    def changed(self, context: openmm.Context) -> None:
-        """Called before the state of the Context is changed from outside; a device notices only changes of positions and box by itself."""
-        super().changed(context)
-        if self.device_group is not None:
+    def changed(self, context: openmm.Context, ours: bool = True) -> None:
+        """Called before the state of the Context is changed from outside; a device notices only changes of positions and box by itself, and
+        of forces of others."""
+        super().changed(context, ours)
+        if self.device_group is not None and ours:
             self._touched = True
             self._forget_acceleration()
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import openmm
 
+from ..base import names as shared
 from ..base.errors import PlanError, RunError, bead_number, what_is
 from ..base.names import ALL_TAKEN, BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, SHEARED, SHOWN, VOLATILE
 from ..base.openmm_private import bare, hear_calls, vectors
@@ -38,10 +39,8 @@ STRAIGHT, MOST = 1.0, 10_000
 
 #: Why nothing may be added to a System with a shear.
 BESIDE_SHEAR = "beside Lees-Edwards shear no force of OpenMM's own can act, for it does not know the sliding images; remove added forces"
-#: Seconds after which the state is remembered on a device.
-REMEMBERED = 10.0
-#: How often steps on a device are tried that run out of room.
-MOST_TRIES = 4
+#: Seconds after which the state is remembered on a device, and how often steps are tried that run out of room there.
+REMEMBERED, MOST_TRIES = 10.0, 4
 
 
 def whole_steps(steps) -> int:
@@ -58,8 +57,7 @@ def _box(context: openmm.Context) -> list:
 
 @lru_cache
 def watched(kind: type) -> type:
-    """A subclass of a class of Contexts that tells the integrator when the Context is reinitialized, changed or read, since OpenMM keeps no
-    record of it."""
+    """A subclass of a class of Contexts that tells the integrator when a Context is reinitialized, changed or read: OpenMM does not."""
 
     def reinitialize(self, preserveState=False):
         if preserveState:
@@ -89,8 +87,10 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
         listener = getattr(self.getIntegrator(), hear, None)
         if listener is not None and hear == "looked":
             listener(self, name == "getState" and (len(arguments) > 2 or any(more.get(word) for word in _FORCES)))
-        elif listener is not None and not (name == "setParameter" and arguments and arguments[0] in VOLATILE):
-            listener(self)
+        elif listener is not None:
+            parameter, value = arguments if name == "setParameter" and len(arguments) == 2 else (shared.OWN, 0.0)
+            if parameter not in VOLATILE and value != self.getParameters().asdict().get(parameter):
+                listener(self, str(parameter).startswith(shared.OWN))
         try:
             return getattr(kind, name)(self, *arguments, **more)
         except openmm.OpenMMException as error:
@@ -241,8 +241,8 @@ class Watching:
         self._remembered = None if self.device_group is None else (now, before)
         return before
 
-    def changed(self, context: openmm.Context) -> None:
-        """Called before the state of the Context is changed from outside."""
+    def changed(self, context: openmm.Context, ours: bool = True) -> None:
+        """Called before the state of the Context is changed from outside; not ``ours``: a parameter of forces of others."""
         self.verify(context)
         self._remembered = None
 

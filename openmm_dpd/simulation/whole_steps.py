@@ -61,8 +61,7 @@ class WholeSteps:
         own = self.function.thread_state()
         dt = bare(integrator.getStepSize())
         state = context.getState(positions=True, parameters=True)
-        # with the step size, which the program would set first
-        count, parameters = state.getStepCount(), state.getParameters().asdict() | {shared.DT: dt}
+        count, parameters = state.getStepCount(), _parameters(state, dt)
         clock = list(accumulate([dt] * n, initial=bare(state.getTime())))  # as OpenMM adds it up
         try:
             loop = own.loop
@@ -229,7 +228,7 @@ class WholeSteps:
         if self.spec.predicts:
             own, state = self.function.thread_state(), context.getState(positions=True, parameters=True)
             own.fingerprints.forget()
-            parameters = state.getParameters().asdict() | {shared.DT: bare(integrator.getStepSize())}
+            parameters = _parameters(state, bare(integrator.getStepSize()))
             last = own.fingerprints.of(self.function.positions(state), self.function.box(state), parameters)
             for name in ("valid_for", "fingerprint"):
                 openmm.CustomIntegrator.setGlobalVariableByName(integrator, name, last)
@@ -239,3 +238,8 @@ class WholeSteps:
         longer than a step."""
         stamp, held = self._held
         return held if held and stamp == integrator.getGlobalVariableByName(shared.STAMP) else {}
+
+
+def _parameters(state: openmm.State, dt: float) -> dict[str, float]:
+    """Parameters in a state, with the step size; not those of forces of others, which kick apart: nothing that is kept depends on them."""
+    return {name: value for name, value in state.getParameters().asdict().items() if name.startswith(shared.OWN)} | {shared.DT: dt}

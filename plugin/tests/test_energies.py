@@ -16,6 +16,7 @@ from test_steps import made_on, run_on
 
 import openmm_dpd as dpd
 from openmm_dpd.plan.kinds import KINDS
+from openmm_dpd.simulation import barostat
 
 EXACT = Device("Reference")
 #: Energies around 0 and far from it, temperatures that hardly change and that jump.
@@ -104,6 +105,28 @@ def test_a_volume_move_pays_with_the_energies_that_the_device_has():
         after = sample(simulation.context)
         assert after.total + 5.0 * after.volume == pytest.approx(before.total + 5.0 * before.volume, rel=1e-9)
     assert accepted
+
+
+@pytest.mark.parametrize("nothing", ["rejected moves", "parameters of others", "parameters that stay"])
+def test_what_changes_nothing_has_mvv_keep_its_acceleration(nothing, monkeypatch):
+    """With one that is computed anew, heat of friction and noise is that of velocities that this noise has changed: energy is lost."""
+    monkeypatch.setattr(barostat, "_entropy_gain", lambda *_: -np.inf)
+    ends = []
+    for does in (False, True):
+        built = made_on(carrying("energies", n=120, box=BOXES["wide"]), available(EXACT), "mvv", dt=0.002)
+        beside = openmm.CustomExternalForce("0*own*x")
+        beside.addGlobalParameter("own", 1.0)
+        beside.addParticle(0)
+        built.system.addForce(beside)
+        simulation, moves = built.simulation(), dpd.EnthalpyBarostat(built, 5.0)
+        for n in range(4):
+            simulation.step(1)
+            if does and nothing == "rejected moves":
+                assert not moves.move(simulation.context)
+            elif does:
+                simulation.context.setParameter(*(("own", float(n)) if "others" in nothing else ("dpd_kT", 1.0)))
+        ends.append((*state_of(simulation.context), *end_of(simulation)))
+    assert same_bits(*ends)
 
 
 @pytest.mark.parametrize("scheme, dt, kappa", [("shardlow", 1.0, 2e3), ("mvv", 0.02, 1e5)])

@@ -127,6 +127,25 @@ def test_positions_that_are_set_to_what_they_were_change_nothing(choices):
 
 
 @SCHEME
+def test_parameters_of_forces_of_others_do_not_undo_a_step(choices):
+    """An acceleration that is kept has no part of a force that kicks apart; a new one would cost energy where beads have it."""
+    ends = []
+    for sets in (False, True):
+        scene = fluid(EXTENDED, BOXES["tilted"], n=70, seed=2, spread=0)
+        built = dpd.build(scene, dt=DT, platform="Reference", seed=1, **choices)
+        beside = openmm.CustomExternalForce("0*own*x")
+        beside.addGlobalParameter("own", 0.0)
+        beside.addParticle(0)
+        built.system.addForce(beside)
+        simulation = built.simulation()
+        for n in range(4):
+            simulation.step(1)
+            simulation.context.setParameter("own", float(n * sets))
+        ends.append(state_of(simulation.context))
+    assert same_bits(*ends)
+
+
+@SCHEME
 def test_another_box(host, choices):
     """The box alone changes, the positions stay: other images are neighbours now."""
     simulation = started(host, **choices)
