@@ -93,6 +93,18 @@ def test_restart_on_gpu_platforms(tmp_path, device, scheme):
         assert np.abs(state_of(second.context)[1] - expected[1]).max() <= device.choose(0.0, 1e-6, 2e-4)
 
 
+@pytest.mark.parametrize("device", [d for d in DEVICES if d.precision == "single"], indirect=True, ids=str)
+def test_warm_beads_go_on_with_the_temperatures_that_were_saved(tmp_path, device):
+    """The host steps them in double precision, of which a Context in single precision keeps a part."""
+    built = [made("edpd", "mvv", device.platform, engine="host") for _ in range(2)]
+    first, second = (one.simulation(properties=device.properties) for one in built)
+    first.step(5)
+    first.saveState(str(tmp_path / "state.xml"))
+    second.loadState(str(tmp_path / "state.xml"))
+    step_all(3, first, second)
+    assert not same(everything(second.context, built[1]), everything(first.context, built[0]))
+
+
 def test_going_back_to_a_state_repeats_the_run(tmp_path):
     """An XML state loaded into the simulation that ran ahead gives what the first pass gave, noise included."""
     simulation = stepped(run_of(beads(), restart_runs.Device("Reference"), dt=0.04, scheme="mvv", conservative="kernel"), 5)
