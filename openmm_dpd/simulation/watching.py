@@ -97,9 +97,9 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
             lacking = re.search(r"invalid parameter name: (dpd_\w+)", str(error))
             if lacking is None:
                 raise
-            of_forces = f"forces in that state follow bonds that form or what beads carry ({SHOWN}), here none do"
-            what = of_forces if lacking[1] == SHOWN else f"that state has the parameter {lacking[1]}, which this scene does not have"
-            raise PlanError(f"{what}: use simulation.loadState") from error
+            left_out = "bonds that form or what beads carry; here none do: use simulation.loadState"
+            of = left_out if lacking[1] in (SHOWN, shared.WRITTEN) else "another kind of scene"
+            raise PlanError(f"that state has the parameter {lacking[1]} of {of}") from error
 
     return heard
 

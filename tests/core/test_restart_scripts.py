@@ -255,10 +255,22 @@ def test_a_state_with_what_this_scene_lacks_says_how_it_is_loaded(tmp_path):
     state = species.context.getState(positions=True, velocities=True, parameters=True)
     raises(
         dpd.PlanError,
-        "has the parameter dpd_written, which this scene does not have: use simulation.loadState",
+        "dpd_written .*what beads carry; here none do: use simulation.loadState",
         plain.context.setState,
         state,
     )
     species.saveState(str(tmp_path / "saved"))
     plain.loadState(str(tmp_path / "saved"))
     assert np.array_equal(state_of(plain.context)[0], state_of(species.context)[0])
+    energies = dpd.build(
+        dpd.Scene(
+            **given,
+            pairs={("W", "W"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)},
+            internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(50.0), 1.0),
+        ),
+        dt=0.02,
+        platform="Reference",
+        seed=1,
+    ).simulation()
+    energies.saveState(str(tmp_path / "energies"))
+    raises(dpd.PlanError, "has the parameter dpd_volume_.* of another kind of scene", plain.loadState, str(tmp_path / "energies"))

@@ -20,6 +20,12 @@ class MovingBox:
     def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
         self._request, self._built, self._context = request, built, context
         self._found = [fix for fix in request.state.fixes_of("deform") if "deforming" in fix.parameters]
+        plan = built.plan
+        if self._found and plan.spec.fields is not None and plan.options.scheme.predicts and not plan.execution.looped:
+            # only the host's loop keeps the accelerations at the places before; others lose energy in each change
+            raise self._found[0].error(
+                "beads with internal energies, temperatures or species need the host's loop for this: use engine 'host'"
+            )
 
     def next_due(self, step: int) -> int:
         """The first step after ``step`` at which the box changes; the last step of the run if it never does."""
