@@ -127,8 +127,9 @@ def test_a_restart_has_box_and_step_and_takes_the_new_temperature(tmp_path):
             assert np.linalg.det(now) == pytest.approx(64.0) and now[0, 0] != edges[0, 0]
 
 
+@pytest.mark.slow
 @any_seed(1)
-@pytest.mark.parametrize("tension", [1.5, pytest.param(-1.5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tension", [1.5, -1.5])
 def test_the_area_of_an_ideal_gas_is_exact(tension, seed):
     """Beads that do not repel each other: p(A) ~ A^N exp(-(P L_z - gamma) A), a gamma distribution.  5 % off is seen."""
     n = 64

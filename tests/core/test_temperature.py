@@ -72,8 +72,9 @@ def test_a_ramp_reaches_its_targets(seed):
 
 
 # -- what could spoil the temperature ------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 @any_seed(1)
-@pytest.mark.parametrize("choices", [pytest.param(SCHEMES["mvv"], marks=pytest.mark.slow), SCHEMES["shardlow"]], ids=["mvv", "shardlow"])
+@pytest.mark.parametrize("choices", [SCHEMES["mvv"], SCHEMES["shardlow"]], ids=["mvv", "shardlow"])
 def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
     """Factors 0.5, 0.25 and 0: noise goes as the square root (as f it would be 43 % too cold); a tenth is seen."""
     n = 200
@@ -85,10 +86,9 @@ def test_factors_of_bonded_neighbours_keep_the_temperature(choices, seed):
     judge(temperatures(scene, dt=0.005, start=600, steps=6000, conservative="kernel", seed=seed, **choices), 1.0, error=0.02)
 
 
+@pytest.mark.slow
 @any_seed(1)
-@pytest.mark.parametrize(
-    "choices", [pytest.param(SCHEMES["mvv-0.65"], marks=pytest.mark.slow), SCHEMES["aboba"]], ids=["mvv-0.65", "aboba"]
-)
+@pytest.mark.parametrize("choices", [SCHEMES["mvv-0.65"], SCHEMES["aboba"]], ids=["mvv-0.65", "aboba"])
 def test_unequal_masses_and_transverse_friction(choices, seed):
     """Masses 1 and 2.7, everything different: kT = 1.3 at a small step; 3 % off is seen."""
     scene = fluid(EXTENDED, np.diag([4.0] * 3), 3.0, kT=1.3)
