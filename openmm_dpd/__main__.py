@@ -41,7 +41,7 @@ _SHARED = {
     "seed": _option("--seed", type=int, metavar="K", help="seed of the noise (default: the deck's)"),
     "compat": _option("--compat", choices=("consistent", "lammps"), default="consistent", help=_COMPAT),
     "platform": _option("--platform", metavar="P", help="Reference, CPU, OpenCL, CUDA or HIP (default: the fastest there is)"),
-    "precision": _option("--precision", choices=("single", "mixed", "double"), help="precision of a GPU platform (default: single)"),
+    "precision": _option("--precision", choices=("single", "mixed", "double"), help="of a GPU (default: single; with the plugin mixed)"),
     "threads": _option("--threads", type=int, metavar="N", help="threads of OpenMM and of the pair kernel (default: all cores)"),
     "conservative": _option("--conservative", choices=("auto", "openmm", "kernel"), default="auto", help=_CONSERVATIVE),
     "engine": _option("--engine", metavar="E", help="what evaluates the pair terms: auto (default), host, or one that was registered"),
