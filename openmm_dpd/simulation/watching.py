@@ -87,10 +87,10 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
         listener = getattr(self.getIntegrator(), hear, None)
         if listener is not None and hear == "looked":
             listener(self, name == "getState" and (len(arguments) > 2 or any(more.get(word) for word in _FORCES)))
-        elif listener is not None:
-            parameter, value = arguments if name == "setParameter" and len(arguments) == 2 else (shared.OWN, 0.0)
-            if parameter not in VOLATILE and value != self.getParameters().asdict().get(parameter):
-                listener(self, str(parameter).startswith(shared.OWN))
+        elif listener is not None and (name != "setParameter" or len(arguments) != 2):
+            listener(self)
+        elif listener is not None and arguments[0] not in VOLATILE and arguments[1] != self.getParameters().asdict().get(arguments[0]):
+            listener(self, str(arguments[0]).startswith(shared.OWN))
         try:
             return getattr(kind, name)(self, *arguments, **more)
         except openmm.OpenMMException as error:
