@@ -3,6 +3,7 @@
 ``tests/core/test_private_interfaces.py`` tries each part, and prints what to do if one has changed:
 
 - ``bare``: ``quantity.value_in_unit_system(openmm.unit.md_unit_system)`` is the same, as a copy.
+- ``masses_of``: ``np.array([system.getParticleMass(k).value_in_unit(openmm.unit.dalton) for k in range(n)])`` is the same.
 - ``vectors``: ``np.array(state.getPositions(asNumpy=True).value_in_unit(openmm.unit.nanometer))`` is the same, velocities alike.
 - ``hear_calls``: use OpenMM's own way from an integrator to its Context if there is one now; else let ``simulation()`` of
   ``built.py`` call ``integrator.bind(simulation.context)``, and say in the documentation that other Contexts have to do so too.
@@ -10,17 +11,24 @@
 """
 
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 import numpy as np
 import openmm
+from openmm import _openmm
 from openmm.app.internal.xtc_utils import xtc_write_frame
 
 
 def bare(quantity: Any) -> Any:
     """Value of a Quantity in OpenMM's own units, not copied, since a copy takes longer than the arithmetic of some steps."""
     return quantity._value
+
+
+def masses_of(system: openmm.System) -> np.ndarray:
+    """(N,) masses of all particles, Da; to make a Quantity of each takes ten times as long."""
+    mass = partial(_openmm.System_getParticleMass, system)
+    return np.array(list(map(mass, range(system.getNumParticles()))), dtype=float)
 
 
 def vectors(state: openmm.State, kind: int) -> np.ndarray:
@@ -44,4 +52,4 @@ def hear_calls(kind: type, name: str, listener: Callable[[openmm.Context], None]
     setattr(kind, name, heard)
 
 
-__all__ = ["bare", "hear_calls", "vectors", "xtc_write_frame"]
+__all__ = ["bare", "hear_calls", "masses_of", "vectors", "xtc_write_frame"]

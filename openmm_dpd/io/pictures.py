@@ -70,6 +70,8 @@ def thermo_picture(
     if mask.shape != data[x].shape:
         raise ParameterError(f"counted has the shape {mask.shape}; it must have one entry for each of the {len(data[x])} rows")
     left_out = [slice(span.start, span.start + int(np.sum(~mask[span]))) for span in spans]
+    begins = [data[x][[rows.start, min(rows.stop, len(data[x]) - 1)]] for rows in left_out]
+    grey = [(begin, end - begin) for begin, end in begins]
     means = any(span.stop - rows.stop >= LEAST_ROWS for span, rows in zip(spans, left_out, strict=True))
     figure = new_figure(8.0, 0.9 + 1.9 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -81,10 +83,9 @@ def thermo_picture(
         set_level = name == "temperature" and level is not None and bool(np.isfinite(level).any())
         if set_level:
             axis.plot(data[x], level, color="black", linewidth=1.2, linestyle=(0, (5, 3)), label="set", zorder=3.9)
-        for start in runs:
-            axis.axvline(start, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
-        for rows in left_out:
-            axis.axvspan(data[x][rows.start], data[x][min(rows.stop, len(data[x]) - 1)], color="0.93", linewidth=0, zorder=0)
+        upright: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "zorder": 0}
+        axis.vlines(runs, 0.0, 1.0, color="0.6", linewidth=0.8, linestyle=":", **upright)
+        axis.broken_barh(grey, (0.0, 1.0), color="0.93", linewidth=0, **upright)
         finish_axis(axis, with_unit(name, labels.get(name), "\n"), legend=len(words) > 1 or set_level)
         if not mask.all():
             _scale(axis, [data[word][mask] for word in words] + ([level[mask]] if level is not None and set_level else []))
@@ -205,19 +206,28 @@ def _scale(axis: Any, counted: list[np.ndarray]) -> None:
         axis.set_ylim(values.min() - margin, values.max() + margin)
 
 
+def _with_gaps(lines: list[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """x and y of lines as those of one line with gaps: among hundreds of runs, each line would take longer than its run."""
+    gaps = ([np.append(values, np.nan) for values in each] for each in zip(*lines, strict=True))
+    return [np.concatenate(values)[:-1] for values in gaps]
+
+
 def _draw(axis: Any, x: np.ndarray, values: np.ndarray, spans: list[slice], left_out: list[slice], label: str, colours, depth: int) -> None:
     """Draw one column: rows light (as dots if they are few), sliding means of the counted rows dark."""
     dark, light = colours
     few = all(span.stop - span.start <= 60 for span in spans)
+    rows, means = [], []
     for span, start in zip(spans, (rows.stop for rows in left_out), strict=True):
-        rows = span.stop - span.start
-        step, style = max(1, rows // MOST_ROWS), {"marker": "o" if few else None, "markersize": 3.5, "zorder": depth}
-        drawn = axis.plot(x[span][::step], values[span][::step], color=light, linewidth=0.9, **style)
+        step = max(1, (span.stop - span.start) // MOST_ROWS)
+        rows += [(x[span][::step], values[span][::step])]
         if span.stop - start >= LEAST_ROWS:
-            mean = _sliding_mean(values[start : span.stop], max(5, rows // 10))
-            drawn = axis.plot(x[start : span.stop : step], mean[::step], color=dark, linewidth=1.7, zorder=depth + 3)
-        if drawn[0].get_color() == dark:
-            named = drawn[0]
+            mean = _sliding_mean(values[start : span.stop], max(5, (span.stop - span.start) // 10))
+            means += [(x[start : span.stop : step], mean[::step])]
+    style = {"marker": "o" if few else None, "markersize": 3.5, "zorder": depth}
+    drawn = axis.plot(*_with_gaps(rows), color=light, linewidth=0.9, **style)
+    if means:
+        above = axis.plot(*_with_gaps(means), color=dark, linewidth=1.7, zorder=depth + 3)
+    named = above[0] if means else drawn[0]
     named.set_label(label)
 
 

@@ -13,7 +13,7 @@ import openmm
 
 from ..base.errors import ParameterError
 from ..base.names import EXTERNAL_GROUP, PAIR_FORCE, SHEARED, SLOW_STEP
-from ..base.openmm_private import bare, vectors
+from ..base.openmm_private import bare, masses_of, vectors
 from ..kernels import motion
 from ..kernels.bodies import Bodies
 from ..kernels.charges import ChargeEvaluator
@@ -23,7 +23,7 @@ from ..kernels.interface import Engine
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS
 from ..kernels.moment import LastStep, Stepper
 from ..kernels.shear import add_flow, flow_at, rate_at
-from ..plan.made import acting, groups_of, masses_of
+from ..plan.made import acting, groups_of
 from ..plan.plan import Plan
 from ..simulation.bonds import with_bonds
 from ..simulation.built import BuiltSystem

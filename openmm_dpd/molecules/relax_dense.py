@@ -11,11 +11,12 @@ from openmm import app, unit
 
 from ..base.errors import ParameterError, RunError, fact_table, what_is
 from ..base.geometry import minimum_images, widths
+from ..base.openmm_private import masses_of
 from ..base.platforms import platform_here
 from ..base.units import BOLTZMANN, to_md, whole_number
 from ..model.box import box_vectors
 from ..model.pairs import DPD
-from ..plan.made import LISTED, checked_positions, degrees_of_freedom, masses_of
+from ..plan.made import LISTED, checked_positions, degrees_of_freedom
 from ..simulation.thermostat import add_thermostat
 from .piercings import Piercing, bonds_of_topology, find_piercings, pushed_out
 from .soft_system import STRENGTH, atom_diameters, excluded_pairs, largest_overlap, nonbonded_of, replaced_forces, soft_system

@@ -15,7 +15,7 @@ from openmm import app
 from ..base import names
 from ..base.errors import ParameterError, PlanError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
-from ..base.openmm_private import bare
+from ..base.openmm_private import masses_of
 from ..base.units import position_array
 from ..kernels.fields import ENERGY, FieldSpec
 from ..model.box import box_vectors
@@ -224,12 +224,6 @@ class Made:
 def lines_of(integrator: openmm.Integrator) -> int:
     """Number of lines of an integrator's program; 0 if it is no CustomIntegrator."""
     return integrator.getNumComputations() if isinstance(integrator, openmm.CustomIntegrator) else 0
-
-
-def masses_of(system: openmm.System) -> np.ndarray:
-    """Masses of all particles, Da."""
-    # OpenMM gives them in Da; to convert each takes ten seconds for a million
-    return np.array(list(map(bare, map(system.getParticleMass, range(system.getNumParticles())))))
 
 
 def virtual_sites(system: openmm.System) -> np.ndarray:

@@ -11,6 +11,7 @@ import openmm
 from openmm import app, unit
 
 from ..base.errors import ParameterError, what_is
+from ..base.openmm_private import masses_of
 from ..base.units import thermal_energy_of
 from ..model.pairs import DPD, NONE, PairCoefficient, PairTable, describe, require_complete
 from ..model.scene import Scene
@@ -18,7 +19,7 @@ from ..model.schemes import scheme_of
 from ..model.temperature import TemperatureRamp
 from ..plan.choices import platform_name
 from ..plan.kinds import kind_for
-from ..plan.made import Host, box_of, check_system, checked_positions, masses_of
+from ..plan.made import Host, box_of, check_system, checked_positions
 from ..plan.plan import make_plan
 from .build import build_plan, run_in
 from .built import BuiltSystem

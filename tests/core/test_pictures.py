@@ -48,8 +48,11 @@ def test_panels_labels_and_legend(tmp_path, drawn):
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["kinetic", "configurational", "set"]
     assert len(figure.axes[1].get_legend().get_texts()) == 2
     assert figure.axes[2].get_legend() is None
-    data = [line.get_xdata() for line in figure.axes[2].lines]  # rows and mean of two runs, and the line between them
-    assert [(float(x[0]), float(x[-1])) for x in data] == [(0.0, 49.5), (0.0, 49.5), (50.0, 99.5), (50.0, 99.5), (50.0, 50.0)]
+    for line in figure.axes[2].lines:  # rows and mean of two runs, with a gap
+        before, after = np.split(line.get_xdata(), np.flatnonzero(np.isnan(line.get_xdata())))
+        assert (before[0], before[-1], after[1], after[-1]) == (0.0, 49.5, 50.0, 99.5)
+    between, *_ = figure.axes[2].collections
+    assert [segment.tolist() for segment in between.get_segments()] == [[[50.0, 0.0], [50.0, 1.0]]] and len(figure.axes[2].lines) == 2
 
 
 @pytest.mark.parametrize(("count", "shown"), [(30, 30), (150, 150), (100_000, 20_000)])
@@ -90,8 +93,9 @@ def test_lines_are_explained_and_means_are_of_a_part(tmp_path, drawn, count, opt
     (figure,) = drawn
     first, spans = figure.axes[0], 1 + len(options.get("runs", ()))
     assert said in figure.get_supxlabel() and "grey" not in figure.get_supxlabel() and ("dotted" in figure.get_supxlabel()) == (spans > 1)
-    lines = {colour: sum(line.get_color() == colour for line in first.lines) for pair in COLOURS for colour in pair}
-    assert list(lines.values()) == 2 * [means, spans] if means else 2 * [spans, 0]
+    found = {line.get_color(): 1 + np.count_nonzero(np.isnan(line.get_xdata())) for line in first.lines}
+    lines = [found.get(colour, 0) for pair in COLOURS for colour in pair]
+    assert lines == 2 * [means, spans] if means else 2 * [spans, 0]
     assert [text.get_text() for text in first.get_legend().get_texts()] == ["kinetic", "configurational", "set"][: 2 + level]
     assert {line.get_marker() for line in figure.axes[2].lines[:1]} == {"None" if count > 60 else "o"}
 
@@ -105,8 +109,8 @@ def test_the_start_neither_scales_the_axes_nor_has_a_mean(tmp_path, drawn):
     assert axis.get_ylim() == pytest.approx((temp.min() - 0.12 * np.ptp(temp), temp.max() + 0.12 * np.ptp(temp)))
     assert {len(line.get_xdata()) for line in axis.lines} == {200, 170}
     assert all(line.get_xdata()[0] == time[30] for line in axis.lines if len(line.get_xdata()) == 170)
-    (shade,) = axis.patches
-    assert (shade.get_x(), shade.get_x() + shade.get_width()) == pytest.approx((time[0], time[30])) and "grey" in figure.get_supxlabel()
+    (shade,) = axis.collections[-1].get_paths()
+    assert shade.get_extents().extents == pytest.approx((time[0], 0.0, time[30], 1.0)) and "grey" in figure.get_supxlabel()
 
 
 @cases(

@@ -24,7 +24,7 @@ NUMBA, OPENMM, LLVMLITE = "openmm_dpd.runtime.numba_private", "openmm_dpd.base.o
 ADDRESSES = "openmm_dpd.runtime.addresses"
 
 #: Modules that are not their library's documented interface (or, for llvmlite, change with it), and the file that may import them.
-MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM}
+MODULES = {"numba.core": NUMBA, "llvmlite": LLVMLITE, "openmm.app.internal": OPENMM, "openmm._openmm": OPENMM}
 
 #: The same for attributes of objects of other libraries, and for options by name.
 ATTRIBUTES = dict.fromkeys(("_value", "_getNumParticles", "_getVectorAsNumpy"), OPENMM)
@@ -227,6 +227,15 @@ def test_quantities_hold_numbers_in_their_units():
             found, expected = bare(quantity), quantity.value_in_unit(in_units)
             assert type(found) is type(expected) and type(found) in (float, np.ndarray) and np.array_equal(found, expected)
             assert np.array_equal(expected, quantity.value_in_unit_system(unit.md_unit_system))  # what the file says to do instead
+
+
+def test_masses_of_a_system():
+    system = three_particles()[0].getSystem()
+    system.setParticleMass(1, 0.0)
+    with advised(OPENMM, "System"):
+        from openmm_dpd.base.openmm_private import masses_of
+
+        assert np.array_equal(masses_of(system), [system.getParticleMass(k).value_in_unit(unit.dalton) for k in range(3)])
 
 
 def test_vectors_of_a_state_are_the_callers_own():

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ import openmm_dpd as dpd
 from openmm_dpd import trajectory
 from openmm_dpd.__main__ import main
 from openmm_dpd.lammps import RunOptions, run_deck
+from openmm_dpd.simulation.built import DPDSimulation
 
 _LINES = "dump d all atom 10 dump.d\nfix mean all ave/time 5 2 10 c_thermo_temp file mean.txt\nrun 200\n"
 WRITING = FLUID.replace("run 50\nrun 30\n", _LINES)  # Rows, a dump and an average every ten steps.
@@ -113,6 +115,19 @@ def test_runs_before_the_one_that_fails_are_kept(deck, capsys):
     assert report["runs"][0]["steps"] == 100 and report["runs"][0]["stopped"] is None
     assert report["runs"][1]["steps"] < 100 and "after step 1" in report["runs"][1]["stopped"]
     assert np.all(np.isfinite(dpd.load_xml(deck.parent / "out" / "final_state.xml").getPositions(asNumpy=True)._value))
+
+
+@cases("after", "", "timestep 3.0\nrun 100\n", "pair_style nonsense\n", ids=["all", "the next one fails", "the deck is wrong"])
+def test_among_short_runs_the_state_is_written_rarely_but_always_at_the_end(deck, monkeypatch, after):
+    """Of the last step taken, that of the run before the one that failed in its first step, or the last one before a wrong line."""
+    monkeypatch.setattr("openmm_dpd.lammps.run.trajectory.SELDOM", 1e9)
+    writes, save = list[Path](), DPDSimulation.saveState
+    monkeypatch.setattr(DPDSimulation, "saveState", lambda self, path: (writes.append(path), save(self, path)))
+    deck.write_text(WRITING.replace("run 200", "run 10\nrun 20\nrun 7\n" + after))
+    with pytest.raises(dpd.DPDError) if after else nullcontext():
+        run_deck(deck, RunOptions(platform="CPU", threads=1), out=deck.parent / "out")
+    state = dpd.load_xml(deck.parent / "out" / "final_state.xml")
+    assert len(writes) == 2 and state.getStepCount() == (0 if "3.0" in after else 7)
 
 
 def test_an_average_that_cannot_be_computed_is_null_with_a_reason(tmp_path):

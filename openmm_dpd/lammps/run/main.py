@@ -187,7 +187,8 @@ def _hand_over(runner: DeckRunner, folder: Path | None, keep: Callable[[dict], N
     what a checkpoint keeps of them is their state between two runs."""
     report, failed = results_json(runner.results), list[str]()
     outputs: list[Callable[[], None]] = [lambda: keep(report)]
-    if folder is not None:
+    if folder is not None and runner.trajectory is not None:
+        outputs.append(runner.trajectory.write_state)
         outputs.append(lambda: _picture(folder / "thermo.png", runner.results))
         if done and runner.results:
             outputs.append(lambda: _beads(folder / "beads.png", runner.results[-1].request))

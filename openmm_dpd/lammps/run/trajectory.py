@@ -1,5 +1,6 @@
 """The trajectory of a deck: DCD or XTC with a PSF topology, and the final state, in one folder."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from .request import RunRequest
 
 #: Default number of frames per run, approximately, and the fewest steps between them: a frame takes as long as two to five.
 FRAMES, APART = 100, 100
+#: The final state is written after a run if all the time since it was written last is this many times what that takes, and at the end.
+SELDOM = 20
 #: Trajectory formats.
 FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc": XTCWriter}
 
@@ -54,6 +57,8 @@ class RunTrajectory:
         self._offset: np.ndarray = np.zeros((0, 3))
         self._every, self._first, self._last = 1, 0, 0
         self._written: int | None = None
+        self._unsaved: app.Simulation | None = None
+        self._saved = self._took = 0.0
 
     @property
     def progress(self) -> tuple[int, int, int, int | None]:
@@ -75,7 +80,7 @@ class RunTrajectory:
         """Prepare for a run."""
         self._every = self._given or max(APART, request.steps // FRAMES)
         self._first, self._last = (0, -1) if self._given else (request.first_step, request.last_step)
-        self._state = state = request.state
+        self._deck = state = request.state
         self._offset = state.atoms.images @ state.require_box("a run").vectors * state.units.length
         if (scene.n_beads, state.systems) != (self._beads, self._system):
             self.close()
@@ -102,14 +107,14 @@ class RunTrajectory:
 
     def write(self, x: np.ndarray, box: np.ndarray, context: openmm.Context, step: int, slide: Slide = NO_SLIDE) -> None:
         """Write one frame (nm) and the bead fields; ``slide`` is that of the images since the run began."""
-        x = x + (self._state.atoms.images @ box if self._state.moving_box else self._offset)
-        x += slide.shift(self._state.atoms.images, slide.distance)
+        x = x + (self._deck.atoms.images @ box if self._deck.moving_box else self._offset)
+        x += slide.shift(self._deck.atoms.images, slide.distance)
         if self._fields is not None:
             fields = read_fields(context, self._built.plan)
             fields.pop("bonds", None)  # dump local writes those; rows of beads may be longer in another run
             self._fields.write(context.getTime().value_in_unit(unit.picosecond), step, fields)
         if isinstance(self._file, XTCWriter):
-            self._file.write(x, box, self._state.time_at(step), step)
+            self._file.write(x, box, self._deck.time_at(step), step)
         else:
             assert self._file is not None
             # DCD files are in Angstrom
@@ -117,8 +122,19 @@ class RunTrajectory:
         self._written = step
 
     def save_state(self, simulation: app.Simulation) -> None:
-        """Write the final state, from which OpenMM can continue exactly."""
-        simulation.saveState(self.folder / "final_state.xml")
+        """Write the state at the end of a run, from which OpenMM can continue exactly.  If that would take more than a twentieth of the
+        time since the last one was written, as among many short runs, it is left to :meth:`write_state`."""
+        self._unsaved = simulation
+        if time.perf_counter() - self._saved >= SELDOM * self._took:
+            self.write_state()
+
+    def write_state(self) -> None:
+        """Write the state at the end of the last run, unless it is in the file."""
+        simulation, self._unsaved, begun = self._unsaved, None, time.perf_counter()
+        if simulation is not None:
+            simulation.saveState(self.folder / "final_state.xml")
+            self._saved = time.perf_counter()
+            self._took = self._saved - begun
 
     def close(self) -> None:
         """Close the files."""
