@@ -37,21 +37,26 @@ def reduced(vectors) -> np.ndarray:
 
 def minimum_images(d: np.ndarray, box: np.ndarray | None) -> np.ndarray:
     """Minimum images of distance vectors (K, 3); unchanged without a box."""
-    return _shifted(d, box, np.rint)
-
-
-def folded(x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
-    """Positions (N, 3) wrapped into the box whose lower corner is the origin; unchanged without a box."""
-    return _shifted(x, box, np.floor)
-
-
-def _shifted(d: np.ndarray, box: np.ndarray | None, turns) -> np.ndarray:
     if box is None:
         return d
     d = d.copy()
     for k in (2, 1, 0):
-        d -= np.outer(turns(d[:, k] / box[k, k]), box[k])
+        d -= np.outer(np.rint(d[:, k] / box[k, k]), box[k])
     return d
+
+
+def folded(x: np.ndarray, box: np.ndarray | None) -> np.ndarray:
+    """Positions (N, 3) wrapped into the box whose lower corner is the origin, the parallelepiped of its vectors; unchanged without a box.
+    (OpenMM's States wrap into a cuboid as large.)"""
+    if box is None:
+        return x
+    x, part = x.copy(), np.zeros_like(x)
+    for k in (2, 1, 0):
+        part[:, k] = (x[:, k] - sum(part[:, above] * box[above, k] for above in range(k + 1, 3))) / box[k, k]
+        turns = np.floor(part[:, k])
+        part[:, k] -= turns
+        x -= np.outer(turns, box[k])
+    return x
 
 
 def weighted_sum(weights: np.ndarray, rows: np.ndarray) -> np.ndarray:

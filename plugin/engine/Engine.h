@@ -245,7 +245,7 @@ public:
         int asked = (int) context.getParameter("dpd_phase");
         bool anew = asked == RUN_ANEW || !kept(now);
         if (predicts) {
-            verlet(context, now, others, word[0].second, anew, asked == RUN_BESIDE);
+            verlet(context, now, others, word[0].second, asked == RUN_ANEW, anew, asked == RUN_BESIDE);
             look(now, false);
             complete = true;
             return;
@@ -634,15 +634,15 @@ private:
 
     // Modified velocity Verlet: the acceleration of a step serves the next one, unless positions, box or parameters have changed in between.
     // differ: forces of others may have other parameters, and what that changes is added.
-    void verlet(OpenMM::ContextImpl& context, Now now, int others, double lam, bool anew, bool differ) {
+    void verlet(OpenMM::ContextImpl& context, Now now, int others, double lam, bool asked, bool anew, bool differ) {
         needSeen();
         if (others && !haveBeside)
             device.make(beside, Kind::Long, 3*device.padded());
         haveBeside = others != 0;
         bool changed = !anew && moved();
-        if (anew || changed || (differ && others && (partial() || !renewed(context, others)))) {
+        if (anew || changed || (differ && others && !renewed(context, others))) {
             Now then = now; // the noise is that of the last half kick
-            then.kT = changed ? keptKT : now.kT;
+            then.kT = haveKept && !asked ? keptKT : now.kT;
             fields.advance(stop(), 0, 0);
             Base& vel = relative();
             kick(context, then, others, 0, 0, &vel);
@@ -660,9 +660,9 @@ private:
 
     // Whether forces of others could be compared with those that were kept: not if they gave beads another order.
     bool renewed(OpenMM::ContextImpl& context, int others) {
-        if (!evaluate(context, others))
+        if (!evaluateAll(context, others))
             return false;
-        device.template run<dpdRenew_>(device.force(), beside, device.velm(), acc, flags, number());
+        device.template run<dpdRenew_>(device.force(), beside, alone, external, (int) partial(), device.index(), device.velm(), acc, flags, number());
         return true;
     }
 
@@ -697,6 +697,16 @@ private:
         return device.afterOthers();
     }
 
+    // The same, where only body forces act along some axes with those apart
+    bool evaluateAll(OpenMM::ContextImpl& context, int others) {
+        bool same = true;
+        if (partial() && others&1<<fluid.bodyGroup) {
+            same = evaluate(context, 1<<fluid.bodyGroup);
+            device.copy(device.force(), external);
+        }
+        return evaluate(context, others) && same;
+    }
+
     // v += kick*acc (and what is owed by others), x += drift*v in units of the step, in place; the beads into cells.  predict: v + predict*acc is what
     // friction will see
     void move(const Now& now, double kick, double drift, double predict = -1) {
@@ -720,13 +730,7 @@ private:
     // acc = F/m, v += kick*acc, and a drift if there is one; with friction and noise if it is said which velocities they see, and positions are kept.
     // away: a drift may put positions beside OpenMM's; if not, one in the same launch needs a copy of them, for others read them meanwhile
     void kick(OpenMM::ContextImpl& context, const Now& now, int others, double kick, double drift, Base* friction = nullptr, bool away = true) {
-        int body = others&1<<fluid.bodyGroup;
-        bool same = true;
-        if (partial() && body) {
-            same = evaluate(context, body);
-            device.copy(device.force(), external);
-        }
-        if (others && !(evaluate(context, others) && same)) {
+        if (others && !evaluateAll(context, others)) {
             binned = false;
             copied = 0;
         }

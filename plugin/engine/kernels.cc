@@ -804,17 +804,19 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
     END_BEAD
 }
 
-// What the force of others has changed by since it was kept is added to acc.
-KERNEL void dpdRenew(GLOBAL const mm_long* RESTRICT others, GLOBAL const mm_long* RESTRICT kept, GLOBAL const mixed4* RESTRICT velm,
+// What the force of others has changed by since it was kept is added to acc, but where only the `external` force acts.
+KERNEL void dpdRenew(GLOBAL const mm_long* RESTRICT others, GLOBAL const mm_long* RESTRICT kept, GLOBAL const int* RESTRICT alone,
+        GLOBAL const mm_long* RESTRICT external, int partial, GLOBAL const int* RESTRICT atomIndex, GLOBAL const mixed4* RESTRICT velm,
         GLOBAL mixed4* RESTRICT acc, GLOBAL const int* RESTRICT flags, int launch) {
     if (STOPPED)
         return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed4 a = acc[i];
         mixed scale = velm[i].w/(mixed) 0x100000000;
-        a.x += scale*(others[i]-kept[i]);
-        a.y += scale*(others[i+STRIDE]-kept[i+STRIDE]);
-        a.z += scale*(others[i+2*STRIDE]-kept[i+2*STRIDE]);
+        int axes = partial ? alone[atomIndex[i]] : 0;
+        a.x = axes&1 ? scale*external[i] : a.x+scale*(others[i]-kept[i]);
+        a.y = axes&2 ? scale*external[i+STRIDE] : a.y+scale*(others[i+STRIDE]-kept[i+STRIDE]);
+        a.z = axes&4 ? scale*external[i+2*STRIDE] : a.z+scale*(others[i+2*STRIDE]-kept[i+2*STRIDE]);
         acc[i] = a;
     }
 }

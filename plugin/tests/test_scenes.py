@@ -347,6 +347,35 @@ def test_where_only_body_forces_act_those_of_others_may_change():
     np.testing.assert_allclose(state_of(simulation.context)[1][~scene.interacting], expected[~scene.interacting], rtol=0, atol=1e-9)
 
 
+def test_where_only_body_forces_act_calls_of_step_change_nothing_beside_others():
+    """An acceleration that is kept gets what the others' forces have changed by, not friction of other velocities."""
+    scene, ends = replace(fluid(PLAIN, BOX, n=60, spread=0), interacting=np.random.default_rng(3).random((60, 3)) > 0.3), []
+    for calls in (1, 6):
+        built = made_on(replace(scene, body_forces=[dpd.BodyForce((1.0, -2.0, 0.5))]), available(REFERENCE), "mvv", dt=0.01)
+        built.system.addForce(pulling(50.0))
+        simulation = built.simulation()
+        for _ in range(calls):
+            simulation.step(12 // calls)
+        ends.append(state_of(simulation.context))
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kT", [1.0, dpd.TemperatureRamp(1.0, 2.0, 0, 20)], ids=["constant", "ramp"])
+@pytest.mark.parametrize("restarts", [False, True])
+def test_the_noise_of_a_new_step_size_is_the_hosts(kT, restarts):
+    """The acceleration that the last step has kept is that of another step size, also where a State has it."""
+    *_, simulation, host = beside_the_host(fluid(PLAIN, BOX, n=60, kT=kT), "mvv", steps=(5,), close=1e-6)
+    for each in (simulation, host):
+        if restarts:
+            state = io.StringIO()
+            each.saveState(state)
+            each.loadState(io.StringIO(state.getvalue()))
+        each.integrator.setStepSize(0.006)
+        each.step(5)
+    for ours, theirs in zip(state_of(simulation.context), state_of(host.context), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
+
+
 # -- bits, and XML -------------------------------------------------------------------------------------------------------------------
 def pulled_alone() -> dpd.Scene:
     """Chains on which only body forces act along some axes."""

@@ -136,6 +136,15 @@ def test_sources_act_on_beads_that_crossed_the_box():
     np.testing.assert_allclose(temperature, 1.0 + 4.0 / 2, atol=0.02)  # half of the time in the source, to a step or two at its faces
 
 
+def test_sources_in_a_tilted_box_act_within_its_faces():
+    """As in LAMMPS, for beads in any image."""
+    rng, box, corner = np.random.default_rng(2), BOXES["tilted"], np.array([-1.0, 0.5, 2.0])
+    source, rates = dpd.Source(dpd.Block((1.0, -9, -9), (4.0, 9, 3.5)), 1.0, corner=corner), np.zeros((300, 1))
+    inside = rng.random((300, 3)) @ box + corner
+    source.add_to(rates, inside + rng.integers(-3, 4, (300, 3)) @ box, box)
+    assert np.array_equal(rates[:, 0], source.region.contains(inside)) and 50 < rates.sum() < 250
+
+
 def test_setting_values_acts_at_once():
     simulation = stepped(running(heat_scene(frozen=False), DEVICES[1]), 3)
     write_fields(simulation.context, simulation.built.plan, theta=1.0)
