@@ -60,5 +60,6 @@ def scene_pairs(state: DeckState, tables: list[PairTable]) -> ScenePairs:
                 key = str(min(kinds[a], kinds[b])), str(max(kinds[a], kinds[b]))
                 if key in table.entries and not (at and out[a, b]):
                     entries[(names[a], names[b])] = NONE if out[a, b] else table.entries[key]
-        made.append(PairTable(entries or table.entries))
+        if entries:  # an overlay may be left with no pair
+            made.append(PairTable(entries))
     return ScenePairs([names[k] for k in of_bead.ravel().tolist()], {names[n]: kinds[n] for n in order}, made)
