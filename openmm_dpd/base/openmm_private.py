@@ -3,7 +3,8 @@
 ``tests/core/test_private_interfaces.py`` tries each part, and prints what to do if one has changed:
 
 - ``bare``: ``quantity.value_in_unit_system(openmm.unit.md_unit_system)`` is the same, as a copy.
-- ``masses_of``: ``np.array([system.getParticleMass(k).value_in_unit(openmm.unit.dalton) for k in range(n)])`` is the same.
+- ``masses_of``: ``np.array([system.getParticleMass(k).value_in_unit(openmm.unit.dalton) for k in range(n)])`` is the same,
+  ``virtual_sites``: ``np.array([system.isVirtualSite(k) for k in range(n)])``.
 - ``vectors``: ``np.array(state.getPositions(asNumpy=True).value_in_unit(openmm.unit.nanometer))`` is the same, velocities alike.
 - ``hear_calls``: use OpenMM's own way from an integrator to its Context if there is one now; else let ``simulation()`` of
   ``built.py`` call ``integrator.bind(simulation.context)``, and say in the documentation that other Contexts have to do so too.
@@ -31,6 +32,12 @@ def masses_of(system: openmm.System) -> np.ndarray:
     return np.array(list(map(mass, range(system.getNumParticles()))), dtype=float)
 
 
+def virtual_sites(system: openmm.System) -> np.ndarray:
+    """(N,) which particles are virtual sites."""
+    is_one = partial(_openmm.System_isVirtualSite, system)
+    return np.array(list(map(is_one, range(system.getNumParticles()))), dtype=bool)
+
+
 def vectors(state: openmm.State, kind: int) -> np.ndarray:
     """(N, 3) positions or velocities of a State, in MD units, as an array that the caller owns; faster than those with units."""
     found = np.empty((state._getNumParticles(), 3))
@@ -52,4 +59,4 @@ def hear_calls(kind: type, name: str, listener: Callable[[openmm.Context], None]
     setattr(kind, name, heard)
 
 
-__all__ = ["bare", "hear_calls", "masses_of", "vectors", "xtc_write_frame"]
+__all__ = ["bare", "hear_calls", "masses_of", "vectors", "virtual_sites", "xtc_write_frame"]

@@ -15,7 +15,7 @@ from openmm import app
 from ..base import names
 from ..base.errors import ParameterError, PlanError
 from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
-from ..base.openmm_private import masses_of
+from ..base.openmm_private import masses_of, virtual_sites
 from ..base.units import position_array
 from ..kernels.fields import ENERGY, FieldSpec
 from ..model.box import box_vectors
@@ -224,11 +224,6 @@ class Made:
 def lines_of(integrator: openmm.Integrator) -> int:
     """Number of lines of an integrator's program; 0 if it is no CustomIntegrator."""
     return integrator.getNumComputations() if isinstance(integrator, openmm.CustomIntegrator) else 0
-
-
-def virtual_sites(system: openmm.System) -> np.ndarray:
-    """(N,) which particles are virtual sites."""
-    return np.array([system.isVirtualSite(k) for k in range(system.getNumParticles())], dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)

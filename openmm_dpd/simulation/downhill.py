@@ -13,9 +13,8 @@ import openmm
 from openmm import unit
 
 from ..base.errors import RunError
-from ..base.openmm_private import masses_of
+from ..base.openmm_private import masses_of, virtual_sites
 from ..base.signals import CTRL_C
-from ..plan.made import virtual_sites
 
 #: Steps, with the changes of the slope, that the curvature is taken from, and lengths of a step that are tried.
 MEMORY, TRIES = 8, 30

@@ -18,7 +18,7 @@ import openmm
 from openmm import app, unit
 
 from ..base.errors import ParameterError, PlanError, what_is
-from ..base.openmm_private import masses_of
+from ..base.openmm_private import masses_of, virtual_sites
 from ..base.platforms import fastest_platform
 from ..base.units import BOLTZMANN
 from ..io.trajectory import openmm_topology
@@ -28,7 +28,7 @@ from ..model.schemes import scheme_of
 from ..plan.choices import platform_name
 from ..plan.forces.merging import merged_systems
 from ..plan.kinds import KINDS, kind_for
-from ..plan.made import Freedom, Host, box_of, check_system, checked_positions, virtual_sites
+from ..plan.made import Freedom, Host, box_of, check_system, checked_positions
 from ..plan.plan import make_plan
 from .build import build_plan, run_in
 from .built import BuiltSystem

@@ -229,12 +229,14 @@ def test_quantities_hold_numbers_in_their_units():
             assert np.array_equal(expected, quantity.value_in_unit_system(unit.md_unit_system))  # what the file says to do instead
 
 
-def test_masses_of_a_system():
+def test_masses_and_virtual_sites_of_a_system():
     system = three_particles()[0].getSystem()
     system.setParticleMass(1, 0.0)
+    system.setVirtualSite(1, openmm.TwoParticleAverageSite(0, 2, 0.5, 0.5))
     with advised(OPENMM, "System"):
-        from openmm_dpd.base.openmm_private import masses_of
+        from openmm_dpd.base.openmm_private import masses_of, virtual_sites
 
+        assert virtual_sites(system).tolist() == [False, True, False]
         assert np.array_equal(masses_of(system), [system.getParticleMass(k).value_in_unit(unit.dalton) for k in range(3)])
 
 
