@@ -312,7 +312,7 @@ class Gap(NamedTuple):
 def gaps(walls: Sequence[Wall], box: np.ndarray | None) -> dict[int, Gap]:
     """Gap between the walls of each axis, by the number of the axis.  ParameterError if two walls have the same axis and side, kinds differ
     on one axis, a periodic axis has a single wall, or there is no solid between the images."""
-    if isinstance(walls, Wall) or not all(isinstance(wall, Wall) for wall in walls):
+    if not isinstance(walls, Sequence) or not all(isinstance(wall, Wall) for wall in walls):
         raise ParameterError(f"walls must be a sequence of Wall, such as [Wall('z', 0.0, 'above'), ...], not {what_is(walls)}")
     found: dict[int, Gap] = {}
     for name in dict.fromkeys(wall.axis for wall in walls):

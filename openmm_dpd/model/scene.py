@@ -72,8 +72,9 @@ class Scene:
         Repulsion between bonds, which keeps chains from crossing.
     body_forces : sequence of BodyForce and PositionForce
         Forces on single beads, which drive a flow.
-    walls : sequence of Wall, or of SolidWall
-        Planes that reflect beads, or shapes from which they bounce back.
+    walls : sequence of Wall and SolidWall
+        Planes that reflect beads, and shapes from which they bounce back.  Beside a shape, planes are walls of shapes, too: bounce-back
+        planes, at rest or with a constant velocity.
     residues : sequence of N str, optional
         Name of the molecule of each bead, for the topology.
     electrostatics : SlaterCharges, GaussianCharges or PointCharges, optional
@@ -115,7 +116,7 @@ class Scene:
     angles: Sequence[Angles] = ()
     segments: SegmentalRepulsion | None = None
     body_forces: Sequence[BodyForce | PositionForce] = ()
-    walls: Sequence[Wall] | Sequence[SolidWall] = ()
+    walls: Sequence[Wall | SolidWall] = ()
     residues: Sequence[str] | None = None
     electrostatics: SmearedCharges | None = None
     interacting: np.ndarray | None = None
@@ -374,7 +375,8 @@ class Scene:
                 term.vectors(self.type_ids, self.type_names, self.box)
             else:
                 term.check_values(self.positions, term.mask(self.type_ids, self.type_names), self.box)
-        keep(self, gaps=gaps(plane_walls(self.walls), self.box), walls=tuple(self.walls))
+        planes, walls = plane_walls(self.walls, self.box)
+        keep(self, gaps=gaps(planes, self.box), walls=tuple(walls))
         check_inside(self.gaps, self.positions, ~self.immobile)
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:

@@ -5,15 +5,16 @@ Shapes repeat with the box.  Lengths may be Quantities; an axis is "x", "y", "z"
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, in_length, optional_package, what_is
 from ..base.units import checked, keep, to_md
-from .flow import AXES, Wall
+from .flow import AXES, BOUNCE_BACK, Wall, gaps
 from .formulas import read_formula, values
 from .sources import point
 
@@ -24,8 +25,8 @@ class WallShape:
     def __post_init__(self):
         """Keep what there is, checked by its name."""
         what = f"of a {type(self).__name__}"
-        for field in fields(self):  # type: ignore[arg-type]  # each shape is a dataclass
-            name, value = field.name, getattr(self, field.name)
+        for its in fields(self):  # type: ignore[arg-type]  # each shape is a dataclass
+            name, value = its.name, getattr(self, its.name)
             if name in ("centre", "size"):
                 value = point(value, f"the {name} {what}")
             elif name in ("radius", "end_radius", "length") and value is not None:
@@ -46,6 +47,17 @@ class WallShape:
     def distance(self, points: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """(N,) signed distances, nm, of points (N, 3) in a box with these edges (3,); ParameterError if the shape does not fit into it."""
         raise NotImplementedError
+
+    def marks(self, edges: np.ndarray, spacing: float) -> np.ndarray:
+        """(M, 2, 3) points that a grid with this spacing has to show as surface, where the distance there is 0, and normals there."""
+        its = [getattr(self, name, ()) for name in ("shape", "without", "shapes")]
+        inner = [shape for each in its for shape in (each if isinstance(each, tuple) else (each,))]
+        return np.concatenate([np.zeros((0, 2, 3)), *(shape.marks(edges, spacing) for shape in inner)])
+
+    @property
+    def title(self) -> str:
+        """In words, for messages."""
+        return type(self).__name__
 
 
 def _require_shapes(shapes: Sequence, what: str) -> None:
@@ -146,6 +158,10 @@ class RoundedBox(WallShape):
         beyond = np.where(self.size > edges * (1 - 1e-9), -edges.max(), d - (0.5 * self.size - self.radius))
         return np.linalg.norm(np.clip(beyond, 0.0, None), axis=1) + np.minimum(beyond.max(axis=1), 0.0) - self.radius
 
+    def marks(self, edges, spacing):
+        normals = np.concatenate([np.eye(3), -np.eye(3)])[np.tile(self.size < edges * (1 - 1e-9), 2)]
+        return np.stack([self.centre + 0.5 * self.size * normals, normals], axis=1)
+
 
 @dataclass(frozen=True, eq=False)
 class FormulaShape(WallShape):
@@ -181,6 +197,93 @@ class GridShape(WallShape):
 
     def distance(self, points, edges):
         return scipy.ndimage.map_coordinates(self.distances, (points / edges * self.distances.shape).T, order=1, mode="grid-wrap")
+
+
+@dataclass(frozen=True, eq=False)
+class MeshShape(WallShape):
+    """The solid inside a closed mesh of triangles, from an STL or OBJ file (also PLY and OFF).  A mesh as long as the box goes on in its
+    next image: its flat ends on the faces of the box are no walls.
+
+    Distances, and what is inside (by winding numbers, for any orientation of the mesh), are those of libigl: ``pip install
+    openmm-dpd[mesh]``.
+
+    Parameters
+    ----------
+    file : path-like
+    unit : length
+        Of the numbers in the file, nm: such files have no unit.
+    centre : three lengths, optional
+        Where the middle of its extents is; by default the numbers in the file are places in the box.
+
+    Raises
+    ------
+    ParameterError
+        If the file is no mesh, or the mesh has holes or edges with more than two triangles; later, if it is larger than the box or outside
+        of it, or has parts that the grid does not show.
+    """
+
+    file: str | os.PathLike
+    unit: float
+    centre: Sequence[float] | np.ndarray | None = None
+    #: (V, 3) from the middle of its extents, and (T, 3) of each triangle
+    vertices: np.ndarray = field(init=False, repr=False)
+    faces: np.ndarray = field(init=False, repr=False)
+    as_read: bool = field(init=False, repr=False)  #: Whether it is where the numbers in the file say
+
+    def __post_init__(self):
+        igl, what = optional_package("igl", "mesh", "meshes need"), f"the mesh {os.fspath(self.file)}"
+        if not os.path.isfile(self.file):
+            raise ParameterError(f"there is no file {os.fspath(self.file)} with a mesh")
+        try:
+            vertices, faces = igl.read_triangle_mesh(os.fspath(self.file))
+        except RuntimeError as error:
+            raise ParameterError(f"{what} cannot be read as STL, OBJ, PLY or OFF: {error}") from None
+        unit = checked(self.unit, "length", f"the unit of {what}", positive=True)
+        centre = self.centre if self.centre is None else point(self.centre, f"the centre of {what}")
+        if not len(faces) or not np.isfinite(vertices).all():
+            raise ParameterError(f"{what} has {len(faces)} triangles" + " with places that are no numbers" * bool(len(faces)))
+        vertices, _, _, faces = igl.remove_duplicate_vertices(vertices, faces, 1e-6 * float(np.ptp(vertices, axis=0).max()))
+        faces, _ = igl.bfs_orient(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)])
+        ends = igl.boundary_facets(faces)[0]
+        if len(ends) or not igl.is_edge_manifold(faces)[0]:
+            where = f"{len(ends)} edges have one triangle" if len(ends) else "some edges have more than two triangles"
+            raise ParameterError(f"{what} is not closed: {where}; mend it in the program that made it")
+        middle = unit * 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        keep(self, vertices=unit * vertices - middle, faces=faces, unit=unit, as_read=centre is None)
+        keep(self, centre=middle if centre is None else centre)
+
+    @property
+    def title(self):
+        size = " x ".join(in_length(edge, 3) for edge in np.ptp(self.vertices, axis=0))
+        return f"mesh {os.path.basename(self.file)} of {size} (by its unit)"
+
+    def distance(self, points, edges):
+        igl, (half, v) = optional_package("igl", "mesh", "meshes need"), (self.vertices.max(axis=0), self.vertices)
+        if self.as_read and (np.abs(self.centre - 0.5 * edges) > half + 0.5 * edges).any():
+            raise ParameterError(f"the {self.title} is outside the box; give it a centre, or another unit")
+        # files have numbers of single precision, so that ends are near the faces of the box, not on them
+        d = _from(np.asarray(self.centre), points, edges, half * (1 - 1e-6), f"the {self.title}")
+        full = half > 0.5 * edges * (1 - 1e-6)
+        solid = np.abs(igl.fast_winding_number(v, self.faces, np.where(full, np.clip(d, (1e-5 - 1) * half, (1 - 1e-5) * half), d))) > 0.5
+        ends = full & ((np.abs(v[self.faces]) > half * (1 - 1e-6)).all(axis=1) & (np.ptp(v[self.faces], axis=1) < half))
+        sides, best = self.faces[~ends.any(axis=1)], np.full(len(d), np.inf)
+        for other in np.ndindex(2, 2, 2) if len(sides) else ():
+            image = d - np.where(d > 0, edges, -edges) * other
+            near = np.sum(np.maximum(np.abs(image) - half, 0.0) ** 2, axis=1) < best
+            best[near] = np.minimum(best[near], igl.point_mesh_squared_distance(image[near], v, sides)[0])
+        return np.where(solid, -1.0, 1.0) * np.sqrt(np.minimum(best, np.sum(edges**2)))
+
+    def marks(self, edges, spacing):
+        corners = self.vertices[self.faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.linalg.norm(normals, axis=1)
+        n = int(np.sum(areas) / spacing**2) + 1
+        which = np.searchsorted(np.cumsum(areas), (np.arange(n) + 0.5) * (np.sum(areas) / n)).clip(max=len(areas) - 1)
+        s, t = np.outer([0.7548776662466927, 0.5698402909980532], np.arange(n)) % 1.0  # evenly in a square, whose half is the triangle
+        s, t = np.where(s + t > 1.0, 1.0 - s, s)[:, None], np.where(s + t > 1.0, 1.0 - t, t)[:, None]
+        its = corners[which]
+        points = self.centre + (1.0 - s - t) * its[:, 0] + s * its[:, 1] + t * its[:, 2]
+        return np.stack([points, normals[which] / areas[which, None]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +361,47 @@ class SolidWall:
         return bool(np.any(self.velocity) or np.any(self.spin))
 
 
-def plane_walls(walls: Sequence[Wall | SolidWall]) -> Sequence[Wall]:
-    """The walls if they are planes, none if all have a shape; ParameterError if there are both."""
+@dataclass(frozen=True, eq=False)
+class _Plane(RoundedBox):
+    """Half of the solid behind a plane, in a box that repeats."""
+
+    name: str = ""
+
+    @property
+    def title(self):
+        return self.name
+
+
+def plane_walls(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> tuple[Sequence[Wall], Sequence[Wall | SolidWall]]:
+    """The walls of a scene that are planes, and all of them: beside one that has a shape, planes have, too."""
     solids = [isinstance(wall, SolidWall) for wall in walls] if isinstance(walls, Sequence) else []
-    if isinstance(walls, SolidWall) or (any(solids) and not all(solids)):
-        kinds = "planes (Wall), or of shapes (SolidWall), not of both"
-        raise ParameterError(f"walls must be a sequence of {kinds}; SolidWall(FormulaShape('z - 1')) is a plane, too")
-    return () if any(solids) else walls  # type: ignore[return-value]  # no other is left
+    if not any(solids):
+        return walls, walls  # type: ignore[return-value]  # gaps() names what is no wall
+    return (), as_solids(walls, box)
+
+
+def as_solids(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> tuple[SolidWall, ...]:
+    """Walls, of which planes get the shape of the solid behind them; ParameterError if they do more than let beads bounce back."""
+    planes = [wall for wall in walls if not isinstance(wall, SolidWall)]
+    found, made = gaps(planes, box), list[SolidWall]()
+    for wall in walls:
+        if isinstance(wall, SolidWall):
+            made.append(wall)
+            continue
+        where = f"plane across {wall.axis} at {in_length(wall.position)}"
+        reasons = {
+            "is specular": wall.kind != BOUNCE_BACK,
+            "oscillates": wall.period is not None,
+            "has a fluid behind it": wall.behind is not None,
+            "has no periodic box": box is None,
+        }
+        reason = next((reason for reason, holds in reasons.items() if holds), None)
+        if reason is not None or box is None:
+            raise ParameterError(f"beside walls of a shape, planes are bounce-back walls with a constant velocity; the {where} {reason}")
+        axis = AXES.index(wall.axis)
+        low, high = found[axis][:2]
+        size, centre = np.diag(box).copy(), np.zeros(3)
+        size[axis] = 0.5 * (size[axis] - (high - low))
+        centre[axis] = low - 0.5 * size[axis] if wall.side == "above" else high + 0.5 * size[axis]
+        made.append(SolidWall(_Plane(centre, size, name=where), velocity=wall.velocity or (0.0, 0.0, 0.0)))
+    return tuple(made)

@@ -1,4 +1,6 @@
-"""Beads of rigid bodies of common shapes, and such bodies at random in a fluid."""
+"""Beads of rigid bodies of common shapes or of a mesh, and such bodies at random in a fluid."""
+
+import os
 
 import numpy as np
 
@@ -7,6 +9,7 @@ from ..base.geometry import pairs_within
 from ..base.units import to_md, whole_number
 from ..model.box import box_vectors
 from ..model.pairs import checked
+from ..model.shapes import MeshShape
 
 
 def body_shape(shape: str, size, spacing) -> np.ndarray:
@@ -14,10 +17,11 @@ def body_shape(shape: str, size, spacing) -> np.ndarray:
 
     Parameters
     ----------
-    shape : {"sphere", "shell", "rod", "disc", "cube"}
-        A solid or a hollow sphere, a line along x, a flat disc in the plane of x and y, or a solid cube.
+    shape : {"sphere", "shell", "rod", "disc", "cube"}, or path-like
+        A solid or a hollow sphere, a line along x, a flat disc in the plane of x and y, or a solid cube; or a file with the mesh of a
+        solid, for which :class:`openmm_dpd.shapes.MeshShape` says what is read and what is raised.
     size : length
-        Radius of a sphere, shell or disc, length of a rod, edge of a cube.
+        Radius of a sphere, shell or disc, length of a rod, edge of a cube; for a mesh the unit of the numbers in its file.
     spacing : length
         Distance of neighbours, about.
 
@@ -36,12 +40,22 @@ def body_shape(shape: str, size, spacing) -> np.ndarray:
         line = np.linspace(-0.5 * size, 0.5 * size, round(size / spacing) + 1)
         across = line if shape == "cube" else np.zeros(1)
         return np.stack(np.meshgrid(line, across, across, indexing="ij"), axis=-1).reshape(-1, 3)
+    mesh = None
     if shape not in ("sphere", "disc"):
-        raise ParameterError(f"the shape of a body must be sphere, shell, rod, disc or cube, not {what_is(shape)}")
+        if not isinstance(shape, str | os.PathLike) or not os.path.splitext(shape)[1]:
+            raise ParameterError(f"the shape of a body must be sphere, shell, rod, disc, cube or a file of a mesh, not {what_is(shape)}")
+        mesh = MeshShape(shape, size, (0.0, 0.0, 0.0))
+        size = float(np.linalg.norm(mesh.vertices, axis=1).max())
     reach = np.arange(-int(2 * size / spacing) - 2, int(2 * size / spacing) + 3)
-    cells = np.stack(np.meshgrid(reach, reach, reach if shape == "sphere" else [0], indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = np.stack(np.meshgrid(reach, reach, [0] if shape == "disc" else reach, indexing="ij"), axis=-1).reshape(-1, 3)
     found = spacing * cells @ np.array([[1, 0, 0], [0.5, np.sqrt(0.75), 0], [0.5, np.sqrt(1 / 12), np.sqrt(2 / 3)]])  # closest packing
-    return found[np.sum(found**2, axis=1) <= size**2 * (1 + 1e-9)]
+    found = found[np.sum(found**2, axis=1) <= size**2 * (1 + 1e-9)]
+    if mesh is not None:
+        found = found[mesh.distance(found, np.full(3, 4 * size)) <= 0]
+        if len(found) < 2:
+            raise ParameterError(f"the {mesh.title} has room for {len(found)} beads: give a larger unit, or a smaller spacing")
+        found -= found.mean(axis=0)
+    return found
 
 
 def suspension(places, count: int, box, *, apart, density: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:

@@ -13,9 +13,10 @@ from ..base.geometry import folded
 from ..base.openmm_private import vectors
 from ..base.units import whole_number
 from ..kernels.solids import Carried
+from ..model.flow import Wall
 from ..model.pairs import NONE
 from ..model.scene import Scene
-from ..model.shapes import SolidWall
+from ..model.shapes import SolidWall, as_solids
 from ..plan.continuum import other_terms
 from ..plan.pair_spec import longest
 from ..plan.solids import check_circles, solids_of, surface
@@ -34,7 +35,13 @@ _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "b
 
 
 def frozen_layer(
-    scene: Scene, walls: Sequence[SolidWall], *, dt, steps: int = 500, seed: int | None = None, types: Mapping[str, str] | None = None
+    scene: Scene,
+    walls: Sequence[Wall | SolidWall],
+    *,
+    dt,
+    steps: int = 500,
+    seed: int | None = None,
+    types: Mapping[str, str] | None = None,
 ) -> Scene:
     """Put walls of any shape into a fluid, with a layer of the fluid itself behind them, in which beads do not move.
 
@@ -50,7 +57,7 @@ def frozen_layer(
     ----------
     scene : Scene
         A fluid of single beads in a periodic box.  Body forces and sources act from the new scene on.
-    walls : sequence of SolidWall
+    walls : sequence of SolidWall and Wall
     dt, steps, seed : time, int, int
         The run, with the scheme ``middle``; it takes several hundred steps if beads start from random positions.
     types : mapping of str to str, optional
@@ -67,8 +74,9 @@ def frozen_layer(
     others = [name for name, (part, default) in parts.items() if isinstance(part, np.ndarray) or part not in (None, (), default)]
     if others:
         raise ParameterError(f"a frozen layer is made of a fluid of single beads; the scene has {', '.join(others)}")
-    if not isinstance(walls, Sequence) or not walls or not all(isinstance(wall, SolidWall) for wall in walls):
-        raise ParameterError(f"walls must be a sequence of SolidWall, not {what_is(walls)}")
+    if not isinstance(walls, Sequence) or not walls or not all(isinstance(wall, Wall | SolidWall) for wall in walls):
+        raise ParameterError(f"walls must be a sequence of SolidWall and Wall, not {what_is(walls)}")
+    walls = as_solids(walls, scene.box)
     if not isinstance(types or {}, Mapping):
         raise ParameterError(f"types must be a mapping of bead types to others, not {what_is(types)}")
     if set(types or ()) - set(scene.types):
@@ -108,7 +116,7 @@ def frozen_layer(
     kept, free = np.concatenate([np.flatnonzero(fluid), np.flatnonzero(layer)]), np.count_nonzero(fluid)
     names = [scene.types[k] if place < free else types.get(scene.types[k], scene.types[k]) for place, k in enumerate(kept)]
     changed = {"types": names, "positions": x[kept], "velocities": v[kept], "bead_masses": scene.bead_masses[kept]}
-    return replace(scene, **changed, mobile=np.arange(len(kept)) < free, walls=tuple(walls))
+    return replace(scene, **changed, mobile=np.arange(len(kept)) < free, walls=walls)
 
 
 def _with_held(scene: Scene) -> tuple[Scene, dict[str, str]]:

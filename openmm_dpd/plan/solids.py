@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy
 
 from ..base.errors import ParameterError, bead_number, either, in_length
 from ..base.names import MOST_SOLIDS
@@ -86,7 +87,7 @@ def solids_of(walls: Sequence[SolidWall], box: np.ndarray | None, cutoff: float,
 
 def _check_surface(wall: SolidWall, made: Solids, number: int, step: np.ndarray) -> None:
     """ParameterError if there is no surface, it is cut by the faces of the box, or the wall moves through it."""
-    values, what = made.distances[number], f"wall {number} with a shape, {type(wall.shape).__name__},"
+    values, what = made.distances[number], f"wall {number} with a shape, {wall.shape.title},"
     if not (values > 0).any() or not (values < 0).any():
         raise ParameterError(f"{what} has no surface in the box: all of it is {'fluid' if (values > 0).any() else 'solid'}")
     for axis, rises in enumerate(np.abs(step)):
@@ -94,6 +95,7 @@ def _check_surface(wall: SolidWall, made: Solids, number: int, step: np.ndarray)
         crosses = values.take(-1, axis) * values.take(0, axis) < 0
         if (crosses & (across > 3.0 * np.maximum(before, after) + 1e-6 * made.edges[axis])).any():
             raise ParameterError(f"{what} is cut by the faces of the box across {'xyz'[axis]}: it does not go on in the next image")
+    _check_marks(wall, made, number, what)
     if wall.moves:
         there, steep = surface(made, number)
         u = made.velocity(number, there)
@@ -101,6 +103,25 @@ def _check_surface(wall: SolidWall, made: Solids, number: int, step: np.ndarray)
         ahead, behind = (wall.shape.distance(there + sign * small.min() * u / fastest, made.edges) for sign in (1.0, -1.0))
         if (np.abs(ahead - behind) > THROUGH * 2.0 * small.min() * steep).any():
             raise ParameterError(f"{what} would not stay where it is as it moves: velocity and spin must be along its surface everywhere")
+
+
+def _check_marks(wall: SolidWall, made: Solids, number: int, what: str) -> None:
+    """ParameterError if parts of a surface are thinner than a grid shows: within two of its spacings, most marks of the surface do not have
+    the solid half a spacing to one side, and the fluid to the other."""
+    width = float((made.edges / made.distances.shape[1:]).max())
+    marks = wall.shape.marks(made.edges, width)
+    if not len(marks):
+        return
+    marks = marks[np.abs(wall.shape.distance(marks[:, 0], made.edges)) < 1e-3 * width]
+    ahead, behind = (made.distance(marks[:, 0] + sign * 0.5 * width * marks[:, 1])[number] for sign in (1.0, -1.0))
+    trees = [scipy.spatial.cKDTree(its[:, 0]) for its in (marks, marks[ahead * behind < 0])]
+    around, shown = (tree.query_ball_point(marks[:, 0], 2.0 * width, return_length=True) for tree in trees)
+    lost = marks[2 * shown < around, 0]
+    if len(lost):
+        raise ParameterError(
+            f"{what} has parts, near ({', '.join(f'{value:.3g}' for value in lost[0])}), that are thinner or nearer to each other than the "
+            f"spacing of the grid, {in_length(width, 2)}: it would have holes there; thicken them, or leave them out"
+        )
 
 
 def surface(made: Solids, number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -124,4 +145,4 @@ def solid_text(wall: SolidWall, made: Any, number: int) -> str:
     along = 0 if made.carried is None else np.count_nonzero(made.carried.wall == number)
     moving += f", which {along} immobile beads go along with" if along else ""
     size = " x ".join(map(str, made.distances.shape[1:]))
-    return f"bounce-back wall of a shape: {type(wall.shape).__name__} on a grid of {size}, off by up to {in_length(error, 2)}{moving}"
+    return f"bounce-back wall of a shape: {wall.shape.title} on a grid of {size}, off by up to {in_length(error, 2)}{moving}"

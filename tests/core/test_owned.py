@@ -89,7 +89,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
 
 _SCALARS = (
     "BondBreaking ConstantHeatCapacity DPD EnergyDPD EwaldSum LeesEdwards LennardJones MDPD SmearedCharges Scheme TemperatureRamp Wall "
-    "FormulaShape Complement Difference"
+    "FormulaShape Complement Difference MeshShape _Plane"
 )
 SCALARS = set(_SCALARS.split())  # Only numbers, text and other frozen classes in them.
 

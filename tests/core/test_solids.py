@@ -282,11 +282,42 @@ def test_no_bead_passes_in_many_steps():
     pass_none(range(4, 12), 125, 500)
 
 
+def test_planes_beside_a_shape_reflect_where_they_are():
+    """Ideal beads in the next image, towards both planes and the ball: after a step they are where a bounce at the time of the crossing takes
+    them, in the frame of planes that move; the planes' impulses are what the beads lose."""
+    low, high, speeds = 1.0, 4.5, {"above": (0.5, -1.0, 0.0), "below": (0.0, 0.25, 0.0)}
+    planes = [dpd.Wall("z", z, side, velocity=speeds[side]) for z, side in ((low, "above"), (high, "below"))]
+    walls = [planes[0], SolidWall(Ball((2.5, 3.0, 2.75), 1.0)), planes[1]]
+    rng, n = np.random.default_rng(4), 40
+    x, v = rng.random((n, 3)) * [0.8, 6.0, 0.0], rng.normal(size=(n, 3))
+    side = np.arange(n) % 2
+    x[:, 2] = np.where(side, high - 0.01, low + 0.01) + EDGES[2]
+    v[:, 2] = np.where(side, 1, -1) * (1.0 + np.abs(v[:, 2]))
+    x[0], v[0] = [2.5, 3.0, 1.72], [0.0, 0.0, 1.0]
+    given = {"types": ["A"] * n, "masses": {"A": 2.0}, "positions": x, "velocities": v, "kT": 0.0}
+    scene = dpd.Scene(**given, pairs={("A", "A"): dpd.DPD(A=1e-12, gamma=0)}, box=EDGES, walls=walls)
+    built, simulation = run(scene, "mvv", dt=0.1)
+    assert "plane across z at 1 nm on a grid" in built.explain() and "velocity (0.5, -1, 0)" in built.explain()
+    simulation.step(1)
+    state = simulation.context.getState(positions=True, velocities=True)
+    there, turned = state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value
+    u = np.where(side[:, None], speeds["below"], speeds["above"])
+    u[0] = 0.0
+    time = np.where(side, high + EDGES[2] - x[:, 2], low + EDGES[2] - x[:, 2]) / v[:, 2]
+    time[0] = 0.03
+    after = 2 * u - v
+    np.testing.assert_allclose(turned, after, atol=1e-6)
+    np.testing.assert_allclose(there, x + time[:, None] * v + (0.1 - time)[:, None] * after, atol=1e-5)
+    pushes = np.array([[simulation.context.getParameter(f"dpd_solid_{k}_force_{a}") for a in "xyz"] for k in range(3)])
+    parts = [2.0 * np.sum((v - after)[its], axis=0) for its in (side == 0, slice(0, 1), side == 1)]
+    np.testing.assert_allclose(pushes, [parts[0] - parts[1], *parts[1:]], atol=1e-5)
+
+
 # -- what is refused -------------------------------------------------------------------------------------------------------------
 def refused(message: str, walls=(TURNING[0],), build=None, **options) -> None:
     with pytest.raises(dpd.DPDError, match=message):
         n = 20
-        given = {"masses": {"A": 1.0}, "types": ["A"] * n, "pairs": FLUID, "kT": 1.0, "box": EDGES, "walls": list(walls)}
+        given = {"masses": {"A": 1.0}, "types": ["A"] * n, "pairs": FLUID, "kT": 1.0, "box": EDGES, "walls": walls}
         x = np.random.default_rng(1).random((n, 3)) + [2.0, 2.5, 2.0]
         dpd.build(dpd.Scene(**given | {"positions": x} | options), **{"dt": 0.02, "platform": "CPU"} | (build or {}))
 
@@ -294,7 +325,14 @@ def refused(message: str, walls=(TURNING[0],), build=None, **options) -> None:
 def test_what_cannot_be_is_refused():
     wall = SolidWall(PIPE)
     refused("bead 0 starts in a wall, 0.24 nm deep .20 such", positions=np.random.default_rng(1).random((20, 3)) * 0.1 + [0.4, 2.0, 0])
-    refused("either planes|planes \\(Wall\\), or of shapes", [wall, dpd.Wall("z", 0.0, "above")])
+    pair = [wall, dpd.Wall("z", 0.0, "above"), dpd.Wall("z", 5.0, "below")]
+    refused("only wall there", pair[:2])
+    refused("the plane across z at 5 nm is specular", [*(dataclasses.replace(each, kind="specular") for each in pair[1:]), wall][::-1])
+    refused("plane across z at 0 nm oscillates", [wall, dataclasses.replace(pair[1], velocity=(1, 0, 0), period=3.0), pair[2]])
+    refused("plane across z at 5 nm has a fluid behind it", [*pair[:2], dataclasses.replace(pair[2], behind="A", density=3.0)])
+    refused("plane across z at 0 nm has no periodic box", pair, box=None)
+    refused("plane across z at 0 nm, has no surface in the box: all of it is fluid", [*pair[:2], dpd.Wall("z", 5.42, "below")])
+    refused("sequence of Wall", SolidWall(PIPE))
     refused("periodic box that is not tilted", box=None)
     refused("periodic box that is not tilted", box=np.diag(EDGES) + [[0, 0, 0], [1, 0, 0], [0, 0, 0]])
     refused("all of it is solid", [SolidWall(FormulaShape("-1 - z"))])
