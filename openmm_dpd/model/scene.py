@@ -16,9 +16,10 @@ from .flow import BodyForce, Gap, PositionForce, Wall, check_inside, gaps
 from .impropers import Impropers
 from .internal import Internal, check_internal
 from .pairs import NONE, PairTable, require_complete
+from .planes import plane_walls
 from .reactions import BondBreaking, BondFormation, check_reactions
 from .segments import SegmentalRepulsion, check_segments
-from .shapes import SolidWall, plane_walls
+from .shapes import SolidWall
 from .shear import LeesEdwards, check_shear
 from .sources import Buoyancy, Source
 from .temperature import TemperatureRamp

@@ -14,7 +14,7 @@ import scipy
 
 from ..base.errors import ParameterError, in_length, optional_package, what_is
 from ..base.units import checked, keep, to_md
-from .flow import AXES, BOUNCE_BACK, Wall, gaps
+from .flow import AXES
 from .formulas import read_formula, values
 from .sources import point
 
@@ -359,49 +359,3 @@ class SolidWall:
     def moves(self) -> bool:
         """Whether it has a velocity anywhere."""
         return bool(np.any(self.velocity) or np.any(self.spin))
-
-
-@dataclass(frozen=True, eq=False)
-class _Plane(RoundedBox):
-    """Half of the solid behind a plane, in a box that repeats."""
-
-    name: str = ""
-
-    @property
-    def title(self):
-        return self.name
-
-
-def plane_walls(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> tuple[Sequence[Wall], Sequence[Wall | SolidWall]]:
-    """The walls of a scene that are planes, and all of them: beside one that has a shape, planes have, too."""
-    solids = [isinstance(wall, SolidWall) for wall in walls] if isinstance(walls, Sequence) else []
-    if not any(solids):
-        return walls, walls  # type: ignore[return-value]  # gaps() names what is no wall
-    return (), as_solids(walls, box)
-
-
-def as_solids(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> tuple[SolidWall, ...]:
-    """Walls, of which planes get the shape of the solid behind them; ParameterError if they do more than let beads bounce back."""
-    planes = [wall for wall in walls if not isinstance(wall, SolidWall)]
-    found, made = gaps(planes, box), list[SolidWall]()
-    for wall in walls:
-        if isinstance(wall, SolidWall):
-            made.append(wall)
-            continue
-        where = f"plane across {wall.axis} at {in_length(wall.position)}"
-        reasons = {
-            "is specular": wall.kind != BOUNCE_BACK,
-            "oscillates": wall.period is not None,
-            "has a fluid behind it": wall.behind is not None,
-            "has no periodic box": box is None,
-        }
-        reason = next((reason for reason, holds in reasons.items() if holds), None)
-        if reason is not None or box is None:
-            raise ParameterError(f"beside walls of a shape, planes are bounce-back walls with a constant velocity; the {where} {reason}")
-        axis = AXES.index(wall.axis)
-        low, high = found[axis][:2]
-        size, centre = np.diag(box).copy(), np.zeros(3)
-        size[axis] = 0.5 * (size[axis] - (high - low))
-        centre[axis] = low - 0.5 * size[axis] if wall.side == "above" else high + 0.5 * size[axis]
-        made.append(SolidWall(_Plane(centre, size, name=where), velocity=wall.velocity or (0.0, 0.0, 0.0)))
-    return tuple(made)

@@ -15,8 +15,9 @@ from ..base.units import whole_number
 from ..kernels.solids import Carried
 from ..model.flow import Wall
 from ..model.pairs import NONE
+from ..model.planes import as_solids
 from ..model.scene import Scene
-from ..model.shapes import SolidWall, as_solids
+from ..model.shapes import SolidWall
 from ..plan.continuum import other_terms
 from ..plan.pair_spec import longest
 from ..plan.solids import check_circles, solids_of, surface
