@@ -119,6 +119,7 @@ def chains(said: str, style: str, number: int, length: int, place: Callable[[int
 
 
 FILES = {  # Files beside the decks.
+    "given.txt": "1\n1 5 0.9 0.7 0.5 1 1.2 1.2 0 0 0 0 0 0 0 0.1 0.2 0 0 0\n",
     "data.turns": chains(
         "two chains", "molecular", 2, 4, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m + 0.3 * (k % 2)} {0.5 + m + 0.2 * (k == 3)}"
     ).replace("1 dihedral types\n", "1 dihedral types\n2 impropers\n1 improper types\n")
@@ -252,7 +253,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
             )
             for style, more in {
                 **{"rigid": " force 2 off off off torque 2 off off off", "rigid/nve": " force 2 on off off torque 2 off off off"},
-                **{"rigid/small": "", "rigid/nve/small": " reinit no"},
+                **{"rigid/small": " infile given.txt", "rigid/nve/small": " reinit no"},
             }.items()
         },
         "langevin": deck(before="fix bath all langevin 1.0 1.0 0.5 42 tally yes zero yes\n" + averaged("f_bath")),

@@ -22,7 +22,21 @@ from .forces import CUTOFF, EXPONENT, GAMMA
 from .moment import Moment
 from .noise import normal, pair_key
 from .pairs import PairList
-from .rigid import INVERSE, MOVES, SPEED, SPIN, BodyBeads, carry_bodies, cross, frame, keep_beads, look_at_bodies, write_beads
+from .rigid import (
+    BEADS,
+    INV_MASS,
+    INVERSE,
+    MOVES,
+    SPEED,
+    SPIN,
+    BodyBeads,
+    carry_bodies,
+    cross,
+    frame,
+    keep_beads,
+    look_at_bodies,
+    write_beads,
+)
 from .solids import Solids
 from .sweeps import decay
 
@@ -38,16 +52,22 @@ class BodySpec:
     numbers: np.ndarray  #: 1/I3 of beads in line is 1/I1, so that they do not turn about their line
     marks: np.ndarray
     frames: np.ndarray
+    spins: np.ndarray
 
     @staticmethod
     def of(shapes: Any) -> BodySpec:
         """From some :class:`openmm_dpd.model.bodies.Shape`."""
-        numbers, marks, frames = [], [], np.zeros((len(shapes), 3, 3))
+        numbers, marks, frames, spins = [], [], np.zeros((len(shapes), 3, 3)), np.zeros((len(shapes), 3, 3))
         start = np.cumsum([0] + [len(shape.mass) for shape in shapes])
-        for first, shape, its in zip(start.tolist(), shapes, frames, strict=False):
+        for first, shape, its, spin in zip(start.tolist(), shapes, frames, spins, strict=False):
             inverse = shape.body.turns / np.where(shape.moments > 0.0, shape.moments, shape.moments[0])
-            squares, mass = np.sum(shape.places**2, axis=1), shape.mass.sum()
-            numbers.append([1.0 / mass, *((axis in shape.body.moves) / mass for axis in "xyz"), *inverse, np.sqrt(squares.max())])
+            squares, mass, beads = np.sum(shape.places**2, axis=1), shape.mass.sum(), np.zeros(4)
+            if shape.given is not None:
+                middle = shape.mass @ shape.places / mass
+                arms = np.sqrt(shape.mass)[:, None] * (shape.places - middle)
+                spin[:] = np.linalg.pinv(np.sum(arms**2) * np.eye(3) - arms.T @ arms, rcond=1e-9, hermitian=True)
+                mass, beads = shape.given, np.array([mass, *middle])
+            numbers.append([1.0 / mass, *((axis in shape.body.moves) / mass for axis in "xyz"), *inverse, np.sqrt(squares.max()), *beads])
             # three beads that are far from each other, and far from a line
             a = int(np.argmax(squares))
             b = int(np.argmax(np.sum((shape.places - shape.places[a]) ** 2, axis=1)))
@@ -56,7 +76,7 @@ class BodySpec:
             frame.py_func(shape.places, a, b, c, its)
             marks.append([first + a, first + b, first + c if c >= 0 else -1])
         beads, mass, places = (np.concatenate(each) for each in zip(*((s.body.beads, s.mass, s.places) for s in shapes), strict=True))
-        return BodySpec(beads, start, mass, places, np.array(numbers), np.array(marks), frames)
+        return BodySpec(beads, start, mass, places, np.array(numbers), np.array(marks), frames, spins)
 
 
 class PairsOfBodies(NamedTuple):
@@ -138,22 +158,23 @@ class Bodies:
         body[spec.beads], member[spec.beads] = np.repeat(np.arange(len(spec.marks)), np.diff(spec.start)), np.arange(members)
         #: (N,) which beads are in bodies
         self.inside_bodies = body >= 0
-        known = spec.start, spec.mass, spec.places, spec.numbers, spec.marks, spec.frames
-        scratch = np.zeros((members, 3)), np.zeros((members, 3)), np.zeros((len(spec.marks), 18)), np.zeros_like(spec.frames)
+        known = spec.start, spec.mass, spec.places, spec.numbers, spec.marks, spec.frames, spec.spins
+        before, was, arms = np.zeros((3, members, 3))
+        scratch = before, was, arms, np.zeros((len(spec.marks), 18)), np.zeros_like(spec.frames)
         self.beads = BodyBeads(spec.beads.copy(), *known, *scratch, body, member, np.zeros(1, np.int64))
 
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         """See :meth:`.pairs.PairList.seat`."""
         self.beads.rows[:] = places[self.spec.beads]
 
-    def keep(self, x: np.ndarray) -> None:
-        """Remember the positions (N, 3) from which bodies will drift."""
-        keep_beads(self.beads, x)
+    def keep(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Remember the positions (N, 3) from which bodies will drift, and their velocities before beads are kicked."""
+        keep_beads(self.beads, x, v)
 
-    def carry(self, x: np.ndarray, v: np.ndarray, time: float) -> None:
+    def carry(self, x: np.ndarray, v: np.ndarray, time: float, kicked: bool = True) -> None:
         """Drift for a time from the positions that are kept, with the bodies' part of the velocities (N, 3), and write both; for the time 0
-        write velocities alone.  RunError if a body is not rigid any more."""
-        if carry_bodies(self.beads, x, v, time):
+        write velocities alone.  The beads were ``kicked`` since velocities were kept.  RunError if a body is not rigid any more."""
+        if carry_bodies(self.beads, x, v, time, kicked):
             bead = self.spec.beads[self.beads.wrong[0]]
             raise RunError(
                 f"body {self.beads.body[bead]} is not rigid: bead {bead_number(bead)} is not at its place; positions that are set "
@@ -165,11 +186,17 @@ class Bodies:
         self.look(x, x)
         return float(np.sum(self.beads.arms * force[self.spec.beads]))
 
-    def centred(self, values: np.ndarray) -> np.ndarray:
-        """Values (N, 3), in which beads of bodies have the mean of their body, weighted with masses, along the axes where it moves."""
+    def centred(self, values: np.ndarray, x: np.ndarray | None = None) -> np.ndarray:
+        """Accelerations (N, 3), or velocities at positions x, in which beads of bodies have that of the centre, along the axes where it
+        moves; times the root of its mass over theirs, so that squares times masses of beads are those of the body."""
         spec, out = self.spec, values.copy()
-        sums = np.add.reduceat(spec.mass[:, None] * values[spec.beads], spec.start[:-1])
-        out[spec.beads] = np.repeat(sums * spec.numbers[:, MOVES : MOVES + 3], np.diff(spec.start), axis=0)
+        found = np.add.reduceat(spec.mass[:, None] * values[spec.beads], spec.start[:-1]) * spec.numbers[:, MOVES : MOVES + 3]
+        given = spec.numbers[:, BEADS] > 0.0
+        if given.any() and x is not None:
+            self.look(x, values)
+            found[given] = self.beads.state[given, SPEED : SPEED + 3]
+        found[given] /= np.sqrt(spec.numbers[given, BEADS] * spec.numbers[given, INV_MASS])[:, None]
+        out[spec.beads] = np.repeat(found, np.diff(spec.start), axis=0)
         return out
 
     def look(self, x: np.ndarray, v: np.ndarray) -> None:
@@ -191,8 +218,8 @@ def move_all(
 ) -> int:
     """Kick and drift the beads of a moment (see :func:`.motion.move`), those of bodies together, and up to walls that have a shape."""
     bounces = time != 0.0 and isinstance(walls, Solids)
-    if bodies is not None and time:
-        bodies.keep(m.x)
+    if bodies is not None:
+        bodies.keep(m.x, m.v)
     found = motion.move(m.x.ravel(), m.v.ravel(), force, inv_mass, kick, 0.0 if bounces else time, limit)
     if bounces:
         walls.drift(m.x, m.v, time, m.impulses)
@@ -204,6 +231,8 @@ def move_all(
 def accelerate_all(bodies: Bodies | None, m: Moment, force: np.ndarray, inv_mass: np.ndarray, kick: float) -> None:
     """Write the accelerations of the beads of a moment, and kick them (see :func:`.motion.accelerate`), those of bodies together."""
     assert m.acc is not None
+    if bodies is not None:
+        bodies.keep(m.x, m.v)
     motion.accelerate(m.acc.ravel(), m.v.ravel(), force, inv_mass, kick)
     if bodies is not None and kick:
         bodies.carry(m.x, m.v, 0.0)

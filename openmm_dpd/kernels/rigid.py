@@ -6,7 +6,9 @@ them, and writes them back::
     X = sum m x / M,   V = sum m v / M,   L = sum m (x - X) x v,   x = X + R s,   v = V + I^-1 L x (x - X)
 
 with the places s of the beads along its principal axes, and R from three beads that are far apart.  So kicks may act on single beads: to
-read and write velocities afterwards is the kick of the body.  In a drift a body turns by the exact rotation of a symmetric top, and before
+read and write velocities afterwards is the kick of the body.  Where mass, centre and tensor of inertia of a body are given, and are not
+those of its beads, V and L are those before the kick, which the velocities of beads at that time show, and the impulses that the beads have
+got since then.  In a drift a body turns by the exact rotation of a symmetric top, and before
 and after it for half the time about its second axis, as the rest of the kinetic energy asks for::
 
     T = [ L^2/(2 I1) + (1/I3 - 1/I1) L3^2/2 ] + (1/I2 - 1/I1) L2^2/2
@@ -24,8 +26,9 @@ from .elementary import sine
 
 #: Part of its size by which beads may be away from where they should be in a body.
 TOLERANCE = 1e-3
-#: Columns of the numbers of a body: 1/M, 1/M along the axes where it moves, 1/moments of inertia (0 if it does not turn), size.
-INV_MASS, MOVES, TURNS, SIZE = 0, 1, 4, 7
+#: Columns of the numbers of a body: 1/M, 1/M along the axes where it moves, 1/moments of inertia (0 if it does not turn), size, and the
+#: mass of its beads if its own is given (else 0), with their centre in its axes.
+INV_MASS, MOVES, TURNS, SIZE, BEADS, MIDDLE = 0, 1, 4, 7, 8, 9
 #: Columns of its state: centre, velocity, angular momentum, angular velocity, inverse tensor of inertia (xx, yy, zz, xy, xz, yz).
 CENTRE, SPEED, MOMENTUM, SPIN, INVERSE = 0, 3, 6, 9, 12
 
@@ -37,10 +40,12 @@ class BodyBeads(NamedTuple):
     start: np.ndarray  #: (B + 1,) the first bead of each body
     mass: np.ndarray  #: (M,)
     places: np.ndarray  #: (M, 3)
-    numbers: np.ndarray  #: (B, 8)
+    numbers: np.ndarray  #: (B, 12)
     marks: np.ndarray  #: (B, 3) which of the M beads show the rotation; the third is -1 if they are in line
     frames: np.ndarray  #: (B, 3, 3) the :func:`frame` of their places
+    spins: np.ndarray  #: (B, 3, 3) in the body's axes, its angular velocity per angular momentum of its beads, where the former are given
     before: np.ndarray  #: (M, 3) positions before a drift
+    was: np.ndarray  #: (M, 3) velocities before a kick
     arms: np.ndarray  #: (M, 3) vectors from the centres, while pairs are swept over
     state: np.ndarray  #: (B, 18)
     turn: np.ndarray  #: (B, 3, 3) rotations
@@ -119,8 +124,48 @@ def _turn_freely(turn, rates, lx, ly, lz, time):
 
 
 @helper
-def _read(bodies, b, x, v, kept):
-    """Read centre, velocity, angular momentum and rotation of body b, without what is held; positions are rows of x, or ``kept`` ones."""
+def _read_given(bodies, b, x, v, kept, kicked):
+    """Read centre, velocity and angular momentum of body b, whose mass and inertia are given and whose rotation is known: the motion that
+    its beads show, before they were ``kicked`` if so, and what their kicks have added to it."""
+    begin, end, n, its, turn = bodies.start[b], bodies.start[b + 1], bodies.numbers[b], bodies.state[b], bodies.turn[b]
+    first = begin if kept else bodies.rows[begin]
+    mx, my, mz = _in_space(turn, n[MIDDLE], n[MIDDLE + 1], n[MIDDLE + 2])
+    cx, cy, cz = 0.0, 0.0, 0.0
+    for k in range(begin, end):
+        i, part = k if kept else bodies.rows[k], bodies.mass[k] / n[BEADS]
+        cx += part * (x[i, 0] - x[first, 0])
+        cy += part * (x[i, 1] - x[first, 1])
+        cz += part * (x[i, 2] - x[first, 2])
+    its[CENTRE], its[CENTRE + 1], its[CENTRE + 2] = x[first, 0] + cx - mx, x[first, 1] + cy - my, x[first, 2] + cz - mz
+    ux, uy, uz, lx, ly, lz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    px, py, pz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(begin, end):
+        i, j, m = k if kept else bodies.rows[k], bodies.rows[k], bodies.mass[k]
+        rx, ry, rz = x[i, 0] - its[0], x[i, 1] - its[1], x[i, 2] - its[2]
+        vx, vy, vz = v[j, 0], v[j, 1], v[j, 2]
+        if kicked:
+            vx, vy, vz = bodies.was[k, 0], bodies.was[k, 1], bodies.was[k, 2]
+            gx, gy, gz = m * (v[j, 0] - vx), m * (v[j, 1] - vy), m * (v[j, 2] - vz)
+            qx, qy, qz = cross(rx, ry, rz, gx, gy, gz)
+            px, py, pz, tx, ty, tz = px + gx, py + gy, pz + gz, tx + qx, ty + qy, tz + qz
+        qx, qy, qz = cross(rx - mx, ry - my, rz - mz, m * vx, m * vy, m * vz)
+        ux, uy, uz, lx, ly, lz = ux + m * vx, uy + m * vy, uz + m * vz, lx + qx, ly + qy, lz + qz
+    a, c, d = _in_body(turn, lx, ly, lz)
+    fit = bodies.spins[b]
+    a, c, d = _in_space(fit, a, c, d)
+    wx, wy, wz = _in_space(turn, a, c, d)
+    qx, qy, qz = cross(wx, wy, wz, mx, my, mz)
+    for k, speed, push in ((0, ux / n[BEADS] - qx, px), (1, uy / n[BEADS] - qy, py), (2, uz / n[BEADS] - qz, pz)):
+        its[SPEED + k] = (speed if n[MOVES + k] > 0.0 else 0.0) + n[MOVES + k] * push
+    if n[TURNS] > 0.0:
+        wx, wy, wz = _in_space(turn, a / n[TURNS], c / n[TURNS + 1], d / n[TURNS + 2])
+        its[MOMENTUM], its[MOMENTUM + 1], its[MOMENTUM + 2] = wx + tx, wy + ty, wz + tz
+
+
+@helper
+def _read(bodies, b, x, v, kept, kicked):
+    """Read centre, velocity, angular momentum and rotation of body b, without what is held; positions are rows of x, or ``kept`` ones.
+    If it was ``kicked``, velocities before that are kept, too."""
     begin, end, n, its, turn = bodies.start[b], bodies.start[b + 1], bodies.numbers[b], bodies.state[b], bodies.turn[b]
     first, marks = begin if kept else bodies.rows[begin], bodies.marks[b]
     its[:] = 0.0
@@ -144,23 +189,26 @@ def _read(bodies, b, x, v, kept):
     frame(x, marks[0] if kept else bodies.rows[marks[0]], marks[1] if kept else bodies.rows[marks[1]], last, turn)
     for a in range(3):
         turn[a, 0], turn[a, 1], turn[a, 2] = _in_space(bodies.frames[b], turn[a, 0], turn[a, 1], turn[a, 2])
+    if n[BEADS] > 0.0:
+        _read_given(bodies, b, x, v, kept, kicked)
 
 
-def _keep(bodies, x, part, parts, team):
-    """Write down the positions of all beads of bodies."""
+def _keep(bodies, x, v, part, parts, team):
+    """Write down the positions and velocities of all beads of bodies."""
     for k in range(len(bodies.rows)):
         for a in range(3):
             bodies.before[k, a] = x[bodies.rows[k], a]
+            bodies.was[k, a] = v[bodies.rows[k], a]
     return 0
 
 
-def _carry(bodies, x, v, time, part, parts, team):
+def _carry(bodies, x, v, time, kicked, part, parts, team):
     """Let bodies drift for a time from where they were kept; for the time 0 their velocities alone change, to those of bodies.  Returns 1
     where one is not rigid."""
     kept = time != 0.0
     here = bodies.before if kept else x
     for b in range(len(bodies.numbers)):
-        _read(bodies, b, here, v, kept)
+        _read(bodies, b, here, v, kept, kicked)
         its, turn, rates, far = bodies.state[b], bodies.turn[b], bodies.numbers[b, TURNS:], 0.0
         for k in range(bodies.start[b], bodies.start[b + 1]):
             i = k if kept else bodies.rows[k]
@@ -189,7 +237,7 @@ def _carry(bodies, x, v, time, part, parts, team):
 def _look(bodies, x, v, part, parts, team):
     """Read all bodies, with arms, angular velocities and inverse tensors of inertia."""
     for b in range(len(bodies.numbers)):
-        _read(bodies, b, x, v, False)
+        _read(bodies, b, x, v, False, False)
         its, turn, rates = bodies.state[b], bodies.turn[b], bodies.numbers[b, TURNS:]
         its[SPIN], its[SPIN + 1], its[SPIN + 2] = _spin(turn, rates, its[MOMENTUM], its[MOMENTUM + 1], its[MOMENTUM + 2])
         its[INVERSE], its[INVERSE + 3], its[INVERSE + 4] = _spin(turn, rates, 1.0, 0.0, 0.0)

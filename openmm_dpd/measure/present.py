@@ -314,6 +314,7 @@ class Present:
         """Velocities at the time of the positions, (N, 3); those of some schemes lag by part of a kick."""
         found = self.plan.options.scheme.on_step(self.v, force, self.plan.spec.inv_mass, self.dt)
         if self.bodies is not None and found is not self.v:
+            self.bodies.keep(self.x, self.v)
             self.bodies.carry(self.x, found, 0.0)
         return found
 
@@ -332,7 +333,7 @@ class Present:
         bodies that of their centres."""
         rest = {} if product is None else {"product": product}
         if self.bodies is not None:
-            v = self.bodies.centred(v)
+            v = self.bodies.centred(v, self.x)
             force = None if force is None else self.bodies.centred(force * self.plan.spec.inv_mass[:, None]) * self.mass[:, None]
         return kinetic_stress(self._deficit, self.mass, v, force, self.dt, self.plan.spec.inv_mass, **rest)
 

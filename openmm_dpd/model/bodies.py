@@ -59,6 +59,33 @@ class Body:
         keep(self, beads=beads.astype(np.int64), turns=bool(self.turns), inner=bool(self.inner))
 
 
+@dataclass(frozen=True, eq=False)
+class GivenBody(Body):
+    """A body of which more is known than its beads: they may overlap in a solid, and only show how it moves.  Decks make it.
+
+    Parameters
+    ----------
+    mass : float
+        Of the body, Da.
+    centre : (3,) array
+        Its centre of mass, nm, where its beads are in the scene.
+    inertia : (3, 3) array
+        Tensor of inertia about it, Da nm^2.
+    """
+
+    mass: float = 0.0
+    centre: np.ndarray | tuple[float, ...] = ()
+    inertia: np.ndarray | tuple[float, ...] = ()
+
+    def __post_init__(self):
+        super().__post_init__()
+        keep(self, centre=np.asarray(self.centre, dtype=float), inertia=np.asarray(self.inertia, dtype=float))
+        moments, _ = _diagonalised(np.asarray(self.inertia))
+        if not self.mass > 0.0 or not moments.min() >= -1e-9 * moments.max() or 2.0 * moments.max() > moments.sum() * (1 + 1e-6):
+            found = f"{self.mass:g} and {', '.join(f'{moment:g}' for moment in moments)}"
+            raise ParameterError(f"a body has a mass > 0 and moments of inertia >= 0, none above the sum of the others, not {found}")
+
+
 class Shape(NamedTuple):
     """A body about its centre of mass.  The first two of its principal axes have the most similar moments of inertia."""
 
@@ -66,6 +93,7 @@ class Shape(NamedTuple):
     mass: np.ndarray  #: (M,) masses of its beads, Da
     places: np.ndarray  #: (M, 3) places of its beads along its principal axes, nm
     moments: np.ndarray  #: (3,) moments of inertia, Da nm^2; the third is 0 for beads in line
+    given: float | None = None  #: Mass of the body if it is not that of its beads
 
     @property
     def in_line(self) -> bool:
@@ -86,10 +114,21 @@ def shape_of(body: Body, positions: np.ndarray, masses: np.ndarray) -> Shape:
     size2 = float(np.max(np.sum(r * r, axis=1)))
     if not size2 > 0.0:
         raise ParameterError(f"all beads of the body of {bead_names(*body.beads[:2])} are at one place")
-    moments, axes = _diagonalised(np.array([[weighted_sum(mass, (r[:, a] * r[:, b])[:, None])[0] for b in range(3)] for a in range(3)]))
+    squares = np.array([[weighted_sum(mass, (r[:, a] * r[:, b])[:, None])[0] for b in range(3)] for a in range(3)])
+    moments, axes = _diagonalised(squares)
     moments = moments.sum() - moments  # about each axis, from sums of squares along it
     third = int(np.argmin(moments))
-    in_line = bool(moments[third] <= _THIN**2 * mass.sum() * size2)
+    in_line, given = bool(moments[third] <= _THIN**2 * mass.sum() * size2), None
+    if isinstance(body, GivenBody):
+        r, given, line = x - body.centre, body.mass, axes[:, third]
+        moments, axes = _diagonalised(np.asarray(body.inertia))
+        third = int(np.argmax(np.abs(line @ axes)))
+        across = [moments[third - 1], moments[third - 2]]
+        name = bead_names(*body.beads[:2])
+        if in_line and (np.ptp(across) > 1e-6 * max(across) or np.abs(np.cross(r, axes[:, third])).max() > _THIN * np.sqrt(size2)):
+            raise ParameterError(f"the beads of the body of {name} are in line: its centre must be there, and its moments across alike")
+        if not in_line and moments.min() < 1e-7 * moments.max():
+            raise ParameterError(f"the beads of the body of {name} are not in line: none of its moments of inertia is 0")
     if not in_line:
         third = int(np.argmin([abs(1.0 / moments[(k + 1) % 3] - 1.0 / moments[(k + 2) % 3]) for k in range(3)]))
     order = [(third + 1) % 3, (third + 2) % 3, third]
@@ -98,7 +137,7 @@ def shape_of(body: Body, positions: np.ndarray, masses: np.ndarray) -> Shape:
     places = np.stack([np.sum(r * axes[:, k], axis=1) for k in range(3)], axis=1)
     if in_line:
         moments[third], places[:, :2] = 0.0, 0.0
-    return Shape(body, mass, places, moments[order])
+    return Shape(body, mass, places, moments[order], given)
 
 
 def _diagonalised(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +22,11 @@ class _Plane(RoundedBox):
         return self.name
 
 
-def plane_walls(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> tuple[Sequence[Wall], Sequence[Wall | SolidWall]]:
-    """The walls of a scene that are planes, and all of them: beside one that has a shape, planes have, too."""
-    solids = [isinstance(wall, SolidWall) for wall in walls] if isinstance(walls, Sequence) else []
-    if not any(solids):
-        return walls, walls  # type: ignore[return-value]  # gaps() names what is no wall
-    return (), as_solids(walls, box)
+def checked_walls(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> dict[str, Any]:
+    """The walls of a scene, and the ``gaps`` between those that are planes: none beside walls of a shape, where planes have one, too."""
+    if isinstance(walls, Sequence) and any(isinstance(wall, SolidWall) for wall in walls):
+        return {"walls": as_solids(walls, box), "gaps": {}}
+    return {"gaps": gaps(walls, box), "walls": tuple(walls)}  # type: ignore[arg-type]  # gaps() names what is no wall
 
 
 def as_solids(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> tuple[SolidWall, ...]:

@@ -12,11 +12,11 @@ from .bodies import Body, Shape, check_bodies
 from .bonds import BondedTerms, Bonds, check_members
 from .box import box_vectors
 from .electrostatics import EwaldSum, SmearedCharges, checked_ewald, special_factors
-from .flow import BodyForce, Gap, PositionForce, Wall, check_inside, gaps
+from .flow import BodyForce, Gap, PositionForce, Wall, check_inside
 from .impropers import Impropers
 from .internal import Internal, check_internal
 from .pairs import NONE, PairTable, require_complete
-from .planes import plane_walls
+from .planes import checked_walls
 from .reactions import BondBreaking, BondFormation, check_reactions
 from .segments import SegmentalRepulsion, check_segments
 from .shapes import SolidWall
@@ -74,8 +74,7 @@ class Scene:
     body_forces : sequence of BodyForce and PositionForce
         Forces on single beads, which drive a flow.
     walls : sequence of Wall and SolidWall
-        Planes that reflect beads, and shapes from which they bounce back.  Beside a shape, planes are walls of shapes, too: bounce-back
-        planes, at rest or with a constant velocity.
+        Planes that reflect beads, or shapes from which they bounce back.  Planes beside these bounce back and have a constant velocity.
     residues : sequence of N str, optional
         Name of the molecule of each bead, for the topology.
     electrostatics : SlaterCharges, GaussianCharges or PointCharges, optional
@@ -376,8 +375,7 @@ class Scene:
                 term.vectors(self.type_ids, self.type_names, self.box)
             else:
                 term.check_values(self.positions, term.mask(self.type_ids, self.type_names), self.box)
-        planes, walls = plane_walls(self.walls, self.box)
-        keep(self, gaps=gaps(planes, self.box), walls=tuple(walls))
+        keep(self, **checked_walls(self.walls, self.box))
         check_inside(self.gaps, self.positions, ~self.immobile)
 
     def _checked_pairs(self) -> tuple[PairTable, ...]:

@@ -140,7 +140,7 @@ def initial_velocities(scene: Scene, seed: int, bodies: BodySpec | None) -> np.n
 def _of_bodies(v: np.ndarray, scene: Scene, bodies: BodySpec | None) -> np.ndarray:
     """Change velocities (N, 3) to those of rigid bodies, and return them."""
     if bodies is not None:
-        Bodies(bodies, len(v)).carry(scene.positions.copy(), v, 0.0)
+        Bodies(bodies, len(v)).carry(scene.positions.copy(), v, 0.0, kicked=False)
     return v
 
 

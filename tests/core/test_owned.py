@@ -13,6 +13,7 @@ from openmm import unit
 
 import openmm_dpd as dpd
 import openmm_dpd.model
+from openmm_dpd.model.bodies import GivenBody
 from openmm_dpd.molecules import Molecule, Spring
 
 KJ, MASK = unit.kilojoule_per_mole, [True, False, True]
@@ -64,6 +65,7 @@ EXAMPLES = {  # For each class that takes arrays, sequences or mappings, argumen
     dpd.TabulatedEOS: lambda: {"thetas": np.array([1.0, 2.0]), "energies": np.array([1.0, 3.0])},
     dpd.SegmentalRepulsion: lambda: {"A": 1.0, "bonds": np.array(PAIRS)},
     dpd.Body: lambda: {"beads": np.array([0, 2])},
+    GivenBody: lambda: {"beads": np.array([0, 2]), "mass": 1.0, "centre": np.zeros(3), "inertia": np.eye(3)},
     dpd.BodyForce: lambda: {"force": np.array(X), "types": ["A"], "beads": np.array(MASK)},
     dpd.PositionForce: lambda: {"formulas": ["x", "0", "0"], "types": ["A"], "beads": np.array(MASK), "corner": np.zeros(3)},
     dpd.Block: lambda: {"low": np.zeros(3), "high": np.ones(3)},

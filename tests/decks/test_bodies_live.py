@@ -40,6 +40,26 @@ def data_file() -> str:
     )
 
 
+def given_file() -> str:
+    """A file with other masses, centres, inertias and velocities of the first four molecules: two lumps, a rod and a pair."""
+    text, rng, lines = data_file(), np.random.default_rng(3), []
+    atoms = np.array([line.split() for line in text.partition("molecular\n\n")[2].partition("\n\nVel")[0].splitlines()], dtype=float)
+    for molecule in (1, 2, 3, 4):
+        x = (atoms[:, 3:6] + EDGE * atoms[:, 6:9])[atoms[:, 1] == molecule]
+        mass, centre = rng.uniform(10.0, 40.0), x.mean(axis=0) + (0.1 * rng.normal(size=3) if molecule < 3 else 0.0)
+        if molecule < 3:
+            points = rng.normal(size=(8, 3))
+            inertia, momentum = np.sum(points**2) * np.eye(3) - points.T @ points, rng.normal(size=3) * 4
+        else:
+            line = (x[1] - x[0]) / np.linalg.norm(x[1] - x[0])
+            inertia, momentum = 3.0 * np.eye(3) - 1.8 * np.outer(line, line), 4 * np.cross(line, rng.normal(size=3))
+        image = np.floor(centre / EDGE).astype(int)
+        tensor = (inertia[a, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        values = [mass, *(centre - EDGE * image), *tensor, *rng.normal(size=3), *momentum]
+        lines.append(" ".join([str(molecule), *(f"{value:.17g}" for value in values), *map(str, image)]))
+    return "# bodies that overlap\n\n4\n" + "\n".join(lines) + "\n"
+
+
 DECK = """units lj
 atom_style molecular
 atom_modify map yes
@@ -72,6 +92,8 @@ FIXES = {
     "molecules": "fix b stiff rigid/nve molecule\nneigh_modify exclude molecule/intra stiff",
     "pushed": "fix push second addforce 9.0 2.0 0.5\nfix down stiff gravity 5 vector 0 0 -1\nfix b stiff rigid/nve molecule",
     "small, inner pairs": "fix b stiff rigid/nve/small molecule",
+    "given": "fix b stiff rigid/nve molecule infile given.txt",
+    "small, given": "fix b stiff rigid/nve/small molecule infile given.txt",
     "single": "fix b first rigid/nve single\nneigh_modify exclude group first first",
     "groups, held, pushed": f"{HOLD}fix push first addforce 1.0 2.0 0.5\nfix down second gravity 0.5 vector 0 0 -1\n"
     "fix b stiff rigid/nve group 2 first second force 1 off on off torque 1 off off off",
@@ -97,6 +119,7 @@ def test_bodies_move_as_lammps_moves_them(tmp_path, fix):
     (tmp_path / "lammps").mkdir()
     for folder in (tmp_path / "lammps", tmp_path):
         put(folder / "data.bodies", data_file())
+        put(folder / "given.txt", given_file())
     theirs(tmp_path / "lammps", text)
     run_deck(put(tmp_path / "in.bodies", text), RunOptions(platform="Reference", threads=1), out=tmp_path)
     found, expected = last_frame(tmp_path), last_frame(tmp_path / "lammps")
@@ -105,7 +128,7 @@ def test_bodies_move_as_lammps_moves_them(tmp_path, fix):
     np.testing.assert_allclose(found[:, 8:], expected[:, 8:], rtol=0, atol=1e-5)
     ours, rows = rows_of(tmp_path), rows_of(tmp_path / "lammps")
     np.testing.assert_allclose(np.delete(ours, 4, axis=1), np.delete(rows, 4, axis=1), rtol=1e-6)
-    if "off" not in fix:  # LAMMPS counts the forces that hold a body, at its place in the box
+    if not {"off", "given.txt"}.intersection(fix.split()):  # LAMMPS counts the forces that hold a body, at its place in the box
         np.testing.assert_allclose(ours[1:, 4], rows[1:, 4], rtol=2e-3)
 
 
@@ -114,13 +137,14 @@ LOCAL = "id mol mass x y z xu yu zu vx vy vz fx fy fz ix iy iz tqx tqy tqz omega
 
 @lammps_peer.needed()
 def test_values_of_bodies_are_those_of_lammps(tmp_path):
-    fix = FIXES["small, inner pairs"] + f"\ncompute l stiff rigid/local b {LOCAL}\ncompute k all ke/rigid b\n"
+    fix = FIXES["small, given"] + f"\ncompute l stiff rigid/local b {LOCAL}\ncompute k all ke/rigid b\n"
     fix += "compute m first rigid/local b mol\ncompute e all erotate/rigid b\ncompute s all reduce sum c_m inputs local\n"
     fix += "neigh_modify every 1 delay 0 check no\ndump l all local 20 local.txt index c_l[*]\ndump_modify l format float %.12g\n"
     text = DECK.replace("FIX", fix).replace("$(temp:%.12g)", "$(c_k:%.12g) $(c_e:%.12g) $(c_s)")
     (tmp_path / "lammps").mkdir()
     for folder in (tmp_path / "lammps", tmp_path):
         put(folder / "data.bodies", data_file())
+        put(folder / "given.txt", given_file())
     theirs(tmp_path / "lammps", text)
     run_deck(put(tmp_path / "in.bodies", text), RunOptions(platform="Reference", threads=1), out=tmp_path)
     np.testing.assert_allclose(rows_of(tmp_path)[:, 1:4], rows_of(tmp_path / "lammps")[:, 1:4], rtol=1e-6)
@@ -144,9 +168,21 @@ def test_values_of_bodies_are_those_of_lammps(tmp_path):
     ("fix b stiff rigid/small single", "rigid/small"),
     ("fix b stiff rigid/nve molecule\nminimize 0 0 10 10", "one by one"),
     ("fix b stiff rigid/nve molecule\nfix s all shardlow", "shardlow needs pair style"),
+    ("fix b stiff rigid/nve molecule infile given.txt reinit yes", "with infile, reinit is no"),
+    ("fix b stiff rigid/nve molecule infile given.txt force * off off off", "it is held there"),
+    ("fix b stiff rigid/nve group 3 first second stiff infile given.txt", "given.txt:7: body 4: there are 3, from 1 to 3"),
+    ("fix b stiff rigid/nve molecule infile off.txt", "the beads of the body of .* are in line: its centre must be there"),
+    ("fix b stiff rigid/nve molecule infile big.txt", "fix b: a body has a mass > 0 and moments of inertia >= 0, none above"),
+    ("fix b stiff rigid/nve molecule infile short.txt", "short.txt:3: it announces 4 bodies, but has 3"),
+    ("fix b stiff rigid/nve molecule reinit no\nrun 2\nvelocity first set 1 0 0", "its beads have changed since its last run"),
     ("group lone id 1\nfix b lone rigid/nve single", "two at least"),
 )
 def test_what_is_refused(tmp_path, fix, match):
     put(tmp_path / "data.bodies", data_file())
+    head, lines = "1\n", given_file().splitlines(keepends=True)
+    put(tmp_path / "given.txt", "".join(lines))
+    put(tmp_path / "short.txt", "".join(lines[:-1]))
+    put(tmp_path / "off.txt", head + lines[-1].replace(" ", " 9", 2).replace(" 9", " ", 1))
+    put(tmp_path / "big.txt", head + "1 5 1 1 1 1 1 9 0 0 0 0 0 0 0 0 0 0 0 0\n")
     with pytest.raises(DeckError, match=match):
         run_deck(put(tmp_path / "in.bodies", DECK.replace("FIX", fix)), RunOptions(platform="Reference", threads=1), out=tmp_path)

@@ -19,6 +19,7 @@ from ..scene.reacting import keep_reacted
 from ..state.box import Box
 from ..state.deck_state import DeckState
 from ..state.records import DeckSample
+from ..state.rigid import keep_rigid
 from .building import build_request, connect_barostat
 from .deck import at_line, execute_file, open_deck
 from .options import RunOptions
@@ -206,6 +207,7 @@ def _pass_over(request: RunRequest, findings: Findings, built: set[tuple[str, in
     keep_reacted(state, {})
     if request.steps and not state.atoms.velocities.any():  # a run has beads move, and what follows may need a temperature
         state.atoms.velocities = np.resize([1.0, -0.5, -1.0, 0.5], state.atoms.velocities.shape)
+    keep_rigid(state)
 
 
 def check_deck(path: str | Path, *, variables: Mapping[str, str] | None = None) -> list[Finding]:

@@ -23,6 +23,7 @@ from ...simulation.watching import PIECE
 from ..files.restart_file import restart_bytes
 from ..scene.reacting import keep_reacted, noted
 from ..state.records import DeckSample, Fix, MomentumRemoval
+from ..state.rigid import keep_rigid
 from ..values.resolver import Resolver
 from .moving_box import MovingBox, measured
 from .request import RunRequest
@@ -231,6 +232,7 @@ class DeckSteps:
         self.request.finish(
             x, v, box=self.moving.box(self.request.last_step) or box, sample=last, fields=read_fields(context, self.built.plan), slide=slide
         )
+        keep_rigid(self.request.state)
 
     def _within(self, step: int, last: int) -> int | None:
         """If only averages are due next, which can be sampled within a run, take steps up to the next one at which something else is due,

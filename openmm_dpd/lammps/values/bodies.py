@@ -9,7 +9,7 @@ from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.moment import DeckMoment
 from ..state.records import Compute
-from ..state.rigid import RIGID, deck_bodies
+from ..state.rigid import RIGID, deck_bodies, given_now
 from .compute_spec import ComputeSpec
 
 #: Words of rigid/local for vectors, and the letters of their components.
@@ -34,7 +34,11 @@ def _motions(moment: DeckMoment, compute: Compute, forces: bool = False) -> list
         tensor = np.trace(squares) * np.eye(3) - squares
         moments = np.linalg.eigvalsh(tensor)
         moments[moments < 1e-7 * moments[2]] = 0.0  # beads in line
-        spin = np.linalg.pinv(tensor, rcond=1e-7, hermitian=True) @ momentum
+        spin, total = np.linalg.pinv(tensor, rcond=1e-7, hermitian=True) @ momentum, m.sum()
+        if body.given is not None:
+            beads, total = centre, body.given["mass"]
+            centre, tensor = given_now(body.given, at)
+            speed, r, momentum, moments = speed + np.cross(spin, centre - beads), at - centre, tensor @ spin, np.linalg.eigvalsh(tensor)
         inside = moment.box.wrap(centre[None])[0][0]
         its = {
             "": inside,
@@ -44,7 +48,7 @@ def _motions(moment: DeckMoment, compute: Compute, forces: bool = False) -> list
             "v": speed,
         }
         its |= {"omega": spin, "angmom": momentum, "f": f[body.beads].sum(axis=0), "tq": np.cross(r, f[body.beads]).sum(axis=0)}
-        found.append(its | {"mass": m.sum(), "owner": body.owner})
+        found.append(its | {"mass": total, "owner": body.owner})
     return found
 
 
