@@ -12,6 +12,7 @@ from openmm import unit
 from ..base.errors import ParameterError, what_is
 from ..base.files import write_whole
 from ..base.units import whole_number
+from ..model.reactions import with_first_bonds
 from ..model.scene import Scene
 from .psf import SEGMENT, molecule_numbers, residue_names
 from .trajectory import CHAIN, SYMBOL, short_names
@@ -45,12 +46,20 @@ class Snapshot:
     time: float = 0.0
 
     @classmethod
-    def of(cls, source, state: openmm.State | None = None) -> Snapshot:
-        """Snapshot of a Scene or of a result of :func:`openmm_dpd.build`, at its start or in the state of a run.  ParameterError if the
-        state has no positions or another number of particles, or the source is anything else."""
-        scene = scene_of(source)
+    def of(cls, source, state: openmm.State | openmm.Context | None = None, context: openmm.Context | None = None) -> Snapshot:
+        """Snapshot of a Scene or of a result of :func:`openmm_dpd.build`, at its start or in the state of a run.  Bonds and types that
+        reactions change are those of the Context of a built system.  ParameterError if they are not known, the state has no positions or
+        another number of particles, or the source is anything else."""
+        scene = with_first_bonds(scene_of(source))
+        if state is not None and scene.reactions:
+            context = state if isinstance(state, openmm.Context) else context
+            if context is None or not hasattr(source, "scene_in"):
+                raise ParameterError(
+                    "bonds form and break here, and an openmm.State has none: take the result of build(), and state=simulation.context"
+                )
+            scene = source.scene_in(context)
         if state is None:
-            if source is scene:
+            if source is scene_of(source):
                 return cls(scene, scene.positions, scene.velocities, scene.box)
             velocities = source.velocities.value_in_unit(unit.nanometer / unit.picosecond)
             return cls(scene, source.positions.value_in_unit(unit.nanometer), velocities, scene.box)
@@ -108,8 +117,8 @@ def write_pdb(path: str | os.PathLike, source, *, state=None) -> None:
     path : path-like
         File to write; overwritten.
     source : Scene, or the result of :func:`openmm_dpd.build`
-    state : openmm.State, optional
-        Positions and box of a run; by default those of the start.
+    state : openmm.State or openmm.Context, optional
+        Positions and box of a run; by default those of the start.  Where reactions change bonds and types, a Context has those.
 
     Raises
     ------

@@ -7,7 +7,7 @@ import numpy as np
 from ..base.errors import ParameterError, optional_package, what_is
 from ..model.pairs import checked
 from ..model.scene import Scene
-from .snapshot import Snapshot, pdb_text, scene_of
+from .snapshot import Snapshot, pdb_text
 
 #: Colours of the types in their order, those of matplotlib; repeated if there are more types.
 COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
@@ -20,8 +20,8 @@ def view(source, *, state=None, radii=None):
     ----------
     source : BuiltSystem or Scene
         A scene, or the result of :func:`openmm_dpd.build`, with at most 99,999 beads.
-    state : openmm.State, optional
-        Positions and box of a run, ``context.getState(positions=True)``; by default those of the start.
+    state : openmm.State or openmm.Context, optional
+        Positions and box of a run; by default those of the start.  Where reactions change bonds and types, a Context has those.
     radii : length, or mapping of types to lengths, optional
         Radii of the beads; by default a quarter of the cutoff between beads of the type.  0 hides a type.
 
@@ -36,9 +36,10 @@ def view(source, *, state=None, radii=None):
         is passed to nglview.
     """
     nglview = optional_package("nglview", "view", "the view in a notebook needs")
-    scene = scene_of(source)
+    now = Snapshot.of(source, state)
+    scene = now.scene
     sizes = radii_of(scene.type_names, default_radii(scene) if radii is None else radii)
-    widget = nglview.NGLWidget(nglview.TextStructure(pdb_text(Snapshot.of(source, state)), ext="pdb"))
+    widget = nglview.NGLWidget(nglview.TextStructure(pdb_text(now), ext="pdb"))
     widget.clear_representations()
     for k, name in enumerate(scene.type_names):
         beads = np.flatnonzero(scene.type_ids == k)

@@ -15,28 +15,14 @@ import numpy as np
 
 from ..base.errors import RunError, bead_number
 from ..runtime import Kernel, helper
-from . import motion
+from . import motion, rigid
 from .columns import factor_of, row_of
 from .elementary import power
 from .forces import CUTOFF, EXPONENT, GAMMA
 from .moment import Moment
 from .noise import normal, pair_key
 from .pairs import PairList
-from .rigid import (
-    BEADS,
-    INV_MASS,
-    INVERSE,
-    MOVES,
-    SPEED,
-    SPIN,
-    BodyBeads,
-    carry_bodies,
-    cross,
-    frame,
-    keep_beads,
-    look_at_bodies,
-    write_beads,
-)
+from .rigid import INVERSE, MOVES, SPEED, SPIN, BodyBeads, carry_bodies, cross, frame, keep_beads, look_at_bodies, write_beads
 from .solids import Solids
 from .sweeps import decay
 
@@ -191,11 +177,11 @@ class Bodies:
         moves; times the root of its mass over theirs, so that squares times masses of beads are those of the body."""
         spec, out = self.spec, values.copy()
         found = np.add.reduceat(spec.mass[:, None] * values[spec.beads], spec.start[:-1]) * spec.numbers[:, MOVES : MOVES + 3]
-        given = spec.numbers[:, BEADS] > 0.0
+        given = spec.numbers[:, rigid.BEADS] > 0.0
         if given.any() and x is not None:
             self.look(x, values)
             found[given] = self.beads.state[given, SPEED : SPEED + 3]
-        found[given] /= np.sqrt(spec.numbers[given, BEADS] * spec.numbers[given, INV_MASS])[:, None]
+        found[given] /= np.sqrt(spec.numbers[given, rigid.BEADS] * spec.numbers[given, rigid.INV_MASS])[:, None]
         out[spec.beads] = np.repeat(found, np.diff(spec.start), axis=0)
         return out
 

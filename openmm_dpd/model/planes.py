@@ -10,6 +10,9 @@ from ..base.errors import ParameterError, in_length
 from .flow import AXES, BOUNCE_BACK, Wall, gaps
 from .shapes import RoundedBox, SolidWall
 
+#: Any wall.
+AnyWall = Wall | SolidWall
+
 
 @dataclass(frozen=True, eq=False)
 class _Plane(RoundedBox):
@@ -22,14 +25,14 @@ class _Plane(RoundedBox):
         return self.name
 
 
-def checked_walls(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> dict[str, Any]:
+def checked_walls(walls: Sequence[AnyWall], box: np.ndarray | None) -> dict[str, Any]:
     """The walls of a scene, and the ``gaps`` between those that are planes: none beside walls of a shape, where planes have one, too."""
     if isinstance(walls, Sequence) and any(isinstance(wall, SolidWall) for wall in walls):
         return {"walls": as_solids(walls, box), "gaps": {}}
     return {"gaps": gaps(walls, box), "walls": tuple(walls)}  # type: ignore[arg-type]  # gaps() names what is no wall
 
 
-def as_solids(walls: Sequence[Wall | SolidWall], box: np.ndarray | None) -> tuple[SolidWall, ...]:
+def as_solids(walls: Sequence[AnyWall], box: np.ndarray | None) -> tuple[SolidWall, ...]:
     """Walls, of which planes get the shape of the solid behind them; ParameterError if they do more than let beads bounce back."""
     planes = [wall for wall in walls if not isinstance(wall, SolidWall)]
     found, made = gaps(planes, box), list[SolidWall]()

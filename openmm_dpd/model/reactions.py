@@ -1,6 +1,7 @@
 """Bonds that form and break during a run."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -242,6 +243,13 @@ def types_change(reactions: Sequence[Any]) -> bool:
 def bond_sorts(reactions: Sequence[Any]) -> list[ReactiveBonds]:
     """The sorts of bonds that some reactions act on, in the order in which they come first."""
     return list({id(reaction.bonds): reaction.bonds for reaction in reactions}.values())
+
+
+def with_first_bonds(scene: Any) -> Any:
+    """A scene whose ``bonds`` are all that there are at the start, those that may break among them; itself if none do."""
+    now, groups = copy(scene), [bonds.between(bonds.pairs) for bonds in bond_sorts(scene.reactions) if len(bonds.pairs)]
+    keep(now, bonds=(*scene.bonds, *groups))
+    return now if scene.reactions else scene
 
 
 def check_reactions(scene: Any) -> None:

@@ -13,11 +13,9 @@ from ..base.geometry import folded
 from ..base.openmm_private import vectors
 from ..base.units import whole_number
 from ..kernels.solids import Carried
-from ..model.flow import Wall
 from ..model.pairs import NONE
-from ..model.planes import as_solids
+from ..model.planes import AnyWall, as_solids
 from ..model.scene import Scene
-from ..model.shapes import SolidWall
 from ..plan.continuum import other_terms
 from ..plan.pair_spec import longest
 from ..plan.solids import check_circles, solids_of, surface
@@ -36,13 +34,7 @@ _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "b
 
 
 def frozen_layer(
-    scene: Scene,
-    walls: Sequence[Wall | SolidWall],
-    *,
-    dt,
-    steps: int = 500,
-    seed: int | None = None,
-    types: Mapping[str, str] | None = None,
+    scene: Scene, walls: Sequence[AnyWall], *, dt, steps: int = 500, seed: int | None = None, types: Mapping[str, str] | None = None
 ) -> Scene:
     """Put walls of any shape into a fluid, with a layer of the fluid itself behind them, in which beads do not move.
 
@@ -75,7 +67,7 @@ def frozen_layer(
     others = [name for name, (part, default) in parts.items() if isinstance(part, np.ndarray) or part not in (None, (), default)]
     if others:
         raise ParameterError(f"a frozen layer is made of a fluid of single beads; the scene has {', '.join(others)}")
-    if not isinstance(walls, Sequence) or not walls or not all(isinstance(wall, Wall | SolidWall) for wall in walls):
+    if not isinstance(walls, Sequence) or not walls or not all(isinstance(wall, AnyWall) for wall in walls):
         raise ParameterError(f"walls must be a sequence of SolidWall and Wall, not {what_is(walls)}")
     walls = as_solids(walls, scene.box)
     if not isinstance(types or {}, Mapping):

@@ -28,8 +28,9 @@ def write_gsd(path: str | os.PathLike, source, *, state=None, units: str = "lj")
     path : path-like
         File to write; overwritten.
     source : Scene, or the result of :func:`openmm_dpd.build`
-    state : openmm.State, optional
-        Positions, velocities and box of a run, ``context.getState(positions=True, velocities=True)``; by default those of the start.
+    state : openmm.State or openmm.Context, optional
+        Positions, velocities and box of a run; by default those of the start.  Where reactions change bonds and types, a Context has
+        those.
     units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file; nm, Da and ps with ``lj``.  Charges are always in elementary charges.
 
@@ -89,7 +90,7 @@ class GSDReporter(FrameReporter):
     def report(self, simulation, state):
         """Write one frame."""
         with writing(self._path, _WHAT), self._frames.opened(self._path, "r+") as file:
-            self._frames.append(file, Snapshot.of(self._built, state))
+            self._frames.append(file, Snapshot.of(self._built, state, simulation.context))
 
 
 class _Frames:
@@ -100,10 +101,7 @@ class _Frames:
             raise ParameterError("a GSD file needs a periodic box, and the scene has none; extended XYZ files do not")
         self._hoomd = optional_package("gsd.hoomd", "gsd", "GSD files need")
         self.scene, self._units = scene, unit_system(units)
-        self._joined = {
-            part: _named_groups(scene.types, [(group.beads, _coefficients(group)) for group in getattr(scene, part)])
-            for part in ("bonds", "angles", "dihedrals", "impropers")
-        }
+        self._joined = {} if scene.reactions else _joined(scene)
 
     def opened(self, path, mode: str):
         """The open GSD file, which the caller has to close."""
@@ -119,12 +117,12 @@ class _Frames:
         if first is None:
             return
         types = [first.particles.types[k] for k in first.particles.typeid]
-        if types != list(self.scene.types):
+        if len(types) != self.scene.n_beads or (types != list(self.scene.types) and not self.scene.reactions):
             raise ParameterError(f"cannot append to {path}: it holds {len(types)} beads, which are not those of this scene")
 
     def append(self, file, now: Snapshot) -> None:
         """Append a frame and flush it to the file."""
-        scene, units = self.scene, self._units
+        scene, units = now.scene, self._units
         assert now.box is not None
         frame = self._hoomd.Frame()
         frame.configuration.step = now.step
@@ -141,14 +139,21 @@ class _Frames:
             beads.velocity = now.velocities / units.velocity
         if scene.charges is not None:
             beads.charge = scene.charges
-        for name, (names, typeid, group) in self._joined.items():
+        for name, (names, typeid, group) in (self._joined or _joined(scene)).items():
             part = getattr(frame, name)
-            if len(group):
+            if len(group) or scene.reactions:  # what is not there is as in the first frame
                 part.N, part.types, part.typeid, part.group = len(group), _coded(names), typeid, group
         if scene.molecules is not None:
             frame.log[MOLECULES] = scene.molecules.astype(np.int32)
         file.append(frame)
         file.flush()
+
+
+def _joined(scene: Scene) -> dict[str, tuple[list[str], np.ndarray, np.ndarray]]:
+    """See :func:`_named_groups`, by kind."""
+    parts = {"bonds": 2, "angles": 3, "dihedrals": 4, "impropers": 4}
+    groups = {part: [(group.beads, _coefficients(group)) for group in getattr(scene, part)] for part in parts}
+    return {part: _named_groups(scene.types, groups[part], width) for part, width in parts.items()}
 
 
 def _coded(names: list[str]) -> list:
@@ -161,10 +166,10 @@ def _coefficients(group) -> np.ndarray:
     return np.array([f"{type(group).__name__} {row}" for row in group.coefficients.tolist()], dtype=object)
 
 
-def _named_groups(types, groups: list) -> tuple[list[str], np.ndarray, np.ndarray]:
+def _named_groups(types, groups: list, width: int) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names of the types of bonds, angles or dihedrals, and the type and beads of each term."""
     if not groups:
-        return [], np.zeros(0, np.uint32), np.zeros((0, 2), np.int64)
+        return [], np.zeros(0, np.uint32), np.zeros((0, width), np.int64)
     rows = np.concatenate([rows for rows, _ in groups])
     names: list[str] = []
     numbers: dict[tuple[str, str], int] = {}

@@ -24,8 +24,8 @@ def write_xyz(path: str | os.PathLike, source, *, state=None, units: str = "lj",
     path : path-like
         File to write; overwritten.
     source : Scene, or the result of :func:`openmm_dpd.build`
-    state : openmm.State, optional
-        Positions, velocities and box of a run; by default those of the start.
+    state : openmm.State or openmm.Context, optional
+        Positions, velocities and box of a run; by default those of the start.  Where reactions change types, a Context has those.
     units : {"lj", "real", "metal", "si", "cgs", "micro", "nano"}
         Units of the file: nm and ps with ``lj``, angstrom and fs with ``real``, angstrom and ps with ``metal``.
     species : mapping of types to text, optional
@@ -70,15 +70,17 @@ class XYZReporter(FrameReporter):
     def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", species=None, append: bool = False):
         super().__init__(interval)
         self._built, self._units = built, unit_system(units)
-        self._species = _species(scene_of(built), species)
+        self._species, scene = species, scene_of(built)
+        names = _species(scene, species)
         if append:
-            _check_file(file, self._species)
+            _check_file(file, names, bool(scene.reactions))
         self._path = os.fspath(file)
         append_block(self._path, "", _WHAT, anew=not append)
 
     def report(self, simulation, state):
         """Write one frame."""
-        append_block(self._path, _block(Snapshot.of(self._built, state), self._units, self._species), _WHAT)
+        now = Snapshot.of(self._built, state, simulation.context)
+        append_block(self._path, _block(now, self._units, _species(now.scene, self._species)), _WHAT)
 
 
 def _block(now: Snapshot, units: UnitSystem, species: list[str]) -> str:
@@ -110,7 +112,7 @@ def _species(scene: Scene, given: Mapping[str, str] | None) -> list[str]:
     return [called[name] for name in scene.types]
 
 
-def _check_file(file: str | os.PathLike, species: list[str]) -> None:
+def _check_file(file: str | os.PathLike, species: list[str], changes: bool) -> None:
     """Raise ParameterError if the file to append to does not begin with a frame of these beads, or ends within a frame."""
     if not os.path.exists(file) or os.path.getsize(file) == 0:
         return
@@ -118,7 +120,7 @@ def _check_file(file: str | os.PathLike, species: list[str]) -> None:
         count, words = lines.readline().strip(), lines.readline()
         rows = [lines.readline() for _ in species]
         found = [row.partition(" ")[0] for row in rows]
-    if count != str(len(species)) or "Properties=species:S:1:pos:R:3:velo:R:3" not in words or found != species:
+    if count != str(len(species)) or "Properties=species:S:1:pos:R:3:velo:R:3" not in words or (found != species and not changes):
         raise ParameterError(f"cannot append to {os.fspath(file)}: it does not begin with a frame of these {len(species)} beads")
     with open(file, "rb") as content:  # frames are about as long as the first one
         content.seek(-min(os.path.getsize(file), 2 * len(count + words + "".join(rows)) + 1000), os.SEEK_END)

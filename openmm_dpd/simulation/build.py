@@ -16,6 +16,7 @@ from ..kernels.bodies import Bodies, BodySpec
 from ..kernels.elementary import without_last_bits
 from ..kernels.moment import Guide, StepSpec
 from ..kernels.shear import add_flow, rate_at
+from ..model.reactions import with_first_bonds
 from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms
 from ..plan.forces.bonded import MOLECULES
@@ -100,7 +101,7 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     built = BuiltSystem(
         system=system,
         integrator=integrator,
-        topology=openmm_topology(list(scene.types), scene.molecules, scene.bond_pairs, scene.box, scene.residues),
+        topology=openmm_topology(list(scene.types), scene.molecules, with_first_bonds(scene).bond_pairs, scene.box, scene.residues),
         positions=scene.positions.copy() * unit.nanometer,
         velocities=initial_velocities(scene, options.seed, plan.spec.bodies) * (unit.nanometer / unit.picosecond),
         plan=plan,

@@ -22,6 +22,7 @@ from ..base.units import whole_number
 from ..io.snapshot import Cadence
 from ..io.view import view
 from ..model.pairs import checked
+from ..model.scene import Scene
 from ..plan.device import PRECISION
 from ..plan.explain import explain_plan
 from ..plan.made import variables_number
@@ -257,6 +258,10 @@ class BuiltSystem:
         if self.plan.execution.on_device:
             check_device(context, self.plan)
         return simulation
+
+    def scene_in(self, context: openmm.Context) -> Scene:
+        """The scene with the bonds, angles and types that a Context has now, which reactions change."""
+        return with_bonds(self.plan, raw_bonds(context.getIntegrator())).scene if self.plan.scene.reactions else self.plan.scene
 
     def view(self, **choices):
         """A widget of nglview for a notebook: :func:`openmm_dpd.io.view.view`, with its ``state`` and ``radii``."""

@@ -349,3 +349,37 @@ def test_ase_reads_it(tmp_path):
 def test_bad_species(tmp_path, species, message):
     raises(ParameterError, message, lambda: write_xyz(tmp_path / "x.xyz", fluid(), species=species))
     assert not (tmp_path / "x.xyz").exists()
+
+
+# -- bonds and types that change -------------------------------------------------------------------------------------------------
+def test_bonds_and_types_are_those_of_the_moment(tmp_path, hoomd):
+    """A bond of the start breaks in step 2; in step 6 another one forms, and makes a bead a B.  A State alone has neither."""
+    bonds = dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 1.0, "r0": 0.5}, pairs=[[0, 1]])
+    reactions = [
+        dpd.BondBreaking(bonds, beyond=0.8, every=2),
+        dpd.BondFormation(bonds, ("A", "C"), within=0.7, valences=(1, 1), probability=1.0, every=6, becomes=("B", None)),
+    ]
+    x = [[0.1, 1, 1], [1.1, 1, 1], [2.0, 2, 2], [2.5, 2, 2], [3.5, 3, 3]]
+    given = {"positions": x, "velocities": np.zeros((5, 3)), "box": [4.0] * 3, "kT": 0.0, "reactions": reactions}
+    scene = dpd.Scene(dict.fromkeys("ABC", 1.0), list("CCACC"), pairs={("*", "*"): dpd.DPD(A=1e-6, gamma=1.0)}, **given)
+    built = build(scene, dt=0.001, scheme="middle")
+    simulation = built.simulation()
+    for reporter in (GSDReporter(tmp_path / "a.gsd", 2, built), XYZReporter(tmp_path / "a.xyz", 2, built)):
+        simulation.reporters.append(reporter)
+    write_gsd(tmp_path / "start.gsd", built)
+    simulation.step(6)
+    simulation.reporters = [GSDReporter(tmp_path / "a.gsd", 2, built, append=True), XYZReporter(tmp_path / "a.xyz", 2, built, append=True)]
+    simulation.step(2)
+    with hoomd.open(str(tmp_path / "a.gsd")) as file, hoomd.open(str(tmp_path / "start.gsd")) as start:
+        frames = [start[0], *file]
+    assert [frame.bonds.group.tolist() for frame in frames] == [[[0, 1]], [], [], [[2, 3]], [[2, 3]]]
+    assert [[frame.particles.types[k] for k in frame.particles.typeid][2] for frame in frames] == ["A", "A", "A", "B", "B"]
+    assert frames[3].bonds.types == ["B-C"]
+    assert ["".join(frame["species"]) for frame in parsed_xyz(tmp_path / "a.xyz")] == ["CCACC", "CCACC", "CCBCC", "CCBCC"]
+    for source, state, pair in ((scene, None, (1, 2)), (built, None, (1, 2)), (built, simulation.context, (3, 4))):
+        write_pdb(tmp_path / "a.pdb", source, state=state)
+        assert "CONECT{:5d}{:5d}\n".format(*pair) in (tmp_path / "a.pdb").read_text()
+    assert [(a.index, b.index) for a, b in built.topology.bonds()] == [(0, 1)]
+    for write in (write_gsd, write_xyz, write_pdb):
+        with pytest.raises(ParameterError, match="state=simulation.context"):
+            write(tmp_path / "b", built, state=simulation.context.getState(positions=True))

@@ -12,6 +12,7 @@ from ...base.files import writing
 from ...io.dcd import DCDWriter
 from ...io.trajectory import write_psf
 from ...io.xtc import XTCWriter
+from ...model.reactions import with_first_bonds
 from ...model.scene import Scene
 from ...simulation.built import BuiltSystem
 from ...simulation.field_file import FieldWriter, has_fields
@@ -29,6 +30,7 @@ FORMATS: dict[str, type[DCDWriter] | type[XTCWriter]] = {"dcd": DCDWriter, "xtc"
 
 def write_topology(path: Path, scene: Scene) -> None:
     """Write the beads of a scene, and what joins them, as a PSF file."""
+    scene = with_first_bonds(scene)
     joined: dict[str, Any] = {
         what: np.concatenate([group.beads for group in groups]) if groups else ()
         for what, groups in ((name, getattr(scene, name)) for name in ("bonds", "angles", "dihedrals", "impropers"))
