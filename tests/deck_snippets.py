@@ -279,9 +279,9 @@ SNIPPETS: dict[str, dict[str, str]] = {
         },
         "wall/region": deck(before="region r sphere 1.5 1.5 1.5 0.1 side out units box\nfix soft all wall/region r harmonic 5.0 1.0 1.5"),
         "bond/create": deck(
-            "bonds",
-            before="fix f all bond/create 2 1 1 0.6 1 iparam 3 2 jparam 3 2 prob 0.7 77 atype 1\n"
-            "fix g all bond/create 3 1 2 0.7 1 iparam 2 1 jparam 3 1 atype 1\n" + averaged("f_f[2]", "f_g[2]"),
+            "dihedrals",
+            before="fix f all bond/create 2 1 1 0.6 1 iparam 3 2 jparam 3 2 prob 0.7 77 atype 1 dtype 1\n"
+            "fix g all bond/create 3 1 2 0.7 1 iparam 2 1 jparam 3 1 atype 1 dtype 1\n" + averaged("f_f[2]", "f_g[2]"),
         ),
         "bond/create/angle": deck(
             "bonds",

@@ -40,12 +40,12 @@ class BondsSpec:
     """All bonds that may form and break."""
 
     reactions: tuple[ReactionSpec, ...]
-    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, and one angle, if bonds that are made have one with others
+    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, and one angle and dihedral, if bonds that are made have some with others
     initial: np.ndarray  #: (N, W) table at the start
     neighbours: Exceptions  #: Beads with bonds that stay, of the factor 0: they get no other one
     stays: np.ndarray  #: Bonds that stay, and with those of the initial table, see :func:`both_ways`
     start: np.ndarray
-    bent: bool  #: Whether there is that angle
+    bent: tuple[int, ...]  #: Numbers of beads of the latter
     types: np.ndarray  #: (N,) types of the beads at the start
     turns: bool  #: Whether types change
     factors: tuple[float, ...] | None  #: Of the pair terms of beads one, two and three bonds apart, if any differs from 1
@@ -86,6 +86,21 @@ def angles_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
         first = np.flatnonzero((vertex[gap:] == vertex[:-gap]) & (made[gap:] | made[:-gap]))
         found.append(np.column_stack([partner[first], vertex[first], partner[first + gap]]))
     return np.concatenate(found).astype(np.uint32)
+
+
+def dihedrals_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """(K, 4) uint32 dihedrals along three bonds in a row, of which at least one has been made, see :func:`angles_in`."""
+    now, n = _now(table, start), len(table)
+    middle = now[now // n < now % n]
+    (k, a), w = _each(now, middle // n, n), middle % n
+    last, b = _each(now, w[k], n)
+    v, w, a = middle[k[last]] // n, w[k[last]], a[last]
+    made = np.any([~np.isin(one * n + other, start) for one, other in ((a, v), (v, w), (w, b))], axis=0)
+    return np.column_stack([a, v, w, b])[made & (a != w) & (b != v) & (a != b)].astype(np.uint32)
+
+
+#: Terms that come and go with bonds, by the number of their beads.
+FORMED = {3: angles_in, 4: dihedrals_in}
 
 
 def _each(bonds: np.ndarray, beads: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -235,7 +250,7 @@ class ReactingLoop(StepLoop):
     def __init__(self, spec: StepSpec, engine: Any, watch: Watch, reach: float):
         super().__init__(spec, engine, watch, reach)
         self._bonds: BondsSpec = spec.reactions
-        self._sorts = len(self._bonds.sorts) - self._bonds.bent
+        self._sorts = len(self._bonds.sorts) - len(self._bonds.bent)
         self._drifts = sum(letter == "A" for letter, _ in spec.letters)
         self._shown: np.ndarray | None = None
         self._due, self._step, self._left, self._drifted = False, 0, 0, 0
@@ -261,8 +276,7 @@ class ReactingLoop(StepLoop):
         if alien or np.count_nonzero(table > 0) != 2 * sum(map(len, beads)):
             what = "types" if alien else "bonds"
             raise RunError(f"the state has {what} that this scene's reactions cannot make: a script with others wrote it")
-        if self._bonds.bent:
-            beads.append(angles_in(table, self._bonds.start))
+        beads += [FORMED[width](table, self._bonds.start) for width in self._bonds.bent]
         self._shown, factors = None, self._bonds.factors  # until all have them
         apart = None if factors is None else exceptions_in(table, self._bonds.stays, factors)
         acting = types if self._bonds.turns else None

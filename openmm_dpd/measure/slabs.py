@@ -7,7 +7,7 @@ from ..base.geometry import AXES_OF_TENSOR
 from ..base.slices import axis_number, slicer
 from ..base.stats import block_average
 from ..model.flow import AXES, require_plain_axis
-from ..model.reactions import angle_formed
+from ..model.reactions import terms_formed
 from ..simulation.built import BuiltSystem
 from .flow import BuiltReporter, require_whole_stress
 from .of_beads import bond_terms, pair_terms
@@ -53,7 +53,7 @@ class SlabStressReporter(BuiltReporter):
         scene, self._axis = built.plan.scene, axis_number(axis)
         require_plain_axis(scene.box, AXES[self._axis], "a profile of pressures")
         for name in ("angles", "dihedrals", "impropers", "electrostatics", "segments", "shear"):
-            if getattr(scene, name) or (name == "angles" and angle_formed(scene.reactions) is not None):
+            if getattr(scene, name) or name in [f"{term._BEADS[2]}s" for term in terms_formed(scene.reactions)]:
                 raise ParameterError(f"the stress of {name} is not known in slabs; StressReporter has that of the whole box")
         self._cut, self._present = slicer(axis, bins, None, scene.bead_masses, "bins"), Present(built)
         self._rows: list[np.ndarray] = []

@@ -10,7 +10,7 @@ import numpy as np
 from ..base.errors import ParameterError, in_length, what_is
 from ..base.geometry import widths
 from ..base.units import checked, keep, whole_number
-from .angles import Angles
+from .angles import Angles, Dihedrals
 from .bonds import Bonds, bead_indices, check_members
 from .internal import Concentrations
 
@@ -83,7 +83,7 @@ class _Reaction:
 
     def __str__(self) -> str:
         given = [(each.name, getattr(self, each.name)) for each in fields(self)[1:] if getattr(self, each.name) != each.default]  # type: ignore[arg-type]
-        given = [(name, type(value).__name__ if isinstance(value, Angles) else value) for name, value in given]
+        given = [(name, type(value).__name__ if isinstance(value, Angles | Dihedrals) else value) for name, value in given]
         return f"{self.what} of {self.bonds}: {', '.join(f'{name} = {value}' for name, value in given)}"
 
     def until(self, number: int) -> int:
@@ -124,6 +124,8 @@ class BondFormation(_Reaction):
         LAMMPS.  It goes with either of its bonds.
     between : two angles, optional
         Least and largest angle, rad, of the bond with each other bond of its two beads: otherwise it is not made.
+    dihedral : Dihedrals, optional
+        One dihedral of any kind: there is one like this along each three bonds in a row with a bond that is made.
     becomes : two type names, optional
         Types that the two beads take as soon as they have the bonds of their valence; None in place of a name for no change.  Masses stay.
     """
@@ -140,6 +142,7 @@ class BondFormation(_Reaction):
     angle: Angles | None = None
     between: tuple[float, float] | None = None
     becomes: tuple[str | None, str | None] | None = None
+    dihedral: Dihedrals | None = None
     forms, what = True, "bond formation"
 
     def __post_init__(self):
@@ -168,9 +171,10 @@ class BondFormation(_Reaction):
         if self.bonds.between(np.array([[0, 1]])).overstretched(within * np.array([[0.0, 0, 0], [1 - 1e-9, 0, 0]]), None):
             raise ParameterError(f"a bond formation within {in_length(within)} would make longer bonds than {self.bonds} can be")
         energy = None if self.energy is None else checked(self.energy, "energy", "the energy of a bond formation", signed=True)
-        if self.angle is not None and not (isinstance(self.angle, Angles) and len(self.angle.triples) == 1):
-            one = "one angle such as HarmonicAngles([[0, 1, 2]], k, theta0)"
-            raise ParameterError(f"the angle of a bond formation must be {one}, not {what_is(self.angle)}")
+        for name, kind, one in (("angle", Angles, "HarmonicAngles([[0, 1, 2]], k, theta0)"), ("dihedral", Dihedrals, "one of four beads")):
+            term = getattr(self, name)
+            if term is not None and not (isinstance(term, kind) and len(term.beads) == 1):
+                raise ParameterError(f"the {name} of a bond formation must be one {name} such as {one}, not {what_is(term)}")
         becomes = self.becomes and tuple(self.becomes)
         keep(self, types=tuple(self.types), valences=valences, becomes=becomes, within=within, energy=energy)
 
@@ -225,14 +229,14 @@ class BondBreaking(_Reaction):
             return np.exp(self.bonds.curve(r)[1] * self.barrier / np.float64(kT)) if self.barrier else 1.0
 
 
-def angles_like(angle: Any, triples: np.ndarray) -> Angles:
-    """Angles between these beads (K, 3), all like one."""
-    return type(angle)(triples, **{name: getattr(angle, name)[0] for name in angle._DIMENSIONS})
+def terms_like(term: Any, beads: np.ndarray) -> Any:
+    """Angles or dihedrals of these beads (K, 3 or 4), all like one."""
+    return type(term)(beads, **{name: getattr(term, name)[0] for name in term._DIMENSIONS})
 
 
-def angle_formed(reactions: Sequence[Any]) -> Angles | None:
-    """The angle that bonds which some reactions make have with others, None without any."""
-    return next((each.angle for each in reactions if each.forms), None)
+def terms_formed(reactions: Sequence[Any]) -> list[Any]:
+    """The angle and the dihedral that bonds which some reactions make have with others, if any."""
+    return [term for each in [each for each in reactions if each.forms][:1] for term in (each.angle, each.dihedral) if term is not None]
 
 
 def types_change(reactions: Sequence[Any]) -> bool:
@@ -263,15 +267,17 @@ def check_reactions(scene: Any) -> None:
     unknown = [name for name in named if name not in [*scene.masses]]
     farthest, half = max((each.within for each in formations), default=0.0), np.inf if scene.box is None else 0.5 * widths(scene.box).min()
     heated = any(reaction.energy is not None if reaction.forms else reaction.barrier for reaction in scene.reactions)
-    angle = angle_formed(scene.reactions)
+    terms = terms_formed(scene.reactions)
     broken = {id(reaction.bonds) for reaction in scene.reactions if not reaction.forms or reaction.energy is not None}
     reasons = {
-        "all bond formations need the same object as their `angle`, or none": any(each.angle is not angle for each in formations),
-        "bonds in equilibrium cannot have an `angle`, and beads keep their pair terms: `bonded_factors` must be (1, 1, 1)": (
-            any(each.energy is not None for each in formations) and (angle is not None or scene.bonded_factors not in alike)
+        "all bond formations need the same object as their `angle`, or none, and as their `dihedral`": any(
+            list(map(id, terms_formed([each]))) != list(map(id, terms)) for each in formations
         ),
-        "beside an `angle`, bonds that are there at the start cannot break": (
-            angle is not None and any(len(bonds.pairs) and id(bonds) in broken for bonds in bond_sorts(scene.reactions))
+        "bonds in equilibrium cannot have an `angle` or `dihedral`, and pair terms stay: `bonded_factors` must be (1, 1, 1)": (
+            any(each.energy is not None for each in formations) and (bool(terms) or scene.bonded_factors not in alike)
+        ),
+        "beside an `angle` or a `dihedral`, bonds that are there at the start cannot break": (
+            bool(terms) and any(len(bonds.pairs) and id(bonds) in broken for bonds in bond_sorts(scene.reactions))
         ),
         f"there is no bead type {what_is(unknown[0] if unknown else None)}": bool(unknown),
         f"beads within {in_length(farthest)} are looked for in a box that is less than twice as wide": farthest > half * (1 + 1e-9),

@@ -150,7 +150,7 @@ class _Frames:
 
 
 def _joined(scene: Scene) -> dict[str, tuple[list[str], np.ndarray, np.ndarray]]:
-    """See :func:`_named_groups`, by kind."""
+    """Names, types and beads of all terms, by the kind of what joins beads."""
     parts = {"bonds": 2, "angles": 3, "dihedrals": 4, "impropers": 4}
     groups = {part: [(group.beads, _coefficients(group)) for group in getattr(scene, part)] for part in parts}
     return {part: _named_groups(scene.types, groups[part], width) for part, width in parts.items()}

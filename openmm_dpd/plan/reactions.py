@@ -6,7 +6,7 @@ import numpy as np
 
 from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import BondsSpec, ReactionSpec, both_ways, turn
-from ..model.reactions import angle_formed, bond_sorts, types_change
+from ..model.reactions import bond_sorts, terms_formed, types_change
 from ..model.scene import Scene
 from .kinds import bonded_kind
 from .pair_spec import neighbours_change
@@ -48,12 +48,14 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
         turn(initial, np.zeros(n, np.int64), np.full(n, n), bonds.pairs.astype(np.uint32), np.ones(len(bonds.pairs), bool), k, 0)
         for bead in bonds.counted.tolist():
             initial[bead, np.argmin(initial[bead] != 0)] = -1 - k
-    angle = angle_formed(scene.reactions)
-    ones: list[Any] = groups if angle is None else [*groups, angle]
+    terms = terms_formed(scene.reactions)
+    ones: list[Any] = [*groups, *terms]
     kernels = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in ones]
     specs = [ReactionSpec(each, [bonds is each.bonds for bonds in sorts].index(True), *_roles(scene, each)) for each in scene.reactions]
     stays, start = (both_ways(pairs, n) for pairs in (scene.bond_pairs, bonds_at_start(scene)))
     factors = scene.bonded_factors if neighbours_change(scene) else None
     neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n, factors is not None)
     types = scene.type_ids.copy(), types_change(scene.reactions)
-    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, angle is not None, *types, factors)
+    return BondsSpec(
+        tuple(specs), tuple(kernels), initial, neighbours, stays, start, tuple(term.beads.shape[1] for term in terms), *types, factors
+    )

@@ -10,8 +10,8 @@ import openmm
 from ..base.names import GUIDE
 from ..base.units import keep
 from ..kernels.pairs import compressed_exceptions
-from ..kernels.reactions import angles_in, bonds_in, both_ways, types_in
-from ..model.reactions import angle_formed, angles_like, bond_sorts, types_change
+from ..kernels.reactions import FORMED, bonds_in, both_ways, types_in
+from ..model.reactions import bond_sorts, terms_formed, terms_like, types_change
 from ..plan.pair_spec import neighbour_factors, neighbours_change
 from ..plan.plan import Plan
 from ..plan.reactions import bonds_at_start
@@ -44,13 +44,13 @@ def read_types(context: openmm.Context, plan: Plan) -> list[str]:
 
 
 def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
-    """The plan with a scene whose ``types``, ``bonds`` and ``angles`` are those that stay and those of a table, (N, W): what measuring
-    that moment needs."""
+    """The plan with a scene whose ``types``, ``bonds``, ``angles`` and ``dihedrals`` are those that stay and those of a table, (N, W): what
+    measuring that moment needs."""
     groups = [bonds.between(bonds_in(table, k).astype(np.int64)) for k, bonds in enumerate(bond_sorts(plan.scene.reactions))]
-    now, scene, spec, angle = copy(plan), copy(plan.scene), plan.spec, angle_formed(plan.scene.reactions)
-    if angle is not None:
-        start = both_ways(bonds_at_start(scene), len(table))
-        keep(scene, angles=(*scene.angles, angles_like(angle, angles_in(table, start).astype(np.int64))))
+    now, scene, spec, start = copy(plan), copy(plan.scene), plan.spec, both_ways(bonds_at_start(plan.scene), len(table))
+    for term in terms_formed(scene.reactions):
+        name, width = f"{term._BEADS[2]}s", term.beads.shape[1]
+        keep(scene, **{name: (*getattr(scene, name), terms_like(term, FORMED[width](table, start).astype(np.int64)))})
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
     if types_change(scene.reactions):
         types = types_in(table, scene.type_ids, len(groups))

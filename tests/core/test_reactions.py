@@ -362,6 +362,7 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "bodies": ({"bodies": [dpd.Body(np.arange(4))]}, "rigid bodies are not supported"),
     "twice": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, [[0, 1]]), "stays": [[1, 0]]}, "listed twice"),
     "several angles": ({"angle": BEND, "straight": True}, "the same object as their `angle`"),
+    "an angle for a dihedral": ({"dihedral": BEND}, "must be one dihedral such as"),
     "angle in equilibrium": ({"angle": BEND, "energy": 1.0}, "in equilibrium cannot have an `angle`"),
     "angle of no kind": ({"angle": dpd.HarmonicAngles([[0, 1, 2], [1, 2, 3]], 1.0, 2.0)}, "must be one angle such as"),
     "broken at the start": ({"angle": BEND, "bonds": STARTED, "broken": STARTED}, "bonds that are there at the start cannot break"),

@@ -68,7 +68,7 @@ special_bonds lj/coul 0.0 0.5 1.0
 lattice sc 0.3
 region box block 0 6 0 6.5 0 7 units box
 create_box 4 box bond/types 2 angle/types 2 dihedral/types 1 improper/types 2 extra/bond/per/atom 9 &
-  extra/special/per/atom 30 extra/angle/per/atom 9 extra/dihedral/per/atom 9 extra/improper/per/atom 9
+  extra/special/per/atom 30 extra/angle/per/atom 9 extra/dihedral/per/atom 90 extra/improper/per/atom 9
 pair_style dpd 0.0 1.0 3
 bond_style harmonic
 angle_style harmonic
@@ -190,8 +190,12 @@ DECKS["overlap beside exclusions"] = (
 FORMING = MOLECULES + "special_bonds lj/coul 1 1 1\ncreate_atoms 3 random 300 9 NULL overlap 0.3 units box\n"
 DECKS |= {
     # on chains that are there, with an angle at either end of a bond
-    "bonds with angles beside others": FORMING + "fix g all bond/create 2 1 3 0.8 1 iparam 4 1 jparam 2 3 atype 1\n"
-    "fix h all bond/create 5 2 3 0.7 2 iparam 3 2 jparam 1 3 atype 1\n",
+    "bonds with angles beside others": FORMING + "fix g all bond/create 2 1 3 0.8 1 iparam 4 1 jparam 2 3 atype 1 dtype 1\n"
+    "fix h all bond/create 5 2 3 0.7 2 iparam 3 2 jparam 1 3 atype 1 dtype 1\n",
+    "rings with dihedrals of bonds that break": FOUR.replace("atoms 3", "atoms 4")
+    + "create_bonds single/dihedral 1 1 2 3 4\n"
+    + FORMING
+    + "fix g all bond/create 3 3 3 0.8 2 iparam 4 3 jparam 4 3 dtype 1\nfix t all bond/break 4 2 0.65\n",
     "bonds whose beads lose their pair terms": FORMING.replace("1 1 1", "0 0.5 0.5")
     + "fix g all bond/create 4 3 3 0.8 2 iparam 3 3 jparam 3 3 atype 2\nfix t all bond/break 3 2 0.65\n",
     "bonds whose beads lose all pair terms": FORMING.replace("1 1 1", "0 0 0")
@@ -339,6 +343,11 @@ def test_both_programs_run_alike(trial, name):
 @pytest.mark.parametrize(
     "line, reason",
     [
+        (
+            "fix t all bond/break 2 1 0.5\nfix h all bond/create 2 4 4 0.8 1 iparam 1 4 jparam 1 4 dtype 1",
+            "LAMMPS keeps angles and dihedrals",
+        ),
+        ("fix h all bond/create 2 4 4 0.8 1 iparam 1 4 jparam 1 4 itype 1", "whose order of beads is that of lists within LAMMPS"),
         ("variable f atom 2*(type==4)\nfix w all addforce v_f 0 0", "friction and forces that depend on types are not supported"),
         ("compute c all chunk/atom type ids once", "chunks of types that are found once are not supported"),
     ],

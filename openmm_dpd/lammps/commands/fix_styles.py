@@ -301,15 +301,18 @@ def _chance(words: list[str]) -> float:
 
 
 #: Words of fix bond/create whose effect is not supported, and what it is.
-_UNMADE = {"dtype": "dihedrals of bonds that form are", "itype": "impropers of bonds that form are", "molecule": "a choice by molecules is"}
+_UNMADE = {
+    "itype": "impropers of bonds that form, whose order of beads is that of lists within LAMMPS, are",
+    "molecule": "a choice by molecules is",
+}
 
 
 def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = False) -> dict:
-    usage = "fix ID all bond/create N itype jtype Rmin bondtype iparam maxbond itype jparam maxbond jtype [prob fraction seed] [atype type]"
+    usage = "fix ID all bond/create N itype jtype Rmin bondtype iparam maxbond itype jparam maxbond jtype [prob fraction seed] [atype T]"
     read.count(words, usage, 5, None)
     types = tuple(state.type_number(state.numbered("atom", word)) for word in words[1:3])
-    most, later, probability, angle = dict[str, int](), list(types), 1.0, 0
-    sizes = {"iparam": 2, "jparam": 2, "prob": 2, "atype": 1, **({"aconstrain": 2} if bent else {}), **dict.fromkeys(_UNMADE, 1)}
+    most, later, probability, terms = dict[str, int](), list(types), 1.0, {"angle": 0, "dihedral": 0}
+    sizes = {"iparam": 2, "jparam": 2, "prob": 2, **dict.fromkeys(("atype", "dtype", *_UNMADE), 1)} | ({"aconstrain": 2} if bent else {})
     between: tuple[float, ...] | None = None
     for keyword, values in read.options(words[5:], sizes, "fix bond/create"):
         if keyword in _UNMADE:
@@ -318,10 +321,11 @@ def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = Fa
             raise ParameterError(f"fix bond/create {keyword}: {_UNMADE[keyword]} not supported; leave the word out")
         if keyword == "prob":
             probability = _chance(values)
-        elif keyword == "atype":
-            angle = read.integer(state.numbered("angle", values[0]), "the angle type", 0)
-            if angle > state.n_angle_types:
-                raise ParameterError(f"angle type {angle} is out of range: there are {state.n_angle_types}")
+        elif keyword in ("atype", "dtype"):
+            what = {"atype": "angle", "dtype": "dihedral"}[keyword]
+            terms[what] = read.integer(state.numbered(what, values[0]), f"the {what} type", 0)
+            if terms[what] > (there := getattr(state, f"n_{what}_types")):
+                raise ParameterError(f"{what} type {terms[what]} is out of range: there are {there}")
         elif keyword == "aconstrain":
             between = tuple(np.radians(read.number(word, "an angle of aconstrain")) for word in values)
         else:
@@ -332,7 +336,7 @@ def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = Fa
     if types[0] == types[1] and (most["iparam"] != most["jparam"] or later[0] != later[1]):
         raise ParameterError("fix bond/create: iparam and jparam of one atom type must be the same")
     every, length = read.integer(words[0], "the interval", 1), read.positive(words[3], "Rmin")
-    given = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0], "angle": angle, "between": between}
+    given: dict = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0], "between": between, **terms}
     given["becomes"] = None if tuple(later) == types else tuple(map(str, later))
     return {"every": every, "types": types, "length": length, "most": (most["iparam"], most["jparam"]), **given}
 

@@ -30,7 +30,7 @@ from .options import RunOptions
 #: dumps and computes with memory, random numbers of formulas.  Changes by commands are not stored: commands are carried out again.
 PARTS = (
     *("atoms", "box", "step", "noise_counter", "restarts", "time_origin", "last_sample", "generators", "notes"),
-    *("fixes", "computes", "dumps", "groups", "dynamic", "bonds", "angles", "before"),
+    *("fixes", "computes", "dumps", "groups", "dynamic", "bonds", "angles", "dihedrals", "before"),
 )
 
 #: Modules whose classes may be in a checkpoint, besides plain values.  They hold data only, so unpickling them is safe.

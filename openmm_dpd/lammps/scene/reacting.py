@@ -2,18 +2,21 @@
 
 import zlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ...base.errors import ParameterError
-from ...kernels.reactions import angles_in, bonds_in, both_ways
-from ...model.angles import Angles
+from ...kernels.reactions import FORMED, bonds_in, both_ways
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
 from ..state.records import FORMING, REACTING, Fix
 from ..styles.words import bonded_styles
 from .flow import depends_on
+
+#: Terms that come and go with bonds, and the number of their beads.
+_TERMS = (("angle", 3), ("dihedral", 4))
 
 
 def reacting_types(state: DeckState) -> list[int]:
@@ -57,9 +60,15 @@ def _bonds(state: DeckState, kind: int, maker: str = "") -> tuple[np.ndarray, np
 
 def _turns(state: DeckState, kind: int) -> bool:
     """Whether a bead of a bond of this type is in an angle, a dihedral or an improper, which LAMMPS takes away with the bond."""
-    terms = [terms[:, 1:].ravel() for terms in (at_start(state, "angle"), state.dihedrals, state.impropers)]
+    terms = [at_start(state, what)[:, 1:].ravel() for what in ("angle", "dihedral", "improper")]
     bonds = at_start(state, "bond")
     return bool(np.isin(bonds[bonds[:, 0] == kind, 1:], np.concatenate(terms)).any())
+
+
+def _left(state: DeckState) -> list[str]:
+    """Terms that come with bonds and of which there are none at the start of a run."""
+    makers = [fix.parameters for fix in state.fixes_of(*FORMING)]
+    return [what for what, _ in _TERMS if any(its[what] for its in makers) and not len(at_start(state, what))]
 
 
 def _held(state: DeckState, fix: Fix) -> int:
@@ -87,7 +96,7 @@ def _by_types(state: DeckState) -> bool:
 def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaking]:
     """The reactions of a run that begins at a step.  DeckError where a fix cannot act as in LAMMPS."""
     fixes, sorts, found = state.fixes_of(*REACTING), dict[tuple[int, str], ReactiveBonds](), list[BondFormation | BondBreaking]()
-    angles: dict[int, Angles | None] = {0: None}
+    terms: dict[tuple[str, int], Any] = {}
     for fix in fixes:
         given, kind, maker = fix.parameters, fix.parameters["bond"], _maker(state, fix)
         reasons = {
@@ -99,6 +108,9 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             "it cannot be combined with fix npt, whose pressure leaves out bonds that form and break": bool(state.fixes_of("npt")),
             "neigh_modify exclude is not supported beside it": bool(state.exclusions),
             "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
+            "LAMMPS keeps angles and dihedrals of bonds that break, unless there are others of them at the start of the run": (
+                fix.style == "bond/break" and bool(_left(state))
+            ),
             f"several fixes make bonds of type {kind}, and each counts them for itself": fix.name != maker
             and len(_makers(state, kind)) > 1,
             "beads that may get a third bond are not supported: LAMMPS compares aconstrain with one of the two before alone": (
@@ -116,9 +128,10 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
         }
         for reason in (reason for reason, holds in reasons.items() if holds):
             raise fix.error(reason)
-        bend = given.get("angle", 0) if state.angle.style not in ("none", "zero") else 0  # LAMMPS makes none without a style
-        if bend not in angles and bend not in state.angle.coefficients:
-            raise fix.error(f"angle type {bend} has no coefficients")
+        formed = {what: given.get(what, 0) for what, _ in _TERMS if getattr(state, what).style not in ("none", "zero")}
+        for what, number in ((what, number) for what, number in formed.items() if number):  # LAMMPS makes none without a style
+            if number not in getattr(state, what).coefficients:
+                raise fix.error(f"{what} type {number} has no coefficients")
         with errors_at(fix.where, f"fix {fix.name}: "):
             if (kind, maker) not in sorts:
                 style, values = state.bond.coefficients[kind]
@@ -128,15 +141,17 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
                 values, place = {name: getattr(bond, name)[0] for name in bond._DIMENSIONS}, state.atoms.index_of
                 its, counted = _bonds(state, kind, maker)
                 sorts[kind, maker] = ReactiveBonds(type(bond), values, place(its.ravel()).reshape(-1, 2), place(counted))
-            if bend not in angles:
-                style, values = state.angle.coefficients[bend]
-                flat = style in ("none", "zero")
-                angles[bend] = None if flat else bonded_styles("angle")[style].build(np.array([[0, 1, 2]]), values)
+            for what, width in _TERMS:
+                style, values = getattr(state, what).coefficients[formed[what]] if formed.get(what) else ("none", {})
+                if (what, formed.get(what, 0)) not in terms:
+                    made = None if style in ("none", "zero") else bonded_styles(what)[style].build(np.arange(width)[None], values)
+                    terms[what, formed.get(what, 0)] = made
             trials = {"probability": given["probability"], "every": given["every"], "start": -step % given["every"]}
             length = given["length"] * state.units.length
             if fix.style in FORMING:
                 one, other = map(str, given["types"])
-                later = {"becomes": given["becomes"], "between": given["between"], "angle": angles[bend]}
+                later = {"becomes": given["becomes"], "between": given["between"]}
+                later |= {what: terms[what, formed.get(what, 0)] for what, _ in _TERMS}
                 found.append(BondFormation(sorts[kind, maker], (one, other), length, given["most"], **later, **trials))
             else:
                 found.append(BondBreaking(sorts[kind, maker], length, spends=bool(maker), **trials))
@@ -144,8 +159,8 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
 
 
 def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> None:
-    """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`, the angles that have come with them, and the types of
-    the beads."""
+    """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`, the angles and dihedrals that have come with them, and
+    the types of the beads."""
     sorts = _sorts(state)
     rows = [state.bonds[~np.isin(state.bonds[:, 0], [kind for kind, _ in sorts])]]
     for k, (kind, maker) in enumerate(sorts):
@@ -154,12 +169,13 @@ def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> Non
         if maker:
             state.fixes[maker].parameters["noted"] = ids, np.repeat(state.atoms.ids, (table == -1 - k).sum(axis=1))
     state.bonds, state.atoms.types = np.concatenate(rows), np.array([*map(int, types)])
-    bend = next((fix.parameters["angle"] for fix in state.fixes_of(*FORMING)), 0)
-    if bend and state.angle.style != "none":
-        there = at_start(state, "bond")[:, 1:]
-        start = both_ways(state.atoms.index_of(there.ravel()).reshape(-1, 2), len(state.atoms))
-        ids = state.atoms.ids[angles_in(table, start).astype(np.int64)]
-        state.angles = np.concatenate([at_start(state, "angle"), np.column_stack([np.full(len(ids), bend), ids])])
+    for what, width in _TERMS:
+        number = next((fix.parameters[what] for fix in state.fixes_of(*FORMING)), 0)
+        if number and getattr(state, what).style != "none":
+            there = at_start(state, "bond")[:, 1:]
+            start = both_ways(state.atoms.index_of(there.ravel()).reshape(-1, 2), len(state.atoms))
+            ids = state.atoms.ids[FORMED[width](table, start).astype(np.int64)]
+            setattr(state, f"{what}s", np.concatenate([at_start(state, what), np.column_stack([np.full(len(ids), number), ids])]))
 
 
 def keep_reacted(state: DeckState, reacted: dict[str, list[float]]) -> None:
