@@ -56,6 +56,5 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
     factors = scene.bonded_factors if neighbours_change(scene) else None
     neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n, factors is not None)
     types = scene.type_ids.copy(), types_change(scene.reactions)
-    return BondsSpec(
-        tuple(specs), tuple(kernels), initial, neighbours, stays, start, tuple(term.beads.shape[1] for term in terms), *types, factors
-    )
+    bent = tuple(term.beads.shape[1] for term in terms)
+    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, bent, *types, factors)

@@ -301,10 +301,7 @@ def _chance(words: list[str]) -> float:
 
 
 #: Words of fix bond/create whose effect is not supported, and what it is.
-_UNMADE = {
-    "itype": "impropers of bonds that form, whose order of beads is that of lists within LAMMPS, are",
-    "molecule": "a choice by molecules is",
-}
+_UNMADE = {"itype": "impropers, whose order of beads is that of lists within LAMMPS, are", "molecule": "a choice by molecules is"}
 
 
 def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = False) -> dict:

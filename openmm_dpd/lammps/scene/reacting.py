@@ -17,6 +17,7 @@ from .flow import depends_on
 
 #: Terms that come and go with bonds, and the number of their beads.
 _TERMS = (("angle", 3), ("dihedral", 4))
+_FLAT = ("none", "zero")
 
 
 def reacting_types(state: DeckState) -> list[int]:
@@ -128,30 +129,30 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
         }
         for reason in (reason for reason, holds in reasons.items() if holds):
             raise fix.error(reason)
-        formed = {what: given.get(what, 0) for what, _ in _TERMS if getattr(state, what).style not in ("none", "zero")}
-        for what, number in ((what, number) for what, number in formed.items() if number):  # LAMMPS makes none without a style
+        # LAMMPS makes none without a style
+        formed = [(what, given[what], width) for what, width in _TERMS if given.get(what) and getattr(state, what).style not in _FLAT]
+        for what, number, _ in formed:
             if number not in getattr(state, what).coefficients:
                 raise fix.error(f"{what} type {number} has no coefficients")
         with errors_at(fix.where, f"fix {fix.name}: "):
             if (kind, maker) not in sorts:
                 style, values = state.bond.coefficients[kind]
-                if style in ("none", "zero"):
+                if style in _FLAT:
                     raise ParameterError(f"bonds of style {style} have no energy")
                 bond = bonded_styles("bond")[style].build(np.array([[0, 1]]), values)
                 values, place = {name: getattr(bond, name)[0] for name in bond._DIMENSIONS}, state.atoms.index_of
                 its, counted = _bonds(state, kind, maker)
                 sorts[kind, maker] = ReactiveBonds(type(bond), values, place(its.ravel()).reshape(-1, 2), place(counted))
-            for what, width in _TERMS:
-                style, values = getattr(state, what).coefficients[formed[what]] if formed.get(what) else ("none", {})
-                if (what, formed.get(what, 0)) not in terms:
-                    made = None if style in ("none", "zero") else bonded_styles(what)[style].build(np.arange(width)[None], values)
-                    terms[what, formed.get(what, 0)] = made
+            for what, number, width in formed:
+                style, values = getattr(state, what).coefficients[number]
+                if (what, number) not in terms and style not in _FLAT:
+                    terms[what, number] = bonded_styles(what)[style].build(np.arange(width)[None], values)
             trials = {"probability": given["probability"], "every": given["every"], "start": -step % given["every"]}
             length = given["length"] * state.units.length
             if fix.style in FORMING:
                 one, other = map(str, given["types"])
                 later = {"becomes": given["becomes"], "between": given["between"]}
-                later |= {what: terms[what, formed.get(what, 0)] for what, _ in _TERMS}
+                later |= {what: terms.get((what, number)) for what, number, _ in formed}
                 found.append(BondFormation(sorts[kind, maker], (one, other), length, given["most"], **later, **trials))
             else:
                 found.append(BondBreaking(sorts[kind, maker], length, spends=bool(maker), **trials))
