@@ -20,7 +20,7 @@ def data_file() -> str:
     for beads in (5, 5, 3, 2, 5, 3, 2):
         molecule += 1
         places = rng.normal(size=(beads, 3)) * 0.4 if beads != 3 else np.outer(np.arange(3), rng.normal(size=3) * 0.4)
-        for k, place in enumerate(places + rng.random(3) * EDGE):
+        for k, place in enumerate(places + rng.random(3) * EDGE + EDGE * (molecule == 2)):
             rows.append((molecule, 1 + k % 2, place))
     rows += [(0, 3, place) for place in rng.random((FREE, 3)) * EDGE]
     atoms = []

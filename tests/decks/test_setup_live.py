@@ -193,7 +193,7 @@ DECKS |= {
     "bonds with angles beside others": FORMING + "fix g all bond/create 2 1 3 0.8 1 iparam 4 1 jparam 2 3 atype 1 dtype 1\n"
     "fix h all bond/create 5 2 3 0.7 2 iparam 3 2 jparam 1 3 atype 1 dtype 1\n",
     "rings with dihedrals of bonds that break": FOUR.replace("atoms 3", "atoms 4")
-    + "create_bonds single/dihedral 1 1 2 3 4\n"
+    + "create_bonds single/dihedral 1 1 2 3 4\ncreate_bonds single/bond 1 1 2\ncreate_bonds single/bond 1 2 3\ncreate_bonds single/bond 1 3 4\n"
     + FORMING
     + "fix g all bond/create 3 3 3 0.8 2 iparam 4 3 jparam 4 3 dtype 1\nfix t all bond/break 4 2 0.65\n",
     "bonds whose beads lose their pair terms": FORMING.replace("1 1 1", "0 0.5 0.5")

@@ -353,10 +353,10 @@ def test_bad_species(tmp_path, species, message):
 
 # -- bonds and types that change -------------------------------------------------------------------------------------------------
 def test_bonds_and_types_are_those_of_the_moment(tmp_path, hoomd):
-    """A bond of the start breaks in step 2; in step 6 another one forms, and makes a bead a B.  A State alone has neither."""
+    """A bond of the start breaks in step 4; in step 6 another one forms, and makes a bead a B.  A State alone has neither."""
     bonds = dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 1.0, "r0": 0.5}, pairs=[[0, 1]])
     reactions = [
-        dpd.BondBreaking(bonds, beyond=0.8, every=2),
+        dpd.BondBreaking(bonds, beyond=0.8, every=4),
         dpd.BondFormation(bonds, ("A", "C"), within=0.7, valences=(1, 1), probability=1.0, every=6, becomes=("B", None)),
     ]
     x = [[0.1, 1, 1], [1.1, 1, 1], [2.0, 2, 2], [2.5, 2, 2], [3.5, 3, 3]]
@@ -372,7 +372,7 @@ def test_bonds_and_types_are_those_of_the_moment(tmp_path, hoomd):
     simulation.step(2)
     with hoomd.open(str(tmp_path / "a.gsd")) as file, hoomd.open(str(tmp_path / "start.gsd")) as start:
         frames = [start[0], *file]
-    assert [frame.bonds.group.tolist() for frame in frames] == [[[0, 1]], [], [], [[2, 3]], [[2, 3]]]
+    assert [frame.bonds.group.tolist() for frame in frames] == [[[0, 1]], [[0, 1]], [], [[2, 3]], [[2, 3]]]
     assert [[frame.particles.types[k] for k in frame.particles.typeid][2] for frame in frames] == ["A", "A", "A", "B", "B"]
     assert frames[3].bonds.types == ["B-C"]
     assert ["".join(frame["species"]) for frame in parsed_xyz(tmp_path / "a.xyz")] == ["CCACC", "CCACC", "CCBCC", "CCBCC"]
