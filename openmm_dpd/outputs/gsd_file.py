@@ -141,7 +141,6 @@ class _Frames:
             beads.charge = scene.charges
         for name, (names, typeid, group) in (self._joined or _joined(scene)).items():
             part = getattr(frame, name)
-            part.N = 0  # otherwise it is as in the first frame
             if len(group):
                 part.N, part.types, part.typeid, part.group = len(group), _coded(names), typeid, group
         if scene.molecules is not None:
