@@ -151,9 +151,10 @@ class _Frames:
 
 def _joined(scene: Scene) -> dict[str, tuple[list[str], np.ndarray, np.ndarray]]:
     """Names, types and beads of all terms, by the kind of what joins beads."""
-    parts = {"bonds": 2, "angles": 3, "dihedrals": 4, "impropers": 4}
-    groups = {part: [(group.beads, _coefficients(group)) for group in getattr(scene, part)] for part in parts}
-    return {part: _named_groups(scene.types, groups[part], width) for part, width in parts.items()}
+    return {
+        part: _named_groups(scene.types, [(group.beads, _coefficients(group)) for group in getattr(scene, part)])
+        for part in ("bonds", "angles", "dihedrals", "impropers")
+    }
 
 
 def _coded(names: list[str]) -> list:
@@ -166,10 +167,10 @@ def _coefficients(group) -> np.ndarray:
     return np.array([f"{type(group).__name__} {row}" for row in group.coefficients.tolist()], dtype=object)
 
 
-def _named_groups(types, groups: list, width: int) -> tuple[list[str], np.ndarray, np.ndarray]:
+def _named_groups(types, groups: list) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names of the types of bonds, angles or dihedrals, and the type and beads of each term."""
     if not groups:
-        return [], np.zeros(0, np.uint32), np.zeros((0, width), np.int64)
+        return [], np.zeros(0, np.uint32), np.zeros((0, 2), np.int64)
     rows = np.concatenate([rows for rows, _ in groups])
     names: list[str] = []
     numbers: dict[tuple[str, str], int] = {}
