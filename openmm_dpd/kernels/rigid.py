@@ -8,8 +8,8 @@ them, and writes them back::
 with the places s of the beads along its principal axes, and R from three beads that are far apart.  So kicks may act on single beads: to
 read and write velocities afterwards is the kick of the body.  Where mass, centre and tensor of inertia of a body are given, and are not
 those of its beads, V and L are those before the kick, which the velocities of beads at that time show, and the impulses that the beads have
-got since then.  In a drift a body turns by the exact rotation of a symmetric top, and before
-and after it for half the time about its second axis, as the rest of the kinetic energy asks for::
+got since then.  In a drift a body turns by the exact rotation of a symmetric top, and before and after it for half the time about its
+second axis, as the rest of the kinetic energy asks for::
 
     T = [ L^2/(2 I1) + (1/I3 - 1/I1) L3^2/2 ] + (1/I2 - 1/I1) L2^2/2
 
@@ -151,8 +151,7 @@ def _read_given(bodies, b, x, v, kept, kicked):
         qx, qy, qz = cross(rx - mx, ry - my, rz - mz, m * vx, m * vy, m * vz)
         ux, uy, uz, lx, ly, lz = ux + m * vx, uy + m * vy, uz + m * vz, lx + qx, ly + qy, lz + qz
     a, c, d = _in_body(turn, lx, ly, lz)
-    fit = bodies.spins[b]
-    a, c, d = _in_space(fit, a, c, d)
+    a, c, d = _in_space(bodies.spins[b], a, c, d)
     wx, wy, wz = _in_space(turn, a, c, d)
     qx, qy, qz = cross(wx, wy, wz, mx, my, mz)
     for k, speed, push in ((0, ux / n[BEADS] - qx, px), (1, uy / n[BEADS] - qy, py), (2, uz / n[BEADS] - qz, pz)):

@@ -18,11 +18,7 @@ AnyWall = Wall | SolidWall
 class _Plane(RoundedBox):
     """Half of the solid behind a plane, in a box that repeats."""
 
-    name: str = ""
-
-    @property
-    def title(self):
-        return self.name
+    title: str = ""  # type: ignore[assignment]  # in place of the property
 
 
 def checked_walls(walls: Sequence[AnyWall], box: np.ndarray | None) -> dict[str, Any]:
@@ -55,5 +51,5 @@ def as_solids(walls: Sequence[AnyWall], box: np.ndarray | None) -> tuple[SolidWa
         size, centre = np.diag(box).copy(), np.zeros(3)
         size[axis] = 0.5 * (size[axis] - (high - low))
         centre[axis] = low - 0.5 * size[axis] if wall.side == "above" else high + 0.5 * size[axis]
-        made.append(SolidWall(_Plane(centre, size, name=where), velocity=wall.velocity or (0.0, 0.0, 0.0)))
+        made.append(SolidWall(_Plane(centre, size, title=where), velocity=wall.velocity or (0.0, 0.0, 0.0)))
     return tuple(made)
