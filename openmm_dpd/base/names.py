@@ -29,6 +29,8 @@ PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", 
 BY_SCHEME, BY_KT, BY_SEED = "dpd_by_scheme", "dpd_by_kT", "dpd_by_seed"
 #: Number that identifies the variables of the integrator that wrote a state: a checkpoint has values without names.
 BY_VARIABLES = "dpd_by_variables"
+#: Number that identifies what beads carry, in Contexts where they do: its variables have the same names for all kinds.
+BY_FIELDS = "dpd_by_fields"
 #: 0 until the first step of a Context; reinitialize() without preserving the state resets it.
 BEGUN = "dpd_begun"
 #: Number that identifies the foreign forces of the last step, 0 without any: what a scheme has kept is not valid for others.
@@ -88,7 +90,7 @@ IMPULSES = {
 #: may be.
 SOLID, MOST_SOLIDS = "dpd_solid_{}_{}_{}", 8
 #: Parameters that change within a step and are not part of the state.
-VOLATILE = frozenset((PHASE, TAU, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
+VOLATILE = frozenset((PHASE, TAU, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BY_FIELDS, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
 VOLATILE |= frozenset(IMPULSES.values())
 VOLATILE |= {SOLID.format(k, kind, axis) for k in range(MOST_SOLIDS) for kind in ("force", "torque") for axis in "xyz"}
 

@@ -14,7 +14,7 @@ from openmm import app
 
 from ..base import names
 from ..base.errors import ParameterError, PlanError
-from ..base.names import BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
+from ..base.names import BEGUN, BESIDE, BY_FIELDS, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
 from ..base.openmm_private import masses_of, virtual_sites
 from ..base.units import position_array
 from ..kernels.fields import ENERGY, FieldSpec
@@ -54,7 +54,8 @@ def text_number(text: str) -> float:
 def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
     """Context parameters with which a state records which script and integrator wrote it."""
     asked = {BY_SCHEME: text_number(options.scheme.name), BY_KT: _asked(options), BY_SEED: float(options.seed)}
-    return asked | {BY_VARIABLES: variables_number(integrator), BESIDE: 0.0, BEGUN: 0.0}
+    carried = {BY_FIELDS: text_number(options.field_names)} if options.field_names else {}
+    return asked | carried | {BY_VARIABLES: variables_number(integrator), BESIDE: 0.0, BEGUN: 0.0}
 
 
 def of_fields(fields: FieldSpec | None) -> dict[str, float]:
@@ -119,6 +120,7 @@ class Made:
     used: int  #: The integration force groups, a bit for each
     lines: int  #: Number of lines of the integrator's program; 0 where it has none
     scheme: str
+    carries: str  #: What beads carry, in words
     kT: float  #: Thermal energy the script asked for, kJ/mol (that at the beginning of a ramp)
     asked: float  #: The number that stands for this temperature in states, negative for a ramp
     seed: int | None  #: The seed the script chose; None if it left the choice to the package
@@ -139,7 +141,7 @@ class Made:
         seed = options.seed if options.seeded else None
         there = masses_of(system), options.constraints, virtual_sites(system), forces
         used, lines = integrator.getIntegrationForceGroups(), lines_of(integrator)
-        return cls(maker, *there, used, lines, options.scheme.name, options.kT, _asked(options), seed, no_barostat)
+        return cls(maker, *there, used, lines, options.scheme.name, options.field_names, options.kT, _asked(options), seed, no_barostat)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
         """The forces in a System that this package did not make.  PlanError if the integrator was made for another System, or something in
@@ -173,7 +175,9 @@ class Made:
                 )
 
     def check_writer(self, parameters: Mapping[str, float]) -> None:
-        """Raise PlanError if the parameters of a state say that another scheme wrote it."""
+        """Raise PlanError if the parameters of a state say that another scheme wrote it, or its beads carried something else."""
+        if self.carries and BY_FIELDS in parameters and parameters[BY_FIELDS] != text_number(self.carries):
+            raise PlanError(f"the state is of beads that carry something else than those of this scene ({self.carries})")
         if BY_SCHEME in parameters and parameters[BY_SCHEME] != text_number(self.scheme):
             raise PlanError(
                 f"the state was written by another scheme than {self.scheme!r}, and schemes keep velocities at different times; take "

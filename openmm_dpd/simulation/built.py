@@ -14,7 +14,7 @@ from openmm import app, unit
 
 from ..base.errors import ParameterError, PlanError, either, fact_table, what_is
 from ..base.files import write_whole
-from ..base.names import BY_VARIABLES, FIELD, SHOWN, WRITTEN
+from ..base.names import BY_FIELDS, BY_VARIABLES, FIELD, SHOWN, WRITTEN
 from ..base.platforms import fastest_platform
 from ..base.serialized import checked_xml, deserialized, read_file
 from ..base.signals import unbroken
@@ -179,7 +179,8 @@ def _take_unknown_out(root: ElementTree.Element, integrator: openmm.Integrator) 
     known = {integrator.getGlobalVariableName(k) for k in range(integrator.getNumGlobalVariables())}
     known_per_dof = {integrator.getPerDofVariableName(k) for k in range(integrator.getNumPerDofVariables())}
     single = [(node, name) for node in root.iterfind("IntegratorParameters/GlobalVariables") for name in set(node.attrib) - known]
-    absent = {SHOWN: getattr(integrator, "shown_to", None) is None, WRITTEN: f"{FIELD}0" not in known_per_dof}
+    bare = f"{FIELD}0" not in known_per_dof
+    absent = {SHOWN: getattr(integrator, "shown_to", None) is None, WRITTEN: bare, BY_FIELDS: bare}
     single += [(node, name) for node in root.iterfind("Parameters") for name, lacks in absent.items() if lacks and name in node.attrib]
     per_dof = [(node, child) for node in root.iterfind("IntegratorParameters/PerDofVariables") for child in node]
     per_dof = [(node, child) for node, child in per_dof if child.tag not in known_per_dof]

@@ -98,7 +98,7 @@ def _heard(kind: type, name: str, hear: str) -> Callable:
             if lacking is None:
                 raise
             left_out = "bonds that form or what beads carry; here none do: use simulation.loadState"
-            of = left_out if lacking[1] in (SHOWN, shared.WRITTEN) else "another kind of scene"
+            of = left_out if lacking[1] in (SHOWN, shared.WRITTEN, shared.BY_FIELDS) else "another kind of scene"
             raise PlanError(f"that state has the parameter {lacking[1]} of {of}") from error
 
     return heard

@@ -1,5 +1,6 @@
 """eDPD, tDPD and mDPD in a running Context: steps on every platform against the oracle's integrators, sources, restart, files, energy."""
 
+import io
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -143,6 +144,19 @@ def test_sources_in_a_tilted_box_act_within_its_faces():
     inside = rng.random((300, 3)) @ box + corner
     source.add_to(rates, inside + rng.integers(-3, 4, (300, 3)) @ box, box)
     assert np.array_equal(rates[:, 0], source.region.contains(inside)) and 50 < rates.sum() < 250
+
+
+@pytest.mark.parametrize("how", ["State", "Checkpoint"])
+def test_states_of_beads_that_carry_something_else_are_refused(how):
+    """Variables of heat and of species have the same names."""
+    table = {("*", "*"): dpd.TDPD(A=1.0, gamma=4.5, kappa=(1.0,))}
+    one = replace(species_scene(), internal=dpd.Concentrations(np.ones((N, 1))), sources=(), pairs=table)
+    for scenes in ((heat_scene(), one), (one, heat_scene())):
+        writer, reader = (running(scene, DEVICES[0]) for scene in scenes)
+        file = io.StringIO() if how == "State" else io.BytesIO()
+        getattr(writer, f"save{how}")(file)
+        file.seek(0)
+        raises(PlanError, "carry something else than those of this scene", getattr(reader, f"load{how}"), file)
 
 
 def test_setting_values_acts_at_once():
