@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import openmm
@@ -101,7 +102,9 @@ def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     built = BuiltSystem(
         system=system,
         integrator=integrator,
-        topology=openmm_topology(list(scene.types), scene.molecules, with_first_bonds(scene).bond_pairs, scene.box, scene.residues),
+        topology=partial(
+            openmm_topology, list(scene.types), scene.molecules, with_first_bonds(scene).bond_pairs, scene.box, scene.residues
+        ),
         positions=scene.positions.copy() * unit.nanometer,
         velocities=initial_velocities(scene, options.seed, plan.spec.bodies) * (unit.nanometer / unit.picosecond),
         plan=plan,

@@ -41,13 +41,32 @@ _LOGGER = logging.getLogger("openmm_dpd")
 FARTHEST = 0.1
 
 
+class LateTopology:
+    """An attribute that is a Topology, or a function that makes it when it is first asked for: with many beads it takes more time, and as
+    much memory, as all else that is built."""
+
+    def __get__(self, instance, owner=None):
+        given = vars(instance)["topology"]
+        if callable(given):
+            given = vars(instance)["topology"] = given()
+        return given
+
+    def __set__(self, instance, value):
+        vars(instance)["topology"] = value
+
+
 class DPDSimulation(app.Simulation):
     """An ``openmm.app.Simulation`` that checks states before it loads them, saves them completely or not at all, and has a minimiser of its
     own."""
 
-    def __init__(self, plan: Plan, *arguments):
-        super().__init__(*arguments)
-        self._plan = plan
+    topology = LateTopology()
+
+    def __init__(self, plan: Plan, topology: app.Topology | Callable[[], app.Topology], *arguments):
+        asked = app.Topology()  # for whether there is a box, if a force does not say whether it uses one
+        if plan.scene.box is not None:
+            asked.setPeriodicBoxVectors(plan.scene.box * unit.nanometer)
+        super().__init__(asked, *arguments)
+        self._plan, self.topology = plan, topology
 
     def step(self, steps: int) -> None:
         """Take steps.  Where a loop of whole steps does them, all steps before a report are taken at once, not ten at a time as in OpenMM.
@@ -246,7 +265,7 @@ class BuiltSystem:
         ParameterError
             If there is no such platform, or it does not know a property.
         """
-        if self.topology is None or self.positions is None:
+        if vars(self)["topology"] is None or self.positions is None:
             raise PlanError("a Simulation needs a topology and positions: give them to add_thermostat, or make your own app.Simulation")
         simulation = self._new_simulation(platform, properties)
         context = simulation.context
@@ -274,7 +293,7 @@ class BuiltSystem:
             chosen = openmm.Platform.getPlatformByName(name) if isinstance(name, str) else name
             usual = chosen.getPropertyDefaultValue("Precision") if "Precision" in chosen.getPropertyNames() else ""
             more = {"Precision": PRECISION} if self.plan.execution.on_device and usual == "single" else {}
-            return DPDSimulation(self.plan, self.topology, self.system, self.integrator, chosen, more | (properties or {}))
+            return DPDSimulation(self.plan, lambda: self.topology, self.system, self.integrator, chosen, more | (properties or {}))
         except openmm.OpenMMException as error:
             if "same name as a Context parameter" in str(error):
                 name = str(error).rpartition(":")[2].strip()
@@ -283,3 +302,6 @@ class BuiltSystem:
                 again = "this scene" if self.plan.host is None else "this System"
                 raise PlanError(f"{again} has a Simulation already; build it again for another one") from None
             raise ParameterError(f"no Simulation on platform {what_is(name)} with properties {what_is(properties)}: {error}") from None
+
+
+BuiltSystem.topology = LateTopology()  # type: ignore[assignment]  # behind the class, where it is no default

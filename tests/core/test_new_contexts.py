@@ -196,3 +196,14 @@ def test_an_infinite_temperature_is_an_error():
     simulation = built().simulation()
     simulation.context.setParameter("dpd_kT", np.inf)
     raises(openmm.OpenMMException, "must be >= 0 and finite", simulation.step, 1)
+
+
+def test_a_topology_is_made_for_those_who_ask():
+    """Once: built system and Simulation have the same one; nothing else needs it."""
+    made = dpd.build(beads(), dt=0.02, platform="Reference")
+    simulation = made.simulation()
+    simulation.step(1)
+    assert all(callable(vars(each)["topology"]) for each in (made, simulation))
+    assert simulation.topology is made.topology and simulation.topology.getNumAtoms() == 81
+    simulation.topology = other = app.Topology()
+    assert simulation.topology is other is not made.topology
