@@ -46,7 +46,7 @@ def drawn(
 
     Returns
     -------
-    (H, W, 4) array
+    (H, W, 4) array of float32
         Red, green, blue and opacity from 0 to 1, the top row first.
     """
     from PIL import Image, ImageFilter  # comes with matplotlib, and takes a tenth of the time that scipy's module takes to import
@@ -67,7 +67,7 @@ def drawn(
     half = light + [0.0, 0.0, 1.0]
     shown = np.zeros(len(seen) + 1, bool)
     shown[front] = True  # the last one is for pixels with nothing
-    picture = np.zeros((shape[0] // _FINER, shape[1] // _FINER, 4))
+    picture = np.zeros((shape[0] // _FINER, shape[1] // _FINER, 4), np.float32)
     _shade(
         depth, front, blurred, seen, radii, np.ascontiguousarray(colours, dtype=float), low, scale, light,
         half / np.linalg.norm(half), seen[shown[:-1], 2].max(initial=-np.inf), max(float(np.ptp(seen[:, 2])), 1e-12), picture,
@@ -77,7 +77,7 @@ def drawn(
 
 def _nearest(seen: np.ndarray, radii: np.ndarray, low: np.ndarray, scale: float, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) depth of what is in front in each pixel, and which sphere that is, -1 for none."""
-    depth, front = np.full(shape, -np.inf), np.full(shape, -1)
+    depth, front = np.full(shape, -np.inf, np.float32), np.full(shape, -1, np.int32)
     _cover(np.ascontiguousarray(seen), np.ascontiguousarray(radii, dtype=float), low, scale, depth, front)
     return depth, front
 
