@@ -222,6 +222,7 @@ class BuiltSystem:
         other code.
     integrator : PairIntegrator, an openmm.CustomIntegrator (NativeIntegrator, an openmm.DPDIntegrator, for the native scheme)
     topology : openmm.app.Topology, or None if ``add_thermostat`` got none
+        Made when it is first asked for.
     positions : (N, 3) Quantity, or None if ``add_thermostat`` got none
     velocities : (N, 3) Quantity
     plan : Plan
