@@ -9,10 +9,10 @@ from cases import cases, raises
 from kinds import ENERGY
 from reference_forces import COUNTER, DT, SEED, close, noise_matrices, prepared, same_terms
 from scenes import BOX, BOXES, MASSES, chains, fluid, listed_pairs
-from scipy import stats
+from scipy import optimize, stats
 
 import openmm_dpd as dpd
-from openmm_dpd.kernels.energy_updates import any_motion
+from openmm_dpd.kernels.energy_updates import any_conduction, any_motion
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM
 from openmm_dpd.kernels.eos import CONSTANT, log_ratio
 from openmm_dpd.model.energy_dpd import EnergyDPD
@@ -197,6 +197,34 @@ def test_the_temperature_of_an_exact_update_is_that_of_its_reverse(capacities, n
         new, gain = move(ev, ui, uj, -0.7)
         assert gain != 0.0
         assert temperature(new, ui + gain, uj + gain) == pytest.approx(temperature(ev, ui, uj), rel=1e-9)
+
+
+@compiled
+def _heat(ui, uj, exchange, xi, drawn, states, curves):
+    return any_conduction(ui, uj, exchange, xi, drawn, states, curves)
+
+
+@pytest.mark.parametrize("capacities, numbers", [((40.0, 15.0), (CONSTANT, CONSTANT)), ((0.0, 15.0), (0, CONSTANT)), ((0.0, 0.0), (0, 0))])
+def test_heat_goes_on_to_others(capacities, numbers):
+    """A sweep takes away as much of a difference, and adds as much noise, as the formulas of :mod:`openmm_dpd.kernels.exchange` say, with
+    b = -S'' at equal temperatures: S' = C/u, or (3/u)^(1/2) for u = 3 theta^2."""
+    tabulated = TabulatedEOS.from_functions(lambda theta: 3 * theta**2, (0.05, 8.0))
+    table = eos_table([tabulated], np.zeros(1, int), np.zeros(1, bool), np.ones(1))
+    slopes = [lambda u, c=c, k=k: c / u if k == CONSTANT else (3 / u) ** 0.5 for c, k in zip(capacities, numbers, strict=True)]
+    bends = [lambda u, c=c, k=k: c / u**2 if k == CONSTANT else (0.75 / u**3) ** 0.5 for c, k in zip(capacities, numbers, strict=True)]
+    total, excess = 60.0, 2.5
+    share = optimize.brentq(lambda u: slopes[0](u) - slopes[1](total - u), 1.0, total - 1.0, xtol=1e-13)
+    bi, bj = bends[0](share), bends[1](total - share)
+    e, moving = 0.8 / (bi + bj), 0.3
+    wi, wj, y, s = 3.0 * e, 4.0 * e, 0.8, moving / slopes[0](share)
+    others = (bi**2 * (wi - e) + bj**2 * (wj - e)) / (bi + bj)
+    every = y + others
+    lost = y * (1 - y / every * (1 - (1 - np.exp(-every)) / every / (1 + s * others)))
+    width = np.sqrt(lost * (2 - lost) / (bi + bj))
+    for xi, change in ((0.0, -lost * excess), (-0.7, -lost * excess - 0.7 * width), (total / width, 0.0), (-total / width, 0.0)):
+        # nothing, if one bead had to give more than it has
+        found = _heat(share + excess, total - share - excess, (e, wi, wj, moving), xi, 0.0, (*capacities, *numbers), table.curves)
+        assert found == pytest.approx(change, rel=1e-3 if 0 in numbers else 1e-12)
 
 
 def test_threads_give_the_same_bits():
