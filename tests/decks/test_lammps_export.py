@@ -190,6 +190,9 @@ def test_fixed_beads_and_their_groups(tmp_path):
     assert words(written, "group") == ["mobile id 4:7 9:240"] and words(written, "fix") == ["move mobile nve"]
     np.testing.assert_array_equal(deck_scene(written.deck).mobile, mobile)
     assert id_words(np.zeros(3, bool)) == [] and id_words(np.array([True, False, True])) == ["1", "3"]
+    # those with internal energies are reservoirs, whatever their equation of state
+    eos = [line.split()[2:4] for line in words(export_lammps(exported.scene("energy"), tmp_path, "x", dt=0.01), "fix") if "eos/" in line]
+    assert eos == [["eos/cv", "50.0"], ["eos/cv", "1000000000000.0"], ["eos/table", "linear"], ["eos/cv", "1000000000000.0"]]
 
 
 def test_seeds_are_those_that_lammps_takes():

@@ -1,9 +1,12 @@
 """Rules of the house that a script can count.  Bounds are what there is today; they may go down, never up."""
 
 import ast
+import importlib
+import inspect
 import re
 from collections import defaultdict
 
+import numpy as np
 from import_graph import NODES, PATHS, ROOT, TREES, circles, nodes_of
 
 from openmm_dpd.plan import kinds
@@ -84,6 +87,24 @@ def test_docstrings_stand_alone():
         for node in NODES[module] if not module.startswith(later) else ():
             if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
                 assert not leans.match(ast.get_docstring(node) or ""), f"{PATHS[module]}: {ast.get_docstring(node)}"
+
+
+def test_defaults_are_those_that_docstrings_name():
+    said, compared = re.compile(r"(?m)^(\w[\w, ]*) : .*?\bdefault:? (\([^)]*\)|\S+?)[.,;]?(?:\s|$)"), 0
+    for module in TREES:
+        own = [each for each in vars(importlib.import_module(module)).values() if getattr(each, "__module__", "") == module]
+        classes = [each for each in own if inspect.isclass(each)]
+        for each in [*own, *(part for one in classes for part in vars(one).values())]:
+            if not (inspect.isclass(each) or inspect.isfunction(each)):
+                continue
+            for names, text in said.findall(inspect.getdoc(each) or ""):
+                value = ast.literal_eval(text) if re.fullmatch(r"[-\d(].*|True|False|None", text) else text.strip('"')
+                for name in names.split(", "):
+                    default = inspect.signature(each).parameters[name].default
+                    compared += 1
+                    assert type(default) is not bool or value is default, f"{module}: {name} of {each}"
+                    assert np.all(np.asarray(default) == np.asarray(value)), f"{module}: {name} of {each} is {default}, not {value}"
+    assert compared >= 100
 
 
 def test_what_the_night_runs_exists():

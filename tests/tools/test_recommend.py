@@ -406,6 +406,11 @@ def test_motion_limits_the_step_too():
     # an error of the limit shifts all errors, and does not get smaller with their number
     own, common = (made((0.5, 0.8, 1.2, 2.0), limit).step("basa", Groups(4.5, 25.0), 0.01, "diffusion") for limit in (0.0, 0.002))
     assert common.dt == own.dt and common.error > 1.4 * own.error
+    # a step's error is the one it was chosen for, and in a fluid with vibrations twice as fast steps are half as long
+    for stiff, fluid in ((1.0, Groups(4.5, 25.0)), (2.0, Groups(4.5, 100.0))):
+        assert motion.step("basa", fluid, 0.01, "diffusion").dt == pytest.approx(0.05 / stiff, rel=0.01)
+        assert motion.error("basa", fluid, 0.05 / stiff, "diffusion") == (pytest.approx(0.01, rel=0.01), False)
+        assert motion.error("basa", fluid, 0.11 / stiff, "diffusion") == (pytest.approx(0.04, rel=0.01), True)
     assert not motion.covers(Groups(500.0, 25.0))
 
 
