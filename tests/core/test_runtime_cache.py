@@ -198,7 +198,7 @@ def test_no_place_is_part_of_a_key(monkeypatch):
 @pytest.mark.long
 def test_all_that_is_compiled_decides(places):
     """Each function that numba compiles for a kernel is one that decides; of overloads, which are lambdas, it is their file."""
-    environment = os.environ | {"XDG_CACHE_HOME": str(places["home"])}
+    environment = os.environ | {"XDG_CACHE_HOME": str(places["home"]), "NUMBA_CACHE_DIR": ""}
     done = subprocess.run([sys.executable, "-c", REACHED], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
@@ -223,7 +223,7 @@ print(sum(kernel.stats.cache_hits.values()))
 @pytest.mark.skipif(kernel_cache.fcntl is None, reason="no locks of files here")
 def test_two_processes_compile_once(places, tmp_path):
     """Both begin at once; and what a process that is killed has in work is compiled by the next one."""
-    environment = os.environ | {"XDG_CACHE_HOME": str(places["home"])}
+    environment = os.environ | {"XDG_CACHE_HOME": str(places["home"]), "NUMBA_CACHE_DIR": ""}
     go = tmp_path / "go"
     ready = [tmp_path / "first", tmp_path / "second"]
     started = {"env": environment, "stdout": subprocess.PIPE}
