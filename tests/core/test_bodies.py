@@ -46,7 +46,7 @@ def scene(bodies=BODIES, *, seed=1, kT=1.2, inner=False, box=(EDGE,) * 3, **opti
     inside = np.isin(np.arange(TOTAL), [bead for beads, _, _ in bodies for bead in beads])
     made = [dpd.Body(beads, moves, turns, inner) for beads, moves, turns in bodies]
     types = np.where(inside, "C", "W").tolist()
-    mass[~inside] = 1.0
+    mass[~inside] /= 5.0
     return dpd.Scene({"C": 1.0, "W": 1.0}, types, x, PAIRS, kT, box=box, bead_masses=mass, **{"bodies": made, **options})
 
 
