@@ -100,6 +100,19 @@ def test_order_of_pairs_is_a_function_of_the_positions(box):
 
 
 @BOX
+def test_order_of_pairs_does_not_depend_on_the_rows_of_beads(box):
+    """Nor where more beads are in a cell than are compared at once."""
+    scene = fluid(EXTENDED, box, seed=3)
+    x = scene.positions.copy()
+    x[::3] = x[0] + 0.1 * (x[::3] - x[0])
+    names = np.random.default_rng(4).permutation(len(x)).astype(np.uint32)
+    plain, seated = ready(engine_of(scene), x, box), engine_of(scene)
+    seated.seat(names, np.argsort(names).astype(np.uint32))
+    ready(seated, np.ascontiguousarray(x[names]), box)
+    assert listed_pairs(plain) == listed_pairs(seated) and np.array_equal(plain.sorted_beads(), seated.sorted_beads())
+
+
+@BOX
 @pytest.mark.parametrize("density", [0.3, 3.0])
 def test_same_bits_for_one_and_two_threads(box, density, two_threads):
     scene = fluid(EXTENDED, box, density, seed=6)
