@@ -18,6 +18,7 @@ from random_scenes import random_scene
 import openmm_dpd as dpd
 from openmm_dpd.model.schemes import SCHEMES
 from openmm_dpd.plan import device
+from openmm_dpd.plan.device import is_gpu  # as it is without conftest.py
 from openmm_dpd.plan.forces import device_force
 from openmm_dpd.plan.forces.bonded import MOLECULES
 from openmm_dpd.plan.kinds import BONDED_KINDS
@@ -143,6 +144,7 @@ def test_the_system_follows_it(part):
 
 def test_a_plugin_that_is_missing_comes_with_the_command_that_installs_it(monkeypatch):
     """In a copy of the project with its path; where the package was installed without one, in words."""
+    assert [is_gpu(platform) for platform in (None, "Reference", "CPU", "CUDA", "HIP")] == [False, False, False, True, True]
     monkeypatch.setitem(sys.modules, "openmm_dpd_device", None)
     monkeypatch.setattr(device_force, "plugin", device_force.plugin.__wrapped__)
     monkeypatch.setattr(device, "is_gpu", lambda platform: True)

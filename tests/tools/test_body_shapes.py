@@ -45,6 +45,7 @@ def test_bodies_in_a_fluid_do_not_overlap():
 test_what_is_refused = refused(
     dpd.ParameterError,
     (lambda: body_shape("egg", 1.0, 0.3), "must be sphere, shell"),
-    (lambda: body_shape("rod", 0.0, 0.3), "must be > 0"),
+    (lambda: body_shape("rod", 0.0, 0.3), "size of a body must be > 0"),
+    (lambda: body_shape("rod", 1.0, 0.0), "spacing must be > 0"),
     (lambda: suspension(body_shape("rod", 2.0, 0.5), 9, [2.5] * 3, apart=1.0, density=1.0), "there is room for"),
 )
