@@ -22,6 +22,7 @@ def test_a_sphere_is_a_disc():
     seen = picture([[3, 2, 1]], [2.0], [RED])
     assert seen.shape == (200, 200, 4)
     assert seen[..., 3].sum() == pytest.approx(np.pi * 100**2, rel=1e-3)
+    assert np.array_equal(seen[..., 3], seen[::-1, :, 3]) and np.array_equal(seen[..., 3], seen[:, ::-1, 3])
     assert seen[60, 60, 0] > seen[150, 150, 0] > 0.3  # the light comes from above
 
 
