@@ -201,8 +201,8 @@ class GridShape(WallShape):
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(WallShape):
-    """The solid inside a closed mesh of triangles, from an STL or OBJ file (also PLY and OFF).  A mesh as long as the box goes on in its
-    next image: its flat ends on the faces of the box are no walls.
+    """The solid inside a closed mesh of triangles, from an STL, OBJ or OFF file.  A mesh as long as the box goes on in its next image: its
+    flat ends on the faces of the box are no walls.
 
     Distances, and what is inside (by winding numbers, for any orientation of the mesh), are those of libigl: ``pip install
     openmm-dpd[mesh]``.
@@ -231,17 +231,24 @@ class MeshShape(WallShape):
     as_read: bool = field(init=False, repr=False)  #: Whether it is where the numbers in the file say
 
     def __post_init__(self):
-        igl, what = optional_package("igl", "mesh", "meshes need"), f"the mesh {os.fspath(self.file)}"
+        if not isinstance(self.file, str | os.PathLike):
+            raise ParameterError(f"a mesh is in a file, given by its path, not {what_is(self.file)}")
         if not os.path.isfile(self.file):
             raise ParameterError(f"there is no file {os.fspath(self.file)} with a mesh")
+        igl, what = optional_package("igl", "mesh", "meshes need"), f"the mesh {os.fspath(self.file)}"
+        if str(self.file).lower().endswith(".ply"):  # at polygons, and if they are cut off, libigl ends the process
+            raise ParameterError(f"{what} cannot be read: save it as STL, OBJ or OFF")
         try:
             vertices, faces = igl.read_triangle_mesh(os.fspath(self.file))
         except RuntimeError as error:
-            raise ParameterError(f"{what} cannot be read as STL, OBJ, PLY or OFF: {error}") from None
+            raise ParameterError(f"{what} cannot be read as STL, OBJ or OFF: {error}") from None
         unit = checked(self.unit, "length", f"the unit of {what}", positive=True)
         centre = self.centre if self.centre is None else point(self.centre, f"the centre of {what}")
         if not len(faces) or not np.isfinite(vertices).all():
             raise ParameterError(f"{what} has {len(faces)} triangles" + " with places that are no numbers" * bool(len(faces)))
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise ParameterError(f"{what} has triangles with corners that are not there: it has {len(vertices)} corners")
+        vertices, faces = vertices[np.unique(faces)], np.unique(faces, return_inverse=True)[1].reshape(faces.shape)  # no others
         vertices, _, _, faces = igl.remove_duplicate_vertices(vertices, faces, 1e-6 * float(np.ptp(vertices, axis=0).max()))
         faces, _ = igl.bfs_orient(faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)])
         ends = igl.boundary_facets(faces)[0]

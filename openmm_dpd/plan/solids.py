@@ -120,7 +120,7 @@ def _check_marks(wall: SolidWall, made: Solids, number: int, what: str) -> None:
     if len(lost):
         raise ParameterError(
             f"{what} has parts, near ({', '.join(f'{value:.3g}' for value in lost[0])}), that are thinner or nearer to each other than the "
-            f"spacing of the grid, {in_length(width, 2)}: it would have holes there; thicken them, or leave them out"
+            f"spacing of the grid, {in_length(width, 2)}, or cross each other: it would have holes there; thicken them, or leave them out"
         )
 
 

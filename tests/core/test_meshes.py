@@ -32,6 +32,7 @@ def test_distances_are_those_of_the_shapes_that_meshes_follow(tmp_path):
     np.testing.assert_allclose(pipe.distance(x, EDGES), Complement(Cylinder((2.5, 3.0, 0), "z", 2.0)).distance(x, EDGES), atol=0.004)
     quads = "".join(f"v {a} {b} {c}\n" for a in (0, 1) for b in (0, 1) for c in (0, 1))
     (tmp_path / "cube.obj").write_text(quads + "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n")
+    (tmp_path / "cube.obj").write_text((tmp_path / "cube.obj").read_text() + "v 9 9 9\n")  # a corner of no triangle
     cube = MeshShape(tmp_path / "cube.obj", 2.0).distance(x[500:], EDGES)
     assert np.array_equal(cube < 0, (x[500:] % EDGES < 2.0).all(axis=1))
     made = solids_of([SolidWall(Union([pipe, cone]))], np.diag(EDGES), 3.0, np.ones(1))
@@ -57,8 +58,12 @@ def test_what_is_refused(tmp_path, outline, unit, centre, match):
     path = written(tmp_path / "a.stl", triangles)
     with pytest.raises(dpd.ParameterError, match=match):
         solids_of([SolidWall(MeshShape(path, unit, centre))], np.diag(EDGES), 2.0, np.ones(1))
-    with pytest.raises(dpd.ParameterError, match="there is no file .*b.stl"):
-        MeshShape(tmp_path / "b.stl", 1.0)
+    (tmp_path / "c.off").write_text("OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 900000000\n")
+    (tmp_path / "d.PLY").write_text("ply\n")
+    others = {"there is no file .*b.stl": tmp_path / "b.stl", "c.off has triangles with corners that are not there": tmp_path / "c.off"}
+    for match, file in {**others, "d.PLY cannot be read: save it as STL": tmp_path / "d.PLY", "path, not 7": 7}.items():
+        with pytest.raises(dpd.ParameterError, match=match):
+            MeshShape(file, 1.0)
 
 
 def test_bodies_fill_a_mesh(tmp_path):
