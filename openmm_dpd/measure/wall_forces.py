@@ -88,7 +88,8 @@ class WallReporter(_Impulses):
         driven = built.plan.driven
         if axis not in AXES or not isinstance(driven, Driven) or not driven.there[AXES.index(axis)].all():
             raise ParameterError(
-                f"there are no two walls along {what_is(axis)} whose forces are recorded; give one of them a velocity, such as (0, 0, 0)"
+                f"there are no two walls along {what_is(axis)} whose forces are recorded; give one of them a velocity, such as (0, 0, 0), "
+                "or beside walls of a shape take SolidReporter"
             )
         box = built.plan.scene.box
         if box is None:
