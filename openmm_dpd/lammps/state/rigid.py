@@ -1,6 +1,5 @@
 """The rigid bodies of ``fix rigid`` and its like."""
 
-import zlib
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -131,7 +130,7 @@ def deck_bodies(state: DeckState) -> list[DeckBody]:
         for other in state.fixes_of("momentum", *(style for style in COUPLED if style != "langevin")):
             if other.style == "npt" or np.any(mask & state.group(other.group)):
                 raise other.error(f"{other.style} changes single beads, and not the bodies of fix {fix.name}; take a group without them")
-        if given["begun"] and "held" in given and given["held"] != _held(state, members):
+        if given["begun"] and "held" in given and _differ(given["held"], _held(state, members)):
             raise fix.error("its beads have changed since its last run, which LAMMPS ignores with infile or reinit no; give the fix again")
         for k, (beads, owner, (force, torque)) in enumerate(zip(members, given["owners"], given["free"], strict=True)):
             if len(beads) < 2:
@@ -143,10 +142,18 @@ def deck_bodies(state: DeckState) -> list[DeckBody]:
     return found
 
 
-def _held(state: DeckState, members: list[np.ndarray]) -> int:
-    """A number that depends on all beads of bodies."""
+def _held(state: DeckState, members: list[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Ids, unwrapped positions and velocities of all beads of bodies."""
     beads, atoms = np.concatenate(members), state.atoms
-    return zlib.crc32(b"".join(its[beads].tobytes() for its in (atoms.ids, atoms.positions, atoms.images, atoms.velocities)))
+    x = state.require_box("a run").unwrap(atoms.positions[beads], atoms.images[beads])
+    return atoms.ids[beads], x, atoms.velocities[beads]
+
+
+def _differ(before: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> bool:
+    """Whether beads have changed by more than rounding, as when a run begins in a tilted box."""
+    return not np.array_equal(before[0], now[0]) or any(
+        np.abs(b - a).max() > 1e-9 * np.abs(a).max() for a, b in zip(before[1:], now[1:], strict=True)
+    )
 
 
 def keep_rigid(state: DeckState) -> None:
