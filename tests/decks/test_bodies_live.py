@@ -173,6 +173,7 @@ def test_values_of_bodies_are_those_of_lammps(tmp_path):
     ("fix b stiff rigid/nve group 3 first second stiff infile given.txt", "given.txt:7: body 4: there are 3, from 1 to 3"),
     ("fix b stiff rigid/nve molecule infile off.txt", "the beads of the body of .* are in line: its centre must be there"),
     ("fix b stiff rigid/nve molecule infile big.txt", "fix b: a body has a mass > 0 and moments of inertia >= 0, none above"),
+    ("fix b stiff rigid/nve molecule infile half.txt", "half.txt:2: .* images are whole, not 1, 0, 0.5, 0"),
     ("fix b stiff rigid/nve molecule infile short.txt", "short.txt:3: it announces 4 bodies, but has 3"),
     ("fix b stiff rigid/nve molecule reinit no\nrun 2\nvelocity first set 1 0 0", "its beads have changed since its last run"),
     ("group lone id 1\nfix b lone rigid/nve single", "two at least"),
@@ -183,6 +184,7 @@ def test_what_is_refused(tmp_path, fix, match):
     put(tmp_path / "given.txt", "".join(lines))
     put(tmp_path / "short.txt", "".join(lines[:-1]))
     put(tmp_path / "off.txt", head + lines[-1].replace(" ", " 9", 2).replace(" 9", " ", 1))
+    put(tmp_path / "half.txt", head + "1 5 1 1 1 1 1 1 0 0 0 0 0 0 0 0 0 0 0.5 0\n")
     put(tmp_path / "big.txt", head + "1 5 1 1 1 1 1 9 0 0 0 0 0 0 0 0 0 0 0 0\n")
     with pytest.raises(DeckError, match=match):
         run_deck(put(tmp_path / "in.bodies", DECK.replace("FIX", fix)), RunOptions(platform="Reference", threads=1), out=tmp_path)

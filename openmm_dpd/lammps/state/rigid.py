@@ -84,6 +84,8 @@ def _given(file: TextFile, numbers: dict[int, int]) -> dict[int, dict[str, Any]]
         raise file.error(f"it announces {count:g} bodies, but has {len(rows)}", first[0])
     for row in rows:
         values = np.array(file.numbers(row, row[1], 20, usage, "a value"))
+        if (values[[0, -3, -2, -1]] % 1).any():
+            raise file.error(f"the number of a body and its images are whole, not {', '.join(row[1][:1] + row[1][-3:])}", row[0])
         if int(values[0]) not in numbers or numbers[int(values[0])] in found:
             again = "it is there twice" if int(values[0]) in numbers else f"there are {len(numbers)}, from {min(numbers)} to {max(numbers)}"
             raise file.error(f"body {row[1][0]}: {again}", row[0])
