@@ -281,7 +281,7 @@ class BuiltSystem:
         return simulation
 
     def scene_in(self, context: openmm.Context) -> Scene:
-        """The scene with the bonds, angles and types that a Context has now, which reactions change."""
+        """The scene with the bonds, angles, dihedrals and types that a Context has now, which reactions change."""
         return with_bonds(self.plan, raw_bonds(context.getIntegrator())).scene if self.plan.scene.reactions else self.plan.scene
 
     def view(self, **choices):

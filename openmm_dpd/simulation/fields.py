@@ -99,8 +99,11 @@ def _blocks(context: openmm.Context, name: str, spec: FieldSpec) -> np.ndarray:
 
 def raw_bonds(integrator: openmm.CustomIntegrator) -> np.ndarray:
     """The table of the bonds that form and break, see :mod:`openmm_dpd.kernels.reactions`."""
-    names = map(integrator.getPerDofVariableName, range(integrator.getNumPerDofVariables()))
-    return np.concatenate([per_dof(integrator, name) for name in names if name.startswith(BONDS)], axis=1).astype(np.int64)
+    count = integrator.getNumPerDofVariables() if isinstance(integrator, openmm.CustomIntegrator) else 0
+    names = [name for k in range(count) if (name := integrator.getPerDofVariableName(k)).startswith(BONDS)]
+    if not names:
+        raise ParameterError("the Context has no bonds that form and break: it is not that of built.simulation()")
+    return np.concatenate([per_dof(integrator, name) for name in names], axis=1).astype(np.int64)
 
 
 def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:

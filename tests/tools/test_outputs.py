@@ -380,6 +380,9 @@ def test_bonds_and_types_are_those_of_the_moment(tmp_path, hoomd):
         write_pdb(tmp_path / "a.pdb", source, state=state)
         assert "CONECT{:5d}{:5d}\n".format(*pair) in (tmp_path / "a.pdb").read_text()
     assert [(a.index, b.index) for a, b in built.topology.bonds()] == [(0, 1)]
+    other = openmm.Context(built.system, openmm.VerletIntegrator(0.001), openmm.Platform.getPlatform("Reference"))
     for write in (write_gsd, write_xyz, write_pdb):
         with pytest.raises(ParameterError, match="state=simulation.context"):
             write(tmp_path / "b", built, state=simulation.context.getState(positions=True))
+        with pytest.raises(ParameterError, match="has no bonds that form and break"):
+            write(tmp_path / "b", built, state=other)
