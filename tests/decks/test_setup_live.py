@@ -208,7 +208,9 @@ DECKS |= {
     "dump d all custom 10 dump.txt id type\ndump_modify d sort id\n",
     # far from the faces of the box, since LAMMPS takes no images there
     "bonds between straight neighbours": "region c block 1.5 4.5 1.5 5 1.5 5.5 units box\ncreate_atoms 3 random 190 9 c overlap 0.25 units box\n"
-    "special_bonds lj/coul 1 1 1\nfix g all bond/create/angle 2 3 3 0.9 2 iparam 2 3 jparam 2 3 aconstrain 110 175 atype 0 dtype 0\n",
+    "special_bonds lj/coul 1 1 1\nfix g all bond/create/angle 2 3 3 0.9 2 iparam 2 3 jparam 2 3 aconstrain 110 175 atype 0 dtype 0\n"
+    "compute b all bond/local dist\ncompute p all property/local btype\ncompute r all reduce sum c_b c_p inputs local\n"
+    "fix r all ave/time 5 1 5 c_r[*] file r.txt\n",
     "bonds of one type by several fixes": FORMING
     + "special_bonds lj/coul 0 1 1\ncreate_bonds many all all 2 0.0 0.5\nspecial_bonds lj/coul 1 1 1\nfix g all bond/create 4 3 3 0.8 2 iparam 2 3 jparam 2 3\n"
     + "fix h all bond/create 3 1 3 0.8 2 iparam 1 1 jparam 2 3\nfix i all bond/create 6 2 3 0.8 2 iparam 3 2 jparam 3 3\n",

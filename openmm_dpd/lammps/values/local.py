@@ -38,7 +38,7 @@ def _terms(moment: DeckMoment, compute: Compute, of: str) -> tuple[np.ndarray, n
         return values[inside], beads[inside]
     state, (what, _, owner) = moment.state, _TERMS[of]
     kept = getattr(state, f"{what}s")
-    beads = state.atoms.index_of(kept[:, 1:].ravel()).reshape(len(kept), -1)
+    beads = state.atoms.index_of(kept[:, 1:].ravel()).reshape(len(kept), kept.shape[1] - 1)
     order = np.argsort(beads[:, owner], kind="stable")
     order = order[state.group(compute.group)[beads].all(axis=1)[order]]
     return kept[order, 0], beads[order]
