@@ -106,8 +106,10 @@ DECKS = {
     "adapt, overlaid": "variable x equal ramp(0,30)\npair_style hybrid/overlay dpd 0 1.2 3 soft 1.2 soft 0.9\n"
     "pair_coeff * * dpd 0 4.5\npair_coeff * * soft 1 1\npair_coeff * * soft 2 30\nneigh_modify exclude type 1 2\n"
     f"fix a all adapt 2 pair soft:2 a * * v_x pair soft:1 a * * v_x reset yes\n{words('1').replace('f_1', 'evdwl')}{RUN}",
-    "friction overlaid on excluded pairs": "pair_style hybrid/overlay soft 1.2 dpd/tstat 0 0 1.2 3\npair_coeff * * soft 9\n"
-    "pair_coeff 1 1 dpd/tstat 4.5\nneigh_modify exclude type 1 1\npair_coeff 2 2 none\n" + words("1").replace("f_1", "evdwl") + RUN,
+    "friction overlaid on excluded pairs": "pair_style hybrid/overlay soft 1.2 dpd/tstat 0 0 1.2 3\npair_coeff 1 * soft 9\n"
+    "pair_coeff 1 1 dpd/tstat 4.5\npair_coeff 2 2 dpd/tstat 4.5\nneigh_modify exclude type 1 1 exclude type 2 2\n"
+    + words("1").replace("f_1", "evdwl")
+    + RUN,
     "aveforce": f"{SPHERE}fix d g gravity 0.5 chute 30\nfix a g aveforce 1 NULL -2\nfix b all aveforce 0 0 0 region s\n"
     + words("a", *ALONE[1:]),
     "efield": "set group g charge 1.5\nset group rest charge -0.5\nvariable q equal step\nfix a all efield 0.2 v_q -0.3\n"

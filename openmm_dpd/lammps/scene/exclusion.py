@@ -52,14 +52,16 @@ def scene_pairs(state: DeckState, tables: list[PairTable]) -> ScenePairs:
     out = pairs_left_out(state, np.array(kinds), of_kinds, *np.indices((len(kinds), len(kinds))))
     names = [f"{k}.{kinds[:n].count(k)}" if k in kinds[:n] else str(k) for n, k in enumerate(kinds)]
     order = sorted(range(len(names)), key=lambda n: (kinds[n], n))
-    made = []
+    made, known = [], {key for table in tables for key in table.entries}
     for at, table in enumerate(tables):
         entries = {}
         for a in range(len(names)):
             for b in range(a, len(names)):
                 key = str(min(kinds[a], kinds[b])), str(max(kinds[a], kinds[b]))
-                if key in table.entries and not (at and out[a, b]):
-                    entries[(names[a], names[b])] = NONE if out[a, b] else table.entries[key]
+                if out[a, b] and key in known and not at:  # whichever table has it
+                    entries[(names[a], names[b])] = NONE
+                elif not out[a, b] and key in table.entries:
+                    entries[(names[a], names[b])] = table.entries[key]
         if entries:  # an overlay may be left with no pair
             made.append(PairTable(entries))
     return ScenePairs([names[k] for k in of_bead.ravel().tolist()], {names[n]: kinds[n] for n in order}, made)
