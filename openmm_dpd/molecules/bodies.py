@@ -32,6 +32,9 @@ def body_shape(shape: str, size, spacing) -> np.ndarray:
     (58, 5)
     """
     size, spacing = checked(size, "length", "the size of a body", positive=True), checked(spacing, "length", "the spacing", positive=True)
+    known = isinstance(shape, str) and shape in ("sphere", "shell", "rod", "disc", "cube")
+    if not known and not (isinstance(shape, str | os.PathLike) and os.path.splitext(shape)[1]):
+        raise ParameterError(f"the shape of a body must be sphere, shell, rod, disc, cube or a file of a mesh, not {what_is(shape)}")
     if shape == "shell":  # on a spiral, each with the same area
         n = max(4, round(4 * np.pi * size**2 / (0.5 * np.sqrt(3) * spacing**2)))
         z, turn = 1 - (2 * np.arange(n) + 1) / n, np.pi * (3 - np.sqrt(5)) * np.arange(n)
@@ -41,9 +44,7 @@ def body_shape(shape: str, size, spacing) -> np.ndarray:
         across = line if shape == "cube" else np.zeros(1)
         return np.stack(np.meshgrid(line, across, across, indexing="ij"), axis=-1).reshape(-1, 3)
     mesh = None
-    if shape not in ("sphere", "disc"):
-        if not isinstance(shape, str | os.PathLike) or not os.path.splitext(shape)[1]:
-            raise ParameterError(f"the shape of a body must be sphere, shell, rod, disc, cube or a file of a mesh, not {what_is(shape)}")
+    if not known:
         mesh = MeshShape(shape, size, (0.0, 0.0, 0.0))
         size = float(np.linalg.norm(mesh.vertices, axis=1).max())
     reach = np.arange(-int(2 * size / spacing) - 2, int(2 * size / spacing) + 3)
@@ -51,6 +52,7 @@ def body_shape(shape: str, size, spacing) -> np.ndarray:
     found = spacing * cells @ np.array([[1, 0, 0], [0.5, np.sqrt(0.75), 0], [0.5, np.sqrt(1 / 12), np.sqrt(2 / 3)]])  # closest packing
     found = found[np.sum(found**2, axis=1) <= size**2 * (1 + 1e-9)]
     if mesh is not None:
+        found = found[(np.abs(found) <= mesh.vertices.max(axis=0)).all(axis=1)]  # distances take long
         found = found[mesh.distance(found, np.full(3, 4 * size)) <= 0]
         if len(found) < 2:
             raise ParameterError(f"the {mesh.title} has room for {len(found)} beads: give a larger unit, or a smaller spacing")

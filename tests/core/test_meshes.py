@@ -71,6 +71,8 @@ def test_bodies_fill_a_mesh(tmp_path):
     path = written(tmp_path / "can.stl", revolved(CAN))
     with pytest.raises(dpd.ParameterError, match="room for . beads: give a larger unit"):
         body_shape(path, 1.0, 1.9)
+    with pytest.raises(dpd.ParameterError, match="or a file of a mesh, not"):
+        body_shape(np.zeros((3, 3)), 1.0, 0.2)
     long = written(tmp_path / "long.stl", revolved(np.multiply(CAN, (2.0, 3.0))))
     x = body_shape(str(long), 1.0, 0.25)
     squares = np.mean(x**2, axis=0)
