@@ -309,6 +309,10 @@ class Complement(WallShape):
 
     shape: WallShape
 
+    @property
+    def title(self):
+        return f"complement of {self.shape.title}"
+
     def distance(self, points, edges):
         return -self.shape.distance(points, edges)
 

@@ -377,12 +377,15 @@ def test_barostats_planes_and_places_in_a_wall_are_refused():
         WallReporter(10, built)
     with pytest.raises(dpd.ParameterError, match="SolidWall"):
         SolidReporter(10, dpd.build(fluid([SolidWall(PIPE)], walls=()), dt=0.02, platform="CPU"))
-    assert "Complement on a grid of 50 x 60 x 55, off by up to 0.000" in built.explain()
+    assert "complement of Cylinder on a grid of 50 x 60 x 55, off by up to 0.000" in built.explain()
     simulation.step(3)
     x = scene.positions.copy()
     x[7] = [0.1, 0.1, 0.1]
     simulation.context.setPositions(x)
     with pytest.raises(openmm.OpenMMException, match="step 4: bead 7 is in a wall"):
+        simulation.step(2)
+    simulation.context.setPeriodicBoxVectors(*np.diag(EDGES + 0.1))
+    with pytest.raises(openmm.OpenMMException, match="but walls with a shape are in one of"):
         simulation.step(2)
 
 
