@@ -255,7 +255,7 @@ def test_a_state_with_what_this_scene_lacks_says_how_it_is_loaded(tmp_path):
     state = species.context.getState(positions=True, velocities=True, parameters=True)
     raises(
         dpd.PlanError,
-        "dpd_written .*what beads carry; here none do: use simulation.loadState",
+        "dpd_(written|by_fields) .*what beads carry; here none do: use simulation.loadState",
         plain.context.setState,
         state,
     )
