@@ -61,9 +61,11 @@ public:
         }
         int at = 0;
         std::apply([&](auto&&... values) { (set(*kernel, at++, values), ...); }, all);
-        // whole blocks are started, and each thread of dpdEvaluate has a place in OpenMM's buffer
+        // whole blocks are started, as many as run at once for all their registers, and each thread of dpdEvaluate has a place in OpenMM's buffer
         const int size = block(Tag::shared), places = cc.getEnergyBuffer().getSize()/size*size;
-        long long threads = (long long) beads()*(Tag::shared ? lanes : 1);
+        long long threads = (long long) beads()*(Tag::shared ? lanes : 1)*5/4; // blocks are not quite full of beads
+        if (Tag::shared && lanes > 1)
+            threads = std::min(threads, (long long) cc.getNumThreadBlocks()*std::min(6, std::max(1, kernel->getMaxBlockSize()/size))/6*size);
         kernel->execute((int) std::min(threads, (long long) (std::is_same<Tag, dpdEvaluate_>::value ? places : 1<<30)), size);
     }
 
@@ -72,6 +74,9 @@ public:
         bool together = shared && lanes > 1, few = together ? runAtOnce(cc, lanes) : beads() < 65536;
         return std::min(!few ? 256 : together ? 128 : 64, cc.getMaxThreadBlockSize());
     }
+
+    // Consecutive cells of a block: beads of a few more than it has at a time are rare.
+    int share(double beadsOfCell) const { return lanes == 1 ? 1 : std::min(std::max(1, (int) (0.9*block(true)/lanes/beadsOfCell)), block(true)/9); }
 
     OpenMM::ComputeProgram program;
     const int lanes;

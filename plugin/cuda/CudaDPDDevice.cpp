@@ -4,5 +4,5 @@
 
 extern "C" DPD_EXPORT void registerPlatforms() {}
 extern "C" DPD_EXPORT void registerKernelFactories() {
-    DPDDevice::registerFactory<OpenMM::CudaPlatform::PlatformData>("CUDA", {{"ATOMIC_OR", "atomicOr"}, {"ATOMIC_MAX", "atomicMax"}});
+    DPDDevice::registerFactory<OpenMM::CudaPlatform::PlatformData>("CUDA", {{"ATOMIC_OR", "atomicOr"}, {"ATOMIC_MAX", "atomicMax"}, {"FIRST_BIT(x)", "(__ffs(x)-1)"}, {"BITS_OF", "__popc"}});
 }

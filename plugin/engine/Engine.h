@@ -9,6 +9,7 @@
 #include "openmm/Integrator.h"
 #include "openmm/OpenMMException.h"
 #include <chrono>
+#include <iomanip>
 #include <map>
 #include <sstream>
 #include <utility>
@@ -64,11 +65,17 @@ public:
         fill(exceptionStart, Kind::Int, start);
         fill(exceptionBead, Kind::Int, partner);
         fill(exceptionFactor, Kind::Real, factors);
+        if ((double) beads*fluid.numTypes > 4294967295.0)
+            throw OpenMM::OpenMMException("DPDDeviceForce: beads times types are more than 4,294,967,295, which have no room in 32 bits");
         std::vector<std::array<double, 4> > wall(fluid.wallVelocity.empty() ? 1 : beads, {0, 0, 0, 0}), planes = {{-1e30, -1e30, -1e30, 0}, {1e30, 1e30, 1e30, 0}, {-1e9, -1e9, -1e9, 0}, {4e9, 4e9, 4e9, 0}, {0, 0, 0, 0}};
         for (int i = 0; i < beads; i++) {
             double mass = system.getParticleMass(i);
             immobile |= mass == 0 && fluid.types[i] >= 0;
-            if (fluid.types[i] >= 0 && mass > 0)
+            if (fluid.types[i] < 0)
+                continue;
+            members++;
+            equalMasses = equalMasses && mass > 0 && (inverseMass == 0 || inverseMass == 1/mass);
+            if (mass > 0)
                 inverseMass = std::max(inverseMass, 1/mass);
         }
         if (immobile) {
@@ -99,8 +106,6 @@ public:
         device.make(corrB, Kind::Real4, device.mixed() ? padded : 1);
         device.make(acc, Kind::Mixed4, padded);
         device.make(densities, Kind::Real, manyBody() ? padded : 1);
-        for (auto array : {&placeOf[0], &placeOf[1]})
-            device.make(*array, Kind::Int, padded);
         device.make(accSlow, Kind::Mixed4, 1);
         for (auto array : {&posC, &corrC})
             device.make(*array, Kind::Real4, 1);
@@ -125,6 +130,10 @@ public:
         defines["BEHIND_ROWS"] = std::to_string(behindRows());
         yes("EXCEPTIONS", !fluid.exceptionFactors.empty());
         yes("IMMOBILE", immobile);
+        yes("MASSES", !equalMasses);
+        std::stringstream mass;
+        mass << std::scientific << std::setprecision(17) << inverseMass;
+        defines["EQUAL_MASS"] = mass.str();
         yes("FIXED_SIGMA", anyFixedSigma);
         yes("DETAILED", most > 0);
         yes("TRANSVERSE", transverse());
@@ -160,7 +169,7 @@ public:
         place();
         here = 0;
         owedSlow = 0;
-        binned = false;
+        binned = standing = false;
         if (phase >= EXCHANGE+FIELDS) {
             fields.swap(stop(), phase%100);
             device.give();
@@ -180,7 +189,6 @@ public:
         if (phase >= SWEEP) {
             if (!thermostat || !includeForces)
                 return 0.0;
-            move(now, 0, 0);
             sweep(now, phase%100 == 0, 1, 0, 0, true);
             look(now, false);
             return device.result(true, false);
@@ -196,10 +204,9 @@ public:
         } while (!inStep && look(now, true));
         sumDensities(now, here, terms);
         fields.advance(stop(), 0, 0);
-        Base& vel = inStep ? relative() : device.velm();
         if (inStep)
-            fields.flow(stop(), place_(), vel, TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0);
-        device.template run<dpdEvaluate_>(position(), correction(), vel, TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), DRIFT(0), BOX());
+            fields.flow(stop(), place_(), device.velm(), TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0);
+        device.template run<dpdEvaluate_>(position(), correction(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), DRIFT(0), BOX());
         if (inStep)
             look(now, false);
         return device.result(includeForces, includeEnergy);
@@ -214,6 +221,7 @@ public:
         bool known = haveKept && !moved();
         if (!device.wrap(context.getMolecules(), 1000*fluid.maxCutoff()))
             return false;
+        standing = false;
         if (known) {
             device.copy(position(), posB);
             if (device.mixed())
@@ -228,11 +236,12 @@ public:
         place();
         here = 0;
         owedSlow = 0;
-        binned = false;
         auto& word = fluid.word;
         if (word.empty())
             throw OpenMM::OpenMMException("DPDDeviceForce: it knows no whole step");
         bool predicts = word[0].first == 'V';
+        // cells that the last step has filled serve this one, if it begins with forces, which depend on positions alone
+        binned = std::exchange(standing, false) && word[0].first == 'B' && kept(now) && !device.touched();
         if (driven() && !std::exchange(complete, false))
             drop(); // what a step that failed has left
         pushed = driven();
@@ -305,8 +314,6 @@ public:
                 while (known && is(n+1, 'B'))
                     owed += word[++n].second;
                 double drift = is(n+1, 'A') ? word[++n].second : 0;
-                if (!binned)
-                    move(now, 0, 0);
                 sweep(now, letter == 'O', part, owed, drift, false);
                 owed = 0;
                 known = known && drift == 0;
@@ -315,7 +322,8 @@ public:
         if (owed != 0 || here == 1)
             move(now, owed, 0);
         bool same = !slow || fluid.slowKicks[1] == 0 || kickSlow(context, now, slow, fluid.slowKicks[1]);
-        if (same && (serves || slow))
+        standing = same && binned;
+        if (same && (serves || slow || standing))
             keep(now);
         look(now, false);
         complete = true;
@@ -425,9 +433,13 @@ private:
     }
 
     // -- arguments -----------------------------------------------------------------------------------------------------------------
-    auto BOX() { return std::make_tuple(edges, inverse, tilt, grid[0], grid[1], grid[2]); }
-    auto CELLS() { return std::tie(count[cells], beads[side], placeOf[side], cellRoom); }
-    auto NEXT() { return std::tie(count[next()], beads[1-side], placeOf[1-side]); }
+    auto BOX() { return std::make_tuple(edges, inverse, tilt, width, grid[0], grid[1], grid[2], cellRoom); }
+    auto CELLS() { return std::tuple<Base&, Base&, Base&, Base&, Base&, int, int>(count[cells], beads[side], rests[side], motion[felt], walk, walked, share); }
+    auto FILL(const Now& now) {
+        double fastest = now.dt > 0 ? (thermostat ? fluid.maxCutoff()/now.dt : 1e15) : 0; // without friction any speed may be meant
+        return std::tuple<Base&, Base&, Base&, Base&, Base&, int, Mixed, Mixed>(count[next()], beads[1-side], rests[1-side], motion[1-felt], count[spare()], walked,
+            Mixed{fastest*fastest}, Mixed{100*now.kT});
+    }
     auto TERMS(const Now& now, double dt, int part) {
         return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, long long, long long, Real, Real, Real>(device.index(), types, params,
             more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, massOf, densities, fields.carrying, fields.shown,
@@ -491,10 +503,11 @@ private:
             tilt = {0, 0, 0, 0};
         }
         // a nearly empty box has larger cells, for each has room for some beads
-        double most = std::max(200000.0, 8.0*device.beads()), many = (double) n[0]*n[1]*n[2];
+        double most = std::max(100000.0, 8.0*device.beads()), many = (double) n[0]*n[1]*n[2];
         for (int k = 0; k < 3 && many > most; k++)
             n[k] = std::max(1, (int) (n[k]*std::cbrt(most/many)));
         inverse = {1/edges.x, 1/edges.y, 1/edges.z, 0};
+        width = {edges.x/n[0], edges.y/n[1], edges.z/n[2], 0};
         if (std::equal(n, n+3, grid))
             return;
         std::copy(n, n+3, grid);
@@ -503,21 +516,40 @@ private:
     }
 
     void makeCells() {
+        double perCell = std::max(1.0, (double) members)/numCells;
         if (cellRoom == 0)
-            cellRoom = std::max(8, 3*((device.beads()+numCells-1)/numCells)+6);
-        if (numCells > cellCapacity || cellRoom > madeRoom) {
-            cellCapacity = cellCapacity == 0 ? numCells : std::max(cellCapacity, numCells+numCells/8);
-            madeRoom = cellRoom;
-            if ((double) cellCapacity*cellRoom > 2e9)
+            cellRoom = 2*(int) std::ceil(perCell)+4;
+        // behind them are cells of beads that take no part
+        walked = numCells+(members < device.beads() ? (device.beads()+cellRoom-1)/cellRoom : 0);
+        if (walked > cellCapacity || cellRoom > madeRoom) {
+            cellCapacity = cellCapacity == 0 ? walked : std::max(cellCapacity, walked+walked/8);
+            madeRoom = std::max(madeRoom, cellRoom);
+            if ((double) cellCapacity*madeRoom > 2e9)
                 throw OpenMM::OpenMMException("DPDDeviceForce: too many cells of beads for 32-bit numbers");
+            device.make(walk, Kind::Int, cellCapacity);
             for (auto& array : count)
                 device.make(array, Kind::Int, cellCapacity);
-            for (auto& array : beads)
-                device.make(array, Kind::Real4, (size_t) cellCapacity*cellRoom);
+            for (int k = 0; k < 2; k++) {
+                for (auto array : {&beads[k], &motion[k]})
+                    device.make(*array, Kind::Real4, (size_t) cellCapacity*madeRoom);
+                device.make(rests[k], Kind::Real4, device.mixed() ? (size_t) cellCapacity*madeRoom : 1);
+            }
         }
         for (auto& array : count)
             device.clear(array);
-        binned = false;
+        // columns of two by two cells, so that those of a block share their neighbours
+        std::vector<int> order;
+        for (int z = 0; z < grid[2]; z += 2)
+            for (int y = 0; y < grid[1]; y += 2)
+                for (int x = 0; x < grid[0]; x++)
+                    for (int k = 0; k < 4; k++)
+                        if (z+k/2 < grid[2] && y+k%2 < grid[1])
+                            order.push_back(x|(y+k%2)<<10|(z+k/2)<<20);
+        for (int k = 1; (int) order.size() < cellCapacity; k++)
+            order.push_back(-k);
+        device.upload(walk, Kind::Int, order);
+        share = device.share(perCell);
+        binned = standing = false;
     }
 
     // See what the kernels have found: in time at the first step and when asked, else every ten seconds.  Returns whether something was full
@@ -534,7 +566,7 @@ private:
         if (stop) { // kernels that did nothing have emptied no cells
             for (auto& array : count)
                 device.clear(array);
-            binned = false;
+            binned = standing = false;
         }
         if (stop & RUNAWAY) {
             device.clear(flags);
@@ -627,6 +659,7 @@ private:
     void turn() {
         cells = next();
         side = 1-side;
+        felt = 1-felt;
         binned = true;
     }
 
@@ -644,9 +677,8 @@ private:
             Now then = now; // the noise is that of the last half kick
             then.kT = haveKept && !asked ? keptKT : now.kT;
             fields.advance(stop(), 0, 0);
-            Base& vel = relative();
-            kick(context, then, others, 0, 0, &vel);
-            fields.flow(stop(), place_(), vel, TERMS(then, now.dt, 0), CELLS(), BOX(), now.dt, 0);
+            kick(context, then, others, 0, 0, &device.velm());
+            fields.flow(stop(), place_(), device.velm(), TERMS(then, now.dt, 0), CELLS(), BOX(), now.dt, 0);
         }
         fields.advance(stop(), 0.5*now.dt, (fluid.hasTemperatures() ? lam : 0.5)*now.dt); // LAMMPS predicts temperatures alone
         move(now, 0.5, 1, lam);
@@ -708,9 +740,12 @@ private:
     }
 
     // v += kick*acc (and what is owed by others), x += drift*v in units of the step, in place; the beads into cells.  predict: v + predict*acc is what
-    // friction will see
-    void move(const Now& now, double kick, double drift, double predict = -1) {
+    // friction will see; else it sees the velocities, less the flow, or those of another array where there is no motion
+    void move(const Now& now, double kick, double drift, double predict = -1, Base* sees = nullptr) {
         slide(now, drift);
+        Mixed4 all = flow;
+        if (sees)
+            flow = {0, 0, 0, 0};
         bool copy = copies && drift != 0;
         int moves = predict >= 0 ? 2 : copy ? 3 : kick != 0 || drift != 0 || owedSlow != 0 || here == 1;
         Base &from = position(), &fromCorr = correction();
@@ -718,12 +753,12 @@ private:
             here = 0;
             copied = copy;
         }
-        double fastest = now.dt > 0 ? (thermostat ? fluid.maxCutoff()/now.dt : 1e15) : 0; // without friction any speed may be meant
-        device.template run<dpdMove_>(from, fromCorr, position(), correction(), device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves,
-            accSlow, Mixed{owedSlow*now.dt}, position(1), correction(1), device.index(), types, NEXT(), count[spare()], numCells, cellRoom, flags, number(),
-            Mixed{fastest*fastest}, Mixed{100*now.kT}, DRIFT(drift*now.dt), BOX());
+        device.template run<dpdMove_>(from, fromCorr, position(), correction(), sees ? *sees : device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves,
+            accSlow, Mixed{owedSlow*now.dt}, position(1), correction(1), device.index(), types, wallVelocity, FILL(now), flags, number(), DRIFT(drift*now.dt), BOX());
+        seenBy = sees ? sees : predict >= 0 ? (Base*) &seen : &device.velm();
+        bounded = true;
         owedSlow = 0;
-        flow = {0, 0, flow.w, flow.w};
+        flow = {0, 0, all.w, all.w};
         turn();
     }
 
@@ -735,14 +770,19 @@ private:
             copied = 0;
         }
         int terms = (conservative ? 1 : 0)|(friction ? 2 : 0);
-        if (terms && !binned)
-            move(now, 0, 0);
+        if (!binned || (friction && seenBy != friction))
+            move(now, 0, 0, -1, friction == &seen ? friction : nullptr);
         bool drifts = drift != 0 && !sheared() && (away || copied); // images slide on in a launch of its own
         int from = drifts && !away ? copied : here, to = drifts ? (away ? 1-here : 0) : friction ? 1-here : here, copy = drifts && !away ? 3-copied : 1;
         sumDensities(now, from, terms);
-        device.template run<dpdKick_>(position(from), correction(from), position(to), correction(to), friction ? *friction : device.velm(), device.velm(), acc, device.force(),
+        device.template run<dpdKick_>(position(from), correction(from), position(to), correction(to), device.velm(), acc, device.force(),
             others ? 1+(int) haveBeside : 0, beside, alone, external, (int) partial(), terms, Mixed{kick*now.dt}, drifts ? (away ? 1 : 3) : friction ? 2 : 0, position(copy), correction(copy),
-            TERMS(now, friction ? now.dt : 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(), DRIFT(drifts ? drift*now.dt : 0), BOX());
+            TERMS(now, friction ? now.dt : 0, 0), CELLS(), FILL(now), flags, number(), DRIFT(drifts ? drift*now.dt : 0), BOX());
+        bounded = true;
+        if (!friction)
+            seenBy = &device.velm();
+        if (!friction && !drifts)
+            felt = 1-felt;
         if (drifts) {
             here = to;
             copied = away ? 0 : copy;
@@ -755,7 +795,7 @@ private:
     // Densities at binned positions, which conservative terms (1) of many bodies depend on
     void sumDensities(const Now& now, int where, int terms) {
         if (manyBody() && terms&1)
-            device.template run<dpdDensity_>(position(where), correction(where), device.velm(), TERMS(now, 0, 0), CELLS(), densities, flags, number(), BOX());
+            device.template run<dpdDensity_>(position(where), correction(where), TERMS(now, 0, 0), CELLS(), densities, flags, number(), BOX());
     }
 
     // accSlow = F/m with these forces of others alone, v += kick*accSlow at positions in their place; returns whether the beads have the order they had
@@ -764,17 +804,24 @@ private:
             device.make(accSlow, Kind::Mixed4, device.padded());
         haveSlow = true;
         bool same = evaluate(context, groups);
-        device.template run<dpdKick_>(position(), correction(), position(), correction(), device.velm(), device.velm(), accSlow, device.force(), 1, beside, alone, external, 0, 0,
-            Mixed{kick*now.dt}, 0, position(1), correction(1), TERMS(now, 0, 0), CELLS(), NEXT(), count[spare()], numCells, flags, number(), DRIFT(0), BOX());
+        if (!same || !binned)
+            move(now, 0, 0);
+        device.template run<dpdKick_>(position(), correction(), position(), correction(), device.velm(), accSlow, device.force(), 1, beside, alone, external, 0, 0,
+            Mixed{kick*now.dt}, 0, position(1), correction(1), TERMS(now, 0, 0), CELLS(), FILL(now), flags, number(), DRIFT(0), BOX());
+        felt = 1-felt;
+        seenBy = &device.velm();
         return same;
     }
 
     // A sweep over a part of the step at binned positions; exact ones in so many halves that what a midpoint step changes of an exponential is small.
     void sweep(const Now& now, bool exact, double part, double kick, double drift, bool toForce) {
+        if (!binned || seenBy != &device.velm() || !bounded)
+            move(now, 0, 0);
         if (sheared() && !toForce)
             follow(device.velm(), device.velm(), -1);
         if (fluid.carries != NOTHING) {
             fields.sweep(stop(), place_(), TERMS(now, now.dt, 0), CELLS(), BOX(), rowCount, rows, rowRoom, rounds, exact, part*now.dt, now.kT);
+            seenBy = nullptr;
             follow(device.velm(), device.velm(), 1);
             if (kick != 0 || drift != 0 || here == 1)
                 move(now, kick, drift);
@@ -793,6 +840,8 @@ private:
         for (int k = 0; k < pieces; k++) {
             bool last = k == pieces-1;
             Base &vel = toForce && k > 0 ? (Base&) seen : start, &velNew = toForce ? (Base&) seen : device.velm();
+            if (k > 0) // for velocities in cells
+                move(now, 0, 0, -1, &vel);
             device.template run<dpdRows_>(position(), correction(), vel, TERMS(now, h, k), CELLS(), rowCount, rows, rowsAcross, rowRoom, random, u, res, Mixed{0.5*h},
                 Real{1/rate(now)}, flags, number(), BOX());
             int launches = 0;
@@ -801,14 +850,18 @@ private:
             for (int pass = 0; pass < launches; pass++)
                 device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass%2 ? d1 : res, pass%2 ? res : d1, flags, number(),
                     limits, weights, Real{factor}, Mixed{0.5*h}, pass);
+            seenBy = nullptr;
+            bounded = false;
             bool moves = last && !toForce && !sheared() && (drift != 0 || here == 1), drags = last && !toForce && !fluid.behind.empty();
             int to = moves ? 0 : here;
             device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d1, flags, number(),
-                limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, (int) moves,
-                device.index(), types, cubics, Mixed{drags ? part*now.dt : 0}, Mixed{now.kT}, (long long) callKey({now.seed, now.counter, 1ULL<<32, bitsOf(now.kT)}), DRIFT(last ? drift*now.dt : 0));
-            if (moves) { // rows hold all that is needed of positions: no other bead reads them
+                limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, moves ? drift != 0 ? 2 : 1 : 0,
+                device.index(), types, wallVelocity, cubics, Mixed{drags ? part*now.dt : 0}, Mixed{now.kT}, (long long) callKey({now.seed, now.counter, 1ULL<<32, bitsOf(now.kT)}), FILL(now), DRIFT(last ? drift*now.dt : 0), BOX());
+            if (moves) // rows hold all that is needed of positions: no other bead reads them
                 here = copied = 0;
-                binned = binned && drift == 0;
+            if (moves && drift != 0) {
+                turn();
+                seenBy = &device.velm();
             }
         }
         if (sheared() && !toForce) {
@@ -820,15 +873,18 @@ private:
 
     Device& device;
     Fields<Device> fields;
-    bool thermostat = false, conservative = false, anyFixedSigma = false, immobile = false, begun = false;
+    bool thermostat = false, conservative = false, anyFixedSigma = false, immobile = false, equalMasses = true, begun = false;
+    int members = 0;                           // beads that take part
     double inverseMass = 0, expected = 0;      // the largest 1/m; the bound of eigenvalues for which passes are launched
     std::vector<double> passRange;
-    Mixed4 edges, inverse, tilt, keptBox, keptTilt;
+    Mixed4 edges, inverse, tilt, width, keptBox, keptTilt;
     double keptStep = 0, keptKT = 0;
     bool haveKept = false;                     // whether acc is of positions in posB, in a box keptBox, with noise for keptStep
     bool sweeping = false, haveSeen = false, haveBeside = false, haveSlow = false, haveCopies = false; // which arrays were made beyond those that all need
-    int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, rowRoom = 0, rounds = 0;
-    int launch = 0, here = 0, cells = 0, side = 0;         // where the present positions are, which counts and places of cells are filled
+    int grid[3] = {0, 0, 0}, numCells = 0, cellCapacity = 0, cellRoom = 0, madeRoom = 0, walked = 0, share = 1, rowRoom = 0, rounds = 0;
+    int launch = 0, here = 0, cells = 0, side = 0, felt = 0; // where the present positions are, which counts, places and velocities of cells are filled
+    Base* seenBy = nullptr;                    // the array whose velocities cells have
+    bool bounded = false, standing = false;    // whether the bound of eigenvalues was reset; cells have the positions after the last step
     bool unseen = false;                       // whether there were steps since the last look
     bool binned = false;                       // whether they hold the present positions
     bool copies = false;                       // whether drifts in their place leave a copy of positions, for a kick that drifts in its launch
@@ -841,7 +897,7 @@ private:
     std::vector<long long> untold = std::vector<long long>(IMPULSES, 0); // what walls have taken up, in 2^-30
     std::chrono::steady_clock::time_point looked;
     Array types, params, more, many, massOf, densities, cubics, limits, weights, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, walls, behind, impulses, alone, external;
-    Array posB, corrB, posC, corrC, acc, accSlow, seen, beside, count[3], beads[2], placeOf[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
+    Array posB, corrB, posC, corrC, acc, accSlow, seen, beside, walk, count[3], beads[2], rests[2], motion[2], flags, rowCount, rows, rowsAcross, random, u, res, res2, d1;
 };
 
 }

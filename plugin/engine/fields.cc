@@ -54,10 +54,10 @@ DEVICE mixed dpdTemperature(mixed4 value, mixed4 s, GLOBAL const mixed4* RESTRIC
 
 // Heat that flows to a bead from a partner; and in `rubbed` what friction and noise between them give to it.
 // Rows of `carrying`: kappa, exponent and 1/cutoff of conduction, exponent of friction; polynomials of the latter and of kappa.
-DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS,
+DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL const mixed4* RESTRICT vel, TERMS,
         GLOBAL const real* RESTRICT capacities, real perRootDt, GLOBAL int* RESTRICT flags, int launch, real* rubbed) {
     real invR = RSQRT(r2), r = r2*invR;
-    int partner = atomIndex[j], row = type+types[j];
+    int index = self->index, partner = other->index, row = ROW(0);
     bool lower = index < partner;
 #ifdef EXCEPTIONS
     real f = dpdFactor(index, partner, exceptionStart, exceptionBead, exceptionFactor);
@@ -67,8 +67,8 @@ DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, 
     mm_ulong pair = dpdPairKey((mm_ulong) key, index, partner);
     real xi = dpdNormal(pair, cubics), w = 1-r*params[row].z, wT = 1-r*carrying[row*CARRYING_ROWS].z;
     if (w > 0 && !(LAMMPS && wT <= 0)) {
-        mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
-        real along = invR*(delta.x*(real) (v.x-o.x)+delta.y*(real) (v.y-o.y)+delta.z*(real) (v.z-o.z));
+        real mine = INVERSE_MASS(vel, self->i), theirs = INVERSE_MASS(vel, other->i);
+        real along = invR*(delta.x*(self->v.x-other->v.x)+delta.y*(self->v.y-other->v.y)+delta.z*(self->v.z-other->v.z));
         if (SHEARED)
             along += slide*delta.y*invR*delta.x;
         real3 warm = dpdWarm(row, index, partner, w, carrying, carried);
@@ -76,12 +76,12 @@ DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, 
         if (ENERGIES)
             s /= SQRT(warm.y);
         if (LAMMPS)
-            *rubbed = s*(s*(along*along-2*(real) (lower ? v.w : o.w)*warm.y)-(real) 1.4142135623730951*shaken)/(capacities[index]+capacities[partner]);
+            *rubbed = s*(s*(along*along-2*(lower ? mine : theirs)*warm.y)-(real) 1.4142135623730951*shaken)/(capacities[index]+capacities[partner]);
         else {
 #ifdef EXCEPTIONS
             s *= SQRT(f);
 #endif
-            *rubbed = (real) 0.5*s*(s*(along*along-(real) (v.w+o.w)*warm.y)-noise*shaken);
+            *rubbed = (real) 0.5*s*(s*(along*along-(mine+theirs)*warm.y)-noise*shaken);
         }
     }
     if (wT > 0 && !(LAMMPS && w <= 0)) {
@@ -105,8 +105,8 @@ DEVICE real dpdHeat(int j, real3 delta, real r2, int type, int index, mixed4 v, 
 }
 
 // What flows of a species to a bead from a partner.  Rows of `carrying`: 1/cutoff; then of each species kappa, epsilon and half of the exponent.
-DEVICE real dpdSpecies(int j, real r2, int type, int index, int species, mixed mine, mixed theirs, TERMS, real perRootDt) {
-    int partner = atomIndex[j], row = (type+types[j])*CARRYING_ROWS;
+DEVICE real dpdSpecies(DPDBead* self, DPDBead* other, real r2, int species, mixed mine, mixed theirs, TERMS, real perRootDt) {
+    int index = self->index, partner = other->index, row = ROW(0)*CARRYING_ROWS;
     real w = 1-r2*RSQRT(r2)*carrying[row].x;
     real4 c = carrying[row+1+species];
     if (w <= 0 || (c.x == 0 && c.y == 0))
@@ -124,18 +124,18 @@ DEVICE real dpdSpecies(int j, real r2, int type, int index, int species, mixed m
     return flow;
 }
 
-DEVICE void dpdFlow(int j, real3 delta, real r2, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS,
+DEVICE void dpdFlow(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL const mixed4* RESTRICT vel, TERMS,
         GLOBAL const real* RESTRICT capacities, int block, real perRootDt, real perUnit, GLOBAL int* RESTRICT flags, int launch, mm_long* sums) {
     if (CARRIES == HEAT) {
-        real rubbed = 0, conducted = dpdHeat(j, delta, r2, type, index, v, vel, TERMS_, capacities, perRootDt, flags, launch, &rubbed);
+        real rubbed = 0, conducted = dpdHeat(self, other, delta, r2, vel, TERMS_, capacities, perRootDt, flags, launch, &rubbed);
         sums[0] += realToFixedPoint(perUnit*(ENERGIES ? conducted : conducted+rubbed));
         if (ENERGIES)
             sums[1] += realToFixedPoint(perUnit*rubbed);
     }
     if (CARRIES == SPECIES) {
-        mixed4 a = carried[block*NUM_ATOMS+index], b = carried[block*NUM_ATOMS+atomIndex[j]];
+        mixed4 a = carried[block*NUM_ATOMS+self->index], b = carried[block*NUM_ATOMS+other->index];
         for (int k = 0; k < min(3, CARRYING_ROWS-1-3*block); k++)
-            sums[k] += realToFixedPoint(perUnit*dpdSpecies(j, r2, type, index, 3*block+k, k == 0 ? a.x : k == 1 ? a.y : a.z,
+            sums[k] += realToFixedPoint(perUnit*dpdSpecies(self, other, r2, 3*block+k, k == 0 ? a.x : k == 1 ? a.y : a.z,
                 k == 0 ? b.x : k == 1 ? b.y : b.z, TERMS_, perRootDt));
     }
 }
@@ -172,7 +172,7 @@ KERNEL BOUNDS void dpdCarry(GLOBAL const real4* RESTRICT pos, GLOBAL const real4
     SHARED(3)
     EACH_BEAD
         mm_long sums[3] = {0, 0, 0};
-        EACH_PARTNER(vel, dpdFlow(j, delta, r2, type, index, v, vel, TERMS_, capacities, block, perRootDt, perUnit, flags, launch, sums))
+        EACH_PARTNER(dpdFlow(&self, &other, delta, r2, vel, TERMS_, capacities, block, perRootDt, perUnit, flags, launch, sums))
         TOGETHER(sums, 3)
         if (SUMMED && vel[i].w != 0) {
             int bead = atomIndex[i], at = block*NUM_ATOMS+bead;

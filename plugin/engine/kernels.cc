@@ -3,9 +3,9 @@
 // Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the order of beads in a cell nor that of threads changes a
 // bit, and that momentum is conserved to the last one.
 //
-// On a CPU a thread does all for its bead.  On a GPU LANES threads of a block share one: each looks for partners in other cells, what they find is
-// listed in the memory of the block (else nearly all threads of a warp would wait while one draws noise), each takes its part of the list, and
-// what they sum up comes together in lane 0.
+// On a CPU a thread has a cell, gathers what is around it, and does all for its beads.  On a GPU LANES threads of a block share a bead: the block gathers what is
+// around its cells, each thread looks for partners in a part of that, what they find is listed in the memory of the block (else nearly all threads of a
+// warp would wait while one draws noise), each takes its part of the list, and what they sum up comes together in lane 0.
 //
 // Where anything is wrong (a cell or row is full, a bead runs away) a kernel sets flags[STOP], and all kernels after it do nothing: the host
 // finds out when it looks.  Launches have numbers, so that all of the one that found it still counts what room would be needed.
@@ -32,27 +32,78 @@
 #ifndef BOUNDS // what a compiler has to be told of the size of blocks
 #define BOUNDS
 #endif
+#if !defined(INLINED) || LANES > 1 // and, on a CPU, of functions that have too many arguments to be called for each pair
+#undef INLINED
+#define INLINED
+#endif
+// Beads are taken in the order of cells, so that those of a block have the same few cells around them: each block (on a CPU each thread) has some that are
+// beside each other in `walk`, which has their places along the axes, ten bits each; below 0 are cells of beads that take no part (dpdPut).
 #if LANES == 1
-#define SHARED(sums)
-#define EACH_BEAD for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) { \
+#define GATHERED 256 // beads around a cell at a time
+#define SHARED(sums) \
+    float offsets[4*GATHERED]; \
+    int slots[GATHERED], list[GATHERED];
+#define EACH_BEAD for (int at = GLOBAL_ID; at < walked; at += GLOBAL_SIZE) { \
+    const int where = walk[at], cell = dpdCellAt(where, BOX_), held = count[cell], lane = 0; \
+    const bool edge = dpdAtEdge(where, BOX_); \
+    bool whole = false; \
+    int gathered = 0; \
+    for (int slot = cell*room; slot < cell*room+held; slot++) { \
+        const bool there = true; \
+        const int i = (int) beads[slot].w; \
+        int entries = 0;
+#define END_BEAD }}
+#define EACH_INDEX for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) { \
     const bool there = true; \
-    const int lane = 0; \
-    int entries = 0;
+    const int lane = 0;
 #define TOGETHER(sums, n)
+#define TOGETHER_SHARED(sums)
 #define ENTRY (entries++)
 #define ENTRIES entries
 #else
 #define BEADS (BLOCK/LANES) // that a block has at a time
 #define LISTED 40           // partners of a bead at a time
-#define SHARED(sums) \
-    LOCAL mm_long shared[(sums)*BLOCK]; \
-    LOCAL int found[BEADS], entered[BEADS], list[LISTED*BEADS], unfinished[1];
-#define EACH_BEAD for (int first = GROUP_ID*BEADS; first < NUM_ATOMS; first += NUM_GROUPS*BEADS) { \
+#define AROUND (LANES < 4 ? 32*LANES : 128) // beads around a cell at a time
+#define MOST_CELLS (BLOCK/9) // of a block: each row around each of them has a thread
+#define TOGETHER_SHARED(sums) LOCAL mm_long shared[(sums)*BLOCK];
+#define SHARED(sums) /* sums come together where the beads around cells were */ \
+    LOCAL mm_long shared[(sums)*BLOCK > AROUND*MOST_CELLS/2 ? (sums)*BLOCK : AROUND*MOST_CELLS/2]; \
+    LOCAL int found[BEADS+4], entered[BEADS], members[BEADS], owners[BEADS], list[LISTED*BEADS], rowSums[BLOCK], totals[MOST_CELLS]; \
+    LOCAL_ARG int* nearby = (LOCAL_ARG int*) shared;
+#define EACH_BEAD for (int group = GROUP_ID*share; group < walked; group += NUM_GROUPS*share) { \
+    const int lane = LOCAL_ID/BEADS, mine = LOCAL_ID%BEADS; \
+    int cell = 0, held = 0, start = 0; \
+    if (LOCAL_ID == 0) \
+        ALL_MEMBERS = AT_EDGE = 0; \
+    SYNC_THREADS \
+    if (LOCAL_ID < share && group+LOCAL_ID < walked) { \
+        const int place = walk[group+LOCAL_ID]; \
+        if (dpdAtEdge(place, BOX_)) \
+            AT_EDGE = 1; \
+        cell = dpdCellAt(place, BOX_); \
+        held = count[cell]; \
+        start = ATOMIC_ADD(&ALL_MEMBERS, held); \
+    } \
+    SYNC_THREADS \
+    for (int first = 0; first < ALL_MEMBERS; first += BEADS) { \
+        for (int k = max(0, first-start); k < min(held, first+BEADS-start); k++) { \
+            members[start+k-first] = cell*room+k; \
+            owners[start+k-first] = LOCAL_ID; \
+        } \
+        if (lane == 0) \
+            found[mine] = entered[mine] = UNFINISHED = 0; \
+        SYNC_THREADS \
+        const bool there = first+mine < ALL_MEMBERS; \
+        const int slot = members[there ? mine : 0], owner = owners[there ? mine : 0], where = walk[group+owner], i = (int) beads[slot].w; \
+        const bool edge = AT_EDGE != 0; /* of all, for a warp goes one way then */
+#define UNFINISHED found[BEADS]
+#define ALL_MEMBERS found[BEADS+1]
+#define MORE found[BEADS+2]
+#define AT_EDGE found[BEADS+3]
+#define END_BEAD SYNC_THREADS }}
+#define EACH_INDEX for (int first = GROUP_ID*BEADS; first < NUM_ATOMS; first += NUM_GROUPS*BEADS) { \
     const int lane = LOCAL_ID/BEADS, mine = LOCAL_ID%BEADS, i = min(first+mine, NUM_ATOMS-1); \
-    const bool there = first+mine < NUM_ATOMS; \
-    if (lane == 0) \
-        found[mine] = entered[mine] = unfinished[0] = 0; \
-    SYNC_THREADS
+    const bool there = first+mine < NUM_ATOMS;
 #define TOGETHER(sums, n) dpdTogether(sums, n, shared);
 #define ENTRY ATOMIC_ADD(&entered[mine], 1)
 #define ENTRIES entered[mine]
@@ -68,7 +119,7 @@ DEVICE void dpdTogether(mm_long* sums, int n, LOCAL_ARG mm_long* shared) {
     SYNC_THREADS
 }
 #endif
-#define END_BEAD }
+#define END_INDEX }
 #define SUMMED (there && lane == 0) // who has all sums
 
 #define GOLDEN 0x9E3779B97F4A7C15UL
@@ -135,10 +186,12 @@ DEVICE mixed3 dpdLoad(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
 #endif
 }
 
-DEVICE void dpdStore(GLOBAL real4* RESTRICT pos, GLOBAL real4* RESTRICT corr, int i, mixed3 x, real q) {
-    pos[i] = make_real4((real) x.x, (real) x.y, (real) x.z, q);
+// Rounds x to what was stored.
+DEVICE void dpdStore(GLOBAL real4* RESTRICT pos, GLOBAL real4* RESTRICT corr, int i, mixed3* x, real q) {
+    pos[i] = make_real4((real) x->x, (real) x->y, (real) x->z, q);
 #ifdef USE_MIXED_PRECISION
-    corr[i] = make_real4((real) (x.x-(real) x.x), (real) (x.y-(real) x.y), (real) (x.z-(real) x.z), 0);
+    corr[i] = make_real4((real) (x->x-(real) x->x), (real) (x->y-(real) x->y), (real) (x->z-(real) x->z), 0);
+    *x = dpdLoad(pos, corr, i);
 #endif
 }
 
@@ -148,17 +201,15 @@ DEVICE void dpdAdd(mixed4* v, mixed part, mixed4 a) {
     v->z += part*a.z;
 }
 
-// Whether positions in cells are those in the box, or in its place without one: there beads of other periods seem near, until they are looked at.
-#define WRAPPED (PERIODIC || REPEATED)
-#if LANES > 1 || defined(USE_MIXED_PRECISION)
-#define REPEATED true
-#else
-#define REPEATED false
-#endif
+// The box: edges, their inverses, the components below the diagonal (b.x, c.x, c.y), edges of cells, their numbers, and places in each.  Without a box it
+// is the period of the cells alone: beads of other periods seem near, until they are looked at.
+#define BOX mixed4 edges, mixed4 inverse, mixed4 tilt, mixed4 width, int nx, int ny, int nz, int room
+#define BOX_ edges, inverse, tilt, width, nx, ny, nz, room
 
-// The box: edges, their inverses, and the components below the diagonal (b.x, c.x, c.y).  Without a box it is the period of the cells alone.
-#define BOX mixed4 edges, mixed4 inverse, mixed4 tilt, int nx, int ny, int nz
-#define BOX_ edges, inverse, tilt, nx, ny, nz
+// The number of a cell of `walk`
+DEVICE int dpdCellAt(int where, BOX) {
+    return where < 0 ? nx*ny*nz-1-where : ((where>>20)*ny+(where>>10&1023))*nx+(where&1023);
+}
 
 // The cell along an axis, if a bead is at s in units of the box, which it is `periods` of away from it.
 DEVICE int dpdAxis(mixed s, int n, mixed* periods) {
@@ -175,49 +226,91 @@ DEVICE int dpdAxis(mixed s, int n, mixed* periods) {
 DEVICE int dpdCellOf(mixed3 x, mixed3* inside, BOX) {
     mixed sz = x.z*inverse.z, sy = (x.y-sz*tilt.z)*inverse.y, sx = (x.x-sz*tilt.y-sy*tilt.x)*inverse.x, px, py, pz;
     int cell = (dpdAxis(sz, nz, &pz)*ny+dpdAxis(sy, ny, &py))*nx+dpdAxis(sx, nx, &px);
-    *inside = WRAPPED ? make_mixed3(x.x-px*edges.x-py*tilt.x-pz*tilt.y, x.y-py*edges.y-pz*tilt.z, x.z-pz*edges.z) : x;
+    *inside = make_mixed3(x.x-px*edges.x-py*tilt.x-pz*tilt.y, x.y-py*edges.y-pz*tilt.z, x.z-pz*edges.z);
     return cell;
 }
 
-DEVICE real3 dpdNearest(mixed3 d, BOX) { // of the images of a difference
-    if (PERIODIC) {
-        mixed s = floor(d.z*inverse.z+(mixed) 0.5);
-        d.z -= s*edges.z;
+// Whether some of the cells around one are beyond the box
+DEVICE bool dpdAtEdge(int where, BOX) {
+    int x = where&1023, y = where>>10&1023, z = where>>20;
+    return min(x, min(y, z)) == 0 || x == nx-1 || y == ny-1 || z == nz-1;
+}
+
+// Of the images of a difference of positions the nearest one
+DEVICE real3 dpdNearest(mixed3 d, BOX) {
+    mixed s = rint(d.z*inverse.z);
+    d.z -= s*edges.z;
 #ifdef TRICLINIC
-        d.y -= s*tilt.z;
-        d.x -= s*tilt.y;
+    d.y -= s*tilt.z;
+    d.x -= s*tilt.y;
 #endif
-        s = floor(d.y*inverse.y+(mixed) 0.5);
-        d.y -= s*edges.y;
+    s = rint(d.y*inverse.y);
+    d.y -= s*edges.y;
 #ifdef TRICLINIC
-        d.x -= s*tilt.x;
+    d.x -= s*tilt.x;
 #endif
-        d.x -= floor(d.x*inverse.x+(mixed) 0.5)*edges.x;
-    }
+    d.x -= rint(d.x*inverse.x)*edges.x;
     return make_real3((real) d.x, (real) d.y, (real) d.z);
 }
 
-// Cells: how many beads are in each, where in the box these are and which (`room` places per cell), and the place of each bead (-1: it takes no part).
-#define FILL GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT placeOf, GLOBAL int* RESTRICT dirty, int cells, int room
-#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const real4* RESTRICT beads, GLOBAL const int* RESTRICT placeOf, int room
-#define CELLS_ count, beads, placeOf, room
+// Cells: how many beads are in each, and `room` places for them: where a bead is in the box and its index, in mixed precision what single precision has
+// left of that; and the velocity that friction sees, with number and type of the bead in one word.  The order in `walk`, of which a block has a `share`.
+#define FILL GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL real4* RESTRICT restsNew, GLOBAL real4* RESTRICT motionNew, \
+        GLOBAL int* RESTRICT dirty, int cells, mixed fastest2, mixed hottest
+#define FILL_ countNew, beadsNew, restsNew, motionNew, dirty, cells, fastest2, hottest
+#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const real4* RESTRICT beads, GLOBAL const real4* RESTRICT rests, GLOBAL const real4* RESTRICT motion, \
+        GLOBAL const int* RESTRICT walk, int walked, int share
+#define CELLS_ count, beads, rests, motion, walk, walked, share
+#define CLEAR for (int c = GLOBAL_ID; c < cells; c += GLOBAL_SIZE) dirty[c] = 0;
 
-DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL real4* RESTRICT beads, GLOBAL int* RESTRICT placeOf, int room,
-        GLOBAL int* RESTRICT flags, int launch, BOX) {
-    if (type < 0) {
-        placeOf[i] = -1;
-        return;
-    }
+typedef struct {
+    int i, index, type;
+    real4 v;
+} DPDBead;
+
+// A velocity with number and type of its bead; as bits, for single precision has 24 of them in a number
+DEVICE real4 dpdMotion(mixed4 v, int index, int type) {
+    union { real number; unsigned int word; } bits;
+    bits.number = 0;
+    bits.word = (unsigned int) index+(unsigned int) max(type, 0)*(unsigned int) NUM_ATOMS;
+    return make_real4((real) v.x, (real) v.y, (real) v.z, bits.number);
+}
+
+DEVICE DPDBead dpdBead(real4 place, real4 v) {
+    union { real number; unsigned int word; } bits;
+    bits.number = v.w;
+    DPDBead bead;
+    bead.i = (int) place.w;
+    bead.type = NUM_TYPES == 1 ? 0 : (int) (bits.word/(unsigned int) NUM_ATOMS);
+    bead.index = (int) (bits.word-(unsigned int) bead.type*(unsigned int) NUM_ATOMS);
+    bead.v = v;
+    return bead;
+}
+
+// A bead into its cell.  Those that take no part are in cells behind the others, where each has a place.  A bead runs away whose speed nobody has in
+// equilibrium (hottest is its square times the mass) and that crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
+DEVICE void dpdPut(int i, int type, int index, mixed3 x, mixed4 v, FILL, GLOBAL int* RESTRICT flags, int launch, BOX) {
     mixed3 inside;
     int cell = dpdCellOf(x, &inside, BOX_);
-    int k = ATOMIC_ADD(&count[cell], 1);
-    placeOf[i] = cell*room+k;
-    if (k < room)
-        beads[cell*room+k] = make_real4((real) inside.x, (real) inside.y, (real) inside.z, (real) i);
+    if (type < 0)
+        cell = nx*ny*nz+i/room;
+    int k = ATOMIC_ADD(&countNew[cell], 1), slot = cell*room+k;
+    if (k < room) {
+        beadsNew[slot] = make_real4((real) inside.x, (real) inside.y, (real) inside.z, (real) i);
+#ifdef USE_MIXED_PRECISION
+        restsNew[slot] = make_real4((real) (inside.x-(real) inside.x), (real) (inside.y-(real) inside.y), (real) (inside.z-(real) inside.z), 0);
+#endif
+        motionNew[slot] = dpdMotion(v, index, type);
+    }
     else
         HALT(CELLS_FULL)
-    if (k+1 > flags[MOST_IN_CELL])
+    if (type >= 0 && k+1 > flags[MOST_IN_CELL])
         ATOMIC_MAX(&flags[MOST_IN_CELL], k+1);
+    bool finite = dpdFinite(v.x) && dpdFinite(v.y) && dpdFinite(v.z);
+    if (fastest2 != 0 && v.w != 0 && (!finite || v.x*v.x+v.y*v.y+v.z*v.z > max(fastest2, hottest*v.w))) {
+        HALT(RUNAWAY)
+        flags[WHO] = index;
+    }
 }
 
 // What the pair terms depend on beside positions and velocities.
@@ -229,7 +322,7 @@ DEVICE void dpdPut(int i, int type, mixed3 x, GLOBAL int* RESTRICT count, GLOBAL
 #define TERMS_ atomIndex, types, params, more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, weights, densities, \
         carrying, carried, key, begun, bits, noise, perRoot2kT, slide
 #define EACH_LAYER for (int layer = 0; layer < LAYERS; layer++)
-#define ROW(layer) (type+types[j]+(layer)*NUM_TYPES*NUM_TYPES) // of a pair in tables
+#define ROW(layer) (self->type*NUM_TYPES+other->type+(layer)*NUM_TYPES*NUM_TYPES) // of a pair in tables
 
 DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, GLOBAL const int* RESTRICT exceptionBead,
         GLOBAL const real* RESTRICT exceptionFactor) {
@@ -239,16 +332,23 @@ DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, G
     return 1;
 }
 
-DEVICE mixed4 dpdVelocity(GLOBAL const mixed4* RESTRICT vel, int i, GLOBAL const int* RESTRICT atomIndex, GLOBAL const real4* RESTRICT wallVelocity) {
-    mixed4 v = vel[i];
+// The velocity of a bead that friction feels: that of its wall, if it is immobile
+DEVICE mixed4 dpdFelt(mixed4 v, int index, GLOBAL const real4* RESTRICT wallVelocity) {
 #ifdef IMMOBILE
     if (v.w == 0) {
-        real4 wall = wallVelocity[atomIndex[i]];
+        real4 wall = wallVelocity[index];
         v = make_mixed4(wall.x, wall.y, wall.z, 0);
     }
 #endif
     return v;
 }
+
+// 1/mass of a bead, a constant where all are equal
+#ifdef MASSES
+#define INVERSE_MASS(vel, i) ((real) vel[i].w)
+#else
+#define INVERSE_MASS(vel, i) ((real) EQUAL_MASS)
+#endif
 
 // What beads carry (fields.cc): heat, as temperatures (with the heat of LAMMPS's code or not) or as ENERGIES, or species that diffuse.
 #define HEAT 1
@@ -339,132 +439,214 @@ DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, GLOBAL const real4* R
 // The cell before another one along an axis (at = 0), itself (1) or the one after it (2), and how many periods it is away by that; all, of few.
 DEVICE int dpdNext(int own, int at, int n, real* periods) {
     int c = n < 3 ? at : own+at-1;
-    *periods = WRAPPED ? (c < 0) - (c >= n) : 0;
+    *periods = (c < 0) - (c >= n);
     return c < 0 ? c+n : c >= n ? c-n : c;
 }
 
-// Where a bead is in its cell along an axis, from 0 to 1, if it is at s in units of the box.  Both `dpdAxis` and the position in the cell may have
-// rounded: to the other end of the box (far from 0 and 1), and out of the cell by a little.
-DEVICE float dpdPlace(mixed s, int n, int own) {
-    float f = (float) ((s-floor(s))*n-own);
-    return f < -0.5f ? 1 : f > 1.5f ? 0 : f < 0 ? 0 : f > 1 ? 1 : f;
+#define SQUARE(delta) (delta.x*delta.x+delta.y*delta.y+delta.z*delta.z)
+#define NEAR ((float) (MAX_CUTOFF*MAX_CUTOFF*1.01)) // for positions in cells are rounded
+
+// The number of the first cell in a row of those around one, and how far beads there are away by periods
+DEVICE int dpdRowOf(int where, int row, real3* away, BOX) {
+    real py, pz;
+    int hy = where>>10&1023, hz = where>>20, y = dpdNext(hy, row%3, ny, &py), z = dpdNext(hz, row/3, nz, &pz);
+    *away = make_real3(py*(real) tilt.x+pz*(real) tilt.y, py*(real) edges.y+pz*(real) tilt.z, pz*(real) edges.z);
+    return (z*ny+y)*nx;
 }
 
-// The square of how far it is from the cells before its own (at = 0), in line with it (1) and after it (2).
-DEVICE float dpdGap(int at, float place, mixed edge, int n) {
-    float gap = at == 1 || n < 3 ? 0 : (at == 0 ? place : 1-place)*(float) (edge/n);
-    return gap*gap;
+#if LANES == 1
+// Where the search for partners of a bead goes on: in a row of three cells, in a cell of it, behind so many beads.
+typedef struct {
+    int row, cell, from;
+} DPDSearch;
+
+// Beads around a cell, as its first bead sees them, to arrays that all its beads go through, until there is no more room: returns how many.
+DEVICE int dpdGather(DPDSearch* search, int cell, int where, float* around, int* slots, CELLS, BOX) {
+    real4 origin = beads[cell*room];
+    int n = 0;
+    for (; search->row < 9; search->row++, search->cell = 0) {
+        if (search->row%3 >= ny || search->row/3 >= nz)
+            continue;
+        real3 away;
+        int row = dpdRowOf(where, search->row, &away, BOX_);
+        for (; search->cell < min(nx, 3); search->cell++, search->from = 0) {
+            real px;
+            int beside = row+dpdNext(where&1023, search->cell, nx, &px);
+            real x = away.x+px*(real) edges.x+origin.x, y = away.y+origin.y, z = away.z+origin.z;
+            for (; search->from < count[beside]; search->from++) {
+                if (n == GATHERED)
+                    return n;
+                int other = beside*room+search->from;
+                real4 o = beads[other];
+                around[n] = (float) (x-o.x);
+                around[n+GATHERED] = (float) (y-o.y);
+                around[n+2*GATHERED] = (float) (z-o.z);
+                slots[n++] = other;
+            }
+        }
+    }
+    return n;
 }
 
-#ifdef TRICLINIC // cells are not rectangular: all are looked into
-#define PLACE(axis, n, own) 0
-#define GAP(axis, at, n) 0
+// Which of them are near a bead of the cell, itself too, without branches, which nobody could predict: returns how many.
+DEVICE int dpdFind(int cell, int slot, float* around, int* slots, int n, int* list, CELLS, BOX) {
+    real4 origin = beads[cell*room], here = beads[slot];
+    float hx = (float) (here.x-origin.x), hy = (float) (here.y-origin.y), hz = (float) (here.z-origin.z);
+    if (PERIODIC && min(nx, min(ny, nz)) < 3)
+        for (int k = 0; k < n; k++) {
+            real3 delta = dpdNearest(make_mixed3(hx+around[k], hy+around[k+GATHERED], hz+around[k+2*GATHERED]), BOX_);
+            around[k+3*GATHERED] = (float) SQUARE(delta);
+        }
+    else
+        for (int k = 0; k < n; k++) {
+            float x = hx+around[k], y = hy+around[k+GATHERED], z = hz+around[k+2*GATHERED];
+            around[k+3*GATHERED] = x*x+y*y+z*z;
+        }
+    int found = 0;
+    for (int k = 0; k < n; k++) {
+        list[found] = slots[k];
+        found += around[k+3*GATHERED] < NEAR;
+    }
+    return found;
+}
 #else
-#define PLACE(axis, n, own) dpdPlace(here.axis*inverse.axis, n, own)
-#define GAP(axis, at, n) dpdGap(at, place##axis, edges.axis, n)
+// Beads around each cell of a block, from one of them on: how many are left, and places of as many as there is room for.  A thread has a row of three cells.
+DEVICE void dpdGather(int group, int from, LOCAL_ARG int* rows, LOCAL_ARG int* totals, LOCAL_ARG int* around, LOCAL_ARG int* more, CELLS, BOX) {
+    int own = LOCAL_ID/9, row = LOCAL_ID%9, where = own < share && group+own < walked ? walk[group+own] : -1;
+    int a = 0, b = 0, c = 0, inA = 0, inB = 0, inC = 0; // its cells, and how many beads they have
+    if (where >= 0 && row%3 < ny && row/3 < nz) {
+        real3 away;
+        real px;
+        int first = dpdRowOf(where, row, &away, BOX_);
+        a = first+dpdNext(where&1023, 0, nx, &px);
+        b = first+dpdNext(where&1023, 1, nx, &px);
+        c = first+dpdNext(where&1023, 2, nx, &px);
+        inA = count[a];
+        inB = nx > 1 ? count[b] : 0;
+        inC = nx > 2 ? count[c] : 0;
+    }
+    int end = inA+inB+inC;
+    rows[LOCAL_ID] = end;
+    if (LOCAL_ID == 0)
+        *more = 0;
+    SYNC_THREADS
+    int before = -from;
+    for (int k = LOCAL_ID-row; k < LOCAL_ID; k++)
+        before += rows[k];
+    if (row == 8 && own < share) {
+        totals[own] = before+end;
+        if (before+end > AROUND)
+            *more = 1;
+    }
+    a *= room;
+    b = b*room-inA;
+    c = c*room-inA-inB;
+    end = min(end, AROUND-before);
+    for (int k = max(0, -before); k < end; k++)
+        around[own*AROUND+before+k] = k+(k < inA ? a : k < inA+inB ? b : c);
+    SYNC_THREADS
+}
+
+// A bit for each LANES-th of them that is near a bead, which may be itself
+DEVICE unsigned int dpdFind(int slot, bool edge, int lane, int n, LOCAL_ARG const int* around, CELLS, BOX) {
+    real4 here = beads[slot];
+    unsigned int hits = 0, bit = 1;
+    if (edge)
+        for (int k = lane; k < n; k += LANES, bit <<= 1) {
+            real4 o = beads[around[k]];
+            real3 delta = dpdNearest(make_mixed3(here.x-o.x, here.y-o.y, here.z-o.z), BOX_);
+            hits |= (float) SQUARE(delta) < NEAR ? bit : 0;
+        }
+    else
+        for (int k = lane; k < n; k += LANES, bit <<= 1) {
+            real4 o = beads[around[k]];
+            real3 delta = make_real3(here.x-o.x, here.y-o.y, here.z-o.z);
+            hits |= (float) SQUARE(delta) < NEAR ? bit : 0;
+        }
+    return hits;
+}
+
+// Those with bits go to the list of a bead, and lose them, until it is full.
+DEVICE void dpdEnter(unsigned int* hits, int lane, int mine, LOCAL_ARG const int* around, LOCAL_ARG int* list, LOCAL_ARG int* found, LOCAL_ARG int* unfinished) {
+    int k = *hits == 0 ? 0 : ATOMIC_ADD(&found[mine], (int) BITS_OF(*hits));
+    for (; *hits != 0 && k < LISTED; k++, *hits &= *hits-1)
+        list[k*BEADS+mine] = around[FIRST_BIT(*hits)*LANES+lane];
+    if (*hits != 0)
+        *unfinished = 1;
+}
 #endif
 
-// Which of those that cells have near a bead are within the longest cutoff: delta is from j to i, r2 its square.
-#define SQUARE(delta) (delta.x*delta.x+delta.y*delta.y+delta.z*delta.z)
-#ifdef MANY_BODY // beads at the same point count in each other's densities; positions of one bead in cells are the same, too
-#define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && j != i)
+// Which of those that are near a bead are within the longest cutoff: delta is from j to i, r2 its square.  In the box positions are those in cells.
+#ifdef MANY_BODY // beads at the same point count in each other's densities
+#define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && at != slot)
 #define APART (r2 != 0)
 #else
 #define APART true
 #define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && r2 != 0)
 #endif
-#if LANES > 1 || defined(USE_MIXED_PRECISION) // these look at the positions themselves
-#define IS_NEAR (r2 < (real) (MAX_CUTOFF*MAX_CUTOFF*1.01) && (int) y.w != i) // positions in cells are rounded
-#define TAKE(pair) \
-    mixed3 z = dpdLoad(pos, corr, j); \
-    real3 delta = dpdNearest(make_mixed3(x.x-z.x, x.y-z.y, x.z-z.z), BOX_); \
+
+DEVICE mixed3 dpdPlace(real4 place, int slot, GLOBAL const real4* RESTRICT rests, GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr) {
+    if (!PERIODIC)
+        return dpdLoad(pos, corr, (int) place.w);
+#ifdef USE_MIXED_PRECISION
+    real4 rest = rests[slot];
+    return make_mixed3(place.x+(mixed) rest.x, place.y+(mixed) rest.y, place.z+(mixed) rest.z);
+#else
+    return make_mixed3(place.x, place.y, place.z);
+#endif
+}
+
+// What is to be done with all partners (`other`) of a bead (`self`) within the longest cutoff, if it takes part: found first, a full list at a time, for else nearly
+// all threads of a warp would wait while one draws noise.
+#define LOOK_AT(k, pair) \
+    int at = list[k]; \
+    real4 theirs_ = beads[at]; \
+    mixed3 y = dpdPlace(theirs_, at, rests, pos, corr); \
+    real3 delta = make_real3((real) (x.x-y.x), (real) (x.y-y.y), (real) (x.z-y.z)); \
+    if (PERIODIC && edge) \
+        delta = dpdNearest(make_mixed3(x.x-y.x, x.y-y.y, x.z-y.z), BOX_); \
     real r2 = SQUARE(delta); \
     if (WITHIN) { \
+        DPDBead other = dpdBead(theirs_, motion[at]); \
         pair; \
     }
-#else
-#define IS_NEAR WITHIN
-#define TAKE(pair) pair;
-#endif
-
-// What is to be done with all partners j of a bead within the longest cutoff, if it takes part.  Cells that are farther away are left out.
-#define TAKES_PART (there && placeOf[i] >= 0)
-#define ITSELF(vel) \
-    mixed3 x = dpdLoad(pos, corr, i); \
-    mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity); \
-    int type = types[i]*NUM_TYPES, index = atomIndex[i]; \
-    real inertia = SQRT((real) v.w);
-#define HERE \
-    int place = max(placeOf[i], 0), cell = place/room, plane = cell/nx, hx = cell-plane*nx, hz = plane/ny, hy = plane-hz*ny; \
-    real4 here = beads[place]; \
-    float placex = PLACE(x, nx, hx), placey = PLACE(y, ny, hy), placez = PLACE(z, nz, hz); \
-    bool few = PERIODIC && min(nx, min(ny, nz)) < 3;
-#define FAR_CELL (GAP(z, c, nz)+GAP(y, b, ny)+GAP(x, a, nx) >= (float) (MAX_CUTOFF*MAX_CUTOFF*1.0002))
-#define OTHER_CELL \
-    real px, py, pz; \
-    int other = (dpdNext(hz, c, nz, &pz)*ny+dpdNext(hy, b, ny, &py))*nx+dpdNext(hx, a, nx, &px), end = other*room+count[other]; \
-    real3 away = make_real3(px*edges.x+py*tilt.x+pz*tilt.y, py*edges.y+pz*tilt.z, pz*edges.z);
-#define OTHER_BEAD \
-    real4 y = beads[slot]; \
-    real3 delta = make_real3(here.x-y.x+away.x, here.y-y.y+away.y, here.z-y.z+away.z); \
-    if (few) \
-        delta = dpdNearest(make_mixed3(delta.x, delta.y, delta.z), BOX_); \
-    real r2 = SQUARE(delta); \
-    int j = (int) y.w;
+#define MYSELF \
+    real4 mine_ = beads[slot]; \
+    DPDBead self = dpdBead(mine_, motion[slot]); \
+    mixed3 x = dpdPlace(mine_, slot, rests, pos, corr);
 #if LANES == 1
-#define EACH_PARTNER(vel, pair) \
-    if (TAKES_PART) { \
-        HERE \
-        ITSELF(vel) \
-        for (int c = 0; c < min(nz, 3); c++) for (int b = 0; b < min(ny, 3); b++) for (int a = 0; a < min(nx, 3); a++) { \
-            if (FAR_CELL) \
-                continue; \
-            OTHER_CELL \
-            for (int slot = other*room; slot < end; slot++) { \
-                OTHER_BEAD \
-                if (IS_NEAR) { \
-                    TAKE(pair) \
-                } \
-            } \
+#define EACH_PARTNER(pair) \
+    DPDSearch search = {0, 0, 0}; \
+    for (bool first = true; where >= 0 && (first || (!whole && search.row < 9)); first = false) { \
+        if (!whole) \
+            gathered = dpdGather(&search, cell, where, offsets, slots, CELLS_, BOX_); \
+        whole = whole || (first && search.row == 9); \
+        MYSELF \
+        for (int k = 0, n = dpdFind(cell, slot, offsets, slots, gathered, list, CELLS_, BOX_); k < n; k++) { \
+            LOOK_AT(k, pair) \
         } \
     }
 #else
-#define EACH_PARTNER(vel, pair) \
-    HERE \
-    for (int t = TAKES_PART ? lane : 27, from = 0; ; ) { /* a full list at a time; then cell t goes on at its bead `from` */ \
-        for (bool full = false; t < 27 && !full; t += full ? 0 : LANES) { \
-            int a = t%3, b = t/3%3, c = t/9; \
-            if (a >= nx || b >= ny || c >= nz || FAR_CELL) \
-                continue; \
-            OTHER_CELL \
-            int slot = other*room+from; \
-            for (from = 0; slot < end; slot++) { \
-                OTHER_BEAD \
-                if (!IS_NEAR) \
-                    continue; \
-                int k = ATOMIC_ADD(&found[mine], 1); \
-                if (k >= LISTED) { \
-                    unfinished[0] = 1; \
-                    from = slot-other*room; \
-                    full = true; \
-                    break; \
-                } \
-                list[k*BEADS+mine] = j; \
+#define EACH_PARTNER(pair) \
+    for (int from = 0, further = 1; further; from += AROUND) { \
+        dpdGather(group, from, rowSums, totals, nearby, &MORE, CELLS_, BOX_); \
+        further = MORE; \
+        unsigned int hits = there && where >= 0 ? dpdFind(slot, edge, lane, min(totals[owner], AROUND), &nearby[owner*AROUND], CELLS_, BOX_) : 0; \
+        for (bool last = false; !last; ) { \
+            dpdEnter(&hits, lane, mine, &nearby[owner*AROUND], list, found, &UNFINISHED); \
+            SYNC_THREADS \
+            MYSELF /* not before, for there are not that many registers */ \
+            for (int k = lane, n = min(found[mine], LISTED); k < n; k += LANES) { \
+                LOOK_AT(k*BEADS+mine, pair) \
+            } \
+            last = UNFINISHED == 0; \
+            SYNC_THREADS \
+            if (!last || further) { \
+                if (lane == 0) \
+                    found[mine] = UNFINISHED = 0; \
+                SYNC_THREADS \
             } \
         } \
-        SYNC_THREADS \
-        ITSELF(vel) /* not before, for there are not that many registers */ \
-        for (int k = lane, n = min(found[mine], LISTED); k < n; k += LANES) { \
-            int j = list[k*BEADS+mine]; \
-            TAKE(pair) \
-        } \
-        bool last = unfinished[0] == 0; \
-        SYNC_THREADS \
-        if (last) \
-            break; \
-        if (lane == 0) \
-            found[mine] = unfinished[0] = 0; \
-        SYNC_THREADS \
     }
 #endif
 
@@ -476,28 +658,27 @@ DEVICE float dpdGap(int at, float place, mixed edge, int n) {
 
 // What a partner adds to the density at a bead.  Rows of `many`: B of the force B (density + density) w_B, 1/cutoff of w_B, 1/cutoff and
 // norm of the weight function; its partner's mass weighs Lucy's, for which factors of bonded neighbours but 0 count in full.
-DEVICE real dpdDensityOf(int layer, int j, real r2, int type, int index, TERMS) {
+DEVICE real dpdDensityOf(int layer, DPDBead* self, DPDBead* other, real r2, TERMS) {
     real4 m = many[ROW(layer)];
-    int partner = atomIndex[j];
     real s = r2 > 0 ? r2*RSQRT(r2)*m.z : 0, w = 1-s, f = 1;
     if (w <= 0)
         return 0;
 #ifdef EXCEPTIONS
-    f = dpdFactor(index, partner, exceptionStart, exceptionBead, exceptionFactor);
+    f = dpdFactor(self->index, other->index, exceptionStart, exceptionBead, exceptionFactor);
 #endif
     if (LUCY)
-        return f == 0 ? 0 : weights[partner]*m.w*(1+3*s)*w*w*w;
+        return f == 0 ? 0 : weights[other->index]*m.w*(1+3*s)*w*w*w;
     return f*m.w*w*w;
 }
 
-KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, TERMS, CELLS,
         GLOBAL real* RESTRICT density, GLOBAL const int* RESTRICT flags, int launch, BOX) {
     if (STOPPED)
         return;
     SHARED(1)
     EACH_BEAD
         mm_long sum[1] = {0};
-        EACH_PARTNER(vel, EACH_LAYER sum[0] += realToFixedPoint(dpdDensityOf(layer, j, r2, type, index, TERMS_)))
+        EACH_PARTNER(EACH_LAYER sum[0] += realToFixedPoint(dpdDensityOf(layer, &self, &other, r2, TERMS_)))
         TOGETHER(sum, 1)
         if (SUMMED)
             density[i] = (real) sum[0]/(real) 0x100000000;
@@ -505,11 +686,10 @@ KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const rea
 }
 
 // Force of a pair on a bead of this type (times their number), index and velocity, added to f, and half of its energy.
-DEVICE real dpdPush(int layer, int i, int j, real3 delta, real r2, int type, int index, mixed4 v, int terms, GLOBAL const mixed4* RESTRICT vel, TERMS, mm_long* f) {
+DEVICE INLINED real dpdPush(int layer, DPDBead* self, DPDBead* other, real3 delta, real r2, int terms, TERMS, mm_long* f) {
     real invR = APART ? RSQRT(r2) : 0, r = r2*invR, energy = 0;
-    int partner = atomIndex[j];
     DPDPair p;
-    if (!dpdPair(&p, ROW(layer), index, partner, r, TERMS_))
+    if (!dpdPair(&p, ROW(layer), self->index, other->index, r, TERMS_))
         return energy;
     real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z), force = make_real3(0, 0, 0);
     real size = 0;
@@ -521,16 +701,15 @@ DEVICE real dpdPush(int layer, int i, int j, real3 delta, real r2, int type, int
         real4 m = many[ROW(layer)];
         w = 1-r*m.y;
         if (w > 0) {
-            real push = p.factor*m.x*(densities[i]+densities[j])*w;
+            real push = p.factor*m.x*(densities[self->i]+densities[other->i])*w;
             size += push;
             energy += (LUCY ? (APART ? (real) 0.25 : 0) : (real) 0.125)*push*w/m.y; // of Lucy's as if densities were constants: it has no potential
         }
 #endif
     }
     if ((terms & THERMOSTAT) != 0) {
-        mm_ulong pair = dpdPairKey(dpdKeyOf(layer, key, begun, bits), index, partner);
-        mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
-        real3 u = make_real3((real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
+        mm_ulong pair = dpdPairKey(dpdKeyOf(layer, key, begun, bits), self->index, other->index);
+        real3 u = make_real3(self->v.x-other->v.x, self->v.y-other->v.y, self->v.z-other->v.z);
         if (SHEARED) // velocities are relative to the flow
             u.x += slide*delta.y;
         real along = e.x*u.x+e.y*u.y+e.z*u.z, s = p.root*p.w;
@@ -538,7 +717,7 @@ DEVICE real dpdPush(int layer, int i, int j, real3 delta, real r2, int type, int
 #ifdef TRANSVERSE
         if (p.rootAcross != 0) {
             real t = p.rootAcross*p.wAcross;
-            real3 z = dpdAcross(pair, e, index < partner, cubics);
+            real3 z = dpdAcross(pair, e, self->index < other->index, cubics);
             force = make_real3(t*(noise*z.x-t*(u.x-along*e.x)), t*(noise*z.y-t*(u.y-along*e.y)), t*(noise*z.z-t*(u.z-along*e.z)));
         }
 #endif
@@ -625,7 +804,7 @@ DEVICE void dpdRub(mixed3 x, mixed4* v, int type, mixed time, mixed kT, mm_ulong
         }
 }
 // For OpenMM: adds to its force and energy buffers.
-KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
+KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, TERMS, CELLS,
         GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
@@ -633,7 +812,7 @@ KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const re
     mixed energy = 0;
     EACH_BEAD
         mm_long f[4] = {0, 0, 0, 0};
-        EACH_PARTNER(vel, EACH_LAYER f[3] += realToFixedPoint(dpdPush(layer, i, j, delta, r2, type, index, v, terms, vel, TERMS_, f)))
+        EACH_PARTNER(EACH_LAYER f[3] += realToFixedPoint(dpdPush(layer, &self, &other, delta, r2, terms, TERMS_, f)))
         TOGETHER(f, 4)
         if (SUMMED) {
             if ((terms & CONSERVATIVE) != 0)
@@ -692,15 +871,12 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
 #endif
 }
 
-#define CLEAR for (int c = GLOBAL_ID; c < cells; c += GLOBAL_SIZE) dirty[c] = 0;
-
 // v += kick*acc + kickSlow*slow, x += drift*v, and the beads into cells; moves: 0 into cells only, 2 with v + predict*acc to `seen`, 3 with a copy of x.  Nobody reads positions of
-// others here: posNew may be pos.  A bead runs away whose speed nobody has in equilibrium (hottest is its square times the mass) and that
-// crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
+// others here: posNew may be pos.
 KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL mixed4* RESTRICT velm, GLOBAL const mixed4* RESTRICT acc, GLOBAL mixed4* RESTRICT seen, mixed kick, mixed predict, int moves,
         GLOBAL const mixed4* RESTRICT slow, mixed kickSlow, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy,
-        GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, FILL, GLOBAL int* RESTRICT flags, int launch, mixed fastest2, mixed hottest, DRIFT, BOX) {
+        GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, GLOBAL const real4* RESTRICT wallVelocity, FILL, GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
     CLEAR
@@ -708,13 +884,7 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         flags[BOUND] = 0;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed3 x = dpdLoad(pos, corr, i);
-        mixed4 v = velm[i];
-        mixed along = SHEARED ? v.x-flow.z*x.y : v.x;
-        bool finite = dpdFinite(v.x) && dpdFinite(v.y) && dpdFinite(v.z);
-        if (fastest2 != 0 && v.w != 0 && (!finite || along*along+v.y*v.y+v.z*v.z > max(fastest2, hottest*v.w))) {
-            HALT(RUNAWAY)
-            flags[WHO] = atomIndex[i];
-        }
+        mixed4 v = velm[i], felt;
         if (moves) {
             if (v.w != 0) {
                 mixed4 a = acc[i], s = make_mixed4(v.x+predict*a.x, v.y+predict*a.y, v.z+predict*a.z, v.w);
@@ -737,21 +907,24 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
             else if (moves == 2)
                 seen[i] = v;
             real w = pos[i].w;
-            dpdStore(posNew, corrNew, i, x, w);
+            dpdStore(posNew, corrNew, i, &x, w);
             if (moves == 3)
-                dpdStore(posCopy, corrCopy, i, x, w);
+                dpdStore(posCopy, corrCopy, i, &x, w);
         }
-        dpdPut(i, types[i], x, count, beads, placeOf, room, flags, launch, BOX_);
+        felt = moves == 2 ? seen[i] : v;
+        if (moves != 2 && SHEARED)
+            felt.x -= flow.w*x.y;
+        dpdPut(i, types[i], atomIndex[i], x, dpdFelt(felt, atomIndex[i], wallVelocity), FILL_, flags, launch, BOX_);
     }
 }
 
 // acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
-// posNew, 3 as 1 and a copy of x.  `seen` are the velocities of friction, which may be velm without it.  useOthers: 2 keeps the force of others.
-// partial: along some axes only the `external` force acts on a bead.
+// posNew, 3 as 1 and a copy of x.  Without friction, velocities in cells are the new ones (in `motionNew`).  useOthers: 2 keeps the
+// force of others.  partial: along some axes only the `external` force acts on a bead.
 KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL const mixed4* seen, GLOBAL mixed4* velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers,
-        GLOBAL mm_long* RESTRICT kept, GLOBAL const int* RESTRICT alone, GLOBAL const mm_long* RESTRICT external, int partial, int terms, mixed kick, int moves, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL int* RESTRICT placeOfNew, GLOBAL int* RESTRICT dirty, int cells,
-        GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
+        GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, GLOBAL mm_long* RESTRICT kept,
+        GLOBAL const int* RESTRICT alone, GLOBAL const mm_long* RESTRICT external, int partial, int terms, mixed kick, int moves,
+        GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, FILL, GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
     if (STOPPED)
         return;
     bool drifts = moves == 1 || moves == 3;
@@ -764,17 +937,15 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
     EACH_BEAD
         mm_long f[3] = {0, 0, 0};
         if (terms) {
-            EACH_PARTNER(seen, EACH_LAYER dpdPush(layer, i, j, delta, r2, type, index, v, terms, seen, TERMS_, f))
+            EACH_PARTNER(EACH_LAYER dpdPush(layer, &self, &other, delta, r2, terms, TERMS_, f))
             TOGETHER(f, 3)
         }
         if (SUMMED) {
-            if (useOthers) {
-                f[0] += others[i];
-                f[1] += others[i+STRIDE];
-                f[2] += others[i+2*STRIDE];
-            }
-            for (int k = i; k < 3*STRIDE && useOthers == 2; k += STRIDE)
-                kept[k] = others[k];
+            if (useOthers)
+                for (int k = 0; k < 3; k++)
+                    f[k] += others[i+k*STRIDE];
+            for (int k = 0; k < 3 && useOthers == 2; k++)
+                kept[i+k*STRIDE] = others[i+k*STRIDE];
             mixed4 v = velm[i];
             mixed3 x = dpdLoad(pos, corr, i);
             if ((terms & CONSERVATIVE) != 0)
@@ -795,11 +966,17 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
             }
             real q = pos[i].w;
             if (moves)
-                dpdStore(posNew, corrNew, i, x, q);
+                dpdStore(posNew, corrNew, i, &x, q);
             if (moves == 3)
-                dpdStore(posCopy, corrCopy, i, x, q);
+                dpdStore(posCopy, corrCopy, i, &x, q);
+            mixed4 felt = dpdFelt(v, atomIndex[i], wallVelocity);
             if (drifts)
-                dpdPut(i, types[i], x, countNew, beadsNew, placeOfNew, room, flags, launch, BOX_);
+                dpdPut(i, types[i], atomIndex[i], x, felt, FILL_, flags, launch, BOX_);
+            else if ((terms & THERMOSTAT) == 0) {
+                if (SHEARED)
+                    felt.x -= flow.w*x.y;
+                motionNew[slot] = dpdMotion(felt, atomIndex[i], types[i]);
+            }
         }
     END_BEAD
 }
@@ -840,7 +1017,8 @@ KERNEL void dpdExchange(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RE
         mixed4 v = velm[i], k = kept[i];
         velm[i] = make_mixed4(k.x, k.y, k.z, v.w);
         kept[i] = v;
-        dpdStore(posKept, corrKept, i, dpdLoad(pos, corr, i), pos[i].w);
+        mixed3 x = dpdLoad(pos, corr, i);
+        dpdStore(posKept, corrKept, i, &x, pos[i].w);
     }
 }
 
@@ -876,44 +1054,43 @@ DEVICE real3 dpdFriction(real4 s, real t, real x, real y, real z) {
 }
 
 // What a row knows of a pair; sums: the noise, the friction at these velocities, and what bounds the eigenvalues.
-DEVICE bool dpdRow(int layer, int j, real3 delta, real r2, int type, int index, mixed4 v, real inertia, GLOBAL const mixed4* RESTRICT vel, TERMS, real perRate,
+DEVICE INLINED bool dpdRow(int layer, DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL const mixed4* RESTRICT vel, TERMS, real perRate,
         real4* row, real* rowAcross, mm_long* sums) {
     real invR = RSQRT(r2);
-    int partner = atomIndex[j];
     DPDPair p;
-    if (!dpdPair(&p, ROW(layer), index, partner, r2*invR, TERMS_))
+    if (!dpdPair(&p, ROW(layer), self->index, other->index, r2*invR, TERMS_))
         return false;
+    real mine = INVERSE_MASS(vel, self->i), theirs = INVERSE_MASS(vel, other->i);
     real s = p.root*p.w, t = p.rootAcross*p.wAcross, radial = s*s, across = t*t;
-    mixed4 o = dpdVelocity(vel, j, atomIndex, wallVelocity);
-    if (!APART || (radial == 0 && across == 0) || (v.w == 0 && o.w == 0))
+    if (!APART || (radial == 0 && across == 0) || (mine == 0 && theirs == 0))
         return false;
     real3 e = make_real3(invR*delta.x, invR*delta.y, invR*delta.z);
-    mm_ulong pair = dpdPairKey(dpdKeyOf(layer, key, begun, bits), index, partner);
+    mm_ulong pair = dpdPairKey(dpdKeyOf(layer, key, begun, bits), self->index, other->index);
     real push = noise*s*dpdNormal(pair, cubics);
     real3 kick = make_real3(push*e.x, push*e.y, push*e.z);
 #ifdef TRANSVERSE
     if (t != 0) {
-        real3 z = dpdAcross(pair, e, index < partner, cubics);
+        real3 z = dpdAcross(pair, e, self->index < other->index, cubics);
         kick = make_real3(kick.x+noise*t*z.x, kick.y+noise*t*z.y, kick.z+noise*t*z.z);
     }
     s = SQRT(fabs(radial-across));
     if (radial < across)
         across = -across;
 #endif
-    *row = make_real4(s*e.x, s*e.y, s*e.z, (real) j);
+    *row = make_real4(s*e.x, s*e.y, s*e.z, (real) other->i);
     *rowAcross = across;
     if (SHEARED) { // what friction makes of the flow is as constant as the noise
         real3 dragged = dpdFriction(*row, across, slide*delta.y, 0, 0);
         kick = make_real3(kick.x-dragged.x, kick.y-dragged.y, kick.z-dragged.z);
     }
-    real3 drag = dpdFriction(*row, across, (real) (v.x-o.x), (real) (v.y-o.y), (real) (v.z-o.z));
+    real3 drag = dpdFriction(*row, across, self->v.x-other->v.x, self->v.y-other->v.y, self->v.z-other->v.z);
     sums[0] += realToFixedPoint(kick.x);
     sums[1] += realToFixedPoint(kick.y);
     sums[2] += realToFixedPoint(kick.z);
     sums[3] += realToFixedPoint(drag.x);
     sums[4] += realToFixedPoint(drag.y);
     sums[5] += realToFixedPoint(drag.z);
-    sums[6] += realToFixedPoint(perRate*max(radial, (real) fabs(across))*(inertia+SQRT((real) o.w)));
+    sums[6] += realToFixedPoint(perRate*max(radial, (real) fabs(across))*(SQRT(mine)+SQRT(theirs)));
     return true;
 }
 
@@ -925,7 +1102,7 @@ DEVICE bool dpdRow(int layer, int j, real3 delta, real r2, int type, int index, 
 #define KEEP_ROW \
     real4 row; \
     real across; \
-    EACH_LAYER if (dpdRow(layer, j, delta, r2, type, index, v, inertia, vel, TERMS_, perRate, &row, &across, sums)) { \
+    EACH_LAYER if (dpdRow(layer, &self, &other, delta, r2, vel, TERMS_, perRate, &row, &across, sums)) { \
         int k = ENTRY; \
         if (k < rowRoom) { \
             rows[k*STRIDE+i] = row; \
@@ -942,12 +1119,13 @@ KERNEL BOUNDS void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
     SHARED(7)
     EACH_BEAD
         mm_long sums[7] = {0, 0, 0, 0, 0, 0, 0};
-        EACH_PARTNER(vel, KEEP_ROW)
+        EACH_PARTNER(KEEP_ROW)
         TOGETHER(sums, 7)
         if (SUMMED) {
-            mixed4 v = dpdVelocity(vel, i, atomIndex, wallVelocity);
+            real4 v = motion[slot];
+            real weight = INVERSE_MASS(vel, i);
             // Gershgorin's bound
-            real most = (real) (unit*sums[6])*SQRT((real) v.w)*1048576;
+            real most = (real) (unit*sums[6])*SQRT(weight)*1048576;
             int bound = most < TOO_LARGE ? (int) most+1 : TOO_LARGE, n = ENTRIES;
             if (bound == TOO_LARGE)
                 HALT(FEW_PASSES)
@@ -960,8 +1138,8 @@ KERNEL BOUNDS void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
             if (n > rowRoom && rowRoom > 0) // without any room they are only counted
                 HALT(ROWS_FULL)
             rowCount[i] = n;
-            mixed scale = halfdt*v.w*unit;
-            u[i] = make_real4((real) v.x, (real) v.y, (real) v.z, (real) v.w);
+            mixed scale = halfdt*weight*unit;
+            u[i] = make_real4(v.x, v.y, v.z, weight);
             res[i] = make_real4((real) (scale*(sums[0]-sums[3])), (real) (scale*(sums[1]-sums[4])), (real) (scale*(sums[2]-sums[5])), 0);
             random[i] = sums[0];
             random[i+STRIDE] = sums[1];
@@ -988,8 +1166,8 @@ KERNEL BOUNDS void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const rea
         return;
     real4 c = weights[passes*MOST_PASSES+pass]; // of the correction as it is, of the last correction and of the residual in the next one
     const mixed unit = 1/(mixed) 0x100000000;
-    SHARED(3)
-    EACH_BEAD
+    TOGETHER_SHARED(3)
+    EACH_INDEX
         real4 a = d[i];
         mm_long q[3] = {0, 0, 0};
         int n = there ? rowCount[i] : 0;
@@ -1014,10 +1192,10 @@ KERNEL BOUNDS void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const rea
             resNew[i] = r;
             dNew[i] = make_real4(c.y*a.x+c.z*r.x, c.y*a.y+c.z*r.y, c.y*a.z+c.z*r.z, 0);
         }
-    END_BEAD
+    END_INDEX
 }
 
-// v += h/m (R - G u) with the last correction added to u, and v and x move on: kick by acc, drift.  Where the impulses are asked for by OpenMM,
+// v += h/m (R - G u) with the last correction added to u, and v and x move on: kick by acc, drift, and (moves: 2) into the next cells.  Where the impulses are asked for by OpenMM,
 // they go to its force buffer too, divided by `share`.
 KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
         GLOBAL const mixed4* RESTRICT vel, GLOBAL mixed4* RESTRICT velNew, GLOBAL const mixed4* RESTRICT acc,
@@ -1025,7 +1203,7 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
         GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d1,
         GLOBAL int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
         GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types,
-        GLOBAL const real4* RESTRICT cubics, mixed rub, mixed kT, mm_long key, DRIFT) {
+        GLOBAL const real4* RESTRICT wallVelocity, GLOBAL const real4* RESTRICT cubics, mixed rub, mixed kT, mm_long key, FILL, DRIFT, BOX) {
     if (STOPPED)
         return;
     int passes = dpdPasses(flags, limits, factor);
@@ -1033,10 +1211,13 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
         HALT(FEW_PASSES)
         return;
     }
+    if (moves == 2) {
+        CLEAR
+    }
     real scale = weights[passes*MOST_PASSES+passes-1].x;
     GLOBAL const real4* RESTRICT d = passes%2 ? res : d1;
-    SHARED(3)
-    EACH_BEAD
+    TOGETHER_SHARED(3)
+    EACH_INDEX
         real4 a = d[i], y = u[i];
         real vx = y.x+scale*a.x, vy = y.y+scale*a.y, vz = y.z+scale*a.z;
         mm_long f[3] = {0, 0, 0};
@@ -1083,7 +1264,9 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
             }
             velNew[i] = v;
             if (moves)
-                dpdStore(posNew, corrNew, i, x, pos[i].w);
+                dpdStore(posNew, corrNew, i, &x, pos[i].w);
+            if (moves == 2)
+                dpdPut(i, types[i], atomIndex[i], x, dpdFelt(v, atomIndex[i], wallVelocity), FILL_, flags, launch, BOX_);
         }
-    END_BEAD
+    END_INDEX
 }

@@ -43,31 +43,31 @@ DEVICE mixed dpdRateOf(int row, int species, real r, GLOBAL const real4* RESTRIC
 }
 
 // Whether a pair does anything in a sweep, and what flows between its beads.
-DEVICE bool dpdFlows(int j, real r, int type, int index, mixed4 v, GLOBAL const mixed4* RESTRICT vel, TERMS, GLOBAL const real* RESTRICT capacities, real perUnit,
+DEVICE bool dpdFlows(DPDBead* self, DPDBead* other, real r, GLOBAL const mixed4* RESTRICT vel, TERMS, GLOBAL const real* RESTRICT capacities, real perUnit,
         mm_long* sums) {
-    int row = type+types[j];
+    int row = ROW(0);
     real4 p = params[row];
     bool acts = 1-r*p.z > 0 && p.y > 0;
 #ifdef EXCEPTIONS
-    if (dpdFactor(index, atomIndex[j], exceptionStart, exceptionBead, exceptionFactor) == 0)
+    if (dpdFactor(self->index, other->index, exceptionStart, exceptionBead, exceptionFactor) == 0)
         return false;
 #endif
     for (int k = 0; k < (CARRIES == HEAT ? 1 : min(3, CARRYING_ROWS-1)); k++) { // words are refused for more
         mixed rate = dpdRateOf(row, k, r, carrying);
         acts = acts || rate > 0 || (CARRIES == SPECIES && carrying[row*CARRYING_ROWS+1+k].y > 0 && 1-r*carrying[row*CARRYING_ROWS].x > 0);
-        sums[k] += realToFixedPoint((real) (perUnit*rate*(CARRIES == HEAT ? capacities[atomIndex[j]] : 1)));
+        sums[k] += realToFixedPoint((real) (perUnit*rate*(CARRIES == HEAT ? capacities[other->index] : 1)));
     }
-    return acts && (v.w != 0 || vel[j].w != 0);
+    return acts && (vel[self->i].w != 0 || vel[other->i].w != 0);
 }
 
 #define KEEP_PAIR \
     real invR = RSQRT(r2); \
-    if (dpdFlows(j, r2*invR, type, index, v, vel, TERMS_, capacities, perUnit, sums)) { \
+    if (dpdFlows(&self, &other, r2*invR, vel, TERMS_, capacities, perUnit, sums)) { \
         int k = ENTRY; \
         if (k < rowRoom) { \
-            rows[k*STRIDE+i] = make_real4(invR*delta.x, invR*delta.y, invR*delta.z, (real) j); \
+            rows[k*STRIDE+i] = make_real4(invR*delta.x, invR*delta.y, invR*delta.z, (real) other.i); \
             distances[k*STRIDE+i] = r2*invR; \
-            hashes[k*STRIDE+i] = (mm_long) (dpdMix(dpdPairKey((mm_ulong) key, index, atomIndex[j])+ORDER*STREAM)>>1); \
+            hashes[k*STRIDE+i] = (mm_long) (dpdMix(dpdPairKey((mm_ulong) key, self.index, other.index)+ORDER*STREAM)>>1); \
         } \
     }
 
@@ -80,7 +80,7 @@ KERNEL BOUNDS void dpdPairs(GLOBAL const real4* RESTRICT pos, GLOBAL const real4
     SHARED(3)
     EACH_BEAD
         mm_long sums[3] = {0, 0, 0};
-        EACH_PARTNER(vel, KEEP_PAIR)
+        EACH_PARTNER(KEEP_PAIR)
         TOGETHER(sums, 3)
         if (SUMMED) {
             int n = ENTRIES;
@@ -278,7 +278,7 @@ KERNEL void dpdRound(GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT own, 
         f = dpdFactor(a, b, exceptionStart, exceptionBead, exceptionFactor);
 #endif
         mm_ulong pair = dpdPairKey((mm_ulong) key, a, b);
-        mixed4 v = velm[i], w = velm[j], u = dpdVelocity(velm, i, atomIndex, wallVelocity), o = dpdVelocity(velm, j, atomIndex, wallVelocity), c = own[a], d = own[b], s = around[i], t = around[j];
+        mixed4 v = velm[i], w = velm[j], u = dpdFelt(v, a, wallVelocity), o = dpdFelt(w, b, wallVelocity), c = own[a], d = own[b], s = around[i], t = around[j];
         mixed mine[3] = {c.x, c.y, c.z}, theirs[3] = {d.x, d.y, d.z}, ours[3] = {s.x, s.y, s.z}, others[3] = {t.x, t.y, t.z};
         mixed im = v.w+w.w, ev = at.x*(u.x-o.x)+at.y*(u.y-o.y)+at.z*(u.z-o.z), change = 0, square = (mixed) at.x*at.x+(mixed) at.y*at.y+(mixed) at.z*at.z, bi = v.w > 0 ? 1 : 0, bj = w.w > 0 ? 1 : 0;
         if (SHEARED)

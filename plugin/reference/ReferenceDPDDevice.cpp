@@ -51,6 +51,7 @@ thread_local bool PERIODIC, SHEARED, LUCY, LAMMPS, ENERGIES;
 #define DRIVEN
 #define EXCEPTIONS
 #define IMMOBILE
+#define MASSES
 #define FIXED_SIGMA
 #define DETAILED
 #define TRANSVERSE
@@ -90,6 +91,7 @@ public:
     void slide(double tilt) { data.periodicBoxVectors[1][0] = tilt; }
     Array& posq() { return x; }
     bool mixed() const { return false; }
+    int share(double) const { return 1; }
     Array& correction() { return x; }
     Array& velm() { return v; }
     Array& index() { return order; }

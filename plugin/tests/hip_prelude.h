@@ -18,6 +18,9 @@
 #define ATOMIC_OR(at, value) __hip_atomic_fetch_or(at, value, __ATOMIC_RELAXED, __HIP_MEMORY_SCOPE_AGENT)
 #define ATOMIC_MAX(at, value) __hip_atomic_fetch_max(at, value, __ATOMIC_RELAXED, __HIP_MEMORY_SCOPE_AGENT)
 
+#define FIRST_BIT(x) (__builtin_ffs(x)-1)
+#define BITS_OF(x) __builtin_popcount(x)
+
 typedef long long mm_long;
 typedef unsigned long long mm_ulong;
 template <class T> struct Three { T x, y, z; };
@@ -43,6 +46,8 @@ __device__ inline mixed4 make_mixed4(mixed x, mixed y, mixed z, mixed w) { retur
 
 __device__ inline float floor(float x) { return __builtin_floorf(x); }
 __device__ inline double floor(double x) { return __builtin_floor(x); }
+__device__ inline float rint(float x) { return __builtin_rintf(x); }
+__device__ inline double rint(double x) { return __builtin_rint(x); }
 __device__ inline float fabs(float x) { return __builtin_fabsf(x); }
 __device__ inline double fabs(double x) { return __builtin_fabs(x); }
 __device__ inline int min(int x, int y) { return x < y ? x : y; }

@@ -368,7 +368,7 @@ open({str(tmp_path / "after.xml")!r}, "w").write(openmm.XmlSerializer.serialize(
     np.testing.assert_array_equal(after.getVelocities(asNumpy=True)._value, v)
 
 
-@pytest.mark.parametrize("precision, mvv, middle", [("single", 250, 740), ("mixed", 300, 780), ("double", 480, 1400)])
+@pytest.mark.parametrize("precision, mvv, middle", [("single", 300, 780), ("mixed", 465, 930), ("double", 580, 1510)])
 def test_arrays_are_those_that_a_scheme_needs(precision, mvv, middle, monkeypatch):
     """Bytes for each of many beads; OpenMM's own arrays are not among them."""
     monkeypatch.setattr(device_check, "MOST", 0)  # the comparison asks for more
