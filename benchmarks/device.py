@@ -33,11 +33,12 @@ SCHEMES = ("mvv", "middle", "aboba", "bababo", "shardlow")
 
 
 def fluid(beads: int) -> dpd.Scene:
-    """The standard fluid, from a lattice that was shaken."""
+    """The standard fluid as it is after long: neighbours have numbers that are far apart."""
     edge = (beads / 3) ** (1 / 3)
     side = int(np.ceil(beads ** (1 / 3)))
     lattice = np.stack(np.meshgrid(*[np.arange(side)] * 3), -1).reshape(-1, 3)[:beads] * (edge / side)
     positions = lattice + np.random.default_rng(1).random((beads, 3)) * (0.3 * edge / side)
+    positions = positions[np.random.default_rng(2).permutation(beads)]
     return dpd.Scene({"W": 1}, ["W"] * beads, positions, {("W", "W"): dpd.DPD(A=25, gamma=GAMMA)}, kT=1, box=[edge] * 3)
 
 
