@@ -213,6 +213,22 @@ def test_verlet_notices_what_has_changed(what, lines, usual):
     assert same == (what != "nothing")
 
 
+@pytest.mark.parametrize("what", ["positions", "box", "another moment", "nothing"])
+def test_cells_that_the_last_step_has_filled_are_not_those_of_other_positions(what):
+    """A step of `middle` leaves them to the next one."""
+    scene, device, step = fluid(PLAIN, BOX, n=60, spread=0), available(Device("OpenCL", "mixed")), openmm.CustomIntegrator.step
+    simulation, fresh = (run_on(scene, device, "middle") for _ in range(2))
+    context = simulation.context
+    step(simulation.integrator, 5)
+    context.earlier = openmm.Context.createCheckpoint(context)
+    step(simulation.integrator, 4)
+    behind_our_back(context, what)
+    openmm.Context.loadCheckpoint(fresh.context, openmm.Context.createCheckpoint(context))
+    step(simulation.integrator, 3)
+    step(fresh.integrator, 3)
+    assert same_bits(state_of(context), state_of(fresh.context))
+
+
 @pytest.mark.parametrize("scheme", ["shardlow", "bababo"])
 def test_forces_of_others_may_change_between_calls(scheme, usual):
     """The acceleration at the end of a step serves the next one, unless it may not be right any more."""
