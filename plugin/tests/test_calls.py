@@ -84,8 +84,8 @@ def cuda_packages() -> tuple[str, str]:
 
 
 #: Registers of a thread: 256 threads of the most demanding kernel (double precision) must fit into a multiprocessor, and of the simplest scene's kernels
-#: three times.  The plugin starts as many blocks as fit.
-MOST_REGISTERS, IN_SIMPLEST = 144, 85
+#: twice.  The plugin starts as many blocks as fit.
+MOST_REGISTERS, IN_SIMPLEST = 144, 96
 
 
 @pytest.mark.parametrize("architecture", [70, *(pytest.param(each, marks=pytest.mark.slow) for each in (80, 90)), 120])
