@@ -59,6 +59,7 @@ def test_launches_beside_bonds_and_charges(tmp_path):
     assert not {scheme: calls for scheme, calls in found.items() if not (calls[0] <= most and calls[1:] == [0, 0])}
 
 
+@pytest.mark.slow
 def test_instructions_and_sectors():
     """In Oclgrind; blocks that take beads in the order of cells look at few sectors, however the fluid has mixed."""
     available(Device("OpenCL", "single"))
