@@ -74,8 +74,8 @@ class Draw:
                 A=self.between(0, 40), cutoff=self.between(0.8, 1.2), exponent=self.one(0.5, 1.0, 1.0, 1.4), **strength, **across
             )
         if kind in ("many", "lucy"):
-            more = {"cutoff_rho": 1.1} if kind == "lucy" else {}
-            return dpd.MDPD(A=-20.0, B=15.0, gamma=self.friction(), cutoff=1.0, cutoff_B=0.8, **({"kernel": "lucy"} if more else {}))
+            kernel = "lucy" if kind == "lucy" else "quadratic"
+            return dpd.MDPD(A=-20.0, B=15.0, gamma=self.friction(), cutoff=1.0, cutoff_B=0.8, kernel=kernel)
         if kind == "energies":
             return dpd.EnergyDPD(
                 A=self.between(0, 30), sigma=self.between(0.5, 3.0), kappa=self.between(0, 1), cutoff=self.between(0.8, 1.2)
@@ -229,18 +229,14 @@ def operated(draw: Draw, pair) -> None:
         if word in ("theta", "concentrations"):
             for each in pair:
                 write_fields(each.context, each.built.plan, **{word: new})
-    elif what == "reload":
+    elif what in ("reload", "checkpoint"):
+        name, file, n = ("State", io.StringIO, 2) if what == "reload" else ("Checkpoint", io.BytesIO, 3)
         for each in pair:
-            state = io.StringIO()
-            each.saveState(state)
-            goes(each, 2)
-            each.loadState(io.StringIO(state.getvalue()))
-    elif what == "checkpoint":
-        for each in pair:
-            state = io.BytesIO()
-            each.saveCheckpoint(state)
-            goes(each, 3)
-            each.loadCheckpoint(io.BytesIO(state.getvalue()))
+            state = file()
+            getattr(each, f"save{name}")(state)
+            goes(each, n)
+            state.seek(0)
+            getattr(each, f"load{name}")(state)
     elif what == "energy":
         compare([np.array(context.getState(energy=True).getPotentialEnergy()._value) for context in contexts], draw, "energy", 1e-4)
     elif what == "reinitialize":

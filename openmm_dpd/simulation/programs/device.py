@@ -20,6 +20,7 @@ def device_program(options: ProgramOptions) -> Program:
     """Program of a scheme with the plugin's pair terms."""
     p = Program(options.scheme.name, options.scheme.reference, options)
     if options.execution.steps == "device":
+        p.declare("valid_for", -1.0, "where the acceleration at x is: 1 in acc, 0 or 2 in the pair force, -1 nowhere")
         return _verlet(p) if options.predicting else _word(p)
     return DeviceWriter(p, options.scheme.steps(options.thermostat)).written()
 
@@ -62,13 +63,8 @@ def _exchange_all(p: Program, numbers: dict[str, int], *, give: bool) -> None:
         _exchange(p, *(("v", name) if give else (name, "v")), number)
 
 
-def _declare_validity(p: Program) -> None:
-    p.declare("valid_for", -1.0, "where the acceleration at x is: 1 in acc, 0 or 2 in the pair force, -1 nowhere")
-
-
 def _run(p: Program, draws: int) -> None:
     """Add the lines of a step that draws noise this many times."""
-    _declare_validity(p)
     p.next_temperature()
     p.set(PHASE, f"{int(Phase.RUN)}+step(-0.5-valid_for)+2*step(valid_for-1.5)", "RUN, anew where there is no acceleration")
     p.update("a whole step by the pair force; barostats and other updates of the Context's state")
@@ -83,7 +79,6 @@ def _verlet(p: Program) -> Program:
     """Modified velocity Verlet (:mod:`.mvv`) by the plugin, which keeps the acceleration from step to step, and detects by itself whether
     positions or the box have changed; states and checkpoints have it as ``acc`` after the last step of a call."""
     p.declare_per_dof("acc", "acceleration at x, with friction and noise")
-    _declare_validity(p)
     p.set("valid_for", f"select(delta(valid_for-1)*(1-delta({DT}-dt)), -1, valid_for)", "one from outside has the noise of its step size")
     p.begin()
     fields = _hand_over(p)
