@@ -341,7 +341,7 @@ class Present:
         """(N, 3) velocities (nm/ps) for which ``mvv`` evaluated the friction: half-step or predicted ones, which LAMMPS's pressure uses."""
         integrator, options = self._context.getIntegrator(), self.plan.options
         v = self.v if self.changed is None else self.v - self.changed
-        if dict(self._context.getParameters()).get(BEGUN) == 0.0:  # to read that it is 0 before the first step takes longer than some steps
+        if self._context.getParameter(BEGUN) == 0.0:  # to read that it is 0 before the first step takes longer than some steps
             return v
         acc = per_dof(integrator, "acc")
         if options.lam == 0.5:
