@@ -15,7 +15,7 @@ import numpy as np
 
 from ..runtime import helper, inlined
 from . import columns
-from .chunks import look_up, powers
+from .chunks import look_up, look_up_one, powers
 from .columns import (
     Motion,
     add_stress,
@@ -31,7 +31,6 @@ from .columns import (
     push_apart,
     row_of,
 )
-from .elementary import power
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Sums
 from .noise import draw, draw_directed
 from .pairs import PairList, rows
@@ -279,17 +278,28 @@ def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
     return _laplacian(pairs, CoefficientRows(coefficients))[0]
 
 
+@helper
+def _tensor_terms(pairs, data, begin, m, scratch):
+    """Repulsion, and what the velocity along the line is multiplied with."""
+    values, r = scratch.values, pairs.geometry[3]
+    look_up(data.coefficients, GAMMA + 1, pairs, begin, m, scratch, FACTOR)
+    look_up_one(data.coefficients, EXPONENT, pairs, m, scratch, TABLE[EXPONENT])
+    for k in range(m):
+        values[_ALONG + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
+    powers(m, scratch, _ALONG, TABLE[EXPONENT])
+    for k in range(m):
+        w, factor = values[_ALONG + k], values[FACTOR + k]
+        values[_DRAG + k] = factor * values[TABLE[GAMMA] + k] * w * w * r[begin + k]
+        values[_PUSH + k], _ = soft(factor * values[TABLE[A] + k], values[TABLE[CUTOFF] + k], r[begin + k])
+
+
 @inlined
 def _pair_tensors(pairs, data, scratch, n, k, column):
-    i, j, c, r = pairs.pi[n], pairs.pj[n], data.coefficients, pairs.geometry[3, n]
-    row, factor = row_of(pairs, i, j), factor_of(pairs, n)
-    radial, _ = soft(factor * c[row, A], c[row, CUTOFF], r)
-    w = power(1.0 - r / c[row, CUTOFF], c[row, EXPONENT])
-    drag = factor * c[row, GAMMA] * w * w * r
-    return drag * r, radial * r, -drag * approach(pairs, data.motion.v, n, i, j)
+    r, drag = pairs.geometry[3, n], scratch.values[_DRAG + k]
+    return drag * r, scratch.values[_PUSH + k] * r, -drag * approach(pairs, data.motion.v, n, pairs.pi[n], pairs.pj[n])
 
 
-_tensors = over_pairs("pair_tensors", _pair_tensors, first=columns.gather, drags=True)
+_tensors = over_pairs("pair_tensors", _pair_tensors, _tensor_terms, first=columns.gather, drags=True)
 
 
 def pair_tensors(pairs: PairList, terms: Repulsion) -> tuple[np.ndarray, np.ndarray, float]:
