@@ -57,29 +57,24 @@ def passes(exponent, drawn):
 # waits for the energies that the pair before it left.
 
 
-@merged
-def motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
-    """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
+@inlined
+def moved_constants(ev, im, ui, uj, ci, cj, strength, dt, xi):
+    """(Relative velocity after an exact update before its test, energy that each bead gets, 1/Theta)."""
     quarter = 0.25 / im
     bi, bj = ui + quarter * ev * ev, uj + quarter * ev * ev
     rest = 0.5 * bi * bj / (ci * bj + cj * bi)
+    rest = rest if (bi - rest > 0.0) & (bj - rest > 0.0) else 0.0
     si, sj = bi - rest, bj - rest
-    if not (si > 0.0 and sj > 0.0):
-        si, sj = bi, bj
     above, below = 2.0 * si * sj, ci * sj + cj * si
     theta, inverse = above / below, below / above
-    lost = decay(EXACT, 0.5 * strength * im * dt * inverse)
-    new = relaxed(ev, lost, theta * im, xi)
-    gain = quarter * (ev - new) * (ev + new)
-    if not (ui + gain > 0.0 and uj + gain > 0.0):
-        return ev, 0.0
-    entropy = _entropy_of_constants(ui, uj, ui + gain, uj + gain, ci, cj)
-    return (new, gain) if passes(entropy - 2.0 * gain * inverse, drawn) else (ev, 0.0)
+    new = relaxed(ev, decay(EXACT, 0.5 * strength * im * dt * inverse), theta * im, xi)
+    return new, quarter * (ev - new) * (ev + new), inverse
 
 
-@merged
-def conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
-    """Energy that goes to bead i in one exact update of the heat, with ``exchange`` = (e, W_i, W_j, s/theta) of :mod:`.exchange`."""
+@inlined
+def conducted_by_constants(ui, uj, exchange, xi, ci, cj):
+    """(Energy that goes to bead i in one exact update of the heat before its test, what that adds to the change of entropy), with
+    ``exchange`` = (e, W_i, W_j, s/theta) of :mod:`.exchange`."""
     e, wi, wj, moving = exchange
     scale = 1.0 / (ci + cj)
     unit = all_of(e, cj * scale, ci * scale, wi, wj)
@@ -90,11 +85,26 @@ def conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
     lost = part_of(e * precision, every, decay(EXACT, every), alike(ci, cj), moving * ((ui + uj) * scale))
     old = ui - share
     new = relaxed(old, lost, variance, xi)
-    change = new - old
+    return new - old, 0.5 * (new - old) * (new + old) * precision
+
+
+@merged
+def motion_of_constants(ev, im, ui, uj, ci, cj, strength, dt, xi, drawn):
+    """(Relative velocity after an exact update, energy that each bead gets); the old velocity and 0 if the move is rejected."""
+    new, gain, inverse = moved_constants(ev, im, ui, uj, ci, cj, strength, dt, xi)
+    if not (ui + gain > 0.0 and uj + gain > 0.0):
+        return ev, 0.0
+    entropy = _entropy_of_constants(ui, uj, ui + gain, uj + gain, ci, cj)
+    return (new, gain) if passes(entropy - 2.0 * gain * inverse, drawn) else (ev, 0.0)
+
+
+@merged
+def conduction_of_constants(ui, uj, exchange, xi, drawn, ci, cj):
+    """Energy that goes to bead i in one exact update of the heat."""
+    change, exponent = conducted_by_constants(ui, uj, exchange, xi, ci, cj)
     if not (ui + change > 0.0 and uj - change > 0.0):
         return 0.0
-    entropy = _entropy_of_constants(ui, uj, ui + change, uj - change, ci, cj)
-    return change if passes(entropy + 0.5 * change * (new + old) * precision, drawn) else 0.0
+    return change if passes(_entropy_of_constants(ui, uj, ui + change, uj - change, ci, cj) + exponent, drawn) else 0.0
 
 
 @inlined
